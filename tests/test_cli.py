@@ -15,9 +15,9 @@ import pytest
 
 import etude
 from etude import cli
-from etude.campaign.learn.training import TrainingOutcome
 from etude.campaign.record.folder import open_campaign
 from etude.campaign.record.stored_files import stored_trajectory
+from etude.campaign.training import TrainingOutcome
 from etude.cli import parse
 from etude.errors import UnsafeTrajectoryError
 from etude.storage import writer_lock
@@ -76,7 +76,7 @@ def stub_learning(monkeypatch: pytest.MonkeyPatch) -> None:
         facts |= {"chosen": "gp", "rungs": ["gp"] * len(low), "robot_seconds": 60.0, "moved": None}
         return TrainingOutcome([], trained(models=scores, **facts))
 
-    monkeypatch.setattr("etude.campaign.learn.training.learn_log", learn)
+    monkeypatch.setattr("etude.campaign.training.learn_log", learn)
 
 
 def test_every_command_explains_itself(capsys: pytest.CaptureFixture[str]) -> None:
@@ -302,7 +302,7 @@ def test_asking_loads_nothing_it_does_not_need(lab: Path, first: str) -> None:
     config.write_text(text.replace('first = "designed"', f'first = "{first}"'))
     code = (
         "import sys; from etude import cli; assert cli.main(sys.argv[1:]) == 0\n"
-        "heavy = {'etude.campaign.learn.training', 'mujoco', 'numba', 'plotly', 'polars'}\n"
+        "heavy = {'etude.campaign.training', 'mujoco', 'numba', 'plotly', 'polars'}\n"
         "print(sorted(heavy & set(sys.modules)), file=sys.stderr)"
     )
     command = [sys.executable, "-c", code, "ask", str(lab), "--new"]

@@ -12,12 +12,12 @@ from scipy.linalg import blas as public_blas
 from scipy.linalg import lapack as public_lapack
 from scipy.optimize import minimize
 
-from etude._runtime import blas, lbfgs
+from etude._runtime import scipy_parts
 
 LIGHT = """
 import sys, numpy as np
-from etude._runtime.blas import dpotrf, dtrmm
-from etude._runtime.lbfgs import minimise
+from etude._runtime.scipy_parts import dpotrf, dtrmm
+from etude._runtime.scipy_parts import minimise
 seen = []
 minimise(lambda x: (seen.append(x), (float(x @ x), 2.0 * x))[1], np.array([1.0, 2.0]), steps=5)
 assert seen and abs(seen[-1]).max() < 1e-6
@@ -35,7 +35,7 @@ def run(program: str) -> str:
 
 
 @pytest.mark.skipif(
-    ".".join(scipy.__version__.split(".")[:2]) not in lbfgs.VERSIONS,
+    ".".join(scipy.__version__.split(".")[:2]) not in scipy_parts.VERSIONS,
     reason="this SciPy is not known: put it in VERSIONS, and if all tests here pass then it may stay there",
 )
 def test_they_load_no_package_and_leave_it_whole() -> None:
@@ -46,13 +46,16 @@ def test_the_routines_are_those_of_the_package() -> None:
     rng = np.random.default_rng(0)
     A = np.asfortranarray(np.tril(rng.standard_normal((70, 70))) + 9.0 * np.eye(70))
     B = np.asfortranarray(rng.standard_normal((70, 13)))
-    assert np.array_equal(blas.dtrmm(1.0, A, B, lower=1), public_blas.dtrmm(1.0, A, B, lower=1))
-    for own, known in ((blas.dpotrf, public_lapack.dpotrf), (blas.dpotri, public_lapack.dpotri)):
+    assert np.array_equal(scipy_parts.dtrmm(1.0, A, B, lower=1), public_blas.dtrmm(1.0, A, B, lower=1))
+    for own, known in (
+        (scipy_parts.dpotrf, public_lapack.dpotrf),
+        (scipy_parts.dpotri, public_lapack.dpotri),
+    ):
         assert np.array_equal(own(A @ A.T, lower=1)[0], known(A @ A.T, lower=1)[0])
 
 
 def test_a_file_that_is_not_there_is_none() -> None:
-    assert blas.extension("linalg", "_no_such_file") is None
+    assert scipy_parts.extension("linalg", "_no_such_file") is None
 
 
 class Valley:
@@ -90,10 +93,10 @@ def test_it_asks_where_scipy_asks(
 ) -> None:
     """Bit for bit the points of `scipy.optimize.minimize`, by the compiled file and without it."""
     if not alone:
-        monkeypatch.setattr(lbfgs, "VERSIONS", ())
+        monkeypatch.setattr(scipy_parts, "VERSIONS", ())
     ours, theirs = Valley(size), Valley(size)
     bounds = None if reach is None else [(p - reach, p + 0.7 * reach) for p in ours.start]
-    lbfgs.minimise(ours, ours.start, bounds=bounds, **given)
+    scipy_parts.minimise(ours, ours.start, bounds=bounds, **given)
     names = {"steps": "maxiter", "kept": "maxcor", "searched": "maxls", "evaluations": "maxfun"}
     options = {names[name]: value for name, value in given.items()}
     minimize(theirs, theirs.start, jac=True, method="L-BFGS-B", bounds=bounds, options=options)
@@ -104,6 +107,6 @@ def test_it_asks_where_scipy_asks(
 def test_a_start_beyond_a_bound_is_drawn_in() -> None:
     ours, theirs = Valley(3), Valley(3)
     bounds = [(p + 0.1, p + 1.0) for p in ours.start]
-    lbfgs.minimise(ours, ours.start, steps=20, bounds=bounds)
+    scipy_parts.minimise(ours, ours.start, steps=20, bounds=bounds)
     minimize(theirs, theirs.start, jac=True, method="L-BFGS-B", bounds=bounds, options={"maxiter": 20})
     assert np.array_equal(ours.points, theirs.points)

@@ -14,8 +14,8 @@ from etude.campaign.ingest.inspection import read_log as read_log
 from etude.campaign.ingest.tell import tell as tell
 from etude.campaign.propose.ask import ask as ask
 from etude.campaign.record.folder import open_campaign as open_campaign
-from etude.campaign.record.stored import load_model as load_model
-from etude.campaign.simulate.simulation import simulate as simulate
+from etude.campaign.record.stored_models import load_model as load_model
+from etude.campaign.simulation import simulate as simulate
 from etude.limits.certificate import certify as certify
 
 __version__: str

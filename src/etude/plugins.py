@@ -50,7 +50,7 @@ BUILT_IN: Mapping[str, Mapping[str, str]] = {
     "etude.kernels": {
         "structured": "etude.models.gp.kernels:structured",
         "ard_se": "etude.models.gp.kernels:ard_se",
-        "standing": "etude.models.gp.stiction:standing",
+        "standing": "etude.models.gp.kernels:standing",
         "gip_lin": "etude_lagrangian.kernel:gip_lin",
     },
     # how posteriors and kernels are stored in a model's file
@@ -62,6 +62,8 @@ BUILT_IN: Mapping[str, Mapping[str, str]] = {
         "lwpr": "etude_sparse.members:LWPR",
         "Lagrangian": "etude_lagrangian.kernel:FORM",
     },
+    # limits of one's own: `[[limit]]` in a robot file
+    "etude.limits": {},
     "etude.criteria": {name: f"etude.design.criteria:{name}" for name in _CRITERIA},
     "etude.readers": {
         "csv": "etude.logs.readers.registry:read_csv",
@@ -114,11 +116,13 @@ class Shape:
     Attributes:
         words: for people. arguments: names of what it is called with; None of what is not called.
         attributes: that it has.
+        keywords: whether it may need more by name, which its table in a file gives.
     """
 
     words: str
     arguments: tuple[str, ...] | None = None
     attributes: tuple[str, ...] = ()
+    keywords: bool = False
 
 
 SHAPES: Mapping[str, Shape] = {
@@ -128,6 +132,7 @@ SHAPES: Mapping[str, Shape] = {
     "etude.models": Shape("a member of the model family", ("fit",), ("restore",)),
     "etude.kernels": Shape("a kernel's factory", ("columns", "commands")),
     "etude.forms": Shape("a form of stored posteriors or kernels", None, ("arrays", "words", "make")),
+    "etude.limits": Shape("a limit's factory", ("spec", "model", "margins"), keywords=True),
     "etude.criteria": Shape("a criterion", ("output", "batch", "gain")),
     "etude.readers": Shape("a reader of logs", ("path", "topics")),
     "etude.exporters": Shape("an exporter", ("trajectory", "kind", "spec"), ("back",)),
@@ -232,7 +237,7 @@ def _of_group(group: str, name: str, found: Any) -> Any:
         return found
     missing = [own for own in shape.attributes if not hasattr(found, own)]
     wanted = f"it has no {', '.join(missing)}" if missing else ""
-    if not missing and shape.arguments is not None and not _takes(found, len(shape.arguments)):
+    if not missing and shape.arguments is not None and not _takes(found, shape):
         wanted = f"it is not called with ({', '.join(shape.arguments)})"
     if wanted:
         raise UsageError(
@@ -243,12 +248,33 @@ def _of_group(group: str, name: str, found: Any) -> Any:
     return found
 
 
-def _takes(found: Any, count: int) -> bool:
+def _takes(found: Any, shape: Shape) -> bool:
     try:
-        inspect.signature(found).bind(*[None] * count)
+        signature = inspect.signature(found)
+        bind = signature.bind_partial if shape.keywords else signature.bind
+        bind(*[None] * len(shape.arguments or ()))
     except (TypeError, ValueError):  # no function, of other arguments, or one that does not tell them
         return False
     return True
+
+
+def required(found: Any, protocol: type, where: str) -> Any:
+    """The same, if it has all members of a protocol. UsageError names those that it lacks; where: of it."""
+    missing = [name for name in members(protocol) if not hasattr(found, name)]
+    if missing:
+        raise UsageError(
+            f"{type(found).__name__} lacks {', '.join(missing)} of the protocol {protocol.__name__}",
+            where=where,
+            next_step=f"Give it what etude.protocols.{protocol.__name__} declares.",
+        )
+    return found
+
+
+def members(protocol: type) -> tuple[str, ...]:
+    """Names that a protocol declares, those of its bases first."""
+    own = [vars(kind) for kind in protocol.__mro__[::-1] if getattr(kind, "_is_protocol", False)]
+    named = [[*part.get("__annotations__", ()), *part] for part in own]
+    return tuple(dict.fromkeys(name for part in named for name in part if not name.startswith("_")))
 
 
 def listed(*, tried: bool = False) -> tuple[Plugin, ...]:

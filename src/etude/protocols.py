@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -36,6 +36,7 @@ from etude.types import (
     Reachable,
     Row,
     Samples,
+    Thing,
 )
 
 if TYPE_CHECKING:
@@ -62,6 +63,7 @@ class Trajectory(Protocol):
     def to_json(self) -> str: ...
 
 
+@runtime_checkable
 class Family(Protocol):
     """Which segments may be proposed: parameters p (P,) <-> trajectory, with the way back of gradients."""
 
@@ -77,6 +79,7 @@ class Family(Protocol):
     ) -> tuple[Array, Array, float]: ...  # bound in p: (k, M, P), (k, M), kappa
 
 
+@runtime_checkable
 class Limit(Protocol):
     """One limit: how the search keeps it, how the final bytes are judged, what it measures. One that is
     not convex gives a penalty; its cones, if any, say where to search and prove nothing. Its result is
@@ -93,6 +96,19 @@ class Limit(Protocol):
     ) -> Array: ...  # (T, r) what is limited, by the rows of `prove`: plans and runs
 
 
+# `etude.limits`: (spec, model or None, margins, and by name what its table in the robot file gives) -> Limit
+LimitFactory = Callable[..., Limit]
+
+
+@runtime_checkable
+class SupportsDrawing(Protocol):
+    """Capability of a `Limit`: what a drawing shows of it, in the robot's world."""
+
+    @property
+    def things(self) -> Sequence[Thing]: ...
+
+
+@runtime_checkable
 class Inputs(Protocol):
     """One feature map for planned and measured motion. Laws, exactly: plan(m, keep).X ==
     of_log(states(m))[keep]; `step` along a log gives `of_log`. rate: Hz at which both must be sampled,
@@ -124,6 +140,7 @@ class Inputs(Protocol):
     def c(self, name: str) -> Code | None: ...
 
 
+@runtime_checkable
 class SupportsScales(Protocol):
     """Capability of `Inputs` with an op: (D,) what the op's channel is divided by first, tanh(c / s) and
     exp(-|c / s|) of "rest"; 1 of plain columns, NaN where an op is no formula.
@@ -132,6 +149,7 @@ class SupportsScales(Protocol):
     def scales(self) -> Array: ...
 
 
+@runtime_checkable
 class SupportsFollowing(Protocol):
     """Capability of `Inputs` of robots whose physics remembers the way: the log with what is remembered, for
     rows that follow one another as in a run from rest; as it is where it carries that. `states` of a motion
@@ -144,6 +162,7 @@ class SupportsFollowing(Protocol):
     def carried(self, row: Log, before: Array | None) -> tuple[Log, Array | None]: ...
 
 
+@runtime_checkable
 class SupportsDrag(Protocol):
     """Capability of `Inputs` of vehicles that know the air's drag. drag: (dx, dy, dz) 1/s, by which attitudes
     are found; drag_c: C99 of void name(const real *body_velocity, real *force), the lateral force per mass
@@ -155,6 +174,7 @@ class SupportsDrag(Protocol):
     def drag_c(self, name: str) -> Code | None: ...
 
 
+@runtime_checkable
 class SupportsOnnx(Protocol):
     """Capability of `Inputs` and of a `Mean`: itself as a piece of a graph of ONNX. Law: in a run from rest
     the graph says what Python says of the same rows.
@@ -163,6 +183,7 @@ class SupportsOnnx(Protocol):
     def onnx(self) -> Piece: ...
 
 
+@runtime_checkable
 class Mean(Protocol):
     """Commands (n, J) from states, without a process; a row's are its own, since what a robot remembers is
     a state too (`SupportsFollowing`). static: the part that remains at rest (gravity). Who looks at states
@@ -177,6 +198,7 @@ class Mean(Protocol):
     def c(self, name: str) -> Code | None: ...
 
 
+@runtime_checkable
 class Physics(Protocol):
     """A mean to learn beside: identified from samples, or nominal, which needs none (None). Stored models
     keep the mean's arrays; restore: it again, bit for bit.
@@ -186,6 +208,7 @@ class Physics(Protocol):
     def restore(self, arrays: Mapping[str, Array]) -> Mean: ...
 
 
+@runtime_checkable
 class SupportsWithout(Protocol):
     """Capability of a `Physics` whose means from parts of the same samples share work: `without` says, by
     number of a fold, what the mean that has not seen it says of all samples, (n, J); fold (n,). A fold
@@ -204,6 +227,7 @@ class Regressor(Protocol):
     def pullback(self, X: Array, G: Array) -> Array: ...
 
 
+@runtime_checkable
 class SupportsRegressors(Protocol):
     """Capability of a `Physics` that is linear in its parameters: a regressor for each command (criterion
     d_opt). Who lacks the method has none.
@@ -212,6 +236,7 @@ class SupportsRegressors(Protocol):
     def regressors(self) -> Sequence[Regressor]: ...
 
 
+@runtime_checkable
 class Posterior(Protocol):
     """One latent function given its data, as designs see it; X (T, D), Z (r, D). Variances without
     noise.
@@ -254,6 +279,7 @@ class FitData:
     rng: np.random.Generator
 
 
+@runtime_checkable
 class Process(Protocol):
     """A Gaussian process of m commands learned together: one alone, with a shared kernel (one latent
     function for all), or joint (one each, given all). Mean and variance (T, m), without noise, in the
@@ -275,6 +301,7 @@ class Process(Protocol):
     def c(self, name: str) -> Code | None: ...
 
 
+@runtime_checkable
 class Member(Protocol):
     """How one group of commands is learned, entry point `etude.models`; restore: the process again from
     its arrays, bit for bit (it need hold nothing out).
@@ -304,6 +331,7 @@ class Candidate:
     calibration: Array
 
 
+@runtime_checkable
 class Model(Protocol):
     """What was learned: each command's best candidate, or several averaged (variance: sum w (v + (m -
     average)^2)). Candidates of weight 0 take no part: they are the other rungs. worth (J,): independent
@@ -321,6 +349,7 @@ class Model(Protocol):
     def static(self, log: Log) -> Array: ...  # gravity, with physics or without
 
 
+@runtime_checkable
 class Controller(Protocol):
     """What is added to a robot's feedback: a model, frozen or learning on line, its C, ILC, adaptive
     control.
@@ -333,6 +362,7 @@ class Controller(Protocol):
     def observe(self, t: float, row: Row) -> None: ...
 
 
+@runtime_checkable
 class SupportsAccelerations(Protocol):
     """Capability of a `Controller` of robots whose feedback takes accelerations: (T, k) what it is to be told
     along a motion, the motion's own and what the model adds to it; None: the motion's own.
@@ -341,6 +371,7 @@ class SupportsAccelerations(Protocol):
     def accelerations(self, motion: Motion) -> Array | None: ...
 
 
+@runtime_checkable
 class Robot(Protocol):
     """Anything that turns a trajectory into a log; a real one is a person with two files. One with the
     attribute `asks_each_tick`, True, asks a controller that plans nothing at every tick, and shows it what
@@ -352,13 +383,14 @@ class Robot(Protocol):
     def changed(self, **what: float) -> Robot: ...  # payload=0.2, friction=1.5; what it cannot is an error
 
 
+@runtime_checkable
 class Kind(Protocol):
     """The plug-in, entry point `etude.robots`: from one description (robot.toml) to the nouns. spec:
     the kind's frozen dataclass, with `name` and `rate` (Hz of its logs); config: the campaign's tables,
     of which `trajectory` (with `duration`, s) and `data` are the kind's own dataclasses and the others
     shared. path: the channel that is compared with the trajectory; home (k,): a pose inside every
-    limit; limit (J,): how far each command reaches. samples: the one recipe that truly differs, of
-    `logs/steps.py`, given all logs at once, since some facts (the lag of motors) are common to them;
+    limit; limit (J,): how far each command reaches. samples: the one preprocessing that truly differs, by
+    `logs/cleaning/filters.py`, given all logs at once: some facts (the lag of motors) are common to them;
     ways: approach and return, take-off and landing. Who has `states_in_words` says what axes and signs
     its states have, for headers in C.
     """
@@ -407,6 +439,7 @@ class Kind(Protocol):
     ) -> Controller: ...  # the model beside the feedback
 
 
+@runtime_checkable
 class SupportsSelection(Protocol):
     """Capability of a `Kind` whose descriptions may hold more than one robot needs: `described` of the
     joints that move (names or patterns; none: those that the file's one robot has), with others held at
@@ -426,12 +459,14 @@ class SupportsSelection(Protocol):
     ) -> Described: ...
 
 
+@runtime_checkable
 class SupportsFigure(Protocol):
     """Capability of a `Kind`: its robot along positions q (T, k) of its path. Who lacks it is not drawn."""
 
     def figure(self, spec: Any, q: Array) -> Figure | None: ...
 
 
+@runtime_checkable
 class SupportsKnownFaults(Protocol):
     """Capability of a `Kind`: codes of docs/known_faults.md that what earlier generations wrote of this robot
     has.
@@ -440,6 +475,7 @@ class SupportsKnownFaults(Protocol):
     def mended(self, spec: Any) -> Sequence[str]: ...
 
 
+@runtime_checkable
 class SupportsPoses(Protocol):
     """Capability of a `Kind` whose robots stand elsewhere than motions may be: poses (k,) by name, beside
     home, from which its ways lead.
@@ -448,6 +484,7 @@ class SupportsPoses(Protocol):
     def poses(self, spec: Any) -> Mapping[str, Array]: ...
 
 
+@runtime_checkable
 class SupportsLeadIn(Protocol):
     """Capability of a `Kind` whose families make motions that are in motion at their ends: whether those of
     this robot get a lead-in from rest and a lead-out to rest. Who lacks it sends motions as they are.
@@ -456,6 +493,7 @@ class SupportsLeadIn(Protocol):
     def from_rest(self, spec: Any) -> bool: ...
 
 
+@runtime_checkable
 class SupportsReachable(Protocol):
     """Capability of a `Kind` that knows where its robots can be: motions are then looked for about clear
     poses all over it, and what they visit is told. Who lacks the method, or answers None, has motions about
@@ -465,6 +503,7 @@ class SupportsReachable(Protocol):
     def reachable(self, spec: Any) -> Reachable | None: ...
 
 
+@runtime_checkable
 class SupportsBoxes(Protocol):
     """Capability of a `Limit` on the path alone, however fast it is gone through. about: the same limit, its
     cones another box (k,), (k,) for searches; roughly: whether poses (T, k) of a motion of that form about
@@ -476,6 +515,7 @@ class SupportsBoxes(Protocol):
     def roughly(self, form: str, pose: Array) -> Callable[[Array], bool]: ...
 
 
+@runtime_checkable
 class SupportsBlocking(Protocol):
     """Capability of a `Limit` that can say what a pose (k,) in a motion of that form runs into: a phrase,
     "" for nothing.
@@ -484,6 +524,7 @@ class SupportsBlocking(Protocol):
     def blocked(self, form: str, pose: Array) -> str: ...
 
 
+@runtime_checkable
 class SupportsLargestError(Protocol):
     """Capability of a `Kind` that knows its robots' feedback: largest position errors (k,) that it allows,
     NaN where unknown.

@@ -24,7 +24,7 @@ def _controller() -> Any:
     import numpy as np
     from threadpoolctl import ThreadpoolController
 
-    import etude._runtime.blas  # noqa: F401
+    import etude._runtime.scipy_parts  # noqa: F401
 
     # glibc returns freed blocks to the kernel until it has seen one as large as this come and go; then it
     # keeps them. Without it every evaluation faults its matrices in again: a quarter of an ivr gradient.

@@ -310,6 +310,12 @@ class Described:
     confirm: tuple[str, ...] = ()
 
 
+FAR = 100.0
+"""m to each side that is shown of a plane, at most: a picture cuts it."""
+CUBE = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
+CUBE_FACES = ((0, 1, 3, 2), (4, 5, 7, 6), (0, 1, 5, 4), (2, 3, 7, 6), (0, 2, 6, 4), (1, 3, 7, 5))
+
+
 @dataclass(frozen=True, eq=False)
 class Thing:
     """Something beside a robot, as flat faces.
@@ -327,6 +333,22 @@ class Thing:
     kind: Literal["solid", "plane", "inside", "carried", "stand"]
     points: Array
     faces: tuple[tuple[int, ...], ...]
+
+    @classmethod
+    def plane(cls, name: str, point: Sequence[float], normal: Sequence[float]) -> Thing:
+        """A square of a plane about one of its points (3,), m; normal (3,) to the side that is allowed."""
+        foot, unit = np.array(point, dtype=float), np.array(normal) / np.linalg.norm(normal)
+        across = np.cross(unit, np.eye(3)[np.argmin(np.abs(unit))])
+        across /= np.linalg.norm(across)
+        along = np.cross(unit, across)
+        corners = [foot + FAR * (a * across + b * along) for a, b in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
+        return cls(name, "plane", np.array(corners)[None], ((0, 1, 2, 3),))
+
+    @classmethod
+    def box(cls, name: str, lower: Sequence[float], upper: Sequence[float]) -> Thing:
+        """A solid between two corners (3,), m."""
+        low, high = np.array(lower, dtype=float), np.array(upper, dtype=float)
+        return cls(name, "solid", (0.5 * (low + high) + 0.5 * (high - low) * CUBE)[None], CUBE_FACES)
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,7 +10,7 @@ import numpy as np
 from etude.errors import NumericalError, UsageError
 from etude.protocols import Inputs
 from etude.types import Array, Log, Motion, Row
-from etude_arm.plant.following import Following
+from etude_arm.plant.feedback_loop import Following
 from etude_arm.spec import MEMORY, TURNING, ArmSpec
 
 

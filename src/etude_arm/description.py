@@ -27,7 +27,7 @@ from etude_arm.spec import FORCES, ArmSpec
 
 if TYPE_CHECKING:
     from etude_arm.clearance.surroundings import Floor
-    from etude_arm.loading.loaded import Loaded
+    from etude_arm.loading.loaded_model import Loaded
 
 ROBOT_FILE = "robot.toml"
 MODEL_NAME = "robot_model"
@@ -68,9 +68,9 @@ STRONG = 10.0
 """Times that: no arm carries several times its own weight, so no drive is as strong as that throughout."""
 APART, FAR = 10.0, 100.0
 """Times the nearest limit of another joint: joints of few arms differ by the first, of none by the second."""
-FEW = 2
+TOO_FEW_JOINTS = 2
 """Joints of one unit among which nobody can tell by numbers alone which of them is odd."""
-MOST = 0.75
+MOST_JOINTS = 0.75
 """Of the joints."""
 
 
@@ -157,7 +157,7 @@ def _strong(factor: float) -> str:
 
 def _same(spec: ArmSpec, factors: Array) -> list[str]:
     """One number for joints of all sizes, far above what most of them ask for."""
-    same = spec.dof > 2 and np.ptp(spec.command) == 0.0 and np.quantile(factors, 1.0 - MOST) > STRONG
+    same = spec.dof > 2 and np.ptp(spec.command) == 0.0 and np.quantile(factors, 1.0 - MOST_JOINTS) > STRONG
     return [
         f"All joints state the same command limit, {limit:.4g}, of which most ask for less than a tenth at "
         "their limits of speed and acceleration: a placeholder? Correct command of [[axis]] in robot.toml."
@@ -173,7 +173,7 @@ def _odd(spec: ArmSpec, factors: Array, weak: Mask) -> list[str]:
         own = np.array([j for j, axis in enumerate(spec.axes) if axis.unit == unit])
         for j, times in _apart(spec.command[own]):
             k, sign = int(own[j]), "N m" if unit == "rad" else "N"
-            far = len(own) > FEW and max(times, 1.0 / times) > FAR
+            far = len(own) > TOO_FEW_JOINTS and max(times, 1.0 / times) > FAR
             if not weak[k] and (far or _unfit(times, factors[k], factors)):
                 said.append(f"{spec.names[k]} {spec.command[k]:.4g} {sign}, {times:.3g} times the nearest")
     if not said:
@@ -187,7 +187,7 @@ def _odd(spec: ArmSpec, factors: Array, weak: Mask) -> list[str]:
 def _slides(spec: ArmSpec, factors: Array) -> list[str]:
     """Of slides that have no others to compare with: what one is asked for follows from the mass it moves."""
     slides = [j for j, axis in enumerate(spec.axes) if axis.unit == "m"]
-    far = [j for j in slides if len(slides) <= FEW and FAR < factors[j] < np.inf]
+    far = [j for j in slides if len(slides) <= TOO_FEW_JOINTS and FAR < factors[j] < np.inf]
     if not far:
         return []
     words = [f"{spec.names[j]} {spec.command[j]:.4g} N, {factors[j]:.3g} times that" for j in far]
@@ -211,7 +211,7 @@ def _apart(limits: Array) -> list[tuple[int, float]]:
     found = []
     for k in range(1, len(order)):
         low, high = limits[order[k - 1]], limits[order[k]]
-        if len(order) == FEW and high > FAR * low:
+        if len(order) == TOO_FEW_JOINTS and high > FAR * low:
             found += [(int(order[0]), float(low / high)), (int(order[1]), float(high / low))]
         elif high > APART * low and 2 * k != len(order):
             fewer, nearest = (order[:k], high) if 2 * k < len(order) else (order[k:], low)
@@ -264,7 +264,7 @@ def describe(
     files: dict[str, bytes] = {}
     if spec.model_file is not None:
         from etude_arm.clearance.defaults import disabled
-        from etude_arm.clearance.of_robot import completed
+        from etude_arm.clearance.robot_clearance import completed
         from etude_arm.loading.implausible import check_lengths, made_up
         from etude_arm.loading.load import load_arm
         from etude_arm.loading.overlapping_links import crowded_links, crowds, hemmed_in

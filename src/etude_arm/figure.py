@@ -7,23 +7,19 @@ from typing import Literal
 
 import numpy as np
 
-from etude.types import Array, Figure, Thing
+from etude.types import CUBE, CUBE_FACES, FAR, Array, Figure, Thing
 from etude_arm.clearance.surroundings import Box, Column, Surroundings, Wall
-from etude_arm.loading.attached import Mounting
+from etude_arm.loading.attachments import Mounting
 from etude_arm.loading.load import load_arm
-from etude_arm.loading.loaded import Loaded
+from etude_arm.loading.loaded_model import Loaded
 from etude_arm.loading.rotations import turn_of
 from etude_arm.physics.geometry import read_geometry
 from etude_arm.physics.kinematics import body_motion
 from etude_arm.rehearsal.body import tips
 from etude_arm.spec import ArmSpec
 
-FAR = 100.0
-"""m to each side that is shown of a plane, at most: a picture cuts it."""
 SIDES = 16
 """Of the prism that a round shape is drawn as."""
-CUBE = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
-CUBE_FACES = ((0, 1, 3, 2), (4, 5, 7, 6), (0, 1, 5, 4), (2, 3, 7, 6), (0, 2, 6, 4), (1, 3, 7, 5))
 ABOVE = 1e-3
 """m by which a base has to stand above the floor for that to be drawn."""
 
@@ -94,11 +90,7 @@ def _plane(name: str, wall: Wall, base: Array) -> Thing:
     """A square of the plane around the point of it that is nearest to the base."""
     normal = np.array(wall.normal) / np.linalg.norm(wall.normal)
     foot = base - normal * float((base - np.array(wall.point)) @ normal)
-    across = np.cross(normal, np.eye(3)[np.argmin(np.abs(normal))])
-    across /= np.linalg.norm(across)
-    along = np.cross(normal, across)
-    corners = [foot + FAR * (a * across + b * along) for a, b in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
-    return _still(name, "plane", np.array(corners), ((0, 1, 2, 3),))
+    return Thing.plane(name, foot.tolist(), normal.tolist())
 
 
 def _column(column: Column) -> Thing:

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from etude_arm.controller import Fading
     from etude_arm.inputs import ArmInputs
     from etude_arm.physics.mean import ArmPhysics
-    from etude_arm.plant.following import Following
+    from etude_arm.plant.feedback_loop import Following
 
 HERE = Path(__file__).parent
 MODEL_FILES = (".urdf", ".xml", ".mjcf", ".xacro")
@@ -155,13 +155,13 @@ class ArmKind:
 
     def home(self, spec: ArmSpec) -> Array:
         """(J,) a pose clear of everything, or without shapes the middle of the position limits."""
-        from etude_arm.clearance.of_robot import search_of
+        from etude_arm.clearance.robot_clearance import search_of
 
         return search_of(spec)[0]
 
     def reachable(self, spec: ArmSpec) -> Reachable:
         """Ranges, a turn at most, and of an arm with shapes clear poses in them."""
-        from etude_arm.clearance.of_robot import reachable_of
+        from etude_arm.clearance.robot_clearance import reachable_of
 
         return reachable_of(spec)
 

@@ -13,9 +13,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from etude.logs.checks.brake import brake_finding
 from etude.logs.checks.exchanged_commands import APART_S, LEAST_ROWS
 from etude.logs.checks.filtered_motion import MOVING, Seen, seen
+from etude.logs.checks.plausibility import brake_finding
 from etude.logs.cleaning.filters import median_rate
 from etude.types import Array, Finding, Log
 from etude_arm.spec import COMMAND, PATH, ArmSpec

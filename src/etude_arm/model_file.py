@@ -15,7 +15,7 @@ from etude._runtime.toml_tables import toml_value
 from etude.errors import UsageError
 from etude.types import Array
 from etude_arm.checks import METRES, RADIANS, check_spec, suspected
-from etude_arm.loading.choice import Choice, Moving
+from etude_arm.loading.joint_choice import Choice, Moving
 from etude_arm.loading.parsing import parsed
 from etude_arm.loading.urdf_tree import UrdfTree, hard_range, number
 from etude_arm.spec import ArmSpec, Axis

@@ -7,12 +7,13 @@ import math
 import numpy as np
 
 from etude.limits.library import AxisLimit
+from etude.limits.limit_tables import made_limits
 from etude.protocols import Limit, Model, Trajectory
-from etude.trajectories.extremes import ROOM
+from etude.trajectories.extremes import USABLE_PART
 from etude.trajectories.family import FourierConfig, FourierFamily, suited_to
 from etude.trajectories.moves import PointToPoint, random_moves
 from etude.types import Array, Margins
-from etude_arm.clearance.of_robot import clearance_of, ranges_of, search_of
+from etude_arm.clearance.robot_clearance import clearance_of, ranges_of, search_of
 from etude_arm.command_limits import commands_of
 from etude_arm.space.limit import space_of
 from etude_arm.spec import ArmSpec
@@ -39,7 +40,7 @@ def family(spec: ArmSpec, config: FourierConfig) -> FourierFamily:
 
 def limits(spec: ArmSpec, margins: Margins, model: Model | None = None) -> tuple[Limit, ...]:
     """Position, velocity and acceleration of every joint, rest at both ends; jerk, commands, clearance
-    and limits in space if any.
+    and limits in space if any; those of its owner's own last.
     """
     clearance = clearance_of(spec, margins)
     space = space_of(spec)
@@ -54,6 +55,7 @@ def limits(spec: ArmSpec, margins: Margins, model: Model | None = None) -> tuple
         *(() if commands is None else (commands,)),
         *(() if space is None else (space,)),
         *(() if clearance is None else (clearance,)),
+        *made_limits(spec.limits, spec, model, margins),
     )
 
 
@@ -86,7 +88,9 @@ def ways(spec: ArmSpec, motion: Trajectory, pose: Array) -> tuple[PointToPoint, 
     first, last = motion.motion(np.array([0.0, motion.duration]), 1).orders[0]
     speeds = UNHURRIED * spec.velocity, UNHURRIED * spec.acceleration
     return tuple(  # type: ignore[return-value]
-        PointToPoint(np.stack(ends), speeds[0], peak_acceleration=speeds[1], peak_jerk=ROOM * spec.jerk)
+        PointToPoint(
+            np.stack(ends), speeds[0], peak_acceleration=speeds[1], peak_jerk=USABLE_PART * spec.jerk
+        )
         for ends in ((pose, first), (last, pose))
     )
 

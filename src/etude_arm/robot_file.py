@@ -33,6 +33,7 @@ size = [0.04, 0.12]         # radius and length, m
 kp = [900.0]                # command units per rad (m), one for each joint
 [floor], [[box]], ...       # optional: what stands around, see `clearance.surroundings`
 [cartesian]                 # optional: speeds and places in space, see `space.table`
+[[limit]]                   # optional: limits of one's own, see `etude.limits.limit_tables`
 """
 
 from __future__ import annotations
@@ -43,6 +44,7 @@ from typing import Any
 
 from etude._runtime.toml_tables import decoded, from_table, read_text, write_values
 from etude.errors import UsageError
+from etude.limits.limit_tables import read_limits
 from etude_arm.checks import check_spec, unit_suspicion
 from etude_arm.clearance.surroundings import (
     ADD_FLOOR,
@@ -55,7 +57,7 @@ from etude_arm.clearance.surroundings import (
     Surroundings,
     Wall,
 )
-from etude_arm.loading.attached import Attached, Mounting
+from etude_arm.loading.attachments import Attached, Mounting
 from etude_arm.rehearsal.overlay import MotorTable, Simulate
 from etude_arm.space.table import Cartesian
 from etude_arm.spec import ArmSpec, Axis, Gains
@@ -93,6 +95,7 @@ class RobotTable:
     cartesian: Cartesian | None = None
     simulate: Simulate | None = None
     motor: tuple[MotorTable, ...] = ()
+    limit: tuple[dict[str, Any], ...] = ()
 
 
 def read_robot(path: Path) -> ArmSpec:
@@ -126,6 +129,7 @@ def parse_robot(text: str, *, where: str, folder: Path) -> ArmSpec:
         raise UsageError(error.fact, where=where, next_step="Give each a name of its own.") from None
     same = ("plant", "held", "mounting", "tool", "payload", "cartesian", "gains", "simulate")
     own = {**{name: getattr(table, name) for name in same}, "motors": table.motor, "confirm": _open(table)}
+    own["limits"] = read_limits(table.limit, where)
     head = (table.name, table.axis, table.command_unit, table.rate, model_file)
     spec = ArmSpec(*head, **own, around=around)
     _check_search(spec, where)
@@ -189,6 +193,7 @@ def robot_to_toml(spec: ArmSpec, *, folder: Path | None = None) -> str:
         cartesian=spec.cartesian,
         simulate=spec.simulate,
         motor=spec.motors,
+        limit=tuple(one.table() for one in spec.limits),
     )
     return write_values(table)
 

@@ -10,9 +10,10 @@ from typing import Literal
 
 import numpy as np
 
+from etude.limits.limit_tables import LimitTable
 from etude.types import Array, Channel
 from etude_arm.clearance.surroundings import Surroundings
-from etude_arm.loading.attached import Attached, Mounting
+from etude_arm.loading.attachments import Attached, Mounting
 from etude_arm.rehearsal.overlay import MotorTable, Simulate
 from etude_arm.space.table import Cartesian
 
@@ -92,6 +93,7 @@ class ArmSpec:
         simulate, motors: of the stand-in made from the model file, where there is no such plant.
         gains: of its feedback, or None where they are not known.
         confirm: what was assumed of it, a sentence each, until a person has confirmed it.
+        limits: of its owner's own.
     """
 
     name: str
@@ -110,6 +112,7 @@ class ArmSpec:
     motors: tuple[MotorTable, ...] = ()
     gains: Gains | None = None
     confirm: tuple[str, ...] = ()
+    limits: tuple[LimitTable, ...] = ()
 
     @property
     def dof(self) -> int:

@@ -10,7 +10,7 @@ from typing import NamedTuple, cast
 
 import numpy as np
 
-from etude._runtime.blas import dpotrs
+from etude._runtime.scipy_parts import dpotrs
 from etude.errors import DataError, UsageError
 from etude.models.gp.cholesky import factorise, inverse_lower, triangular_inverse
 from etude.models.gp.exact import ExactPosterior, posterior_given

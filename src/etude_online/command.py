@@ -67,7 +67,7 @@ class Checkpoints:
 
 NEEDED = 10.0
 """Squared noise deviations by which both models must have differed in sum before evidence outweighs doubt."""
-MOST = 1e50
+LARGEST_ERROR = 1e50
 """An error beyond it is no number to reckon with: its square is none."""
 
 
@@ -110,9 +110,9 @@ class Evidence:
 
     def judge(self, frozen_error: float, updated_error: float) -> None:
         """Take in one sample; one with an error that is not finite counts fully against the updated model."""
-        if not abs(frozen_error) < MOST:
+        if not abs(frozen_error) < LARGEST_ERROR:
             return
-        if abs(updated_error) < MOST:
+        if abs(updated_error) < LARGEST_ERROR:
             gap = frozen_error - updated_error
             self._along = self._keep * self._along + frozen_error * gap
             self._apart = self._keep * self._apart + gap * gap

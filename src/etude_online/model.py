@@ -24,9 +24,9 @@ from etude_online.guard import Guard
 from etude_online.guard_effort import FED_BACK, Feedback
 from etude_online.guard_gate import Ranges
 from etude_online.learner import OnlineConfig
-from etude_online.measured import COMMAND, Measured
 from etude_online.memoized_mean import asking_once
-from etude_online.planned import Planned
+from etude_online.planned_samples import Planned
+from etude_online.row_samples import COMMAND, Measured
 from etude_online.state import put_back, taken
 
 REPORTS = 200

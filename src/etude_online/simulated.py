@@ -9,7 +9,7 @@ import numpy as np
 
 from etude.campaign.deployment.model_export import told_logs
 from etude.campaign.record.folder import Campaign
-from etude.campaign.record.stored import newest_model
+from etude.campaign.record.stored_models import newest_model
 from etude.errors import UsageError
 from etude.protocols import Controller, Robot
 from etude_online.guard_effort import command_limits, feedback_of

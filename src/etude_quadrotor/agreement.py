@@ -44,9 +44,14 @@ OUTLIER = 30.0
 """m/s^2: a leap of the position, not a flight."""
 LATE, SOON, SPAN = 0.25, -0.1, 1.5
 """s by which motors act after their commands at most, propellers and filters included; looked for."""
-HEARD, CLEAR = 0.5, 1.5
-"""Correlation of commands and thrust from which their delay is told, and how much more of the thrust a delay
-that may be has to leave unexplained."""
+SMOOTH_S = 0.05
+"""s over which commands, forces and angular accelerations are averaged: less is noise."""
+HEARD, CLEAR = 0.75, 1.5
+"""Part of the thrust, or of one torque, that commands may leave unexplained at most where their delay is
+told; and how much more, the product over all four, a delay that may be has to leave.
+"""
+SMALLEST = 1e-6
+"""Of what is unexplained, below which nothing is measured."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -265,40 +270,63 @@ def _judged(check: str, found: Sequence[Reading], fact: str) -> Finding:
 
 
 def _delay(spec: QuadrotorSpec, log: Log) -> Finding | None:
-    """Time from the motors' mean command to the force along the body's z."""
+    """Time from the motors' commands to the thrust and the torques that they make.
+
+    Whatever the frame and the numbers of the motors, force along the body's z and angular accelerations are
+    linear in four commands, and a controller moves these all the time, also where the vehicle hovers.
+    """
     motors = np.array(spec.command_lower) >= 0.0
     if not motors.all() or log.t[-1] - log.t[0] < 2.0 * LEAST_S:
         return None
     t = np.arange(log.t[0], log.t[-1], 1.0 / GRID)
-    asked = np.interp(t, log.t, log["command"].mean(axis=1))
-    pushed = np.interp(t, log.t, log["specific_force"][:, 2])
-    lags = np.arange(round(-SPAN * GRID), round(SPAN * GRID) + 1)
-    like = _correlations(_slow_removed(asked), _slow_removed(pushed), lags)
-    best = int(np.argmax(like))
-    # of any sign: an accelerometer may be upside down, which is not the clock's fault
-    usual = np.abs(like[(lags >= SOON * GRID) & (lags <= LATE * GRID)]).max()
+    force = np.interp(t, log.t, log["specific_force"][:, 2])
+    rates = np.column_stack([np.interp(t, log.t, column) for column in log["rates"].T])
+    asked = np.column_stack([np.interp(t, log.t, column) for column in log["command"].T])
+    turning = np.gradient(_smooth(rates), axis=0) * GRID
+    made = np.column_stack([force, turning])
+    lags = np.arange(round(-SPAN * GRID), round(SPAN * GRID) + 1, 2)
+    left = _unexplained(_slow_removed(_smooth(asked)), _slow_removed(_smooth(made)), lags)
+    total = np.log(left).sum(axis=1)
+    within = np.flatnonzero((lags >= SOON * GRID) & (lags <= LATE * GRID))
+    best, usual = int(np.argmin(total)), int(within[np.argmin(total[within])])
     lag = lags[best] / GRID
-    if like[best] < HEARD or SOON <= lag <= LATE or 1.0 - usual**2 < CLEAR * (1.0 - like[best] ** 2):
+    if left[best].min() > HEARD or SOON <= lag <= LATE or total[usual] - total[best] < np.log(CLEAR):
         return None
     way = f"{abs(lag):.2f} s {'before' if lag > 0.0 else 'after'}"
-    like_what = f"correlation {like[best]:.2f}, at most {usual:.2f} within {LATE:g} s"
-    fact = f"Motors stand {way} the thrust that they make ({like_what}): another clock, or another column."
+    shares = ["/".join(f"{100.0 * (1.0 - part):.0f}" for part in left[k]) for k in (best, usual)]
+    fact = (
+        f"Motors stand {way} the thrust and the torques that they make (then they explain {shares[0]} % of "
+        f"these, within {LATE:g} s at most {shares[1]} %): another clock, or another column."
+    )
     step = f"Shift their column, or record all with one clock; {accepted(DELAY)}."
     return Finding(DELAY, "red", fact, step, flag=DELAY)
 
 
+def _smooth(values: Array) -> Array:
+    """Means over `SMOOTH_S` of columns (T, n), as long."""
+    return _means(values, round(SMOOTH_S * GRID))
+
+
 def _slow_removed(values: Array) -> Array:
-    """Less its mean over two seconds: weight and battery change slowly."""
-    width = round(2.0 * GRID)
-    mean = np.convolve(np.pad(values, width // 2, mode="edge"), np.ones(width) / width, "same")
-    return np.asarray(values - mean[width // 2 : width // 2 + len(values)])
+    """Less their means over two seconds: weight and battery change slowly."""
+    return np.asarray(values - _means(values, round(2.0 * GRID) + 1))
 
 
-def _correlations(asked: Array, pushed: Array, lags: Index) -> Array:
-    """Of what is asked with what is pushed so many steps later."""
+def _means(values: Array, width: int) -> Array:
+    """(T, n) over so many rows about each, an odd number."""
+    padded = np.pad(values, ((width // 2, width // 2), (0, 0)), mode="edge")
+    weights = np.ones(width) / width
+    return np.column_stack([np.convolve(column, weights, "valid") for column in padded.T])
+
+
+def _unexplained(asked: Array, made: Array, lags: Index) -> Array:
+    """(L, n) parts of the squares of made (T, n) that no combination of what was asked (T, m) so many steps
+    before explains.
+    """
     found = []
     for lag in lags.tolist():
         a = asked[max(0, -lag) : len(asked) - max(0, lag)]
-        b = pushed[max(0, lag) : len(pushed) - max(0, -lag)]
-        found.append(float(a @ b) / (float(np.linalg.norm(a) * np.linalg.norm(b)) + 1e-300))
-    return np.array(found)
+        b = made[max(0, lag) : len(made) - max(0, -lag)]
+        off = b - a @ np.linalg.lstsq(a, b, rcond=None)[0]
+        found.append(np.sum(off**2, axis=0) / np.maximum(np.sum(b**2, axis=0), np.finfo(float).tiny))
+    return np.asarray(np.maximum(np.array(found), SMALLEST))

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from etude.logs.checks.ground import CHECK, ground_finding, windows
-from etude.logs.checks.jump import jump_finding
+from etude.logs.checks.plausibility import jump_finding
 from etude.types import Finding, Log
 from etude_quadrotor.agreement import agreement_findings
 from etude_quadrotor.channels import PATH

@@ -114,13 +114,13 @@ class QuadrotorKind:
         self,
         spec: QuadrotorSpec,
         config: Any,
-        model: Model | None,  # noqa: ARG002
+        model: Model | None,
         margins: Margins,
     ) -> Sequence[Limit]:
         """Box, cylinder, speed, lift, thrust and tilt, less what tracking was seen to overshoot."""
         from etude_quadrotor.room import limits
 
-        return limits(spec, config.trajectory, margins)
+        return limits(spec, config.trajectory, margins, model)
 
     def ways(
         self,

@@ -11,8 +11,9 @@ import numpy as np
 from etude.limits.certificate import COMMANDS, SPEED
 from etude.limits.feasible import FeasibleSet
 from etude.limits.library import AxisLimit, NormLimit, TiltLimit
+from etude.limits.limit_tables import made_limits
 from etude.limits.samplers import boundary, uniform
-from etude.protocols import Limit, Trajectory
+from etude.protocols import Limit, Model, Trajectory
 from etude.types import Array, Margins
 from etude_quadrotor.channels import AXES
 from etude_quadrotor.family import FlightConfig, flight_family
@@ -37,8 +38,11 @@ TEST_DURATION = 30.0
 """s, whatever flights a campaign trains on, so that these can be compared."""
 
 
-def limits(spec: QuadrotorSpec, config: FlightConfig, margins: Margins) -> tuple[Limit, ...]:
-    """Box, speed, cylinder, lift, thrust and tilt; rest if the plan is to start and end so.
+def limits(
+    spec: QuadrotorSpec, config: FlightConfig, margins: Margins, model: Model | None = None
+) -> tuple[Limit, ...]:
+    """Box, speed, cylinder, lift, thrust and tilt, then the owner's own; rest if the plan is to start and end
+    so.
 
     Room for the tracking error is kept off box and cylinder: the owner's, or what was learned of it. Thrust
     and tilt are those of a + g z, without drag, which has to fit into their own reserve. The vertical part of
@@ -76,7 +80,7 @@ def limits(spec: QuadrotorSpec, config: FlightConfig, margins: Margins) -> tuple
     tilts = [tilt for tilt in (spec.tilt, config.tilt) if tilt is not None]
     if tilts:
         found.append(TiltLimit(min(tilts), GRAVITY))
-    return tuple(found)
+    return (*found, *made_limits(spec.limits, spec, model, margins))
 
 
 def _late(spec: QuadrotorSpec, config: FlightConfig, margins: Margins) -> float:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from etude.limits.limit_tables import LimitTable
 from etude_quadrotor.vehicle import Vehicle
 
 
@@ -33,6 +34,7 @@ class QuadrotorSpec:
             for the simulated vehicles.
         vehicle: nominal body and motors, for the analytic inverse model; None if unknown.
         plant: name of the simulated vehicle that stands in for the real one, or None.
+        limits: of its owner's own.
     """
 
     name: str
@@ -54,6 +56,7 @@ class QuadrotorSpec:
     descent: float = 1.5
     vehicle: Vehicle | None = None
     plant: str | None = None
+    limits: tuple[LimitTable, ...] = ()
 
     @property
     def margins(self) -> tuple[float, float, float]:

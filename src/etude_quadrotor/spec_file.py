@@ -20,6 +20,7 @@ tilt = 0.5                       # optional: largest angle of the thrust from th
 thrust = [4.0, 16.0]             # optional: least and largest thrust per mass, m/s^2
 plant = "quadrotor"              # optional: simulated stand-in
 [vehicle]                        # optional: the fields of `vehicle.Vehicle`, for the analytic inverse model
+[[limit]]                        # optional: limits of one's own, see `etude.limits.limit_tables`
 """
 
 from __future__ import annotations
@@ -33,6 +34,7 @@ import msgspec
 
 from etude._runtime.toml_tables import decoded, read_text
 from etude.errors import UsageError
+from etude.limits.limit_tables import read_limits
 from etude_quadrotor.spec import QuadrotorSpec
 from etude_quadrotor.vehicle import GRAVITY, Vehicle
 
@@ -69,6 +71,7 @@ class QuadrotorTable(msgspec.Struct, forbid_unknown_fields=True, omit_defaults=T
     plant: str | None = None
     units_checked: bool = False
     vehicle: dict[str, Any] | None = None
+    limit: tuple[dict[str, Any], ...] = ()
 
 
 def read_spec(path: Path) -> QuadrotorSpec:
@@ -123,6 +126,7 @@ def spec_from_table(data: dict[str, Any], *, where: str) -> QuadrotorSpec:
         descent=table.descent,
         vehicle=vehicle,
         plant=table.plant,
+        limits=read_limits(table.limit, where),
     )
     check_spec(spec, where=where)
     suspicion = unit_suspicion(spec)
@@ -267,6 +271,8 @@ def spec_to_toml(spec: QuadrotorSpec) -> str:
     ]
     if vehicle is not None:
         lines += ["", "[vehicle]", *(f"{key} = {_text(value)}" for key, value in vehicle.items())]
+    for limit in spec.limits:
+        lines += ["", "[[limit]]", *(f"{key} = {_text(value)}" for key, value in limit.table().items())]
     return "\n".join(lines) + "\n"
 
 

@@ -3,7 +3,7 @@
 PUBLIC = (
     "dictionary",
     "dictionary_stream",
-    "downsampled",
+    "downsampling",
     "local",
     "sogp",
     "sparse_spectrum",

@@ -8,7 +8,7 @@ from typing import Literal
 
 import numpy as np
 
-from etude._runtime.blas import dpotrs
+from etude._runtime.scipy_parts import dpotrs
 from etude.errors import DataError, NumericalError, UsageError
 from etude.models.gp.cholesky import factorise, inverse_lower
 from etude.models.gp.exact import ExactGP, ExactPosterior, checked_data, posterior_given

@@ -11,8 +11,8 @@ from typing import Protocol
 
 import numpy as np
 
-from etude._runtime.blas import dtrsv
 from etude._runtime.compilation import compiled
+from etude._runtime.scipy_parts import dtrsv
 from etude.errors import DataError, UsageError
 from etude.models.gp.cholesky import factorise
 from etude.threads import threads_for

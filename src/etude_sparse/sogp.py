@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 from scipy.linalg import qr_delete
 
-from etude._runtime.blas import dtrmm, dtrtrs
+from etude._runtime.scipy_parts import dtrmm, dtrtrs
 from etude.errors import DataError, NumericalError, UsageError
 from etude.models.gp.basis_posterior import BasisPosterior, lower_root
 from etude.models.gp.cholesky import triangular_inverse

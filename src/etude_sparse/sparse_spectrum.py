@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from etude._runtime.blas import dpotrs
+from etude._runtime.scipy_parts import dpotrs
 from etude.errors import NumericalError, UsageError
 from etude.models.gp.cholesky import factorise, inverse_lower
 from etude.models.gp.exact import checked_data

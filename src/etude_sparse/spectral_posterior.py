@@ -10,8 +10,8 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from etude._runtime.blas import dpotrs
 from etude._runtime.operators import QUARTER
+from etude._runtime.scipy_parts import dpotrs
 from etude.errors import UsageError
 from etude.models.gp.bayesian_linear import LinearFactors
 from etude.models.gp.c99 import BLOCK, EXPONENTIAL, packed

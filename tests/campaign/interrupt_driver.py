@@ -90,7 +90,7 @@ def session(folder: Path, said: Path, call: int = 0, delay: float = 0.0) -> int:
 
 def compile_once(campaign: Campaign) -> None:
     """Loads what every child needs; nothing that starts threads, which a fork would lose."""
-    import etude.campaign.simulate.simulation
+    import etude.campaign.simulation
     import etude.cli.parse
     import etude.design.solve  # noqa: F401
 

@@ -17,7 +17,7 @@ from small_robot import make_campaign, stub_learner
 
 from etude import storage
 from etude.campaign.ingest import tell as telling
-from etude.campaign.ingest.untell import abandon
+from etude.campaign.ingest.tell import abandon
 from etude.campaign.propose import ask as asking
 from etude.campaign.propose.motions import typical_motions
 from etude.campaign.record.folder import Campaign

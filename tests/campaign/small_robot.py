@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 
 from etude.campaign.create import create_campaign
-from etude.campaign.learn.training import TrainingOutcome
 from etude.campaign.propose.motions import typical_motions
 from etude.campaign.record.events import PrequentialScore, Trained
 from etude.campaign.record.folder import Campaign
 from etude.campaign.record.state import State
+from etude.campaign.training import TrainingOutcome
 from etude.protocols import Trajectory
 from etude.storage import write_atomic
 from etude.types import Array

@@ -12,8 +12,7 @@ from small_robot import ROBOT, make_campaign, random_motion, stub_learner, write
 
 from etude.campaign.create import create_campaign
 from etude.campaign.ingest.ingest_result import Told
-from etude.campaign.ingest.tell import tell
-from etude.campaign.ingest.untell import abandon
+from etude.campaign.ingest.tell import abandon, tell
 from etude.campaign.propose.ask import ask
 from etude.campaign.record.folder import Campaign, open_campaign
 from etude.campaign.record.journal import damaged_files

@@ -11,8 +11,7 @@ import pytest
 from small_robot import make_campaign, write_log
 
 from etude.campaign.evaluate.confirm import ask_to_confirm
-from etude.campaign.ingest.tell import tell
-from etude.campaign.ingest.untell import untell
+from etude.campaign.ingest.tell import tell, untell
 from etude.campaign.propose.ask import ask
 from etude.campaign.propose.constraints import kept_now, kept_then, kept_under, seen_errors
 from etude.campaign.propose.export import export
@@ -21,7 +20,7 @@ from etude.campaign.record.events import Asked, Exported, Ingested
 from etude.campaign.record.folder import Campaign, open_campaign
 from etude.campaign.record.state import Round, State
 from etude.campaign.record.stored_files import stored_trajectory
-from etude.campaign.simulate.simulation import simulate
+from etude.campaign.simulation import simulate
 from etude.errors import UsageError
 from etude.limits.tracking import HIDDEN
 from etude.types import Array

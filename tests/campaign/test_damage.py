@@ -20,8 +20,8 @@ from etude.campaign.create import create_campaign
 from etude.campaign.ingest.tell import tell
 from etude.campaign.propose.ask import ask
 from etude.campaign.record.folder import Campaign, open_campaign
-from etude.campaign.record.stored import MODEL, newest_model
 from etude.campaign.record.stored_files import stored_trajectory
+from etude.campaign.record.stored_models import MODEL, newest_model
 from etude.errors import DataError, UsageError
 from etude.models import store
 from etude.models.model import LearnedModel

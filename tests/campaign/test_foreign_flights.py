@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 
 from etude.campaign.ingest.ingest_result import read
-from etude.campaign.ingest.log_groups import told_samples
 from etude.campaign.record.folder import Campaign, open_campaign
-from etude.campaign.record.stored import load_model
+from etude.campaign.record.stored_models import load_model, told_samples
 from etude.cli import main
 from etude.logs.readers.log_file import write_log
 

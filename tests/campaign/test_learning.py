@@ -10,15 +10,14 @@ import numpy as np
 import pytest
 from small_robot import command_of, make_campaign, random_motion, write_log
 
+from etude.campaign import training as learning
 from etude.campaign.evaluate.status import status
 from etude.campaign.evaluate.stopping import calibration_factor, seen_by_the_rule
-from etude.campaign.ingest.log_groups import told_samples
 from etude.campaign.ingest.tell import tell
-from etude.campaign.learn import training as learning
 from etude.campaign.propose.ask import ask
 from etude.campaign.record.folder import Campaign
-from etude.campaign.record.stored import MIXED, label, newest_model
 from etude.campaign.record.stored_files import stored_trajectory
+from etude.campaign.record.stored_models import MIXED, label, newest_model, told_samples
 from etude.errors import DataError, StopRuleReached
 
 CONFIG = """\

@@ -19,7 +19,7 @@ from etude.campaign.ingest.ingest_many import tell
 from etude.campaign.propose.ask import ask
 from etude.campaign.record.events import FACTS, Evaluated, from_json, to_json
 from etude.campaign.record.folder import open_campaign
-from etude.campaign.record.stored import load_model
+from etude.campaign.record.stored_models import load_model
 
 FIXTURES = Path(__file__).parent / "fixtures"
 

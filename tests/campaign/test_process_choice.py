@@ -9,8 +9,8 @@ from etude.campaign.evaluate.status import status
 from etude.campaign.ingest.tell import tell
 from etude.campaign.propose.ask import ask
 from etude.campaign.record.config_file import parse_config
-from etude.campaign.record.stored import newest_model
 from etude.campaign.record.stored_files import stored_trajectory
+from etude.campaign.record.stored_models import newest_model
 from etude.errors import UsageError
 from etude.models.gp.basis_posterior import BasisPosterior
 from etude.models.gp.exact import ExactPosterior

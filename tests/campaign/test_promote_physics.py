@@ -14,8 +14,8 @@ from etude.campaign.create import create_campaign
 from etude.campaign.deployment.promote import promote
 from etude.campaign.ingest.ingest_many import tell
 from etude.campaign.record.folder import Campaign, open_campaign
-from etude.campaign.record.stored import LEFT_OUT
-from etude.campaign.simulate.simulation import simulate
+from etude.campaign.record.stored_models import LEFT_OUT
+from etude.campaign.simulation import simulate
 from etude.models.selection.model_selection import read_residuals
 
 

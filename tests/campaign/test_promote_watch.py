@@ -15,16 +15,15 @@ from test_learning import CONFIG
 from etude.campaign.deployment.monitor import watch
 from etude.campaign.deployment.predict import check_table, predict, write_table
 from etude.campaign.deployment.promote import promote, rollback
-from etude.campaign.evaluate.confirm import ask_to_confirm
-from etude.campaign.evaluate.expected_tracking_error import SPREAD
+from etude.campaign.evaluate.confirm import SPREAD, ask_to_confirm
 from etude.campaign.evaluate.status import status
 from etude.campaign.ingest.ingest_many import tell
 from etude.campaign.record.deployed_model import model_in_use, pinned
 from etude.campaign.record.events import Promoted
 from etude.campaign.record.folder import Campaign, open_campaign
 from etude.campaign.record.journal import read_events
-from etude.campaign.record.stored import newest_model
 from etude.campaign.record.stored_files import stored_trajectory
+from etude.campaign.record.stored_models import newest_model
 from etude.cli import main
 from etude.errors import DataError, UsageError
 from etude.progress import watched
@@ -154,8 +153,7 @@ def test_only_segments_that_the_model_in_use_has_not_learned_are_compared(
     assert used.decision == "not decided"
     assert "the model in use, of log 5" in found.refused[0]
     # of the same log: the ratio is that of two predictions that have not seen it, computed here anew
-    from etude.campaign.ingest.log_groups import told_samples
-    from etude.campaign.record.stored import LEFT_OUT
+    from etude.campaign.record.stored_models import LEFT_OUT, told_samples
     from etude.models.data.fit import in_order
     from etude.models.selection.model_selection import read_residuals
 

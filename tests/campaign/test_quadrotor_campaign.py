@@ -6,17 +6,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from etude.campaign import simulation as simulating
 from etude.campaign.create import create_campaign
 from etude.campaign.evaluate.status import status
-from etude.campaign.ingest.log_groups import told_samples
 from etude.campaign.ingest.tell import tell
 from etude.campaign.propose.ask import ask
 from etude.campaign.record.controls import asked_under
 from etude.campaign.record.folder import open_campaign
-from etude.campaign.record.stored import load_model
 from etude.campaign.record.stored_files import stored_trajectory
-from etude.campaign.simulate import simulation as simulating
-from etude.campaign.simulate.simulation import simulate
+from etude.campaign.record.stored_models import load_model, told_samples
+from etude.campaign.simulation import simulate
 from etude.errors import DataError, UsageError
 from etude.limits.certificate import certify
 from etude.logs.readers.log_file import read_log_file, write_log

@@ -12,13 +12,13 @@ from small_robot import make_campaign, random_motion, stub_learner, write_log
 
 from etude.campaign.evaluate.status import status
 from etude.campaign.ingest.ingest_result import Told
-from etude.campaign.ingest.log_groups import told_samples
 from etude.campaign.ingest.tell import CHECK, planned_states, share_within, tell
-from etude.campaign.learn.training import _scores
 from etude.campaign.propose.ask import ask
 from etude.campaign.record.events import Asked, Exported
 from etude.campaign.record.folder import Campaign, open_campaign
 from etude.campaign.record.stored_files import stored_trajectory
+from etude.campaign.record.stored_models import told_samples
+from etude.campaign.training import _scores
 from etude.cli.status import _lines as lines
 from etude.logs.readers.log_file import read_log_file
 from etude.protocols import Trajectory

@@ -10,19 +10,19 @@ import polars as pl
 import pytest
 
 from etude import plugins
+from etude.campaign import simulation as module
+from etude.campaign import training as learning
 from etude.campaign.create import create_campaign
 from etude.campaign.ingest import tell as telling
 from etude.campaign.ingest.ingest_many import tell
-from etude.campaign.learn import training as learning
-from etude.campaign.learn.training import TrainingOutcome
 from etude.campaign.propose import ask as asking
 from etude.campaign.propose.motions import typical_motions
 from etude.campaign.record.events import Asked, Trained
 from etude.campaign.record.folder import Campaign, open_campaign
 from etude.campaign.record.state import CHANGED
-from etude.campaign.simulate import simulation as module
-from etude.campaign.simulate.simulation import simulate
-from etude.campaign.simulate.simulation import test_motions as motions_of
+from etude.campaign.simulation import simulate
+from etude.campaign.simulation import test_motions as motions_of
+from etude.campaign.training import TrainingOutcome
 from etude.cli import main
 from etude.errors import UsageError
 from etude.limits.certificate import certify

@@ -22,7 +22,7 @@ from etude.models.model import LearnedModel
 from etude.models.selection.model_selection import train_ladder
 from etude.types import Array, Channel, Column, Log, Samples
 from etude_sparse.dictionary import DictionaryConfig, DictionaryGP
-from etude_sparse.downsampled import DownsampledGP
+from etude_sparse.downsampling import DownsampledGP
 from etude_sparse.sogp import SOGP
 from etude_sparse.sparse_spectrum import SparseSpectrumGP
 

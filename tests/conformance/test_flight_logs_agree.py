@@ -10,8 +10,10 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from etude.cli import main
-from etude.types import Array, Motion
+from etude.types import Array, Log, Motion
+from etude_quadrotor.agreement import DELAY, agreement_findings
 from etude_quadrotor.flatness import flat_motion
+from etude_quadrotor.kind import KIND
 
 ROBOT = Path(__file__).parents[2] / "examples" / "px4" / "px4_quad.toml"
 RATE, SECONDS = 100.0, 30.0
@@ -79,8 +81,29 @@ WRONG: dict[str, tuple[Callable[[Array], None], str]] = {
     ),
     "sign of gravity": (_put(FORCE, lambda f: -f), "-9.81 along z in hover"),
     "sensors of FRD": (_frames, "x forward, y right, z down"),
-    "motors late": (_put(MOTORS, lambda m: np.roll(m, 50, axis=0)), "after the thrust that they make"),
+    "motors late": (
+        _put(MOTORS, lambda m: np.roll(m, 50, axis=0)),
+        "after the thrust and the torques that they make",
+    ),
 }
+
+
+MIX = np.array([[1.0, -1.0, 1.0, 1.0], [1.0, 1.0, -1.0, 1.0], [1.0, 1.0, 1.0, -1.0], [1.0, -1.0, -1.0, -1.0]])
+"""Motors of thrust and of torques about x, y and z."""
+
+
+def gentle(seed: int) -> Array:
+    """A flight that hardly moves up and down, as `table`, with motors that also turn it."""
+    own = table(seed)
+    steps = np.random.default_rng(seed).standard_normal((len(own), 3))
+    rates = own[:, RATES] + 0.01 * np.cumsum(steps, axis=0)
+    rates -= rates.mean(axis=0)
+    turning = np.gradient(rates, axis=0) * RATE
+    asked = np.column_stack([0.02 * np.sin(0.7 * own[:, 0]), turning / np.abs(turning).max() * 0.2])
+    ahead = np.roll(asked, -4, axis=0)  # they act after 0.04 s
+    own[:, RATES] = rates
+    own[:, MOTORS] = 0.5 + ahead @ MIX.T + 0.005 * np.random.default_rng(seed).standard_normal((len(own), 4))
+    return own
 
 
 def inspected(folder: Path, own: Array, *more: str) -> int:
@@ -108,3 +131,18 @@ def test_instruments_that_agree_are_believed(
     said = capsys.readouterr().out
     assert "matches the turns of the attitude" in said
     assert "matches the motion of the position" in said
+
+
+@pytest.mark.parametrize(("late", "told"), [(0.0, ""), (0.3, "0.26 s after"), (-0.3, "0.34 s before")])
+def test_commands_are_held_against_the_torques_that_they_make(late: float, told: str) -> None:
+    """Thrust alone says nothing of a gentle flight: torques do."""
+    own = gentle(2)
+    own[:, MOTORS] = np.roll(own[:, MOTORS], round(late * RATE), axis=0)
+    spec = KIND.spec(ROBOT)
+    names = ("specific_force", "rates", "command")
+    channels = {c.name: c for c in KIND.channels(spec) if c.name in names}
+    parts = dict(zip(names, (FORCE, RATES, MOTORS), strict=True))
+    log = Log(own[:, 0], channels, {name: own[:, parts[name]] for name in names})
+    said = [one.sentence for one in agreement_findings(spec, log) if one.check == DELAY]
+    assert len(said) == bool(told)
+    assert told in "".join(said)

@@ -15,6 +15,7 @@ from etude.errors import UnsafeTrajectoryError
 from etude.limits.certificate import Certificate, spare
 from etude.limits.feasible import FeasibleSet
 from etude.limits.lead_ins import at_rest
+from etude.limits.library import AxisLimit
 from etude.limits.samplers import boundary
 from etude.protocols import Limit
 from etude.types import Array
@@ -115,3 +116,14 @@ def test_less_than_half_is_refused(tmp_path: Path) -> None:
     what, allowed = flight(4.0, tmp_path)
     with pytest.raises(UnsafeTrajectoryError, match=WRONG):
         played(OFFBOARD, what, KIND, KIND.spec(ROBOT), allowed)
+
+
+def test_the_ground_below_a_landing_is_no_wall() -> None:
+    """Below the margin a vehicle comes straight down; above it the floor counts."""
+    limit = AxisLimit("position", 0, ("z",), np.array([0.0]), np.array([5.0]), margin=np.array([0.3]))
+    places = np.array([[0.0], [0.2], [0.5], [1.0]])
+    for off, low in (([0.2, 0.4, 0.1, 0.1], 0.0), ([0.0, 0.0, 0.7, 0.0], -0.2)):
+        (row,) = limit.strayed(places, np.array(off)[:, None])
+        assert (row.lower, row.upper) == (0.0, 5.0)
+        assert row.proved_lower == pytest.approx(low)
+        assert (spare(row) >= 0.0) == (low == 0.0)

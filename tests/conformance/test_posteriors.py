@@ -19,7 +19,7 @@ from etude.models.gp.shared_exact import condition_shared
 from etude.protocols import Posterior
 from etude_lagrangian.kernel import gip_lin
 from etude_sparse.dictionary import DictionaryConfig, DictionaryGP
-from etude_sparse.downsampled import DownsampledGP
+from etude_sparse.downsampling import DownsampledGP
 from etude_sparse.incremental_spectrum import IncrementalSpectrum
 from etude_sparse.local import LocalGP
 from etude_sparse.lwpr.regression import LWPR

@@ -14,9 +14,9 @@ import polars as pl
 import pytest
 
 from etude.errors import DataError
-from etude.logs.readers import unpacking
+from etude.logs.readers import memory_budget
+from etude.logs.readers.memory_budget import unpacked
 from etude.logs.readers.registry import read_raw
-from etude.logs.readers.unpacking import unpacked
 from etude.storage import arrays_of, packed
 
 SMALL = 2**24
@@ -27,7 +27,7 @@ BLOCK = 2**20
 
 @pytest.fixture(autouse=True)
 def small(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(unpacking, "LARGEST", SMALL)
+    monkeypatch.setattr(memory_budget, "LARGEST", SMALL)
 
 
 def matrix(name: str, rows: int, kind: int, size: int) -> bytes:

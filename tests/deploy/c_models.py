@@ -9,8 +9,7 @@ import numpy as np
 
 from etude import plugins
 from etude.models.config import ModelConfig
-from etude.models.gp.kernels import Kernel, SquaredExponential, ard_se, structured
-from etude.models.gp.stiction import standing
+from etude.models.gp.kernels import Kernel, SquaredExponential, ard_se, standing, structured
 from etude.models.members import member_named
 from etude.models.model import LearnedModel
 from etude.models.process import Silent

@@ -369,8 +369,8 @@ def test_the_cmake_file_builds_the_library_and_runs_its_test(model: LearnedModel
 def test_in_the_loop_it_tracks_like_the_model(tmp_path: Path) -> None:
     """A model learned from the simulated arm, in the loop as C (-ffast-math) and as Python."""
     from etude.campaign.create import create_campaign
-    from etude.campaign.record.stored import load_model
-    from etude.campaign.simulate.simulation import simulate
+    from etude.campaign.record.stored_models import load_model
+    from etude.campaign.simulation import simulate
 
     campaign, _ = create_campaign(tmp_path / "lab", "arm4", seed=1)
     list(simulate(campaign, rounds=1))

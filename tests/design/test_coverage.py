@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
+from etude.design.candidates import BINS, SLOW, Region, Roam, Roamed, Visited
 from etude.design.chain import near_to_near
-from etude.design.pose_candidates import BINS, SLOW, Region, Roam, Roamed, Visited
 from etude.limits.library import AxisLimit
 from etude.protocols import Family, Trajectory
 from etude.trajectories.family import FourierConfig, FourierFamily

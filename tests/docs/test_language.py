@@ -129,3 +129,24 @@ def test_modules_that_are_named_exist(page: Path) -> None:
         and ("/" in name or not any((ROOT / "src").rglob(name)))
     ]
     assert missing == []
+
+
+OTHERS = {"ControlAllocator", "MulticopterPositionControl", "WorkQueueManager", "FrankaRobotState"}
+"""Names of PX4 and ROS."""
+
+
+def test_classes_that_are_named_exist() -> None:
+    """`Kind`, `Inputs.plan`, `etude.testing.LimitSuite`: the class is defined in this repository."""
+    files = [path for folder in ("src", "packages", "examples") for path in (ROOT / folder).rglob("*.py")]
+    code = "\n".join(path.read_text(encoding="utf-8") for path in files)
+    known = {
+        *re.findall(r"^class (\w+)", code, re.MULTILINE),
+        *re.findall(r"^(\w+) = ", code, re.MULTILINE),
+        *OTHERS,
+    }
+    missing = []
+    for page in PAGES:
+        text = re.sub(r"^```.*?^```$", "", page.read_text(encoding="utf-8"), flags=re.DOTALL | re.MULTILINE)
+        named = re.findall(r"`(?:\w+\.)*([A-Z][a-z]+[A-Za-z]*)(?:\.\w+)?(?:\([^`]*\))?`", text)
+        missing += [f"{page.name}: {name}" for name in named if name not in known]
+    assert missing == []

@@ -23,9 +23,8 @@ sys.path[:0] = [str(HERE), str(HERE.parent)]
 from flight_lab import learned_lab, run, table_of  # noqa: E402
 from rotorpy_vehicle import Airframe, Cascade, Geometric, fly  # noqa: E402
 
-from etude.campaign.ingest.log_groups import told_samples  # noqa: E402
 from etude.campaign.record.folder import open_campaign  # noqa: E402
-from etude.campaign.record.stored import stored_model  # noqa: E402
+from etude.campaign.record.stored_models import stored_model, told_samples  # noqa: E402
 from etude.models.change.judged import Judged, judged  # noqa: E402
 from etude.types import Samples  # noqa: E402
 

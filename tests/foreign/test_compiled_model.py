@@ -16,7 +16,7 @@ from etude_arm.clearance.distances import CUTOFF
 from etude_arm.clearance.pairs import gaps_of
 from etude_arm.clearance.surroundings import Box, Collision, Floor, Surroundings
 from etude_arm.loading import mjcf_writer, urdf
-from etude_arm.loading.attached import Attached, Mounting
+from etude_arm.loading.attachments import Attached, Mounting
 from etude_arm.loading.load import load_arm
 from etude_arm.model_file import spec_from_model
 from etude_arm.physics import rigid_tree

@@ -53,8 +53,11 @@ def test_a_motion_of_ones_own_leaves_with_the_learned_drag(lab: Path, tmp_path: 
 def test_the_certificate_is_of_the_motion_and_says_so(lab: Path, tmp_path: Path) -> None:
     exported(lab, eight(tmp_path), tmp_path / "out")
     proof = json.loads((tmp_path / "out" / "px4" / "certificate.json").read_text())
-    (said,) = proof["notes"]
+    said, beside = proof["notes"]
     assert "commands, not the motion" in said
+    assert "Where the learned drag is wrong" in beside
+    rows = [row for row in proof["rows"] if "learned is wrong" in row["quantity"]]
+    assert [row["axis"] for row in rows] == ["x", "y", "z"]
     assert proof["ok"]
     files = {"setpoints.csv": (tmp_path / "out" / "px4" / "setpoints.csv").read_bytes()}
     played = plugins.load("etude.exporters", "px4").back(files)

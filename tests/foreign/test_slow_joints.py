@@ -13,10 +13,9 @@ plant = pytest.importorskip("pinocchio_arm", reason="pinocchio has no wheel for 
 from small_arm import URDF, campaign_of_small_arm  # noqa: E402
 
 from etude.campaign.deployment.predict import predict  # noqa: E402
-from etude.campaign.ingest.log_groups import told_samples  # noqa: E402
 from etude.campaign.ingest.tell import tell  # noqa: E402
 from etude.campaign.record.folder import Campaign  # noqa: E402
-from etude.campaign.record.stored import stored_log  # noqa: E402
+from etude.campaign.record.stored_models import stored_log, told_samples  # noqa: E402
 
 CREEP = 0.03
 """Part of the top speed below which friction turns over."""
@@ -103,5 +102,5 @@ def test_slow_samples_teach_and_where_gears_stick_they_do_not(
     held = np.where(slow, levels.repeat(100, axis=0)[: len(log)], 0.0)
     stuck = log.put(log.channels["command"], log["command"] + 0.1 * lab.arm.torque * held)
     own = told_samples(lab.campaign, [1])
-    monkeypatch.setattr("etude.campaign.ingest.log_groups.stored_log", lambda *_: stuck)
+    monkeypatch.setattr("etude.campaign.record.stored_models.stored_log", lambda *_: stuck)
     assert own.moving.mean() > told_samples(lab.campaign, [1]).moving.mean() + 0.02

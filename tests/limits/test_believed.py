@@ -8,7 +8,15 @@ import numpy as np
 import pytest
 from test_commands import LIMIT, SWING, pendulum
 
-from etude.limits.commands import LEAST, LOOK, ROOM, SELDOM, CommandLimit, after_run, credible
+from etude.limits.commands import (
+    BELIEVED_ROOM,
+    LEAST_BELIEVED,
+    LOOK,
+    SELDOM,
+    CommandLimit,
+    after_run,
+    credible,
+)
 from etude.types import Array, Motion
 
 
@@ -34,7 +42,7 @@ def test_with_what_is_believed_the_motion_that_was_run_is_kept_with_room_to_spar
     assert (a.proved_lower, a.proved_upper) == (full[0].proved_lower, full[0].proved_upper)
     assert any("deviations there count b" in sentence for sentence in held.not_looked_at)
     motion = limit.along(SWING, LOOK)
-    room = ROOM * (8.0 - np.abs(pendulum(motion)))
+    room = BELIEVED_ROOM * (8.0 - np.abs(pendulum(motion)))
     assert np.min((room - held.spread(motion, SWING.duration, SELDOM))[:, 1]) == pytest.approx(0.0, abs=1e-12)
 
 
@@ -44,4 +52,4 @@ def test_a_model_that_agrees_with_what_was_run_is_believed_in_full() -> None:
 
 
 def test_some_of_a_deviation_counts_always() -> None:
-    np.testing.assert_array_equal(credible(vague(1e6), SWING), [1.0, LEAST])
+    np.testing.assert_array_equal(credible(vague(1e6), SWING), [1.0, LEAST_BELIEVED])

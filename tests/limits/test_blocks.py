@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from etude.limits.blocks import Block
-from etude.limits.feasible import FeasibleSet
+from etude.limits.feasible import Block, FeasibleSet
 from etude.limits.samplers import uniform
 from etude.types import Cone
 

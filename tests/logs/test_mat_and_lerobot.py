@@ -15,8 +15,8 @@ from scipy.io import loadmat, savemat
 from etude.errors import DataError
 from etude.logs.cleaning.read import read_log
 from etude.logs.readers.mat import is_mat4, variables, variables4
+from etude.logs.readers.memory_budget import MemoryBudget
 from etude.logs.readers.registry import read_raw
-from etude.logs.readers.unpacking import MemoryBudget
 from etude.types import Log
 
 LOG = make_log()

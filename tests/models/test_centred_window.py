@@ -7,7 +7,7 @@ import pytest
 
 from etude.errors import UsageError
 from etude.types import Channel
-from etude_online.measured import ORDER, CentredWindow, Source, polynomial_weights, sources
+from etude_online.row_samples import ORDER, CentredWindow, Source, polynomial_weights, sources
 
 RATE = 100.0
 CHANNELS = {

@@ -10,9 +10,8 @@ from learning_examples import PHYSICS, SMALL, Inputs, train, trajectories, traje
 from etude.models.gp.exact import ExactGP
 from etude.models.gp.fixed_inducing import FixedInducing
 from etude.models.gp.inducing import InducingGP
-from etude.models.gp.kernels import SquaredExponential
+from etude.models.gp.kernels import RestNoise, SquaredExponential
 from etude.models.gp.shared_exact import condition_shared
-from etude.models.gp.stiction import RestNoise
 from etude.models.store import model_bytes, model_of
 
 RNG = np.random.default_rng(0)

@@ -26,7 +26,7 @@ from etude.models.forms import kernel_of, kernel_words
 from etude.models.gp.exact import ExactGP
 from etude.models.gp.kernels import structured
 from etude.models.gp.single_point import PointMean
-from etude.testing.kernel import KernelSuite
+from etude.testing.models import KernelSuite
 from etude_lagrangian.joints import Joints, joints_of
 from etude_lagrangian.kernel import Lagrangian, gip_lin
 from etude_lagrangian.parameters import Parameters

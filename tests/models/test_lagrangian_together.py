@@ -28,7 +28,7 @@ from etude.models.config import ModelConfig
 from etude.models.gp.kernels import Linear, structured
 from etude.protocols import FitData
 from etude.testing.differences import central
-from etude.testing.process import ProcessSuite
+from etude.testing.models import ProcessSuite
 from etude_lagrangian.joints import Joints
 from etude_lagrangian.likelihood import JointHyperparameters, initial_hyperparameters, joint_likelihood
 from etude_lagrangian.member import AllOutputs, all_lin

@@ -158,7 +158,7 @@ def test_fields_far_apart_and_near_each_other() -> None:
     X, y = data(400)
     many = LWPR(metric=8.0, rate=0.0, prune=1.0, generate=0.5).condition(X, y)
     pruned = LWPR(metric=8.0, rate=0.0, prune=0.55, generate=0.5).condition(X, y)
-    assert len(many.c) > fields_module.ROOM  # there was room for fewer at first
+    assert len(many.c) > fields_module.FIRST_FIELDS  # there was room for fewer at first
     assert len(pruned.c) < len(many.c)
     U = (many.c - X.mean(axis=0)) / X.std(axis=0)
     w = np.exp(-4.0 * np.square(U[:, None] - U).sum(axis=2)) - np.eye(len(U))
@@ -168,7 +168,7 @@ def test_fields_far_apart_and_near_each_other() -> None:
 def test_more_room_changes_nothing(monkeypatch) -> None:
     X, y = data(200)
     wide = LWPR(metric=4.0).condition(X, y).predict(X)
-    monkeypatch.setattr(fields_module, "ROOM", 1)
+    monkeypatch.setattr(fields_module, "FIRST_FIELDS", 1)
     for ours, theirs in zip(LWPR(metric=4.0).condition(X, y).predict(X), wide, strict=True):
         np.testing.assert_array_equal(ours, theirs)
 

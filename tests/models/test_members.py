@@ -25,7 +25,7 @@ from etude import plugins
 from etude.design.criteria import Output, criterion_named, evaluate, value_of
 from etude.errors import UsageError
 from etude.models.config import SPECTRAL
-from etude.models.data.hyperparameters import counted
+from etude.models.data.fit import counted
 from etude.models.gp.shared_exact import condition_shared
 from etude.models.members import member_named
 from etude.models.process import Posteriors

@@ -22,7 +22,7 @@ from learning_examples import trajectories as longer
 
 from etude import plugins
 from etude.models.config import SCHEDULES, SPECTRAL, ModelConfig
-from etude.models.data.hyperparameters import on_schedule, trained_process
+from etude.models.data.fit import on_schedule, trained_process
 from etude.models.gp.exact import ExactGP
 from etude.models.gp.training import fit, initial_gp
 from etude.models.members import member_named

@@ -20,7 +20,7 @@ from synthetic_campaign import write_campaign
 
 from chromium import chromium, complaints
 from etude import cli
-from etude.campaign.ingest.untell import abandon
+from etude.campaign.ingest.tell import abandon
 from etude.campaign.record.folder import open_campaign
 from etude.errors import UsageError
 from etude.report.build import live_report

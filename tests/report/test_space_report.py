@@ -18,9 +18,9 @@ from etude.campaign.propose.ask import ask
 from etude.campaign.record.events import to_json
 from etude.campaign.record.folder import open_campaign
 from etude.campaign.record.journal import chained, read_events
-from etude.campaign.record.stored import stored_model
-from etude.campaign.simulate.simulation import simulate
-from etude.report import curves
+from etude.campaign.record.stored_models import stored_model
+from etude.campaign.simulation import simulate
+from etude.report import record as curves
 from etude.report.build import CONTENTS, build_report
 from etude.report.markup import duration, number, with_unit
 from etude.report.pictures import write_picture

@@ -61,7 +61,7 @@ def read_table(kind: type[T], table: Any, start: T, where: str) -> T:
     names = [field.name for field in _fields(kind)]
     refuse_unknown(table, names, where)
     types = typing.get_type_hints(kind)
-    given = {key: _value(types[key], value, key, where) for key, value in table.items()}
+    given = {key: converted(types[key], value, key, where) for key, value in table.items()}
     return _made(kind, {**{name: getattr(start, name) for name in names}, **given}, where)
 
 
@@ -122,7 +122,9 @@ def write_values(value: Any, comments: tuple[str, ...] = ()) -> str:
             several = isinstance(item, tuple)
             for one in item if several else (item,):
                 lines += ["", f"[[{name}]]" if several else f"[{name}]"]
-                lines += [f"{key} = {toml_value(v)}" for key, v in _entries(one)]
+                # keys of a plug-in's table are names of arguments
+                named = list(one.items()) if several and isinstance(one, Mapping) else _entries(one)
+                lines += [f"{key} = {toml_value(v)}" for key, v in named]
     return "\n".join(lines) + "\n"
 
 
@@ -164,7 +166,7 @@ def _nested(field: dataclasses.Field[Any], expected: Any, value: Any, where: str
     """The value of one field: tables become dataclasses."""
     inner = _dataclass_in(expected)
     if inner is None:
-        return _value(expected, value, field.name, where)
+        return converted(expected, value, field.name, where)
     if typing.get_origin(expected) is not tuple:
         return from_table(inner, value, f"{where} [{field.name}]")
     if not isinstance(value, list) or not all(isinstance(one, Mapping) for one in value):
@@ -187,7 +189,8 @@ def _dataclass_in(expected: Any) -> Any:
     return next((one for one in typing.get_args(expected) if dataclasses.is_dataclass(one)), None)
 
 
-def _value(expected: Any, value: Any, key: str, where: str) -> Any:
+def converted(expected: Any, value: Any, key: str, where: str) -> Any:
+    """A value of TOML as that type; UsageError with key and place if it is none."""
     import msgspec
 
     if value == "none" and type(None) in typing.get_args(expected):  # TOML has no null
@@ -233,5 +236,5 @@ def _is_table(value: Any) -> bool:
     if isinstance(value, Mapping):
         return bool(value)
     if isinstance(value, tuple):
-        return bool(value) and dataclasses.is_dataclass(value[0])
+        return bool(value) and (dataclasses.is_dataclass(value[0]) or isinstance(value[0], Mapping))
     return dataclasses.is_dataclass(value)

@@ -1,4 +1,4 @@
 """A campaign folder and what is done with it: the only circle, through files."""
 
-PUBLIC = ("create",)
+PUBLIC = ("create", "simulation", "training")
 """Modules that may be used from outside."""

@@ -2,21 +2,24 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 from etude import plugins
 from etude._runtime.toml_tables import decoded
-from etude._runtime.trust import folder_id, trust_own
+from etude._runtime.trust import folder_id, is_trusted, trust_own
+from etude._runtime.trust import trust as add_trust
 from etude.campaign.record.config import preset_config
 from etude.campaign.record.config_file import CONFIG, config_text, load_config
 from etude.campaign.record.events import Created
 from etude.campaign.record.folder import ROBOT, Campaign, names_of, open_campaign, require_plain
 from etude.campaign.record.journal import JOURNAL, commit, read_events
 from etude.errors import UsageError
+from etude.plugins import named_in
 from etude.protocols import Kind
 from etude.storage import sha256_of, write_atomic, writer_lock
 from etude.types import Described
@@ -39,7 +42,13 @@ WHOLE = RobotPart()
 
 
 def create_campaign(
-    path: Path, robot: str, preset_name: str = "default", seed: int = 0, part: RobotPart = WHOLE
+    path: Path,
+    robot: str,
+    preset_name: str = "default",
+    seed: int = 0,
+    part: RobotPart = WHOLE,
+    *,
+    trust: bool = False,
 ) -> tuple[Campaign, tuple[str, ...]]:
     """Makes the folder: robot.toml and its files, campaign.toml, and the journal's first event.
 
@@ -49,6 +58,7 @@ def create_campaign(
         preset_name: of the kind, "default" or "thesis"; written out in full.
         seed: of every random number the campaign draws.
         part: of the robot that the description holds.
+        trust: run code that the description names as module:attribute (a limit of one's own).
 
     Returns:
         the campaign, and one sentence for each assumption that a person should confirm.
@@ -61,7 +71,8 @@ def create_campaign(
     if os.path.isfile(path / JOURNAL):  # before the robot is read, which takes seconds
         _require_empty(path)
     kind, description = find_robot(robot)
-    described = kind.described(description) if part == WHOLE else _chosen(kind, description, part)
+    with reading(description, trust=trust):
+        described = kind.described(description) if part == WHOLE else _chosen(kind, description, part)
     if ROBOT in described.files:
         require_plain(names_of(decoded(described.files[ROBOT].decode(), robot)), robot)
     config = replace(preset_config(kind, preset_name), seed=seed)
@@ -69,7 +80,8 @@ def create_campaign(
     with writer_lock(path):
         _require_empty(path)
         files = _written(path, described)
-        spec = kind.spec(path / ROBOT)
+        with reading(description, trust=trust):
+            spec = kind.spec(path / ROBOT)
         axes = next(c.parts for c in kind.channels(spec) if c.name == kind.path)
         write_atomic(path / CONFIG, config_text(config, kind).encode())
         fact = Created(seed=seed, preset=preset_name, kind=kind.name, robot=spec.name, axes=tuple(axes))
@@ -101,10 +113,32 @@ def _chosen(kind: Kind, description: Path, part: RobotPart) -> Described:
     return found
 
 
-def load_robot(robot: str | Path) -> Any:
-    """The description of a built-in robot's name, or of a file. Errors as `find_robot`."""
+def load_robot(robot: str | Path, *, trust: bool = False) -> Any:
+    """The description of a built-in robot's name, or of a file; trust: run code that it names.
+
+    Raises:
+        UsageError: as `find_robot`; or the file names code as module:attribute and is not trusted.
+    """
     kind, path = find_robot(str(robot))
-    return kind.spec(path)
+    with reading(path, trust=trust):
+        return kind.spec(path)
+
+
+@contextlib.contextmanager
+def reading(path: Path, *, trust: bool = False) -> Iterator[None]:
+    """Within it names of code are those of a robot file that is in no campaign; see `plugins.named_in`."""
+    if trust:
+        yield
+        return
+    with named_in(path, path, sha256_of(path), f"etude init FOLDER --robot {path} --trust"):
+        yield
+
+
+def trust_robot(robot: str) -> None:
+    """Puts a robot's file on this user's list: code that it names is run. OSError: it cannot be written."""
+    _, path = find_robot(robot)
+    if not is_trusted(path, sha256_of(path)):
+        add_trust(path, sha256_of(path))
 
 
 def find_robot(robot: str) -> tuple[Kind, Path]:

@@ -217,8 +217,9 @@ def _distances(rows: Sequence[Proof]) -> list[str]:
     near = [[row.axis, f"{row.proved_lower:.4g}", f"{row.lower:.4g}"] for row in rows[:NEAREST]]
     if not near:
         return []
-    lines = [table(["distance (m) of", "proved at least", "to keep"], near), "Where they come nearest:"]
-    lines += [f"  - {row.axis}: {row.where}" for row in rows[:NEAREST] if row.where]
+    lines = [table(["distance (m) of", "proved at least", "to keep"], near)]
+    where = [f"  - {row.axis}: {row.where}" for row in rows[:NEAREST] if row.where]
+    lines += ["Where they come nearest:", *where] if where else []
     rest = rows[NEAREST:]
     if rest:
         least = min(row.proved_lower for row in rest)

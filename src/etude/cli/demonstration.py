@@ -10,7 +10,7 @@ from typing import Any
 from etude.campaign.create import create_campaign, find_robot
 from etude.campaign.record.folder import Campaign
 from etude.campaign.record.rounds import SimulatedRound, summary
-from etude.campaign.simulate.simulation import simulate
+from etude.campaign.simulation import simulate
 from etude.cli.outcome import Say
 from etude.errors import UsageError
 from etude.report.build import build_report

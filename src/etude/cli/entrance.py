@@ -195,8 +195,8 @@ def _run(given: list[str]) -> int:
     from etude.cli.terminal import fitted, progress_shown
 
     command = command_of(given)
-    if getattr(command, "trust", False):
-        _trust(command)
+    if command.trust:
+        _tell(f"Trusted from now on, by you: code that the files in {command.trust_files()} name.")
     with progress_shown(silent=command.json):
         outcome = command.run(_tell)
     line = fitted(outcome.text, sys.stdout)
@@ -205,21 +205,6 @@ def _run(given: list[str]) -> int:
     if line:
         print(line, flush=True)
     return outcome.exit_code
-
-
-def _trust(command: object) -> None:
-    """Puts the command's folder on this user's list."""
-    from etude.errors import UsageError
-
-    folder = getattr(command, "folder", None)
-    if folder is None:
-        raise UsageError(
-            "--trust is of commands that have a campaign's folder", next_step="etude status FOLDER --trust."
-        )
-    from etude.campaign.record.config_file import trust_campaign
-
-    trust_campaign(folder)
-    _tell(f"Trusted from now on, by you: code that the files in {folder} name.")
 
 
 def _tell(text: str) -> None:

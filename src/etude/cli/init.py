@@ -46,6 +46,13 @@ class Init(Common):
     mesh_root: tuple[Path, ...] = ()
     """Folders to look for meshes in first, with their package's name or without."""
 
+    def trust_files(self) -> Path:
+        """The robot's file: its folder is not made yet, and will be trusted as it is made."""
+        from etude.campaign.create import trust_robot
+
+        trust_robot(self.robot)
+        return Path(self.robot)
+
     def run(self, _: Say) -> Outcome:
         from etude.campaign.create import RobotPart, create_campaign
         from etude.errors import UsageError

@@ -29,6 +29,20 @@ class Common:
     trust: bool = False
     """Run code that the folder's files name as module:attribute; remembered for you and this folder."""
 
+    def trust_files(self) -> Path:
+        """Puts what the command names on this user's list. UsageError: it has no campaign's folder."""
+        from etude.campaign.record.config_file import trust_campaign
+        from etude.errors import UsageError
+
+        folder = vars(self).get("folder")
+        if folder is None:
+            raise UsageError(
+                "--trust is of commands that have a campaign's folder",
+                next_step="etude status FOLDER --trust.",
+            )
+        trust_campaign(folder)
+        return Path(folder)
+
 
 def opened(folder: Path) -> Campaign:
     """The campaign in a folder."""
@@ -62,6 +76,12 @@ class Command(Protocol):
 
     @property
     def json(self) -> bool: ...
+    @property
+    def trust(self) -> bool: ...
+
+    def trust_files(self) -> Path:
+        """Trusts them, and says which."""
+        ...
 
     def run(self, say: Say, /) -> Outcome:
         """Does the work; `say` shows progress on stderr."""

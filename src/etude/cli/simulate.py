@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from etude.campaign.record.events import Evaluated
     from etude.campaign.record.rounds import SimulatedRound
     from etude.campaign.record.state import State
-    from etude.campaign.simulate.simulation import Adaptation
+    from etude.campaign.simulation import Adaptation
 
 BY_AXIS = {"deg": "joints_deg", "m": "xyz_and_distance_m"}
 """What the errors along the axes are called, by their unit."""
@@ -50,7 +50,7 @@ class Simulate(Common):
     """Then run a motion that is never trained on, without and with the learned feedforward."""
 
     def run(self, say: Say) -> Outcome:
-        from etude.campaign.simulate.simulation import simulate, simulate_confirmation
+        from etude.campaign.simulation import simulate, simulate_confirmation
         from etude.errors import UsageError
 
         if self.rounds < 0:

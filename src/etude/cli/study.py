@@ -27,7 +27,7 @@ OPTIONS = (
 )
 """Of a study of many ids."""
 LINE = "{:15} {:>5}  {:21}  {}"
-LEAST = 24
+LEAST_WIDTH = 24
 """Characters of what an id is about, however narrow the terminal."""
 LISTED = ("what", "seeds", "verdict", "command")
 SEEDS = 4
@@ -264,7 +264,7 @@ def _listed() -> Outcome:
 
 def _short(text: str, room: int) -> str:
     """As much of it as there is room for."""
-    room = max(LEAST, room)
+    room = max(LEAST_WIDTH, room)
     return text if len(text) <= room else f"{text[: room - 3]}..."
 
 

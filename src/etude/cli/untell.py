@@ -19,7 +19,7 @@ class Untell(Common):
     """Of the log."""
 
     def run(self, say: Say) -> Outcome:
-        from etude.campaign.ingest.untell import untell
+        from etude.campaign.ingest.tell import untell
 
         changed = untell(opened(self.folder), self.number, say=say)
         text = f"Log {self.number} is taken back." if changed else "It was taken back before."
@@ -35,7 +35,7 @@ class Abandon(Common):
     """Of the trajectory."""
 
     def run(self, say: Say) -> Outcome:
-        from etude.campaign.ingest.untell import abandon
+        from etude.campaign.ingest.tell import abandon
 
         changed = abandon(opened(self.folder), self.number, say=say)
         text = f"Trajectory {self.number} is abandoned." if changed else "It was abandoned before."

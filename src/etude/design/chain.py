@@ -8,11 +8,10 @@ from itertools import pairwise
 
 import numpy as np
 
-from etude.design.candidates import Source
+from etude.design.candidates import Roam, Roamed, Source
 from etude.design.config import DesignConfig
 from etude.design.latents import Latent
 from etude.design.objective import MOTIONS
-from etude.design.pose_candidates import Roam, Roamed
 from etude.design.solve import Design, design, variance_removed
 from etude.limits.certificate import certify
 from etude.limits.lead_ins import at_rest

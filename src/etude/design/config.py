@@ -67,7 +67,7 @@ class DesignConfig:
                 raise UsageError(
                     f"{name} is '{known[0]}' or '{known[1]}', not {value!r}", where=f"design.{name}"
                 )
-        for name, least in LEAST.items():
+        for name, least in LEAST_VALUES.items():
             if not getattr(self, name) >= least:
                 raise UsageError(
                     f"{name} must be >= {least}, not {getattr(self, name)}", where=f"design.{name}"
@@ -78,5 +78,5 @@ class DesignConfig:
             )
 
 
-LEAST = {"candidates": 1, "points": 1, "reference_points": 1, "refine": 0, "steps": 0, "inducing": 0}
+LEAST_VALUES = {"candidates": 1, "points": 1, "reference_points": 1, "refine": 0, "steps": 0, "inducing": 0}
 WORDS = {"sampler": ("scaled", "uniform"), "first": ("designed", "random"), "reference": ("mixed", "family")}

@@ -19,7 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from etude import plugins
-from etude._runtime.blas import dpotrs, dtrtrs
+from etude._runtime.scipy_parts import dpotrs, dtrtrs
 from etude.design.config import GROUP
 from etude.design.score import Batch, Criterion, Output, Score, evaluate, needing, value_of
 from etude.errors import UsageError

@@ -9,11 +9,10 @@ import numpy as np
 
 from etude.design.objective import Objective
 from etude.errors import UnsafeTrajectoryError
-from etude.limits.blocks import Block
 from etude.limits.certificate import spare
-from etude.limits.feasible import FeasibleSet
+from etude.limits.feasible import Block, FeasibleSet
 from etude.protocols import Family, Limit, Trajectory
-from etude.trajectories.extremes import ROOM
+from etude.trajectories.extremes import USABLE_PART
 from etude.types import Array
 
 INSTANTS = 400
@@ -158,7 +157,7 @@ class NonconvexLimits:
                 for _ in range(TRIES):
                     trial = p.copy()
                     use = block.gauge(p[block.members])
-                    step = min(factor, ROOM / use) if use > 0.0 else 1.0
+                    step = min(factor, USABLE_PART / use) if use > 0.0 else 1.0
                     trial[block.members] = block.centre + step * (p[block.members] - block.centre)
                     if step <= LEAST_GROWTH or not _hold(self.limits[:1], family, trial, True):
                         break  # by what is mostly in the way, and costs least
@@ -223,7 +222,7 @@ def _stretched(
     fixed = stand(way.min(axis=0) if side else way.max(axis=0))[block.members]
     own = p[block.members]
     _, most = block.chord(own[None], (own - fixed)[None])
-    step = min(factor - 1.0, ROOM * float(most[0]))
+    step = min(factor - 1.0, USABLE_PART * float(most[0]))
     if not step > LEAST_GROWTH - 1.0:
         return None
     trial = p.copy()

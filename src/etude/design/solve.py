@@ -11,14 +11,13 @@ from typing import Protocol
 
 import numpy as np
 
-from etude._runtime.lbfgs import minimise
+from etude._runtime.scipy_parts import minimise
 from etude.design.aim import objective
-from etude.design.candidates import Drawn, Source
+from etude.design.candidates import Drawn, Roam, Roamed, Source
 from etude.design.config import DesignConfig
 from etude.design.latents import Latent
 from etude.design.nonconvex_limits import NonconvexLimits, Penalised
 from etude.design.objective import MOTIONS, Objective
-from etude.design.pose_candidates import Roam, Roamed
 from etude.errors import UsageError
 from etude.limits.feasible import FeasibleSet
 from etude.progress import counted, part

@@ -319,12 +319,12 @@ def _bend(mean: Array) -> Array:
     return np.maximum(bend, np.maximum(np.roll(bend, 1, axis=0), np.roll(bend, -1, axis=0)))
 
 
-ROOM = 2.0 / 3.0
+BELIEVED_ROOM = 2.0 / 3.0
 """Part of the room beside the mean that deviations may use along a motion that was run: the next one is
 another, whose deviations may be half as large again."""
-NEAR = 0.9
+NEAR_LIMIT = 0.9
 """Part of half a limit beyond which a mean proves nothing: there the robot may have been at its limit."""
-LEAST = 0.25
+LEAST_BELIEVED = 0.25
 """Part of the deviations that always counts: with the usual factor of 4 about one of them."""
 
 
@@ -354,10 +354,10 @@ def credible(limit: CommandLimit, ran: Trajectory) -> Array:
     mean, spread = limit.mean(motion), limit.spread(motion, ran.duration, SELDOM)
     half = 0.5 * (limit.upper - limit.lower)
     off = np.abs(mean - 0.5 * (limit.upper + limit.lower))
-    told = (off <= NEAR * half) & (spread > 0.0)
+    told = (off <= NEAR_LIMIT * half) & (spread > 0.0)
     with np.errstate(divide="ignore"):
-        parts = np.where(told, ROOM * (half - off) / spread, np.inf)
-    return np.asarray(np.clip(parts.min(axis=0), LEAST, 1.0))
+        parts = np.where(told, BELIEVED_ROOM * (half - off) / spread, np.inf)
+    return np.asarray(np.clip(parts.min(axis=0), LEAST_BELIEVED, 1.0))
 
 
 LONGEST = 120.0

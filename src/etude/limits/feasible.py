@@ -1,9 +1,13 @@
-"""FeasibleSet: the parameters whose motions keep every limit at all times, block by block."""
+"""FeasibleSet: the parameters whose motions keep every limit at all times, as blocks of convex sets.
+
+What is linear in the parameters and bounded in size at each instant is convex whatever it is: position
+(slabs), |velocity|, |a + g| and the cylinder (balls), tilt (a cone about the vertical).
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -11,13 +15,237 @@ import numpy as np
 from numpy.typing import NDArray
 
 from etude.errors import UnsafeTrajectoryError
-from etude.limits.blocks import Block
 from etude.protocols import Family, Limit
-from etude.trajectories.extremes import ROOM
+from etude.trajectories.extremes import USABLE_PART
 from etude.types import Array, Cone, Index
 
 REFINED = 3
 """Steps of least squares by normal equations, each of which takes the rounding of the last one back."""
+
+
+SHARPNESS = 48
+"""Exponent of the p-norms of `smooth_gauge`."""
+
+
+@dataclass(frozen=True, eq=False)
+class Ball:
+    """|rows_m p + offset_m| <= 1 + slope_m p at M instants: a cone of the contracts, seen from a centre.
+
+    Attributes:
+        rows: (c, M, n). offset: (c, M). slope: (M, n).
+        centre: (n,) inside.
+    """
+
+    rows: Array
+    offset: Array
+    slope: Array
+    centre: Array
+
+    @cached_property
+    def start(self) -> tuple[Array, Array, Array]:
+        """At the centre: u (c, M), reach (M,) and reach^2 - |u|^2 (M,)."""
+        u, reach = self.parts(self.centre[None])
+        u, reach = u[:, :, 0], reach[:, 0]
+        return u, reach, reach**2 - (u * u).sum(axis=0)
+
+    def parts(self, points: Array) -> tuple[Array, Array]:
+        """u (c, M, K) and reach (M, K) at points (K, n)."""
+        c, M, n = self.rows.shape
+        u = (self.rows.reshape(c * M, n) @ points.T).reshape(c, M, -1) + self.offset[:, :, None]
+        return u, 1.0 + self.slope @ points.T
+
+    def contains(self, point: Array) -> bool:
+        """Whether p (n,) is inside, edges included."""
+        u, reach = self.parts(point[None])
+        return bool(np.all(reach >= 0.0) and np.all(reach**2 - (u**2).sum(axis=0) >= 0.0))
+
+    def uses(self, step: Array) -> tuple[Array, Array, Array, Array]:
+        """Gauge (M,) of centre + step (n,) at each instant, and what its gradient needs.
+
+        The least g >= 0 for which centre + step/g is inside: the larger root of
+        (e^2 - |u|^2) g^2 + 2 (e s - u.w) g + s^2 - |w|^2, u and e of the centre, w and s of the step.
+
+        Returns:
+            g (M,), root of the discriminant (M,), w (c, M), s (M,).
+        """
+        u, e, A = self.start
+        w, s = self.rows @ step, self.slope @ step
+        B = e * s - (u * w).sum(axis=0)
+        root = np.sqrt(np.maximum(B * B - A * (s * s - (w * w).sum(axis=0)), 0.0))
+        return np.maximum((root - B) / A, 0.0), root, w, s
+
+    def pulled(self, weights: Array, g: Array, root: Array, w: Array, s: Array) -> Array:
+        """(n,) sum of weights (M,) times the gradients of `uses`."""
+        u, e, _ = self.start
+        share = np.divide(weights, root, out=np.zeros_like(root), where=(root > 0.0) & (g > 0.0))
+        inward = np.einsum("cm,cmn->n", share * (g * u + w), self.rows)
+        return np.asarray(inward - (share * (g * e + s)) @ self.slope)
+
+    def reach_along(self, points: Array, directions: Array) -> tuple[Array, Array]:
+        """Least and largest multiples (K,) of the directions (K, n) that stay inside, from points inside."""
+        u, e = self.parts(points)
+        w, slope = self.parts(directions)
+        w, slope = w - self.offset[:, :, None], slope - 1.0
+        # |u + s w|^2 - (e + s slope)^2 = A s^2 + 2 B s + C <= 0, with C <= 0 at s = 0
+        A = (w * w).sum(axis=0) - slope**2
+        B = (u * w).sum(axis=0) - e * slope
+        C = np.minimum((u * u).sum(axis=0) - e**2, 0.0)
+        return -_first_root(A, -B, C).min(axis=0), _first_root(A, B, C).min(axis=0)
+
+
+def _first_root(A: Array, B: Array, C: Array) -> Array:
+    """Smallest s >= 0 with A s^2 + 2 B s + C = 0, C <= 0, without cancellation; infinite if there is none."""
+    inside = B * B - A * C
+    root = np.sqrt(np.maximum(inside, 0.0))
+    ahead = (B > 0.0) & (inside >= 0.0)
+    out = np.full(A.shape, np.inf)
+    np.divide(root - B, A, out=out, where=~ahead & (A > 0.0))
+    np.divide(-C, B + root, out=out, where=ahead)
+    return out
+
+
+@dataclass(frozen=True, eq=False)
+class Block:
+    """Parameters that cones couple with one another and with no others.
+
+    Attributes:
+        members: (n,) places of its parameters.
+        slabs: (m, n) and middle: (m,): |slabs p - middle| <= 1.
+        balls: the other cones.
+        centre: (n,) a point inside.
+        still: (s,) places, among its own, of parameters that only shift: their rows are the same at every
+            instant.
+    """
+
+    members: Index
+    slabs: Array
+    middle: Array
+    balls: tuple[Ball, ...]
+    centre: Array
+    still: Index
+
+    @classmethod
+    def of(cls, members: Index, cones: Sequence[Cone], centre: Array) -> Block:
+        """The block of these parameters, from the cones that couple them."""
+        own = centre[members]
+        flat = [cone for cone in cones if cone.slope is None and len(cone.rows) == 1]
+        rows = [cone.rows[0][:, members] for cone in flat]
+        middle = [-cone.offset[0] for cone in flat]
+        balls = [
+            Ball(cone.rows[:, :, members], cone.offset, _slope(cone)[:, members], own)
+            for cone in cones
+            if cone.slope is not None or len(cone.rows) > 1
+        ]
+        tables = [*rows, *(ball.slope for ball in balls), *(part for ball in balls for part in ball.rows)]
+        still = np.flatnonzero([all(_same(table[:, i]) for table in tables) for i in range(len(members))])
+        empty = np.zeros((0, len(members)))
+        return cls(
+            members,
+            np.concatenate([empty, *rows]),
+            np.concatenate([np.zeros(0), *middle]),
+            tuple(balls),
+            own,
+            still.astype(np.int64),
+        )
+
+    def about(self, centre: Array) -> Block:
+        """The same block seen from another point (n,) inside."""
+        return replace(self, centre=centre, balls=tuple(replace(ball, centre=centre) for ball in self.balls))
+
+    @cached_property
+    def _start(self) -> Array:
+        """(m,) signed use of the slabs at the centre."""
+        return np.asarray(self.slabs @ self.centre - self.middle)
+
+    def contains(self, point: Array) -> bool:
+        """Whether p (n,) is inside, edges included."""
+        flat = bool(np.all(np.abs(self.slabs @ point - self.middle) <= 1.0))
+        return flat and all(ball.contains(point) for ball in self.balls)
+
+    def _flat_uses(self, step: Array) -> tuple[Array, Array]:
+        """Gauge (m,) of the slabs at centre + step, and its derivative in each row's own step."""
+        along = self.slabs @ step
+        slope = np.where(along >= 0.0, 1.0, -1.0)
+        slope = slope / (1.0 - slope * self._start)
+        return along * slope, slope
+
+    def gauge(self, point: Array) -> float:
+        """Least g for which centre + (p - centre)/g is inside; <= 1 means inside."""
+        step = point - self.centre
+        uses = [self._flat_uses(step)[0], *(ball.uses(step)[0] for ball in self.balls)]
+        return max(float(use.max(initial=0.0)) for use in uses)
+
+    def smooth_gauge(self, point: Array) -> tuple[float, Array]:
+        """A smooth upper bound of `gauge`, a few per cent above it, and its gradient (n,).
+
+        p-norms in place of maxima. Optima lie where several limits are touched at once, where the gauge
+        itself has corners that stop a quasi-Newton search; so does a start that was scaled to the limits.
+        """
+        step = point - self.centre
+        flat, slope = self._flat_uses(step)
+        balls = [ball.uses(step) for ball in self.balls]
+        value, weights = _norm([flat, *(found[0] for found in balls)])
+        gradient = (weights[0] * slope) @ self.slabs
+        for ball, found, weight in zip(self.balls, balls, weights[1:], strict=True):
+            gradient = gradient + ball.pulled(weight, *found)
+        return value, gradient
+
+    def chord(self, points: Array, directions: Array) -> tuple[Array, Array]:
+        """Exact ends of lines through the block: points + s directions is inside for low <= s <= high.
+
+        Args:
+            points: (K, n), inside.
+            directions: (K, n); of one that is zero the ends are infinite.
+
+        Returns:
+            low (K,) <= 0 and high (K,) >= 0.
+        """
+        use, step = self.slabs @ points.T - self.middle[:, None], self.slabs @ directions.T
+        size, leaning = np.abs(step), np.where(step >= 0.0, 1.0, -1.0) * use
+        ahead, behind = np.full((2, *size.shape), np.inf)
+        with np.errstate(over="ignore"):  # a row that hardly moves ends the line nowhere
+            np.divide(np.maximum(1.0 - leaning, 0.0), size, out=ahead, where=size > 0.0)
+            np.divide(np.maximum(1.0 + leaning, 0.0), size, out=behind, where=size > 0.0)
+        lows, highs = [-behind.min(axis=0, initial=np.inf)], [ahead.min(axis=0, initial=np.inf)]
+        for ball in self.balls:
+            first, last = ball.reach_along(points, directions)
+            lows.append(first)
+            highs.append(last)
+        return np.max(lows, axis=0), np.min(highs, axis=0)
+
+    def ellipsoid(self) -> Array:
+        """(n, n) T: centre + T z, |z| <= 1, holds the block, whose rows' mean square is |z|^2."""
+        tables = [self.slabs, *(part for ball in self.balls for part in (*ball.rows, ball.slope))]
+        rows = np.concatenate([table[np.any(table != 0.0, axis=1)] for table in tables])
+        values, vectors = np.linalg.eigh(rows.T @ rows / len(rows))
+        return np.asarray(vectors / np.sqrt(np.maximum(values, 1e-14 * values.max())))
+
+
+def _slope(cone: Cone) -> Array:
+    return np.zeros(cone.rows.shape[1:]) if cone.slope is None else cone.slope
+
+
+def _same(column: Array) -> bool:
+    """Whether all numbers are one, up to rounding."""
+    return bool(np.ptp(column) <= 1e-12 * np.abs(column).max(initial=0.0))
+
+
+def _norm(uses: list[Array]) -> tuple[float, list[Array]]:
+    """p-norm over everything, never below the largest use (>= 0), and its derivative in each use."""
+    peak = max([float(use.max(initial=0.0)) for use in uses] + [float(np.finfo(float).tiny)])
+    total = sum(float(_power(use / peak, SHARPNESS).sum()) for use in uses)
+    norm = peak * max(total, 1.0) ** (1.0 / SHARPNESS)  # less than 1 only at the centre, where all are 0
+    return norm, [_power(use / norm, SHARPNESS - 1) for use in uses]
+
+
+def _power(base: Array, exponent: int) -> Array:
+    """base^exponent by squaring, several times faster than `**` for a whole exponent >= 1."""
+    out = np.ones_like(base)
+    while exponent:
+        if exponent & 1:
+            out = out * base
+        base, exponent = base * base, exponent >> 1
+    return out
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,13 +332,15 @@ class FeasibleSet:
         for block in self.blocks:
             own = p[block.members]
             if not block.contains(own):
-                out[block.members] = block.centre + (own - block.centre) * (ROOM / max(block.gauge(own), 1.0))
+                out[block.members] = block.centre + (own - block.centre) * (
+                    USABLE_PART / max(block.gauge(own), 1.0)
+                )
         return out
 
     def enlarge(self, p: Array) -> Array:
         """The point with each block on the edge, on its way from the centre; blocks in the centre stay."""
         use = self.gauge(p)
-        factor = np.divide(ROOM, use, out=np.ones_like(use), where=use > 0.0)
+        factor = np.divide(USABLE_PART, use, out=np.ones_like(use), where=use > 0.0)
         return np.asarray(self.centre + (p - self.centre) * factor[self.block_of])
 
     def widths(self) -> Array:

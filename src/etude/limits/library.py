@@ -15,7 +15,7 @@ import numpy as np
 
 from etude.errors import UnsafeTrajectoryError
 from etude.protocols import Family, Trajectory
-from etude.trajectories.extremes import OVERSAMPLING, ROOM, riesz_range
+from etude.trajectories.extremes import OVERSAMPLING, USABLE_PART, riesz_range
 from etude.types import Array, Cone, Margins, Motion, Proof
 
 STRAYS = "where what was learned is wrong, tracking apart"
@@ -218,7 +218,7 @@ class AxisLimit(Convex):
                 f"{self.names[j]}, {self.quantity}",
                 rows[i],
                 offset[i] + self.shift - 0.5 * (high[j] + low[j]),
-                0.5 * kappa * ROOM * (high[j] - low[j]),
+                0.5 * kappa * USABLE_PART * (high[j] - low[j]),
             )
             for j, i in enumerate(self.places)
             if math.isfinite(high[j] - low[j])
@@ -247,9 +247,12 @@ class AxisLimit(Convex):
 
     def strayed(self, places: Array, off: Array) -> Sequence[Proof]:
         """One row for each axis of a motion's places (T, k) and how far off they may be, (T, k): within the
-        limit itself, of which a margin is a part. Where the plan is, as on the ground, it may be.
+        limit itself, of which a margin is a part. Where the plan itself keeps none, straight up from the
+        ground or down to it, the ground is no wall.
         """
-        at, by = places[:, self.places], off[:, self.places]
+        at = places[:, self.places]
+        low, high = np.asarray(self.lower) + self.margin, np.asarray(self.upper) - self.margin
+        by = np.where((at >= low - SMALLEST) & (at <= high + SMALLEST), off[:, self.places], 0.0)
         ends = np.minimum(self.lower, at.min(axis=0)), np.maximum(self.upper, at.max(axis=0))
         table = np.stack([*ends, (at - by).min(axis=0), (at + by).max(axis=0)], axis=1).tolist()
         quantity = f"{self.quantity}, {STRAYS}"
@@ -319,7 +322,7 @@ class NormLimit(Convex):
         """A ball, and a slab along the shift if there is a lower bound."""
         least, most, _, _ = self.inner(_form(family))
         rows, offset, kappa = family.rows(self.order, 2)
-        places, shift, radius = list(self.axes), self._shift, math.sqrt(kappa * ROOM) * most
+        places, shift, radius = list(self.axes), self._shift, math.sqrt(kappa * USABLE_PART) * most
         name = f"{self.axis}, {self.quantity}"
         ball = Cone(name, rows[places] / radius, (offset[places] + shift[:, None]) / radius)
         if least is None:
@@ -327,7 +330,7 @@ class NormLimit(Convex):
         size = float(np.linalg.norm(shift))
         rows, offset, kappa = family.rows(self.order, 1)
         along, moved = (np.tensordot(shift / size, part[places], 1) for part in (rows, offset))
-        return [ball, slabs(name, along, moved, kappa * ROOM * (size - least))]
+        return [ball, slabs(name, along, moved, kappa * USABLE_PART * (size - least))]
 
     def prove(self, piece: Trajectory) -> Sequence[Proof]:
         """One row; without a lower bound it is written as -upper..upper, as for an axis."""
@@ -392,11 +395,11 @@ class TiltLimit(Convex):
         name = f"{self.axis}, {self.quantity}"
         cones = []
         for sign in (-1.0, 1.0):
-            reach = kappa * TILT_ROOM * ROOM * self.gravity + sign * offset[z]  # (M,)
+            reach = kappa * TILT_ROOM * USABLE_PART * self.gravity + sign * offset[z]  # (M,)
             across = math.tan(self.angle) * reach
             tips = sign * rows[z] / reach[:, None]
             cones.append(Cone(name, rows[[x, y]] / across[:, None], offset[[x, y]] / across, tips))
-        room = near_kappa * ROOM * (1.0 - self.least) * self.gravity
+        room = near_kappa * USABLE_PART * (1.0 - self.least) * self.gravity
         return [*cones, slabs(name, near[z], near_offset[z], room)]
 
     def prove(self, piece: Trajectory) -> Sequence[Proof]:

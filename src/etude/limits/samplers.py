@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from etude.limits.feasible import FeasibleSet
-from etude.trajectories.extremes import ROOM
+from etude.trajectories.extremes import USABLE_PART
 from etude.types import Array
 
 STEPS = 200
@@ -28,7 +28,7 @@ def uniform(rng: np.random.Generator, feasible: FeasibleSet, count: int = 1, ste
     for _ in range(steps):
         directions = rng.standard_normal(points.shape) * widths
         low, high = feasible.chords(points, directions)
-        points = points + (ROOM * rng.uniform(low, high))[:, feasible.block_of] * directions
+        points = points + (USABLE_PART * rng.uniform(low, high))[:, feasible.block_of] * directions
     return points
 
 
@@ -63,7 +63,7 @@ def boundary(rng: np.random.Generator, feasible: FeasibleSet, count: int = 1) ->
 def _along_rays(rng: np.random.Generator, feasible: FeasibleSet, shares: Array) -> Array:
     directions = rng.standard_normal((len(shares), feasible.size)) * feasible.widths()
     _, high = feasible.chords(np.tile(feasible.centre, (len(shares), 1)), directions)
-    return np.asarray(feasible.centre + (ROOM * shares * high)[:, feasible.block_of] * directions)
+    return np.asarray(feasible.centre + (USABLE_PART * shares * high)[:, feasible.block_of] * directions)
 
 
 def _enlarged(rng: np.random.Generator, feasible: FeasibleSet, count: int) -> Array:
@@ -84,7 +84,7 @@ def _enlarged(rng: np.random.Generator, feasible: FeasibleSet, count: int) -> Ar
 def _to_the_edge(feasible: FeasibleSet, steps: Array) -> Array:
     """The steps (K, P) from the centre, each block as long as it can be."""
     _, high = feasible.chords(np.tile(feasible.centre, (len(steps), 1)), steps)
-    return np.asarray(steps * (ROOM * np.where(np.isfinite(high), high, 0.0))[:, feasible.block_of])
+    return np.asarray(steps * (USABLE_PART * np.where(np.isfinite(high), high, 0.0))[:, feasible.block_of])
 
 
 def _shifted(rng: np.random.Generator, feasible: FeasibleSet, points: Array) -> Array:
@@ -93,7 +93,7 @@ def _shifted(rng: np.random.Generator, feasible: FeasibleSet, points: Array) -> 
     for block in feasible.blocks:
         for i in block.still:
             low, high = _room_to_shift(feasible, points, int(block.members[i]))
-            points[:, block.members[i]] += ROOM * rng.uniform(low, high)
+            points[:, block.members[i]] += USABLE_PART * rng.uniform(low, high)
     return points
 
 

@@ -23,7 +23,7 @@ HELD = 2
 """Orders that a margin is kept of: position and velocity. Accelerations are not held: friction grips and lets
 go, whatever is asked.
 """
-LAST = 8
+LOGS_CONSIDERED = 8
 """Logs that are looked back on."""
 CONFIDENCE = 0.95
 """That the next run of the form stays within its margins in all coordinates at once."""
@@ -34,7 +34,7 @@ HIDDEN = 0.005
 lets go, the rate of the error leaps for a twentieth of a second, and smoothing flattens it. It counts where a
 feedforward leaves hardly more.
 """
-MOST = 0.5
+LARGEST_MARGIN = 0.5
 """Part of the way from home, or from rest, to the nearer limit that a margin may take at most."""
 
 
@@ -58,14 +58,18 @@ class TrackingConfig:
     margin: Literal["learned", "assumed", "none"] = "learned"
     position: float = 0.02
     velocity: float = 0.05
-    most: float = MOST
+    most: float = LARGEST_MARGIN
 
     def __post_init__(self) -> None:
         if self.margin not in ("learned", "assumed", "none"):
             raise UsageError(
                 f"margin must be 'learned', 'assumed' or 'none', not {self.margin!r}", where="tracking.margin"
             )
-        for name, most in (("most", MOST), ("position", 0.5 * self.most), ("velocity", MOST)):
+        for name, most in (
+            ("most", LARGEST_MARGIN),
+            ("position", 0.5 * self.most),
+            ("velocity", LARGEST_MARGIN),
+        ):
             if not 0.0 <= getattr(self, name) <= most:
                 raise UsageError(
                     f"{name} must be a part from 0 to {most:g}, not {getattr(self, name)}",
@@ -133,17 +137,17 @@ def start_table(config: TrackingConfig, ranges: Ranges, known: Array | None) -> 
 
 def learned_table(errors: Sequence[Array], ranges: Ranges) -> tuple[Array, Array]:
     """Margins (O, k) after logs with these largest errors (orders >= O, k), oldest first."""
-    last = np.stack([own[:HELD] for own in errors[-LAST:]])
+    last = np.stack([own[:HELD] for own in errors[-LOGS_CONSIDERED:]])
     table = factor(len(last)) * last.max(axis=0)
     table[1] += HIDDEN * np.nan_to_num(ranges.size[1])
     return table, np.full_like(table, CONFIDENCE)
 
 
 def within_room(
-    table: Array, confidence: Array, ranges: Ranges, most_of: float = MOST
+    table: Array, confidence: Array, ranges: Ranges, most_of: float = LARGEST_MARGIN
 ) -> tuple[Array, Array]:
     """The margins, none above that part of the room, `MOST` of rates: what was cut is only assumed."""
-    most = np.array([[most_of], [MOST]]) * ranges.room
+    most = np.array([[most_of], [LARGEST_MARGIN]]) * ranges.room
     cut = table > most
     return np.where(cut, most, table), np.where(cut, ASSUMED, confidence)
 

@@ -30,8 +30,8 @@ SPECTRAL = ("ssgp_fixed", "ssgp_learned")
 OFFERED = ("default", "standing", "gip_lin", "all_lin")
 """Names of `candidates`."""
 USUAL_COMMANDS = 4
-"""Of the robots on which `fit_points` was settled; what more of them gain says docs/real_logs.md."""
-LEAST = {
+"""Of the robots on which `fit_points` was set; more commands gain by docs/decisions/0050-short-logs.md."""
+LEAST_VALUES = {
     "points": 2,
     "fit_points": 2,
     "basis": 1,
@@ -166,7 +166,7 @@ class ModelConfig:
         return self.averages and "standing" in self.candidates
 
     def _check_numbers(self) -> None:
-        for name, least in LEAST.items():
+        for name, least in LEAST_VALUES.items():
             if getattr(self, name) < least:
                 raise UsageError(
                     f"{name} must be at least {least}", where=f"model.{name} = {getattr(self, name)}"

@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 
 from etude import plugins
 from etude.models.gp.exact import ExactPosterior, checked_data
-from etude.models.gp.kernels import Kernel, Linear, Product, SquaredExponential, Sum
-from etude.models.gp.stiction import RestNoise
+from etude.models.gp.kernels import Kernel, Linear, Product, RestNoise, SquaredExponential, Sum
 from etude.models.protocols import Stored
 from etude.protocols import Posterior
 

@@ -37,7 +37,7 @@ _InUse = tuple[Candidate, list[int]]
 _Each = Callable[[list[_InUse]], Iterable[_InUse]]
 
 
-MOST = 64
+MOST_INPUTS = 64
 """Inputs at which it is asked, evenly spread over all: a mean over them is known to a tenth."""
 
 
@@ -61,7 +61,7 @@ def _inputs(own: list[tuple[Candidate, int]]) -> Array | None:
         process: object = candidate.process
         X = process.conditioned_on if isinstance(process, HasInputs) else None
         if X is not None and len(X):
-            return np.asarray(X[:: -(-len(X) // MOST)])
+            return np.asarray(X[:: -(-len(X) // MOST_INPUTS)])
     return None
 
 

@@ -12,8 +12,8 @@ import numpy as np
 from etude.errors import UsageError
 from etude.models.forms import posterior_arrays, posterior_of, posterior_words
 from etude.models.gp.exact import ExactPosterior
+from etude.models.gp.kernels import rests
 from etude.models.gp.shared_exact import SharedPosterior, shared_posterior
-from etude.models.gp.stiction import rests
 from etude.models.protocols import HasInputs, HasKernel
 from etude.protocols import FitData, Posterior
 from etude.types import Array, Code, Index

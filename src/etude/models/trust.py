@@ -18,7 +18,7 @@ NEVER = 1e30
 """Variance that none exceeds, in float too: of commands that nothing says to be outside."""
 WIDER = 1.1
 """Least part by which what is unknown grows from full trust to none."""
-LEAST = 1e-12
+LEAST_DEVIATION = 1e-12
 """Least prior deviation, command units: where nothing was to be learned, the safe command is the mean."""
 OUTSIDE = 2.0
 """Deviation over that of training from which a row lies outside of what a command was learned from."""
@@ -36,7 +36,7 @@ def thresholds(signal_deviation: Array, known: Array | float = 0.0) -> tuple[Arr
             of what was learned is as good as its data, though noise hides much of a small signal. Where less
             than that is unknown everywhere, a process adds no more than twice the deviation of training.
     """
-    signal = np.maximum(signal_deviation, LEAST) ** 2
+    signal = np.maximum(signal_deviation, LEAST_DEVIATION) ** 2
     full = np.maximum(TRUSTED * signal, np.minimum(np.asarray(known) * (1.0 + ROUNDING), NEVER))
     return full, np.maximum(UNKNOWN * signal, WIDER * full)
 

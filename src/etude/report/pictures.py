@@ -16,9 +16,8 @@ import numpy as np
 from etude.campaign.record.folder import Campaign
 from etude.errors import UsageError
 from etude.protocols import Trajectory
-from etude.report.curves import score, tests
 from etude.report.markup import Html
-from etude.report.record import Record, read_record
+from etude.report.record import Record, read_record, score, tests
 from etude.report.scales import Axis, Scale
 from etude.report.sections.learning import joint_style, learning_panel
 from etude.report.svg import Line, Mark, panel, thinned

@@ -9,16 +9,16 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 
-from etude.protocols import Limit
+from etude.limits.library import AxisLimit, NormLimit
+from etude.protocols import Limit, SupportsDrawing
 from etude.report.markup import Html, text
 from etude.report.png import VIRIDIS, colours
 from etude.report.scales import linear_ticks, tick_text
-from etude.report.svg import polyline
-from etude.types import Array
+from etude.report.svg import CHARACTER, polyline
+from etude.types import Array, Thing
 
 AZIMUTH, ELEVATION = math.radians(-60.0), math.radians(24.0)
 """Of the eye as seen from the room's middle: x runs to the right, y into the page."""
@@ -27,6 +27,11 @@ SIDES = {"left": 46.0, "right": 30.0, "top": 56.0, "bottom": 42.0}
 SHADES = 12
 """Steps of colour along a path."""
 STEM_S = 5.0
+STYLES = {"solid": "c5", "plane": "c7", "inside": "c8", "stand": "c8", "carried": "c3"}
+LINE_PX = 16.0
+"""Between two names, so that none lies on another."""
+EYE = np.array([np.cos(AZIMUTH) * np.cos(ELEVATION), np.sin(AZIMUTH) * np.cos(ELEVATION), np.sin(ELEVATION)])
+"""From the room towards who looks."""
 
 
 @dataclass(frozen=True)
@@ -46,11 +51,14 @@ class Path:
 
 @dataclass(frozen=True)
 class SceneBox:
-    """The box in which paths are drawn, m, and the radius of a cylinder about z in it, if there is one."""
+    """The box in which paths are drawn, m, the radius of a cylinder about z in it, if there is one, and what
+    limits have to show.
+    """
 
     lower: tuple[float, float, float]
     upper: tuple[float, float, float]
     radius: float | None = None
+    things: tuple[Thing, ...] = ()
 
 
 def room_of(limits: Sequence[Limit], paths: Sequence[Path]) -> SceneBox:
@@ -59,17 +67,18 @@ def room_of(limits: Sequence[Limit], paths: Sequence[Path]) -> SceneBox:
     low, high = np.nanmin(points, axis=0), np.nanmax(points, axis=0)
     radius = None
     for limit in limits:
-        stated_low: Any = getattr(limit, "lower", None)
-        stated_high: Any = getattr(limit, "upper", None)
-        if getattr(limit, "order", None) != 0 or stated_high is None:
-            continue
-        if np.shape(stated_high) == (3,):
-            low, high = np.minimum(low, stated_low), np.maximum(high, stated_high)
-        elif np.ndim(stated_high) == 0:
-            radius = float(stated_high)
+        if isinstance(limit, AxisLimit) and limit.order == 0 and len(limit.places) == 3:
+            low, high = np.minimum(low, limit.lower), np.maximum(high, limit.upper)
+        elif isinstance(limit, NormLimit) and limit.order == 0:
+            radius = limit.upper
     spare = 0.05 * np.maximum(high - low, 1e-3) if not limits else 0.0
     (x0, y0, z0), (x1, y1, z1) = (low - spare).tolist(), (high + spare).tolist()
-    return SceneBox((x0, y0, z0), (x1, y1, z1), radius)
+    return SceneBox((x0, y0, z0), (x1, y1, z1), radius, things_of(limits))
+
+
+def things_of(limits: Sequence[Limit]) -> tuple[Thing, ...]:
+    """What limits have to show."""
+    return tuple(thing for own in limits if isinstance(own, SupportsDrawing) for thing in own.things)
 
 
 @dataclass(frozen=True)
@@ -100,7 +109,7 @@ def scene(title: str, room: SceneBox, paths: Sequence[Path], *, note: str = "") 
     words += f'<text class="tick" x="12" y="38">{text(note)}</text>' if note else ""
     return Html(
         f'<svg class="scene" viewBox="0 0 {SIZE[0]} {height:.0f}" role="img" aria-label="{text(title)}">'
-        f"{words}{drawn_room(camera, room)}{drawn}</svg>"
+        f"{words}{drawn_room(camera, room)}{standing(camera, room, room.things)}{drawn}</svg>"
     )
 
 
@@ -210,3 +219,94 @@ def _shaded(pixels: Array, shade: Array) -> list[str]:
             line = polyline(*pixels[start : stop + 1].T)
             parts.append(f'<path class="track" style="stroke:#{red:02x}{green:02x}{blue:02x}" d="{line}"/>')
     return parts
+
+
+def standing(camera: Camera, room: SceneBox, things: Sequence[Thing]) -> str:
+    """What stands still, the far first, with names."""
+    still = [thing for thing in things if thing.kind != "carried"]
+    drawn = {thing.name: faces_in(thing, room) for thing in still}
+    shown = [thing for thing in still if drawn[thing.name]]
+    shown.sort(key=lambda thing: (thing.kind == "solid", _depth(drawn[thing.name])))
+    parts = [_thing(camera, thing, drawn[thing.name]) for thing in shown]
+    marks = [(_mark(camera, thing, drawn[thing.name]), thing.name) for thing in shown]
+    return "".join([*parts, _names(marks)])
+
+
+def cut(face: Array, lower: Array, upper: Array) -> Array:
+    """(V', 3) what of a convex polygon (V, 3) or a line (2, 3) lies between two corners (3,), if anything."""
+    for axis in range(3):
+        face = _half(face, axis, float(lower[axis]), 1.0)
+        face = _half(face, axis, float(upper[axis]), -1.0)
+    return face
+
+
+def _half(face: Array, axis: int, end: float, side: float) -> Array:
+    """What of it is on one side of a plane across an axis: beyond `end` for 1, before it for -1."""
+    beyond = side * (face[:, axis] - end)
+    kept: list[Array] = []
+    for k in range(len(face)):
+        after = (k + 1) % len(face)
+        if beyond[k] >= 0.0:
+            kept.append(face[k])
+        if beyond[k] * beyond[after] < 0.0:
+            share = beyond[k] / (beyond[k] - beyond[after])
+            kept.append(face[k] + share * (face[after] - face[k]))
+    return np.array(kept).reshape(-1, 3)
+
+
+def faces_in(thing: Thing, room: SceneBox) -> list[Array]:
+    """(V, 3) each: the faces as far as they lie in the room."""
+    points, lower, upper = thing.points[0], np.array(room.lower), np.array(room.upper)
+    found = [cut(points[list(face)], lower - 1e-9, upper + 1e-9) for face in thing.faces]
+    return [face for face in found if len(face) > 1]
+
+
+def _depth(faces: list[Array]) -> float:
+    return float(np.concatenate(faces).mean(axis=0) @ EYE)
+
+
+def _thing(camera: Camera, thing: Thing, faces: list[Array]) -> str:
+    """Its faces: those of a solid that look away are dashed behind the others, a room is edges alone."""
+    style = f"thing {thing.kind} {STYLES[thing.kind]}"
+    middle = np.concatenate(faces).mean(axis=0)
+    paths = [(_looks_here(face, middle), f"{polyline(*camera(face).T)}Z") for face in faces]
+    hidden = [line for here, line in paths if not here and thing.kind == "solid"]
+    front = [line for here, line in paths if here or thing.kind != "solid"]
+    back = f'<path class="{style} behind" d="{"".join(hidden)}"/>' if hidden else ""
+    return f'<g>{back}<path class="{style}" d="{"".join(front)}"/><title>{text(thing.name)}</title></g>'
+
+
+def _looks_here(face: Array, middle: Array) -> bool:
+    """Whether the outer side of a face of a body around `middle` looks to the eye."""
+    if len(face) < 3:
+        return True
+    normal = np.cross(face[1] - face[0], face[2] - face[0])
+    return bool((normal @ EYE) * (normal @ (face[0] - middle)) > 0.0)
+
+
+def _mark(camera: Camera, thing: Thing, faces: list[Array]) -> tuple[float, float]:
+    """px: where its name stands: on the top of a solid, at the near corner of others, below a base's foot."""
+    points = np.concatenate(faces)
+    if thing.kind == "solid":
+        top = points[points[:, 2] > points[:, 2].max() - 1e-9]
+        x, y = camera(top.mean(axis=0)[None])[0]
+        return float(x), float(y)
+    pixels = camera(points)
+    x, y = pixels[int(np.argmax(pixels[:, 1]))]
+    return float(x), float(y) + (14.0 if thing.kind == "stand" else -8.0)
+
+
+def _names(marks: list[tuple[tuple[float, float], str]]) -> str:
+    """Names where things are, moved up where one would lie on another."""
+    placed: list[tuple[float, float, float]] = []
+    parts = []
+    for (x, y), name in sorted(marks, key=lambda mark: -mark[0][1]):
+        half = 0.5 * CHARACTER * len(name)
+        x = min(max(x, half + 6.0), 394.0 - half)
+        while any(abs(x - a) < half + b and abs(y - c) < LINE_PX for a, b, c in placed):
+            y -= LINE_PX
+        placed.append((x, half, y))
+        parts.append(
+            f'<text class="thing-name" x="{x:.1f}" y="{y:.1f}" text-anchor="middle">{text(name)}</text>'
+        )
+    return "".join(parts)

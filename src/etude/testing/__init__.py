@@ -18,17 +18,11 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from etude.testing.criterion import CriterionSuite
-    from etude.testing.exporter import ExporterSuite
-    from etude.testing.family import FamilySuite
-    from etude.testing.inputs import InputsSuite
-    from etude.testing.kernel import KernelSuite
+    from etude.testing.files import ExporterSuite, ReaderSuite
     from etude.testing.kind import KindSuite
-    from etude.testing.limits import LimitSuite
-    from etude.testing.physics import PhysicsSuite
-    from etude.testing.process import ProcessSuite
-    from etude.testing.reader import ReaderSuite
-    from etude.testing.robot import RobotSuite
+    from etude.testing.models import CriterionSuite, KernelSuite, ProcessSuite
+    from etude.testing.motions import FamilySuite, LimitSuite
+    from etude.testing.robot import InputsSuite, PhysicsSuite, RobotSuite
 
 __all__ = [
     "CriterionSuite",
@@ -45,16 +39,16 @@ __all__ = [
 ]
 
 _PLACES = {
-    "CriterionSuite": "criterion",
-    "ExporterSuite": "exporter",
-    "FamilySuite": "family",
-    "InputsSuite": "inputs",
-    "KernelSuite": "kernel",
+    "CriterionSuite": "models",
+    "ExporterSuite": "files",
+    "FamilySuite": "motions",
+    "InputsSuite": "robot",
+    "KernelSuite": "models",
     "KindSuite": "kind",
-    "LimitSuite": "limits",
-    "PhysicsSuite": "physics",
-    "ProcessSuite": "process",
-    "ReaderSuite": "reader",
+    "LimitSuite": "motions",
+    "PhysicsSuite": "robot",
+    "ProcessSuite": "models",
+    "ReaderSuite": "files",
     "RobotSuite": "robot",
 }
 

@@ -11,11 +11,8 @@ import numpy as np
 
 from etude.limits.certificate import certify
 from etude.protocols import Family, Kind, Limit
-from etude.testing.family import FamilySuite
-from etude.testing.inputs import InputsSuite
-from etude.testing.limits import LimitSuite
-from etude.testing.physics import PhysicsSuite
-from etude.testing.robot import RobotSuite
+from etude.testing.motions import FamilySuite, LimitSuite
+from etude.testing.robot import InputsSuite, PhysicsSuite, RobotSuite
 from etude.testing.world import World, world
 from etude.types import Array
 
@@ -107,7 +104,7 @@ class KindSuite(InputsSuite, PhysicsSuite, RobotSuite):
     def test_the_error_falls_within_two_rounds(self, tmp_path: Path) -> None:
         """The whole loop on the simulated robot: asked, run, told, learned, tested."""
         from etude.campaign.create import create_campaign
-        from etude.campaign.simulate.simulation import simulate
+        from etude.campaign.simulation import simulate
 
         path = self.kind.built_in().get(self.robot, Path(self.robot))
         campaign, _ = create_campaign(tmp_path / "lab", str(path), seed=3)

@@ -11,7 +11,7 @@ from etude.types import Array
 
 OVERSAMPLING = 64
 """Samples per degree of a proof: the bound exceeds the true extreme by at most 0.12 %."""
-ROOM = 1.0 - 1e-9
+USABLE_PART = 1.0 - 1e-9
 """Part of each limit that is used, so that rounding never leaves a proposed trajectory just outside."""
 ROUNDING = 64.0 * float(np.finfo(float).eps)
 """Allowance for rounding in evaluating a series, relative to the sum of its amplitudes."""

@@ -12,7 +12,7 @@ import numpy as np
 from etude._runtime.pictures import Picture, picture_of
 from etude.errors import UsageError
 from etude.protocols import Trajectory
-from etude.trajectories.extremes import ROOM
+from etude.trajectories.extremes import USABLE_PART
 from etude.trajectories.fourier import to_text
 from etude.types import Array, Motion
 
@@ -186,5 +186,5 @@ def random_moves(
         )
     middle, half = 0.5 * (upper + lower), 0.5 * box_fraction * (upper - lower)
     waypoints = middle + half * rng.uniform(-1.0, 1.0, (count + 1, len(middle)))
-    speed = ROOM * rng.uniform(low, high, (count, 1)) * velocity
-    return PointToPoint(waypoints, speed, dwell, ROOM * acceleration, ROOM * np.asarray(jerk))
+    speed = USABLE_PART * rng.uniform(low, high, (count, 1)) * velocity
+    return PointToPoint(waypoints, speed, dwell, USABLE_PART * acceleration, USABLE_PART * np.asarray(jerk))

@@ -27,9 +27,9 @@ ROUNDS = 3
 """In which each joint's part of the box is widened."""
 HALF_TURN = math.pi
 """rad: a hinge's box is no wider than this to either side; a range of two turns would hide what is near."""
-ROOM = 0.003
+BOX_ROOM = 0.003
 """m, by which poses of the box are clearer than motions have to be, if home is."""
-LEAST = 0.02
+LEAST_BOX = 0.02
 """Part of its range below which a joint's box is not made smaller."""
 
 
@@ -58,7 +58,7 @@ def box_about(gaps: Gaps, home: Array, margin: float, rng: np.random.Generator) 
     low, high, slides = gaps.skeleton.lower, gaps.skeleton.upper, gaps.skeleton.slides
     half = np.where(slides, 0.5 * (high - low), np.minimum(0.5 * (high - low), HALF_TURN))
     at_home = gaps.of_poses(home[None])[0]
-    wanted = np.minimum(margin, 0.5 * at_home) + np.minimum(ROOM, 0.25 * at_home)
+    wanted = np.minimum(margin, 0.5 * at_home) + np.minimum(BOX_ROOM, 0.25 * at_home)
     signs = rng.uniform(-1.0, 1.0, (BOX_POSES, len(home)))
     signs = np.sign(signs) * np.abs(signs) ** (1.0 / 3.0)  # corners are where a box is not clear
 
@@ -81,7 +81,7 @@ def clear_poses(gaps: Gaps, poses: Array, wanted: Array) -> Mask:
 
 def _shrunk(clear: Callable[[Array], bool], size: int) -> Array:
     part = np.ones(size)
-    while not clear(part) and part[0] > LEAST:
+    while not clear(part) and part[0] > LEAST_BOX:
         part = SMALLER * part
     return part
 

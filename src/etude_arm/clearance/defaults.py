@@ -20,7 +20,7 @@ from etude_arm.clearance.distances import TOLERANCE, Gap, Gaps
 from etude_arm.clearance.hull_reduction import stand_ins
 from etude_arm.clearance.pairs import gaps_of
 from etude_arm.clearance.surroundings import Search, Surroundings
-from etude_arm.loading.loaded import Loaded
+from etude_arm.loading.loaded_model import Loaded
 
 DIGITS = 4
 """Of home and box, since people read them."""
@@ -32,11 +32,11 @@ ALWAYS = 0.95
 """Part of random poses above which two shapes that overlap do so by construction."""
 OFTEN = 0.5
 """The same of a pair that an SRDF disables."""
-NEAR = 2
+NEIGHBOUR_JOINTS = 2
 """Joints between two parts whose shapes may overlap at home; farther apart it is no artefact of shapes."""
 STILL = 0.001
 """m by which the distance of a foot changes from what it turns on."""
-FEW = 64
+OVERLAP_POSES = 64
 """Poses in which that is looked at."""
 
 
@@ -154,11 +154,11 @@ def _may_touch(gaps: Gaps, gap: Gap, leave: Pairs) -> bool:
     shapes, skeleton = gaps.skeleton.shapes, gaps.skeleton
     one = shapes[gap.one].part
     if gap.other < 0 or shapes[gap.other].box:
-        poses = skeleton.random_poses(np.random.default_rng(SEED), FEW)
+        poses = skeleton.random_poses(np.random.default_rng(SEED), OVERLAP_POSES)
         distance = gaps.of_poses(poses)[:, gaps.list.index(gap)]
         return bool(np.ptp(distance) < STILL)
     joints = int(skeleton.between(one, shapes[gap.other].part).sum())
-    return frozenset(gap.names) in leave or joints <= NEAR
+    return frozenset(gap.names) in leave or joints <= NEIGHBOUR_JOINTS
 
 
 def _without(

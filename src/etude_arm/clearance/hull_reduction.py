@@ -23,7 +23,7 @@ from etude.types import Array, Index
 from etude_arm.clearance.distances import Gaps
 from etude_arm.clearance.skeleton import Shape, Skeleton
 
-MOST = 256
+MOST_POINTS = 256
 """Points that are taken at most."""
 CLOSE = 5e-4
 """m: a radius below which no more are taken."""
@@ -42,7 +42,7 @@ class Fewer:
     radius: float
 
 
-def fewer(points: Array, most: int = MOST, close: float = CLOSE) -> Fewer:
+def fewer(points: Array, most: int = MOST_POINTS, close: float = CLOSE) -> Fewer:
     """At most `most` of points (n, 3) that span a volume, with a radius that holds the others.
 
     Fewer are taken if a radius of `close` m is enough for them.
@@ -114,7 +114,7 @@ def to_triangles(points: Array, triangles: Array) -> Array:
 
 MANY = 1000
 """Points above which a hull of fewer stands for a shape."""
-ROOM = 4.0
+ROOM_FACTOR = 4.0
 """A gap that is narrower at home than so many times what stand-ins would take of it keeps its shapes."""
 
 
@@ -131,7 +131,7 @@ def stand_ins(gaps: Gaps, home: Array) -> dict[str, Fewer]:
         return {}
     for gap, distance in zip(gaps.list, gaps.of_poses(home[None])[0], strict=True):
         ends = [found[i].radius for i in (gap.one, gap.other) if i in found]
-        if distance < ROOM * sum(ends):
+        if distance < ROOM_FACTOR * sum(ends):
             found = {i: one for i, one in found.items() if i not in (gap.one, gap.other)}
     return {shapes[i].name: _in_file(gaps.skeleton, shapes[i], one) for i, one in found.items()}
 

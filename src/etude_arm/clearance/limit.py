@@ -31,7 +31,7 @@ from etude.limits.tracking import ASSUMED
 from etude.protocols import Family, Trajectory
 from etude.trajectories.fourier import FourierTrajectory
 from etude.types import Array, Cone, Index, Margins, Mask, Motion, Proof
-from etude_arm.clearance.clear_pose import ROOM
+from etude_arm.clearance.clear_pose import BOX_ROOM
 from etude_arm.clearance.distances import CUTOFF, TOLERANCE, Gaps
 from etude_arm.clearance.path_poses import Way, way_of
 from etude_arm.clearance.skeleton import BOX
@@ -47,7 +47,7 @@ SMALL = 0.1
 """Of a joint's range: where no joint goes through more, a motion teaches hardly anything."""
 
 
-NEAR = 2
+NEIGHBOUR_JOINTS = 2
 """Joints between two parts that are neighbours."""
 FLOOR = 0.002
 """m, that neighbours keep at least."""
@@ -88,7 +88,7 @@ def neighbours(gaps: Gaps) -> Mask:
         [
             gap.other >= 0
             and not shapes[gap.other].name.startswith(BOX)
-            and int(skeleton.between(shapes[gap.one].part, shapes[gap.other].part).sum()) <= NEAR
+            and int(skeleton.between(shapes[gap.one].part, shapes[gap.other].part).sum()) <= NEIGHBOUR_JOINTS
             for gap in gaps.list
         ],
         dtype=np.bool_,
@@ -136,7 +136,7 @@ def _far(gaps: Gaps, scene: Scene) -> Mask:
 
 QUICK = 4
 """One of so many of the first samples is looked at before the others: most that collide do so there."""
-MOST = 20_000
+MOST_EVALUATIONS = 20_000
 """Evaluations after which a motion counts as not proved."""
 
 
@@ -225,7 +225,7 @@ def nearest(
         open_ = np.any(bounds < wanted, axis=1)
         closed.append((left[~open_], right[~open_]))
         touched = bool(np.any(samples.found < wanted))
-        if touched or len(samples.x) + int(open_.sum()) > MOST:
+        if touched or len(samples.x) + int(open_.sum()) > MOST_EVALUATIONS:
             return samples.nearest(bounds.min(axis=0), touched=touched)
         left, right = left[open_], right[open_]
         if len(left):
@@ -373,7 +373,7 @@ class Clearance:
     @cached_property
     def sought(self) -> Array:
         """(n,) m that samples of each gap keep in searches."""
-        return np.asarray(self._wanted + np.minimum(ROOM, 0.5 * self._wanted))
+        return np.asarray(self._wanted + np.minimum(BOX_ROOM, 0.5 * self._wanted))
 
     def _error(self, piece: Trajectory) -> tuple[Array, float]:
         """(k,) what the real joints may be off, and how sure that is."""

@@ -20,7 +20,7 @@ from etude_arm.clearance.distances import CUTOFF, Gap, Gaps
 from etude_arm.clearance.hull_reduction import Fewer, put
 from etude_arm.clearance.skeleton import BOX, Skeleton, skeleton_of
 from etude_arm.clearance.surroundings import Column, Surroundings, Wall
-from etude_arm.loading.loaded import Loaded, refused
+from etude_arm.loading.loaded_model import Loaded, refused
 
 NONE: Mapping[str, Fewer] = MappingProxyType({})
 

@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from etude.types import Array
-from etude_arm.clearance.defaults import ALWAYS, FEW, SEED, STILL
+from etude_arm.clearance.defaults import ALWAYS, OVERLAP_POSES, SEED, STILL
 from etude_arm.clearance.distances import Gaps
 from etude_arm.clearance.pairs import gaps_of
 from etude_arm.clearance.skeleton import STANDING, Skeleton
 from etude_arm.clearance.surroundings import ADD_FLOOR, MARGIN, Box, Floor, Surroundings, Wall
-from etude_arm.loading.loaded import Loaded
+from etude_arm.loading.loaded_model import Loaded
 
 if TYPE_CHECKING:
     import mujoco
@@ -95,7 +95,7 @@ def _sunk(bare: Gaps) -> list[str]:
     Args:
         bare: the robot's, with that floor as its only wall.
     """
-    distances = bare.to_walls(bare.skeleton.random_poses(np.random.default_rng(SEED), FEW))
+    distances = bare.to_walls(bare.skeleton.random_poses(np.random.default_rng(SEED), OVERLAP_POSES))
     held = ((distances < -BELOW).mean(axis=0) > ALWAYS) & (np.ptp(distances, axis=0) > STILL)
     return list(
         dict.fromkeys(gap.names[0] for gap, is_held in zip(bare.walled, held, strict=True) if is_held)
@@ -187,7 +187,7 @@ def _box(model: mujoco.MjModel, data: mujoco.MjData, geom: int, name: str) -> Bo
 
 def _held(gaps: Gaps) -> set[str]:
     """Things that hold some link in nearly every pose, or boxes that it is as near to: it stands on them."""
-    distances = gaps.of_poses(gaps.skeleton.random_poses(np.random.default_rng(SEED), FEW))
+    distances = gaps.of_poses(gaps.skeleton.random_poses(np.random.default_rng(SEED), OVERLAP_POSES))
     found = set()
     for gap, own in zip(gaps.list, distances.T, strict=True):
         boxed = gap.other >= 0 and gaps.skeleton.shapes[gap.other].box

@@ -24,7 +24,7 @@ from etude_arm.clearance.surroundings import Column
 FARTHEST = 10.0
 """m: any two shapes of a robot are nearer, so that a direction is found."""
 TINY = 1e-12
-NEAR = 0.02
+LOOKED_WITHIN = 0.02
 """m beyond what is wanted within which the pose itself is looked at."""
 
 
@@ -38,7 +38,7 @@ def lost(gaps: Gaps, poses: Array, distances: Array, error: Array, wanted: Array
         wanted: (n,) m; where the bound by reaches leaves more than that it is enough.
     """
     found = np.tile(gaps.reach @ error, (len(poses), 1))
-    near = (distances - found < wanted + NEAR) & (distances > 0.0)
+    near = (distances - found < wanted + LOOKED_WITHIN) & (distances > 0.0)
     at = np.flatnonzero(near.any(axis=1))
     if not len(at):
         return found
@@ -63,7 +63,7 @@ def all_keep(
     doubtful = ~(distances - share * most >= sought)
     if not doubtful.any():
         return True
-    near = (distances - most < wanted + NEAR) & (distances > 0.0)
+    near = (distances - most < wanted + LOOKED_WITHIN) & (distances > 0.0)
     if np.any(doubtful & ~near) or np.any(distances < sought):
         return False
     at = np.flatnonzero(doubtful.any(axis=1))

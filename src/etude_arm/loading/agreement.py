@@ -25,7 +25,7 @@ TURN = 1e-6
 """Of the entries of rotations, and of unit vectors."""
 SHARE = 1e-6
 """Of masses, moments of inertia and torques."""
-LEAST = 1e-6
+NEGLIGIBLE = 1e-6
 """kg, kg m^2, N m and N: lighter frames are left out (`inertia.NO_MASS`)."""
 SHOWN = 3
 """Differences that a message names."""
@@ -145,21 +145,21 @@ def _masses(
     for j, name in enumerate(expected.joints):
         own = part == j
         mass, wanted = float(model.body_mass[own].sum()), float(expected.mass[j])
-        if abs(mass - wanted) > LEAST + SHARE * wanted:
+        if abs(mass - wanted) > NEGLIGIBLE + SHARE * wanted:
             why = _lost(wanted - mass, expected)
             yield f"what joint '{name}' moves weighs {mass:.6g} kg, to be {wanted:.6g}{why}"
             continue
-        if not placed or wanted <= LEAST:
+        if not placed or wanted <= NEGLIGIBLE:
             continue
         weights = model.body_mass[own]
         centre = weights @ data.xipos[own] / mass
-        if np.abs(centre - expected.centre[j]).max() > LENGTH * max(1.0, LEAST * 1e3 / wanted):
+        if np.abs(centre - expected.centre[j]).max() > LENGTH * max(1.0, NEGLIGIBLE * 1e3 / wanted):
             away = float(np.linalg.norm(centre - expected.centre[j]))
             yield f"the centre of mass of what joint '{name}' moves is off by {away:.3g} m"
             continue
         inertia = _inertia(model, data, np.flatnonzero(own), centre)
         off = float(np.abs(inertia - expected.inertia[j]).max())  # NaN where the file's is none
-        if off > LEAST * 1e-2 + SHARE * float(np.trace(expected.inertia[j])):
+        if off > NEGLIGIBLE * 1e-2 + SHARE * float(np.trace(expected.inertia[j])):
             yield f"the inertia of what joint '{name}' moves is off by {off:.3g} kg m^2"
 
 
@@ -175,7 +175,7 @@ def _inertia(model: mujoco.MjModel, data: mujoco.MjData, bodies: Index, centre: 
 def _lost(less: float, expected: Expected) -> str:
     """What of tool and payload weighs as much as is missing."""
     for what, mass in expected.carried.items():
-        if abs(less - mass) < LEAST + 1e-3 * mass:
+        if abs(less - mass) < NEGLIGIBLE + 1e-3 * mass:
             return f": the {what} ({mass:g} kg) is not there"
     return ""
 
@@ -194,7 +194,7 @@ def weight_differences(own: Array, expected: Expected) -> Iterator[str]:
     wanted = expected.weight
     scale = float(np.abs(wanted).max(initial=0.0)) + 9.81 * float(expected.mass.sum())
     for j, name in enumerate(expected.joints):
-        if abs(own[j] - wanted[j]) > LEAST + SHARE * scale:
+        if abs(own[j] - wanted[j]) > NEGLIGIBLE + SHARE * scale:
             unit = "N" if expected.slides[j] else "N m"
             yield f"gravity asks {own[j]:.6g} {unit} of joint '{name}', to be {wanted[j]:.6g}"
 

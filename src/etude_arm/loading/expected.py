@@ -16,9 +16,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from etude.types import Array, Index, Mask
-from etude_arm.loading.attached import Additions, Attached
-from etude_arm.loading.choice import Choice
+from etude_arm.loading.attachments import Additions, Attached
 from etude_arm.loading.inertia import NO_MASS, SMALLEST
+from etude_arm.loading.joint_choice import Choice
 from etude_arm.loading.parsing import free_name
 
 if TYPE_CHECKING:

@@ -12,12 +12,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from etude.errors import UsageError
-from etude_arm.loading.loaded import Loaded
+from etude_arm.loading.loaded_model import Loaded
 
 if TYPE_CHECKING:
     import mujoco
-from etude_arm.loading.inertia import LEAST, MOST, NO_MASS
+from etude_arm.loading.inertia import NO_MASS
 
+LEAST_ALIKE, ALIKE_SHARE = 3, 0.5
+"""Parts that are alike, and more than this share of all: pairs of links of one size are no wonder."""
 DIGITS = 9
 """Of kg m^2: figures that a file repeats agree to the last."""
 SHOWN = 5
@@ -45,7 +47,7 @@ def _alike(model: mujoco.MjModel, parts: list[int]) -> list[str]:
     if not figures:
         return []
     most, count = Counter(figures.values()).most_common(1)[0]
-    if count < LEAST or count <= MOST * len(parts):
+    if count < LEAST_ALIKE or count <= ALIKE_SHARE * len(parts):
         return []
     return [model.body(b).name for b in parts if figures[b] == most]
 

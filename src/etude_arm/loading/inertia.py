@@ -107,7 +107,3 @@ def _sound(inertial: ET.Element, place: str) -> tuple[ET.Element, float, str]:
     ET.SubElement(new, "inertia", {key: repr(float(sound[i, j])) for key, i, j in ENTRIES})
     old = ", ".join(f"{key} {inertia[i, j]:.3g}" for key, i, j in ENTRIES[:3])
     return new, mass, "" if sound is inertia else old
-
-
-LEAST, MOST = 3, 0.5
-"""Parts that are alike, and more than this share of all: pairs of links of one size are no wonder."""

@@ -8,8 +8,8 @@ from typing import TypeVar
 
 from etude.errors import UsageError
 from etude.limits.certificate import memoized
-from etude_arm.loading.attached import Additions
-from etude_arm.loading.loaded import Loaded
+from etude_arm.loading.attachments import Additions
+from etude_arm.loading.loaded_model import Loaded
 from etude_arm.loading.parsing import parsed
 from etude_arm.spec import ArmSpec
 
@@ -77,7 +77,7 @@ def load_arm(
 
 
 T = TypeVar("T")
-MOST = 8
+ROBOTS_KEPT = 8
 """Robots."""
 
 
@@ -85,4 +85,4 @@ def of_file(store: dict[str, T], spec: ArmSpec, make: Callable[[], T]) -> T:
     """The value for a robot that has a model file, made anew when the robot or the file is another."""
     assert spec.model_file is not None
     stamp = spec.model_file.stat()
-    return memoized(store, repr((spec, stamp.st_mtime_ns, stamp.st_size)), make, MOST)
+    return memoized(store, repr((spec, stamp.st_mtime_ns, stamp.st_size)), make, ROBOTS_KEPT)

@@ -23,12 +23,12 @@ from pathlib import Path
 from etude.errors import UsageError
 from etude_arm.loading.mesh_readers import READERS
 
-FEW = 5
+NAMES_SHOWN = 5
 """Names that are written out."""
 
 
 MANIFEST = "package.xml"
-NEAR = 4
+FOLDERS_ABOVE = 4
 """Folders above the model file whose other folders are looked through, those of a workspace's src deeper."""
 SOURCES, REPOSITORY = "src", 2
 DEEPEST = 4
@@ -50,7 +50,7 @@ def folders_of(package: str, model: Path, roots: Sequence[Path] = ()) -> Iterato
         yield from folders_below(package, root)
     for start in above:
         yield from (one for one in (start, start / package) if is_package(one, package))
-    for start in above[:NEAR]:
+    for start in above[:FOLDERS_ABOVE]:
         levels = REPOSITORY if start.name == SOURCES else 1
         yield from (one for one in _below(start, levels) if declared(one) == package)
     for prefix in _listed("AMENT_PREFIX_PATH"):
@@ -235,8 +235,8 @@ def _lacking(package: str, model: Path) -> str:
 
 
 def _few(names: list[str]) -> str:
-    more = f" and {len(names) - FEW} more" if len(names) > FEW else ""
-    return f"{', '.join(names[:FEW])}{more}"
+    more = f" and {len(names) - NAMES_SHOWN} more" if len(names) > NAMES_SHOWN else ""
+    return f"{', '.join(names[:NAMES_SHOWN])}{more}"
 
 
 def _parts(name: str) -> tuple[str, str, str]:

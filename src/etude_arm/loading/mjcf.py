@@ -22,8 +22,7 @@ import numpy as np
 from etude.errors import UsageError
 from etude.types import Array
 from etude_arm.clearance.surroundings import Wall
-from etude_arm.loading.attached import Additions, Attached, Mounting
-from etude_arm.loading.choice import Choice, choose, example
+from etude_arm.loading.attachments import Additions, Attached, Mounting
 from etude_arm.loading.expected import (
     Expected,
     Place,
@@ -33,7 +32,8 @@ from etude_arm.loading.expected import (
     pose_matrix,
     pose_of_joints,
 )
-from etude_arm.loading.loaded import Loaded
+from etude_arm.loading.joint_choice import Choice, choose, example
+from etude_arm.loading.loaded_model import Loaded
 from etude_arm.loading.mjcf_compiled import (
     BALL,
     FREE,

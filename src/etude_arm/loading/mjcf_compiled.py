@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from etude.errors import UsageError
-from etude_arm.loading.choice import Choice, Moving
-from etude_arm.loading.loaded import refused
+from etude_arm.loading.joint_choice import Choice, Moving
+from etude_arm.loading.loaded_model import refused
 from etude_arm.loading.parsing import free_name
 
 if TYPE_CHECKING:

@@ -11,10 +11,10 @@ import numpy as np
 
 from etude.errors import UsageError
 from etude.types import Array
-from etude_arm.loading.attached import Additions, Attached, Mounting, tip
-from etude_arm.loading.choice import Choice
+from etude_arm.loading.attachments import Additions, Attached, Mounting, tip
 from etude_arm.loading.hulls import hull, obj_text
 from etude_arm.loading.inertia import ENTRIES
+from etude_arm.loading.joint_choice import Choice
 from etude_arm.loading.mjcf_compiled import SHAPES, joints_of, moving, name_of, shapes_of_bodies
 from etude_arm.loading.parsing import free_name
 from etude_arm.loading.rotations import turn_of

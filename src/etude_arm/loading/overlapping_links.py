@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from etude.types import Array
-from etude_arm.loading.loaded import Loaded
+from etude_arm.loading.loaded_model import Loaded
 
 if TYPE_CHECKING:
     import mujoco
@@ -20,7 +20,7 @@ REACH = 1.0
 """m: distances beyond do not matter."""
 
 
-MOST = 0.5
+CROWDED_SHARE = 0.5
 """Share from which a pair leaves motions little room."""
 Crowds = Mapping[tuple[str, str], float]
 """Pairs of links -> share of poses in which shapes of theirs overlap."""
@@ -58,7 +58,9 @@ def crowded_links(found: Crowds) -> set[str]:
 def hemmed_in(found: Crowds, ignored: Collection[tuple[str, str]]) -> tuple[str, ...]:
     """A sentence for pairs that overlap in more than MOST of the poses and are looked at all the same."""
     left = {
-        pair: share for pair, share in found.items() if share > MOST and not {pair, pair[::-1]} & set(ignored)
+        pair: share
+        for pair, share in found.items()
+        if share > CROWDED_SHARE and not {pair, pair[::-1]} & set(ignored)
     }
     if not left:
         return ()

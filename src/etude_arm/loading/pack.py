@@ -18,7 +18,7 @@ import numpy as np
 from etude.errors import UsageError
 from etude.types import Array
 from etude_arm.loading.hulls import hull, obj_text, slabs
-from etude_arm.loading.loaded import refused
+from etude_arm.loading.loaded_model import refused
 from etude_arm.loading.mesh_paths import MeshPaths
 from etude_arm.loading.mesh_readers import read_triangles
 from etude_arm.loading.mjcf_compiled import MESH, geoms_of

@@ -20,12 +20,12 @@ import numpy as np
 
 from etude.errors import UsageError
 from etude.types import Array
-from etude_arm.loading.attached import Additions, Attached, tip
-from etude_arm.loading.choice import Choice, choose, example
+from etude_arm.loading.attachments import Additions, Attached, tip
 from etude_arm.loading.expected import urdf_expected
 from etude_arm.loading.hulls import hull, is_hull, obj_text
 from etude_arm.loading.inertia import ENTRIES, masses_of
-from etude_arm.loading.loaded import Loaded
+from etude_arm.loading.joint_choice import Choice, choose, example
+from etude_arm.loading.loaded_model import Loaded
 from etude_arm.loading.mesh_paths import MeshPaths
 from etude_arm.loading.mesh_readers import read_triangles
 from etude_arm.loading.parsing import body_names, free_name

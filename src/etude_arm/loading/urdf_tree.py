@@ -14,7 +14,7 @@ import numpy as np
 
 from etude.errors import UsageError
 from etude.types import Array
-from etude_arm.loading.choice import Moving
+from etude_arm.loading.joint_choice import Moving
 from etude_arm.loading.parsing import WORLD
 from etude_arm.loading.rotations import turn_of
 

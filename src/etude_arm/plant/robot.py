@@ -10,7 +10,7 @@ from msgspec.structs import replace as struct_replace
 
 from etude.errors import UsageError
 from etude.types import Array
-from etude_arm.plant.following import Following
+from etude_arm.plant.feedback_loop import Following
 from etude_arm.plant.parameters import ArmParameters, load_parameters, plant_names
 from etude_arm.plant.trace import LoopInputs, Running, Trace
 from etude_arm.spec import ArmSpec

@@ -15,7 +15,7 @@ from etude_arm.spec import ArmSpec
 if TYPE_CHECKING:
     import mujoco
 
-    from etude_arm.loading.loaded import Loaded
+    from etude_arm.loading.loaded_model import Loaded
 
 TIP = "the tip"
 """Name of the body that a payload adds."""

@@ -23,9 +23,9 @@ from etude_arm.spec import ArmSpec
 if TYPE_CHECKING:
     import mujoco
 
-    from etude_arm.loading.loaded import Loaded
+    from etude_arm.loading.loaded_model import Loaded
 
-LEAST = 1e-9
+FRICTION_ALONE = 1e-9
 """Motor constant of a drive that stands for friction alone: it has no back-EMF."""
 
 
@@ -114,7 +114,7 @@ def _bristles(actuator: Any, motors: Motors, j: int) -> None:
 
     levels = [motors.coulomb[j], motors.static[j], motors.stribeck[j]]
     actuator.set_to_dcmotor(
-        motorconst=[LEAST, LEAST],
+        motorconst=[FRICTION_ALONE, FRICTION_ALONE],
         resistance=1.0,
         lugre=[motors.stiffness[j], motors.micro_damping[j], *levels],
         ctrlspec=int(mujoco.mjtCtrlInput.mjINPUT_VOLTAGE),

@@ -10,7 +10,7 @@ import numpy as np
 
 from etude.errors import UsageError
 from etude.types import Array
-from etude_arm.plant.following import Following
+from etude_arm.plant.feedback_loop import Following
 from etude_arm.plant.trace import LoopInputs, Running, Trace
 from etude_arm.rehearsal.body import bare_body, from_file, said_of_drives
 from etude_arm.rehearsal.model import Made

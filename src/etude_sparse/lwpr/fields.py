@@ -14,7 +14,7 @@ from etude.types import Array
 from etude_sparse.lwpr import updates
 from etude_sparse.lwpr.posterior import LWPRPosterior
 
-ROOM = 64
+FIRST_FIELDS = 64
 """Fields that there is room for at first; doubled when full."""
 NEIGHBOURS, NEIGHBOUR_SHARE = 15, 0.01
 """Samples that a new field weighs by half or more: so many, or this share of the data if that is more."""
@@ -80,7 +80,7 @@ class ReceptiveFields:
         D = len(scales.centre)
         self.scales, self.noise_floor, self.samples = scales, noise_floor, 0
         self._rule = rule
-        self._fields = _room(ROOM, min(D, directions), D)
+        self._fields = _room(FIRST_FIELDS, min(D, directions), D)
         self._first = np.sqrt(scales.metric) * np.eye(D)
         self._work = np.zeros((2 * D + 2, D))
 

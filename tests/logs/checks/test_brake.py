@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from made_motion import COMMAND, Q, moved
 
-from etude.logs.checks.brake import brake_finding, without_spans
+from etude.logs.checks.plausibility import brake_finding, without_spans
 from etude.types import Log
 
 LIMIT = np.full(3, 100.0)

@@ -8,8 +8,7 @@ import pytest
 from etude import plugins
 from etude.campaign.ingest.questions import Answers, LogQuestions
 from etude.campaign.record.config import preset_config
-from etude.logs.checks.brake import without_spans
-from etude.logs.checks.jump import jump_finding
+from etude.logs.checks.plausibility import jump_finding, without_spans
 from etude.logs.cleaning.smoothing import segments
 from etude.types import Array, Channel, Finding, Log
 

@@ -10,7 +10,7 @@ from etude_arm.clearance.distances import Gaps
 from etude_arm.clearance.limit import Clearance
 from etude_arm.clearance.pairs import gaps_of
 from etude_arm.clearance.surroundings import Surroundings
-from etude_arm.loading.loaded import Loaded
+from etude_arm.loading.loaded_model import Loaded
 from etude_arm.spec import ArmSpec, Axis
 
 REACH = 2.8

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from etude.types import Array, Motion
-from etude_arm.plant.following import control_times
+from etude_arm.plant.feedback_loop import control_times
 from etude_arm.plant.trace import LoopInputs
 from etude_arm.rehearsal.overlay import MotorTable, Simulate
 from etude_arm.rehearsal.robot import RehearsedRobot, rehearsed

@@ -10,7 +10,7 @@ from robots_of_others import FILES, campaign_of, file_of, robot_of
 
 from etude.campaign.evaluate.status import status
 from etude.campaign.record.folder import Campaign
-from etude.campaign.simulate.simulation import simulate
+from etude.campaign.simulation import simulate
 from etude.errors import UsageError
 from etude.report.build import build_report
 from etude.testing import RobotSuite

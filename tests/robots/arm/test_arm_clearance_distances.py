@@ -8,7 +8,7 @@ import pytest
 from etude_arm.clearance.distances import CUTOFF, TOLERANCE, Gaps
 from etude_arm.clearance.pairs import gaps_of
 from etude_arm.clearance.surroundings import Box, Column, Floor, Room, Surroundings, Wall
-from etude_arm.loading.loaded import Loaded
+from etude_arm.loading.loaded_model import Loaded
 
 SLIDERS = ("x", "y", "z")
 BALL = 0.05

@@ -9,7 +9,7 @@ import pytest
 from clearance_examples import planar_spec
 
 from etude_arm.clearance.limit import FLOOR, Clearance, neighbours
-from etude_arm.clearance.of_robot import clearance_of, one_turn, reachable
+from etude_arm.clearance.robot_clearance import clearance_of, one_turn, reachable
 from etude_arm.clearance.surroundings import Collision, Floor, Search, Surroundings
 
 # the hand's corners pass the upper arm at 5 mm where it leans over, and at 65 mm upright

@@ -21,7 +21,7 @@ from etude.trajectories.moves import PointToPoint
 from etude.types import Motion
 from etude_arm.clearance.distances import TOLERANCE
 from etude_arm.clearance.limit import TAKEN
-from etude_arm.clearance.of_robot import clearance_of, search_of
+from etude_arm.clearance.robot_clearance import clearance_of, search_of
 from etude_arm.clearance.surroundings import Box, Collision, Floor, Room, Search, Surroundings, Wall
 from etude_arm.description import describe
 from etude_arm.kind import KIND
@@ -213,7 +213,7 @@ def test_a_floor_is_assumed_where_the_base_can_stand_on_one(tmp_path, height: fl
     text = PLANAR.replace('pos="0 0 .1"', f'pos="0 0 {height}"')
     path.write_text(text.replace("</mujoco>", f"<actuator>{actuators}</actuator></mujoco>"))
     spec = planar_spec(tmp_path, xml=path.read_text())
-    from etude_arm.clearance.of_robot import completed
+    from etude_arm.clearance.robot_clearance import completed
     from etude_arm.loading.load import load_arm
 
     around, confirm = completed(spec, load_arm(spec), whole_file=True)

@@ -16,7 +16,7 @@ from etude.trajectories.fourier import FourierTrajectory
 from etude.trajectories.moves import PointToPoint
 from etude.types import Array, Motion, Proof
 from etude_arm.clearance.distances import CUTOFF
-from etude_arm.clearance.limit import MOST, Clearance, nearest
+from etude_arm.clearance.limit import MOST_EVALUATIONS, Clearance, nearest
 from etude_arm.clearance.path_poses import way_of
 from etude_arm.clearance.surroundings import Box, Floor, Surroundings
 
@@ -183,7 +183,7 @@ def test_what_cannot_be_decided_is_refused() -> None:
     touching = nearest(way, lambda poses: np.full((len(poses), 1), 0.01), np.ones((1, 3)), np.array([0.01]))
     assert touching.proved[0] < 0.01
     assert not touching.touched
-    assert MOST / 2 < touching.evaluations <= MOST
+    assert MOST_EVALUATIONS / 2 < touching.evaluations <= MOST_EVALUATIONS
     clear = nearest(way, lambda poses: np.full((len(poses), 1), 0.3), np.ones((1, 3)), np.array([0.01]))
     assert 0.01 <= clear.proved[0] < 0.3
 

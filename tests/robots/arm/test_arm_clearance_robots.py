@@ -26,7 +26,7 @@ from etude.trajectories.family import FourierConfig
 from etude.trajectories.fourier import FourierTrajectory
 from etude.types import Array
 from etude_arm.clearance.limit import Clearance
-from etude_arm.clearance.of_robot import search_of
+from etude_arm.clearance.robot_clearance import search_of
 from etude_arm.clearance.surroundings import Surroundings
 from etude_arm.description import describe
 from etude_arm.inputs import ArmInputs

@@ -14,7 +14,7 @@ from robots_of_others import robot_of
 from etude.types import Figure, Thing
 from etude_arm.clearance.surroundings import Box, Column, Floor, Room, Surroundings, Wall
 from etude_arm.kind import KIND
-from etude_arm.loading.attached import Attached, Mounting
+from etude_arm.loading.attachments import Attached, Mounting
 from etude_arm.loading.load import load_arm
 
 

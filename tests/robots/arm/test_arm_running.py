@@ -11,7 +11,7 @@ from arm_examples import MIDDLE, Sines, simulated
 from etude.errors import UsageError
 from etude_arm.plant import compiled
 from etude_arm.plant.compiled import RunningArm
-from etude_arm.plant.following import control_times
+from etude_arm.plant.feedback_loop import control_times
 from etude_arm.plant.parameters import load_parameters
 from etude_arm.plant.robot import with_friction, with_payload
 from etude_arm.plant.trace import LoopInputs, Trace

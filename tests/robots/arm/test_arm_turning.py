@@ -19,7 +19,7 @@ from etude_arm.physics.mean import ArmPhysics, RigidBodyMean
 from etude_arm.physics.rigid_body import EXTRA_TERMS, NARROW
 from etude_arm.physics.transmission import Drive
 from etude_arm.spec import TURNING, WAYS
-from etude_online.planned import Planned
+from etude_online.planned_samples import Planned
 
 ARM = plugins.load("etude.robots", "arm")
 SPEC = ARM.spec(ARM.built_in()["mobile_arm"])  # every drive is a joint's own

@@ -11,7 +11,7 @@ import pytest
 from loading_examples import write
 
 from etude.errors import UsageError
-from etude_arm.loading.attached import Attached, Mounting
+from etude_arm.loading.attachments import Attached, Mounting
 from etude_arm.loading.load import load_arm
 from etude_arm.model_file import spec_from_model
 from etude_arm.robot_file import parse_robot, robot_to_toml

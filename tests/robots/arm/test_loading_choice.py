@@ -8,7 +8,7 @@ from dataclasses import replace
 import pytest
 
 from etude.errors import UsageError
-from etude_arm.loading.choice import Choice, Moving, choose
+from etude_arm.loading.joint_choice import Choice, Moving, choose
 
 
 def chain(*names: str, before: str = "", **values: float) -> list[Moving]:

@@ -14,7 +14,7 @@ from etude.errors import UsageError
 from etude_arm.kind import KIND
 from etude_arm.loading.inertia import SMALLEST, possible
 from etude_arm.loading.load import load
-from etude_arm.loading.loaded import Loaded
+from etude_arm.loading.loaded_model import Loaded
 from etude_arm.loading.overlapping_links import crowded_links, crowds, hemmed_in
 from etude_arm.loading.pack import packed
 from etude_arm.loading.rotations import angles_of, turn_of

@@ -12,7 +12,7 @@ import pytest
 
 from etude.errors import UsageError
 from etude.types import Described
-from etude_arm.clearance.of_robot import clearance_of
+from etude_arm.clearance.robot_clearance import clearance_of
 from etude_arm.description import ROBOT_FILE, describe
 from etude_arm.robot_file import read_robot
 

@@ -14,10 +14,8 @@ from etude.errors import UnsafeTrajectoryError, UsageError
 from etude.limits.certificate import certify
 from etude.limits.feasible import FeasibleSet
 from etude.limits.samplers import boundary
-from etude.testing.inputs import InputsSuite
 from etude.testing.kind import KindSuite
-from etude.testing.physics import PhysicsSuite
-from etude.testing.robot import RobotSuite
+from etude.testing.robot import InputsSuite, PhysicsSuite, RobotSuite
 from etude.trajectories.fourier import FourierTrajectory
 from etude_quadrotor.family import FlightConfig, flight_family
 from etude_quadrotor.inputs import QuadrotorInputs

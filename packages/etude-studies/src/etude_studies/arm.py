@@ -17,7 +17,7 @@ from etude.campaign.record.config import CampaignConfig
 from etude.campaign.record.config_file import CONFIG, config_text, load_config
 from etude.campaign.record.folder import open_campaign
 from etude.campaign.record.journal import JOURNAL
-from etude.campaign.simulate.simulation import simulate
+from etude.campaign.simulation import simulate
 from etude.errors import UsageError
 from etude.models.config import Rung
 from etude.storage import write_atomic

@@ -9,7 +9,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from etude.campaign.record.folder import Campaign, open_campaign
-from etude.campaign.record.stored import stored_model
+from etude.campaign.record.stored_models import stored_model
 from etude.logs.readers.log_file import read_log_file
 from etude.models.score import score
 from etude_studies.rows import Row, mean_rows

@@ -14,13 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from etude.campaign.evaluate.expected_tracking_error import (
-    errors,
-    left_over,
-    moving,
-    trained_speeds,
-    without_it,
-)
+from etude.campaign.evaluate.confirm import errors, left_over, moving, trained_speeds, without_it
 from etude.models.model import LearnedModel
 from etude.progress import counted
 from etude.protocols import Controller, Trajectory

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from etude.campaign.record.stored import label
+from etude.campaign.record.stored_models import label
 from etude.logs.cleaning.filters import median_rate, without_lag
 from etude.models.config import ModelConfig
 from etude.models.data.cross_validation import block_masks

@@ -71,7 +71,8 @@ def flights(folder: Path) -> list[Flight]:
     """
     path = folder / FILE
     if not path.is_file():
-        raise UsageError(f"there is no {FILE}", where=str(folder), next_step="See docs/promote_watch.md.")
+        step = "See docs/decisions/0035-promote-and-watch.md."
+        raise UsageError(f"there is no {FILE}", where=str(folder), next_step=step)
     with np.load(path) as arrays:
         names, t, data, number = (arrays[n] for n in ("columns", "t", "data", "flight"))
         conditions, logs = arrays["condition"], arrays["log"]

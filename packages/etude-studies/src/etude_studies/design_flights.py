@@ -12,7 +12,7 @@ import numpy as np
 
 from etude.campaign.create import create_campaign
 from etude.campaign.record.folder import Campaign
-from etude.campaign.simulate.simulation import simulate
+from etude.campaign.simulation import simulate
 from etude.logs.readers.log_file import read_log_file
 from etude.protocols import Controller
 from etude.types import Array, Log

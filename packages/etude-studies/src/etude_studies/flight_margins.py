@@ -26,8 +26,8 @@ import etude
 from etude.campaign.create import create_campaign
 from etude.campaign.record.controls import FEEDBACK, LEARNED
 from etude.campaign.record.folder import Campaign
-from etude.campaign.record.stored import newest_model
-from etude.campaign.simulate.simulation import CERTAIN, RUN_STREAM, TEST_STREAM, test_motions
+from etude.campaign.record.stored_models import newest_model
+from etude.campaign.simulation import CERTAIN, RUN_STREAM, TEST_STREAM, test_motions
 from etude.logs.readers.log_file import write_log
 from etude.protocols import Controller, Robot, Trajectory
 from etude.trajectories.json_text import from_json

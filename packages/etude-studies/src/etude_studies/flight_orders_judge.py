@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from etude.campaign.record.stored import label
+from etude.campaign.record.stored_models import label
 from etude.design.objective import reference_states
 from etude.models.gp.exact import ExactGP, ExactPosterior
 from etude.models.model import LearnedModel

@@ -21,7 +21,7 @@ from etude.models.gp.kernels import SquaredExponential
 from etude.models.gp.training import fit, initial_gp
 from etude.types import Array
 from etude_sparse.dictionary import DictionaryConfig, DictionaryGP
-from etude_sparse.downsampled import DownsampledGP
+from etude_sparse.downsampling import DownsampledGP
 from etude_sparse.local import LocalGP
 from etude_sparse.lwpr.regression import LWPR
 from etude_sparse.sogp import SOGP

@@ -12,7 +12,7 @@ import pytest
 from etude.models.selection.linear import linear_inputs
 from etude.protocols import Family
 from etude.testing.differences import same
-from etude.testing.family import FamilySuite
+from etude.testing.motions import FamilySuite
 from etude.trajectories.json_text import from_json
 from etude.types import Array, Log
 from etude_studies.measured import comparable

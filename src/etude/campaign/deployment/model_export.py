@@ -11,14 +11,13 @@ from typing import Any
 
 from etude import __version__, plugins
 from etude._runtime.options import MODEL_HASH
-from etude.campaign.ingest.log_groups import told_samples
 from etude.campaign.propose.constraints import kept_now, kept_under
 from etude.campaign.record.controls import LEARNED
 from etude.campaign.record.deployed_model import model_in_use
 from etude.campaign.record.events import Created, Exported
 from etude.campaign.record.folder import ROBOT, Campaign, open_campaign
-from etude.campaign.record.stored import stored_log
 from etude.campaign.record.stored_files import EXPORTS, MARK, require_description, stored_trajectory
+from etude.campaign.record.stored_models import stored_log, told_samples
 from etude.deploy.along import Bounded
 from etude.errors import EtudeError, UsageError
 from etude.progress import counted, part

@@ -172,7 +172,7 @@ def _quiet(found: Sequence[WatchedLog]) -> str:
 def _with_proposal(campaign: Campaign, watched: Watched, say: Say) -> Watched:
     """With a motion as long as all of the campaign, unless none can be made; an open one is shown again.
 
-    A third of it left twice the error in simulation; see docs/promote_watch.md.
+    A third of it left twice the error in simulation; see docs/results/monitoring.md.
     """
     try:
         return replace(watched, proposal=ask(campaign, go_on=True, say=say))

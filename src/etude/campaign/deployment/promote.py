@@ -7,13 +7,12 @@ from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 
-from etude.campaign.ingest.log_groups import groups_of, told_samples
 from etude.campaign.record.deployed_model import check_pinned, pin, promoted_model
 from etude.campaign.record.events import Promoted, RolledBack
 from etude.campaign.record.folder import Campaign, Say
 from etude.campaign.record.journal import jsonable
 from etude.campaign.record.state import State
-from etude.campaign.record.stored import LEFT_OUT, MODEL, check_model
+from etude.campaign.record.stored_models import LEFT_OUT, MODEL, check_model, groups_of, told_samples
 from etude.errors import DataError, UsageError
 from etude.models.data.fit import in_order
 from etude.models.model import LearnedModel

@@ -1,4 +1,4 @@
 """How good is it, and is it enough: status, stop rule, confirmation."""
 
-PUBLIC = ("expected_tracking_error",)
+PUBLIC = ("confirm",)
 """Modules that may be used from outside."""

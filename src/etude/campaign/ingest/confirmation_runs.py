@@ -10,8 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from etude.campaign.evaluate.confirm import FEEDFORWARD
-from etude.campaign.evaluate.expected_tracking_error import Without, errors, moving, without_it
+from etude.campaign.evaluate.confirm import FEEDFORWARD, Without, errors, moving, without_it
 from etude.campaign.ingest.ingest_result import How, Told, aligned_with, read
 from etude.campaign.ingest.questions import LogQuestions, answers_of
 from etude.campaign.record.events import Asked, Confirmed, Figures

@@ -10,8 +10,8 @@ from typing import Unpack, overload
 from etude.campaign.ingest.ingest_result import How, Told
 from etude.campaign.ingest.tell import finished, newest_warnings, take
 from etude.campaign.ingest.tell import tell as tell_one
-from etude.campaign.learn.training import Learner
 from etude.campaign.record.folder import Campaign, Say
+from etude.campaign.training import Learner
 from etude.errors import DataError, UsageError
 
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from etude.campaign.create import find_robot
+from etude.campaign.create import find_robot, reading
 from etude.campaign.ingest.questions import Answers, LogQuestions, judged_commands
 from etude.campaign.record.config_file import CONFIG
 from etude.campaign.record.folder import Campaign, open_campaign
@@ -107,7 +107,8 @@ def _described(robot: str) -> _KnownRobot:
         kind, spec, config = campaign.kind, campaign.spec, campaign.config.log
     else:
         kind, place = find_robot(robot)
-        spec = kind.spec(place)
+        with reading(place):
+            spec = kind.spec(place)
     expected = kind.expected(spec)
     return _KnownRobot(
         tuple(kind.channels(spec)), expected.limits, expected.rate, kind.path, kind, spec, config
@@ -249,7 +250,8 @@ def read_log(
     else:
         config = None
         kind, place = find_robot(str(robot))
-        spec = kind.spec(place)
+        with reading(place):
+            spec = kind.spec(place)
     known = kind.expected(spec)
     return logs.read_log(
         path,

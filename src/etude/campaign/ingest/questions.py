@@ -14,14 +14,19 @@ from etude.campaign.record.config import preset_config
 from etude.campaign.record.events import Given
 from etude.campaign.record.state import State
 from etude.errors import DataError, UsageError
-from etude.logs.checks.brake import CHECK as BRAKE
-from etude.logs.checks.brake import without_spans
 from etude.logs.checks.filtered_motion import Seen
 from etude.logs.checks.finding_texts import Mendable
 from etude.logs.checks.ground import CHECK as GROUND
 from etude.logs.checks.ground import without_ground
-from etude.logs.checks.jump import CHECK as JUMP
-from etude.logs.checks.plausibility import REPAIRS, judge_commands, judge_motion, repaired
+from etude.logs.checks.plausibility import (
+    BRAKE,
+    JUMP,
+    REPAIRS,
+    judge_commands,
+    judge_motion,
+    repaired,
+    without_spans,
+)
 from etude.logs.cleaning.ranges import check_consistency
 from etude.logs.cleaning.repairs import check_commanded
 from etude.protocols import Kind, Mean

@@ -14,7 +14,7 @@ import numpy as np
 from etude.campaign.record.events import Changed
 from etude.campaign.record.folder import Campaign
 from etude.campaign.record.state import CHANGED, State
-from etude.campaign.record.stored import stored_model
+from etude.campaign.record.stored_models import stored_model
 from etude.errors import DataError, UsageError
 from etude.logs.cleaning.filters import duration
 from etude.models.change.diagnosis import SENSOR, Cause

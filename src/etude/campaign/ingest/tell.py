@@ -1,4 +1,6 @@
-"""tell: takes in a log, whenever it comes, and learns it; `ingest_many` does so with many."""
+"""tell: takes in a log, whenever it comes, and learns it (`ingest_many` does so with many); untell and
+abandon.
+"""
 
 from __future__ import annotations
 
@@ -14,16 +16,13 @@ import numpy as np
 
 from etude.campaign.ingest.confirmation_runs import check_no_confirmation, take_run
 from etude.campaign.ingest.ingest_result import How, Told, aligned_with, read
-from etude.campaign.ingest.log_groups import mixed
 from etude.campaign.ingest.questions import LogQuestions, answers_of
 from etude.campaign.ingest.robot_changed import answer, change_found
-from etude.campaign.learn.training import Learner, learn_pending
 from etude.campaign.propose.constraints import start_in_words, with_tracking_errors
 from etude.campaign.record.controls import required
-from etude.campaign.record.events import Ingested
+from etude.campaign.record.events import Abandoned, Ingested, Untold
 from etude.campaign.record.folder import Campaign, Say
 from etude.campaign.record.state import Round, State
-from etude.campaign.record.stored import stored_log
 from etude.campaign.record.stored_files import (
     FULL,
     is_committed,
@@ -32,6 +31,8 @@ from etude.campaign.record.stored_files import (
     stored_trajectory,
     take_up,
 )
+from etude.campaign.record.stored_models import mixed, stored_log
+from etude.campaign.training import Learner, learn_pending
 from etude.deploy.trajectory_files import COEFFICIENTS, PLANNED, SPEEDS
 from etude.errors import DataError, EtudeError, UsageError
 from etude.logs.alignment.alignment import holds_enough
@@ -131,7 +132,7 @@ def free_number(state: State, number: int | None) -> int:
 
 
 CHECK = "repeats"
-NEAR = 0.05
+ALREADY_VISITED = 0.05
 """Part of the range of a planned position, velocity or acceleration within which a state is there already:
 the shortest length that a process of such inputs starts from is five times as long."""
 SHARE = 0.8
@@ -183,7 +184,7 @@ def planned_states(campaign: Campaign, log: Log) -> Array | None:
     while name in log:
         values = log[name]
         lower, upper = limits.get(name.removesuffix(PLANNED), (values.min(axis=0), values.max(axis=0)))
-        columns.append(values / np.maximum(NEAR * (upper - lower), np.finfo(float).tiny))
+        columns.append(values / np.maximum(ALREADY_VISITED * (upper - lower), np.finfo(float).tiny))
         name = next((c.name for c in log.channels.values() if c.derivative_of == name), "")
     if not columns:
         return None
@@ -335,3 +336,47 @@ def _seconds(log: Log) -> float:
     """Recorded motion, s: what was logged before the start is none."""
     moving = log.t[log.t >= 0.0]
     return float(moving[-1] - moving[0]) if len(moving) else 0.0
+
+
+def untell(
+    campaign: Campaign, number: int, *, learner: Learner | None = None, say: Say = lambda _: None
+) -> bool:
+    """Takes the log of `number` back: an event, nothing is deleted, and the model is trained without it.
+
+    A proposal waits for its log again; `abandon` gives it up instead. Told again, the log is taken in as if
+    it had never been told. False if it was taken back before.
+
+    Raises:
+        UsageError: there is no such number, or no log of it was told.
+        DataError, NumericalError: the logs that are left cannot be learned together; they wait.
+    """
+    with campaign.writing():
+        before = campaign.round(number)
+        if before.told is None and not before.untold:
+            raise UsageError(
+                f"no log of trajectory {number} was told",
+                where=str(campaign.path),
+                next_step=f"To give the trajectory up: etude abandon {campaign.path} {number}.",
+            )
+        if before.told is not None:
+            campaign.commit(Untold(sha256=before.told.sha256), number)
+        learn_pending(campaign, learner, say)
+        return before.told is not None
+
+
+def abandon(
+    campaign: Campaign, number: int, *, learner: Learner | None = None, say: Say = lambda _: None
+) -> bool:
+    """Gives trajectory `number` up; a log that was learned is unlearned by training again without it.
+
+    The files stay. Telling a log of it later takes the abandoning back. False if it was abandoned before.
+
+    Raises:
+        UsageError: there is no such trajectory.
+    """
+    with campaign.writing():
+        before = campaign.round(number)
+        if not before.abandoned:
+            campaign.commit(Abandoned(had_log=before.told is not None), number)
+        learn_pending(campaign, learner, say)
+        return not before.abandoned

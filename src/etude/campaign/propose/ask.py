@@ -18,7 +18,6 @@ from etude.campaign.record.events import Asked, Exported
 from etude.campaign.record.folder import Campaign, Say
 from etude.campaign.record.journal import recorded, require_intact
 from etude.campaign.record.state import State
-from etude.campaign.record.stored import is_learned, newest_model
 from etude.campaign.record.stored_files import (
     FULL,
     changed_since,
@@ -31,6 +30,7 @@ from etude.campaign.record.stored_files import (
     stored_trajectory,
     take_up,
 )
+from etude.campaign.record.stored_models import is_learned, newest_model
 from etude.deploy.trajectory_files import COEFFICIENTS, TrajectoryFiles, at_speed, render
 from etude.errors import StopRuleReached, UnsafeTrajectoryError, UsageError
 from etude.limits.commands import require_possible
@@ -38,9 +38,9 @@ from etude.protocols import Limit, Trajectory
 from etude.storage import write_atomic
 
 if TYPE_CHECKING:
-    from etude.campaign.learn.training import Learner
     from etude.campaign.propose.approach import Approached
     from etude.campaign.propose.export import ExportedMotion
+    from etude.campaign.training import Learner
     from etude.limits.certificate import Certificate
 
 Beside = Callable[[TrajectoryFiles], Mapping[Path, bytes]]
@@ -159,7 +159,7 @@ def _require(formats: Sequence[str]) -> None:
 
 def _learn(campaign: Campaign, learner: Learner | None, say: Say) -> None:
     if not is_learned(campaign.state()):
-        from etude.campaign.learn.training import learn_pending
+        from etude.campaign.training import learn_pending
 
         learn_pending(campaign, learner, say)
 

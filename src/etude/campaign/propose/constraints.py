@@ -15,11 +15,11 @@ from etude.campaign.record.controls import FEEDBACK, LEARNED, asked_under, in_wo
 from etude.campaign.record.events import Constrained, Exported, Ingested, Table
 from etude.campaign.record.folder import Campaign
 from etude.campaign.record.state import State
-from etude.campaign.record.stored import require_stored, stored_model
 from etude.campaign.record.stored_files import FULL, stored_trajectory
+from etude.campaign.record.stored_models import require_stored, stored_model
 from etude.errors import DataError, UsageError
 from etude.limits.commands import after_run
-from etude.limits.tracking import ASSUMED, LAST, Ranges, margins_of, within_room
+from etude.limits.tracking import ASSUMED, LOGS_CONSIDERED, Ranges, margins_of, within_room
 from etude.logs.alignment.tracking_errors import tracked
 from etude.protocols import Limit, Model, Trajectory
 from etude.trajectories.json_text import SINGLE
@@ -291,7 +291,7 @@ def _short(campaign: Campaign, wanted: Array, kept: Array) -> list[str]:
 
 def _accelerations(campaign: Campaign, form: str, errors: Sequence[Array]) -> list[str]:
     """What the last logs say of accelerations, which have no margin; a sentence for each form."""
-    last = [own[ACCELERATION] for own in errors[-LAST:] if len(own) > ACCELERATION]
+    last = [own[ACCELERATION] for own in errors[-LOGS_CONSIDERED:] if len(own) > ACCELERATION]
     if not last:
         return []
     units = campaign.channel(campaign.kind.path).units

@@ -19,7 +19,7 @@ from etude.protocols import Family, Inputs, Limit, Model, Trajectory
 from etude.types import Array, Reachable
 
 if TYPE_CHECKING:
-    from etude.design.pose_candidates import Roam, Visited
+    from etude.design.candidates import Roam, Visited
 
 FIRST = {"scaled": "random, scaled to the limits", "uniform": "random, uniform on what is allowed"}
 """What a random first trajectory is, by the sampler that draws it."""
@@ -126,7 +126,7 @@ def swept(campaign: Campaign, trajectory: Trajectory, limits: Sequence[Limit]) -
     """Of each axis; nothing of kinds that do not know where their robots can be, and of motions without
     segments.
     """
-    from etude.design.pose_candidates import Visited
+    from etude.design.candidates import Visited
 
     reach = reachable(campaign)
     pieces = [piece for _, label, piece in trajectory.pieces() if label == "segment"]
@@ -187,7 +187,7 @@ def roam_of(campaign: Campaign, family: Family, open_ones: Sequence[Trajectory])
         campaign: the folder. family: of its segments.
         open_ones: proposals that wait for their logs.
     """
-    from etude.design.pose_candidates import Roam
+    from etude.design.candidates import Roam
 
     reach = reachable(campaign)
     if reach is None or not len(reach.poses):
@@ -199,7 +199,7 @@ def roam_of(campaign: Campaign, family: Family, open_ones: Sequence[Trajectory])
 
 def visited_by(campaign: Campaign, reach: Reachable) -> Visited:
     """What motions with a log have visited, as they were planned; of foreign logs the log itself."""
-    from etude.design.pose_candidates import Visited
+    from etude.design.candidates import Visited
 
     found = Visited.nothing(reach)
     for told in campaign.state().told:

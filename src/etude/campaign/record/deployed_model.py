@@ -8,8 +8,8 @@ from pathlib import Path
 from etude.campaign.record.events import Promoted, Trained
 from etude.campaign.record.folder import Campaign
 from etude.campaign.record.state import State
-from etude.campaign.record.stored import MODEL, newest_model, read_stored
 from etude.campaign.record.stored_files import require_description
+from etude.campaign.record.stored_models import MODEL, newest_model, read_stored
 from etude.errors import UsageError
 from etude.models.model import LearnedModel
 from etude.storage import sha256_of, write_atomic

@@ -55,7 +55,7 @@ def interrupted_round(campaign: Campaign, say: Say) -> int | None:
     Raises:
         DataError, NumericalError: the log cannot be learned.
     """
-    from etude.campaign.learn.training import learn_pending
+    from etude.campaign.training import learn_pending
 
     with campaign.writing():
         learn_pending(campaign, say=say)

@@ -13,8 +13,7 @@ import numpy as np
 from etude.deploy.onnx.graph import Graph
 from etude.errors import UsageError
 from etude.models.gp.kernel_algebra import Kernel, Product, Sum
-from etude.models.gp.kernels import Linear, SquaredExponential
-from etude.models.gp.stiction import RestNoise
+from etude.models.gp.kernels import Linear, RestNoise, SquaredExponential
 from etude.types import Array
 
 OTHER = "Choose process and kernel in [model] of campaign.toml and train again, or export --to c."

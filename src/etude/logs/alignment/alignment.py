@@ -68,7 +68,7 @@ class SampledPlan:
 
 
 LEAST_OVERLAP = 0.4  # of the shorter signal: a shorter overlap fits well by chance
-MOST = 64  # delays that are worth a closer look
+MOST_DELAYS = 64  # delays that are worth a closer look
 WORTH = 0.5  # of the best correlation
 
 
@@ -104,7 +104,7 @@ def likely_delays(
     values = _correlations(a, b, shifts)
     padded = np.concatenate([[-np.inf], values, [-np.inf]])
     tops = np.flatnonzero((values >= padded[:-2]) & (values > padded[2:]))
-    tops = tops[np.argsort(-values[tops], kind="stable")][:MOST]
+    tops = tops[np.argsort(-values[tops], kind="stable")][:MOST_DELAYS]
     best = float(values[tops[0]])
     least = best - (1.0 - WORTH) * abs(best)  # negative where nothing fits
     worth = [int(top) for top in tops if values[top] >= least]

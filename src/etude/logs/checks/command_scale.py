@@ -22,7 +22,7 @@ UNITS = {
     "N m taken for degrees": np.pi / 180.0,
     "N m taken for radians": 180.0 / np.pi,
 }
-NEAR = 1.25
+NEAR_FACTOR = 1.25
 
 
 def scale_findings(seen: Seen, torque: Array, static: Array, limit: Array) -> tuple[Finding, ...]:
@@ -100,11 +100,11 @@ def _words(seen: Seen, joints: Mask) -> tuple[str, str]:
 def _guess(slope: Array, limit: Array) -> str:
     """The factor nearest in logarithm, in words."""
     percent = float(np.exp(np.abs(np.log(slope * limit / 100.0)).max()))
-    if percent < NEAR:
+    if percent < NEAR_FACTOR:
         return "they look like percents of the limit."
     middle = float(np.exp(np.median(np.log(slope))))
     name, factor = min(UNITS.items(), key=lambda row: abs(np.log(middle / row[1])))
-    if abs(np.log(middle / factor)) < np.log(NEAR):
+    if abs(np.log(middle / factor)) < np.log(NEAR_FACTOR):
         return f"they look like {name}."
     if middle < 1.0:
         return f"they look like a current, or like torques before a gear of about {1.0 / middle:.3g}."

@@ -1,4 +1,9 @@
-"""All plausibility checks over a log, in the order in which one spoils the next, and their repairs."""
+"""All plausibility checks over a log, in the order in which one spoils the next, and their repairs.
+
+A jump of a position is held against the motion beside it, so that neither a fast flight nor a crash is one: a
+vehicle that is thrown changes its speed, and goes on; one whose estimate is reset goes on as before,
+elsewhere.
+"""
 
 from __future__ import annotations
 
@@ -10,17 +15,17 @@ import numpy as np
 from etude.errors import UsageError
 from etude.logs.checks import command_sign, exchanged_commands, velocities
 from etude.logs.checks.command_scale import scale_findings
-from etude.logs.checks.filtered_motion import Seen, joints, seen
+from etude.logs.checks.filtered_motion import Seen, joints, runs, seen
 from etude.logs.checks.finding_texts import Mendable, named
 from etude.logs.checks.velocities import degrees_finding, speed_finding
 from etude.logs.cleaning.ranges import top_speed
 from etude.logs.cleaning.repairs import leap_finding
-from etude.logs.cleaning.smoothing import median_rate
+from etude.logs.cleaning.smoothing import GAP_FACTOR, median_rate
 from etude.logs.columns.units import Limits
 from etude.protocols import Mean
-from etude.types import Array, Channel, Finding, Log
+from etude.types import Array, Channel, Finding, Log, Mask
 
-SHORT = (
+TOO_SHORT = (
     f"Less than {command_sign.LEAST_S:g} s of motion: "
     "too little to tell whose a command is, its sign or unit."
 )
@@ -90,7 +95,7 @@ def judge_commands(
     if motion is None or motion.command is None:
         return ()
     if len(motion.t) * motion.step < command_sign.LEAST_S:
-        return (Finding("commands", "cannot tell", SHORT),)
+        return (Finding("commands", "cannot tell", TOO_SHORT),)
     path = joints(log)
     assert path is not None
     states = None if body is None else _states(motion, path)
@@ -182,3 +187,151 @@ REPAIRS: Mapping[str, Callable[[Log, Mendable], Log]] = {
     command_sign.CHECK: _signed,
 }
 """Of the other checks, the answer is to take the log as it is, or to correct it by hand."""
+
+
+JUMP = "jump"
+LEAST_JUMP = 0.2  # m: below, a correction
+WILD = 5.0  # times the second difference that 99 % of the rows stay below: noise and acceleration make less
+RARE = 0.01  # of the steps may be further than the limits allow: with more, the limits are another vehicle's
+MOST_JUMP_ROWS = 4  # rows that a jump may touch, however short the log is
+BESIDE_S, BESIDE_ROWS = 0.5, 3  # of the motion to either side, at least
+SPARE_S = 0.1  # left out to either side, or as much as makes a pause
+NAMED = 5
+
+
+def jump_finding(log: Log, path: str, top: Array) -> Finding:
+    """Where positions leap further than their speed limits and the motion beside explain.
+
+    Args:
+        log: rows in order. path: the channel of positions, m.
+        top: (k,) m/s that each may have.
+    """
+    if path not in log or len(log) < 2:
+        return Finding(JUMP, "cannot tell", f"The log has no {path}.")
+    q = log[path]
+    # of a slow sensor between whose values others are recorded, the rows that are new
+    new = np.flatnonzero(np.any(np.diff(q, axis=0, prepend=np.nan) != 0.0, axis=1))
+    t, q = log.t[new], q[new]
+    excess = _excess(t, q, top)
+    marked = np.asarray((excess != 0.0).any(axis=1))
+    if not marked.any() or marked.sum() > max(RARE * len(marked), MOST_JUMP_ROWS):
+        return Finding(JUMP, "green", "No position jumps.")
+    spare = max(SPARE_S, 0.6 * GAP_FACTOR * float(np.median(np.diff(log.t))))
+    spans = _jump_spans(t, marked, spare)
+    parts = log.channels[path].parts
+    said = [_said(t, excess, parts, span) for span in spans[:NAMED]]
+    more = f", and {len(spans) - NAMED} times more" if len(spans) > NAMED else ""
+    return Finding(
+        JUMP,
+        "yellow",
+        f"The {path} jumps where no speed within the limits explains it: {'; '.join(said)}{more}.",
+        "The rows around are left out, and the longest stretch between is learned from, unless told with "
+        f"--accept {JUMP}. Was the estimator reset? Altitudes before and after may differ.",
+        spans=spans,
+    )
+
+
+def _excess(t: Array, q: Array, top: Array) -> Array:
+    """(n - 1, k) m by which each step is further than the motion beside it explains; 0 where it may be."""
+    step, dt = np.diff(q, axis=0), np.diff(t)[:, None]
+    found = np.zeros(step.shape)
+    if len(q) < 2 * BESIDE_ROWS + 2:
+        return found
+    # in a short log one jump is more than one row in a hundred
+    share = min(0.99, 1.0 - MOST_JUMP_ROWS / len(q))
+    usual = np.quantile(np.abs(np.diff(q, 2, axis=0)), share, axis=0)
+    most = np.maximum(top * dt, WILD * usual)
+    for k, j in np.argwhere(np.abs(step) > most).tolist():
+        rate = _beside(t, step[:, j] / dt[:, 0], np.abs(step[:, j]) > most[:, j], k)
+        far = float(step[k, j] - rate * dt[k, 0])
+        found[k, j] = far if abs(far) > most[k, j] and _whole(step[:, j], t, k) > LEAST_JUMP else 0.0
+    return found
+
+
+def _beside(t: Array, rate: Array, wild: Mask, k: int) -> float:
+    """Median rate of the steps around step k, without those that are too far themselves; 0 of none."""
+    low, high = np.searchsorted(t[:-1], [t[k] - BESIDE_S, t[k] + BESIDE_S])
+    rows = slice(max(min(int(low), k - BESIDE_ROWS), 0), max(int(high), k + BESIDE_ROWS) + 1)
+    tame = rate[rows][~wild[rows]]
+    return float(np.median(tame)) if len(tame) else float(np.median(rate[rows]))
+
+
+def _whole(step: Array, t: Array, k: int) -> float:
+    """m that the steps within `SPARE_S` of step k make: a jump may be drawn out by interpolation."""
+    low, high = np.searchsorted(t[:-1], [t[k] - SPARE_S, t[k] + SPARE_S])
+    return max(abs(float(step[int(low) : int(high)].sum())), abs(float(step[k])))
+
+
+def _jump_spans(t: Array, marked: Mask, spare: float) -> tuple[tuple[float, float], ...]:
+    """(s) around the steps that are marked, joined where they meet."""
+    found: list[tuple[float, float]] = []
+    for k in np.flatnonzero(marked).tolist():
+        start, end = float(t[k]) - spare, float(t[k + 1]) + spare
+        if found and start <= found[-1][1]:
+            start = found.pop()[0]
+        found.append((start, end))
+    return tuple(found)
+
+
+def _said(t: Array, excess: Array, parts: tuple[str, ...], span: tuple[float, float]) -> str:
+    """As "by 1.7 m in x at 12.30 s"."""
+    rows = np.flatnonzero((t[:-1] > span[0]) & (t[1:] < span[1]) & (excess != 0.0).any(axis=1))
+    moved = np.cumsum(excess[rows], axis=0)  # of a spike the sum is none
+    row, j = np.unravel_index(int(np.argmax(np.abs(moved))), moved.shape)
+    return f"by {moved[row, j]:.2g} m in {parts[int(j)]} at {t[rows[0]]:.2f} s"
+
+
+BRAKE = "brake"
+WINDOW_S = 0.5
+UNMOVED_RANGE = 1e-3  # rad or m: by which positions differ in a window
+IDLE = 1e-3  # of the limit: commands that are none
+LEAST_S = 1.0  # s: between two moves a drive may well have nothing to do
+
+
+def brake_finding(log: Log, command: Channel, limit: Array) -> Finding:
+    """Stretches with drives off, which would teach that a pose takes no command.
+
+    Args:
+        log: with positions and the commands that act on them.
+        limit: (J,) how far each command reaches.
+    """
+    off, edges = _off(log, command, limit)
+    spans = _off_spans(off, edges)
+    if not spans:
+        return Finding(BRAKE, "green", "Where the robot stands, something is commanded.")
+    if off.all():
+        fact = "Throughout the log no joint moves and nothing is commanded: brakes on, or drives off."
+        return Finding(BRAKE, "red", fact, "Release the brakes and record a motion.")
+    seconds = sum(end - start for start, end in spans)
+    return Finding(
+        BRAKE,
+        "yellow",
+        f"For {seconds:.3g} s no joint moves and nothing is commanded: brakes on, or drives off.",
+        f"That is cut, unless told with --accept {BRAKE}.",
+        spans=spans,
+    )
+
+
+def without_spans(log: Log, finding: Finding) -> Log:
+    """The log less the finding's spans; what is left has pauses there."""
+    kept = np.ones(len(log), dtype=np.bool_)
+    for start, end in finding.spans:
+        kept &= (log.t < start) | (log.t >= end)
+    return log.take(kept).repaired(f"{finding.sentence} That was cut.")
+
+
+def _off(log: Log, command: Channel, limit: Array) -> tuple[Mask, Array]:
+    """Of each window, whether the drives are off; and its edges (w + 1,) s."""
+    number = ((log.t - log.t[0]) / WINDOW_S).astype(np.int64)
+    first = np.flatnonzero(np.diff(number, prepend=-1))
+    q, u = log[command.acts_on], np.abs(log[command.name])
+    size = np.maximum.reduceat(q, first) - np.minimum.reduceat(q, first)
+    still = (size < UNMOVED_RANGE).all(axis=1)
+    idle = (np.maximum.reduceat(u, first) <= IDLE * limit).all(axis=1)
+    off = np.asarray(still & idle)
+    return off, np.append(log.t[first], np.nextafter(log.t[-1], np.inf))
+
+
+def _off_spans(off: Mask, edges: Array) -> tuple[tuple[float, float], ...]:
+    found = [(float(edges[a]), float(edges[b])) for a, b in runs(off)]
+    return tuple((start, end) for start, end in found if end - start >= LEAST_S)

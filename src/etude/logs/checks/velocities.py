@@ -22,7 +22,7 @@ OFF = 0.25  # of 1: seconds of a real log go so far; no unit and no other column
 FACTORS = (2.0, 60.0, 1e3, 1e6, 1e9)
 """By which clocks are off: half the rate stated, minutes, milli-, micro- and nanoseconds."""
 DEGREES = 180.0 / np.pi
-LEAST = 12.0  # times the filter's period that a joint moves: less is noise, or the filter's edges
+LEAST_PERIODS = 12.0  # times the filter's period that a joint moves: less is noise, or the filter's edges
 MATCH = 0.15  # of a factor: a driver's filter takes up to 4 %
 
 
@@ -49,7 +49,7 @@ class Slopes:
         if seen.logged is None:
             return None
         beta, r = np.full((2, len(seen.parts)), np.nan)
-        for j in np.flatnonzero(seen.seconds * seen.cutoff > LEAST):
+        for j in np.flatnonzero(seen.seconds * seen.cutoff > LEAST_PERIODS):
             slope, rate = seen.qd[seen.moving[:, j], j], seen.logged[seen.moving[:, j], j]
             slope, rate = slope - slope.mean(), rate - rate.mean()
             square, other = float(slope @ slope), float(rate @ rate)

@@ -190,10 +190,10 @@ def drop_spikes(log: Log, channels: Sequence[Channel], limits: Limits) -> Log:
 
 CHECK = "jump"
 JUMP_FACTOR = 3.0  # a step of more than this many velocity limits is no motion
-ROOM = 0.01  # of a range: what noise may add to a step
+STEP_NOISE = 0.01  # of a range: what noise may add to a step
 BESIDE = 10  # rows to either side that a leap is held against
 ALONE = 5.0  # times the largest step beside: a clock in another unit makes all steps large
-FEW = 0.01  # of the rows
+RARE_SHARE = 0.01  # of the rows
 TURN = 0.2  # rad within which a leap is one turn
 
 
@@ -206,7 +206,7 @@ def leaps(log: Log, channel: Channel, top: Array, size: Array) -> Mask:
     steps, q = np.diff(log.t), log[channel.name]
     found = np.empty((len(steps), q.shape[1]), dtype=bool)
     for j in range(q.shape[1]):  # one by one: long logs leave no room for all at once
-        found[:, j] = np.abs(np.diff(q[:, j])) > JUMP_FACTOR * top[j] * steps + ROOM * size[j]
+        found[:, j] = np.abs(np.diff(q[:, j])) > JUMP_FACTOR * top[j] * steps + STEP_NOISE * size[j]
     return found
 
 
@@ -220,7 +220,7 @@ def leap_finding(log: Log, channel: Channel, top: Array, size: Array) -> Finding
     for j in np.flatnonzero(found.any(axis=0)).tolist():
         found[:, j] &= _alone(np.diff(log[channel.name][:, j])) & ~_back(log[channel.name][:, j], found[:, j])
     rows = np.flatnonzero(found.any(axis=1))
-    if not len(rows) or len(rows) > max(FEW * len(log), 1):
+    if not len(rows) or len(rows) > max(RARE_SHARE * len(log), 1):
         return None
     row, j = int(rows[0]), int(np.argmax(found[rows[0]]))
     fact, step = told(log, channel, row, j)

@@ -20,7 +20,7 @@ from typing import Any
 
 from etude.errors import DataError
 from etude.logs.readers.extras import READING, needed
-from etude.logs.readers.unpacking import LARGEST, PIECE, blocks_of, unpacked
+from etude.logs.readers.memory_budget import LARGEST, PIECE, blocks_of, unpacked
 
 STORAGES = (".db3", ".mcap")
 METADATA = "metadata.yaml"

@@ -14,8 +14,8 @@ from etude.logs.readers.bag_files import MAGIC, decompressed, is_bag_folder, ope
 from etude.logs.readers.frames import raw_log
 from etude.logs.readers.ros_messages import (
     LIKED,
-    Rows,
     Stores,
+    TopicRows,
     blocks_of,
     holds_joints,
     stamp_of,
@@ -39,7 +39,7 @@ class Topic:
 
     name: str
     msgtype: str
-    rows: Rows
+    rows: TopicRows
     columns: Mapping[str, Array]
 
     @property
@@ -123,7 +123,7 @@ def _read(
     Args:
         asked: whether a user named them; of others, one that nobody can read harms none that can be read.
     """
-    rows = {name: Rows() for name in wanted}
+    rows = {name: TopicRows() for name in wanted}
     foreign: dict[str, DataError] = {}
     types: dict[str, str] = {}
     cut = ""
@@ -160,7 +160,7 @@ def _read(
     return [topic for topic in found if topic.columns], (*((cut,) if cut else ()), *left)
 
 
-def _add(rows: Rows, connection: Any, received: int, data: Any, stores: Stores, path: Path) -> None:
+def _add(rows: TopicRows, connection: Any, received: int, data: Any, stores: Stores, path: Path) -> None:
     try:
         store = stores.of(connection)
         known = connection.msgtype in store.fielddefs

@@ -132,7 +132,7 @@ class Header:
 
 
 @dataclass(frozen=True)
-class _Line:
+class _TextLine:
     text: str
     end: int
     """Where it ends in the block, its line feed included."""
@@ -163,7 +163,7 @@ def header_of(block: bytes, where: str) -> Header:
     return found
 
 
-def _lines(block: bytes) -> Iterator[_Line]:
+def _lines(block: bytes) -> Iterator[_TextLine]:
     """Lines that are not blank, without those that only tell Excel the separator."""
     end = 0
     while end < len(block):
@@ -171,7 +171,7 @@ def _lines(block: bytes) -> Iterator[_Line]:
         stop = len(block) if place < 0 else place + 1
         text = block[end:stop].decode().strip("\r\n ")
         if text.strip() and not EXCEL.fullmatch(text):
-            yield _Line(text, stop)
+            yield _TextLine(text, stop)
         end = stop
 
 
@@ -194,7 +194,7 @@ def _unquoted(cell: str) -> str:
     return cell[1:-1] if len(cell) > 1 and cell[0] == cell[-1] == '"' else cell
 
 
-def _commented(lines: Sequence[_Line], first: _Line, separator: str, where: str) -> Header:
+def _commented(lines: Sequence[_TextLine], first: _TextLine, separator: str, where: str) -> Header:
     """The header of rows above which it stands as a comment, as `numpy.savetxt` writes it; numbers where
     there is none, which mean nothing until [log.columns] says what.
     """
@@ -209,7 +209,7 @@ def _commented(lines: Sequence[_Line], first: _Line, separator: str, where: str)
     return found
 
 
-def _above(plain: Sequence[_Line], where: str) -> Header | None:
+def _above(plain: Sequence[_TextLine], where: str) -> Header | None:
     """The header below lines of another kind: a title, settings of the recorder; None if none is found.
 
     It is the first line of names with as many cells as the line of numbers below it.
@@ -232,7 +232,7 @@ def _is_names(line: str, separator: str, width: int, where: str) -> bool:
     return len(cells) == width and not any(map(is_number, cells))
 
 
-def _second(found: Header, rows: Sequence[_Line], where: str) -> Header:
+def _second(found: Header, rows: Sequence[_TextLine], where: str) -> Header:
     """The header with the row below it, if that holds units, or tells apart names that stand twice."""
     cells = _cells(rows[0].text, found.separator, where) if rows else []
     if len(cells) != len(found.names) or not any(cells) or any(is_number(cell) for cell in cells):
@@ -258,7 +258,7 @@ def _named(found: Header) -> Header:
     return replace(found, names=names)
 
 
-def _check(found: Header, rows: Sequence[_Line], where: str) -> None:
+def _check(found: Header, rows: Sequence[_TextLine], where: str) -> None:
     """DataError: a name is a fraction or stands twice, or the first row has more cells than there are
     columns, so that nobody knows which is which.
     """

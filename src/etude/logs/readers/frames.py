@@ -22,7 +22,7 @@ import numpy as np
 from etude.errors import DataError
 from etude.logs.columns.named_arrays import named_columns
 from etude.logs.readers.cells import numbers_of
-from etude.logs.readers.unpacking import BESIDE, MemoryBudget
+from etude.logs.readers.memory_budget import BESIDE, MemoryBudget
 from etude.types import Array, Channel, Log
 
 if TYPE_CHECKING:
@@ -112,7 +112,7 @@ DATA, DICTIONARY, DATA_V2 = 0, 2, 3  # types of pages
 LARGEST_RATIO = 2**17  # of a page's size to its compressed size: run lengths of zeros
 NUMBER = 8  # bytes of a value in memory, of run lengths too
 OF_LIST = 24  # and of one in a list, which is held as a table and as an array at once
-LEAST = 2**20  # bytes of a page that are always believed
+ALWAYS_BELIEVED = 2**20  # bytes of a page that are always believed
 
 
 def check_shape(data: bytes, room: MemoryBudget) -> None:
@@ -151,7 +151,9 @@ def _check_chunk(data: bytes, end: int, chunk: Mapping[int, Any], rows: int) -> 
     while seen < values:
         header, start = _struct(data, start, stop)
         packed, unpacked = header[3], header[2]
-        if not (0 <= packed <= stop - start and 0 <= unpacked <= max(LEAST, LARGEST_RATIO * packed)):
+        if not (
+            0 <= packed <= stop - start and 0 <= unpacked <= max(ALWAYS_BELIEVED, LARGEST_RATIO * packed)
+        ):
             raise ValueError("a page is longer than its column")
         seen += _values(header, unpacked)
         start += packed

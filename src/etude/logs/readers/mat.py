@@ -23,7 +23,7 @@ import numpy as np
 
 from etude.errors import DataError
 from etude.logs.readers.frames import raw_log
-from etude.logs.readers.unpacking import BESIDE, BLOCK, MemoryBudget, as_float
+from etude.logs.readers.memory_budget import BESIDE, BLOCK, MemoryBudget, as_float
 from etude.types import Array, Log
 
 HDF5 = (b"\x89HDF", b"MATLAB 7.3")

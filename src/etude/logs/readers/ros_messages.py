@@ -68,7 +68,7 @@ Block = tuple[str, Sequence[str], Any]
 
 
 @dataclass
-class Rows:
+class TopicRows:
     """Rows of one topic as they come: a time and blocks of values each.
 
     Attributes:

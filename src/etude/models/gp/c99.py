@@ -14,9 +14,8 @@ import numpy as np
 
 from etude.models.gp.cholesky import factorise, triangular_inverse
 from etude.models.gp.kernel_algebra import Kernel, Product, Sum
-from etude.models.gp.kernels import Linear, SquaredExponential
+from etude.models.gp.kernels import Linear, RestNoise, SquaredExponential
 from etude.models.gp.plugin_kernel import PluginKernel
-from etude.models.gp.stiction import RestNoise
 from etude.types import Array, Code, Index
 
 BLOCK = 32

@@ -13,7 +13,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from etude._runtime.blas import dpotrf, dpotri, dpotrs, dtrtri
+from etude._runtime.scipy_parts import dpotrf, dpotri, dpotrs, dtrtri
 from etude.errors import NumericalError
 from etude.types import Array
 

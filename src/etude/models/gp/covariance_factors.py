@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from etude._runtime.blas import dgemm, dtrmm
+from etude._runtime.scipy_parts import dgemm, dtrmm
 from etude.models.gp.kernel_algebra import Against
 from etude.models.gp.kernels import Kernel
 from etude.types import Array

@@ -9,14 +9,13 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from etude._runtime.blas import dpotrs, dtrmm
+from etude._runtime.scipy_parts import dpotrs, dtrmm
 from etude.errors import DataError, UsageError
 from etude.models.gp.cholesky import factorise, inverse_lower, triangular_inverse
 from etude.models.gp.covariance_factors import CovarianceFactors
 from etude.models.gp.kernel_algebra import Against, Of
-from etude.models.gp.kernels import Kernel
+from etude.models.gp.kernels import Kernel, mean_signal
 from etude.models.gp.likelihood_algebra import solved
-from etude.models.gp.stiction import mean_signal
 from etude.threads import threads_for
 from etude.types import Array
 

@@ -14,7 +14,7 @@ import numpy as np
 from etude.models.gp.basis_posterior import BasisPosterior
 from etude.models.gp.cholesky import factorise, triangular_inverse
 from etude.models.gp.exact import ExactGP
-from etude.models.gp.stiction import mean_signal, rest_variance
+from etude.models.gp.kernels import mean_signal, rest_variance
 from etude.protocols import Posterior
 from etude.threads import threads_for
 from etude.types import Array, Index

@@ -8,7 +8,7 @@ from typing import Literal
 
 import numpy as np
 
-from etude._runtime.blas import dpotrs
+from etude._runtime.scipy_parts import dpotrs
 from etude.errors import NumericalError, UsageError
 from etude.models.gp.basis_posterior import BasisPosterior, lower_root
 from etude.models.gp.cholesky import factorise, triangular_inverse

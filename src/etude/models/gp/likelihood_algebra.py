@@ -41,14 +41,14 @@ from typing import Any
 import numpy as np
 from scipy import LowLevelCallable
 
-from etude._runtime.blas import dpotrf, dpotri, dpotrs, dsyrk, loaded
+from etude._runtime.scipy_parts import dpotrf, dpotri, dpotrs, dsyrk, loaded
 from etude.models.gp.cholesky import copied, diagonal_of, with_jitter
 from etude.models.gp.kernel_algebra import Pull
 from etude.types import Array
 
 BLOCK = 96
 """Rows at a time: with fewer the products are slow, with more what is done inside a block counts."""
-LEAST = 2 * BLOCK
+LEAST_SIZE = 2 * BLOCK
 """Up to here calls cost more than the one pass gains."""
 ALIGNED = 8
 """Columns begin at multiples of so many numbers, a line of cache."""
@@ -158,7 +158,7 @@ def solved(K: Array, noise_variance: float, Y: Array) -> Solved:
     columns, known = Y.reshape(len(Y), -1), routines()
 
     def attempt(diagonal: Array) -> Solved | None:
-        if known is None or len(K) <= LEAST:
+        if known is None or len(K) <= LEAST_SIZE:
             return by_parts(K, diagonal, columns)
         return in_one(K, diagonal, columns, known)
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from etude._runtime.blas import dtrmm
+from etude._runtime.scipy_parts import dtrmm
 from etude.errors import DataError, NumericalError
 from etude.models.gp.cholesky import factorise, triangular_inverse
 from etude.models.gp.exact import ExactGP, ExactPosterior, checked_outputs, posterior_given

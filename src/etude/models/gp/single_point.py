@@ -18,8 +18,7 @@ from numpy.typing import NDArray
 from etude._runtime.compilation import compiled
 from etude.errors import UsageError
 from etude.models.gp.kernel_algebra import Kernel, Product, Sum
-from etude.models.gp.kernels import Linear, SquaredExponential
-from etude.models.gp.stiction import RestNoise
+from etude.models.gp.kernels import Linear, RestNoise, SquaredExponential
 from etude.types import Array
 
 
@@ -123,7 +122,7 @@ def pointwise_parts(
 
 LOG2E, LN2_HIGH, LN2_LOW = 1.4426950408889634, 6.93147180369123816490e-01, 1.90821492927058770002e-10
 ROUNDER = 6755399441055744.0  # 1.5 · 2^52: adding it leaves the nearest integer in the low bits
-LEAST = -709.0  # its k is -1023, whose 2^k comes out as 0: what is less is not a normal number
+LEAST_EXPONENT = -709.0  # its k is -1023, whose 2^k comes out as 0: what is less is not a normal number
 
 
 @compiled
@@ -134,7 +133,7 @@ def _exponential(e: Array, bits: Array, n: int) -> None:
     """
     scale = bits.view(np.int64)
     for i in range(n):
-        x = LEAST if e[i] < LEAST else e[i]
+        x = LEAST_EXPONENT if e[i] < LEAST_EXPONENT else e[i]
         bits[i] = x * LOG2E + ROUNDER
         k = bits[i] - ROUNDER
         e[i] = (x - k * LN2_HIGH) - k * LN2_LOW

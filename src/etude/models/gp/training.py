@@ -7,7 +7,7 @@ from typing import Literal, Protocol
 
 import numpy as np
 
-from etude._runtime.lbfgs import minimise
+from etude._runtime.scipy_parts import minimise
 from etude.errors import NumericalError, UsageError
 from etude.models.gp.exact import ExactGP, checked_data, checked_outputs, columns_of
 from etude.models.gp.kernels import Kernel

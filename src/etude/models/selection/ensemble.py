@@ -207,7 +207,7 @@ def everywhere(
 EXPONENT = 4.0
 """Weights go as exp(4 · mean log density): a candidate that is better by half a unit weighs seven times as
 much. It was chosen by its errors on the real logs of docs/real_logs.md, where it matters little."""
-LEAST = 0.02
+LEAST_WEIGHT = 0.02
 """A candidate that weighs less for every command is left out."""
 
 
@@ -237,7 +237,7 @@ def averaged(
         columns = list(part.candidate.commands)
         errors[k][:, columns], variances[k][:, columns] = error, variance
     weights = np.stack([weighed(errors[:, :, j], variances[:, :, j]) for j in range(J)], axis=1)
-    needed = weights.max(axis=1) >= LEAST
+    needed = weights.max(axis=1) >= LEAST_WEIGHT
     weights = np.where(needed[:, None], weights, 0.0)
     weights /= np.maximum(weights.sum(axis=0), np.finfo(float).tiny)
     for own, default in zip(weights, defaults, strict=False):  # where nothing was predicted it stays in use

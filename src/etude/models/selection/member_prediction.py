@@ -7,7 +7,7 @@ from typing import cast
 
 import numpy as np
 
-from etude.models.gp.stiction import resting
+from etude.models.gp.kernels import resting
 from etude.protocols import Candidate, Mean
 from etude.types import Array, Log
 

@@ -7,8 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from etude.models.data.cross_validation import Base, HeldOut, process_held_out
-from etude.models.data.fit import Folds, Rows, fit_data, floor_of, units_of
-from etude.models.data.hyperparameters import is_held, on_schedule
+from etude.models.data.fit import Folds, Rows, fit_data, floor_of, is_held, on_schedule, units_of
 from etude.models.members import member_named
 from etude.models.model import LearnedModel
 from etude.models.process import Silent

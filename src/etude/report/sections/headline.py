@@ -5,8 +5,23 @@ from __future__ import annotations
 import numpy as np
 
 from etude.campaign.record.alerts import bad_news
-from etude.report.curves import (
+from etude.report.markup import (
+    Baseline,
+    Html,
+    baseline,
+    duration,
+    element,
+    in_telling_order,
+    join,
+    missing,
+    number,
+    paragraph,
+    test_name,
+    times,
+)
+from etude.report.record import (
     Evaluation,
+    Record,
     Test,
     chosen_rung,
     held_out,
@@ -15,9 +30,6 @@ from etude.report.curves import (
     score,
     tests,
 )
-from etude.report.labels import Baseline, baseline, in_telling_order, test_name
-from etude.report.markup import Html, duration, element, join, missing, number, paragraph, times
-from etude.report.record import Record
 from etude.types import Array, Finding
 
 SAME = 0.02

@@ -4,8 +4,22 @@ from __future__ import annotations
 
 import numpy as np
 
-from etude.report.curves import (
+from etude.report.markup import (
+    Html,
+    baseline,
+    element,
+    error_axis,
+    grid,
+    missing,
+    paragraph,
+    section,
+    table,
+    test_title,
+    unit_sign,
+)
+from etude.report.record import (
     Evaluation,
+    Record,
     Test,
     chosen_rung,
     held_out,
@@ -14,9 +28,6 @@ from etude.report.curves import (
     scored_rungs,
     tests,
 )
-from etude.report.labels import baseline, error_axis, test_title, unit_sign
-from etude.report.markup import Html, element, grid, missing, paragraph, section, table
-from etude.report.record import Record
 from etude.report.scales import Axis
 from etude.report.svg import Level, Line, Mark, panel
 

@@ -8,9 +8,8 @@ import numpy as np
 
 from etude.campaign.record.events import Trained
 from etude.campaign.record.state import Round
-from etude.report.curves import Quantity, chosen_rung, rung_name, score, scored_rungs
 from etude.report.markup import Html, element, grid, missing, paragraph, section, table
-from etude.report.record import Record
+from etude.report.record import Quantity, Record, chosen_rung, rung_name, score, scored_rungs
 from etude.report.scales import Axis
 from etude.report.sections.learning import joint_style
 from etude.report.svg import Band, Level, Line, Mark, Points, panel

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import numpy as np
 
@@ -10,7 +11,18 @@ from etude.errors import EtudeError
 from etude.protocols import Trajectory
 from etude.report.markup import Html, element, missing, paragraph, section, text
 from etude.report.record import Record
-from etude.report.scene import AZIMUTH, ELEVATION, Camera, SceneBox, camera_of, drawn_room, project
+from etude.report.scene import (
+    STYLES,
+    Camera,
+    SceneBox,
+    camera_of,
+    cut,
+    drawn_room,
+    faces_in,
+    project,
+    standing,
+    things_of,
+)
 from etude.report.svg import CHARACTER, polyline
 from etude.types import Array, Figure, Thing
 
@@ -51,6 +63,7 @@ def motion(record: Record) -> Html:
         return section("motion", TITLE, missing(f"The robot cannot be drawn: {error}"))
     if found is None:
         return Html("")
+    found = replace(found, things=(*found.things, *things_of(record.limits)))
     words = "its tip" if len(found.tips) == 1 else "its tips"
     drawn = stage(f"Trajectory {numbers[-1]}", t, found)
     return section("motion", TITLE, paragraph(TEXT.format(tips=words)), paragraph(_of_things(found)), drawn)
@@ -62,12 +75,7 @@ DEEPER = 4.0
 """Times that, of a floor, a wall, and the line from a base down to its floor."""
 SLACK = 1e-3
 """m that a robot may be in its floor for rounding."""
-LINE_PX = 16.0
-"""Between two names, so that none lies on another."""
-STYLES = {"solid": "c5", "plane": "c7", "inside": "c8", "stand": "c8", "carried": "c3"}
 CARRIED = {"tool": "c3", "payload": "c4"}
-EYE = np.array([np.cos(AZIMUTH) * np.cos(ELEVATION), np.sin(AZIMUTH) * np.cos(ELEVATION), np.sin(ELEVATION)])
-"""From the room towards who looks."""
 
 
 def room_around(figure: Figure) -> SceneBox:
@@ -97,28 +105,6 @@ def _bottom(figure: Figure, lowest: float, lower: float) -> float:
     return height if shown and lowest > height - SLACK else lower
 
 
-def cut(face: Array, lower: Array, upper: Array) -> Array:
-    """(V', 3) what of a convex polygon (V, 3) or a line (2, 3) lies between two corners (3,), if anything."""
-    for axis in range(3):
-        face = _half(face, axis, float(lower[axis]), 1.0)
-        face = _half(face, axis, float(upper[axis]), -1.0)
-    return face
-
-
-def _half(face: Array, axis: int, end: float, side: float) -> Array:
-    """What of it is on one side of a plane across an axis: beyond `end` for 1, before it for -1."""
-    beyond = side * (face[:, axis] - end)
-    kept: list[Array] = []
-    for k in range(len(face)):
-        after = (k + 1) % len(face)
-        if beyond[k] >= 0.0:
-            kept.append(face[k])
-        if beyond[k] * beyond[after] < 0.0:
-            share = beyond[k] / (beyond[k] - beyond[after])
-            kept.append(face[k] + share * (face[after] - face[k]))
-    return np.array(kept).reshape(-1, 3)
-
-
 def _near(thing: Thing, lower: Array, upper: Array) -> Array:
     """(V, 3) the points that the drawing is widened to hold; of a plane its foot, of a room nothing."""
     if thing.kind in ("carried", "inside"):
@@ -133,18 +119,7 @@ def _near(thing: Thing, lower: Array, upper: Array) -> Array:
 def beyond(figure: Figure) -> list[str]:
     """Names of what is too far away from the robot to be drawn with it."""
     room = room_around(figure)
-    return [thing.name for thing in figure.things if thing.kind != "carried" and not _faces(thing, room)]
-
-
-def standing(camera: Camera, room: SceneBox, figure: Figure) -> str:
-    """What stands still, the far first, with names."""
-    still = [thing for thing in figure.things if thing.kind != "carried"]
-    drawn = {thing.name: _faces(thing, room) for thing in still}
-    shown = [thing for thing in still if drawn[thing.name]]
-    shown.sort(key=lambda thing: (thing.kind == "solid", _depth(drawn[thing.name])))
-    parts = [_thing(camera, thing, drawn[thing.name]) for thing in shown]
-    marks = [(_mark(camera, thing, drawn[thing.name]), thing.name) for thing in shown]
-    return "".join([*parts, _names(marks)])
+    return [thing.name for thing in figure.things if thing.kind != "carried" and not faces_in(thing, room)]
 
 
 def carried_pose(camera: Camera, thing: Thing, k: int) -> str:
@@ -169,64 +144,6 @@ def legend(figure: Figure, y: float) -> str:
     return "".join(parts) if moving else ""
 
 
-def _faces(thing: Thing, room: SceneBox) -> list[Array]:
-    """(V, 3) each: the faces as far as they lie in the room."""
-    points, lower, upper = thing.points[0], np.array(room.lower), np.array(room.upper)
-    found = [cut(points[list(face)], lower - 1e-9, upper + 1e-9) for face in thing.faces]
-    return [face for face in found if len(face) > 1]
-
-
-def _depth(faces: list[Array]) -> float:
-    return float(np.concatenate(faces).mean(axis=0) @ EYE)
-
-
-def _thing(camera: Camera, thing: Thing, faces: list[Array]) -> str:
-    """Its faces: those of a solid that look away are dashed behind the others, a room is edges alone."""
-    style = f"thing {thing.kind} {STYLES[thing.kind]}"
-    middle = np.concatenate(faces).mean(axis=0)
-    paths = [(_looks_here(face, middle), f"{polyline(*camera(face).T)}Z") for face in faces]
-    hidden = [line for here, line in paths if not here and thing.kind == "solid"]
-    front = [line for here, line in paths if here or thing.kind != "solid"]
-    back = f'<path class="{style} behind" d="{"".join(hidden)}"/>' if hidden else ""
-    return f'<g>{back}<path class="{style}" d="{"".join(front)}"/><title>{text(thing.name)}</title></g>'
-
-
-def _looks_here(face: Array, middle: Array) -> bool:
-    """Whether the outer side of a face of a body around `middle` looks to the eye."""
-    if len(face) < 3:
-        return True
-    normal = np.cross(face[1] - face[0], face[2] - face[0])
-    return bool((normal @ EYE) * (normal @ (face[0] - middle)) > 0.0)
-
-
-def _mark(camera: Camera, thing: Thing, faces: list[Array]) -> tuple[float, float]:
-    """px: where its name stands: on the top of a solid, at the near corner of others, below a base's foot."""
-    points = np.concatenate(faces)
-    if thing.kind == "solid":
-        top = points[points[:, 2] > points[:, 2].max() - 1e-9]
-        x, y = camera(top.mean(axis=0)[None])[0]
-        return float(x), float(y)
-    pixels = camera(points)
-    x, y = pixels[int(np.argmax(pixels[:, 1]))]
-    return float(x), float(y) + (14.0 if thing.kind == "stand" else -8.0)
-
-
-def _names(marks: list[tuple[tuple[float, float], str]]) -> str:
-    """Names where things are, moved up where one would lie on another."""
-    placed: list[tuple[float, float, float]] = []
-    parts = []
-    for (x, y), name in sorted(marks, key=lambda mark: -mark[0][1]):
-        half = 0.5 * CHARACTER * len(name)
-        x = min(max(x, half + 6.0), 394.0 - half)
-        while any(abs(x - a) < half + b and abs(y - c) < LINE_PX for a, b, c in placed):
-            y -= LINE_PX
-        placed.append((x, half, y))
-        parts.append(
-            f'<text class="thing-name" x="{x:.1f}" y="{y:.1f}" text-anchor="middle">{text(name)}</text>'
-        )
-    return "".join(parts)
-
-
 def _of_things(figure: Figure) -> str:
     """What is drawn beside the robot, and what is not."""
     around = [thing.name for thing in figure.things if thing.kind in ("solid", "plane", "inside")]
@@ -248,7 +165,7 @@ def stage(title: str, t: Array, figure: Figure) -> Html:
     """The figure among what stands around it, with buttons that the page's script shows."""
     room = room_around(figure)
     camera, height = camera_of(room, SIZE)
-    things = standing(camera, room, figure)
+    things = standing(camera, room, figure.things)
     ghosts = np.linspace(0, len(t) - 1, GHOSTS + 2).round().astype(int)[1:-1]
     parts = [drawn_room(camera, room), things]
     parts += [_pose(camera, figure, k, "ghost") for k in ghosts.tolist()]

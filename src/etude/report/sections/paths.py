@@ -8,11 +8,9 @@ from itertools import pairwise
 import numpy as np
 
 from etude.errors import EtudeError
-from etude.report.curves import tests
-from etude.report.labels import test_title
-from etude.report.markup import Html, grid, join, missing, paragraph, section, text, with_unit
+from etude.report.markup import Html, grid, join, missing, paragraph, section, test_title, text, with_unit
 from etude.report.png import VIRIDIS, colour_bar
-from etude.report.record import Record
+from etude.report.record import Record, tests
 from etude.report.scales import Axis
 from etude.report.scene import Path, SceneBox, room_of, scene
 from etude.report.sections.prediction import Forecast, forecast

@@ -10,10 +10,8 @@ from numpy.typing import NDArray
 
 from etude.errors import EtudeError
 from etude.protocols import Model
-from etude.report.curves import tests
-from etude.report.labels import test_name
-from etude.report.markup import Html, grid, missing, number, paragraph, section
-from etude.report.record import Record
+from etude.report.markup import Html, grid, missing, number, paragraph, section, test_name
+from etude.report.record import Record, tests
 from etude.report.scales import Axis
 from etude.report.svg import Area, Level, Line, Mark, panel, thinned
 from etude.types import Array, Log, Samples

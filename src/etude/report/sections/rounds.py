@@ -9,9 +9,8 @@ from typing import Any
 
 from etude.campaign.record.events import Created
 from etude.campaign.record.state import Round
-from etude.report.curves import Evaluation, Test, chosen_rung, rung_name, tests
-from etude.report.labels import FEEDBACK
 from etude.report.markup import (
+    FEEDBACK,
     Html,
     duration,
     element,
@@ -23,7 +22,7 @@ from etude.report.markup import (
     table,
     with_unit,
 )
-from etude.report.record import Record
+from etude.report.record import Evaluation, Record, Test, chosen_rung, rung_name, tests
 
 COSTS = ("round", "robot time", "robot time so far")
 GAINS = ("error before", "error after", "change", "gained per robot minute")

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from etude.report.labels import FEEDBACK, unit_sign
-from etude.report.markup import Html, grid, missing, paragraph, section
+from etude.report.markup import FEEDBACK, Html, grid, missing, paragraph, section, unit_sign
 from etude.report.record import Record
 from etude.report.scales import Axis
 from etude.report.sections.paths import views

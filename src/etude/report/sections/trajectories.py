@@ -9,7 +9,6 @@ import numpy as np
 
 from etude.campaign.record.stored_files import changed_since
 from etude.protocols import Limit, Trajectory
-from etude.report.labels import unit_sign
 from etude.report.markup import (
     Html,
     duration,
@@ -21,6 +20,7 @@ from etude.report.markup import (
     paragraph,
     section,
     table,
+    unit_sign,
 )
 from etude.report.record import Facts, Record
 from etude.report.scales import Axis
@@ -141,8 +141,10 @@ def limit_panel(limit: Limit, trajectory: Trajectory, t: Array) -> Html | None:
     measured = limit.of_motion(trajectory.motion(t, 4))
     if not rows or measured.shape[1] != len(rows):
         return None
-    if all(row.upper == np.inf for row in rows):
+    if all(row.upper == np.inf and row.lower > 0.0 for row in rows):
         return distance_panel(rows, measured, t)
+    if not all(np.isfinite([row.lower, row.upper]).all() for row in rows):
+        return None  # of a limit with one end nothing is a part of it
     low, high = (np.array([getattr(row, end) for row in rows]) for end in ("lower", "upper"))
     # a size has no lower end that could be met: it is drawn from zero
     signed = not bool(np.all(measured >= 0.0) and np.all((low <= 0.0) | ~np.isfinite(low)))

@@ -1,0 +1,199 @@
+"""The logs and models of trainings, read while their files are what the journal says, and log groups."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from etude._runtime.trust import folder_id
+from etude.campaign.record.config_file import trusting
+from etude.campaign.record.events import Trained
+from etude.campaign.record.folder import Campaign, open_campaign
+from etude.campaign.record.journal import JOURNAL, recorded, require_intact
+from etude.campaign.record.state import Round, State
+from etude.campaign.record.stored_files import name_of, require_runs
+from etude.errors import UsageError
+from etude.logs.readers.log_file import read_log_file
+from etude.models.model import LearnedModel
+from etude.models.store import load_model as read_model
+from etude.plugins import named_in
+from etude.storage import sha256_of
+from etude.types import Log, Samples
+
+MODEL, LEFT_OUT = "model.npz", "left_out.npz"
+LINEAR, MIXED = "linear", "mixed"
+"""What every rung has to beat, and what is said where commands were given different rungs."""
+
+
+def load_model(folder: str | Path) -> LearnedModel:
+    """The model in use in a campaign folder. Errors as `newest_model`."""
+    campaign = open_campaign(Path(folder))
+    return newest_model(campaign, campaign.state())
+
+
+def newest_model(campaign: Campaign, state: State) -> LearnedModel:
+    """The model in use: that of the last training.
+
+    Raises:
+        UsageError: nothing was learned yet, or a file of the model is missing or was changed.
+        DataError: the file is of another version.
+    """
+    if not state.trained:
+        raise UsageError(
+            "nothing has been learned yet", where=str(campaign.path), next_step="Tell a log first."
+        )
+    check_model(campaign, state)
+    return stored_model(campaign, state.trained[-1].number)
+
+
+def check_model(campaign: Campaign, state: State) -> None:
+    """Holds the model in use, if any, against the journal: a damaged one may still load.
+
+    Raises:
+        UsageError: its file is missing or was changed.
+    """
+    if not state.trained:
+        return
+    number = state.trained[-1].number
+    trained = [e for e in campaign.events() if isinstance(e.fact, Trained) and e.number == number]
+    require_intact(campaign.path, trained[-1].files, _advice(campaign, number))
+
+
+def _advice(campaign: Campaign, number: int) -> str:
+    return (
+        f"Restore it from a copy, or learn anew: etude abandon {campaign.path} {number}, "
+        "then tell its log again."
+    )
+
+
+def require_stored(campaign: Campaign, number: int) -> str:
+    """SHA-256 of the model that round `number` left, "" if it is missing. UsageError: it was changed."""
+    path = campaign.model_folder(number) / MODEL
+    if not path.is_file():
+        return ""
+    digest = sha256_of(path)
+    if recorded(campaign.events()).get(name_of(campaign, path)) != digest:
+        raise UsageError(
+            f"{name_of(campaign, path)} was changed after it was committed",
+            where=str(campaign.path),
+            next_step=_advice(campaign, number),
+        )
+    return digest
+
+
+def stored_log(campaign: Campaign, number: int) -> Log:
+    """The log that was told of that number, as it was stored. UsageError: its file is missing or was changed.
+
+    DataError: it cannot be read.
+    """
+    require_runs(campaign, [number])
+    return read_log_file(campaign.run_file(number))
+
+
+def stored_model(campaign: Campaign, number: int) -> LearnedModel:
+    """The model that round `number` left, read once while its file stays.
+
+    DataError: missing or damaged. UsageError: it is not the one that was committed.
+    """
+    path = campaign.model_folder(number)
+    digest = require_stored(campaign, number)
+    if digest not in campaign.models:
+        campaign.models.clear()  # only the last one read: models are large
+        campaign.models[digest] = read_stored(campaign, path / MODEL)
+    return campaign.models[digest]
+
+
+def read_stored(campaign: Campaign, path: Path) -> LearnedModel:
+    """The model in a file of the campaign; code that it names is run only of a folder that is trusted."""
+    kind, spec, config, folder = campaign.kind, campaign.spec, campaign.config, campaign.path
+    with named_in(path, folder, folder_id(folder / JOURNAL), trusting(folder)):
+        return read_model(path, kind.inputs(spec, config).restore, kind.physics(spec, config))
+
+
+def only_rung(model: LearnedModel, rung: str) -> LearnedModel | None:
+    """The model with that rung for all commands; None if it was not trained for all."""
+    try:
+        return model.of_rung(rung)
+    except UsageError:
+        return None
+
+
+def label(rungs: Sequence[str]) -> str:
+    """One word for the rungs of all commands."""
+    return rungs[0] if len(set(rungs)) == 1 else MIXED
+
+
+def is_learned(state: State) -> bool:
+    """Whether every log that waits for no answer is in the model."""
+    return not state.pending
+
+
+def told_samples(campaign: Campaign, numbers: Sequence[int]) -> Samples:
+    """The samples of stored logs; each segment is a group, in the order of `numbers` and of time.
+
+    A log that repeats another of them is in that one's groups: it is no new evidence of how well a new motion
+    is predicted.
+    """
+    logs = [stored_log(campaign, number) for number in numbers]
+    groups = []
+    for log, own in zip(logs, groups_of(campaign, numbers).values(), strict=True):
+        place = np.searchsorted([start for start, _ in own], log.t, side="right") - 1
+        groups.append(np.array([group for _, group in own], dtype=np.int64)[np.maximum(place, 0)])
+    return campaign.kind.samples(campaign.spec, campaign.config, logs, groups)
+
+
+def groups_of(campaign: Campaign, numbers: Sequence[int]) -> dict[int, list[tuple[float, int]]]:
+    """Of each of those logs, when its segments start, s, and their groups; a repeated one has its own."""
+    rounds, count = campaign.state().rounds, 0
+    found: dict[int, list[tuple[float, int]]] = {}
+    for number in numbers:
+        told = rounds[number].told
+        starts = told.segments if told else (0.0,)
+        repeats = found.get(told.repeats) if told and told.repeats is not None else None
+        last = 0 if repeats is None else len(repeats) - 1
+        found[number] = [
+            (start, count + i if repeats is None else repeats[min(i, last)][1])
+            for i, start in enumerate(starts)
+        ]
+        count += len(starts) if repeats is None else 0
+    return found
+
+
+def known_groups(campaign: Campaign, numbers: Sequence[int]) -> int:
+    """How many groups those logs make."""
+    return len({group for own in groups_of(campaign, numbers).values() for _, group in own})
+
+
+SIMULATED = "simulated"
+"""The folder of a campaign with the logs that its simulated robot left."""
+
+
+def simulated_logs(campaign: Campaign, state: State) -> list[Round]:
+    """Rounds in use whose log came out of `etude simulate`, by number."""
+    return [r for r in state.told if _left(campaign, r)]
+
+
+def real_logs(campaign: Campaign, state: State) -> list[Round]:
+    """Rounds in use whose log came from elsewhere, by number."""
+    return [r for r in state.told if not _left(campaign, r)]
+
+
+def mixed(campaign: Campaign, state: State) -> tuple[str, ...]:
+    """A sentence where a model learns from a robot and from what was made of its model file.
+
+    A built-in robot has a plant of its own: nothing else is real of it.
+    """
+    simulated, real = simulated_logs(campaign, state), real_logs(campaign, state)
+    if not simulated or not real or getattr(campaign.spec, "plant", None) is not None:
+        return ()
+    numbers = ", ".join(str(r.number) for r in simulated)
+    return (
+        f"log {numbers} was simulated, log {real[0].number} is of the robot itself: the model learns from two"
+        f" robots. Take the simulated ones back: etude untell {campaign.path} {simulated[-1].number}",
+    )
+
+
+def _left(campaign: Campaign, one: Round) -> bool:
+    return (campaign.path / SIMULATED / f"{one.number:04d}.parquet").is_file()

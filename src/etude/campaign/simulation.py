@@ -1,0 +1,343 @@
+"""Closes the loop with a simulated robot: the same asks and tells, and tests a real robot would not allow."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+
+from etude.campaign.ingest.ingest_result import How
+from etude.campaign.ingest.tell import abandon, tell
+from etude.campaign.propose.ask import ask
+from etude.campaign.record.controls import FEEDBACK, LEARNED, asked_under
+from etude.campaign.record.events import Evaluated
+from etude.campaign.record.folder import ROBOT, Campaign, Say
+from etude.campaign.record.rounds import (
+    SimulatedRound,
+    interrupted_round,
+    known_evaluation,
+    robot_seconds,
+)
+from etude.campaign.record.stored_files import stored_trajectory
+from etude.campaign.record.stored_models import SIMULATED, newest_model, only_rung, real_logs
+from etude.errors import DataError, UsageError
+from etude.logs.readers.log_file import write_log
+from etude.progress import counted, part
+from etude.protocols import Controller, Robot, Trajectory
+from etude.types import Log
+
+MOST_TRIES = 4
+"""Trajectories tried for each that is wanted."""
+BASELINES = 0.15
+"""About the part that feedback alone takes of all."""
+
+
+RUN_STREAM, TEST_STREAM = 3, 4
+"""Separate the random numbers of simulated runs and of the tests from those of `ask` and of training."""
+CERTAIN = ("sign",)
+"""Questions whose answer is known of a simulated robot. Joints that drag each other along exchange power, so
+that one of many may take more out of the motion than its friction puts in."""
+ASKING = 0.3
+"""About the part that a design takes of its round; the rest is learning."""
+IDENTIFIED, RIGID_BODY = "identified", "rigid_body"
+"""The rung that a careful user has today, and what it is called as a baseline."""
+
+ONLINE = "online"
+"""The learned model that goes on learning in the test, as a baseline."""
+
+
+def test_motions(campaign: Campaign) -> Mapping[str, Trajectory]:
+    """The campaign's test motions by name; fixed by its seed, never trained on."""
+    rng = np.random.default_rng([campaign.state().seed, TEST_STREAM])
+    return campaign.kind.tests(campaign.spec, campaign.config, rng)
+
+
+class Adaptation(Protocol):
+    """How a model goes on learning in a simulated test: what a row of `etude.adaptations` makes."""
+
+    def require(self, campaign: Campaign, robot: Robot) -> None:
+        """UsageError: nothing can be learned while this robot runs."""
+        ...
+
+    def controllers(self, campaign: Campaign, robot: Robot) -> Callable[[], Controller]:
+        """Makes a controller for each test, which begins with the campaign's newest model."""
+        ...
+
+
+@dataclass(frozen=True)
+class Loop:
+    """A campaign and the simulated robot that stands in for the real one.
+
+    Attributes:
+        answer: to whether the robot has changed; "" where that is rehearsed.
+        feedforward: whether motions that teach are run with what was learned, too.
+    """
+
+    campaign: Campaign
+    robot: Robot
+    answer: str
+    tests: Mapping[str, Trajectory]
+    baselines: Mapping[str, Controller | None]
+    online: Adaptation | None
+    feedforward: bool = False
+
+    @classmethod
+    def of(
+        cls, campaign: Campaign, engine: str, change: Mapping[str, float], online: Adaptation | None
+    ) -> Loop:
+        kind, spec, config = campaign.kind, campaign.spec, campaign.config
+        robot = kind.robot(spec, config)
+        if robot is None:
+            raise UsageError(
+                f"robot '{campaign.name}' has no simulated plant",
+                where=str(campaign.path / ROBOT),
+                next_step="Name its URDF or MJCF, with masses, as model_file there to rehearse, or run the "
+                "real robot.",
+            )
+        if hasattr(robot, "assumed"):  # what stands in for a robot that exists
+            _check_rehearsed(campaign)
+        if engine:
+            robot = _with_engine(robot, engine, campaign.name)
+        robot, answer = (robot.changed(**change), "") if change else (robot, "same")
+        baselines = kind.baselines(spec, config)
+        return cls(campaign, robot, answer, test_motions(campaign), baselines, online)
+
+    def learned_one(self, say: Say) -> int | None:
+        """Asks, runs and tells one trajectory; its number, or None if its log was refused."""
+        campaign = self.campaign
+        with part(ASKING):
+            number, beside = self._asked(say)
+        say(f"Running trajectory {number} on the simulated {campaign.name}.")
+        rng = np.random.default_rng([campaign.state().seed, number, RUN_STREAM])
+        log = self.robot.run(stored_trajectory(campaign, number), beside, rng)
+        path = campaign.path / SIMULATED / f"{number:04d}.parquet"
+        write_log(path, log)
+        how: How = {"accept": CERTAIN, "control": _control(beside)}
+        try:
+            with part(1.0 - ASKING):
+                told = tell(campaign, path, number=number, changed=self.answer, say=say, **how)
+        except DataError as refused:  # it broke off: what a person would give up too
+            say(f"Trajectory {number} is given up: {refused.fact}.")
+            abandon(campaign, number)
+            return None
+        if told.foreign:  # it broke off, and teaches that far
+            say(f"Trajectory {number} is given up: less than half of it was run, which log {told.number} is.")
+            abandon(campaign, number)
+        if told.held:
+            for found in told.findings:
+                say(f"Log {told.number} is not learned yet: {found.sentence}. {found.step}")
+        return told.number
+
+    def _asked(self, say: Say) -> tuple[int, Controller | None]:
+        """The next trajectory, and what it is run with beside the feedback: what its margins are of."""
+        campaign = self.campaign
+        control = "" if campaign.state().proposals else _control(self._collecting())
+        number = ask(campaign, go_on=True, control=control, say=say).number
+        under = asked_under(campaign.round(number).asked)  # of proposals that are older than this: none
+        return number, self._collecting() if LEARNED in (under or (LEARNED,)) else None
+
+    def _collecting(self) -> Controller | None:
+        """What motions that teach are run with, beside the feedback, once something was learned: what was
+        learned, or what the kind adds; most add nothing.
+        """
+        campaign, state = self.campaign, self.campaign.state()
+        kind = campaign.kind
+        made = kind.controller if self.feedforward else getattr(kind, "collecting", None)
+        if made is None or not state.trained:
+            return None
+        found: Controller | None = made(campaign.spec, campaign.config, newest_model(campaign, state))
+        return found
+
+    def evaluate_round(self, number: int) -> SimulatedRound:
+        """Tests the model of that round, and what its identified physics alone would do."""
+        campaign = self.campaign
+        kind, spec, config = campaign.kind, campaign.spec, campaign.config
+        model = newest_model(campaign, campaign.state())
+        errors, unit = self.evaluate(number, same(kind.controller(spec, config, model)))
+        identified = only_rung(model, IDENTIFIED)
+        if identified is not None:
+            self.evaluate(number, same(kind.controller(spec, config, identified)), RIGID_BODY)
+        if self.online is not None:
+            self.evaluate(number, self.online.controllers(campaign, self.robot), ONLINE)
+        return SimulatedRound(number, robot_seconds(campaign), errors, unit, len(campaign.axes))
+
+    def evaluate(
+        self, number: int, made: Callable[[], Controller | None], baseline: str = ""
+    ) -> tuple[dict[str, list[float]], str]:
+        """Runs each test once, unless it was run before; commits and returns the errors and their unit.
+
+        `made` gives each test a controller, which may learn in it.
+        """
+        errors, unit = {}, ""
+        for index, (name, motion) in enumerate(self.tests.items()):
+            found = known_evaluation(self.campaign, name, number, baseline)
+            if found is None:
+                rng = np.random.default_rng([self.campaign.state().seed, index, TEST_STREAM, TEST_STREAM])
+                found = self._commit(number, baseline, name, self.tried(motion, made(), rng))
+            errors[name], unit = list(found.errors), found.unit
+        return errors, unit
+
+    def tried(self, motion: Trajectory, controller: Controller | None, rng: np.random.Generator) -> Log:
+        """A test run: to its end, however badly it goes, where the robot knows how."""
+        run = getattr(self.robot, "test", self.robot.run)
+        log: Log = run(motion, controller, rng)
+        return log
+
+    def _commit(self, number: int, baseline: str, test: str, log: Log) -> Evaluated:
+        error, units = self.robot.error(log)
+        found = Evaluated(
+            test=test,
+            baseline=baseline,
+            robot_seconds=robot_seconds(self.campaign),
+            errors=tuple(error.tolist()),
+            unit=units[0] if len(set(units)) == 1 else "mixed",
+        )
+        with self.campaign.writing():
+            self.campaign.commit(found, number, self._kept(number, baseline, test, log))
+        return found
+
+    def _kept(self, number: int, baseline: str, test: str, log: Log) -> list[Path]:
+        """Stores the runs that the report draws: the learned controller's, and the feedback's alone."""
+        if baseline not in ("", next(iter(self.baselines), "")):
+            return []
+        path = self.campaign.path / "tests" / f"{number:04d}.{baseline or 'learned'}.{test}.parquet"
+        write_log(path, log)
+        return [path]
+
+
+def _control(beside: Controller | None) -> str:
+    """What a motion that teaches is run under: it is fed forward what was learned, or nothing."""
+    return FEEDBACK if beside is None else LEARNED
+
+
+def same(controller: Controller | None) -> Callable[[], Controller | None]:
+    """The same controller for each test."""
+    return lambda: controller
+
+
+def _with_engine(robot: Robot, engine: str, name: str) -> Robot:
+    """The same robot on another engine."""
+    if not hasattr(robot, "engine"):
+        raise UsageError(f"the simulated {name} has one engine only", next_step="Leave --engine out.")
+    made: Robot = replace(robot, engine=engine)  # type: ignore[type-var]
+    return made
+
+
+def _check_rehearsed(campaign: Campaign) -> None:
+    """A real robot and what stands in for it are two robots: no model may learn from both."""
+    real = real_logs(campaign, campaign.state())
+    if real:
+        raise UsageError(
+            f"log {real[0].number} is of the robot itself: no model may learn from it and from a stand-in",
+            where=str(campaign.path),
+            next_step="Rehearse in a folder of its own: etude init rehearsal --robot "
+            f"{campaign.path / ROBOT}, then etude simulate rehearsal.",
+        )
+
+
+def simulate(
+    campaign: Campaign,
+    rounds: int,
+    engine: str = "",
+    say: Say = lambda _: None,
+    change: Mapping[str, float] | None = None,
+    online: Adaptation | None = None,
+    *,
+    feedforward: bool = False,
+) -> Iterator[SimulatedRound]:
+    """Asks, runs and tells `rounds` trajectories, and evaluates the controller after each one.
+
+    Trajectories are collected under the robot's own feedback, and what its kind adds (`collecting`), or with
+    what was learned so far beside it. The stop rule is not heeded: who simulates wants the whole curve.
+    Interrupted work is finished first; a test of a round is evaluated once. A run whose log is refused is
+    given up, and another trajectory asked for.
+
+    With a `change` the robot is another one in these rounds, and its logs are told as a person would tell
+    them: the first that is noticed waits for an answer, and nothing is run after it.
+
+    Args:
+        campaign: the folder.
+        rounds: trajectories to learn.
+        engine: of the simulation, where the robot has several; "": its own.
+        say: receives one sentence per step.
+        change: as for `Robot.changed`; None: the robot is what it was.
+        online: how the model of each round goes on learning in the same tests; None: it is tested as it is.
+        feedforward: run the motions that teach with the newest model beside the feedback, once there is one.
+
+    Raises:
+        UsageError: the robot has no simulated plant, no such engine or change, a log waits for an answer, a
+            log of the real robot was told, or nothing can be learned while the robot runs.
+        DataError: too many logs were refused, or they do not tell what the feedback adds.
+    """
+    _check_answered(campaign)
+    loop = replace(Loop.of(campaign, engine, change or {}, online), feedforward=feedforward)
+    if online is not None:
+        online.require(campaign, loop.robot)
+    for sentence in getattr(loop.robot, "assumed", ()):  # of a stand-in that its owner did not describe
+        say(sentence)
+    with part(BASELINES):
+        for name, controller in counted(loop.baselines.items()):
+            loop.evaluate(0, same(controller), name)
+    left = interrupted_round(campaign, say)
+    if left is not None:  # or its tests would be missing from the curve
+        loop.evaluate_round(left)
+    done = 0
+    for _ in range(MOST_TRIES * rounds):
+        if done == rounds:
+            return
+        with part((1.0 - BASELINES) / rounds):
+            number = loop.learned_one(say)
+        if campaign.state().held:
+            return
+        if number is not None:
+            done += 1
+            yield loop.evaluate_round(number)
+    if done < rounds:
+        raise DataError(
+            f"only {done} of {rounds} runs left a log that can be used",
+            where=str(campaign.path),
+            next_step=f"The feedback cannot follow: lower the limits in {ROBOT}, or leave more room.",
+        )
+
+
+def simulate_confirmation(
+    campaign: Campaign, engine: str = "", say: Say = lambda _: None, change: Mapping[str, float] | None = None
+) -> dict[str, Any]:
+    """Asks for a motion that is never trained on, runs it without and with the model in use, and tells both.
+
+    Returns:
+        what `status` says of it.
+
+    Raises:
+        UsageError: no simulated plant, or nothing was learned yet. DataError: a run cannot be used.
+    """
+    from etude.campaign.evaluate.confirm import ask_to_confirm
+    from etude.campaign.ingest.confirmation_runs import RUNS, confirmed
+    from etude.campaign.record.deployed_model import model_in_use
+
+    loop = Loop.of(campaign, engine, change or {}, None)
+    number = ask_to_confirm(campaign, say=say).number
+    kind, spec, config = campaign.kind, campaign.spec, campaign.config
+    alone = next(iter(loop.baselines.values()), None)
+    learned = kind.controller(spec, config, model_in_use(campaign).model)
+    for run, controller in zip(RUNS, (alone, learned), strict=True):
+        say(f"Running trajectory {number} on the simulated {campaign.name}, {run} the feedforward.")
+        rng = np.random.default_rng([campaign.state().seed, number, RUN_STREAM])
+        log = loop.tried(stored_trajectory(campaign, number), controller, rng)
+        path = campaign.path / SIMULATED / f"{number:04d}.{run}.parquet"
+        write_log(path, log)
+        tell(campaign, path, number=number, confirm=run, accept=CERTAIN, say=say)
+    return confirmed(campaign, campaign.round(number))
+
+
+def _check_answered(campaign: Campaign) -> None:
+    held = campaign.state().held
+    if held:
+        raise UsageError(
+            f"log {held[0].number} waits for the answer to whether the robot has changed",
+            where=str(campaign.path),
+            next_step=f"etude tell {campaign.path} --changed new (or forget, or same).",
+        )

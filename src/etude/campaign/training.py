@@ -1,0 +1,335 @@
+"""Learns what was told and not learned yet, in one training, and what the model expects of itself."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from etude import plugins
+from etude.campaign.propose.motions import typical_motions
+from etude.campaign.record.events import BlockScores, PrequentialScore, Trained
+from etude.campaign.record.folder import Campaign, Say
+from etude.campaign.record.journal import jsonable
+from etude.campaign.record.state import Round, State
+from etude.campaign.record.stored_models import (
+    LEFT_OUT,
+    LINEAR,
+    MIXED,
+    MODEL,
+    check_model,
+    known_groups,
+    label,
+    stored_log,
+    stored_model,
+    told_samples,
+)
+from etude.design.latents import latents_of
+from etude.design.objective import MOTIONS, reference_states
+from etude.errors import DataError, NumericalError
+from etude.models.data.cross_validation import held_out_blocks, split_blocks
+from etude.models.model import LearnedModel
+from etude.models.protocols import HasKernel, SupportsFirstUse
+from etude.models.score import PredictionScore, score
+from etude.models.selection.linear import LinearPhysics
+from etude.models.selection.model_selection import Ladder, prequential, residuals_of, train_ladder
+from etude.models.store import save_model
+from etude.progress import part
+from etude.protocols import Candidate, Inputs
+from etude.storage import write_atomic
+from etude.types import Array, Samples
+
+TRAIN_STREAM = 2
+"""Separates the random numbers of training from those of asking and testing."""
+BLOCKS = 20
+"""Parts of a log, some of which are held out."""
+STILL = 0.002
+"""Part of a coordinate's range, at most one turn of it, within which it stands: noise and play move more than
+nothing."""
+GAP_S = 0.5
+"""s beside a block held out of the first answer to a proposal, in neither part: the filter spreads a command
+over about as much. Recordings have none: they are short, and their figures are those of the documentation.
+"""
+
+
+@dataclass(frozen=True)
+class TrainingOutcome:
+    """What learning a log left.
+
+    Attributes:
+        files: stored models.
+        fact: the training.
+    """
+
+    files: list[Path]
+    fact: Trained
+
+
+Learner = Callable[[Campaign, State, int], TrainingOutcome]
+"""Learns log `number` with all logs told before it; only tests give another one than `learn_log`."""
+
+
+def learn_pending(campaign: Campaign, learner: Learner | None = None, say: Say = lambda _: None) -> list[int]:
+    """Learns every log that was told and waits for no answer, together; returns their numbers.
+
+    However many there are, one training takes them all: it is recorded under the last of their numbers. Where
+    that fails they are learned one after the other; what cannot be learned even so (an axis that never moved)
+    waits for the next log. The caller holds the lock.
+
+    Raises:
+        DataError, NumericalError: not even all logs together can be learned.
+    """
+    learn = learner or learn_log
+    _say_if_compiling(campaign, say)
+    numbers = [r.number for r in campaign.state().pending]
+    try:
+        _learn_together(campaign, learn, numbers, say)
+        return numbers
+    except (DataError, NumericalError) as error:
+        failure: DataError | NumericalError | None = error
+    done: list[int] = []
+    for number in numbers if len(numbers) > 1 else []:
+        try:
+            _learn_together(campaign, learn, [number], say)
+        except (DataError, NumericalError) as error:
+            failure = error
+            continue
+        failure = None
+        done.append(number)
+    if failure is not None:
+        raise failure
+    return done
+
+
+def _say_if_compiling(campaign: Campaign, say: Callable[[str], None]) -> None:
+    if not campaign.state().pending:
+        return
+    model = campaign.config.model
+    named = (plugins.load("etude.kernels", model.kernel), plugins.load("etude.models", model.process))
+    for sentence in dict.fromkeys(own.first_use() for own in named if isinstance(own, SupportsFirstUse)):
+        if sentence:
+            say(sentence)
+
+
+def _learn_together(campaign: Campaign, learn: Learner, numbers: Sequence[int], say: Say) -> None:
+    """One training, and its commit. Errors as `learn_pending`."""
+    if not numbers:
+        return
+    say(f"Learning log{'s' * (len(numbers) > 1)} {', '.join(map(str, numbers))}.")
+    learned = learn(campaign, campaign.state(), numbers[-1])
+    together = tuple(numbers) if len(numbers) > 1 else ()
+    campaign.commit(replace(learned.fact, together=together), numbers[-1], learned.files)
+
+
+REFERENCE_STREAM = 5
+"""The reference motions of the stop rule are the same for all rounds, so that its numbers can be compared."""
+STATES = 100
+
+
+def with_forecast(
+    fact: Trained, model: LearnedModel, before: LearnedModel | None, campaign: Campaign, state: State
+) -> Trained:
+    """The training with what the model expects of itself, for each command in its unit.
+
+    forecast_deviation: root mean square error expected at the reference states, calibrated;
+    latent_deviation, noise_deviation: of the process, uncalibrated, and of its noise;
+    moved: largest change of a logarithmic length scale since the model before, in the same rungs, or null.
+    """
+    rng = np.random.default_rng([state.seed, REFERENCE_STREAM])
+    motions = typical_motions(campaign, rng, MOTIONS)
+    latents = latents_of(model)
+    groups = [latent.commands for latent in latents]
+    latent, noise, expected = (np.zeros(len(model.commands)) for _ in range(3))
+    for view, X in zip(latents, reference_states(model.inputs, groups, STATES, motions), strict=True):
+        own = list(view.commands)
+        latent[own] = view.factors * np.sqrt(np.mean(view.posterior.predict(X)[1]))
+        noise[own] = view.factors * np.sqrt(view.posterior.noise_variance)
+        expected[own] = [expected_variance(model, j, X) for j in own]
+    return replace(
+        fact,
+        forecast_deviation=tuple(np.sqrt(expected).tolist()),
+        latent_deviation=tuple(latent.tolist()),
+        noise_deviation=tuple(noise.tolist()),
+        moved=None if before is None else _moved(model, before),
+    )
+
+
+def expected_variance(model: LearnedModel, command: int, X: Array) -> float:
+    """Mean squared error expected of a command at model inputs X (r, D), without the noise of samples."""
+    found = 0.0
+    for candidate in model.candidates:
+        if command in candidate.commands and candidate.process is not None:
+            place = candidate.commands.index(command)
+            variance = candidate.process.predict(X)[1][:, place] * candidate.units[1, place] ** 2
+            found += candidate.weights[place] * candidate.calibration[place] * float(variance.mean())
+    return found
+
+
+def _moved(model: LearnedModel, before: LearnedModel) -> float | None:
+    """Largest |change| of a logarithmic length scale over all commands; None if kernels differ or lack."""
+    moves = []
+    for command, rung in enumerate(model.chosen):
+        now, then = (_posterior(m.candidates, rung, command) for m in (model, before))
+        if not (isinstance(now, HasKernel) and isinstance(then, HasKernel)):
+            return None
+        if now.theta.shape != then.theta.shape:
+            return None
+        lengths = np.array([role == "length" for role in now.kernel.roles()])
+        if lengths.any():
+            moves.append(float(np.abs(now.theta - then.theta)[lengths].max()))
+    return max(moves, default=None)
+
+
+def _posterior(candidates: tuple[Candidate, ...], rung: str, command: int) -> Any:
+    """The process of a command in that rung, if there is one."""
+    for candidate in candidates:
+        if candidate.rung == rung and command in candidate.commands and candidate.process is not None:
+            place = candidate.commands.index(command)
+            for posterior, places in candidate.process.latents():
+                if place in places:
+                    return posterior
+    return None
+
+
+def learn_log(campaign: Campaign, state: State, number: int) -> TrainingOutcome:
+    """Scores the newest model on log `number` and those that wait with it, which it has not seen, then trains
+    on all logs told.
+    """
+    check_model(campaign, state)
+    trained = [r for r in state.trained if r.number != number]
+    waiting = [r.number for r in state.pending if r.number < number]
+    logs = [*(r.number for r in state.learned if r.number not in (number, *waiting)), *waiting, number]
+    samples = told_samples(campaign, logs)
+    kind, spec, config = campaign.kind, campaign.spec, campaign.config
+    inputs = kind.inputs(spec, config).tuned(samples)
+    before = _comparable(campaign, trained, inputs)
+    rng = np.random.default_rng([state.seed, number, TRAIN_STREAM])
+    physics, limit = kind.physics(spec, config), kind.limit(spec)
+    # nothing scores the first log before it is learned, and a log of another motion may be unlike all others:
+    # blocks of these are held out, and predicted from the rest
+    told = state.rounds[number].told
+    foreign = told is not None and told.foreign
+    blocks = foreign or not trained
+    with part(0.5 if blocks else 1.0):
+        ladder = train_ladder(samples, inputs, physics, limit, config.model, rng, previous=before)
+    path = campaign.model_folder(number) / MODEL
+    save_model(path, ladder.model)
+    left_out = campaign.model_folder(number) / LEFT_OUT
+    write_atomic(left_out, residuals_of(ladder).to_bytes())
+    learned = [r.told for r in state.told if r.told and r.number in logs]
+    fact = Trained(
+        logs=tuple(logs),
+        models=_scores(before, inputs, samples, known_groups(campaign, logs[: -1 - len(waiting)])),
+        held_out_mae=_left_out(ladder),
+        predicted_by=trained[-1].trained.chosen if trained and trained[-1].trained else None,
+        chosen=label(ladder.chosen),
+        rungs=tuple(ladder.chosen),
+        calibrated=ladder.model.calibrated,
+        unmoved=_unmoved(campaign, samples),
+        robot_seconds=float(sum(one.robot_seconds for one in learned)),
+        recipe=tuple(_said(campaign, logs, samples)),
+        inputs={name: np.asarray(a).tolist() for name, a in ladder.model.inputs.arrays().items()},
+        warnings=(*getattr(ladder.model.inputs, "notes", ()), *ladder.model.warnings),
+    )
+    fact = with_forecast(fact, ladder.model, before, campaign, state)
+    if blocks:
+        with part(0.5):
+            fact = _with_blocks(fact, campaign, number, rng, 0.0 if foreign else GAP_S)
+    return TrainingOutcome([path, left_out], fact)
+
+
+def _unmoved(campaign: Campaign, samples: Samples) -> tuple[str, ...]:
+    """Commands of coordinates that stood still, where each coordinate has a command of its own."""
+    if campaign.command.parts != campaign.axes:
+        return ()
+    path = samples.log[campaign.kind.path]
+    low, high = campaign.kind.expected(campaign.spec).limits[campaign.kind.path]
+    width = np.minimum(np.asarray(high, dtype=float) - low, 2.0 * np.pi)
+    still = np.ptp(path, axis=0) < STILL * width
+    return tuple(np.array(campaign.axes)[still].tolist())
+
+
+def _comparable(campaign: Campaign, trained: Sequence[Round], inputs: Inputs) -> LearnedModel | None:
+    """The newest model, unless it looks at other inputs: some logs tell less, or [data] was edited."""
+    if not trained:
+        return None
+    before = stored_model(campaign, trained[-1].number)
+    return before if tuple(before.inputs.columns) == tuple(inputs.columns) else None
+
+
+def _scores(
+    before: LearnedModel | None, inputs: Inputs, samples: Samples, known: int
+) -> dict[str, PrequentialScore]:
+    """Each rung of the earlier model on all but the `known` first groups, and what every rung has to beat."""
+    newest = samples.group >= known
+    if not newest.any():  # logs that repeat others are no new motion
+        return {}
+    new = samples.take(newest)
+    found: dict[str, PredictionScore] = {}
+    if before is not None:
+        found = prequential(before, new, samples.take(~newest))
+        if label(before.chosen) == MIXED:
+            found[MIXED] = score(new, *before.posterior(new.log), samples.take(~newest))
+    if not newest.all():  # fitted to the earlier logs alone
+        mean = LinearPhysics(inputs)(samples.take(~newest))
+        found[LINEAR] = score(new, mean.predict(new.log))
+    return {rung: _plain(one) for rung, one in found.items()}
+
+
+def _said(campaign: Campaign, logs: Sequence[int], samples: Samples) -> list[str]:
+    """What the recipe found and did, beside the repairs of each log: the lag of motors, for example."""
+    told = {sentence for n in logs for sentence in stored_log(campaign, n).repairs}
+    return [sentence for sentence in samples.log.repairs if sentence not in told]
+
+
+def _plain(found: PredictionScore) -> PrequentialScore:
+    every = found.usable
+    return PrequentialScore(
+        nmse=jsonable(found.nmse),
+        z2=jsonable(found.z2),
+        coverage=jsonable(found.coverage),
+        msll=jsonable(found.msll),
+        nmse_all=jsonable(every.nmse),
+        z2_all=jsonable(every.z2),
+        coverage_all=jsonable(every.coverage),
+    )
+
+
+def _left_out(ladder: Ladder) -> dict[str, float | None]:
+    """Mean absolute error of each rung on logs that it had not seen, over the commands; null if unknown."""
+    errors = {rung: float(np.mean(held.errors("absolute"))) for rung, held in ladder.held_out.items()}
+    return dict(zip(errors, jsonable(list(errors.values())), strict=True))
+
+
+def _with_blocks(
+    fact: Trained, campaign: Campaign, number: int, rng: np.random.Generator, gap_s: float
+) -> Trained:
+    """The training with the scores of a log's blocks; of one that cannot be learned alone with a warning."""
+    try:
+        return replace(fact, held_out=_held_out(campaign, told_samples(campaign, [number]), rng, gap_s))
+    except DataError as error:
+        said = f"No blocks of log {number} were held out, since alone it cannot be learned: {error.fact}"
+        return replace(
+            fact, warnings=(*fact.warnings, f"{said} ({error.where})." if error.where else f"{said}.")
+        )
+
+
+def _held_out(campaign: Campaign, log: Samples, rng: np.random.Generator, gap_s: float) -> BlockScores:
+    """nMSE per command on held-out blocks of one log, of each rung and of linear regression."""
+    kind, spec, config = campaign.kind, campaign.spec, campaign.config
+    train, test = split_blocks(log, gap_s)
+    inputs = kind.inputs(spec, config).tuned(train)
+    ladder = train_ladder(train, inputs, kind.physics(spec, config), kind.limit(spec), config.model, rng)
+    scores = prequential(ladder.model, test)
+    if label(ladder.chosen) == MIXED:
+        scores[MIXED] = score(test, *ladder.model.posterior(test.log))
+    nmse = {rung: jsonable(found.nmse) for rung, found in scores.items() if rung != LINEAR}
+    linear = LinearPhysics(ladder.model.inputs)(train).predict(test.log)
+    beside = score(test, linear)
+    nmse["linear regression"] = jsonable(beside.nmse)
+    every = {rung: jsonable(found.usable.nmse) for rung, found in scores.items() if rung != LINEAR}
+    every["linear regression"] = jsonable(beside.usable.nmse)
+    return BlockScores(tuple(held_out_blocks()), BLOCKS, label(ladder.chosen), nmse, every)

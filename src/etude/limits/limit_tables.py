@@ -1,0 +1,89 @@
+"""The [[limit]] tables of a robot file: limits of one's own, by the name of a plug-in and its parameters.
+
+    [[limit]]
+    kind = "my_limits:plane"    # of the group etude.limits, or module:attribute
+    normal = [0.0, 0.0, 1.0]    # what the function takes by name
+
+A kind of robot keeps the tables in its description (`read_limits`), and adds `made_limits` to its own.
+"""
+
+from __future__ import annotations
+
+import inspect
+import typing
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from etude import plugins
+from etude._runtime.toml_tables import converted, refuse_unknown
+from etude.errors import EtudeError, UsageError
+from etude.protocols import Limit, LimitFactory, Model
+from etude.types import Margins
+
+GROUP = "etude.limits"
+KIND = "kind"
+
+
+@dataclass(frozen=True)
+class LimitTable:
+    """One table: the name of the plug-in, its parameters, and what it makes a limit with."""
+
+    kind: str
+    parameters: Mapping[str, Any] = field(hash=False)
+    make: LimitFactory = field(compare=False, repr=False)
+
+    def table(self) -> dict[str, Any]:
+        """As it stands in the file."""
+        return {KIND: self.kind, **self.parameters}
+
+
+def read_limits(tables: Sequence[Mapping[str, Any]], where: str) -> tuple[LimitTable, ...]:
+    """The tables of a robot file, checked against what their functions take; where: the file.
+
+    Raises:
+        UsageError: no such plug-in, an unknown or a missing key, a value of another type.
+    """
+    return tuple(_read(table, f"{where}, limit {i}") for i, table in enumerate(tables, start=1))
+
+
+def made_limits(
+    tables: Sequence[LimitTable], spec: Any, model: Model | None, margins: Margins
+) -> tuple[Limit, ...]:
+    """The limits of one robot. Arguments as of `Kind.limits`. UsageError names a plug-in that fails."""
+    return tuple(_made(table, spec, model, margins) for table in tables)
+
+
+def _read(table: Mapping[str, Any], where: str) -> LimitTable:
+    name = table.get(KIND)
+    if not isinstance(name, str):
+        raise UsageError(
+            f'a limit needs {KIND} = "NAME"',
+            where=where,
+            next_step=f"Known: {', '.join(plugins.names(GROUP)) or 'none'}; or name it as module:attribute.",
+        )
+    make: LimitFactory = plugins.load(GROUP, name)
+    given = {key: value for key, value in table.items() if key != KIND}
+    own = [p for p in inspect.signature(make).parameters.values() if p.kind is p.KEYWORD_ONLY]
+    refuse_unknown(given, [p.name for p in own], where)
+    missing = [p.name for p in own if p.default is p.empty and p.name not in given]
+    if missing:
+        raise UsageError(
+            f"missing {', '.join(missing)}", where=where, next_step=f"{name} needs it: state each of them."
+        )
+    types = typing.get_type_hints(make)
+    values = {key: converted(types.get(key, Any), value, key, where) for key, value in given.items()}
+    return LimitTable(name, values, make)
+
+
+def _made(table: LimitTable, spec: Any, model: Model | None, margins: Margins) -> Limit:
+    where, mend = f"[[limit]] {table.kind}", "Correct its table in robot.toml, or the plug-in."
+    try:
+        found = table.make(spec, model, margins, **table.parameters)
+    except EtudeError:
+        raise
+    except Exception as error:
+        fact = f"this limit cannot be made: {type(error).__name__}: {error}"
+        raise UsageError(fact, where=where, next_step=mend) from error
+    required: Limit = plugins.required(found, Limit, where)
+    return required

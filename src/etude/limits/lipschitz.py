@@ -1,0 +1,203 @@
+"""A limit on any function of the pose, proved for all times from samples and the function's slopes.
+
+Between two instants h apart a function with |df/dq_j| <= slope_j changes by no more than h times
+sum_j slope_j max |dq_j/dt|. So the mean of its two values, less half of that, bounds it from below, and alike
+from above. Intervals whose bounds lie beyond the extreme values that were seen are halved (the method of
+Piyavskii and Shubert), until what is proved is close to what is reached.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from etude.errors import UsageError
+from etude.limits.certificate import memoized
+from etude.limits.library import STRAYS, STRAYS_HOW, bound_of, tracked
+from etude.protocols import Family, Trajectory
+from etude.types import Array, Cone, Margins, Motion, Proof, Thing
+
+FIRST_STEP, SEARCH_STEP = 0.02, 0.04
+"""s between samples: of a proof at first, and of a search."""
+TOLERANCE = 0.003
+"""Part of the limit's width by which a proof may exceed what is reached."""
+HALVINGS = 24
+"""Of an interval: after that its bound is taken as it is."""
+
+
+@dataclass(frozen=True, eq=False)
+class LipschitzLimit:
+    """lower <= function(pose) <= upper at all times.
+
+    It is not convex: motions are drawn home until it is proved.
+
+    Attributes:
+        quantity: "height", "distance to the wall", ...; the certificate calls it so.
+        axis: what it is of, "tool" or "vehicle".
+        function: poses (T, k) of the path -> (T,) its values.
+        slopes: (k,) bounds of |d function / d pose|, valid in all poses within the other limits.
+        lower, upper: ends, in the unit of the function; of a distance `lower` is above zero, and `upper` may
+            be infinite.
+        margins: of tracking, by form of motion; each coordinate's error counts by its slope.
+        drawn: what a drawing shows of it.
+    """
+
+    quantity: str
+    axis: str
+    function: Callable[[Array], Array]
+    slopes: Array
+    lower: float
+    upper: float
+    margins: Margins = field(default_factory=dict)
+    drawn: tuple[Thing, ...] = ()
+    order: int = 0
+    _proofs: dict[str, Proof] = field(default_factory=dict, repr=False)
+
+    def __post_init__(self) -> None:
+        ends = math.isfinite(self.lower) and (math.isfinite(self.upper) or self.lower > 0.0)
+        if not (ends and self.lower < self.upper):
+            raise UsageError(
+                f"the limit of {self.quantity} runs from {self.lower:g} to {self.upper:g}",
+                next_step="State two numbers, the lower first; a distance above zero needs no upper one.",
+            )
+        if not np.all(np.isfinite(self.slopes) & (np.asarray(self.slopes) >= 0.0)):
+            raise UsageError(
+                f"a slope of {self.quantity} is negative or no number",
+                next_step="State the largest |df/dq| of each coordinate, 0 where it does not count.",
+            )
+
+    @property
+    def name(self) -> str:
+        return self.quantity
+
+    @property
+    def things(self) -> tuple[Thing, ...]:
+        """What a drawing shows of it."""
+        return self.drawn
+
+    def inner(self, form: str) -> tuple[float, float, float, float]:
+        """Lower and upper less the margin, the margin, and its confidence."""
+        slopes = np.asarray(self.slopes, dtype=float)
+        error, confidence = tracked(0.0, self.margins, form, 0, list(range(len(slopes))))
+        margin = float(slopes @ error)
+        return self.lower + margin, self.upper - margin, margin, float(np.min(confidence))
+
+    def cones(self, family: Family) -> Sequence[Cone]:  # noqa: ARG002
+        """None: it is not convex."""
+        return ()
+
+    def penalty(self, motion: Motion) -> tuple[float, Array]:
+        """None that pushes: what is outside is drawn home."""
+        return 0.0, np.zeros_like(motion.orders)
+
+    def keeps(self, piece: Trajectory) -> bool:
+        """Whether samples of a piece keep it: for searches, whose result is then proved."""
+        count = max(2, math.ceil(piece.duration / SEARCH_STEP)) + 1
+        poses = piece.motion(np.linspace(0.0, piece.duration, count), 1).orders[0]
+        return self._inside(poses, piece.form)
+
+    def prove(self, piece: Trajectory) -> Sequence[Proof]:
+        """One row; UsageError of a curve whose speed nothing bounds."""
+        return (memoized(self._proofs, piece.to_json(), lambda: self._row(piece)),)
+
+    def of_motion(self, motion: Motion) -> Array:
+        """(T, 1) the function's values."""
+        return self._values(motion.orders[0])[:, None]
+
+    def strayed(self, places: Array, off: Array) -> Sequence[Proof]:
+        """One row of places (T, k) and how far off they may be, (T, k); margins are there for them too."""
+        values, by = self._values(places), off @ np.asarray(self.slopes)
+        ends = self.lower, self.upper, float((values - by).min()), float((values + by).max())
+        return [Proof(self.axis, f"{self.quantity}, {STRAYS}", *ends, STRAYS_HOW, "sampled")]
+
+    def blocked(self, form: str, pose: Array) -> str:
+        """The quantity, of a pose (k,) outside."""
+        return "" if self._inside(pose[None], form) else f"the limit of {self.quantity} of {self.axis}"
+
+    def about(self, lower: Array, upper: Array) -> LipschitzLimit:  # noqa: ARG002
+        """The same: it has no box."""
+        return self
+
+    def roughly(self, form: str, pose: Array) -> Callable[[Array], bool]:  # noqa: ARG002
+        """Whether poses (T, k) are inside."""
+        return lambda poses: self._inside(poses, form)
+
+    def _inside(self, poses: Array, form: str) -> bool:
+        low, high, _, _ = self.inner(form)
+        values = self._values(poses)
+        return bool(np.all((values >= low) & (values <= high)))
+
+    def _values(self, poses: Array) -> Array:
+        values = np.asarray(self.function(poses), dtype=float)
+        if values.shape != (len(poses),) or not np.isfinite(values).all():
+            raise UsageError(
+                f"the limit of {self.quantity} gives {values.shape} for poses {poses.shape}, or not numbers",
+                next_step="Its function takes poses (T, k) and gives T finite numbers.",
+            )
+        return values
+
+    def _row(self, piece: Trajectory) -> Proof:
+        low, high, margin, confidence = self.inner(piece.form)
+        rate = self._rate(piece)
+        t = np.linspace(0.0, piece.duration, max(2, math.ceil(piece.duration / FIRST_STEP)) + 1)
+        values = self._values(piece.motion(t, 1).orders[0])
+        width = self.upper - self.lower
+        tolerance = TOLERANCE * (width if math.isfinite(width) else float(np.ptp(values)))
+
+        def at(instants: Array) -> Array:
+            return self._values(piece.motion(instants, 1).orders[0])
+
+        least, most = extremes(at, t, values, rate, tolerance)
+        how = f"samples, and slopes times speeds of at most {rate:.3g} per s between them"
+        return Proof(
+            self.axis,
+            self.quantity,
+            low,
+            high,
+            least,
+            most,
+            how,
+            margin=margin,
+            confidence=confidence,
+        )
+
+    def _rate(self, piece: Trajectory) -> float:
+        """Bound of the function's rate of change, per s."""
+        axes = list(range(len(self.slopes)))
+        low, high = bound_of(piece, 1, 1, axes, np.zeros(len(axes))).range()
+        rate = float(np.asarray(self.slopes) @ np.maximum(np.abs(low), np.abs(high)))
+        if not math.isfinite(rate):
+            raise UsageError(f"nothing bounds the speed of this curve, nor then its {self.quantity}")
+        return rate
+
+
+def extremes(
+    at: Callable[[Array], Array], t: Array, values: Array, rate: float, tolerance: float
+) -> tuple[float, float]:
+    """An interval that holds a function on all of [t_0, t_n].
+
+    Args:
+        at: instants (M,) -> values (M,). t: (n + 1,) increasing. values: (n + 1,) at these.
+        rate: bound of |d value / dt|.
+        tolerance: by which the interval may exceed the values that were seen.
+    """
+    start, step, left, right = t[:-1], np.diff(t), values[:-1], values[1:]
+    seen = float(values.min()), float(values.max())
+    least, most = seen
+    for halving in range(HALVINGS + 1):
+        middle, spread = 0.5 * (left + right), 0.5 * rate * step
+        far = (middle - spread < seen[0] - tolerance) | (middle + spread > seen[1] + tolerance)
+        done = ~far if halving < HALVINGS else np.ones_like(far)
+        least = min(least, float((middle - spread)[done].min(initial=np.inf)))
+        most = max(most, float((middle + spread)[done].max(initial=-np.inf)))
+        if done.all():
+            break
+        start, step, left, right = start[far], 0.5 * step[far], left[far], right[far]
+        found = at(start + step)
+        seen = min(seen[0], float(found.min())), max(seen[1], float(found.max()))
+        start, step = np.concatenate([start, start + step]), np.tile(step, 2)
+        left, right = np.concatenate([left, found]), np.concatenate([found, right])
+    return least, most

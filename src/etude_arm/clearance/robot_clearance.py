@@ -1,0 +1,185 @@
+"""The clearance of a robot as its file describes it, made once for each description.
+
+Where it can be: random poses that are clear of everything and seen from home in a straight line. None is
+trusted: motions that are looked for about them are proved one by one.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from etude.types import Array, Margins, Mask, Proof, Reachable
+from etude_arm.clearance.defaults import Pairs, Settled, disabled, settled
+from etude_arm.clearance.distances import TOLERANCE
+from etude_arm.clearance.hull_reduction import said
+from etude_arm.clearance.limit import Clearance
+from etude_arm.clearance.pairs import excluded_links, gaps_of
+from etude_arm.clearance.scene import from_file, with_floor
+from etude_arm.clearance.skeleton import Skeleton
+from etude_arm.clearance.surroundings import ADD_FLOOR, Surroundings
+from etude_arm.loading.load import load_arm, of_file
+from etude_arm.loading.loaded_model import Loaded
+from etude_arm.spec import ArmSpec
+
+PLANE = f"A plane of the model file is left out{ADD_FLOOR}"
+_reachable: dict[str, Reachable] = {}
+_known: dict[str, tuple[Loaded, Settled, dict[str, tuple[Proof, ...]]]] = {}
+
+
+def clearance_of(spec: ArmSpec, margins: Margins) -> Clearance | None:
+    """The limit; None for a robot without shapes, of which nothing can be looked at.
+
+    Raises:
+        UsageError: the model cannot be loaded, or the robot overlaps with itself or its surroundings at home.
+    """
+    found = _of(spec)
+    if found is None or not found[1].gaps.list:
+        return None
+    loaded, complete, proofs = found
+    home, lower, upper = search_of(spec)
+    skeleton = complete.gaps.skeleton
+    out = [
+        f"The distance of {a} and {b}, which the file excludes." for a, b in excluded_links(skeleton, loaded)
+    ]
+    unseen = (*out, *beside_base(skeleton), *said(skeleton), *not_looked_at(loaded, complete.around))
+    margin = complete.around.collision.margin
+    # proofs without tracking margins are remembered beyond one limit: a command asks for its limits often
+    known = {} if margins else proofs
+    return Clearance(complete.gaps, spec.names, home, margin, lower, upper, margins, unseen, _proofs=known)
+
+
+def search_of(spec: ArmSpec) -> tuple[Array, Array, Array]:
+    """A clear pose and the ends (k,) of the box about it; without shapes the limits, and their middle."""
+    search = spec.around.search
+    if search is None or not search.lower:
+        found = _of(spec)
+        search = None if found is None or not found[1].gaps.list else found[1].around.search
+    if search is None:
+        return 0.5 * (spec.lower + spec.upper), spec.lower, spec.upper
+    home, lower, upper = (np.array(side) for side in (search.home, search.lower, search.upper))
+    return home, lower, upper
+
+
+POSES = 1024
+"""Random ones that are tried."""
+SEED = 22
+"""Of these: the same robot always has the same."""
+LINE = 0.2
+"""rad (m): the longest step of a joint along a straight line that is looked at; clear poses leave room."""
+COARSE = 5
+"""Instants of a line that are looked at first: most that collide do so there."""
+
+
+def one_turn(lower: Array, upper: Array, home: Array, slides: Mask) -> tuple[Array, Array]:
+    """(k,) ends of the ranges, a turn about home at most: what a hinge does beyond that it has shown."""
+    most = np.where(slides, upper - lower, np.minimum(upper - lower, 2.0 * math.pi))
+    low = np.clip(home - 0.5 * most, lower, upper - most)
+    return low, low + most
+
+
+def reachable(clearance: Clearance) -> Reachable:
+    """Of an arm with shapes, whose motions `clearance` limits."""
+    skeleton, home = clearance.gaps.skeleton, clearance.home
+    lower, upper = one_turn(skeleton.lower, skeleton.upper, home, skeleton.slides)
+    tried = np.random.default_rng(SEED).uniform(lower, upper, (POSES, len(home)))
+    poses = tried[_clear(clearance, tried)]
+    seen = poses[_seen(clearance, home, poses)]
+    return Reachable(lower, upper, np.concatenate([home[None], seen]))
+
+
+def _clear(clearance: Clearance, poses: Array) -> Mask:
+    """(T,) whether every gap is what searches keep."""
+    return np.asarray(np.all(clearance.gaps.of_poses(poses) - TOLERANCE >= clearance.sought, axis=1))
+
+
+def _seen(clearance: Clearance, home: Array, poses: Array) -> Mask:
+    """(T,) whether the straight line from home to a pose is clear; lines that are not are left early."""
+    seen = np.ones(len(poses), dtype=np.bool_)
+    longest = np.abs(poses - home).max(axis=1)
+    counts = np.maximum(COARSE, np.ceil(longest / LINE).astype(int))
+    for fine in (False, True):
+        own = np.flatnonzero(seen)
+        steps = [np.linspace(0.0, 1.0, int(counts[i]) if fine else COARSE, endpoint=False)[1:] for i in own]
+        line = np.concatenate([[0.0], *steps])[1:]
+        of = np.repeat(own, [len(step) for step in steps])
+        clear = _clear(clearance, home + line[:, None] * (poses[of] - home))
+        seen[of[~clear]] = False
+    return seen
+
+
+def reachable_of(spec: ArmSpec) -> Reachable:
+    """Where an arm can be; without shapes its ranges alone."""
+    clearance = clearance_of(spec, {})
+    if clearance is not None:
+        return of_file(_reachable, spec, lambda: reachable(clearance))
+    return Reachable(*ranges_of(spec), np.zeros((0, spec.dof)))
+
+
+def ranges_of(spec: ArmSpec) -> tuple[Array, Array]:
+    """(k,) ends of the joints' ranges, of a hinge a turn about home at most."""
+    slides = np.array([axis.unit == "m" for axis in spec.axes])
+    return one_turn(spec.lower, spec.upper, search_of(spec)[0], slides)
+
+
+def completed(
+    spec: ArmSpec, loaded: Loaded, leave: Pairs = frozenset(), *, whole_file: bool
+) -> tuple[Surroundings, tuple[str, ...]]:
+    """The robot's surroundings with nothing left open, and what a person should confirm of them.
+
+    Args:
+        spec: of the robot. loaded: its model.
+        leave: pairs of links that an SRDF disables.
+        whole_file: take the room that the model file holds, and a floor at 0 where it has none and nothing of
+            the base is below that; else a robot file has said what stands around.
+
+    Raises:
+        UsageError: as `settled`.
+    """
+    around, confirm = spec.around, []
+    if not around.collision.look:
+        return around, ()
+    if not gaps_of(loaded, spec.lower, spec.upper, Surroundings()).skeleton.shapes:
+        return around, ()
+    if whole_file:
+        around, said = from_file(loaded, spec.lower, spec.upper, around)
+        around, of_floor = with_floor(loaded, spec.lower, spec.upper, around)
+        confirm += [*of_floor, *said]
+    elif loaded.planes and around.floor is None:
+        confirm.append(PLANE)
+    found = settled(loaded, spec.lower, spec.upper, around, leave)
+    return found.around, (*confirm, *found.confirm)
+
+
+def not_looked_at(loaded: Loaded, around: Surroundings) -> tuple[str, ...]:
+    """Sentences: what the clearance of this robot leaves out."""
+    ignored = [f"The distance of {one} and {other}." for one, other in around.collision.ignore]
+    given = any((around.floor, around.box, around.wall, around.room, around.column))
+    others = "Anything else that stands around the robot, cables, and people."
+    unknown = (
+        others if given else "What stands around the robot: no floor, box or wall is given. Cables, people."
+    )
+    return (*ignored, *(sentence[0].upper() + sentence[1:] + "." for sentence in loaded.unseen), unknown)
+
+
+def beside_base(skeleton: Skeleton) -> tuple[str, ...]:
+    """A sentence for links that hang on the base, where more than their foot is fixed to it: a table."""
+    fixed = dict.fromkeys(s.link for s in skeleton.shapes if s.part == 0 and not s.box)
+    shaped = {shape.part for shape in skeleton.shapes}
+    first = [skeleton.parts[p] for p in sorted(shaped) if p and skeleton.parent[p] == 0]
+    if len(fixed) < 2 or not first:
+        return ()
+    return (f"The distance of {', '.join(first)} from what is fixed to the base: {', '.join(fixed)}.",)
+
+
+def _of(spec: ArmSpec) -> tuple[Loaded, Settled, dict[str, tuple[Proof, ...]]] | None:
+    if spec.model_file is None or not spec.around.collision.look:
+        return None
+    file = spec.model_file
+
+    def made() -> tuple[Loaded, Settled, dict[str, tuple[Proof, ...]]]:
+        loaded = load_arm(spec)
+        return loaded, settled(loaded, spec.lower, spec.upper, spec.around, disabled(file)), {}
+
+    return of_file(_known, spec, made)

@@ -1,0 +1,141 @@
+"""What the owner adds to a model file: how the base stands in the room, and what the arm carries."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from etude.errors import UsageError
+from etude.types import Array
+from etude_arm.loading.inertia import ENTRIES, possible
+from etude_arm.loading.joint_choice import Moving
+from etude_arm.loading.rotations import turn_of
+
+Three = tuple[float, float, float]
+Six = tuple[float, float, float, float, float, float]
+SIZES = {"box": 3, "cylinder": 2, "sphere": 1, "none": 0}
+
+
+@dataclass(frozen=True)
+class Mounting:
+    """Pose of the file's base in the room, whose z points up: position in m, roll, pitch and yaw in rad."""
+
+    position: Three = (0.0, 0.0, 0.0)
+    rotation: Three = (0.0, 0.0, 0.0)
+
+    @property
+    def turn(self) -> Array:
+        """(3, 3)."""
+        return turn_of(*self.rotation)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Attached:
+    """A tool or a payload: mass and shape, fixed to a link.
+
+    Attributes:
+        mass: kg.
+        centre: (3,) of mass, m in the link's frame.
+        inertia: about the centre, along the link's axes: xx, yy, zz, xy, xz, yz, kg m^2; None: that of a
+            homogeneous body of the shape.
+        shape: "box", "cylinder" (along its z), "sphere", or "none".
+        size: of a box its three sides; of a cylinder radius and length; of a sphere its radius; m.
+        shape_centre: (3,) m in the link's frame; None: the centre of mass.
+        rotation: of the shape, roll, pitch and yaw in the link's frame, rad.
+        link: that carries it; "": the one that the last axis moves.
+    """
+
+    mass: float
+    centre: Three = (0.0, 0.0, 0.0)
+    inertia: Six | None = None
+    shape: Literal["box", "cylinder", "sphere", "none"] = "none"
+    size: tuple[float, ...] = ()
+    shape_centre: Three | None = None
+    rotation: Three = (0.0, 0.0, 0.0)
+    link: str = ""
+
+    def __post_init__(self) -> None:
+        if not (math.isfinite(self.mass) and self.mass > 0):
+            raise UsageError(f"a mass of {self.mass:g} kg is not possible", where="mass")
+        if len(self.size) != SIZES[self.shape] or not all(math.isfinite(s) and s > 0 for s in self.size):
+            raise UsageError(
+                f"a {self.shape} has {SIZES[self.shape]} sizes above zero, not {list(self.size)}",
+                where="size",
+                next_step="box: [x, y, z]; cylinder: [radius, length]; sphere: [radius]; in m.",
+            )
+        if self.inertia is None and self.shape == "none":
+            raise UsageError(
+                "there is a mass, but neither an inertia nor a shape that gives one",
+                where="inertia",
+                next_step='State shape = "box" and size, or inertia = [xx, yy, zz, xy, xz, yz] in kg m^2.',
+            )
+        own = self.moments()
+        if possible(own) is not own:
+            raise UsageError(
+                f"no body has this inertia: {list(self.inertia or ())}",
+                where="inertia",
+                next_step="Each principal moment is positive, and none above the sum of the others (kg m^2).",
+            )
+
+    def moments(self) -> Array:
+        """(3, 3) inertia about the centre of mass."""
+        if self.inertia is not None:
+            given = np.zeros((3, 3))
+            for value, (_, i, j) in zip(self.inertia, ENTRIES, strict=True):
+                given[i, j] = given[j, i] = value
+            return given
+        turn, off = turn_of(*self.rotation), np.subtract(self.shape_centre or self.centre, self.centre)
+        steiner = off @ off * np.eye(3) - np.outer(off, off)
+        return np.asarray(
+            self.mass * (turn @ np.diag(_homogeneous(self.shape, self.size)) @ turn.T + steiner)
+        )
+
+
+def _homogeneous(shape: str, size: tuple[float, ...]) -> Array:
+    """Principal moments of a homogeneous body by mass."""
+    if shape == "box":
+        squares = np.square(size)
+        return np.asarray((squares.sum() - squares) / 12)
+    if shape == "sphere":
+        return np.full(3, 0.4 * size[0] ** 2)
+    radius, length = size
+    across = (3 * radius**2 + length**2) / 12
+    return np.array([across, across, radius**2 / 2])
+
+
+def tip(found: Sequence[Moving], joints: Sequence[str], what: str) -> str:
+    """The chosen joint that carries no other chosen one.
+
+    Raises:
+        UsageError: there are several, so that the link has to be named.
+    """
+    before = {joint.name: joint.before for joint in found}
+    carrying = set()
+    for name in joints:
+        while name := before[name]:
+            carrying.add(name)
+    tips = [name for name in joints if name not in carrying]
+    if len(tips) > 1:
+        raise UsageError(
+            f"the arm ends at several joints: {', '.join(tips)}",
+            where=f"[{what}]",
+            next_step="Name the link that carries it: link = ...",
+        )
+    return tips[0]
+
+
+@dataclass(frozen=True)
+class Additions:
+    """All of them; `carried` by name, tool or payload."""
+
+    mounting: Mounting | None = None
+    carried: tuple[tuple[str, Attached], ...] = ()
+
+    def unseen(self) -> tuple[str, ...]:
+        """What a certificate does not look at."""
+        none = [name for name, one in self.carried if one.shape == "none"]
+        return tuple(f"the shape of the {name}: none is given" for name in none)

@@ -1,0 +1,169 @@
+"""Limits of one's own in robot.toml: the plane of the docs goes the whole way, for an arm and a vehicle."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import etude
+from etude import cli
+from etude.errors import UsageError
+from etude.limits import LipschitzLimit
+from etude.limits.limit_tables import made_limits
+from etude.limits.lipschitz import extremes
+from etude.plugins import _given
+from etude.protocols import Limit, SupportsBlocking, SupportsBoxes, SupportsDrawing
+from etude.testing import LimitSuite
+from etude.trajectories import FourierConfig, FourierFamily
+from etude_arm import KIND as ARM
+from etude_quadrotor import KIND as QUADROTOR
+
+PAGE = Path(__file__).parents[2] / "docs" / "plugin_examples.md"
+WALL = """
+
+def wall(spec, model, margins, *, normal: tuple[float, float, float], distance: float):
+    unit = np.array(normal)
+    shown = (Thing.plane("wall", distance * unit, -unit),)
+    ends = -10.0, distance
+    return LipschitzLimit("wall", "vehicle", lambda p: p @ unit, np.abs(unit), *ends, margins, shown)
+
+
+def broken(spec, model, margins):
+    return object()
+"""
+
+
+def block(language: str, word: str) -> str:
+    """The block of the page that holds a word."""
+    fence = re.compile(rf"^```{language}\n(.*?)^```", re.DOTALL | re.MULTILINE)
+    found = fence.findall(PAGE.read_text(encoding="utf-8"))
+    return next(code for code in found if word in code)
+
+
+@pytest.fixture
+def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder with the module that the page writes, an arm and a vehicle with its limits."""
+    (tmp_path / "my_limits.py").write_text(block("python", "def plane") + WALL, encoding="utf-8")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "config"))
+    _given.difference_update({"my_limits:plane", "my_limits:wall"})
+    own = ARM.built_in()["arm4"]
+    text = own.read_text().replace("arm4_linkage.xml", str(own.parent / "arm4_linkage.xml"))
+    (tmp_path / "arm.toml").write_text(text + block("toml", "[[limit]]"))
+    table = '[[limit]]\nkind = "my_limits:wall"\nnormal = [1.0, 0.0, 0.0]\ndistance = 2.5\n'
+    (tmp_path / "quad.toml").write_text(QUADROTOR.built_in()["quadrotor"].read_text() + table)
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def certificate(folder: str) -> list[dict[str, object]]:
+    rows = json.loads(Path(folder, "proposals/0001/certificate.json").read_text())["rows"]
+    return [row for row in rows if row["quantity"] in ("height", "wall")]
+
+
+def test_the_plane_of_the_docs_goes_the_whole_way(place, capsys) -> None:
+    assert cli.main(["init", "lab", "--robot", "arm.toml"]) == 2
+    said = capsys.readouterr().err
+    assert "my_limits:plane" in said
+    assert "--robot arm.toml --trust" in said
+    assert cli.main(["init", "lab", "--robot", "arm.toml", "--trust"]) == 0
+    assert block("toml", "[[limit]]").strip() in Path("lab/robot.toml").read_text()
+    assert cli.main(["ask", "lab"]) == 0
+    (row,) = certificate("lab")
+    assert (row["axis"], row["status"]) == ("tool", "proved")
+    assert row["proved_lower"] >= row["lower"] == pytest.approx(0.3 + row["tracking_margin"])
+    limit = etude.open_campaign(Path("lab")).limits()[-1]
+    assert isinstance(limit, LipschitzLimit)
+    for wanted in (Limit, SupportsBlocking, SupportsBoxes, SupportsDrawing):
+        assert isinstance(limit, wanted)
+    assert cli.main(["report", "lab"]) == 0
+    assert ">plane</text>" in Path("lab/report.html").read_text()
+
+
+def test_a_wall_bounds_a_vehicles_flights_their_exports_and_the_drawing(place) -> None:
+    assert cli.main(["init", "quad", "--robot", "quad.toml", "--trust"]) == 0
+    assert cli.main(["ask", "quad", "--from", "home", "--format", "px4"]) == 0
+    rows = certificate("quad")
+    assert rows
+    assert all(row["upper"] <= 2.5 and row["proved_upper"] <= row["upper"] for row in rows)
+    played = [json.loads(p.read_text()) for p in Path("quad/proposals/0001").rglob("*certificate.json")]
+    assert len(played) == 5
+    assert all(any(row["quantity"].startswith("wall") for row in one["rows"]) for one in played)
+    assert cli.main(["report", "quad"]) == 0
+    assert ">wall</text>" in Path("quad/report.html").read_text()
+
+
+@pytest.mark.parametrize(
+    ("line", "said"),
+    [
+        ("heigth = 0.3", "unknown key 'heigth'"),
+        ('height = "low"', "height = 'low' is not possible"),
+        ("normal = [0.0, 1.0]", "normal = [0.0, 1.0] is not possible"),
+        ("", "missing height"),
+    ],
+)
+def test_a_table_is_read_strictly(place, line: str, said: str) -> None:
+    path, key = place / "arm.toml", line.split(" ")[0].replace("heigth", "height") or "height"
+    path.write_text(re.sub(rf"(?m)^{key} = .*$", line, path.read_text()))
+    with pytest.raises(UsageError, match=re.escape(said)) as caught:
+        etude.load_robot(path, trust=True)
+    assert "limit 1" in caught.value.where
+
+
+def test_a_kind_that_is_not_there_is_refused(place) -> None:
+    path = place / "arm.toml"
+    path.write_text(path.read_text().replace("my_limits:plane", "plain"))
+    with pytest.raises(UsageError, match=r"no 'plain' among etude\.limits"):
+        etude.load_robot(path)
+
+
+def test_what_makes_no_limit_is_named_with_the_protocol(place) -> None:
+    path = place / "quad.toml"
+    path.write_text(path.read_text().split("[[limit]]")[0] + '[[limit]]\nkind = "my_limits:broken"\n')
+    spec = etude.load_robot(path, trust=True)
+    said = "object lacks name, cones, penalty, prove, of_motion of the protocol Limit"
+    with pytest.raises(UsageError, match=said):
+        made_limits(spec.limits, spec, None, {})
+
+
+def test_a_copied_folder_is_not_trusted(place) -> None:
+    cli.main(["init", "lab", "--robot", "arm.toml", "--trust"])
+    _given.clear()
+    Path("lab").rename("moved")
+    with pytest.raises(UsageError, match="names code that would be imported"):
+        etude.open_campaign(Path("moved"))
+
+
+class TestWave(LimitSuite):
+    """A function that is neither linear nor monotone."""
+
+    limit = LipschitzLimit("wave", "all", lambda q: np.sin(q).sum(axis=1), np.ones(3), -2.5, 2.5)
+    family, home = FourierFamily.of(FourierConfig(), axes=3), np.zeros(3)
+
+
+def test_extremes_between_samples_are_held() -> None:
+    peak = 0.3141
+    at = lambda t: np.exp(-(((t - peak) / 0.01) ** 2))  # noqa: E731
+    t = np.linspace(0.0, 1.0, 11)
+    least, most = extremes(at, t, at(t), rate=100.0, tolerance=1e-3)
+    assert -1e-3 <= least <= 0.0
+    assert 1.0 <= most <= 1.0 + 1e-3
+
+
+def test_tracking_takes_a_margin_by_the_slopes() -> None:
+    table = np.array([[0.1, 0.2]])
+    slopes, margins = np.array([1.0, 3.0]), {"fourier": (table, 0.9)}
+    limit = LipschitzLimit("sum", "all", lambda q: q.sum(axis=1), slopes, -2.0, 2.0, margins)
+    low, high, margin, sure = limit.inner("fourier")
+    assert (low, high) == (pytest.approx(-1.3), pytest.approx(1.3))
+    assert (margin, sure) == (pytest.approx(0.7), 0.9)
+
+
+@pytest.mark.parametrize("ends", [(1.0, -1.0), (-1.0, np.inf), (-np.inf, 1.0)])
+def test_ends_that_say_nothing_are_refused(ends) -> None:
+    with pytest.raises(UsageError, match="the limit of sum runs from"):
+        LipschitzLimit("sum", "all", lambda q: q.sum(axis=1), np.ones(2), *ends)
