@@ -20,6 +20,7 @@ from etude.campaign.ingest import tell as telling
 from etude.campaign.ingest.tell import abandon
 from etude.campaign.propose import ask as asking
 from etude.campaign.propose.motions import typical_motions
+from etude.campaign.record.events import Asked
 from etude.campaign.record.folder import Campaign
 from etude.campaign.record.journal import damaged_files, read_events
 from etude.types import Log
@@ -41,7 +42,7 @@ def make_cheap(campaign: Campaign) -> None:
 
     def random_again(c: Campaign, _: Any, rng: np.random.Generator, *rest: Any) -> Any:
         *_, limits, _ = rest
-        return typical_motions(c, rng, 1, limits)[0], {"status": "random", "gain": None}
+        return typical_motions(c, rng, 1, limits)[0], Asked(status="random")
 
     telling.read = log_from_name
     telling.repeated = lambda *_: None

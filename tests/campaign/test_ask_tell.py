@@ -14,6 +14,7 @@ from etude.campaign.create import create_campaign
 from etude.campaign.ingest.ingest_result import Told
 from etude.campaign.ingest.tell import abandon, tell
 from etude.campaign.propose.ask import ask
+from etude.campaign.record.events import Asked
 from etude.campaign.record.folder import Campaign, open_campaign
 from etude.campaign.record.journal import damaged_files
 from etude.campaign.record.stored_files import stored_trajectory
@@ -164,7 +165,7 @@ class TestAsk:
 
         def reckless(*args: object) -> object:
             good: Any = random_motion(campaign, 0)
-            return dataclasses.replace(good, coefficients=2.0 * good.coefficients), {"gain": None}
+            return dataclasses.replace(good, coefficients=2.0 * good.coefficients), Asked(status="")
 
         monkeypatch.setattr("etude.campaign.propose.ask.proposed", reckless)
         with pytest.raises(UnsafeTrajectoryError):
