@@ -12,11 +12,11 @@ import numpy as np
 import pytest
 
 from etude import plugins
-from etude.deploy.commanded import Commanded
-from etude.deploy.exporters.joint_trajectory_yaml import _number
+from etude.deploy.feedforward import Commanded
+from etude.deploy.exporters.joint_trajectory import _number
 from etude.deploy.exporters.knots import grid_of
-from etude.deploy.exporters.poly4d import PIECES
-from etude.deploy.played import certify_played
+from etude_quadrotor.export.poly4d import PIECES
+from etude.deploy.playback_certificate import certify_played
 from etude.errors import UnsafeTrajectoryError, UsageError
 from etude.limits.library import AxisLimit
 from etude.testing import ExporterSuite

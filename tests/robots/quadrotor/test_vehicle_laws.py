@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.integrate import trapezoid
 
 from etude_quadrotor.plant import core
-from etude_quadrotor.plant.constants import control, true_body
+from etude_quadrotor.plant.simulated import control, true_body
 from etude_quadrotor.plant.flight import Flight, rotation
 from etude_quadrotor.plant.parameters import FlightParameters, load_flight_parameters
 from etude_quadrotor.plant.plan import FlightPlan

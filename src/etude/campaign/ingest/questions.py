@@ -14,17 +14,12 @@ from etude.campaign.record.config import preset_config
 from etude.campaign.record.state import State
 from etude.errors import DataError, UsageError
 from etude.logs.checks.filtered_motion import Seen
-from etude.logs.checks.finding_texts import Mendable
-from etude.logs.checks.ground import CHECK as GROUND
-from etude.logs.checks.ground import without_ground
+from etude.logs.checks.finding_texts import Excludable, Mendable
 from etude.logs.checks.plausibility import (
-    BRAKE,
-    JUMP,
     REPAIRS,
     judge_commands,
     judge_motion,
     repaired,
-    without_spans,
 )
 from etude.logs.cleaning.ranges import check_consistency
 from etude.logs.cleaning.repairs import check_commanded
@@ -33,16 +28,10 @@ from etude.types import Finding, Log
 
 CHECKS = (
     *("time", "direction", "degrees", "velocity", "swapped", "sign", "scale", "gravity"),
-    *(GROUND, BRAKE, JUMP),
+    *("ground", "brake", "jump"),
     *("gyroscope", "accelerometer", "motor_delay"),
 )
 """What may be accepted."""
-CUT: Mapping[str, Callable[[Log, Finding], Log]] = {
-    GROUND: without_ground,
-    BRAKE: without_spans,
-    JUMP: without_spans,
-}
-"""What teaches nothing, and how it is cut."""
 Given = tuple[str, str, tuple[float, ...]]
 """An answer: "accept" or "repair", the check, and what was found of it (`Mendable.by`)."""
 
@@ -133,9 +122,9 @@ class Asked:
             if finding.check not in self.answers.accept:
                 raise refusal([finding], log.source)
             self._taken(finding)
-        idle = [f for f in found if f.check in CUT and f.check not in self.answers.accept and f.spans]
+        idle = [f for f in found if isinstance(f, Excludable) and f.check not in self.answers.accept and f.spans]
         for finding in idle:
-            log = CUT[finding.check](log, finding)
+            log = finding.cut(log)
         return log.repaired(*(f.sentence for f in found if f not in idle))
 
     def _settled(self, log: Log, judged: Callable[[Log], Sequence[Finding]]) -> Log:

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import polars as pl
 
-from etude.deploy.commanded import Commanded, parted
+from etude.deploy.feedforward import Commanded, parted
 from etude.deploy.exporters.knots import require_joints
 from etude.protocols import Kind, Trajectory
 from etude.trajectories.splined import Splined

@@ -6,6 +6,7 @@ elsewhere.
 """
 
 from __future__ import annotations
+from etude.logs.checks.finding_texts import Excludable
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
@@ -221,7 +222,7 @@ def jump_finding(log: Log, path: str, top: Array) -> Finding:
     parts = log.channels[path].parts
     said = [_said(t, excess, parts, span) for span in spans[:NAMED]]
     more = f", and {len(spans) - NAMED} times more" if len(spans) > NAMED else ""
-    return Finding(
+    return Excludable(
         JUMP,
         "yellow",
         f"The {path} jumps where no speed within the limits explains it: {'; '.join(said)}{more}.",
@@ -303,21 +304,13 @@ def brake_finding(log: Log, command: Channel, limit: Array) -> Finding:
         fact = "Throughout the log no joint moves and nothing is commanded: brakes on, or drives off."
         return Finding(BRAKE, "red", fact, "Release the brakes and record a motion.")
     seconds = sum(end - start for start, end in spans)
-    return Finding(
+    return Excludable(
         BRAKE,
         "yellow",
         f"For {seconds:.3g} s no joint moves and nothing is commanded: brakes on, or drives off.",
         f"That is cut, unless told with --accept {BRAKE}.",
         spans=spans,
     )
-
-
-def without_spans(log: Log, finding: Finding) -> Log:
-    """The log less the finding's spans; what is left has pauses there."""
-    kept = np.ones(len(log), dtype=np.bool_)
-    for start, end in finding.spans:
-        kept &= (log.t < start) | (log.t >= end)
-    return log.take(kept).repaired(f"{finding.sentence} That was cut.")
 
 
 def _off(log: Log, command: Channel, limit: Array) -> tuple[Mask, Array]:

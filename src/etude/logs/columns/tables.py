@@ -11,8 +11,15 @@ from dataclasses import replace
 import numpy as np
 
 from etude.logs.columns.vocabulary import is_time
-from etude.logs.readers.silence import silences
 from etude.types import Array, Log, Mask
+from dataclasses import replace
+import numpy as np
+from etude.logs.columns.vocabulary import INDEX, is_time, normal
+from etude.types import Array, Log
+import itertools
+import numpy as np
+from etude.logs.cleaning.smoothing import segments
+from etude.types import Array, Mask
 
 WHOLE = 0.95
 """Part of the rows: columns that are told in so many are a table with a few empty cells."""
@@ -58,3 +65,61 @@ def _at(name: str, t: Array, signal: Array, rows: Mask, said: list[str]) -> Arra
     silent, sentences = silences(f"Column {name}", t[rows], own)
     said += sentences
     return np.where(silent, np.nan, np.interp(t[rows], own, values, left=np.nan, right=np.nan))
+
+
+def with_index(raw: Log) -> Log:
+    """The log with its index as a column of time, where there is no other; row numbers are none.
+
+    Where a reader knows the times, or a header says time, it stays as it is.
+    """
+    if any(map(is_time, raw.values)) or not np.array_equal(raw.t, np.arange(len(raw))):
+        return raw
+    for name, values in raw.values.items():
+        if INDEX.fullmatch(normal(name)) and _advances(values[:, 0]):
+            channel = replace(raw.channels[name], name="time")
+            kept = raw.without(name)
+            said = f"There is no time column; the index ({name}) was taken for it."
+            return kept.put(channel, values).repaired(said)
+    return raw
+
+
+def _advances(values: Array) -> bool:
+    """Whether values (T,) grow from row to row, and are not row numbers."""
+    steps = np.diff(values[np.isfinite(values)])
+    return bool(len(steps) and (steps > 0.0).mean() > 0.5 and not (steps == 1.0).all())
+
+
+SHORTEST_S = 0.2
+"""Over which a line between two messages is taken for what was measured."""
+MOSTLY = 0.1
+"""Part of the log: a topic that is silent for longer speaks when there is something to say, and holds."""
+
+
+def silences(topic: str, times: Array, t: Array) -> tuple[Mask, tuple[str, ...]]:
+    """At which of `times` nothing is known of a topic, and what is to be said of it.
+
+    A topic that is silent for long is left to interpolation: a command that is sent only while something is
+    asked for is no sensor that was cut off.
+
+    Args:
+        topic: its name.
+        times: (T,) s at which it is to be known.
+        t: (n,) s of its messages.
+    """
+    found = _between(times, np.sort(t[np.isfinite(t)]))
+    if not found.any():
+        return found, ()
+    seconds = float(found.sum() * np.median(np.diff(times)))
+    fact = f"{topic} is silent for {seconds:.3g} s while others go on"
+    if found.mean() > MOSTLY:
+        return np.zeros_like(found), (f"{fact}: its values in between were interpolated.",)
+    return found, (f"{fact}: what it would have said there was left out.",)
+
+
+def _between(times: Array, t: Array) -> Mask:
+    found = np.zeros(len(times), dtype=np.bool_)
+    for before, after in itertools.pairwise(segments(t)):
+        start, end = t[before.stop - 1], t[after.start]
+        if end - start > SHORTEST_S:
+            found |= (times > start) & (times < end)
+    return found

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from etude.logs.checks.ground import ground_finding, windows, without_ground
+from etude_quadrotor.log_checks import ground_finding, windows
 from etude.types import Array, Channel, Log
 
 RATE, SECONDS, G = 100.0, 40.0, 9.81
@@ -55,7 +55,7 @@ def test_a_dive_in_which_drag_is_the_weight_for_a_moment_is_no_ground(turning: b
 def test_ground_between_two_flights_is_cut_and_a_touch_is_not() -> None:
     log, gyro, force = landed((0.0, 2.0), (10.0, 10.6), (20.0, 25.0))
     finding = ground_finding(windows(log.t, gyro, force, log["command"]))
-    kept = without_ground(log, finding)
+    kept = finding.cut(log)
     assert kept.t[0] == pytest.approx(2.5)
     assert not ((kept.t > 19.51) & (kept.t < 25.49)).any()
     assert ((kept.t > 9.0) & (kept.t < 12.0)).sum() == pytest.approx(3.0 * RATE, abs=2)
@@ -67,4 +67,4 @@ def test_ground_throughout_stays() -> None:
     log, gyro, force = landed((0.0, SECONDS))
     log = log.put(MOTORS, np.where(log.t[:, None] > 39.0, 0.5, log["command"]))
     finding = ground_finding(windows(log.t, gyro, force, log["command"]))
-    assert len(without_ground(log, finding)) == pytest.approx(0.5 * RATE, abs=2)
+    assert len(finding.cut(log)) == pytest.approx(0.5 * RATE, abs=2)

@@ -14,7 +14,7 @@ from etude.logs.cleaning.filters import command_lag, median_rate, sampled, satur
 from etude.types import Array, Index, Log, Samples, joined_samples
 from etude_quadrotor.battery import slow_voltage
 from etude_quadrotor.inputs import Acceleration, QuadrotorInputs
-from etude_quadrotor.recorded import on_even_grid, with_states
+from etude_quadrotor.recorder import on_even_grid, with_states
 from etude_quadrotor.spec import QuadrotorSpec
 
 FAST, FAST_HZ = 2.0, 50.0

@@ -1,13 +1,39 @@
-"""Ground and rest in a flight, by windows of 0.2 s."""
+"""What a log of a flight may show beside units and ranges: ground, leaps, scales, sensors that disagree."""
 
 from __future__ import annotations
+from etude.logs.checks.finding_texts import Excludable
 
-from dataclasses import dataclass
+from collections.abc import Sequence
 
 import numpy as np
 
+from etude.logs.checks.plausibility import jump_finding
+from etude.types import Finding, Log
+from etude_quadrotor.agreement import agreement_findings
+from etude_quadrotor.channels import PATH
+from etude_quadrotor.spec import QuadrotorSpec
+from dataclasses import dataclass
+import numpy as np
 from etude.logs.checks.filtered_motion import runs
 from etude.types import Array, Finding, Log, Mask
+
+HOVER = (0.5, 2.0)
+"""Over the hover voltage: what the mean command of a flight may be."""
+
+
+def findings(spec: QuadrotorSpec, log: Log) -> Sequence[Finding]:
+    """Of each check, what it says of the flight."""
+    jump = jump_finding(log, PATH, np.full(3, spec.speed))
+    return (_ground(spec, log), *_idle(log), jump, *agreement_findings(spec, log), _scale(spec, log))
+
+
+def _idle(log: Log) -> tuple[Finding, ...]:
+    """A vehicle that was never armed: its log teaches nothing."""
+    if np.ptp(log["command"], axis=0).any():
+        return ()
+    fact = "No motor's command ever changes: the vehicle was not armed, or they were not recorded."
+    return (Finding("motors", "red", fact, "Record a flight, with the motors' set-points."),)
+
 
 CHECK = "ground"
 WINDOW_S = 0.2
@@ -86,13 +112,36 @@ def spans_of(found: Windows, marked: Mask) -> tuple[tuple[float, float], ...]:
     return tuple((float(found.start[a]), float(found.end[b - 1])) for a, b in runs(marked))
 
 
+class Grounded(Excludable):
+    """Time on the ground, which teaches nothing at either end and between flights."""
+
+    def cut(self, log: Log) -> Log:
+        """The log less the ground at its ends and between flights, and SPARE_S beside it.
+
+        A log that is ground throughout stays as it is, and so do moments on the ground inside of a flight.
+        """
+        start, end = float(log.t[0]), float(log.t[-1])
+        kept = np.ones(len(log), dtype=np.bool_)
+        between = False
+        for low, high in self.spans:
+            inside = low > start and high < end - 1e-9
+            if not inside or high - low >= LANDED_S:
+                kept &= (log.t <= low - SPARE_S) | (log.t >= high + SPARE_S)
+                between |= inside
+        if not kept.any() or kept.all():
+            return log.repaired(self.sentence)
+        where = "there and beside it" if between else "at the ends"
+        cut = float((~kept).sum() * np.median(np.diff(log.t)))
+        return log.take(kept).repaired(f"{self.sentence} {cut:.3g} s {where} were cut.")
+
+
 def ground_finding(found: Windows) -> Finding:
     """Time on the ground, its spans to cut or to mark."""
     spans = spans_of(found, found.ground)
     if not spans:
         return Finding(CHECK, "green", "The vehicle flies throughout.")
     seconds = sum(end - start for start, end in spans)
-    return Finding(
+    return Grounded(
         CHECK,
         "yellow",
         f"The vehicle stands on the ground for {seconds:.3g} s.",
@@ -102,21 +151,26 @@ def ground_finding(found: Windows) -> Finding:
     )
 
 
-def without_ground(log: Log, finding: Finding) -> Log:
-    """The log less the ground at its ends and between flights, and SPARE_S beside it.
-
-    A log that is ground throughout stays as it is, and so do moments on the ground inside of a flight.
+def _ground(spec: QuadrotorSpec, log: Log) -> Finding:
+    """Motors that carry nothing while nothing moves: what a take-off or a landing leaves, which teaches
+    nothing.
     """
-    start, end = float(log.t[0]), float(log.t[-1])
-    kept = np.ones(len(log), dtype=np.bool_)
-    between = False
-    for low, high in finding.spans:
-        inside = low > start and high < end - 1e-9
-        if not inside or high - low >= LANDED_S:
-            kept &= (log.t <= low - SPARE_S) | (log.t >= high + SPARE_S)
-            between |= inside
-    if not kept.any() or kept.all():
-        return log.repaired(finding.sentence)
-    where = "there and beside it" if between else "at the ends"
-    cut = float((~kept).sum() * np.median(np.diff(log.t)))
-    return log.take(kept).repaired(f"{finding.sentence} {cut:.3g} s {where} were cut.")
+    low, high = np.array(spec.command_lower), np.array(spec.command_upper)
+    motors = low >= 0.0  # other commands are angles and rates, whose middle is no thrust
+    if not motors.any():
+        return Finding(CHECK, "cannot tell", "No command is that of a motor.")
+    throttle = (log["command"] - low)[:, motors] / (high - low)[motors]
+    return ground_finding(windows(log.t, log["rates"], log["specific_force"], throttle))
+
+
+def _scale(spec: QuadrotorSpec, log: Log) -> Finding:
+    """Of a vehicle whose motors are described: the voltage that it hovers at, against that of the flight."""
+    vehicle = spec.body
+    if vehicle is None:
+        return Finding("scale", "cannot tell", "The motors of the vehicle are not described in V.")
+    mean = float(np.mean(log["command"]))
+    said = f"The mean command is {mean:.3g} V, it should hover at {vehicle.hover_voltage:.3g} V."
+    if HOVER[0] < mean / vehicle.hover_voltage < HOVER[1]:
+        return Finding("scale", "green", said)
+    step = "Is the vehicle described right? Check mass, thrust_constant, motor_constant and resistance in "
+    return Finding("scale", "yellow", said, f"{step}robot.toml, and the commands' unit.")

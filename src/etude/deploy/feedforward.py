@@ -12,6 +12,11 @@ from etude.errors import UsageError
 from etude.limits.library import TiltLimit
 from etude.protocols import Limit, Model, Trajectory
 from etude.types import Array, Mask
+import math
+from dataclasses import dataclass
+import numpy as np
+from etude.protocols import Model, Trajectory
+from etude.types import Array
 
 FORCES = ("N m", "N")
 """Units of commands that a field named effort may hold."""
@@ -125,3 +130,39 @@ def require_forces(unit: str, robot: str, next_step: str) -> None:
             f"commands of {robot!r} are in {unit or 'no force'}, an effort is in N m or N",
             next_step=next_step,
         )
+
+
+@dataclass(frozen=True, eq=False)
+class Effort:
+    """What a model expects a trajectory to take; commands in the robot's own unit.
+
+    Attributes:
+        t: (T,) s.
+        command: (T, J) mean of the command of a perfect run.
+        deviation: (T, J) its standard deviation, noise and calibration included.
+        static: (T, J) the part that holds the robot still in each pose.
+    """
+
+    t: Array
+    command: Array
+    deviation: Array
+    static: Array
+
+    @property
+    def moving(self) -> Array:
+        """(T, J) the part that is there because of motion."""
+        return self.command - self.static
+
+    @property
+    def largest(self) -> Array:
+        """(J,) largest |command|."""
+        return np.asarray(np.abs(self.command).max(axis=0))
+
+
+def effort(trajectory: Trajectory, model: Model, rate: float) -> Effort:
+    """The model's answer along the plan of `trajectory` at `rate` Hz."""
+    count = math.floor(trajectory.duration * rate + 1e-9) + 1
+    t = np.minimum(np.arange(count) / rate, trajectory.duration)
+    log = model.inputs.states(trajectory.motion(t, model.inputs.orders))
+    mean, variance = model.predict(log)
+    return Effort(t, mean, np.sqrt(variance), model.static(log))

@@ -9,12 +9,11 @@ import pytest
 from inverse_flights import SPEC, flown, log_with
 
 from etude.errors import DataError, UsageError
-from etude.logs.checks.ground import without_ground
 from etude.types import Array, Log, Samples
 from etude_quadrotor.channels import ATTITUDE, ORIENTATION, POSITION, POSITION_DES, VELOCITY, command
-from etude_quadrotor.checks import findings
-from etude_quadrotor.recipe import FlightData, common_lag, flight_samples
-from etude_quadrotor.recorded import with_states
+from etude_quadrotor.log_checks import findings
+from etude_quadrotor.preprocessing import FlightData, common_lag, flight_samples
+from etude_quadrotor.recorder import with_states
 from etude_quadrotor.vehicle import GRAVITY
 
 MIX = np.random.default_rng(3).normal(size=(9, 4))
@@ -98,7 +97,7 @@ def test_a_vehicle_on_the_ground_or_of_another_scale_is_told() -> None:
     found = findings(SPEC, landed)[0]
     assert found.light == "yellow"
     np.testing.assert_allclose(found.spans, [(0.0, 2.0)])
-    kept = without_ground(landed, found)
+    kept = found.cut(landed)
     assert kept.t[0] == pytest.approx(2.5)
     assert kept.repairs[-1].endswith("2.5 s at the ends were cut.")
     strong = log.put(log.channels["command"], log["command"] / 100.0)

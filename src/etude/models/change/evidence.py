@@ -7,11 +7,14 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from etude.models.change.change_detection import ALARM, doubted, evidence, first_alarm, scores
-from etude.models.change.diagnosis import Cause, Expected, alone, cause
-from etude.models.change.drift_onset import block_sizes
-from etude.models.data.frozen_sensors import stuck
+from etude.models.change.diagnosis import (Cause, ExpectedCommands, alone, cause)
+from etude.models.change.diagnosis import stuck
 from etude.models.model import LearnedModel
 from etude.types import Array, Mask, Samples
+from collections.abc import Sequence
+from typing import Literal
+import numpy as np
+from etude.types import Array
 
 MOST_ROWS = 200
 """Enough to name a cause by."""
@@ -70,7 +73,7 @@ def judged(model: LearnedModel, samples: Samples) -> Judged:
     return replace(quiet, cause=what, output=alone(error, deviation, use))
 
 
-def _expected(model: LearnedModel, samples: Samples, mean: Array) -> Expected:
+def _expected(model: LearnedModel, samples: Samples, mean: Array) -> ExpectedCommands:
     """What the model says of the commands, if positions were others."""
     log = samples.log
     channel = log.channels[log.channels["command"].acts_on]
@@ -79,7 +82,7 @@ def _expected(model: LearnedModel, samples: Samples, mean: Array) -> Expected:
     def without(i: int, d: float) -> Array:
         return model.mean(log.put(channel, q - d * (np.arange(q.shape[1]) == i)))
 
-    return Expected(mean, np.ptp(q, axis=0), without)
+    return ExpectedCommands(mean, np.ptp(q, axis=0), without)
 
 
 def _evidence(z: Array, worth: Array, use: Mask) -> Array:
@@ -105,3 +108,46 @@ def _rate_of(samples: Samples, name: str) -> str:
     """The channel that is the rate of that one; "" if there is none."""
     found = (n for n, c in samples.log.channels.items() if name and c.derivative_of == name)
     return next(found, "")
+
+
+BLOCK_S = 10.0
+"""s of motion that make one figure: errors within it are alike."""
+LEAST_LOGS = 3
+"""Fewer show no drift: within a log the motion changes as much as the robot."""
+SMOOTHER = 0.7
+"""Most that a ramp may leave of what a step leaves, to be believed."""
+
+Manner = Literal["at once", "little by little", "cannot tell"]
+
+
+def manner(sizes: Sequence[Array]) -> Manner:
+    """How a change came.
+
+    Args:
+        sizes: of each log, oldest first, (B,) root mean squares of the errors over their predicted deviations
+            in blocks of `BLOCK_S`.
+    """
+    if len(sizes) < LEAST_LOGS:
+        return "cannot tell"
+    r = np.concatenate(sizes)
+    i = np.arange(len(r), dtype=float)
+    step = min(_left(r, (i >= at).astype(float)) for at in range(1, len(r)))
+    ramps = [_left(r, np.maximum(i - at, 0.0), rising=True) for at in range(len(r) - 2)]
+    return "little by little" if min(ramps) <= SMOOTHER * step else "at once"
+
+
+def block_sizes(t: Array, z: Array) -> Array:
+    """(B,) root mean squares of z (n, J), NaN where it says nothing, in blocks of `BLOCK_S` of t (n,) s."""
+    finite = np.isfinite(z)
+    known = finite.any(axis=1)
+    squares = np.where(finite, z, 0.0) ** 2
+    mean = squares.sum(axis=1) / np.maximum(finite.sum(axis=1), 1)
+    block = ((t - t[0]) / BLOCK_S).astype(np.int64)[known] if len(t) else np.zeros(0, dtype=np.int64)
+    return np.array([np.sqrt(mean[known][block == b].mean()) for b in np.unique(block)])
+
+
+def _left(r: Array, feature: Array, *, rising: bool = False) -> float:
+    """Squares of r (n,) about a constant and so much of the feature; infinite where that falls."""
+    columns = np.column_stack([np.ones_like(r), feature])
+    found = np.linalg.lstsq(columns, r, rcond=None)[0]
+    return np.inf if rising and found[1] <= 0.0 else float(np.sum((r - columns @ found) ** 2))

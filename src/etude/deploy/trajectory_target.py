@@ -10,9 +10,9 @@ import numpy as np
 
 from etude import plugins
 from etude._runtime.options import taken
-from etude.deploy.commanded import Commanded, accelerated, commanded, require_forces, within_tilt
+from etude.deploy.feedforward import (Commanded, accelerated, commanded, require_forces, within_tilt)
 from etude.deploy.exporters.knots import SPACE, names_of
-from etude.deploy.played import played
+from etude.deploy.playback_certificate import played
 from etude.deploy.trajectory_files import CERTIFICATE, COEFFICIENTS, csv_bytes, table_rate
 from etude.errors import UsageError
 from etude.limits.certificate import require_certified
@@ -36,7 +36,7 @@ class Bounded:
 
 
 @dataclass(frozen=True)
-class Options:
+class TrajectoryOptions:
     """motion: as `campaign.supplied` gives it; format: names of exporters, with commas; rate: Hz."""
 
     motion: Bounded | None = None
@@ -58,7 +58,7 @@ class Along:
             UsageError: unknown options, no motion, a format that has no place for commands, or commands that
                 are no forces. UnsafeTrajectoryError: the motion leaves a limit, or what its receiver plays.
         """
-        asked = taken(options, Options, "trajectory")
+        asked = taken(options, TrajectoryOptions, "trajectory")
         if asked.motion is None:
             raise UsageError("there is no motion to go along", next_step="--set motion=trajectory.json")
         motion, limits = asked.motion.trajectory, asked.motion.limits

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from etude.deploy.commanded import Commanded, parted
+from etude.deploy.feedforward import Commanded, parted
 from etude.deploy.exporters.knots import require_space
 from etude.errors import UsageError
 from etude.protocols import Kind, Trajectory
