@@ -6,10 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from etude.types import Channel, Expected, Role
+from etude.types import Channel, Expected, Log, Role
 from etude_quadrotor.spec import QuadrotorSpec
-import numpy as np
-from etude.types import Log
 from etude_quadrotor.vehicle import GRAVITY
 
 AXES = ("x", "y", "z")

@@ -9,27 +9,21 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
 from etude.errors import DataError, NumericalError
+from etude.models.trust import familiar, trusted
 from etude.protocols import Controller, Model, Trajectory
 from etude.types import Array, Log, Motion, Row
 from etude_quadrotor.channels import BATTERY, STATES
-from etude_quadrotor.flatness import ORDERS, FlatMotion, flat_motion
+from etude_quadrotor.flatness import ORDERS, Drag, FlatMotion, flat_motion
 from etude_quadrotor.inputs import COMMANDS, QuadrotorInputs
 from etude_quadrotor.physics.vehicle_inverse import nominal_inverse
 from etude_quadrotor.plant.plan import FlightPlan, plan_on_grid
 from etude_quadrotor.spec import QuadrotorSpec
 from etude_quadrotor.vehicle import Vehicle
-from dataclasses import dataclass
-from typing import Protocol
-import numpy as np
-from etude.models.trust import familiar, trusted
-from etude.protocols import Model
-from etude.types import Array, Log
-from etude_quadrotor.flatness import Drag
-from etude_quadrotor.inputs import COMMANDS
 
 GRID = 100.0
 """Hz at which models are asked; between, feedforwards are linear."""
@@ -124,8 +118,6 @@ def prior_deviation(model: Model) -> Array:
                 best[command] = weight
                 found[command] = abs(candidate.units[1, place]) * np.sqrt(prior[place])
     return found
-
-
 
 
 @dataclass(frozen=True, eq=False)

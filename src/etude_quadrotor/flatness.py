@@ -3,7 +3,8 @@
 With rotor drag, Faessler, Franchi and Scaramuzza 2018: the body's acceleration is
 a = -g z + c z_B - R D R' v, D = diag(dx, dy, dz) in 1/s. The heading is zero.
 
-Only what is complex-analytic: no moduli, so that a complex step through them is an exact derivative.
+Jets have only what is complex-analytic: no moduli, so that a complex step through them is an exact
+derivative.
 """
 
 from __future__ import annotations
@@ -11,16 +12,14 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from etude.errors import UnsafeTrajectoryError, UsageError
 from etude.types import Array, Motion
 from etude_quadrotor.vehicle import GRAVITY
-from dataclasses import dataclass
-from typing import Any
-import numpy as np
-from numpy.typing import NDArray
 
 Drag = tuple[float, float, float]
 
@@ -172,8 +171,6 @@ def unit(a: tuple[Jet, ...]) -> tuple[Jet, ...]:
 def dot(a: tuple[Values, ...], b: tuple[Values, ...]) -> Values:
     """Inner product of two vectors given by components."""
     return np.asarray(a[0] * b[0] + a[1] * b[1] + a[2] * b[2])
-
-
 
 
 def _body(inputs: Values, drag: Drag) -> tuple[list[tuple[Values, ...]], Values, list[Values]]:

@@ -44,8 +44,6 @@ COMMENTS: dict[str, dict[str, str]] = {
 }
 
 
-
-
 class QuadrotorKind:
     """Implements `protocols.Kind`. Modules are loaded when needed: most commands need few of them."""
 
@@ -132,8 +130,7 @@ class QuadrotorKind:
 
     def family(self, spec: QuadrotorSpec, config: Any) -> Family:
         """Fourier series of x, y and z of one base frequency (thesis (3.3))."""
-        from etude_quadrotor.motions import flight_family
-        from etude_quadrotor.motions import centred
+        from etude_quadrotor.motions import centred, flight_family
 
         return flight_family(centred(spec, config.trajectory))
 
@@ -164,8 +161,7 @@ class QuadrotorKind:
 
     def poses(self, spec: QuadrotorSpec) -> Mapping[str, Array]:
         """On the ground, below the middle of the room."""
-        from etude_quadrotor.motions import home
-        from etude_quadrotor.motions import standing
+        from etude_quadrotor.motions import home, standing
 
         return {"ground": standing(spec, home(spec))}
 

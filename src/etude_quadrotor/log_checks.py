@@ -1,21 +1,19 @@
 """What a log of a flight may show beside units and ranges: ground, leaps, scales, sensors that disagree."""
 
 from __future__ import annotations
-from etude.logs.checks.finding_texts import Excludable
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
+from etude.logs.checks.filtered_motion import runs
+from etude.logs.checks.finding_texts import Excludable
 from etude.logs.checks.plausibility import jump_finding
-from etude.types import Finding, Log
+from etude.types import Array, Finding, Log, Mask
 from etude_quadrotor.agreement import agreement_findings
 from etude_quadrotor.channels import PATH
 from etude_quadrotor.spec import QuadrotorSpec
-from dataclasses import dataclass
-import numpy as np
-from etude.logs.checks.filtered_motion import runs
-from etude.types import Array, Finding, Log, Mask
 
 HOVER = (0.5, 2.0)
 """Over the hover voltage: what the mean command of a flight may be."""

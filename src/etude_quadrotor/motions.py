@@ -1,44 +1,34 @@
-"""The room a flight has, and flights that test a controller in it.
+"""Flights: the room they have, which may be proposed, ways there and back, and tests of a controller.
 
-All are septics: their jerk begins and ends as it must, so that attitudes do too. A plan may be in motion at
-its ends, and have no lead-in (`limits.at_rest`); the way then leads from rest into that motion and out of it.
+Ways are septics: their jerk begins and ends as it must, so that attitudes do too. A plan may be in motion at
+its ends, and have no lead-in (`limits.lead_ins`); the way then leads from rest into that motion and out of
+it.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 
-from etude.limits.certificate import COMMANDS, SPEED
+from etude.errors import UsageError
+from etude.limits.certificate import COMMANDS, SPEED, certify, use
 from etude.limits.feasible import FeasibleSet
 from etude.limits.library import AxisLimit, NormLimit, TiltLimit
 from etude.limits.limit_tables import made_limits
 from etude.limits.samplers import boundary, uniform
 from etude.protocols import Limit, Model, Trajectory
-from etude.types import Array, Margins
+from etude.trajectories.chain import Chain, Part
+from etude.trajectories.family import FourierConfig, FourierFamily
+from etude.trajectories.splined import Splined
+from etude.types import Array, Margins, Proof
 from etude_quadrotor.channels import AXES
 from etude_quadrotor.flatness import LEAST_LIFT
 from etude_quadrotor.spec import QuadrotorSpec
 from etude_quadrotor.vehicle import GRAVITY
-import math
-from dataclasses import dataclass, replace
-from typing import Literal
-from etude.errors import UsageError
-from etude.trajectories.family import FourierConfig, FourierFamily
-import math
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
-import numpy as np
-from etude.limits.certificate import certify, use
-from etude.limits.library import AxisLimit
-from etude.protocols import Limit, Trajectory
-from etude.trajectories.chain import Chain, Part
-from etude.trajectories.splined import Splined
-from etude.types import Array, Proof
-from etude_quadrotor.spec import QuadrotorSpec
 
 PLACES = (0, 1, 2)
 UP = (0.0, 0.0, GRAVITY)
@@ -236,10 +226,6 @@ def _lifted(spec: QuadrotorSpec, ground: Array, hover: Array) -> Splined:
 def _whole(spec: QuadrotorSpec, seconds: float) -> float:
     """At least so long, and a whole number of set-points."""
     return math.ceil(seconds * spec.table_rate - 1e-9) / spec.table_rate
-
-
-
-
 
 
 def limits(

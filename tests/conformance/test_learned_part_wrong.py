@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from etude.deploy.feedforward import Commanded
-from etude_quadrotor.export.offboard import NED, OFFBOARD
 from etude.deploy.playback_certificate import certify_played, played
 from etude.errors import UnsafeTrajectoryError
 from etude.limits.certificate import Certificate, spare
@@ -19,9 +18,9 @@ from etude.limits.library import AxisLimit
 from etude.limits.samplers import boundary
 from etude.protocols import Limit
 from etude.types import Array
-from etude_quadrotor.motions import FlightConfig, flight_family
+from etude_quadrotor.export.offboard import NED, OFFBOARD
 from etude_quadrotor.kind import KIND
-from etude_quadrotor.motions import home, limits
+from etude_quadrotor.motions import FlightConfig, flight_family, home, limits
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "foreign"))
 from px4_cascade import fly, padded

@@ -24,13 +24,11 @@ from c_models import (
 )
 
 from compilers import FAST, STRICT, run, tool
-from etude.deploy.c99.self_test import answered, golden
 from etude.deploy.c99.header import CForm
 from etude.deploy.c99.plan import identifier, identifiers
-from etude.deploy.c99.target import single
-from etude.deploy.c99.source import prelude
-from etude.deploy.c99.source import numbers
-from etude.deploy.c99.target import C99, c_files
+from etude.deploy.c99.self_test import answered, golden
+from etude.deploy.c99.source import numbers, prelude
+from etude.deploy.c99.target import C99, c_files, single
 from etude.errors import UsageError
 from etude.models.gp.exact import posterior_given
 from etude.models.gp.kernels import SquaredExponential

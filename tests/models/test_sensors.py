@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from etude.models.change.diagnosis import (SLOW, Cause, ExpectedCommands, cause)
+from etude.models.change.diagnosis import SLOW, STUCK_S, Cause, ExpectedCommands, cause, stuck
 from etude.models.change.evidence import block_sizes, manner
-from etude.models.change.diagnosis import STUCK_S, stuck
 from etude.types import Array, Channel, Log, Samples
 
 RNG = np.random.default_rng(4)

@@ -1,7 +1,8 @@
-"""A trajectory with the command that the model expects along it."""
+"""A trajectory with the command that the model expects along it, and that command without gravity."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -12,11 +13,6 @@ from etude.errors import UsageError
 from etude.limits.library import TiltLimit
 from etude.protocols import Limit, Model, Trajectory
 from etude.types import Array, Mask
-import math
-from dataclasses import dataclass
-import numpy as np
-from etude.protocols import Model, Trajectory
-from etude.types import Array
 
 FORCES = ("N m", "N")
 """Units of commands that a field named effort may hold."""

@@ -1,4 +1,4 @@
-"""The states that a model reads, as numbers in a row: their names, the ranges trained on, rows as a log."""
+"""The states that a model reads, as numbers in a row, and what its commands are outside of them."""
 
 from __future__ import annotations
 
@@ -7,10 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from etude.models.model import LearnedModel
-from etude.types import Array, Channel, Log
-import numpy as np
-from etude.models.model import LearnedModel
 from etude.models.selection.member_prediction import level_of, physics_behind
+from etude.types import Array, Channel, Log
 
 
 def labels(channels: Sequence[Channel]) -> list[str]:

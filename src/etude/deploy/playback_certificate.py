@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from etude.deploy.feedforward import (HALVINGS, ROUNDING, Commanded, shared, within_tilt)
+from etude.deploy.feedforward import HALVINGS, ROUNDING, Commanded, shared, within_tilt
 from etude.errors import UnsafeTrajectoryError, UsageError
 from etude.limits.certificate import Certificate, certify, spare
 from etude.limits.library import TiltLimit

@@ -10,8 +10,8 @@ import numpy as np
 
 from etude import plugins
 from etude._runtime.options import taken
-from etude.deploy.feedforward import (Commanded, accelerated, commanded, require_forces, within_tilt)
 from etude.deploy.exporters.knots import SPACE, names_of
+from etude.deploy.feedforward import Commanded, accelerated, commanded, require_forces, within_tilt
 from etude.deploy.playback_certificate import played
 from etude.deploy.trajectory_files import CERTIFICATE, COEFFICIENTS, csv_bytes, table_rate
 from etude.errors import UsageError

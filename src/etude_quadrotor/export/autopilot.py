@@ -10,16 +10,12 @@ from typing import Any
 
 from etude._runtime.options import taken
 from etude.deploy.c99.header import CForm
-from etude.deploy.c99.source import lean_files
 from etude.deploy.c99.plan import Plan
-from etude.deploy.c99.target import (BARE, Files, held, lighter)
+from etude.deploy.c99.source import lean_files
+from etude.deploy.c99.target import BARE, Files, held, in_words, lighter
 from etude.errors import UsageError
 from etude.protocols import Kind
 from etude.types import Delivered
-from collections.abc import Sequence
-from dataclasses import dataclass
-from etude.deploy.c99.target import in_words
-from etude.errors import UsageError
 
 MOTORS = 4
 OUTSIDE = "Far outside of what was learned the last good addition fades out within 0.2 s."
@@ -130,8 +126,6 @@ def cost_in_words(chip: Chip, operations: int, rate: float, *, single: bool) -> 
         f"One answer (motion, hover, drag: {operations:,} operations of {cycles:g} cycles) takes about "
         f"{1e6 * seconds:.0f} us on a {chip.name}; at {rate:g} Hz that is {100 * seconds * rate:.1f} % of it."
     )
-
-
 
 
 @dataclass(frozen=True)

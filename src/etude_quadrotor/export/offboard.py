@@ -16,9 +16,9 @@ from typing import Any
 
 import numpy as np
 
-from etude.deploy.feedforward import Commanded
 from etude.deploy.exporters.joint_trajectory import player
 from etude.deploy.exporters.knots import require_space
+from etude.deploy.feedforward import Commanded
 from etude.limits.lead_ins import STILL
 from etude.protocols import Kind, Trajectory
 from etude.trajectories.splined import Splined
@@ -75,7 +75,10 @@ class Offboard:
             [*map(repr, [seconds, *row[:9], YAW, *row[9:]])]
             for seconds, row in zip(t.tolist(), rows.tolist(), strict=True)
         )
-        return {TABLE: text.getvalue().encode(), PLAYER: player("etude_quadrotor.export", "play_setpoints.py")}
+        return {
+            TABLE: text.getvalue().encode(),
+            PLAYER: player("etude_quadrotor.export", "play_setpoints.py"),
+        }
 
     def back(self, files: Mapping[str, bytes]) -> Splined:
         """The motion of the set-points, each held until the next, in single precision; east, north, up.

@@ -14,8 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from etude.deploy.feedforward import Commanded, parted
 from etude.deploy.exporters.knots import require_space
+from etude.deploy.feedforward import Commanded, parted
 from etude.errors import UsageError
 from etude.protocols import Kind, Trajectory
 from etude.trajectories.splined import Splined

@@ -19,15 +19,6 @@ from etude.errors import DataError
 from etude.logs.readers.extras import READING, needed
 from etude.logs.readers.frames import raw_log
 from etude.types import Array, Log
-from collections.abc import Mapping, Sequence
-from typing import Any
-import numpy as np
-from etude.types import Array
-from collections.abc import Mapping, Sequence
-from pathlib import Path
-from typing import Any
-import numpy as np
-from etude.errors import DataError
 
 MAGIC = b"\x55\x4c\x6f\x67\x01\x12\x35"
 HEADER = 3
@@ -254,10 +245,6 @@ def _first(data: Mapping[str, Any], name: str, missing: int) -> float:
     """What most rows of a topic say, or what is assumed where it has no such field."""
     values = np.asarray(data.get(name, ()))
     return float(np.median(values)) if len(values) else missing
-
-
-
-
 
 
 def _needed() -> list[str]:

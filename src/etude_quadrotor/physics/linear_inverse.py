@@ -6,7 +6,7 @@ thrust, and moments change a root by moment / (2 root): both columns are there, 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,13 +14,8 @@ import numpy as np
 from etude._runtime.operators import Piece
 from etude.errors import DataError
 from etude.types import Array, Code, Column, Log, Mask
-from etude_quadrotor.channels import STATES
-from etude_quadrotor.channels import hovering
+from etude_quadrotor.channels import STATES, hovering
 from etude_quadrotor.vehicle import GRAVITY
-from collections.abc import Callable
-import numpy as np
-from numpy.typing import NDArray
-from etude.errors import DataError
 
 OPTIONAL = ("altitude", "body_velocity", "body_acceleration")
 LEAST_LIFT = 0.05
@@ -185,8 +180,6 @@ def map_fit(
         theta = theta + deviation * np.linalg.solve(normal, slope)
     left = deviation * np.sqrt(np.diag(np.linalg.inv(normal)))
     return theta, np.where(left > TOLD * deviation, np.inf, left)
-
-
 
 
 def _weights(scaled: Array, y: Array, weight: float) -> Array:

@@ -1,4 +1,4 @@
-"""The physics of a vehicle as rungs of the ladder: nominal, which needs no data, and identified."""
+"""The physics of a vehicle as structures: nominal, which needs no data, and identified."""
 
 from __future__ import annotations
 

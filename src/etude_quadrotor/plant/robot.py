@@ -1,4 +1,4 @@
-"""The simulated vehicle as a robot: it turns a trajectory into a log."""
+"""The simulated vehicle as a robot: it turns a trajectory into a flight, and that into a log."""
 
 from __future__ import annotations
 
@@ -9,19 +9,9 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from etude.errors import UsageError
-from etude.protocols import Controller, Trajectory
-from etude.types import Array, Log
-from etude_quadrotor.controller import flight_plan
-from etude_quadrotor.plant.simulated import Disturbance
-from etude_quadrotor.plant.registry import PLANTS, simulated_vehicle
-from etude_quadrotor.plant.simulated import SimulatedVehicle, Start
-from etude_quadrotor.motions import TEST_DURATION
-from etude_quadrotor.spec import QuadrotorSpec
-import numpy as np
-from numpy.typing import NDArray
 from etude.errors import DataError, UsageError
-from etude.types import Channel, Log
+from etude.protocols import Controller, Trajectory
+from etude.types import Array, Channel, Log
 from etude_quadrotor.channels import (
     ALTITUDE,
     ANGULAR_ACCELERATION,
@@ -32,8 +22,13 @@ from etude_quadrotor.channels import (
     RATES,
     SPECIFIC_FORCE,
 )
+from etude_quadrotor.controller import flight_plan
+from etude_quadrotor.motions import TEST_DURATION
 from etude_quadrotor.plant.flight import Flight
 from etude_quadrotor.plant.plan import FlightPlan
+from etude_quadrotor.plant.registry import PLANTS, simulated_vehicle
+from etude_quadrotor.plant.simulated import Disturbance, SimulatedVehicle, Start
+from etude_quadrotor.spec import QuadrotorSpec
 
 SETTLED_S = 5.0
 """Tracking is judged after the transient of the start."""
@@ -107,8 +102,6 @@ def _ticks(flight: Flight, plan: FlightPlan, rate: float) -> int:
             next_step="Choose a divisor of the simulation's rate.",
         )
     return round(ticks)
-
-
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,7 +1,8 @@
-"""SimulatedVehicle: a quadrotor that can be flown."""
+"""SimulatedVehicle: a quadrotor that can be flown, with its trim, wind and a battery that sags."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Literal
 
@@ -10,26 +11,12 @@ from numpy.typing import NDArray
 
 from etude.errors import UsageError
 from etude_quadrotor.plant import core
+from etude_quadrotor.plant.core import SET_POINTS, VOLTAGES, Body, Control
 from etude_quadrotor.plant.flight import REASONS, Ending, Flight, rotation
 from etude_quadrotor.plant.parameters import FlightParameters
 from etude_quadrotor.plant.plan import FlightPlan, check_plan
 from etude_quadrotor.spec import QuadrotorSpec
-from etude_quadrotor.vehicle import GRAVITY, Vehicle
-from dataclasses import dataclass
-import numpy as np
-from numpy.typing import NDArray
-from etude_quadrotor.plant import core
-from etude_quadrotor.plant.parameters import FlightParameters
-from etude_quadrotor.vehicle import GRAVITY, SPINS
-import math
-import numpy as np
-from numpy.typing import NDArray
-from etude_quadrotor.plant.core import SET_POINTS, VOLTAGES, Body, Control
-from etude_quadrotor.plant.parameters import FlightParameters
-from dataclasses import dataclass
-import numpy as np
-from numpy.typing import NDArray
-from etude.errors import UsageError
+from etude_quadrotor.vehicle import GRAVITY, SPINS, Vehicle
 
 Array = NDArray[np.float64]
 Start = Literal["hover", "moving"]
@@ -153,8 +140,6 @@ def _motors(p: FlightParameters) -> Array:
     )
 
 
-
-
 def _balance(p: FlightParameters, height: float, force: float) -> tuple[Array, Array, Array]:
     """(4,) rotor speeds, currents and voltages that give mass * force and no moment."""
     body = true_body(p)
@@ -211,10 +196,6 @@ class Disturbance:
         wind = np.array(self.wind) + pulse[:, None] * np.array(self.gust)
         supply = np.clip(1.0 - self.sag - self.sag_rate * t, 0.1, None)
         return np.column_stack([wind, supply])
-
-
-
-
 
 
 @dataclass(frozen=True)

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from etude_quadrotor.log_checks import ground_finding, windows
 from etude.types import Array, Channel, Log
+from etude_quadrotor.log_checks import ground_finding, windows
 
 RATE, SECONDS, G = 100.0, 40.0, 9.81
 MOTORS = Channel("command", ("m1", "m2"), ("1", "1"), "command")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -13,28 +14,21 @@ from etude.campaign.create import find_robot, reading
 from etude.campaign.ingest.questions import Answers, Asked, judged_commands
 from etude.campaign.record.config_file import CONFIG
 from etude.campaign.record.folder import Campaign, open_campaign
-from etude.errors import EtudeError
+from etude.errors import DataError, EtudeError
 from etude.logs.checks.filtered_motion import Seen, seen
 from etude.logs.checks.plausibility import judge_commands, judge_motion
 from etude.logs.checks.recording_quality import clock_findings, column_findings, motion_findings
 from etude.logs.cleaning import read as logs
 from etude.logs.cleaning.read import clean_log, matched_log
 from etude.logs.cleaning.repairs import drop_unreadable, order_rows
+from etude.logs.columns.headers import plain, words_of
 from etude.logs.columns.mapping import LogConfig, mapped, mapping_text
+from etude.logs.columns.matching import match_columns
 from etude.logs.columns.units import Limits, check_lengths, from_degrees, read_time
-from etude.logs.columns.vocabulary import is_time
+from etude.logs.columns.vocabulary import COMMANDS, PREFIXES, is_time, normal, split_suffix, split_unit
 from etude.logs.readers.registry import cut_sentences, end_findings, read_raw, with_rest_told
 from etude.protocols import Kind
-from etude.types import Channel, Finding, Log
-import re
-from collections.abc import Sequence
-import numpy as np
-from etude.errors import DataError
-from etude.logs.columns.headers import plain
-from etude.logs.columns.headers import words_of
-from etude.logs.columns.matching import match_columns
-from etude.logs.columns.vocabulary import COMMANDS, PREFIXES, is_time, normal, split_suffix, split_unit
-from etude.types import Array, Channel, Log
+from etude.types import Array, Channel, Finding, Log
 
 USUAL_RATE = 200.0
 """Hz: of a robot that nobody described, to tell the unit of its times."""
@@ -201,8 +195,6 @@ def _left(text: str, word: str) -> str:
             if left != rest:
                 return left
     return ""
-
-
 
 
 def _guessed(path: Path, topics: Sequence[str]) -> _KnownRobot:

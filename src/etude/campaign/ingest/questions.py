@@ -6,7 +6,7 @@ with a sentence. Answers stand in the journal, and hold for later logs of which 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -122,7 +122,9 @@ class Asked:
             if finding.check not in self.answers.accept:
                 raise refusal([finding], log.source)
             self._taken(finding)
-        idle = [f for f in found if isinstance(f, Excludable) and f.check not in self.answers.accept and f.spans]
+        idle = [
+            f for f in found if isinstance(f, Excludable) and f.check not in self.answers.accept and f.spans
+        ]
         for finding in idle:
             log = finding.cut(log)
         return log.repaired(*(f.sentence for f in found if f not in idle))

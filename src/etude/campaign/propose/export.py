@@ -13,7 +13,7 @@ from etude.campaign.record.controls import FEEDBACK, LEARNED, asked_under
 from etude.campaign.record.deployed_model import model_in_use
 from etude.campaign.record.folder import Campaign
 from etude.campaign.record.stored_files import settle
-from etude.deploy.feedforward import (Commanded, accelerated, commanded, require_forces)
+from etude.deploy.feedforward import Commanded, accelerated, commanded, require_forces
 from etude.deploy.playback_certificate import played
 from etude.limits.certificate import Certificate
 from etude.protocols import Trajectory

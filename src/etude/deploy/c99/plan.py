@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import re
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,8 +16,6 @@ from etude.models.model import LearnedModel
 from etude.models.selection.member_prediction import physics_behind
 from etude.protocols import Candidate, Kind, Mean
 from etude.types import Array, Channel, Code
-import re
-from collections.abc import Sequence
 
 WIDENED = 0.5
 """Without deviations: parts of the range trained on beyond which, at either end, an input is far outside."""
@@ -128,8 +127,6 @@ def identifiers(names: Sequence[str]) -> list[str]:
 def renamed(names: Sequence[str], given: Sequence[str]) -> list[str]:
     """A line for each name that had to change."""
     return [f"{old!r} is {new} in C" for old, new in zip(names, given, strict=True) if old != new]
-
-
 
 
 def planned(model: LearnedModel, kind: Kind, spec: Any, name: str) -> Plan:

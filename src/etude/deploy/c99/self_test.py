@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from etude.deploy.c99.header import CForm
-from etude.deploy.c99.plan import Plan
-from etude.deploy.c99.source import PER_LINE, numbers
-from etude.types import Array
-from dataclasses import dataclass
-import numpy as np
 from etude.deploy.c99.plan import UNBOUNDED, WIDENED, Plan
+from etude.deploy.c99.source import PER_LINE, numbers
 from etude.deploy.model_states import log_of
 from etude.models.trust import outside, trust
 from etude.types import Array, Index
@@ -105,8 +103,6 @@ def _flags(plan: Plan, states: Array, unknown: Array, fade: bool) -> Index:
         beyond = (states < plan.low) | (states > plan.high)
         far = (states < plan.low - wide) | (states > plan.high + wide)
     return np.asarray(UNTRAINED * beyond.any(axis=1).astype(int) | FAR * far.any(axis=1).astype(int))
-
-
 
 
 def self_test(plan: Plan, form: CForm, vectors: Golden, exact: float) -> str:

@@ -1,4 +1,4 @@
-"""The source file: tables, the parts' own code, and the functions of the header around them."""
+"""The source file in C99: tables, the parts' own code, and the functions of the header around them."""
 
 from __future__ import annotations
 
@@ -15,16 +15,7 @@ from etude.errors import NumericalError
 from etude.models.gp.c99 import real
 from etude.models.selection.member_prediction import level_of, rests_of
 from etude.models.trust import NEVER, ROUNDING, thresholds
-from collections.abc import Mapping
-from typing import Any
-import numpy as np
-import re
-from importlib import resources
-from typing import Any
-from etude.deploy.c99.header import CForm
-from etude.models.gp.c99 import real
 from etude.types import Code
-
 
 PER_LINE = 6
 
@@ -72,8 +63,6 @@ def tables(data: Mapping[str, Any], single: bool) -> tuple[str, int]:
 def finite(data: Mapping[str, Any]) -> bool:
     """Whether every number of them is one."""
     return all(bool(np.isfinite(np.asarray(values, dtype=float)).all()) for values in data.values())
-
-
 
 
 def source(plan: Plan, form: CForm) -> tuple[str, int]:

@@ -2,35 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any
-
-from etude._runtime.options import taken
-from etude.deploy.c99.self_test import golden
-from etude.deploy.c99.header import CForm, header
-from etude.deploy.c99.source import lean_files
-from etude.deploy.c99.plan import renamed
-from etude.deploy.c99.plan import Plan, parts_in_c, planned
-from etude.deploy.c99.self_test import EXACT, allowed, self_test
-from etude.deploy.c99.source import source
-from etude.deploy.model_states import fading
-from etude.errors import EtudeError, UsageError
-from etude.models.model import LearnedModel
-from etude.protocols import Kind
-from etude.types import Delivered
-from dataclasses import replace
-import numpy as np
-from etude.models.model import LearnedModel
-from etude.types import Array
 import re
 import shutil
 import subprocess
 import tempfile
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
-from etude.errors import EtudeError
+from typing import Any
+
+import numpy as np
+
+from etude._runtime.options import taken
+from etude.deploy.c99.header import CForm, header
+from etude.deploy.c99.plan import Plan, parts_in_c, planned, renamed
+from etude.deploy.c99.self_test import EXACT, allowed, golden, self_test
+from etude.deploy.c99.source import lean_files, source
+from etude.deploy.model_states import fading
+from etude.errors import EtudeError, UsageError
+from etude.models.model import LearnedModel
+from etude.protocols import Kind
+from etude.types import Array, Delivered
 
 REALS = ("double", "float")
 USUAL = 1000.0
@@ -74,8 +66,6 @@ def errors(model: LearnedModel) -> str:
         return "its held-out error was not stored with this model; learn a log again"
     each = ", ".join(f"{name} {float(value):.3g}" for name, value in found.items())
     return f"mean absolute error on motion held out: {each}"
-
-
 
 
 @dataclass(frozen=True)
@@ -233,8 +223,6 @@ def _text(path: Path) -> int:
         return 0
     lines = _run(["size", path.name], path.parent).splitlines()
     return int(lines[1].split()[0]) if len(lines) > 1 else 0
-
-
 
 
 def held(

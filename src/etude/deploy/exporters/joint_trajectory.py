@@ -1,4 +1,4 @@
-"""trajectory_msgs/JointTrajectory in a bag: MCAP or SQLite, written and read by rosbags.
+"""trajectory_msgs/JointTrajectory: in a bag (MCAP or SQLite), as YAML, and as a table with its player.
 
 joint_trajectory_controller joins points with accelerations by quintics. A command in `effort` is joined by
 lines and added by controllers that command effort, since ros2_controllers' pull request 1200 (2025);
@@ -7,36 +7,23 @@ Humble's refuses a message that has any, so it is left empty unless asked for.
 
 from __future__ import annotations
 
+import csv
+import io
+import json
 import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from importlib.resources import files as resources
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any, Literal
 
 import numpy as np
 
-from etude.deploy.feedforward import Commanded
 from etude.deploy.exporters.knots import NANO, Knots, knots_of, require_joints
+from etude.deploy.feedforward import Commanded
 from etude.errors import UsageError
 from etude.logs.readers.extras import needed
-from etude.protocols import Kind, Trajectory
-from etude.trajectories.splined import Splined
-import json
-from collections.abc import Mapping, Sequence
-from types import SimpleNamespace
-from typing import Any
-from etude.deploy.feedforward import Commanded
-from etude.deploy.exporters.knots import NANO, Knots, knots_of, require_joints
-from etude.protocols import Kind, Trajectory
-from etude.trajectories.splined import Splined
-import csv
-import io
-from collections.abc import Mapping
-from importlib.resources import files as resources
-from typing import Any
-import numpy as np
-from etude.deploy.feedforward import Commanded
-from etude.deploy.exporters.knots import NANO, knots_of, require_joints
 from etude.protocols import Kind, Trajectory
 from etude.trajectories.splined import Splined
 

@@ -1,7 +1,7 @@
 """A whole model in operators of ONNX: inputs, candidates, their average and its variance.
 
-Differences are taken before squares: in float the shorter |u|² + |v|² - 2 u v loses what tells close points
-apart.
+In kernels differences are taken before squares: in float the shorter |u|² + |v|² - 2 u v loses what tells
+close points apart.
 """
 
 from __future__ import annotations
@@ -14,26 +14,18 @@ import numpy as np
 
 from etude._runtime.operators import Piece, Value, joined
 from etude.deploy.onnx.graph import Graph
+from etude.errors import UsageError
 from etude.logs.readers.extras import needed
-from etude.models.model import LearnedModel
-from etude.models.selection.member_prediction import level_of, physics_behind, rests_of
-from etude.models.trust import ROUNDING, thresholds
-from etude.protocols import Candidate, Inputs
-from collections.abc import Sequence
-from typing import Any
-import numpy as np
-from etude.deploy.onnx.graph import Graph
 from etude.models.gp.basis_posterior import BasisPosterior
 from etude.models.gp.exact import ExactPosterior
-from etude.models.process import Posteriors, Silent
-from etude.models.protocols import SupportsOnnxMoments
-from etude.protocols import Process
-from collections.abc import Sequence
-import numpy as np
-from etude.deploy.onnx.graph import Graph
-from etude.errors import UsageError
 from etude.models.gp.kernel_algebra import Kernel, Product, Sum
 from etude.models.gp.kernels import Linear, RestNoise, SquaredExponential
+from etude.models.model import LearnedModel
+from etude.models.process import Posteriors, Silent
+from etude.models.protocols import SupportsOnnxMoments
+from etude.models.selection.member_prediction import level_of, physics_behind, rests_of
+from etude.models.trust import ROUNDING, thresholds
+from etude.protocols import Candidate, Inputs, Process
 from etude.types import Array
 
 Term = tuple[Candidate, str, str]
@@ -165,8 +157,6 @@ def _folded(graph: Graph, sign: str, found: Sequence[str]) -> str:
     return out
 
 
-
-
 def looked_at(process: Process) -> set[int]:
     """Columns of the inputs that it looks at. UsageError where something in it has no operators."""
     if isinstance(process, Silent):
@@ -253,8 +243,6 @@ def _silent(graph: Graph, x: str, process: Silent, variance: bool) -> Moments:
     noisy = graph.op("Add", latent, process.own.noise_variance[None, :])
     grown = graph.op("Mul", noisy, process.calibration[None, :])
     return zero, graph.op("Max", grown, process.least[None, :])
-
-
 
 
 def parts_of(model: LearnedModel) -> Parts:

@@ -6,7 +6,6 @@ elsewhere.
 """
 
 from __future__ import annotations
-from etude.logs.checks.finding_texts import Excludable
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
@@ -17,7 +16,7 @@ from etude.errors import UsageError
 from etude.logs.checks import command_sign, exchanged_commands, velocities
 from etude.logs.checks.command_scale import scale_findings
 from etude.logs.checks.filtered_motion import Seen, joints, runs, seen
-from etude.logs.checks.finding_texts import Mendable, named
+from etude.logs.checks.finding_texts import Excludable, Mendable, named
 from etude.logs.checks.velocities import degrees_finding, speed_finding
 from etude.logs.cleaning.ranges import top_speed
 from etude.logs.cleaning.repairs import leap_finding

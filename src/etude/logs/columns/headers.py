@@ -1,7 +1,8 @@
 """What each header of a file says: a part of a channel, by name, by number or by the part's bare name.
 
-PlotJuggler writes `/arm_controller/controller_state/feedback/positions[0]`, or `.../actual/positions.0` of
-older releases and of older PlotJugglers; the joints then have numbers, in the controller's order.
+Of a ROS 2 controller's state PlotJuggler writes `/arm_controller/controller_state/feedback/positions[0]`, or
+`.../actual/positions.0` of older releases and of older PlotJugglers; the joints then have numbers, in the
+controller's order.
 """
 
 from __future__ import annotations
@@ -24,9 +25,6 @@ from etude.logs.columns.vocabulary import (
     split_unit,
 )
 from etude.types import Channel
-import re
-from collections.abc import Sequence
-from etude.logs.columns.vocabulary import normal, split_unit
 
 NUMBERED = (
     r"(?P<word>[a-z_]*?)_?(?:joint_?|j)?(?P<number>\d{1,4})_(?P<rest>[a-z_]+)",
@@ -151,8 +149,6 @@ def doubles(headers: Sequence[str]) -> set[str]:
         if found is not None and plain(text):
             told.setdefault(plain(text), []).append((ranks[found["point"]], header))
     return {header for same in told.values() for _, header in sorted(same)[1:]}
-
-
 
 
 def read_headers(headers: Sequence[str], channels: Sequence[Channel], where: str) -> Found:

@@ -1,25 +1,20 @@
-"""Tables of several topics at once: each row is a message of one of them, so most cells are empty.
+"""Tables as they come: rows of several topics at once, silent topics, and an index without a name.
 
-PlotJuggler exports so. The columns that are told at the same rows belong together, as topics of a bag do.
+PlotJuggler exports each row as a message of one topic, so most cells are empty. The columns that are told at
+the same rows belong together, as topics of a bag do.
 """
 
 from __future__ import annotations
 
+import itertools
 from collections import Counter
 from dataclasses import replace
 
 import numpy as np
 
-from etude.logs.columns.vocabulary import is_time
-from etude.types import Array, Log, Mask
-from dataclasses import replace
-import numpy as np
-from etude.logs.columns.vocabulary import INDEX, is_time, normal
-from etude.types import Array, Log
-import itertools
-import numpy as np
 from etude.logs.cleaning.smoothing import segments
-from etude.types import Array, Mask
+from etude.logs.columns.vocabulary import INDEX, is_time, normal
+from etude.types import Array, Log, Mask
 
 WHOLE = 0.95
 """Part of the rows: columns that are told in so many are a table with a few empty cells."""

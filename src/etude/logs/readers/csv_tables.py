@@ -3,7 +3,8 @@
 What a column holds is judged by the beginning of the file: numbers are read as such, block by block, so that
 a long log never stands in memory as text. Cells of a column of numbers that are none are NaN.
 
-sec, nanosec, frame, then the names of all joints, their positions, velocities and efforts.
+`ros2 topic echo --csv` writes no header: sec, nanosec, frame, then the names of all joints, their positions,
+velocities and efforts.
 """
 
 from __future__ import annotations
@@ -26,8 +27,6 @@ from etude.logs.columns.vocabulary import MINUTES, NAMELESS, NUMBERED, TIME_UNIT
 from etude.logs.readers.cells import numbers_of, restored
 from etude.logs.readers.frames import frame_log, guarded, raw_log
 from etude.types import Array, Log
-from collections.abc import Sequence
-from etude.errors import DataError
 
 if TYPE_CHECKING:
     import polars as pl
@@ -196,8 +195,6 @@ def is_number(text: str) -> bool:
     except ValueError:
         return False
     return True
-
-
 
 
 def header_of(block: bytes, where: str) -> Header:

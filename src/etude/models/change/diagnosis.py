@@ -1,4 +1,4 @@
-"""What has changed: which of load, friction and a broken sensor the errors of a changed robot follow."""
+"""What has changed: load, friction or a broken or frozen sensor, by the errors of a changed robot."""
 
 from __future__ import annotations
 
@@ -8,8 +8,6 @@ from typing import Literal
 
 import numpy as np
 
-from etude.types import Array, Mask
-import numpy as np
 from etude.types import Array, Mask, Samples
 
 NAMED = 0.5

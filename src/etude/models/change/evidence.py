@@ -1,20 +1,17 @@
-"""One log against the model in use: the evidence of a changed robot, when it was enough, and of what."""
+"""One log against the model in use: evidence of a changed robot, its onset, and when it was enough."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from typing import Literal
 
 import numpy as np
 
 from etude.models.change.change_detection import ALARM, doubted, evidence, first_alarm, scores
-from etude.models.change.diagnosis import (Cause, ExpectedCommands, alone, cause)
-from etude.models.change.diagnosis import stuck
+from etude.models.change.diagnosis import Cause, ExpectedCommands, alone, cause, stuck
 from etude.models.model import LearnedModel
 from etude.types import Array, Mask, Samples
-from collections.abc import Sequence
-from typing import Literal
-import numpy as np
-from etude.types import Array
 
 MOST_ROWS = 200
 """Enough to name a cause by."""
