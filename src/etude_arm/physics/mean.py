@@ -15,7 +15,13 @@ from etude.errors import DataError, UsageError
 from etude.types import Array, Code, Index, Log, Samples
 from etude_arm.inputs import FRICTION_SCALES, friction_speeds
 from etude_arm.physics.base_regressor import BaseRegressor, base_regressors
-from etude_arm.physics.estimate import IdentificationPrior, fitted, output_priors, require_axes
+from etude_arm.physics.estimate import (
+    IdentificationPrior,
+    fitted,
+    output_priors,
+    require_axes,
+    shared_directions,
+)
 from etude_arm.physics.geometry import has_masses, read_geometry
 from etude_arm.physics.kinematics import KinematicTree
 from etude_arm.physics.rigid_body import (
@@ -172,6 +178,11 @@ class ArmPhysics:
     def _priors(self) -> tuple[IdentificationPrior, ...]:
         return output_priors(self.spec, *self._body)
 
+    @cached_property
+    def _shared(self) -> Array | None:
+        """Where commands are forces, one rigid body makes them all."""
+        return shared_directions(self.spec, *self._body) if self.spec.command_unit in FORCES else None
+
     def _regressors(self, samples: Samples) -> Regressors:
         """At the states of the samples, as models look at them."""
         require_axes(samples, self.spec, self._body.tree, self._body.drives)
@@ -179,7 +190,7 @@ class ArmPhysics:
         return Regressors(*command_regressors(*self._body, *motion), remembered_of(samples.log))
 
     def _fitted(self, samples: Samples, regressors: Regressors) -> RigidBodyModel:
-        return fitted(samples, regressors, self._priors, self.spec.names, self._body)
+        return fitted(samples, regressors, self._priors, self.spec.names, self._body, self._shared)
 
     def _mean(self, model: RigidBodyModel) -> RigidBodyMean:
         return RigidBodyMean(model, self.spec, self.desired)

@@ -87,11 +87,11 @@ class RigidBodyModel:
         """Command (n, dof) at those regressors."""
         rigid, extra, turning = regressors
         if turning is not None and self.way.any():
-            extra = self._turned(extra, turning)
+            extra = self.turned(extra, turning)
         command = np.einsum("njp,jp->nj", rigid, self.inertial) + np.einsum("njp,jp->nj", extra, self.extra)
         return np.asarray(command)
 
-    def _turned(self, extra: Array, turning: Array) -> Array:
+    def turned(self, extra: Array, turning: Array) -> Array:
         """`extra` with what is remembered in the place of the narrowest friction, where it turns in a way."""
         found = extra.copy()
         for j in np.flatnonzero(self.way).tolist():

@@ -15,7 +15,7 @@ from etude._runtime.operators import cross
 from etude.errors import DataError, UsageError
 from etude.types import Samples, joined_samples
 from etude_arm.physics.base_parameters import base_directions, parameter_scale, spread_states
-from etude_arm.physics.estimate import fitted, output_priors, require_axes
+from etude_arm.physics.estimate import fitted, output_priors, require_axes, shared_directions
 from etude_arm.physics.regressor import nominal_parameters, regressor
 from etude_arm.physics.rigid_body import Regressors, RigidBody, RigidBodyModel, command_regressors
 from etude_arm.physics.rigid_tree import drives_from_mujoco, tree_from_mujoco
@@ -28,11 +28,12 @@ def with_command(samples: Samples, command: np.ndarray) -> Samples:
     return replace(samples, log=samples.log.put(samples.log.channels["command"], command))
 
 
-def identify(samples, motion, spec, tree, drives, v0) -> RigidBodyModel:
+def identify(samples, motion, spec, tree, drives, v0, forces: bool = False) -> RigidBodyModel:
     body = RigidBody(tree, drives, v0)
     require_axes(samples, spec, tree, drives)
     regressors = Regressors(*command_regressors(*body, *motion))
-    return fitted(samples, regressors, output_priors(spec, *body), spec.names, body)
+    shared = shared_directions(spec, *body) if forces else None
+    return fitted(samples, regressors, output_priors(spec, *body), spec.names, body, shared)
 
 
 NOISE = 0.1
@@ -152,3 +153,30 @@ def test_cross_products_are_numpys_to_the_bit() -> None:
     assert np.array_equal(cross(a, b), np.cross(a, b))
     assert np.array_equal(cross(a[0], b), np.cross(a[0], b))
     assert np.array_equal(cross(a, b[0]), np.cross(a, b[0]))
+
+
+FEW = 150  # samples: enough for a motion of its kind, too few for parameters of each command
+
+
+def test_forces_share_one_rigid_body_and_tell_more_of_new_motion(robot, truth) -> None:
+    one = replace(truth, inertial=np.tile(truth.inertial[3], (5, 1)))  # that of gain 1
+    few = samples_of(one, np.random.default_rng(8), FEW, NOISE)
+    new = spread_states(awkward_spec(), 300)
+    error = []
+    for forces in (False, True):
+        found = identify(few, motion_of(few), awkward_spec(), *robot, V0, forces)
+        left = (found.predict(*new) - one.predict(*new)) / awkward_spec().command
+        error.append(float(np.sqrt(np.mean(left**2))))
+    assert error[1] < 0.7 * error[0], error
+
+
+@pytest.mark.parametrize("output", [1, 3])
+def test_a_command_of_another_scale_keeps_parameters_of_its_own(robot, truth, output: int) -> None:
+    scale = np.where(np.arange(5) == output, 3.0, 1.0)[:, None]
+    other = replace(truth, inertial=scale * truth.inertial[3], extra=scale * truth.extra[3])
+    data = samples_of(other, np.random.default_rng(9), 1200, NOISE)
+    found = identify(data, motion_of(data), awkward_spec(), *robot, V0, forces=True)
+    alone = identify(data, motion_of(data), awkward_spec(), *robot, V0)
+    np.testing.assert_array_equal(found.inertial[output], alone.inertial[output])
+    rest = np.delete(found.inertial, output, axis=0)
+    np.testing.assert_array_equal(rest, np.tile(rest[0], (4, 1)))
