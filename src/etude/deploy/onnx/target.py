@@ -11,8 +11,7 @@ import numpy as np
 from etude._runtime.options import taken
 from etude.deploy.c99.plan import identifier
 from etude.deploy.model_states import fading, labels, log_of, trained
-from etude.deploy.onnx.graph import OPSET
-from etude.deploy.onnx.model_graph import AFTER, REMEMBERED, WRITING, Parts, parts_of, written
+from etude.deploy.onnx.model_graph import AFTER, OPSET, REMEMBERED, WRITING, Parts, parts_of, written
 from etude.errors import EtudeError, UsageError
 from etude.logs.readers.extras import needed
 from etude.models.model import LearnedModel
