@@ -77,10 +77,10 @@ BUILT_IN: Mapping[str, Mapping[str, str]] = {
     "etude.exporters": {
         "ros2": "etude.deploy.exporters.joint_trajectory:MCAP",
         "ros2_sqlite": "etude.deploy.exporters.joint_trajectory:SQLITE",
-        "ros2_yaml": "etude.deploy.exporters.joint_trajectory_yaml:YAML",
-        "ros2_csv": "etude.deploy.exporters.csv_player:PLAYED",
-        "px4": "etude.deploy.exporters.offboard:OFFBOARD",
-        "crazyflie": "etude.deploy.exporters.poly4d:POLY4D",
+        "ros2_yaml": "etude.deploy.exporters.joint_trajectory:YAML",
+        "ros2_csv": "etude.deploy.exporters.joint_trajectory:PLAYED",
+        "px4": "etude_quadrotor.export.offboard:OFFBOARD",
+        "crazyflie": "etude_quadrotor.export.poly4d:POLY4D",
         "lerobot": "etude.deploy.exporters.lerobot:LEROBOT",
     },
     # a model that leaves: `etude export --to`
@@ -89,10 +89,10 @@ BUILT_IN: Mapping[str, Mapping[str, str]] = {
         "urdf": "etude_arm.identified.target:URDF",
         "c": "etude.deploy.c99.target:C99",
         "ros2": "etude.deploy.ros2.target:ROS2",
-        "trajectory": "etude.deploy.along:ALONG",
+        "trajectory": "etude.deploy.trajectory_target:ALONG",
         "onnx": "etude.deploy.onnx.target:ONNX",
-        "px4": "etude.deploy.flight.target:PX4",
-        "crazyflie": "etude.deploy.flight.target:CRAZYFLIE",
+        "px4": "etude_quadrotor.export.autopilot:PX4",
+        "crazyflie": "etude_quadrotor.export.autopilot:CRAZYFLIE",
     },
     # how a model goes on learning in simulated tests: `etude simulate --online`
     "etude.adaptations": {"online": "etude_online.simulated:online_learning"},

@@ -13,7 +13,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from etude.logs.checks.exchanged_commands import APART_S, LEAST_ROWS
+from etude.logs.checks.command_columns import APART_S, LEAST_ROWS
 from etude.logs.checks.filtered_motion import MOVING, Seen, seen
 from etude.logs.checks.plausibility import brake_finding
 from etude.logs.cleaning.filters import median_rate

@@ -8,7 +8,7 @@ if TYPE_CHECKING:
     from etude_quadrotor.kind import KIND as KIND
     from etude_quadrotor.spec import QuadrotorSpec as QuadrotorSpec
 
-PUBLIC = ("controller", "flatness", "inputs", "kind", "recipe", "recorded", "spec", "voltages")
+PUBLIC = ("controller", "flatness", "inputs", "kind", "preprocessing", "recorder", "spec")
 """Modules that may be used from outside."""
 __getattr__, __dir__ = face(
     __name__,

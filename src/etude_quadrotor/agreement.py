@@ -17,7 +17,7 @@ import numpy as np
 from etude.logs.checks.finding_texts import accepted
 from etude.types import Array, Finding, Index, Log
 from etude_quadrotor.channels import AXES
-from etude_quadrotor.recorded import rotation
+from etude_quadrotor.recorder import rotation
 from etude_quadrotor.spec import QuadrotorSpec
 from etude_quadrotor.vehicle import GRAVITY
 

@@ -143,7 +143,7 @@ def features_code(name: str, model: Any, least_lift: float) -> Code:
 
 def _hovering(name: str, reads: Sequence[str], call: str) -> list[str]:
     """Level and at rest, at the altitude that it is."""
-    from etude_quadrotor.physics.hover import STILL
+    from etude_quadrotor.channels import STILL
 
     nothing = "static const real still[3] = {R(0.0), R(0.0), R(0.0)}"
     lines = [f"    {nothing}, weight[3] = {{R(0.0), R(0.0), {real(GRAVITY)}}};"]

@@ -6,8 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from etude.types import Channel, Expected, Role
+from etude.types import Channel, Expected, Log, Role
 from etude_quadrotor.spec import QuadrotorSpec
+from etude_quadrotor.vehicle import GRAVITY
 
 AXES = ("x", "y", "z")
 PATH = "position"
@@ -88,3 +89,16 @@ def expected(spec: QuadrotorSpec) -> Expected:
         "command": (np.array(spec.command_lower), np.array(spec.command_upper)),
     }
     return Expected(USUAL_RATE, upper - lower, limits, rest=False)
+
+
+STILL = ("rates", "angular_acceleration", "body_velocity", "body_acceleration")
+
+
+def hovering(log: Log) -> Log:
+    """The log level and at rest at each altitude; what it lacks it still lacks."""
+    weight = np.tile([0.0, 0.0, GRAVITY], (len(log), 1))
+    still = log.put(SPECIFIC_FORCE, weight)
+    for name in STILL:
+        if name in log:
+            still = still.put(log.channels[name], np.zeros_like(log[name]))
+    return still

@@ -18,6 +18,32 @@ if TYPE_CHECKING:
 HERE = Path(__file__).parent
 
 
+COMMENTS: dict[str, dict[str, str]] = {
+    "trajectory": {
+        "harmonics": "N of thesis (3.3)",
+        "duration": "s of each flight",
+        "omega0": 'rad/s, or "none" for one period in the duration',
+        "start": '"moving", with the plan\'s velocity, or "hover", at rest, as the thesis',
+        "rest": "whether the plan itself starts and ends at rest",
+        "free_centre": "whether x and y have a constant term too",
+        "tilt": "rad, largest angle of the planned thrust from the vertical, if the vehicle's is not less",
+        "lean": "whether simulated flights lean against the drag that earlier ones taught",
+        "centre": "m, constant terms of x and y where they are not free; of a room without 0, 0 its middle",
+    },
+    "data": {
+        "averaged": "means over each sample interval; false: single samples, as the thesis",
+        "lag_s": 's that the motion lags behind the commands; "auto" measures it',
+        "first_s": "s cut from the start of a flight",
+        "last_s": "s cut from its end",
+        "altitude": "whether the altitude is an input",
+        "acceleration": '"specific_force", or "kinematic", as the thesis',
+        "body_velocity": "whether the velocity is an input; drag depends on it",
+        "battery_voltage": "whether the voltage may be an input; it is where flights held out gain",
+        "trims": "whether the identified physics have a constant for each motor",
+    },
+}
+
+
 class QuadrotorKind:
     """Implements `protocols.Kind`. Modules are loaded when needed: most commands need few of them."""
 
@@ -31,8 +57,8 @@ class QuadrotorKind:
 
     @property
     def tables(self) -> Mapping[str, type]:
-        from etude_quadrotor.family import FlightConfig
-        from etude_quadrotor.recipe import FlightData
+        from etude_quadrotor.motions import FlightConfig
+        from etude_quadrotor.preprocessing import FlightData
 
         return {"trajectory": FlightConfig, "data": FlightData}
 
@@ -45,7 +71,6 @@ class QuadrotorKind:
 
     @property
     def comments(self) -> Mapping[str, Mapping[str, str]]:
-        from etude_quadrotor.comments import COMMENTS
 
         return COMMENTS
 
@@ -84,7 +109,7 @@ class QuadrotorKind:
 
     def home(self, spec: QuadrotorSpec) -> Array:
         """(3,) the middle of the room, m."""
-        from etude_quadrotor.room import home
+        from etude_quadrotor.motions import home
 
         return home(spec)
 
@@ -105,8 +130,7 @@ class QuadrotorKind:
 
     def family(self, spec: QuadrotorSpec, config: Any) -> Family:
         """Fourier series of x, y and z of one base frequency (thesis (3.3))."""
-        from etude_quadrotor.family import flight_family
-        from etude_quadrotor.room import centred
+        from etude_quadrotor.motions import centred, flight_family
 
         return flight_family(centred(spec, config.trajectory))
 
@@ -118,7 +142,7 @@ class QuadrotorKind:
         margins: Margins,
     ) -> Sequence[Limit]:
         """Box, cylinder, speed, lift, thrust and tilt, less what tracking was seen to overshoot."""
-        from etude_quadrotor.room import limits
+        from etude_quadrotor.motions import limits
 
         return limits(spec, config.trajectory, margins, model)
 
@@ -131,14 +155,13 @@ class QuadrotorKind:
         """From rest to where the plan begins, in motion or not, and back from where it ends; with take-off
         and landing from a pose on the ground.
         """
-        from etude_quadrotor.room import ways
+        from etude_quadrotor.motions import ways
 
         return ways(spec, motion, pose)
 
     def poses(self, spec: QuadrotorSpec) -> Mapping[str, Array]:
         """On the ground, below the middle of the room."""
-        from etude_quadrotor.room import home
-        from etude_quadrotor.ways import standing
+        from etude_quadrotor.motions import home, standing
 
         return {"ground": standing(spec, home(spec))}
 
@@ -153,21 +176,21 @@ class QuadrotorKind:
 
     def physics(self, spec: QuadrotorSpec, config: Any) -> Mapping[str, Physics]:
         """ "nominal" only where the motors are described and commands are V."""
-        from etude_quadrotor.physics.rungs import Identified, Nominal
+        from etude_quadrotor.physics.structures import Identified, Nominal
 
         found: dict[str, Physics] = {"identified": Identified(spec.body, config.data.trims)}
         return found if spec.body is None else {"nominal": Nominal(spec.body), **found}
 
     def checks(self, spec: QuadrotorSpec, log: Log) -> Sequence[Finding]:
         """Time on the ground, commands of another scale."""
-        from etude_quadrotor.checks import findings
+        from etude_quadrotor.log_checks import findings
 
         return findings(spec, log)
 
     def samples(
         self, spec: QuadrotorSpec, config: Any, logs: Sequence[Log], groups: Sequence[Index]
     ) -> Samples:
-        from etude_quadrotor.recipe import flight_samples
+        from etude_quadrotor.preprocessing import flight_samples
 
         return flight_samples(spec, config.data, logs, groups)
 
@@ -181,7 +204,7 @@ class QuadrotorKind:
 
     def tests(self, spec: QuadrotorSpec, config: Any, rng: np.random.Generator) -> Mapping[str, Trajectory]:
         """A flight uniform on the safe ones of the thesis's form, and one on their edge."""
-        from etude_quadrotor.room import trial_flights
+        from etude_quadrotor.motions import trial_flights
 
         return trial_flights(spec, config.trajectory, rng)
 

@@ -255,7 +255,7 @@ def spectral_graph(graph: Any, x: str, own: Sequence[Any], variance: bool) -> tu
     """Means and latent variances (n, m) of posteriors with as many frequencies each; "" if not asked for.
 
     Args:
-        graph: a `deploy.onnx.graph.Graph`. own: `SparseSpectrumPosterior`s. x: (n, D) inputs in it.
+        graph: a `deploy.onnx.model_graph.Graph`. own: `SparseSpectrumPosterior`s. x: (n, D) inputs in it.
     """
     phases = graph.op("MatMul", x, np.stack([p.frequencies.T for p in own]))
     cosines = graph.op("Sin", graph.op("Add", phases, QUARTER))

@@ -14,9 +14,8 @@ from etude.cli import main
 from etude.limits.certificate import certify
 from etude.limits.feasible import FeasibleSet
 from etude.limits.samplers import boundary, scaled
-from etude_quadrotor.family import FlightConfig, flight_family
 from etude_quadrotor.kind import KIND
-from etude_quadrotor.room import home, limits, ways
+from etude_quadrotor.motions import FlightConfig, flight_family, home, limits, ways
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "campaign"))
 from small_robot import make_campaign

@@ -11,7 +11,7 @@ import pytest
 from etude import open_campaign
 from etude.cli import main
 from etude.errors import UsageError
-from etude.logs.checks.command_scale import scale_findings
+from etude.logs.checks.command_columns import scale_findings
 from etude.logs.checks.filtered_motion import Seen
 from etude_arm.loading.load import load
 

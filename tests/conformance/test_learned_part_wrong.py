@@ -8,9 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from etude.deploy.commanded import Commanded
-from etude.deploy.exporters.offboard import NED, OFFBOARD
-from etude.deploy.played import certify_played, played
+from etude.deploy.feedforward import Commanded
+from etude.deploy.playback_certificate import certify_played, played
 from etude.errors import UnsafeTrajectoryError
 from etude.limits.certificate import Certificate, spare
 from etude.limits.feasible import FeasibleSet
@@ -19,9 +18,9 @@ from etude.limits.library import AxisLimit
 from etude.limits.samplers import boundary
 from etude.protocols import Limit
 from etude.types import Array
-from etude_quadrotor.family import FlightConfig, flight_family
+from etude_quadrotor.export.offboard import NED, OFFBOARD
 from etude_quadrotor.kind import KIND
-from etude_quadrotor.room import home, limits
+from etude_quadrotor.motions import FlightConfig, flight_family, home, limits
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "foreign"))
 from px4_cascade import fly, padded

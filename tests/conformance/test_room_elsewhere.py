@@ -12,8 +12,8 @@ import pytest
 from etude.limits.certificate import certify
 from etude.limits.feasible import FeasibleSet
 from etude.limits.samplers import uniform
-from etude_quadrotor.family import FlightConfig
 from etude_quadrotor.kind import KIND
+from etude_quadrotor.motions import FlightConfig
 
 ROBOT = Path(__file__).parents[2] / "examples" / "px4" / "px4_quad.toml"
 

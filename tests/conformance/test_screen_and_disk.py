@@ -30,7 +30,7 @@ from etude.campaign.propose.ask import Proposal, ask
 from etude.campaign.propose.constraints import Constraints, kept_then
 from etude.campaign.record.folder import Campaign, open_campaign
 from etude.campaign.record.journal import damaged_files, read_events
-from etude.deploy.played import certify_played
+from etude.deploy.playback_certificate import certify_played
 from etude.errors import EtudeError, UnsafeTrajectoryError, UsageError
 from etude.limits.certificate import Certificate, certify
 from etude.protocols import Trajectory

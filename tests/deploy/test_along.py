@@ -11,9 +11,9 @@ import pytest
 from c_models import arm_model
 
 from etude import plugins
-from etude.deploy.along import ALONG, Bounded
 from etude.deploy.exporters.knots import EFFORT_RATE
 from etude.deploy.trajectory_files import read_table
+from etude.deploy.trajectory_target import ALONG, Bounded
 from etude.errors import UnsafeTrajectoryError, UsageError
 from etude.testing.world import World, world
 

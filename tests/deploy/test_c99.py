@@ -11,14 +11,14 @@ import pytest
 from c_models import ARM, QUADROTOR, alone, arm_model, arm_spec, averaged, quadrotor_model, quadrotor_spec
 
 from compilers import FAST, SANITIZED, STRICT, run, tool
-from etude.deploy.c99.golden import golden
-from etude.deploy.c99.header import Form
+from etude.deploy.c99.header import CForm
 from etude.deploy.c99.plan import planned
+from etude.deploy.c99.self_test import golden
 from etude.deploy.c99.target import c_files
-from etude.deploy.states import log_of
+from etude.deploy.model_states import log_of
 from etude.models.model import LearnedModel
 
-WHOLE = Form(variance=True, digest="0" * 64)
+WHOLE = CForm(variance=True, digest="0" * 64)
 
 
 @dataclass(frozen=True)
@@ -29,7 +29,7 @@ class Case:
     kind: Any = ARM
     spec: Any = None
 
-    def files(self, form: Form, name: str) -> Any:
+    def files(self, form: CForm, name: str) -> Any:
         spec = self.spec() if self.spec else arm_spec()
         return c_files(self.make(), self.kind, spec, form, name)
 
@@ -67,7 +67,7 @@ CASES = {
 EVERYDAY = ("structured", "ssgp_fixed", "fitc")
 
 
-def written(folder: Path, name: str, form: Form) -> Any:
+def written(folder: Path, name: str, form: CForm) -> Any:
     found = CASES[name].files(form, name)
     for file, data in found.files.items():
         (folder / file).write_bytes(data)
@@ -119,10 +119,10 @@ def test_members_agree(name: str, tmp_path: Path) -> None:
 @pytest.mark.parametrize("single", [False, True], ids=["double", "float"])
 @pytest.mark.parametrize("name", CASES)
 def test_every_member_with_every_compiler(name: str, single: bool, tmp_path: Path) -> None:
-    written(tmp_path, name, Form(single, True, True, "0" * 64))
+    written(tmp_path, name, CForm(single, True, True, "0" * 64))
     for compiler in ("gcc", "clang"):
         for flags in (SANITIZED, ("-O2",), FAST):
             agrees(tmp_path, name, compiler, flags)
-    written(tmp_path, name, Form(single, fade=False))
+    written(tmp_path, name, CForm(single, fade=False))
     for compiler in ("gcc", "clang"):
         agrees(tmp_path, name, compiler, FAST)

@@ -24,13 +24,11 @@ from c_models import (
 )
 
 from compilers import FAST, STRICT, run, tool
-from etude.deploy.c99.golden import answered, golden
-from etude.deploy.c99.header import Form
-from etude.deploy.c99.names import identifier, identifiers
-from etude.deploy.c99.single import single
-from etude.deploy.c99.source import prelude
-from etude.deploy.c99.tables import numbers
-from etude.deploy.c99.target import C99, c_files
+from etude.deploy.c99.header import CForm
+from etude.deploy.c99.plan import identifier, identifiers
+from etude.deploy.c99.self_test import answered, golden
+from etude.deploy.c99.source import numbers, prelude
+from etude.deploy.c99.target import C99, c_files, single
 from etude.errors import UsageError
 from etude.models.gp.exact import posterior_given
 from etude.models.gp.kernels import SquaredExponential
@@ -41,11 +39,11 @@ from etude.protocols import Candidate
 from etude.types import Delivered
 from etude_quadrotor.physics.linear_inverse import identify_linear
 
-WHOLE = Form(variance=True, digest="ab" * 32)
+WHOLE = CForm(variance=True, digest="ab" * 32)
 NOT_A_NUMBER, FAR, UNTRAINED, NO_ANSWER = 1, 2, 4, 16
 
 
-def of(model: LearnedModel, form: Form = WHOLE, name: str = "arm", spec: Any = None) -> Any:
+def of(model: LearnedModel, form: CForm = WHOLE, name: str = "arm", spec: Any = None) -> Any:
     return c_files(model, ARM, spec or arm_spec(), form, name)
 
 
@@ -108,7 +106,7 @@ def test_far_outside_it_says_so_and_is_what_python_says(fast: Library) -> None:
 def test_without_fading_it_is_the_posterior_s_mean_and_flags_tell_ranges(
     model: LearnedModel, tmp_path: Path
 ) -> None:
-    bare = Library(of(model, Form(fade=False), "bare"), tmp_path)
+    bare = Library(of(model, CForm(fade=False), "bare"), tmp_path)
     middle, width = 0.5 * (bare.plan.low + bare.plan.high), bare.plan.high - bare.plan.low
     for beyond, expected in ((0.49, 0), (0.6, UNTRAINED), (1.1, UNTRAINED | FAR)):
         bare.begin()
@@ -298,7 +296,7 @@ def test_the_best_candidate_alone_is_the_one_that_weighs_most() -> None:
 
 def test_the_float_image_of_four_joints_fits(tmp_path: Path) -> None:
     """500 points of 12 inputs for each of four joints."""
-    made = of(arm_model("exact", "structured", points=64), Form(single=True, fade=False))
+    made = of(arm_model("exact", "structured", points=64), CForm(single=True, fade=False))
     per_point = made.tables / 64
     assert per_point * 512 <= 110 * 1024
 
@@ -356,7 +354,7 @@ def test_a_c_user_needs_the_header_alone(model: LearnedModel, tmp_path: Path) ->
 
 @pytest.mark.slow
 def test_the_cmake_file_builds_the_library_and_runs_its_test(model: LearnedModel, tmp_path: Path) -> None:
-    for file, data in of(model, Form(), "robot").files.items():
+    for file, data in of(model, CForm(), "robot").files.items():
         (tmp_path / file).write_bytes(data)
     run([tool("cmake"), "-S", ".", "-B", "build"], tmp_path)
     run([tool("cmake"), "--build", "build"], tmp_path)
@@ -415,7 +413,7 @@ def test_a_vehicle_of_unknown_motors_is_asked_with_plain_arrays_and_exported_wit
     np.testing.assert_array_equal(model.predict(states)[0], model.predict(log)[0])
     with pytest.raises(UsageError, match="no 'body_acceleration'"):
         model.predict({name: values for name, values in states.items() if name != "body_acceleration"})
-    text = c_files(model, QUADROTOR, spec, Form(), "quad").files["quad.h"].decode()
+    text = c_files(model, QUADROTOR, spec, CForm(), "quad").files["quad.h"].decode()
     assert "x forward, y left, z up" in text
     assert "set-points" in text
     (line,) = (line for line in text.splitlines() if re.match(r" +\d+ body_acceleration_x ", line))

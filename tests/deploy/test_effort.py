@@ -10,7 +10,7 @@ import pytest
 
 from etude.campaign.create import create_campaign
 from etude.campaign.propose.motions import typical_motions
-from etude.deploy.effort import effort
+from etude.deploy.feedforward import effort
 from etude.protocols import Inputs
 from etude.types import Array, Log
 

@@ -12,16 +12,16 @@ import numpy as np
 import pytest
 
 from etude import plugins
-from etude.deploy.commanded import Commanded
-from etude.deploy.exporters.joint_trajectory_yaml import _number
+from etude.deploy.exporters.joint_trajectory import _number
 from etude.deploy.exporters.knots import grid_of
-from etude.deploy.exporters.poly4d import PIECES
-from etude.deploy.played import certify_played
+from etude.deploy.feedforward import Commanded
+from etude.deploy.playback_certificate import certify_played
 from etude.errors import UnsafeTrajectoryError, UsageError
 from etude.limits.library import AxisLimit
 from etude.testing import ExporterSuite
 from etude.testing.world import World, world
 from etude.trajectories.moves import PointToPoint
+from etude_quadrotor.export.poly4d import PIECES
 
 ARM, VEHICLE = (plugins.load("etude.robots", name) for name in ("arm", "quadrotor"))
 ACCURACY = {"lerobot": 1e-4, "px4": 0.1, "crazyflie": 1e-4}

@@ -12,11 +12,11 @@ from c_models import ARM, QUADROTOR, arm_model, arm_spec, averaged, quadrotor_mo
 
 from compilers import run, tool
 from etude.deploy.c99.plan import planned
-from etude.deploy.flight.target import CRAZYFLIE, PX4
-from etude.deploy.states import log_of
+from etude.deploy.model_states import log_of
 from etude.errors import UsageError
 from etude.types import Array, Motion
 from etude_quadrotor.controller import FlightFeedforward
+from etude_quadrotor.export.autopilot import CRAZYFLIE, PX4
 from etude_quadrotor.flatness import flat_motion
 from etude_quadrotor.physics.drag import _fitted
 

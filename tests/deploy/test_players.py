@@ -33,7 +33,8 @@ def ros(monkeypatch: pytest.MonkeyPatch) -> Ros:
 def player(name: str, folder: Path, table: str, text: str) -> Any:
     """The program beside its table, as a module."""
     path = folder / "play.py"
-    shutil.copy(str(files("etude.deploy.exporters") / "players" / name), path)
+    package = "etude_quadrotor.export" if name == "play_setpoints.py" else "etude.deploy.exporters"
+    shutil.copy(str(files(package) / "players" / name), path)
     (folder / table).write_text(text)
     return loaded(path)
 

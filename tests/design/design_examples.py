@@ -21,9 +21,9 @@ from etude_arm.physics.kinematics import KinematicTree
 from etude_arm.physics.rigid_body import RigidBodyModel
 from etude_arm.physics.transmission import joint_drives
 from etude_arm.spec import ArmSpec, Axis
-from etude_quadrotor import room
-from etude_quadrotor.family import FlightConfig
+from etude_quadrotor import motions as room
 from etude_quadrotor.inputs import QuadrotorInputs
+from etude_quadrotor.motions import FlightConfig
 from etude_quadrotor.spec import QuadrotorSpec
 
 V0 = np.array([0.05, 0.05])

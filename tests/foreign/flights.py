@@ -19,8 +19,7 @@ from etude.campaign.ingest.tell import tell
 from etude.campaign.propose.approach import there_and_back
 from etude.campaign.propose.ask import ask
 from etude.campaign.record.folder import Campaign, open_campaign
-from etude.deploy.exporters.offboard import NED, OFFBOARD
-from etude.deploy.played import certify_played
+from etude.deploy.playback_certificate import certify_played
 from etude.limits.certificate import Certificate, certify
 from etude.limits.feasible import FeasibleSet
 from etude.limits.lead_ins import at_rest
@@ -28,9 +27,9 @@ from etude.limits.samplers import boundary, scaled, uniform
 from etude.limits.tracking import Ranges, TrackingConfig, margins_of
 from etude.protocols import Trajectory
 from etude.trajectories.json_text import from_json
-from etude_quadrotor.family import FlightConfig, flight_family
+from etude_quadrotor.export.offboard import NED, OFFBOARD
 from etude_quadrotor.kind import KIND
-from etude_quadrotor.room import home, limits, ways
+from etude_quadrotor.motions import FlightConfig, flight_family, home, limits, ways
 from etude_quadrotor.spec import QuadrotorSpec
 
 Array = NDArray[np.float64]

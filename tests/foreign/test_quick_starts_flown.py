@@ -13,9 +13,9 @@ from px4_cascade import fly, padded
 
 from etude.campaign.record.folder import open_campaign
 from etude.cli import main
-from etude.deploy.exporters.offboard import NED
-from etude.deploy.exporters.poly4d import POLY4D
 from etude.trajectories.json_text import from_json
+from etude_quadrotor.export.offboard import NED
+from etude_quadrotor.export.poly4d import POLY4D
 
 ROOT = Path(__file__).parents[2]
 

@@ -69,7 +69,8 @@ def modules() -> list[Path]:
 
 def packages() -> list[Path]:
     """Of the packages beside the core."""
-    return [path for own in BESIDE for path in sorted((SOURCE.parent / own).rglob("*.py"))]
+    paths = [path for own in BESIDE for path in sorted((SOURCE.parent / own).rglob("*.py"))]
+    return [path for path in paths if path.parent.name != "players"]
 
 
 def module_name(path: Path) -> str:

@@ -9,10 +9,10 @@ import polars as pl
 import pytest
 from log_examples import CHANNELS, JOINTS, LIMITS, RATE, make_log
 
+from etude.campaign.ingest.inspection import guessed_channels
 from etude.errors import DataError
 from etude.logs.cleaning.read import read_log
-from etude.logs.columns.controllers import doubles, plain
-from etude.logs.columns.guess import guessed_channels
+from etude.logs.columns.headers import doubles, plain
 from etude.logs.columns.matching import match_columns
 from etude.types import Log
 

@@ -12,7 +12,7 @@ from etude.logs.cleaning.read import read_log
 from etude.logs.readers.registry import read_raw
 from etude.types import Index, Log, Samples
 from etude_quadrotor.inputs import QuadrotorInputs
-from etude_quadrotor.recipe import FlightData, flight_samples
+from etude_quadrotor.preprocessing import FlightData, flight_samples
 
 pytest.importorskip("pyulog", reason="PX4 logs need the extra 'px4'")
 import ulog_examples as ulogs

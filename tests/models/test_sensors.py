@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from etude.models.change.diagnosis import SLOW, Cause, Expected, cause
-from etude.models.change.drift_onset import block_sizes, manner
-from etude.models.data.frozen_sensors import STUCK_S, stuck
+from etude.models.change.diagnosis import SLOW, STUCK_S, Cause, ExpectedCommands, cause, stuck
+from etude.models.change.evidence import block_sizes, manner
 from etude.types import Array, Channel, Log, Samples
 
 RNG = np.random.default_rng(4)
@@ -28,7 +27,7 @@ def named(measured: Array, q: Array) -> Cause:
     """What is named by a perfect model of a robot whose logs are measured, q."""
     noise = RNG.standard_normal(Q.shape)
     mean = command(q)
-    expected = Expected(mean, np.ptp(q, axis=0), lambda i, d: command(q - d * (np.arange(3) == i)))
+    expected = ExpectedCommands(mean, np.ptp(q, axis=0), lambda i, d: command(q - d * (np.arange(3) == i)))
     motion = 20.0 * np.sin(q + 0.3 * q[:, [1, 2, 0]]), V, A
     return cause(measured + noise - mean, np.ones_like(q), np.abs(V) > 0.05, motion, expected)
 
@@ -61,7 +60,7 @@ def test_the_others_are_named_as_before(error: Array, name: str) -> None:
 
 def test_scale_and_friction_of_a_command_that_is_friction_alone_cannot_be_told_apart() -> None:
     rub = 8.0 * np.tanh(V / (SLOW * np.abs(V).max(axis=0)))
-    expected = Expected(rub, np.ptp(Q, axis=0), lambda _i, _d: rub)
+    expected = ExpectedCommands(rub, np.ptp(Q, axis=0), lambda _i, _d: rub)
     error = 0.4 * rub * ONE + 0.1 * RNG.standard_normal(Q.shape)
     assert cause(error, np.full_like(Q, 0.1), np.abs(V) > 0.05, (0.0 * Q, V, A), expected) == "unknown"
 

@@ -7,7 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from etude.deploy.played import HELD_STILL, ORDERS_HELD, certify_played
+from etude.deploy.playback_certificate import HELD_STILL, ORDERS_HELD, certify_played
 from etude.errors import DataError
 from etude.limits.lead_ins import at_rest
 from etude.protocols import Exporter, Kind, Reader

@@ -19,8 +19,6 @@ from etude.errors import DataError
 from etude.logs.readers.extras import READING, needed
 from etude.logs.readers.frames import raw_log
 from etude.types import Array, Log
-from etude_quadrotor.logs.ulog_airframe import STATUS, require_quadrotor
-from etude_quadrotor.logs.ulog_motors import MOTORS, Dataset, motors_of, moves
 
 MAGIC = b"\x55\x4c\x6f\x67\x01\x12\x35"
 HEADER = 3
@@ -93,6 +91,160 @@ class _Patient:
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self._file, name)
+
+
+MOTORS = ("actuator_motors", "actuator_outputs")
+"""Where they stand, in the order in which they are looked for."""
+PULSE = (800.0, 2200.0)
+"""us: what a pulse to a motor may be."""
+ROTORS = 4
+"""Where PX4's parameter CA_ROTOR_COUNT does not say."""
+SLOW = 50.0
+"""Hz below which set-points of motors miss much of what they do."""
+
+Dataset = Mapping[str, Array]
+"""Field -> (T,); `timestamp` in us."""
+
+
+def motors_of(
+    instances: Sequence[Dataset], topic: str, parameters: Mapping[str, Any], said: list[str]
+) -> tuple[Dataset, dict[str, Array]]:
+    """Set-points of the motors, parts of full scale, numbered as PX4 does, and their topic's instance.
+
+    Args:
+        instances: of the topic; that whose outputs move is of the motors.
+        topic: one of MOTORS.
+        parameters: PX4's, at the beginning of the log.
+        said: takes a sentence for whatever is to be known of them.
+    """
+    stem = "control" if topic == "actuator_motors" else "output"
+    data = max(instances, key=lambda one: sum(moves(one, f"{stem}[{i}]") for i in range(ROTORS)))
+    rate = (len(data["timestamp"]) - 1) / max(1e-6 * float(np.ptp(data["timestamp"].astype(float))), 1e-6)
+    if rate < SLOW:
+        said.append(
+            f"Topic {topic} was recorded {rate:.3g} times a second, so little of what the motors did is in "
+            "the log: set SDLOG_PROFILE on the vehicle to record it faster."
+        )
+    if topic == "actuator_motors":
+        told = [i for i in range(12) if f"control[{i}]" in data and np.isfinite(data[f"control[{i}]"]).any()]
+        return data, _stopped({f"motor_{i + 1}": data[f"control[{i}]"] for i in told}, said)
+    count = int(parameters.get("CA_ROTOR_COUNT", 0)) or ROTORS
+    told = [i for i in range(count) if f"output[{i}]" in data]
+    said.append(f"Outputs 1 to {len(told)} of {topic} were taken for the motors.")
+    return data, {f"motor_{i + 1}": _of_full(data[f"output[{i}]"], i, parameters, said) for i in told}
+
+
+def _stopped(motors: dict[str, Array], said: list[str]) -> dict[str, Array]:
+    """Set-points whose rows of NaN, by which PX4 says that it is disarmed, are 0."""
+    off = np.all([np.isnan(values) for values in motors.values()], axis=0)
+    if not np.any(off):
+        return motors
+    said.append(
+        f"For {100 * off.mean():.3g} % of actuator_motors the vehicle is disarmed (NaN): its motors were "
+        "taken for 0."
+    )
+    return {name: np.where(off, 0.0, values) for name, values in motors.items()}
+
+
+def moves(data: Dataset, name: str) -> bool:
+    """Whether a field is there and changes."""
+    values = np.asarray(data.get(name, (0.0,)), dtype=np.float64)
+    return bool(np.nanmax(values, initial=-np.inf) > np.nanmin(values, initial=np.inf))
+
+
+def _of_full(pulses: Array, i: int, parameters: Mapping[str, Any], said: list[str]) -> Array:
+    """Part of full scale of pulse widths in us, between the least and the largest that PX4 was set to."""
+    median = float(np.nanmedian(pulses))
+    if not PULSE[0] <= median <= PULSE[1]:
+        said.append(f"Output {i + 1} is no pulse width (median {median:.4g}) and was taken as it is.")
+        return pulses
+    ends = []
+    for end, usual in (("MIN", 1000.0), ("MAX", 2000.0)):
+        names = (f"PWM_MAIN_{end}{i + 1}", f"PWM_MAIN_{end}", f"PWM_{end}")
+        ends.append(next((float(parameters[n]) for n in names if parameters.get(n, -1) > 0), usual))
+    low, high = ends
+    return (pulses - low) / max(high - low, 1.0)
+
+
+STATUS = "vehicle_status"
+"""The topic that repeats MAV_TYPE as `system_type`, and says `vehicle_type` and `is_vtol`."""
+QUADROTOR, OF_QUADROTOR = 2, 4
+# MAV_TYPE of MAVLink's common.xml; the same numbers stand in vehicle_status.system_type
+TYPES: Mapping[int, str] = {
+    1: "a fixed-wing aircraft",
+    3: "a coaxial helicopter",
+    4: "a helicopter",
+    7: "an airship",
+    10: "a ground rover",
+    11: "a boat",
+    12: "a submarine",
+    13: "a hexarotor",
+    14: "an octorotor",
+    15: "a tricopter",
+    **dict.fromkeys(range(19, 26), "a VTOL aircraft"),
+    29: "a dodecarotor",
+    35: "a decarotor",
+}
+AIRFRAMES: Mapping[int, str] = {
+    1: "a fixed-wing aircraft",
+    **dict.fromkeys((2, 3, 4), "a VTOL aircraft"),
+    5: "a rover",
+    6: "a rover",
+    7: "an underwater vehicle",
+    10: "a helicopter",
+    11: "a helicopter",
+}
+"""Of PX4's parameter CA_AIRFRAME; 0 is a multirotor, the others may be anything."""
+VEHICLES: Mapping[int, str] = {2: "a fixed-wing aircraft", 3: "a rover", 4: "an airship"}
+"""vehicle_status.vehicle_type; 1 is a rotary wing."""
+
+
+def require_quadrotor(parameters: Mapping[str, Any], status: Sequence[Mapping[str, Any]], path: Path) -> None:
+    """Refuses the log of another airframe, whose actuators would be taken for four motors.
+
+    Args:
+        parameters: PX4's, at the beginning of the log. status: instances of STATUS.
+
+    Raises:
+        DataError: it says which airframe it is, and by what.
+    """
+    found = _other(parameters, status[0] if status else {})
+    if found is None:
+        return
+    name, said = found
+    raise DataError(
+        f"the vehicle of this log is {name} ({said}), and only quadrotors are supported",
+        where=str(path),
+        next_step="Bring a log of a quadrotor, with MAV_TYPE 2; --topic NAME reads a topic as recorded.",
+    )
+
+
+def _other(parameters: Mapping[str, Any], status: Mapping[str, Any]) -> tuple[str, str] | None:
+    """What it is and what says so; None for a quadrotor, and where nothing says what it is."""
+    if int(_first(status, "is_vtol", 0)):
+        return "a VTOL aircraft", f"{STATUS}.is_vtol"
+    for said, number in (
+        ("MAV_TYPE", int(parameters.get("MAV_TYPE", 0))),
+        (f"{STATUS}.system_type", int(_first(status, "system_type", 0))),
+    ):
+        if number not in (0, QUADROTOR):
+            return TYPES.get(number, "no quadrotor"), f"{said} {number}"
+    frame = int(parameters.get("CA_AIRFRAME", 0))
+    if frame in AIRFRAMES:
+        return AIRFRAMES[frame], f"CA_AIRFRAME {frame}"
+    kind = int(_first(status, "vehicle_type", 1))
+    if kind in VEHICLES:
+        return VEHICLES[kind], f"{STATUS}.vehicle_type {kind}"
+    count = int(parameters.get("CA_ROTOR_COUNT", 0))
+    if count not in (0, OF_QUADROTOR):
+        return f"a vehicle of {count} rotors", f"CA_ROTOR_COUNT {count}"
+    return None
+
+
+def _first(data: Mapping[str, Any], name: str, missing: int) -> float:
+    """What most rows of a topic say, or what is assumed where it has no such field."""
+    values = np.asarray(data.get(name, ()))
+    return float(np.median(values)) if len(values) else missing
 
 
 def _needed() -> list[str]:

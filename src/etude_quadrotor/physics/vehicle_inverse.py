@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 
 from etude._runtime.operators import Piece
 from etude.types import Array, Code, Log, Mask
-from etude_quadrotor.physics.hover import hovering
-from etude_quadrotor.physics.map_fit import map_fit
+from etude_quadrotor.channels import hovering
+from etude_quadrotor.physics.linear_inverse import map_fit
 from etude_quadrotor.vehicle import GRAVITY, Vehicle
 
 COEFFICIENTS = (

@@ -1,4 +1,4 @@
 """Simulated vehicles, with their controllers."""
 
-PUBLIC = ("disturbance", "robot", "simulated")
+PUBLIC = ("robot", "simulated")
 """Modules that may be used from outside."""

@@ -1,7 +1,8 @@
-"""SimulatedVehicle: a quadrotor that can be flown."""
+"""SimulatedVehicle: a quadrotor that can be flown, with its trim, wind and a battery that sags."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Literal
 
@@ -10,20 +11,18 @@ from numpy.typing import NDArray
 
 from etude.errors import UsageError
 from etude_quadrotor.plant import core
-from etude_quadrotor.plant.constants import control, true_body
-from etude_quadrotor.plant.disturbance import Disturbance
+from etude_quadrotor.plant.core import SET_POINTS, VOLTAGES, Body, Control
 from etude_quadrotor.plant.flight import REASONS, Ending, Flight, rotation
 from etude_quadrotor.plant.parameters import FlightParameters
 from etude_quadrotor.plant.plan import FlightPlan, check_plan
-from etude_quadrotor.plant.trim import trim
 from etude_quadrotor.spec import QuadrotorSpec
-from etude_quadrotor.vehicle import GRAVITY, Vehicle
+from etude_quadrotor.vehicle import GRAVITY, SPINS, Vehicle
 
 Array = NDArray[np.float64]
 Start = Literal["hover", "moving"]
 
 MOTORS = ("front_right", "back_right", "back_left", "front_left")
-SET_POINTS = ("roll", "pitch", "yaw_rate", "thrust")
+SET_POINT_NAMES = ("roll", "pitch", "yaw_rate", "thrust")
 NOWHERE = np.array([-np.inf] * 3 + [np.inf] * 4)
 
 
@@ -35,6 +34,168 @@ class Commands:
     unit: str
     lower: tuple[float, ...]
     upper: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class Trim:
+    """An equilibrium with level rotors.
+
+    Attributes:
+        speed, current: (4,) rad/s, A.
+        yaw: at which the controller's yaw loop holds the balance, rad; 0 for matched motors.
+        total: (3,) integrals of the position error that a vehicle has gathered once it hovers, m s.
+    """
+
+    speed: Array
+    current: Array
+    yaw: float
+    total: Array
+
+
+def trim(p: FlightParameters, height: float, force: float = GRAVITY) -> Trim:
+    """Trim at a height above ground, m, for a thrust per mass, m/s^2.
+
+    The controller's static map is that of the nominal vehicle. The difference to the true one shows in it as
+    a tilt it asks for, a yaw, and a vertical acceleration; the integrals of a hovering vehicle hold these.
+    """
+    speed, current, volts = _balance(p, height, force)
+    hover = volts if force == GRAVITY else _balance(p, height, GRAVITY)[2]
+    thrust, *moments = p.nominal.allocation() @ _believed_speed(p, hover) ** 2
+    c, J = p.control, p.nominal.inertia
+    left, ahead = -moments[0] / (J[0] * c.attitude[0]), moments[1] / (J[1] * c.attitude[0])
+    yaw = -moments[2] / (J[2] * c.yaw[0])
+    up = thrust / p.nominal.mass
+    slope = np.array([ahead, left]) / np.sqrt(1.0 - ahead**2 - left**2)
+    turn = np.array([[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]])
+    wish = np.array([*(up * turn @ slope), up - GRAVITY])
+    gains = np.array([c.position_xy[2], c.position_xy[2], c.position_z[2]])
+    total = np.divide(wish, gains, out=np.zeros(3), where=gains > 0.0)
+    return Trim(speed, current, float(yaw), total)
+
+
+def true_body(p: FlightParameters) -> Body:
+    """The vehicle as it flies, seen from its true centre of mass."""
+    mass = p.body.mass + p.payload.mass
+    place = np.array(p.payload.place)
+    center = p.payload.mass / mass * place
+    inertia = np.diag(p.body.inertia) + _points(p.body.mass, center) + _points(p.payload.mass, place - center)
+    free = inertia.copy()
+    free[2, 2] -= 4.0 * p.motor.inertia
+    radius, ground = p.rotor.radius, p.air.ground_effect
+    across = 2.0 * p.body.arm
+    return Body(
+        mass=mass,
+        inertia=inertia,
+        free_inverse=np.asarray(np.linalg.inv(free), dtype=np.float64),
+        rotors=np.column_stack([p.nominal.rotors, np.zeros(4)]) - center,
+        motors=_motors(p),
+        drag=np.array(p.air.drag),
+        quadratic=p.air.quadratic,
+        tilt=p.air.flapping / radius,
+        hub=p.air.hub * p.air.flapping / radius,
+        inflow=p.air.inflow / radius,
+        ground=np.array(
+            [radius * ground, across / math.sqrt(2.0), across, p.air.body_lift, p.air.lowest],
+            dtype=np.float64,
+        ),
+    )
+
+
+def control(p: FlightParameters, rate: float, mode: int | None = None) -> Control:
+    """The controller on a grid of `rate` Hz; `mode` of `core` if not the vehicle's own."""
+    v, c = p.nominal, p.control
+    own = VOLTAGES if c.inputs == "voltage" else SET_POINTS
+    return Control(
+        mode=own if mode is None else mode,
+        hold=max(1, round(rate / c.position_rate)),
+        mass=v.mass,
+        inertia=np.array(v.inertia),
+        mixer=np.ascontiguousarray(np.linalg.inv(v.allocation())),
+        motor=np.array([v.torque_constant, v.motor_constant, v.resistance, v.voltage_limit]),
+        position=np.array([c.position_xy, c.position_xy, c.position_z]),
+        clip=c.clip,
+        tilt=c.tilt,
+        attitude=np.array([*c.attitude, *c.yaw]),
+        full_scale=np.array([c.full_tilt, c.full_yaw_rate, c.full_thrust]),
+    )
+
+
+def _points(mass: float, place: Array) -> Array:
+    """(3, 3) inertia of a point of mass at `place` (parallel axes)."""
+    return np.asarray(mass * (place @ place * np.eye(3) - np.outer(place, place)))
+
+
+def _motors(p: FlightParameters) -> Array:
+    """(4, 6) kf, kq, Ke, R, L, Jr."""
+    one, m = np.ones(4), p.mismatch
+    return np.column_stack(
+        [
+            p.rotor.thrust_constant * np.array(m.thrust),
+            p.rotor.torque_constant * np.array(m.torque),
+            p.motor.constant * np.array(m.constant),
+            p.motor.resistance * np.array(m.resistance),
+            p.motor.inductance * one,
+            p.motor.inertia * one,
+        ]
+    )
+
+
+def _balance(p: FlightParameters, height: float, force: float) -> tuple[Array, Array, Array]:
+    """(4,) rotor speeds, currents and voltages that give mass * force and no moment."""
+    body = true_body(p)
+    kf, kq, ke, resistance = body.motors[:, :4].T
+    lift = kf * core.ground_effect(height, body.ground)
+    x, y = body.rotors[:, 0], body.rotors[:, 1]
+    rows = np.stack([lift, y * lift, -x * lift, -np.array(SPINS) * kq])
+    square = np.maximum(np.linalg.solve(rows, np.array([body.mass * force, 0.0, 0.0, 0.0])), 0.0)
+    speed, current = np.sqrt(square), kq * square / ke
+    return speed, current, resistance * current + ke * speed
+
+
+def _believed_speed(p: FlightParameters, volts: Array) -> Array:
+    """(4,) steady speeds of the nominal motors: the positive root of R kq / Ke W^2 + Ke W = V."""
+    v = p.nominal
+    a = v.resistance * v.torque_constant / v.motor_constant
+    return np.asarray((np.sqrt(v.motor_constant**2 + 4.0 * a * volts) - v.motor_constant) / (2.0 * a))
+
+
+@dataclass(frozen=True)
+class Disturbance:
+    """Changes during one flight; t is counted from its start.
+
+    Attributes:
+        wind: constant, world frame, m/s.
+        gust: added to the wind at the top of one pulse (1 - cos)/2 from `gust_start` that lasts
+            `gust_duration`, s (the discrete gust of the certification rules).
+        sag: share of the supply lost at once.
+        sag_rate: share lost per second; the motors get at least a tenth of what is commanded.
+    """
+
+    wind: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    gust: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    gust_start: float = 0.0
+    gust_duration: float = 1.0
+    sag: float = 0.0
+    sag_rate: float = 0.0
+
+    def __post_init__(self) -> None:
+        numbers = np.array(
+            [*self.wind, *self.gust, self.gust_start, self.gust_duration, self.sag, self.sag_rate]
+        )
+        if not np.isfinite(numbers).all() or self.gust_duration <= 0.0 or not 0.0 <= self.sag < 1.0:
+            raise UsageError(
+                "the disturbance is impossible",
+                where=str(self),
+                next_step="Give finite numbers, a gust_duration above 0 and a sag in [0, 1).",
+            )
+
+    def over(self, t: Array) -> Array:
+        """(T, 4) wind (world, m/s) and supply over its nominal value at times t (T,), s from the start."""
+        phase = np.clip((t - self.gust_start) / self.gust_duration, 0.0, 1.0)
+        pulse = 0.5 * (1.0 - np.cos(2.0 * np.pi * phase))
+        wind = np.array(self.wind) + pulse[:, None] * np.array(self.gust)
+        supply = np.clip(1.0 - self.sag - self.sag_rate * t, 0.1, None)
+        return np.column_stack([wind, supply])
 
 
 @dataclass(frozen=True)
@@ -61,7 +222,7 @@ class SimulatedVehicle:
         limit = self.vehicle.voltage_limit
         if self.parameters.control.inputs == "voltage":
             return Commands(MOTORS, "V", (0.0,) * 4, (limit,) * 4)
-        return Commands(SET_POINTS, "1", (-1.0, -1.0, -1.0, 0.0), (1.0,) * 4)
+        return Commands(SET_POINT_NAMES, "1", (-1.0, -1.0, -1.0, 0.0), (1.0,) * 4)
 
     def fly(
         self,

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from made_motion import COMMAND, Q, moved
 
-from etude.logs.checks.plausibility import brake_finding, without_spans
+from etude.logs.checks.plausibility import brake_finding
 from etude.types import Log
 
 LIMIT = np.full(3, 100.0)
@@ -31,7 +31,7 @@ def test_a_brake_is_found_and_cut() -> None:
     assert found.light == "yellow"
     assert log.t[1000] <= start < log.t[1000] + 0.5
     assert log.t[1600] - 0.5 < end <= log.t[1600] + 0.5
-    left = without_spans(log, found)
+    left = found.cut(log)
     assert light(left) == "green"
     assert not ((left.t >= start) & (left.t < end)).any()
     assert len(left) == ((log.t < start) | (log.t >= end)).sum()

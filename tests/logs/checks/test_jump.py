@@ -8,7 +8,7 @@ import pytest
 from etude import plugins
 from etude.campaign.ingest.questions import Answers, LogQuestions
 from etude.campaign.record.config import preset_config
-from etude.logs.checks.plausibility import jump_finding, without_spans
+from etude.logs.checks.plausibility import jump_finding
 from etude.logs.cleaning.smoothing import segments
 from etude.types import Array, Channel, Finding, Log
 
@@ -45,7 +45,7 @@ def test_a_reset_is_told_with_place_and_size_and_left_out(rate: float, size: flo
     assert f"by {size:.2g} m in y at" in found.sentence
     ((start, end),) = found.spans
     assert start < 100.0 + AT < end
-    pieces = segments(without_spans(logged(t, q), found).t)
+    pieces = segments(found.cut(logged(t, q)).t)
     assert len(pieces) == 2  # a pause, which nothing is drawn through
     assert float(t[-1] - t[0]) - sum(float(np.ptp(t[p.start : p.stop])) for p in pieces) < 3.0
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from made_motion import COMMAND, RATE, moved
 
-from etude.logs.checks import command_sign, exchanged_commands
+from etude.logs.checks import command_columns
 from etude.logs.checks.filtered_motion import Seen, memory
 from etude.logs.checks.plausibility import commanded, judge_commands
 from etude.types import Array, Log
@@ -58,8 +58,8 @@ def test_the_error_of_the_power_is_that_of_independent_powers() -> None:
     """Of commands that have nothing to do with the motion, rho strays as far as is said."""
     one, rng = seen_of(moved(20.0)), np.random.default_rng(0)
     several = [replace(one, command=remembering(rng, one.q.shape, 20)) for _ in range(200)]
-    rho = np.array([command_sign.agreement(each) for each in several])
-    said = np.array([command_sign.by_chance(each) for each in several])
+    rho = np.array([command_columns.agreement(each) for each in several])
+    said = np.array([command_columns.by_chance(each) for each in several])
     # up to its first zero an autocorrelation is a little too long, on the safe side: 11 % here
     assert np.sqrt((rho**2).mean()) == pytest.approx(np.sqrt((said**2).mean()), rel=0.15)
 
@@ -71,13 +71,13 @@ def test_a_power_of_few_turns_tells_no_sign(seconds: float, told: bool) -> None:
     turn = ((one.t - one.t[0]) / seconds) % 1.0
     driven = np.where(turn < 0.72, -1.0, 1.0)[:, None] * np.sign(one.qd)
     found = replace(one, command=driven)
-    assert (command_sign.agreement(found) < -command_sign.SURE).all()
-    assert (command_sign.powered(found) < 0.0).all() == told
-    assert (command_sign.powered(found) != 0.0).any() == told
+    assert (command_columns.agreement(found) < -command_columns.SURE).all()
+    assert (command_columns.powered(found) < 0.0).all() == told
+    assert (command_columns.powered(found) != 0.0).any() == told
 
 
 def asked(one: Seen) -> bool:
-    return exchanged_commands.swap_finding(one).light == "yellow"
+    return command_columns.swap_finding(one).light == "yellow"
 
 
 def test_commands_without_friction_are_not_asked_about() -> None:
@@ -106,7 +106,7 @@ def test_joints_that_move_for_a_moment_say_nothing_of_the_order() -> None:
     q, qd = log["q"].copy(), log["qd"].copy()
     q[still, 1:], qd[still, 1:] = q[int(RATE), 1:], 0.0
     held = log.put(log.channels["q"], q).put(log.channels["qd"], qd)
-    found = exchanged_commands.swap_finding(seen_of(held))
+    found = command_columns.swap_finding(seen_of(held))
     assert found.light == "cannot tell"
     assert "long enough" in found.sentence
 
@@ -114,9 +114,9 @@ def test_joints_that_move_for_a_moment_say_nothing_of_the_order() -> None:
 def test_an_order_in_doubt_is_called_neither_right_nor_wrong_and_tells_no_sign() -> None:
     log = moved(10.0)
     exchanged = log.put(COMMAND, log["command"][:, [1, 0, 2]])
-    order = exchanged_commands.order_of(seen_of(exchanged))
+    order = command_columns.order_of(seen_of(exchanged))
     assert order is not None
-    assert exchanged_commands.DOUBT < order.margin < exchanged_commands.MARGIN
+    assert command_columns.DOUBT < order.margin < command_columns.MARGIN
     assert not order.named
     found = {finding.check: finding for finding in judge_commands(exchanged)}
     assert found["swapped"].light == found["sign"].light == "cannot tell"
@@ -133,5 +133,5 @@ def test_rows_backwards_are_offered_where_half_of_the_signs_are_wrong() -> None:
     values = {name: getattr(three, name)[:, four] for name in ("q", "qd", "qdd", "moving")}
     one = replace(three, **values, parts=("a", "b", "c", "d"), units=("rad",) * 4)
     for signs, offered in (([-1, -1, 1, 1], True), ([-1, 1, 1, 1], False)):
-        found = command_sign.sign_finding(replace(one, command=np.sign(one.qd) * signs))
+        found = command_columns.sign_finding(replace(one, command=np.sign(one.qd) * signs))
         assert ("backwards" in found.sentence) == offered

@@ -11,7 +11,7 @@ from made_motion import CHANNELS, COMMAND, GRAVITY, LIMITS, QD, RATE, Q, command
 from scipy.optimize import linear_sum_assignment
 
 from etude.errors import UsageError
-from etude.logs.checks import command_scale, command_sign, exchanged_commands
+from etude.logs.checks import command_columns
 from etude.logs.checks import velocities as rates
 from etude.logs.checks.plausibility import REPAIRS, commanded, judge_commands, judge_motion, repaired
 from etude.types import Array, Finding, Log
@@ -148,10 +148,10 @@ def test_the_power_of_friction_alone_is_all_of_it() -> None:
     seen = commanded(log)
     assert seen is not None
     rubbing = replace(seen, command=np.sign(seen.qd))
-    np.testing.assert_allclose(command_sign.agreement(rubbing), 1.0)
-    springy = command_sign.agreement(replace(seen, command=seen.q - seen.q.mean(axis=0)))
+    np.testing.assert_allclose(command_columns.agreement(rubbing), 1.0)
+    springy = command_columns.agreement(replace(seen, command=seen.q - seen.q.mean(axis=0)))
     assert np.abs(springy).max() < 0.05
-    assert command_sign.sign_finding(replace(seen, command=seen.q)).light == "cannot tell"
+    assert command_columns.sign_finding(replace(seen, command=seen.q)).light == "cannot tell"
 
 
 def test_slope_and_correlation_are_those_of_least_squares() -> None:
@@ -168,7 +168,7 @@ def test_slope_and_correlation_are_those_of_least_squares() -> None:
 def test_a_short_motion_says_nothing_of_signs() -> None:
     seen = commanded(moved().take(slice(0, 400)))
     assert seen is not None
-    assert command_sign.sign_finding(seen).light == "cannot tell"
+    assert command_columns.sign_finding(seen).light == "cannot tell"
 
 
 def test_joints_that_stand_are_left_out() -> None:
@@ -179,8 +179,8 @@ def test_joints_that_stand_are_left_out() -> None:
     assert told(log) == {}
     seen = commanded(log)
     assert seen is not None
-    assert np.isnan(command_sign.agreement(seen)[2])
-    order = exchanged_commands.order_of(seen)
+    assert np.isnan(command_columns.agreement(seen)[2])
+    order = command_columns.order_of(seen)
     assert order is not None
     assert order.best[2] == 2
 
@@ -229,7 +229,7 @@ def test_gravity_that_is_taken_out_is_named() -> None:
 def test_the_right_unit_is_green() -> None:
     found = {f.check: f for f in judge_commands(moved(), Body())}  # type: ignore[arg-type]
     assert found["scale"].light == "green"
-    slope, like = command_scale.slopes(2.0 * np.eye(3)[:, :1], np.eye(3)[:, :1])
+    slope, like = command_columns.slopes(2.0 * np.eye(3)[:, :1], np.eye(3)[:, :1])
     assert (slope, like) == (pytest.approx([2.0]), pytest.approx([1.0]))
 
 
@@ -239,7 +239,7 @@ def test_the_order_given_is_kept_unless_another_is_cheaper() -> None:
     for k in (1, 2, 3, 5, 7) * 40:
         costs = rng.normal(size=(k, k)) - rng.choice([0.0, 1.0, 3.0]) * np.eye(k)
         best = linear_sum_assignment(costs)[1]
-        assert (exchanged_commands.assigned(costs) == best).all()
+        assert (command_columns.assigned(costs) == best).all()
         kept += int((best == np.arange(k)).all())
     assert 50 < kept < 150
 
@@ -304,15 +304,15 @@ def test_a_joint_that_holds_weight_with_little_friction_is_told_by_the_model_fil
     torque = seen.command.copy()
     torque[:, 2] = 8.0 + 2.0 * np.sin(seen.q[:, 2])  # holds an arm that hardly turns, without friction
     heavy = replace(seen, command=-torque)
-    alone, beside = command_sign.sign_finding(heavy), command_sign.sign_finding(heavy, torque)
+    alone, beside = command_columns.sign_finding(heavy), command_columns.sign_finding(heavy, torque)
     assert "Of toe it cannot be told" in alone.sentence
     assert getattr(alone, "by", None) == (-1.0, -1.0, 1.0)
     assert "toe are opposite to the model file's torque" in beside.sentence
     assert getattr(beside, "by", None) == (-1.0, -1.0, -1.0)
-    right = command_sign.sign_finding(replace(seen, command=torque), torque)
+    right = command_columns.sign_finding(replace(seen, command=torque), torque)
     assert right.light == "green"
     one = replace(seen, command=torque * [1.0, 1.0, -1.0])
-    assert getattr(command_sign.sign_finding(one, torque), "by", None) == (1.0, 1.0, -1.0)
+    assert getattr(command_columns.sign_finding(one, torque), "by", None) == (1.0, 1.0, -1.0)
 
 
 def test_row_numbers_taken_for_times_are_one_fact_not_one_a_joint() -> None:
@@ -346,7 +346,7 @@ def test_a_weight_that_is_let_down_is_no_inverted_sign() -> None:
     log = Log(t, {}, {}, "made").put(Q, q).put(COMMAND, command_of(q, qd, 0.0 * q))
     seen = commanded(log)
     assert seen is not None
-    assert command_sign.agreement(seen)[0] < -command_sign.SURE
+    assert command_columns.agreement(seen)[0] < -command_columns.SURE
     assert told(log) == {}
 
 
@@ -369,7 +369,7 @@ def test_a_torque_that_the_file_hardly_knows_says_nothing_of_a_unit() -> None:
     assert seen is not None
     assert seen.command is not None
     torque = seen.command * [1.0, 1.0, 1e-5]
-    (found,) = command_scale.scale_findings(seen, torque, torque, np.full(3, 100.0))
+    (found,) = command_columns.scale_findings(seen, torque, torque, np.full(3, 100.0))
     assert found.light == "green"
     assert "toe" not in found.sentence
 

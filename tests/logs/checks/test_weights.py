@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from made_motion import COMMAND, QD, Q
 
-from etude.logs.checks import exchanged_commands
+from etude.logs.checks import command_columns
 from etude.logs.checks.filtered_motion import Seen
 from etude.logs.checks.plausibility import commanded, judge_commands
 from etude.types import Array, Log
@@ -43,8 +43,8 @@ def seen_of(log: Log) -> Seen:
     return found
 
 
-def order_of(log: Log) -> exchanged_commands.Order:
-    found = exchanged_commands.order_of(seen_of(log))
+def order_of(log: Log) -> command_columns.Order:
+    found = command_columns.order_of(seen_of(log))
     assert found is not None
     return found
 
@@ -60,13 +60,13 @@ SEEDS = range(40)
 def test_a_weight_that_fits_another_joints_motion_is_not_asked_about() -> None:
     orders = [order_of(carrying(seed)) for seed in SEEDS]
     assert (
-        sum(order.margin > exchanged_commands.MARGIN for order in orders) > 8
+        sum(order.margin > command_columns.MARGIN for order in orders) > 8
     )  # the likelihood alone would ask
     assert sum(order.named for order in orders) <= 1
 
 
 def test_what_nobody_can_tell_is_said_and_stops_nothing() -> None:
-    seed = next(seed for seed in SEEDS if order_of(carrying(seed)).margin > exchanged_commands.MARGIN)
+    seed = next(seed for seed in SEEDS if order_of(carrying(seed)).margin > command_columns.MARGIN)
     found = {finding.check: finding for finding in judge_commands(carrying(seed))}
     assert found["swapped"].light == found["sign"].light == "cannot tell"
     assert not found["swapped"].flag
@@ -85,7 +85,7 @@ def test_the_torque_of_a_model_file_ties_a_command_to_its_joint() -> None:
     log = carrying(3)
     torque: Array = seen_of(log).command  # type: ignore[assignment]
     for order in PAIRS:
-        found = exchanged_commands.order_of(seen_of(exchanged(log, order)), torque)
+        found = command_columns.order_of(seen_of(exchanged(log, order)), torque)
         assert found is not None
         assert found.named
         assert found.best.tolist() == np.argsort(order).tolist()
@@ -97,6 +97,6 @@ def test_a_coulomb_part_against_the_power_is_no_friction() -> None:
     speed = one.qd / np.abs(one.qd).max(axis=0)
     for coulomb, tied in ((-0.3, False), (0.3, True)):
         command = speed + coulomb * np.tanh(speed / 0.05)
-        found = exchanged_commands.order_of(replace(one, command=command))
+        found = command_columns.order_of(replace(one, command=command))
         assert found is not None
         assert found.tied.tolist() == [tied] * 3

@@ -36,10 +36,10 @@ from etude_arm.motions import limits as arm_limits
 from etude_arm.motions import ways as arm_ways
 from etude_arm.space.table import Cartesian
 from etude_arm.spec import ArmSpec
-from etude_quadrotor.family import FlightConfig, flight_family
-from etude_quadrotor.room import home as flight_home
-from etude_quadrotor.room import limits as flight_limits
-from etude_quadrotor.room import ways as flight_ways
+from etude_quadrotor.motions import FlightConfig, flight_family
+from etude_quadrotor.motions import home as flight_home
+from etude_quadrotor.motions import limits as flight_limits
+from etude_quadrotor.motions import ways as flight_ways
 from etude_quadrotor.spec import QuadrotorSpec
 
 HARMONICS, DURATION, DENSER = 5, 20.0, 100

@@ -12,7 +12,7 @@ import pytest
 from rigid_examples import AWKWARD, NAMES, awkward_spec, smooth_motion
 
 from etude._runtime.operators import Value
-from etude.deploy.onnx.graph import Graph
+from etude.deploy.onnx.model_graph import Graph
 from etude.deploy.onnx.target import session
 from etude.types import Array, Log
 from etude_arm.inputs import ArmInputs

@@ -13,7 +13,7 @@ from etude.types import Array, Log, Samples
 from etude_quadrotor.battery import slow_voltage, usual_voltage
 from etude_quadrotor.channels import BATTERY, command
 from etude_quadrotor.inputs import QuadrotorInputs
-from etude_quadrotor.recipe import FlightData, flight_samples
+from etude_quadrotor.preprocessing import FlightData, flight_samples
 
 USUAL = 3.8
 

@@ -11,7 +11,7 @@ from etude.trajectories.fourier import FourierTrajectory
 from etude.types import Motion
 from etude_quadrotor.flatness import VECTORS
 from etude_quadrotor.inputs import QuadrotorInputs
-from etude_quadrotor.recipe import FlightData
+from etude_quadrotor.preprocessing import FlightData
 
 ALL = [
     QuadrotorInputs(h, a, v, (0.6, 0.4, 0.0))

@@ -8,9 +8,7 @@ import numpy as np
 import pytest
 
 from etude.campaign.propose.approach import There, there_and_back
-from etude.deploy.exporters.offboard import OFFBOARD
-from etude.deploy.exporters.poly4d import POLY4D
-from etude.deploy.played import certify_played
+from etude.deploy.playback_certificate import certify_played
 from etude.errors import UnsafeTrajectoryError, UsageError
 from etude.limits.certificate import WAY, certify
 from etude.limits.feasible import FeasibleSet
@@ -19,9 +17,10 @@ from etude.protocols import Limit, Trajectory
 from etude.trajectories.chain import Chain
 from etude.trajectories.splined import Splined
 from etude.types import Array
-from etude_quadrotor.family import FlightConfig, flight_family
+from etude_quadrotor.export.offboard import OFFBOARD
+from etude_quadrotor.export.poly4d import POLY4D
 from etude_quadrotor.kind import KIND
-from etude_quadrotor.room import home, limits, ways
+from etude_quadrotor.motions import FlightConfig, flight_family, home, limits, ways
 from etude_quadrotor.spec import QuadrotorSpec
 from etude_quadrotor.spec_file import check_spec
 

@@ -17,10 +17,10 @@ from etude.limits.samplers import boundary
 from etude.testing.kind import KindSuite
 from etude.testing.robot import InputsSuite, PhysicsSuite, RobotSuite
 from etude.trajectories.fourier import FourierTrajectory
-from etude_quadrotor.family import FlightConfig, flight_family
 from etude_quadrotor.inputs import QuadrotorInputs
 from etude_quadrotor.kind import KIND
-from etude_quadrotor.recipe import FlightData
+from etude_quadrotor.motions import FlightConfig, flight_family
+from etude_quadrotor.preprocessing import FlightData
 from etude_quadrotor.spec import QuadrotorSpec
 
 SPEC: QuadrotorSpec = KIND.spec(KIND.built_in()["quadrotor"])

@@ -11,7 +11,7 @@ from inverse_flights import SPEC, TRUTH, VEHICLE, flights, log_with, random_log,
 from etude.errors import DataError
 from etude.types import Samples
 from etude_quadrotor.physics.linear_inverse import LinearInverse, identify_linear
-from etude_quadrotor.physics.rungs import Identified, Nominal
+from etude_quadrotor.physics.structures import Identified, Nominal
 from etude_quadrotor.physics.vehicle_inverse import (
     COEFFICIENTS,
     VehicleInverse,

@@ -10,10 +10,9 @@ import numpy as np
 import pytest
 
 from etude_quadrotor.kind import KIND
-from etude_quadrotor.plant.disturbance import Disturbance
 from etude_quadrotor.plant.plan import FlightPlan
 from etude_quadrotor.plant.registry import PLANTS, simulated_vehicle
-from etude_quadrotor.plant.simulated import SimulatedVehicle
+from etude_quadrotor.plant.simulated import Disturbance, SimulatedVehicle
 
 
 def _plan(vehicle: SimulatedVehicle, seconds: float) -> FlightPlan:

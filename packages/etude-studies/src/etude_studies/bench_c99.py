@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from etude.deploy.c99.header import Form
+from etude.deploy.c99.header import CForm
 from etude.deploy.c99.target import Files, c_files
 from etude.deploy.onnx.model_graph import parts_of, written
 from etude.deploy.onnx.target import session, taken_by
@@ -109,7 +109,7 @@ def run(*, json: bool = False, seed: int = 0, quick: bool = False) -> list[Row]:
 
 
 def _measured(case: Case, own: Sized, single: bool, bar: float | None) -> list[Row]:
-    made = c_files(own.model, own.kind, own.spec, Form(single, case.variance, fade=case.fade), "bench")
+    made = c_files(own.model, own.kind, own.spec, CForm(single, case.variance, fade=case.fade), "bench")
     us = microseconds(made, case.variance, _rows(own, case.apart))
     kind = "float" if single else "double"
     name = f"{case.name}_{kind}"

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from etude.models.change.judged import Judged, judged
+from etude.models.change.evidence import Judged, judged
 from etude.models.data.cross_validation import near
 from etude.progress import counted
 from etude.types import Index, Samples, joined_samples

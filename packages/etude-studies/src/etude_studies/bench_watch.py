@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from etude.errors import UsageError
-from etude.models.change.judged import Judged, judged
+from etude.models.change.evidence import Judged, judged
 from etude.models.config import ModelConfig
 from etude.models.selection.model_selection import train_ladder
 from etude.types import joined_samples

@@ -18,8 +18,8 @@ from etude.models.config import ModelConfig
 from etude.models.data.cross_validation import block_masks
 from etude.models.selection.linear import LinearPhysics
 from etude.types import Array, Index, Log, Mask, Samples, joined_samples
-from etude_quadrotor.recipe import common_lag
-from etude_quadrotor.recorded import on_even_grid, with_states
+from etude_quadrotor.preprocessing import common_lag
+from etude_quadrotor.recorder import on_even_grid, with_states
 from etude_studies.real_logs import EXAMPLES
 from etude_studies.world import World
 

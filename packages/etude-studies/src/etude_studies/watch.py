@@ -17,8 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from etude.models.change.drift_onset import manner
-from etude.models.change.judged import Judged, judged
+from etude.models.change.evidence import Judged, judged, manner
 from etude.models.model import LearnedModel
 from etude.storage import write_atomic
 from etude.types import Log, Samples

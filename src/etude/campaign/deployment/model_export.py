@@ -18,7 +18,7 @@ from etude.campaign.record.events import Created, Exported
 from etude.campaign.record.folder import ROBOT, Campaign, open_campaign
 from etude.campaign.record.stored_files import EXPORTS, MARK, require_description, stored_trajectory
 from etude.campaign.record.stored_models import stored_log, told_samples
-from etude.deploy.along import Bounded
+from etude.deploy.trajectory_target import Bounded
 from etude.errors import EtudeError, UsageError
 from etude.progress import counted, part
 from etude.protocols import Target, Trajectory

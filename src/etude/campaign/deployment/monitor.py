@@ -18,8 +18,7 @@ from etude.campaign.record.folder import Campaign, Say
 from etude.errors import DataError, UnsafeTrajectoryError, UsageError
 from etude.logs.columns.units import start_at_zero
 from etude.models.change.diagnosis import Cause
-from etude.models.change.drift_onset import Manner, manner
-from etude.models.change.judged import Judged, judged
+from etude.models.change.evidence import Judged, Manner, judged, manner
 from etude.types import Samples
 
 Verdict = Literal["unchanged", "changed", "refused"]

@@ -6,7 +6,7 @@ with a sentence. Answers stand in the journal, and hold for later logs of which 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -15,17 +15,12 @@ from etude.campaign.record.events import Given
 from etude.campaign.record.state import State
 from etude.errors import DataError, UsageError
 from etude.logs.checks.filtered_motion import Seen
-from etude.logs.checks.finding_texts import Mendable
-from etude.logs.checks.ground import CHECK as GROUND
-from etude.logs.checks.ground import without_ground
+from etude.logs.checks.finding_texts import Excludable, Mendable
 from etude.logs.checks.plausibility import (
-    BRAKE,
-    JUMP,
     REPAIRS,
     judge_commands,
     judge_motion,
     repaired,
-    without_spans,
 )
 from etude.logs.cleaning.ranges import check_consistency
 from etude.logs.cleaning.repairs import check_commanded
@@ -34,16 +29,10 @@ from etude.types import Finding, Log
 
 CHECKS = (
     *("time", "direction", "degrees", "velocity", "swapped", "sign", "scale", "gravity"),
-    *(GROUND, BRAKE, JUMP),
+    *("ground", "brake", "jump"),
     *("gyroscope", "accelerometer", "motor_delay"),
 )
 """What may be accepted."""
-CUT: Mapping[str, Callable[[Log, Finding], Log]] = {
-    GROUND: without_ground,
-    BRAKE: without_spans,
-    JUMP: without_spans,
-}
-"""What teaches nothing, and how it is cut."""
 
 
 @dataclass(frozen=True)
@@ -131,9 +120,11 @@ class LogQuestions:
             if finding.check not in self.answers.accept:
                 raise refusal([finding], log.source)
             self._taken(finding)
-        idle = [f for f in found if f.check in CUT and f.check not in self.answers.accept and f.spans]
+        idle = [
+            f for f in found if isinstance(f, Excludable) and f.check not in self.answers.accept and f.spans
+        ]
         for finding in idle:
-            log = CUT[finding.check](log, finding)
+            log = finding.cut(log)
         return log.repaired(*(f.sentence for f in found if f not in idle))
 
     def _settled(self, log: Log, judged: Callable[[Log], Sequence[Finding]]) -> Log:

@@ -18,7 +18,7 @@ from etude.campaign.record.stored_models import stored_model
 from etude.errors import DataError, UsageError
 from etude.logs.cleaning.filters import duration
 from etude.models.change.diagnosis import SENSOR, Cause
-from etude.models.change.judged import judged
+from etude.models.change.evidence import judged
 from etude.models.model import LearnedModel
 from etude.types import Finding, Log, Samples
 

@@ -14,8 +14,8 @@ from etude.campaign.record.deployed_model import model_in_use
 from etude.campaign.record.events import Exported
 from etude.campaign.record.folder import Campaign
 from etude.campaign.record.stored_files import settle
-from etude.deploy.commanded import Commanded, accelerated, commanded, require_forces
-from etude.deploy.played import played
+from etude.deploy.feedforward import Commanded, accelerated, commanded, require_forces
+from etude.deploy.playback_certificate import played
 from etude.limits.certificate import Certificate
 from etude.protocols import Trajectory
 from etude.storage import GENERATION

@@ -7,11 +7,11 @@ from textwrap import wrap
 
 from etude import __version__
 from etude.deploy.c99.plan import UNBOUNDED, Plan, parts_in_c
-from etude.deploy.fading import fading
+from etude.deploy.model_states import fading
 
 
 @dataclass(frozen=True)
-class Form:
+class CForm:
     """How a model is written.
 
     Attributes:
@@ -36,13 +36,13 @@ class Form:
         return "float" if self.single else "double"
 
 
-def header(plan: Plan, form: Form) -> str:
+def header(plan: Plan, form: CForm) -> str:
     """NAME.h"""
     parts = (_use(plan, form), _tables_told(plan, form), _opening(plan, form), _names(plan), _state(plan))
     return "".join([*parts, _functions(plan, form), _CLOSING])
 
 
-def _use(plan: Plan, form: Form) -> str:
+def _use(plan: Plan, form: CForm) -> str:
     """What it is and how to call it: the first part of the comment."""
     own, upper = plan.name, plan.name.upper()
     states, commands = parts_in_c(plan)
@@ -71,7 +71,7 @@ def _use(plan: Plan, form: Form) -> str:
 """
 
 
-def _tables_told(plan: Plan, form: Form) -> str:
+def _tables_told(plan: Plan, form: CForm) -> str:
     """Inputs, commands and flags: the rest of the comment."""
     upper = plan.name.upper()
     states, commands = parts_in_c(plan)
@@ -92,7 +92,7 @@ def _tables_told(plan: Plan, form: Form) -> str:
 """
 
 
-def _opening(plan: Plan, form: Form) -> str:
+def _opening(plan: Plan, form: CForm) -> str:
     """The guard, sizes and the type of numbers."""
     own, upper = plan.name, plan.name.upper()
     states, commands = parts_in_c(plan)
@@ -157,7 +157,7 @@ void {own}_init({own}_state *state);
 """
 
 
-def _functions(plan: Plan, form: Form) -> str:
+def _functions(plan: Plan, form: CForm) -> str:
     own = plan.name
     return f"""\
 /* Commands from the states{_faded(form)}. Returns flags. */
@@ -196,7 +196,7 @@ def _remembers(plan: Plan) -> str:
     return f": what friction\n   remembers of the way is kept in the state. At least {rate:g} times a second"
 
 
-def _more(own: str, form: Form) -> str:
+def _more(own: str, form: CForm) -> str:
     if not form.deviations:
         return ""
     rest = f"{own}_state *state, const {own}_real *input, {own}_real *command, {own}_real *variance"
@@ -208,18 +208,18 @@ unsigned {own}_predict({rest});
     return text + (f"#define {own}_faded {own}_predict\n" if form.fade else "")
 
 
-def _far(plan: Plan, form: Form) -> str:
+def _far(plan: Plan, form: CForm) -> str:
     """What becomes of commands outside."""
     if not form.fade:
         return "   commands are the mean given the data everywhere, whatever that is worth there."
     return "\n".join(f"   {line}" for line in wrap(_plain(fading(plan.model)), 100))
 
 
-def _faded(form: Form) -> str:
+def _faded(form: CForm) -> str:
     return ", faded by their own deviation" if form.fade else ", the mean given the data"
 
 
-def _flags(upper: str, form: Form) -> str:
+def _flags(upper: str, form: CForm) -> str:
     if form.fade:
         said = (
             ("FAR", "a command is physics alone, or a level: nothing was learned of it there"),

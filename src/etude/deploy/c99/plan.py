@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import re
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from etude.deploy.c99.names import identifier, identifiers
-from etude.deploy.states import labels, trained
+from etude.deploy.model_states import labels, trained
 from etude.errors import UsageError
 from etude.models.gp.c99 import UnwritableError
 from etude.models.model import LearnedModel
@@ -93,6 +93,40 @@ class Plan:
         """
         once = [sum(own) if variance else own[0] for own in (code.operations for code in self.codes)]
         return sum(once) * (2 if fade else 1)
+
+
+C = """auto break case char const continue default do double else enum extern float for goto if
+inline int long register restrict return short signed sizeof static struct switch typedef union unsigned
+void volatile
+while bool main"""
+CPP = """catch class delete explicit friend mutable namespace new operator private protected public
+template this throw try typename using virtual"""
+KEYWORDS = frozenset([*C.split(), *CPP.split()])
+
+
+def identifier(name: str) -> str:
+    """A name that C and C++ take: other characters than letters, digits and _ become _."""
+    found = re.sub(r"[^A-Za-z0-9_]", "_", name)
+    if not re.match(r"[A-Za-z]", found):
+        found = f"n{found}" if found.startswith("_") else f"n_{found}"
+    return f"{found}_" if found.lower() in KEYWORDS else found
+
+
+def identifiers(names: Sequence[str]) -> list[str]:
+    """The same of several, no two alike: a number is added where they would be."""
+    found: list[str] = []
+    for name in names:
+        own, number = identifier(name), 2
+        base = own
+        while own.lower() in (known.lower() for known in found):
+            own, number = f"{base}_{number}", number + 1
+        found.append(own)
+    return found
+
+
+def renamed(names: Sequence[str], given: Sequence[str]) -> list[str]:
+    """A line for each name that had to change."""
+    return [f"{old!r} is {new} in C" for old, new in zip(names, given, strict=True) if old != new]
 
 
 def planned(model: LearnedModel, kind: Kind, spec: Any, name: str) -> Plan:

@@ -1,4 +1,4 @@
-"""The source file: tables, the parts' own code, and the functions of the header around them."""
+"""The source file in C99: tables, the parts' own code, and the functions of the header around them."""
 
 from __future__ import annotations
 
@@ -9,16 +9,63 @@ from typing import Any
 
 import numpy as np
 
-from etude.deploy.c99.header import Form
+from etude.deploy.c99.header import CForm
 from etude.deploy.c99.plan import WIDENED, Plan
-from etude.deploy.c99.tables import finite, table, tables
 from etude.errors import NumericalError
 from etude.models.gp.c99 import real
 from etude.models.selection.member_prediction import level_of, rests_of
 from etude.models.trust import NEVER, ROUNDING, thresholds
+from etude.types import Code
+
+PER_LINE = 6
 
 
-def source(plan: Plan, form: Form) -> tuple[str, int]:
+def numbers(values: Any, single: bool) -> list[str]:
+    """Numbers that read back exactly: of a float the shortest that does."""
+    if np.asarray(values).dtype.kind in "iub":
+        return [str(int(value)) for value in np.ravel(values)]
+    if single:
+        return [f"{_pointed(str(np.float32(value)))}f" for value in np.ravel(values)]
+    return [_pointed(repr(float(value))) for value in np.ravel(values)]
+
+
+def _pointed(text: str) -> str:
+    return text if any(c in text for c in ".e") else f"{text}.0"
+
+
+def table(name: str, values: Any, single: bool, kind: str = "static const") -> str:
+    """Its definition."""
+    own = numbers(values, single)
+    word = "int" if np.asarray(values).dtype.kind in "iub" else "real"
+    rows = [", ".join(own[i : i + PER_LINE]) for i in range(0, len(own), PER_LINE)]
+    lines = ",\n    ".join(rows)
+    return f"{kind} {word} {name}[{len(own)}] = {{\n    {lines}}};\n"
+
+
+def tables(data: Mapping[str, Any], single: bool) -> tuple[str, int]:
+    """Definitions of all of them, equal ones as another name of the first; and their bytes."""
+    known: dict[tuple[str, bytes], str] = {}
+    text, size = [], 0
+    for name, values in data.items():
+        array = np.asarray(values)
+        whole = array.dtype.kind in "iub"
+        plain = array.astype(np.int64 if whole else np.float64).ravel()
+        key = ("int" if whole else "real", plain.tobytes())
+        if key in known:
+            text.append(f"#define {name} {known[key]}\n")
+            continue
+        known[key] = name
+        text.append(table(name, plain, single))
+        size += plain.size * (4 if whole or single else 8)
+    return "".join(text), size
+
+
+def finite(data: Mapping[str, Any]) -> bool:
+    """Whether every number of them is one."""
+    return all(bool(np.isfinite(np.asarray(values, dtype=float)).all()) for values in data.values())
+
+
+def source(plan: Plan, form: CForm) -> tuple[str, int]:
     """NAME.c, and the bytes of its tables. NumericalError if a table holds what is no number."""
     data: dict[str, Any] = {}
     for code in plan.codes:
@@ -92,7 +139,7 @@ def _name_of(function: str) -> str:
     return found[1]
 
 
-def _answer(plan: Plan, form: Form) -> str:
+def _answer(plan: Plan, form: CForm) -> str:
     """NAME_answer: commands of states that are numbers, nothing blended.
 
     Where they fade, variances are upper bounds, of which the first rows of their factors are enough inside
@@ -140,7 +187,7 @@ def _call(function: str, reads: tuple[str, ...], places: dict[str, int], *rest: 
     return f"{function}({', '.join([*(f'in + {places[read]}' for read in reads), *rest])})"
 
 
-def _sums(plan: Plan, form: Form, means: list[str]) -> list[str]:
+def _sums(plan: Plan, form: CForm, means: list[str]) -> list[str]:
     """The average of the candidates, and its variance."""
     J, lines = len(plan.model.commands), []
     lines += [f"    command[{j}] = R(0.0);" for j in range(J)]
@@ -255,7 +302,7 @@ def _spreads(plan: Plan) -> list[str]:
     return [*lines, "    }"]
 
 
-def _functions(plan: Plan, form: Form) -> str:
+def _functions(plan: Plan, form: CForm) -> str:
     """The functions of the header."""
     text = resources.files("etude.deploy.c99").joinpath("functions.c").read_text(encoding="utf-8")
     parts = re.split(r"^/\* --- (\w+) --- \*/\n", text, flags=re.MULTILINE)
@@ -299,4 +346,50 @@ _RANGED = """\
             if (in[i] < @NAME_low[i] - wide || in[i] > @NAME_high[i] + wide)
                 flags |= @UPPER_FAR;
         }
+"""
+
+
+def lean_files(inputs: Any, name: str, form: CForm) -> tuple[dict[str, bytes], Code | None]:
+    """Both files of a vehicle's inputs, and the code of its drag; without the capability a drag of 0.
+
+    Args:
+        inputs: of the model; see `protocols.SupportsDrag`.
+        name: prefix in C. form: numbers are float, or double.
+    """
+    told = getattr(inputs, "drag_c", None)
+    code: Code | None = None if told is None else told(f"{name}_force")
+    dx, dy = (0.0, 0.0) if code is None else inputs.drag[:2]
+    body = _STILL.replace("@NAME@", name) if code is None else code.body
+    text, _ = tables(code.data if code is not None else {}, form.single)
+    words = {"VARIANCE": False, "SINGLE": form.single}
+    own = _template("lean.c", {"NAME": name, "UPPER": name.upper(), "DX": real(dx), "DY": real(dy)})
+    rest = f"{resolved(body, words)}\n{own}"
+    head = f"""/* {name}_lean.c: written by a program; {name}_lean.h says how to call it. */
+#include "{name}_lean.h"
+
+#include <math.h>
+#include <stdint.h>
+#include <string.h>
+
+#define VARIANCE 0
+
+typedef {name}_real real;
+
+"""
+    source = "\n".join([head + resolved(prelude(rest), words), text, rest])
+    header = _template("lean.h", {"NAME": name, "UPPER": name.upper()})
+    return {f"{name}_lean.h": header.encode(), f"{name}_lean.c": source.encode()}, code
+
+
+def _template(name: str, words: dict[str, str]) -> str:
+    text = resources.files("etude.deploy.c99").joinpath(name).read_text(encoding="utf-8")
+    return re.sub(r"@([A-Z0-9]+)@", lambda found: words[found[1]], text)
+
+
+_STILL = """\
+static void @NAME@_force(const real *velocity, real *force)
+{
+    (void)velocity;
+    force[0] = force[1] = R(0.0);
+}
 """

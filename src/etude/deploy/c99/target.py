@@ -2,25 +2,27 @@
 
 from __future__ import annotations
 
+import re
+import shutil
+import subprocess
+import tempfile
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from etude._runtime.options import taken
-from etude.deploy.c99.compiled import Built, built
-from etude.deploy.c99.golden import golden
-from etude.deploy.c99.header import Form, header
-from etude.deploy.c99.lean import lean_files
-from etude.deploy.c99.names import renamed
-from etude.deploy.c99.plan import Plan, parts_in_c, planned
-from etude.deploy.c99.self_test import EXACT, allowed, self_test
-from etude.deploy.c99.single import single
-from etude.deploy.c99.source import source
-from etude.deploy.fading import fading
+from etude.deploy.c99.header import CForm, header
+from etude.deploy.c99.plan import Plan, parts_in_c, planned, renamed
+from etude.deploy.c99.self_test import EXACT, allowed, golden, self_test
+from etude.deploy.c99.source import lean_files, source
+from etude.deploy.model_states import fading
 from etude.errors import EtudeError, UsageError
 from etude.models.model import LearnedModel
 from etude.protocols import Kind
-from etude.types import Delivered
+from etude.types import Array, Delivered
 
 REALS = ("double", "float")
 USUAL = 1000.0
@@ -37,8 +39,37 @@ LARGEST = 64 * 2**20
 BARE = "WARNING: --no-fade: commands are the mean given the data, outside of what was learned too."
 
 
+def single(model: LearnedModel) -> LearnedModel:
+    """The model with, for each command, the candidate of most weight: the best held-out density."""
+    weights = np.zeros((len(model.candidates), len(model.commands)))
+    for k, candidate in enumerate(model.candidates):
+        weights[k, list(candidate.commands)] = candidate.weights
+    best = weights.argmax(axis=0)
+    own = [
+        np.array([float(best[j] == k) for j in candidate.commands])
+        for k, candidate in enumerate(model.candidates)
+    ]
+    return replace(
+        model, candidates=tuple(replace(c, weights=w) for c, w in zip(model.candidates, own, strict=True))
+    )
+
+
+def errors(model: LearnedModel) -> str:
+    """Held-out errors of the candidates in use, in words."""
+    found: dict[str, Array] = {}
+    for candidate in model.candidates:
+        told = getattr(candidate, "error", None)
+        for i, j in enumerate(candidate.commands):
+            if candidate.weights[i] and told is not None:
+                found[model.commands[j]] = told[i]
+    if not found:
+        return "its held-out error was not stored with this model; learn a log again"
+    each = ", ".join(f"{name} {float(value):.3g}" for name, value in found.items())
+    return f"mean absolute error on motion held out: {each}"
+
+
 @dataclass(frozen=True)
-class Options:
+class COptions:
     """See `commands.export`."""
 
     real: str = "double"
@@ -60,13 +91,13 @@ class Files:
     """
 
     plan: Plan
-    form: Form
+    form: CForm
     files: Mapping[str, bytes]
     tables: int
 
 
 def c_files(
-    model: LearnedModel, kind: Kind, spec: Any, form: Form, name: str = "", small: float = EXACT
+    model: LearnedModel, kind: Kind, spec: Any, form: CForm, name: str = "", small: float = EXACT
 ) -> Files:
     """NAME.h, NAME.c, NAME_test.c and CMakeLists.txt.
 
@@ -93,7 +124,7 @@ def c_files(
     return Files(plan, form, {file: own.encode() for file, own in files.items()}, tables)
 
 
-def lighter(plan: Plan, form: Form) -> tuple[str, ...]:
+def lighter(plan: Plan, form: CForm) -> tuple[str, ...]:
     """What takes less than this export, of what was not asked for yet."""
     found = ["export --no-fade"] if form.fade and not form.variance else []
     found += ["export --single"] if plan.averages else []
@@ -112,12 +143,12 @@ def C99(model: Any, kind: Kind, spec: Any, options: Mapping[str, Any]) -> Delive
     Raises:
         UsageError: unknown options, what cannot be exported, or float where it would be wrong.
     """
-    asked = taken(options, Options, "c")
+    asked = taken(options, COptions, "c")
     if asked.real not in REALS:
         raise UsageError(f"numbers are {' or '.join(REALS)}, not {asked.real!r}")
     if asked.rate is not None and not float(asked.rate) > 0.0:
         raise UsageError(f"a rate is above 0 Hz, not {asked.rate}", where="--rate")
-    form = Form(asked.real == "float", asked.variance, asked.fade, asked.model_hash)
+    form = CForm(asked.real == "float", asked.variance, asked.fade, asked.model_hash)
     rate = float(asked.rate or USUAL)
     made, said, facts = held(model, kind, spec, form, asked.name, rate=rate, alone=asked.single)
     lean, drag = lean_files(model.inputs, made.plan.name, form)
@@ -129,11 +160,76 @@ def C99(model: Any, kind: Kind, spec: Any, options: Mapping[str, Any]) -> Delive
     return Delivered({**made.files, **lean, "CMakeLists.txt": cmake}, (*said, told), facts)
 
 
+COMPILERS = ("cc", "gcc", "clang")
+FLAGS = ("-std=c99", "-O2")
+DEVIATION = re.compile(r"largest deviation: (\S+) .*; (\d+) wrong")
+LONGEST_S = 300.0
+
+
+@dataclass(frozen=True)
+class Built:
+    """The test's own words.
+
+    Attributes:
+        compiler: with which. deviation: largest, as a part of a command's limit. wrong: flags that differ.
+        code: bytes of the machine code without tables; 0 where nothing tells.
+    """
+
+    compiler: str
+    deviation: float
+    wrong: int
+    code: int
+
+
+def compiler() -> str:
+    """This machine's C compiler; "" if there is none."""
+    return next((name for name in COMPILERS if shutil.which(name)), "")
+
+
+def built(name: str, files: Mapping[str, bytes], tables: int) -> Built | None:
+    """The files built and their test run; None where there is no compiler.
+
+    Raises:
+        EtudeError: they do not compile, or the test does not end as it should.
+    """
+    cc = compiler()
+    if not cc:
+        return None
+    with tempfile.TemporaryDirectory(prefix="etude-c99-") as place:
+        folder = Path(place)
+        for file, data in files.items():
+            (folder / file).write_bytes(data)
+        _run([cc, *FLAGS, "-c", f"{name}.c", "-o", f"{name}.o"], folder)
+        _run([cc, *FLAGS, f"{name}_test.c", f"{name}.o", "-lm", "-o", "self_test"], folder)
+        found = DEVIATION.search(_run(["./self_test"], folder, good=(0, 1)))
+        if found is None:
+            raise EtudeError("the exported model's own test says nothing", next_step="Please report it.")
+        return Built(cc, float(found[1]), int(found[2]), max(_text(folder / f"{name}.o") - tables, 0))
+
+
+def _run(command: list[str], folder: Path, good: tuple[int, ...] = (0,)) -> str:
+    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False, timeout=LONGEST_S)
+    if done.returncode not in good:
+        raise EtudeError(
+            f"{command[0]} does not take the exported model: {done.stderr.strip()[-400:]}",
+            next_step="Please report it, with the compiler's version.",
+        )
+    return done.stdout
+
+
+def _text(path: Path) -> int:
+    """Bytes of code and constant tables of an object file."""
+    if not shutil.which("size"):
+        return 0
+    lines = _run(["size", path.name], path.parent).splitlines()
+    return int(lines[1].split()[0]) if len(lines) > 1 else 0
+
+
 def held(
     model: LearnedModel,
     kind: Kind,
     spec: Any,
-    form: Form,
+    form: CForm,
     name: str = "",
     *,
     rate: float = 0.0,
@@ -229,7 +325,6 @@ def _times(made: Files, model: LearnedModel, rate: float) -> list[str]:
 
 
 def _offer(model: LearnedModel, made: Files) -> str:
-    from etude.deploy.c99.single import errors
 
     best = single(model)
     used = [c for c in best.candidates if c.weights.any()]

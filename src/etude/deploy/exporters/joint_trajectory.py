@@ -1,4 +1,4 @@
-"""trajectory_msgs/JointTrajectory in a bag: MCAP or SQLite, written and read by rosbags.
+"""trajectory_msgs/JointTrajectory: in a bag (MCAP or SQLite), as YAML, and as a table with its player.
 
 joint_trajectory_controller joins points with accelerations by quintics. A command in `effort` is joined by
 lines and added by controllers that command effort, since ros2_controllers' pull request 1200 (2025);
@@ -7,16 +7,21 @@ Humble's refuses a message that has any, so it is left empty unless asked for.
 
 from __future__ import annotations
 
+import csv
+import io
+import json
 import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from importlib.resources import files as resources
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any, Literal
 
 import numpy as np
 
-from etude.deploy.commanded import Commanded
 from etude.deploy.exporters.knots import NANO, Knots, knots_of, require_joints
+from etude.deploy.feedforward import Commanded
 from etude.errors import UsageError
 from etude.logs.readers.extras import needed
 from etude.protocols import Kind, Trajectory
@@ -116,3 +121,117 @@ def _point(knots: Knots, i: int, types: Mapping[str, Any]) -> Any:
 
 
 MCAP, SQLITE = JointTrajectoryBag("mcap"), JointTrajectoryBag("sqlite3")
+
+
+FILE = "joint_trajectory.yaml"
+ARGUMENT = 128 * 1024
+"""Bytes that one argument of a command may have on Linux."""
+
+
+class JointTrajectoryYaml:
+    """A `protocols.Exporter`: the message as one YAML document that is JSON below its comments."""
+
+    def __call__(self, what: Trajectory | Commanded, kind: Kind, spec: Any) -> Mapping[str, bytes]:
+        """The file. UsageError: no robot of joints, or too quick a motion."""
+        require_joints(kind, spec, "a JointTrajectory")
+        text = _document(knots_of(what, kind, spec, ORDERS))
+        return {FILE: (_head(len(text)) + text).encode()}
+
+    def back(self, files: Mapping[str, bytes]) -> Splined:
+        """What joint_trajectory_controller plays of it."""
+        lines = files[FILE].decode().splitlines()
+        content = json.loads("\n".join(line for line in lines if not line.startswith("#")))
+        return played([_noun(point) for point in content["points"]])
+
+
+def _head(size: int) -> str:
+    lines = [f"{MESSAGE}, to be published once on {TOPIC}."]
+    if size < ARGUMENT:
+        lines.append(f'ros2 topic pub --once {TOPIC} {MESSAGE} "$(cat {FILE})"')
+    else:
+        lines.append(
+            "Too long for an argument of a command: ros2 topic pub has --yaml-file in newer releases;"
+        )
+        lines.append("or play the bag that etude ask --format ros2 writes.")
+    return "".join(f"# {line}\n" for line in lines)
+
+
+def _document(knots: Knots) -> str:
+    """YAML's flow style, one point a line. Names are quoted: some of them are numbers or words of YAML."""
+    names = ", ".join(map(json.dumps, knots.names))
+    points = ",\n".join(_yaml_point(knots, i) for i in range(len(knots.nanoseconds)))
+    head = '{"header": {"stamp": {"sec": 0, "nanosec": 0}, "frame_id": ""}'
+    return f'{head}, "joint_names": [{names}], "points": [\n{points}]}}\n'
+
+
+def _yaml_point(knots: Knots, i: int) -> str:
+    sec, nanosec = divmod(int(knots.nanoseconds[i]), NANO)
+    fields = dict(zip(("positions", "velocities", "accelerations"), knots.points[:, i], strict=True))
+    if knots.command is not None:
+        fields["effort"] = knots.command[i]
+    lists = ", ".join(f'"{name}": {_numbers(row.tolist())}' for name, row in fields.items())
+    return f'{{{lists}, "time_from_start": {{"sec": {sec}, "nanosec": {nanosec}}}}}'
+
+
+def _numbers(values: Sequence[float]) -> str:
+    return "[" + ", ".join(map(_number, values)) + "]"
+
+
+def _number(value: float) -> str:
+    """Its shortest text with a point in it: YAML 1.1 reads 1e-05 as a word."""
+    text = repr(value)
+    mantissa, exponent, power = text.partition("e")
+    return f"{mantissa}.0{exponent}{power}" if exponent and "." not in mantissa else text
+
+
+def _noun(content: Any) -> Any:
+    if isinstance(content, dict):
+        return SimpleNamespace(**{name: _noun(value) for name, value in content.items()})
+    return content
+
+
+YAML = JointTrajectoryYaml()
+
+
+TABLE, PLAYER = "points.csv", "play.py"
+TIME = "nanoseconds"
+WORDS = ("position", "velocity", "acceleration")
+EFFORT = "effort"
+
+
+class CsvPlayer:
+    """A `protocols.Exporter`: points.csv (`position/shoulder`, ...) and play.py, a node for rclpy."""
+
+    def __call__(self, what: Trajectory | Commanded, kind: Kind, spec: Any) -> Mapping[str, bytes]:
+        """Both files. UsageError: no robot of joints, or too quick a motion."""
+        require_joints(kind, spec, "a JointTrajectory")
+        knots = knots_of(what, kind, spec, ORDERS)
+        columns = [f"{word}/{name}" for word in WORDS for name in knots.names]
+        table = np.concatenate(list(knots.points), axis=1)
+        if knots.command is not None:
+            columns += [f"{EFFORT}/{name}" for name in knots.names]
+            table = np.concatenate([table, knots.command], axis=1)
+        text = io.StringIO()
+        lines = csv.writer(text, lineterminator="\n")
+        lines.writerow([TIME, *columns])
+        lines.writerows(
+            [t, *map(repr, row)] for t, row in zip(knots.nanoseconds.tolist(), table.tolist(), strict=True)
+        )
+        return {TABLE: text.getvalue().encode(), PLAYER: player("etude.deploy.exporters", "play_points.py")}
+
+    def back(self, files: Mapping[str, bytes]) -> Splined:
+        """What the controller plays of the table that the player sends."""
+        header, *rows = csv.reader(io.StringIO(files[TABLE].decode()))
+        times = np.array([int(row[0]) for row in rows]) / NANO
+        columns = [
+            [i for i, name in enumerate(header) if name.startswith(word + "/")] for word in WORDS[:ORDERS]
+        ]
+        return Splined(times, np.array([[[float(row[i]) for i in part] for row in rows] for part in columns]))
+
+
+def player(package: str, name: str) -> bytes:
+    """The text of a program that runs on the robot's computer."""
+    return (resources(package) / "players" / name).read_bytes()
+
+
+PLAYED = CsvPlayer()

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from etude.deploy.commanded import Commanded, parted
+from etude.deploy.feedforward import Commanded, parted
 from etude.errors import UsageError
 from etude.limits.certificate import REST_TOLERANCE
 from etude.protocols import Kind, Trajectory

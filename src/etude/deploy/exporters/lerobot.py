@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 import polars as pl
 
-from etude.deploy.commanded import Commanded, parted
 from etude.deploy.exporters.knots import require_joints
+from etude.deploy.feedforward import Commanded, parted
 from etude.protocols import Kind, Trajectory
 from etude.trajectories.splined import Splined
 from etude.types import Array, Channel

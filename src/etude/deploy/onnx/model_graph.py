@@ -1,22 +1,114 @@
-"""A whole model in operators of ONNX: inputs, candidates, their average and its variance."""
+"""A whole model in operators of ONNX: inputs, candidates, their average and its variance.
+
+In kernels differences are taken before squares: in float the shorter |u|² + |v|² - 2 u v loses what tells
+close points apart.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, cast
 
 import numpy as np
 
 from etude._runtime.operators import Piece, Value, joined
-from etude.deploy.onnx.graph import Graph
-from etude.deploy.onnx.kernels import unwritable
-from etude.deploy.onnx.processes import looked_at, moments
+from etude.errors import UsageError
 from etude.logs.readers.extras import needed
+from etude.models.gp.basis_posterior import BasisPosterior
+from etude.models.gp.exact import ExactPosterior
+from etude.models.gp.kernel_algebra import Kernel, Product, Sum
+from etude.models.gp.kernels import Linear, RestNoise, SquaredExponential
 from etude.models.model import LearnedModel
+from etude.models.process import Posteriors, Silent
+from etude.models.protocols import SupportsOnnxMoments
 from etude.models.selection.member_prediction import level_of, physics_behind, rests_of
 from etude.models.trust import ROUNDING, thresholds
-from etude.protocols import Candidate, Inputs
+from etude.protocols import Candidate, Inputs, Process
+from etude.types import Array
+
+OPSET = 17
+"""Of the operators: ReduceSum takes its axes as an input since 13."""
+FORMAT = 8
+"""Version of the file format, as of ONNX 1.10 to 1.13, whose releases brought opsets up to 17 and 18."""
+
+
+@dataclass(frozen=True)
+class Graph:
+    """Operators of numbers of one type.
+
+    Attributes:
+        dtype: np.float64 or np.float32.
+    """
+
+    dtype: Any
+    nodes: list[Any] = field(default_factory=list)
+    constants: dict[tuple[bytes, tuple[int, ...], str], str] = field(default_factory=dict)
+    values: list[Any] = field(default_factory=list)
+
+    def op(self, name: str, *inputs: Any, **attributes: Any) -> str:
+        """The name of what an operator makes of these: names of values, or arrays, which become constants."""
+        from onnx import helper
+
+        own = [value if isinstance(value, str) else self.constant(value) for value in inputs]
+        out = f"v{len(self.nodes)}"
+        self.nodes.append(helper.make_node(name, own, [out], name=f"n{len(self.nodes)}", **attributes))
+        return out
+
+    def constant(self, value: Any) -> str:
+        """An array or a number; whole numbers stay whole."""
+        from onnx import numpy_helper
+
+        array = np.asarray(value)
+        array = np.ascontiguousarray(array, dtype=np.int64 if array.dtype.kind in "iu" else self.dtype)
+        array = array.reshape(np.shape(value))
+        key = (array.tobytes(), array.shape, str(array.dtype))
+        if key not in self.constants:
+            self.constants[key] = f"c{len(self.constants)}"
+            self.values.append(numpy_helper.from_array(array, self.constants[key]))
+        return self.constants[key]
+
+    def total(self, value: str, axis: int) -> str:
+        """The sum along an axis, which goes."""
+        return Value(self, value).sum(axis).name
+
+    def columns(self, value: str, which: Sequence[int]) -> str:
+        """Those columns of a table (n, D)."""
+        return Value(self, value).at(which, axis=1).name
+
+    def model(
+        self,
+        inputs: Mapping[str, int],
+        outputs: Mapping[str, tuple[str, int]],
+        words: Mapping[str, str],
+        text: str,
+    ) -> bytes:
+        """The file: inputs (n, width) by name; outputs by name, (n, columns) of a value.
+
+        Args:
+            words: kept in the file beside the graph. text: what people read of it.
+        """
+        import onnx
+        from onnx import TensorProto, helper
+
+        kind = TensorProto.DOUBLE if self.dtype == np.float64 else TensorProto.FLOAT
+        for name, (value, _) in outputs.items():
+            self.nodes.append(helper.make_node("Identity", [value], [name]))
+        graph = helper.make_graph(
+            self.nodes,
+            "model",
+            [helper.make_tensor_value_info(name, kind, ["n", size]) for name, size in inputs.items()],
+            [helper.make_tensor_value_info(name, kind, ["n", size]) for name, (_, size) in outputs.items()],
+            self.values,
+            doc_string=text,
+        )
+        made = helper.make_model(
+            graph, opset_imports=[helper.make_opsetid("", OPSET)], ir_version=FORMAT, producer_name="etude"
+        )
+        helper.set_model_props(made, dict(words))
+        onnx.checker.check_model(made, full_check=True)
+        return bytes(made.SerializeToString())
+
 
 Term = tuple[Candidate, str, str]
 """A candidate, its commands and the latent variances of its process."""
@@ -60,6 +152,179 @@ class Parts:
     def rate(self) -> float:
         """Hz at which the graph must be asked, as it remembers; 0: anyhow."""
         return max(piece.rate for piece in self.pieces)
+
+
+Moments = tuple[str, str]
+"""Mean and variance (n, m); the variance "" where it was not asked for."""
+
+
+OTHER = "Choose process and kernel in [model] of campaign.toml and train again, or export --to c."
+
+
+def unwritable(what: str) -> UsageError:
+    """The error of something that has no operators."""
+    return UsageError(f"{what} cannot be exported to ONNX: nobody wrote it in its operators", next_step=OTHER)
+
+
+def parts(kernel: Kernel, theta: Array) -> list[tuple[Kernel, Array]]:
+    """The summands or factors with rows (m, P) of their hyperparameters."""
+    assert isinstance(kernel, Sum | Product)
+    return [(part, theta[:, own]) for part, own in zip(kernel.parts, kernel.places, strict=True)]
+
+
+def reads(kernel: Kernel) -> set[int]:
+    """Columns of the inputs that its covariances look at. UsageError for a kernel without operators."""
+    if isinstance(kernel, Sum | Product):
+        return {column for part in kernel.parts for column in reads(part)}
+    if isinstance(kernel, SquaredExponential | Linear):
+        return set(kernel.dims)
+    if isinstance(kernel, RestNoise):
+        return {kernel.column}
+    raise unwritable(f"the kernel {getattr(kernel, 'plugin', '') or type(kernel).__name__!r}")
+
+
+def covariance(graph: Graph, x: str, kernel: Kernel, theta: Array, Z: Array) -> str:
+    """(m, n, N) between inputs x (n, D) and points Z (m, N, D); theta (m, P)."""
+    if isinstance(kernel, Sum | Product):
+        sign = "Add" if isinstance(kernel, Sum) else "Mul"
+        # what is zero between different points is left out of sums
+        own = [(k, t) for k, t in parts(kernel, theta) if not (sign == "Add" and isinstance(k, RestNoise))]
+        found = [covariance(graph, x, k, t, Z) for k, t in own]
+        return _folded(graph, sign, found)
+    if isinstance(kernel, SquaredExponential):
+        scale, lengths = _split(kernel, theta)
+        inverse = np.sqrt(0.5) / lengths[:, None, None, :]
+        own_x = graph.op("Mul", _rows(graph, x, kernel.dims, Z.shape[2]), inverse)
+        own_z = Z[:, None, :, list(kernel.dims)] * inverse
+        apart = graph.op("Sub", own_x, own_z)
+        squares = graph.total(graph.op("Mul", apart, apart), -1)
+        return graph.op("Exp", graph.op("Sub", np.log(scale)[:, None, None], squares))
+    if isinstance(kernel, Linear):
+        weighted = Z[:, :, list(kernel.dims)] * np.exp(2.0 * theta)[:, None, :]
+        return graph.op("MatMul", graph.columns(x, kernel.dims), np.swapaxes(weighted, 1, 2))
+    if isinstance(kernel, RestNoise):
+        return graph.constant(np.zeros((len(Z), 1, Z.shape[1])))
+    raise unwritable(f"the kernel {type(kernel).__name__!r}")
+
+
+def prior(graph: Graph, x: str, kernel: Kernel, theta: Array) -> str:
+    """(n, m), or (1, m) where it is the same everywhere: k(x, x) at x (n, D)."""
+    if isinstance(kernel, Sum | Product):
+        sign = "Add" if isinstance(kernel, Sum) else "Mul"
+        return _folded(graph, sign, [prior(graph, x, k, t) for k, t in parts(kernel, theta)])
+    if isinstance(kernel, SquaredExponential):
+        return graph.constant(_split(kernel, theta)[0][None, :])
+    dims = kernel.dims if isinstance(kernel, Linear) else (kernel.column,)  # type: ignore[attr-defined]
+    own = graph.columns(x, dims)
+    return graph.op("MatMul", graph.op("Mul", own, own), np.exp(2.0 * theta).T)
+
+
+def _split(kernel: SquaredExponential, theta: Array) -> tuple[Array, Array]:
+    """(m,) s0² and (m, d) lengths."""
+    if kernel.unit:
+        return np.ones(len(theta)), np.exp(theta)
+    return np.exp(2.0 * theta[:, 0]), np.exp(theta[:, 1:])
+
+
+def _rows(graph: Graph, x: str, dims: Sequence[int], width: int) -> str:
+    """(n, 1, d) columns of x (n, D), to be held against points."""
+    own = x if list(dims) == list(range(width)) else graph.columns(x, dims)
+    return graph.op("Unsqueeze", own, np.array([1]))
+
+
+def _folded(graph: Graph, sign: str, found: Sequence[str]) -> str:
+    out = found[0]
+    for own in found[1:]:
+        out = graph.op(sign, out, own)
+    return out
+
+
+def looked_at(process: Process) -> set[int]:
+    """Columns of the inputs that it looks at. UsageError where something in it has no operators."""
+    if isinstance(process, Silent):
+        return looked_at(process.own) if process.grows and process.own is not None else set()
+    if not isinstance(process, Posteriors):
+        raise unwritable(f"the process {type(process).__name__}")
+    return {column for own in process.own for column in _columns(own)}
+
+
+def _columns(posterior: Any) -> set[int]:
+    if isinstance(posterior, SupportsOnnxMoments):
+        return set(posterior.columns_read)
+    if isinstance(posterior, ExactPosterior | BasisPosterior):
+        return reads(posterior.kernel)
+    raise unwritable(f"a process of the form {type(posterior).__name__}")
+
+
+def moments(graph: Graph, x: str, process: Process, variance: bool) -> Moments:
+    """Of any process that `looked_at` lets pass."""
+    if isinstance(process, Silent):
+        return _silent(graph, x, process, variance)
+    assert isinstance(process, Posteriors)
+    groups: dict[Any, list[int]] = {}
+    for place, own in enumerate(process.own):
+        groups.setdefault(_like(own), []).append(place)
+    found = [_together(graph, x, [process.own[p] for p in places], variance) for places in groups.values()]
+    order = np.argsort([place for places in groups.values() for place in places])
+    return in_order(graph, [m for m, _ in found], order), in_order(graph, [v for _, v in found], order)
+
+
+def _like(posterior: Any) -> Any:
+    """Those that are alike are asked at once: a kernel and as many points, or as many frequencies."""
+    if isinstance(posterior, SupportsOnnxMoments):
+        return type(posterior), posterior.alike
+    return posterior.kernel, _points(posterior).shape
+
+
+def _points(posterior: Any) -> Any:
+    return posterior.X if isinstance(posterior, ExactPosterior) else posterior.basis
+
+
+def in_order(graph: Graph, values: Sequence[str], order: Any) -> str:
+    """Columns of several tables as one, in that order; "" where there are none."""
+    if not values[0]:
+        return ""
+    whole = values[0] if len(values) == 1 else graph.op("Concat", *values, axis=1)
+    return whole if (order == np.arange(len(order))).all() else graph.columns(whole, order.tolist())
+
+
+def _together(graph: Graph, x: str, own: Sequence[Any], variance: bool) -> Moments:
+    if isinstance(own[0], SupportsOnnxMoments):
+        return own[0].onnx_moments(graph, x, own, variance)
+    theta, Z = np.stack([p.theta for p in own]), np.stack([_points(p) for p in own])
+    k = covariance(graph, x, own[0].kernel, theta, Z)
+    weights = np.stack([p.alpha if isinstance(p, ExactPosterior) else p.weights for p in own])
+    mean = _mean(graph, k, weights)
+    if not variance:
+        return mean, ""
+    factors = np.stack([p.L_inverse if isinstance(p, ExactPosterior) else p.half for p in own])
+    told = _told(graph, k, np.swapaxes(factors, 1, 2))
+    left = graph.op("Sub", prior(graph, x, own[0].kernel, theta), told)
+    return mean, graph.op("Max", left, np.array(0.0))
+
+
+def _mean(graph: Graph, k: str, weights: Any) -> str:
+    """(n, m) from (m, n, N) and weights (m, N)."""
+    columns = graph.total(graph.op("Mul", k, weights[:, None, :]), -1)
+    return graph.op("Transpose", columns, perm=[1, 0])
+
+
+def _told(graph: Graph, k: str, factors: Any) -> str:
+    """(n, m) squares |k A|² from (m, n, N) and A (m, N, N)."""
+    half = graph.op("MatMul", k, factors)
+    return graph.op("Transpose", graph.total(graph.op("Mul", half, half), -1), perm=[1, 0])
+
+
+def _silent(graph: Graph, x: str, process: Silent, variance: bool) -> Moments:
+    zero = graph.op("Mul", graph.columns(x, [0]), np.zeros((1, len(process.least))))
+    if not variance:
+        return zero, ""
+    if not process.grows or process.own is None:
+        return zero, graph.op("Add", zero, process.least[None, :])
+    _, latent = moments(graph, x, process.own, True)
+    noisy = graph.op("Add", latent, process.own.noise_variance[None, :])
+    grown = graph.op("Mul", noisy, process.calibration[None, :])
+    return zero, graph.op("Max", grown, process.least[None, :])
 
 
 def parts_of(model: LearnedModel) -> Parts:

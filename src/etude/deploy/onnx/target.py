@@ -9,11 +9,9 @@ from typing import Any
 import numpy as np
 
 from etude._runtime.options import taken
-from etude.deploy.c99.names import identifier
-from etude.deploy.fading import fading
-from etude.deploy.onnx.graph import OPSET
-from etude.deploy.onnx.model_graph import AFTER, REMEMBERED, WRITING, Parts, parts_of, written
-from etude.deploy.states import labels, log_of, trained
+from etude.deploy.c99.plan import identifier
+from etude.deploy.model_states import fading, labels, log_of, trained
+from etude.deploy.onnx.model_graph import AFTER, OPSET, REMEMBERED, WRITING, Parts, parts_of, written
 from etude.errors import EtudeError, UsageError
 from etude.logs.readers.extras import needed
 from etude.models.model import LearnedModel
@@ -34,7 +32,7 @@ SMALL: Mapping[str, float] = {"double": 1e-9, "float": 1e-4}
 
 
 @dataclass(frozen=True)
-class Options:
+class OnnxOptions:
     """See `commands.export`; outside: with an output of where commands lie outside of what was learned."""
 
     real: str = "double"
@@ -70,7 +68,7 @@ def ONNX(model: Any, kind: Kind, spec: Any, options: Mapping[str, Any]) -> Deliv
         UsageError: unknown options, ONNX is not installed, a part of the model has no operators, or float
             would be wrong. EtudeError: the graph is wrong.
     """
-    asked = taken(options, Options, "onnx")
+    asked = taken(options, OnnxOptions, "onnx")
     if asked.real not in REALS:
         raise UsageError(f"numbers are {' or '.join(REALS)}, not {asked.real!r}")
     parts = parts_of(model)
@@ -173,7 +171,7 @@ def _swinging(takes: Taken) -> Array:
     return np.asarray(0.5 * (low + high) + 0.5 * (high - low) * growing * swing)
 
 
-def _said(parts: Parts, takes: Taken, asked: Options, size: int, found: float) -> tuple[str, ...]:
+def _said(parts: Parts, takes: Taken, asked: OnnxOptions, size: int, found: float) -> tuple[str, ...]:
     J, labels = len(parts.model.commands), takes.labels
     outputs = ["command", *["variance"] * asked.variance, *["outside"] * asked.outside]
     said = [
@@ -193,7 +191,7 @@ def _said(parts: Parts, takes: Taken, asked: Options, size: int, found: float) -
     )
 
 
-def _words(parts: Parts, takes: Taken, kind: Kind, spec: Any, asked: Options) -> dict[str, str]:
+def _words(parts: Parts, takes: Taken, kind: Kind, spec: Any, asked: OnnxOptions) -> dict[str, str]:
     """Kept in the file: what it takes and gives, and whose it is."""
     model: LearnedModel = parts.model
     units = next(c.units for c in kind.channels(spec) if c.role == "command")

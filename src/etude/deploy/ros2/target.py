@@ -9,11 +9,11 @@ from importlib import resources
 from typing import Any
 
 from etude._runtime.options import taken
-from etude.deploy.c99.header import Form
+from etude.deploy.c99.header import CForm
 from etude.deploy.c99.plan import Plan
 from etude.deploy.c99.target import Files, held
-from etude.deploy.commanded import require_forces
-from etude.deploy.fading import fading
+from etude.deploy.feedforward import require_forces
+from etude.deploy.model_states import fading
 from etude.errors import UsageError
 from etude.protocols import Kind
 from etude.types import Channel, Delivered
@@ -35,7 +35,7 @@ PLACES = {
 
 
 @dataclass(frozen=True)
-class Options:
+class Ros2Options:
     """See `commands.export`; interface: of the hardware that takes commands."""
 
     fade: bool = True
@@ -53,8 +53,8 @@ def ROS2(model: Any, kind: Kind, spec: Any, options: Mapping[str, Any]) -> Deliv
         UsageError: unknown options, a robot that is not one of joints, commands that are no efforts, or what
             has no C.
     """
-    asked = taken(options, Options, "ros2")
-    form = Form(False, fade=asked.fade, digest=asked.model_hash)
+    asked = taken(options, Ros2Options, "ros2")
+    form = CForm(False, fade=asked.fade, digest=asked.model_hash)
     rate = float(asked.rate or 0.0)
     made, said, facts = held(model, kind, spec, form, asked.name, rate=rate, alone=asked.single)
     sources = _sources(made.plan, kind, spec)
@@ -106,7 +106,7 @@ def _filled(template: str, words: Mapping[str, str]) -> bytes:
     return re.sub(r"@(\w+)@", lambda found: words[found[1]], place.read_text(encoding="utf-8")).encode()
 
 
-def _words(made: Files, spec: Any, sources: list[int], asked: Options) -> dict[str, str]:
+def _words(made: Files, spec: Any, sources: list[int], asked: Ros2Options) -> dict[str, str]:
     plan, joints = made.plan, list(made.plan.model.commands)
     package = f"{plan.name.lower()}_feedforward"
     unit = " or ".join(dict.fromkeys(unit or "1" for unit in plan.units))

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from etude.types import Finding, Mask
+from etude.types import Finding, Log, Mask
 
 
 @dataclass(frozen=True)
@@ -15,6 +15,17 @@ class Mendable(Finding):
     """A finding that a repair can act upon; by: what the repair needs, see `repairs`."""
 
     by: tuple[float, ...] = ()
+
+
+class Excludable(Finding):
+    """A finding whose spans teach nothing: a cleaned log is without them."""
+
+    def cut(self, log: Log) -> Log:
+        """The log less the finding's spans; what is left has pauses there."""
+        kept = np.ones(len(log), dtype=np.bool_)
+        for start, end in self.spans:
+            kept &= (log.t < start) | (log.t >= end)
+        return log.take(kept).repaired(f"{self.sentence} That was cut.")
 
 
 def named(parts: Sequence[str], which: Mask) -> str:

@@ -13,10 +13,10 @@ from dataclasses import replace
 import numpy as np
 
 from etude.errors import UsageError
-from etude.logs.checks import command_sign, exchanged_commands, velocities
-from etude.logs.checks.command_scale import scale_findings
+from etude.logs.checks import command_columns, velocities
+from etude.logs.checks.command_columns import scale_findings
 from etude.logs.checks.filtered_motion import Seen, joints, runs, seen
-from etude.logs.checks.finding_texts import Mendable, named
+from etude.logs.checks.finding_texts import Excludable, Mendable, named
 from etude.logs.checks.velocities import degrees_finding, speed_finding
 from etude.logs.cleaning.ranges import top_speed
 from etude.logs.cleaning.repairs import leap_finding
@@ -26,7 +26,7 @@ from etude.protocols import Mean
 from etude.types import Array, Channel, Finding, Log, Mask
 
 TOO_SHORT = (
-    f"Less than {command_sign.LEAST_S:g} s of motion: "
+    f"Less than {command_columns.LEAST_S:g} s of motion: "
     "too little to tell whose a command is, its sign or unit."
 )
 STILL = "Nothing moves: no joint changes its position by more than its noise."
@@ -94,14 +94,14 @@ def judge_commands(
     motion = motion or commanded(log)
     if motion is None or motion.command is None:
         return ()
-    if len(motion.t) * motion.step < command_sign.LEAST_S:
+    if len(motion.t) * motion.step < command_columns.LEAST_S:
         return (Finding("commands", "cannot tell", TOO_SHORT),)
     path = joints(log)
     assert path is not None
     states = None if body is None else _states(motion, path)
     torque = None if body is None or states is None else body.predict(states)
-    order = exchanged_commands.order_of(motion, torque)
-    found = (exchanged_commands.finding_of(order, motion.parts), _sign(motion, order, torque))
+    order = command_columns.order_of(motion, torque)
+    found = (command_columns.finding_of(order, motion.parts), _sign(motion, order, torque))
     if body is None or states is None or torque is None or (order is not None and order.doubtful):
         return found
     reach = np.full(len(motion.parts), np.inf) if limit is None else limit
@@ -122,14 +122,14 @@ def _states(motion: Seen, path: Channel) -> Log:
     return log
 
 
-def _sign(motion: Seen, order: exchanged_commands.Order | None, torque: Array | None) -> Finding:
+def _sign(motion: Seen, order: command_columns.Order | None, torque: Array | None) -> Finding:
     """Signs of the commands in the order that fits; exchanged ones say nothing."""
     if order is None or not order.doubtful:
-        return command_sign.sign_finding(motion, torque)
+        return command_columns.sign_finding(motion, torque)
     if motion.command is None or not order.named:
         fact = "Which command is whose is not known, so neither is a sign."
-        return Finding(command_sign.CHECK, "cannot tell", fact)
-    own = command_sign.sign_finding(replace(motion, command=motion.command[:, order.best]), torque)
+        return Finding(command_columns.SIGN, "cannot tell", fact)
+    own = command_columns.sign_finding(replace(motion, command=motion.command[:, order.best]), torque)
     if not isinstance(own, Mendable):
         return own
     # of the columns as they stand in the log
@@ -183,8 +183,8 @@ def _command(log: Log) -> Channel:
 REPAIRS: Mapping[str, Callable[[Log, Mendable], Log]] = {
     velocities.TIME: _scaled,
     velocities.DIRECTION: _turned,
-    exchanged_commands.CHECK: _ordered,
-    command_sign.CHECK: _signed,
+    command_columns.SWAPPED: _ordered,
+    command_columns.SIGN: _signed,
 }
 """Of the other checks, the answer is to take the log as it is, or to correct it by hand."""
 
@@ -221,7 +221,7 @@ def jump_finding(log: Log, path: str, top: Array) -> Finding:
     parts = log.channels[path].parts
     said = [_said(t, excess, parts, span) for span in spans[:NAMED]]
     more = f", and {len(spans) - NAMED} times more" if len(spans) > NAMED else ""
-    return Finding(
+    return Excludable(
         JUMP,
         "yellow",
         f"The {path} jumps where no speed within the limits explains it: {'; '.join(said)}{more}.",
@@ -303,21 +303,13 @@ def brake_finding(log: Log, command: Channel, limit: Array) -> Finding:
         fact = "Throughout the log no joint moves and nothing is commanded: brakes on, or drives off."
         return Finding(BRAKE, "red", fact, "Release the brakes and record a motion.")
     seconds = sum(end - start for start, end in spans)
-    return Finding(
+    return Excludable(
         BRAKE,
         "yellow",
         f"For {seconds:.3g} s no joint moves and nothing is commanded: brakes on, or drives off.",
         f"That is cut, unless told with --accept {BRAKE}.",
         spans=spans,
     )
-
-
-def without_spans(log: Log, finding: Finding) -> Log:
-    """The log less the finding's spans; what is left has pauses there."""
-    kept = np.ones(len(log), dtype=np.bool_)
-    for start, end in finding.spans:
-        kept &= (log.t < start) | (log.t >= end)
-    return log.take(kept).repaired(f"{finding.sentence} That was cut.")
 
 
 def _off(log: Log, command: Channel, limit: Array) -> tuple[Mask, Array]:

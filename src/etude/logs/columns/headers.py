@@ -1,4 +1,9 @@
-"""What each header of a file says: a part of a channel, by name, by number or by the part's bare name."""
+"""What each header of a file says: a part of a channel, by name, by number or by the part's bare name.
+
+Of a ROS 2 controller's state PlotJuggler writes `/arm_controller/controller_state/feedback/positions[0]`, or
+`.../actual/positions.0` of older releases and of older PlotJugglers; the joints then have numbers, in the
+controller's order.
+"""
 
 from __future__ import annotations
 
@@ -7,7 +12,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 from etude.errors import DataError
-from etude.logs.columns.controllers import doubles, plain
 from etude.logs.columns.vocabulary import (
     ALIKE,
     COMMANDS,
@@ -109,6 +113,42 @@ class _Known:
         if number:
             return (Claim("numbered", *number),)
         return tuple(Claim("bare", *own) for own in self.bare.get(rests[0], ()))
+
+
+COLUMN = re.compile(
+    r"(?:.*_)?controller_state_(?:joints?_(?P<before>.+)_)?(?P<point>feedback|actual|reference|desired|output)_"
+    r"(?P<word>position|velocit|acceleration|effort)(?:ies|y|s)?(?:_(?P<after>.+))?"
+)
+WORDS = {"velocit": "velocity"}
+MEASURED, WANTED = ("feedback", "actual"), ("reference", "desired")
+OUTPUT = "output"
+"""What the controller sends; of it only efforts are commands that are learned."""
+
+
+def plain(text: str) -> str:
+    """ "position_0" of such a normalised header, "position_desired_0" of what was wanted; "" of any other."""
+    found = COLUMN.fullmatch(text)
+    joint = "" if found is None else found["before"] or found["after"]
+    if found is None or not joint:
+        return ""
+    word, point = WORDS.get(found["word"], found["word"]), found["point"]
+    if (word == "effort") != (point == OUTPUT) and point not in MEASURED:
+        return ""
+    return f"{word}{'_desired' if point in WANTED else ''}_{joint}"
+
+
+def doubles(headers: Sequence[str]) -> set[str]:
+    """Those that say again what another does: Humble fills `actual` beside `feedback`, and efforts may be
+    measured beside those that are sent. The first is taken: feedback, actual, reference, desired, output.
+    """
+    ranks = {point: rank for rank, point in enumerate((*MEASURED, *WANTED, OUTPUT))}
+    told: dict[str, list[tuple[int, str]]] = {}
+    for header in headers:
+        text = normal(split_unit(header)[0])
+        found = COLUMN.fullmatch(text)
+        if found is not None and plain(text):
+            told.setdefault(plain(text), []).append((ranks[found["point"]], header))
+    return {header for same in told.values() for _, header in sorted(same)[1:]}
 
 
 def read_headers(headers: Sequence[str], channels: Sequence[Channel], where: str) -> Found:

@@ -4,7 +4,7 @@
     "q_shoulder [deg]" = "ActPos1"
 
 reads the column ActPos1 as if its header were `q_shoulder [deg]`. Left is a header as `columns` understands
-it (what to write there is listed in `words`), right the header in the file.
+it (what to write there is listed in `vocabulary`), right the header in the file.
 """
 
 from __future__ import annotations

@@ -3,7 +3,7 @@
 A header is read as CHANNEL and PART (a joint, an axis, a motor) in either order, joined by any punctuation,
 in any case, with an optional unit: `q_elbow`, `elbow.position`, `/joint_states/elbow/effort`, `gyro.x`,
 `Elbow Velocity [deg/s]`. Instead of the part's name, its number is accepted (`q0` .. or `position_1` ..), in
-the channel's order, or as the numbers at the end of the parts' names. Words are rows of `words`.
+the channel's order, or as the numbers at the end of the parts' names. Words are rows of `vocabulary`.
 """
 
 from __future__ import annotations

@@ -15,14 +15,12 @@ import numpy as np
 
 from etude import plugins
 from etude.errors import DataError, EtudeError
-from etude.logs.columns.holes import without_holes
-from etude.logs.columns.indices import with_index
+from etude.logs.columns.tables import silences, with_index, without_holes
 from etude.logs.readers.csv_tables import csv_log
 from etude.logs.readers.frames import check_whole, frame_log, parquet_frame, raw_log
 from etude.logs.readers.lerobot import is_lerobot
 from etude.logs.readers.log_file import column_names
 from etude.logs.readers.mat import mat_log
-from etude.logs.readers.silence import silences
 from etude.protocols import Reader
 from etude.types import Array, Finding, Log
 

@@ -1,4 +1,4 @@
 """Has the robot changed? Evidence in new logs, its onset and its diagnosis."""
 
-PUBLIC = ("change_detection", "diagnosis", "drift_onset", "judged")
+PUBLIC = ("change_detection", "diagnosis", "evidence")
 """Modules that may be used from outside."""

@@ -1,4 +1,4 @@
-"""What has changed: which of load, friction and a broken sensor the errors of a changed robot follow."""
+"""What has changed: load, friction or a broken or frozen sensor, by the errors of a changed robot."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Literal
 
 import numpy as np
 
-from etude.types import Array, Mask
+from etude.types import Array, Mask, Samples
 
 NAMED = 0.5
 """Most of the errors' squares that a cause may leave to be named."""
@@ -28,7 +28,7 @@ SENSOR: tuple[Cause, ...] = ("offset", "gain", "encoder", "stuck")
 
 
 @dataclass(frozen=True, eq=False)
-class Expected:
+class ExpectedCommands:
     """What the model says of the commands, by which the errors of a broken sensor are known.
 
     Attributes:
@@ -48,7 +48,7 @@ def cause(
     deviation: Array,
     use: Mask,
     motion: tuple[Array, Array, Array],
-    expected: Expected | None = None,
+    expected: ExpectedCommands | None = None,
 ) -> Cause:
     """What the errors (n, J) of a changed robot follow most, or "unknown" where two are alike.
 
@@ -91,7 +91,7 @@ def cause(
 
 
 def _sensor(
-    error: Array, deviation: Array, use: Mask, expected: Expected, squares: Array
+    error: Array, deviation: Array, use: Mask, expected: ExpectedCommands, squares: Array
 ) -> tuple[Cause, float]:
     """Which sensor's fault leaves least of the squares, and what it leaves."""
     j, total = int(np.argmax(squares)), float(squares.sum())
@@ -105,7 +105,7 @@ def _sensor(
     return name, leaves
 
 
-def _encoder(error: Array, deviation: Array, use: Mask, expected: Expected) -> float:
+def _encoder(error: Array, deviation: Array, use: Mask, expected: ExpectedCommands) -> float:
     """What the likeliest offset of one encoder leaves.
 
     Commands may be no straight line within it (a ripple), so offsets are tried, and the best is refined.
@@ -142,3 +142,44 @@ def _left(z: Array, features: Array) -> float:
 
 def _top(velocity: Array) -> float:
     return max(float(np.abs(velocity).max(initial=0.0)), np.finfo(float).tiny)
+
+
+STUCK_S = 3.0
+"""s of motion without any change."""
+SAME = 1e-9
+"""Of the largest value, within which two samples are the same."""
+GOES_ON = 0.05
+"""Of its own range, that a plan moves while its position does not."""
+
+
+def stuck(samples: Samples) -> tuple[int, int] | None:
+    """The output and the sample at which it was certain; None if nothing is, or positions are not known.
+
+    A command that stays the same while its joint moves; a position that stays the same while its plan moves.
+    """
+    path = samples.log.channels["command"].acts_on
+    if not path or path not in samples.log:
+        return None
+    found = _first(samples.t, samples.command, samples.moving)
+    plan = samples.log.get(f"{path}_des")
+    if plan is None or plan.shape != samples.command.shape:
+        return found
+    held = _first(samples.t, samples.log[path], np.ones_like(samples.moving), plan)
+    return min((own for own in (found, held) if own is not None), key=lambda own: own[1], default=None)
+
+
+def _first(t: Array, values: Array, use: Mask, plan: Array | None = None) -> tuple[int, int] | None:
+    """Output and sample of the first stretch that is long enough."""
+    earliest: tuple[int, int] | None = None
+    for j, column in enumerate(values.T):
+        same = np.abs(np.diff(column)) <= SAME * max(float(np.abs(column).max(initial=0.0)), SAME)
+        same &= use[1:, j] & use[:-1, j]
+        begin = None
+        for i, held in enumerate(same.tolist(), start=1):
+            begin = (i - 1 if begin is None else begin) if held else None
+            if begin is None or t[i] - t[begin] < STUCK_S:
+                continue
+            if plan is None or np.ptp(plan[begin : i + 1, j]) > GOES_ON * np.ptp(plan[:, j]):
+                earliest = (j, i) if earliest is None or i < earliest[1] else earliest
+                break
+    return earliest

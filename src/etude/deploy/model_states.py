@@ -1,0 +1,50 @@
+"""The states that a model reads, as numbers in a row, and what its commands are outside of them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from etude.models.model import LearnedModel
+from etude.models.selection.member_prediction import level_of, physics_behind
+from etude.types import Array, Channel, Log
+
+
+def labels(channels: Sequence[Channel]) -> list[str]:
+    """Names of the numbers, as columns of logs are named."""
+    return [f"{c.name}_{part}" if part else c.name for c in channels for part in c.parts]
+
+
+def trained(model: LearnedModel, channels: Sequence[Channel], unknown: float) -> Array:
+    """(2, N) least and largest that each was trained on; -+ unknown of those that inputs are not made of."""
+    known = {column[:2]: model.ranges[:, i] for i, column in enumerate(model.inputs.columns) if not column[3]}
+    nowhere = np.array([-unknown, unknown])
+    return np.stack([known.get((c.name, part), nowhere) for c in channels for part in c.parts], axis=1)
+
+
+def log_of(channels: Sequence[Channel], states: Array, source: str) -> Log:
+    """A log of states (T, N), a row for each."""
+    ends = np.cumsum([len(channel.parts) for channel in channels])[:-1]
+    values = dict(zip((c.name for c in channels), np.split(states, ends, axis=1), strict=True))
+    return Log(np.arange(len(states), dtype=float), {c.name: c for c in channels}, values, source)
+
+
+def fading(model: LearnedModel) -> str:
+    """Where commands go there, in a sentence."""
+    used = [(c, physics_behind(c, model.candidates)) for c in model.candidates if c.weights.any()]
+    known = [c for c, mean in used if mean is not None]
+    physical = {j for c in known for j, weight in zip(c.commands, c.weights, strict=True) if weight}
+    bare = [name for j, name in enumerate(model.commands) if j not in physical]
+    if not bare:
+        return "where the model knows no more than before any data its commands are those of physics alone."
+    level = np.zeros(len(model.commands))
+    for c, mean in used:
+        if mean is None:
+            level[list(c.commands)] += c.weights * level_of(c)
+    told = ", ".join(f"{name} {level[model.commands.index(name)]:.3g}" for name in bare)
+    return (
+        "where the model knows no more than before any data no physics stand behind these commands, and each "
+        f"goes to a level, the part of its mean in training that was steady: {told}. Nothing but your "
+        "feedback holds the robot there."
+    )

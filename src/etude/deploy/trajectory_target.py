@@ -1,0 +1,127 @@
+"""`etude export --to trajectory`: a motion with what the model commands along it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from etude import plugins
+from etude._runtime.options import taken
+from etude.deploy.exporters.knots import SPACE, names_of
+from etude.deploy.feedforward import Commanded, accelerated, commanded, require_forces, within_tilt
+from etude.deploy.playback_certificate import played
+from etude.deploy.trajectory_files import CERTIFICATE, COEFFICIENTS, csv_bytes, table_rate
+from etude.errors import UsageError
+from etude.limits.certificate import require_certified
+from etude.models.model import LearnedModel
+from etude.protocols import Kind, Limit, Trajectory
+from etude.types import Array, Delivered, Log
+
+EXPORTERS = "etude.exporters"
+TABLE = "commands.csv"
+FORMAT = "ros2_yaml"
+"""JointTrajectory in text: what it takes is installed everywhere."""
+
+
+@dataclass(frozen=True)
+class Bounded:
+    """A motion, the limits that hold for it, and the control that their margins are of, in words."""
+
+    trajectory: Trajectory
+    limits: Sequence[Limit]
+    control: str = ""
+
+
+@dataclass(frozen=True)
+class TrajectoryOptions:
+    """motion: as `campaign.supplied` gives it; format: names of exporters, with commas; rate: Hz."""
+
+    motion: Bounded | None = None
+    config: Any = None
+    format: str = ""
+    rate: float | None = None
+    model_hash: str = ""
+
+
+class Along:
+    """The target (`protocols.Target`)."""
+
+    needs = ("motion", "config")
+
+    def __call__(self, model: Any, kind: Kind, spec: Any, options: Mapping[str, Any]) -> Delivered:
+        """commands.csv, at the robot's rate: set-points, commands and deviations; each format with `effort`.
+
+        Raises:
+            UsageError: unknown options, no motion, a format that has no place for commands, or commands that
+                are no forces. UnsafeTrajectoryError: the motion leaves a limit, or what its receiver plays.
+        """
+        asked = taken(options, TrajectoryOptions, "trajectory")
+        if asked.motion is None:
+            raise UsageError("there is no motion to go along", next_step="--set motion=trajectory.json")
+        motion, limits = asked.motion.trajectory, asked.motion.limits
+        control = asked.motion.control
+        proof = require_certified(motion, limits, control=control)
+        rate = float(asked.rate or table_rate(spec))
+        controller = kind.controller(spec, asked.config, model)
+        what = accelerated(commanded(motion, model), controller, model.inputs.orders)
+        what = within_tilt(what, limits)
+        files = {
+            COEFFICIENTS: motion.to_json().encode(),
+            TABLE: csv_bytes(motion, model.inputs, rate, lambda log: _columns(model, log, what)),
+            CERTIFICATE: proof.to_json().encode(),
+        }
+        unit = getattr(spec, "command_unit", "")
+        formats, said = _formats(asked.format, kind, spec, unit, what)
+        for name in formats:
+            found, sentences = _played(name, what, asked.motion, kind, spec)
+            files |= found
+            said = (*said, *sentences)
+        units = next((c.units for c in kind.channels(spec) if c.role == "command"), ())
+        words = ", ".join(dict.fromkeys(units)) or "1"
+        told = f"{TABLE}: set-points, commands and deviations ({words}), {rate:g} times a second."
+        return Delivered(files, (told, *said), {"rate": rate, "formats": list(formats)})
+
+
+def _columns(model: LearnedModel, log: Log, what: Commanded) -> dict[str, Array]:
+    mean, variance = model.predict(log)
+    found: dict[str, Array] = {}
+    for word, values in (("command", mean), ("deviation", np.sqrt(variance))):
+        found |= {f"{word}_{name}": column for name, column in zip(model.commands, values.T, strict=True)}
+    if what.acceleration is not None:
+        told = what.acceleration(log.t)
+        found |= {f"a{axis}_command": column for axis, column in zip(SPACE, told.T, strict=True)}
+    return found
+
+
+def _formats(
+    given: str, kind: Kind, spec: Any, unit: str, what: Commanded
+) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Those asked for; unasked a JointTrajectory, if there is one of this robot."""
+    if given and what.acceleration is not None:
+        return tuple(given.split(",")), ()
+    if given:
+        require_forces(unit, spec.name, f"Export without a format: {TABLE} has any unit.")
+        return tuple(given.split(",")), ()
+    try:
+        require_forces(unit, spec.name, "")
+    except UsageError as problem:
+        return (), (f"No JointTrajectory: {problem.fact}.",)
+    if names_of(kind, spec) == SPACE:
+        return (), ("No JointTrajectory: the path is x, y, z.",)
+    return (FORMAT,), (f"{FORMAT}: with effort, for joint_trajectory_controller of Jazzy and later.",)
+
+
+def _played(
+    name: str, what: Trajectory | Commanded, motion: Bounded, kind: Kind, spec: Any
+) -> tuple[dict[str, bytes], tuple[str, ...]]:
+    """The files of a format in a folder of its name, proved as their receiver plays them; and sentences."""
+    exporter = plugins.load(EXPORTERS, name)
+    files, proof = played(exporter, what, kind, spec, motion.limits, motion.control)
+    own = {**files, CERTIFICATE: proof.to_json().encode()}
+    return {f"{name}/{file}": data for file, data in own.items()}, proof.notes
+
+
+ALONG = Along()

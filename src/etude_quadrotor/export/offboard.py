@@ -1,0 +1,177 @@
+"""Set-points for PX4's offboard mode, in its frame (north, east, down), and the program that sends them.
+
+PX4 holds each set-point until the next: its position, velocity and acceleration go to its controllers as they
+are, so that is what is certified. Where a model knows the drag, the accelerations are commands: the motion's
+own and what holds against the drag. The latter stands in columns of its own; what is left is the motion. What
+PX4 holds after the last row is that row: half a second at rest ends the table.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from etude.deploy.exporters.joint_trajectory import player
+from etude.deploy.exporters.knots import require_space
+from etude.deploy.feedforward import Commanded
+from etude.limits.lead_ins import STILL
+from etude.protocols import Kind, Trajectory
+from etude.trajectories.splined import Splined
+from etude.types import Array
+
+TABLE, PLAYER = "setpoints.csv", "play.py"
+RATE = 50.0
+"""Hz; offboard mode ends below 2."""
+ORDERS = 3
+HELD_S = 0.5
+"""s of rows at rest after the motion: whoever stops reading early still reads one."""
+NED = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
+"""(north, east, down) <- (east, north, up), and back."""
+YAW = 0.5 * math.pi
+"""Heading zero looks east."""
+DRAG = ["drag_north", "drag_east", "drag_down"]
+"""m/s^2: the part of the accelerations that is not the motion's."""
+GRAVITY = 9.80665
+"""m/s^2, PX4's CONSTANTS_ONE_G (src/lib/geo/geo.h)."""
+GAINS = ((0.95, 1.8, 0.4, 0.2), (1.0, 4.0, 2.0, 0.0))
+"""Sideways and up: P of the position, and P, I, D of the velocity. PX4's defaults: MPC_XY_P,
+MPC_XY_VEL_P_ACC, MPC_XY_VEL_I_ACC, MPC_XY_VEL_D_ACC, and those of Z.
+"""
+LAG = 1.0 / 6.5
+"""s by which the attitude, and so the acceleration, follows what is asked: MC_ROLL_P."""
+AFTER_S = 10.0
+"""s after the last row in which the vehicle still comes back."""
+HEADER = ["time", *(prefix + axis for prefix in ("", "v", "a") for axis in ("north", "east", "down")), "yaw"]
+
+
+class Offboard:
+    """A `protocols.Exporter`: setpoints.csv and play.py, a node for rclpy and px4_msgs."""
+
+    def __call__(self, what: Trajectory | Commanded, kind: Kind, spec: Any) -> Mapping[str, bytes]:
+        """Both files. UsageError: no path in space."""
+        require_space(kind, spec, "an autopilot")
+        motion = what.trajectory if isinstance(what, Commanded) else what
+        count = math.ceil(motion.duration * RATE - 1e-9) + 1
+        t = np.arange(count + round(HELD_S * RATE)) / RATE
+        orders = motion.motion(t, ORDERS).orders @ NED.T  # at rest after the end
+        still = np.abs(orders[1:]).max(axis=(0, 2)) <= STILL
+        orders[1:, still] = 0.0  # rest is exact in what is sent
+        columns, header = list(orders), list(HEADER)
+        if isinstance(what, Commanded) and what.acceleration is not None:
+            told = what.acceleration(np.minimum(t, motion.duration)) @ NED.T
+            drag = np.where(((t <= motion.duration) & ~still)[:, None], told - orders[2], 0.0)
+            columns[2], header = orders[2] + drag, [*HEADER, *DRAG]
+            columns.append(drag)
+        text = io.StringIO()
+        lines = csv.writer(text, lineterminator="\n")
+        lines.writerow(header)
+        rows = np.concatenate(columns, axis=1).astype(np.float32).astype(float)
+        lines.writerows(
+            [*map(repr, [seconds, *row[:9], YAW, *row[9:]])]
+            for seconds, row in zip(t.tolist(), rows.tolist(), strict=True)
+        )
+        return {
+            TABLE: text.getvalue().encode(),
+            PLAYER: player("etude_quadrotor.export", "play_setpoints.py"),
+        }
+
+    def back(self, files: Mapping[str, bytes]) -> Splined:
+        """The motion of the set-points, each held until the next, in single precision; east, north, up.
+
+        Of accelerations that hold against drag too, the motion's own part.
+        """
+        t, points, drag = _read(files)
+        points[2] -= drag
+        return Splined(t, points @ NED.T, held=True)
+
+    def accelerations(self, files: Mapping[str, bytes]) -> Array | None:
+        """(K, 3) that are commanded, m/s^2, east, north, up; None: the motion's own."""
+        _, points, drag = _read(files)
+        return np.asarray(points[2] @ NED.T) if drag.any() else None
+
+    def strays(self, files: Mapping[str, bytes]) -> tuple[Array, Array] | None:
+        """Places (K, 3) m of the set-points, held after the last; and how far the vehicle may be off each,
+        (K, 3) m, more than tracking is, where what holds against the drag is wrong by up to the whole of it.
+
+        None: nothing holds against drag. East, north, up.
+        """
+        _, points, drag = _read(files)
+        if not drag.any():
+            return None
+        after = round(AFTER_S * RATE)
+        places = np.pad(points[0], ((0, after), (0, 0)), mode="edge")
+        size = np.abs(np.pad(drag, ((0, after), (0, 0))))
+        sideways, up = (np.abs(_left_by_a_push(gains)) for gains in GAINS)
+        off = [
+            np.convolve(size[:, i], own)[: len(size)] / RATE for i, own in enumerate((sideways, sideways, up))
+        ]
+        return places @ NED.T, np.abs(np.stack(off, axis=1) @ NED.T)
+
+    def notes(self, files: Mapping[str, bytes]) -> tuple[str, ...]:
+        """Sentences if accelerations are commands: what they ask beyond the motion, and what is left if they
+        are wrong.
+        """
+        _, points, drag = _read(files)
+        if not drag.any():
+            return ()
+        most = float(np.linalg.norm(drag, axis=1).max())
+        told, own = (math.degrees(_tilt(a)) for a in (points[2], points[2] - drag))
+        beside = self.strays(files)
+        assert beside is not None
+        east, north, up = beside[1].max(axis=0)
+        return (
+            "The acceleration set-points are commands, not the motion: they hold against the learned drag, "
+            f"with up to {most:.3g} m/s^2, and tilt up to {told:.3g} degrees, the motion alone {own:.3g}. "
+            "Limits are proved of the motion, that of the tilt also of what is commanded.",
+            "Where the learned drag is wrong, by all of it at most, the vehicle may leave the plan by "
+            f"{east:.2g} m along x, {north:.2g} along y and {up:.2g} along z, more than tracking does, under "
+            "PX4's default gains.",
+        )
+
+
+def _read(files: Mapping[str, bytes]) -> tuple[Array, Array, Array]:
+    """Times (K,), position, velocity and acceleration (3, K, 3), and the drag (K, 3); north, east, down."""
+    header, *rows = csv.reader(io.StringIO(files[TABLE].decode()))
+    table = np.array([[float(cell) for cell in row] for row in rows]).astype(np.float32).astype(float)
+    place = {name: i for i, name in enumerate(header)}
+    points = table[:, [place[name] for name in HEADER[1:-1]]].reshape(len(table), ORDERS, 3)
+    known = [place[name] for name in DRAG if name in place]
+    t = np.array([float(row[0]) for row in rows])
+    return t, np.moveaxis(points, 1, 0).copy(), table[:, known] if known else np.zeros((len(table), 3))
+
+
+def _left_by_a_push(gains: tuple[float, float, float, float]) -> Array:
+    """(K,) m/(m/s), at `RATE`: how far a vehicle is off after an acceleration that came all at once.
+
+    The state is place, velocity, acceleration and integral; the feedback's acceleration comes late by `LAG`.
+    """
+    from scipy.linalg import expm
+
+    place, p, i, d = gains
+    rates = np.array(
+        [
+            [0.0, 1.0, 0.0, 0.0],
+            [0.0, 0.0, 1.0, 0.0],
+            [-p * place / LAG, -p / LAG, -(1.0 + d) / LAG, 1.0 / LAG],
+            [-i * place, -i, 0.0, 0.0],
+        ]
+    )
+    step, state = expm(rates / RATE), np.array([0.0, 0.0, 1.0 / LAG, 0.0])
+    found = np.zeros(round(2.0 * AFTER_S * RATE))
+    for k in range(len(found)):
+        found[k], state = state[0], step @ state
+    return found
+
+
+def _tilt(acceleration: Array) -> float:
+    """Largest angle of the thrust that gives these accelerations (K, 3), north, east, down, rad."""
+    thrust = acceleration - [0.0, 0.0, GRAVITY]
+    return float(np.arctan2(np.hypot(thrust[:, 0], thrust[:, 1]), -thrust[:, 2]).max())
+
+
+OFFBOARD = Offboard()

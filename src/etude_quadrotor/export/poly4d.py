@@ -1,0 +1,123 @@
+"""Crazyflie's poly4d: pieces of four polynomials (x, y, z, yaw) of degree 7, as its memory holds them.
+
+A row is `duration, x^0 .. x^7, y^0 .., z^0 .., yaw^0 ..`, the file that Crazyswarm and cflib load; they send
+single precision. A piece has 132 bytes and the memory 4,096, so there are at most 31 pieces.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from etude.deploy.exporters.knots import require_space
+from etude.deploy.feedforward import Commanded, parted
+from etude.errors import UsageError
+from etude.protocols import Kind, Trajectory
+from etude.trajectories.splined import Splined
+from etude.types import Array, Index
+
+FILE = "poly4d.csv"
+PIECES = 31
+COEFFICIENTS = 8
+ORDERS = 4
+"""Position to jerk at both ends of a piece give its eight coefficients."""
+CLOSE = 1e-3
+"""m by which the pieces may differ from the motion: a tenth of what a Crazyflie is flown to."""
+
+MEET = 1e-4
+"""m by which pieces may miss each other in single precision."""
+
+
+class Poly4d:
+    """A `protocols.Exporter`: one CSV file, for `Crazyflie.uploadTrajectory` and the like. Heading zero."""
+
+    def __call__(self, what: Trajectory | Commanded, kind: Kind, spec: Any) -> Mapping[str, bytes]:
+        """The file. UsageError: no path in space, or one that 31 pieces do not follow."""
+        require_space(kind, spec, "a Crazyflie")
+        motion, _ = parted(what)
+        times = _edges(motion)
+        points = motion.motion(times, ORDERS).orders
+        fine = np.linspace(0.0, motion.duration, 4001)
+        error = np.abs(Splined(times, points).motion(fine, 1).orders[0] - motion.motion(fine, 1).orders[0])
+        if not error.max() <= CLOSE:
+            raise UsageError(
+                f"{PIECES} pieces, all that a Crazyflie holds, miss the motion by {error.max():.3g} m",
+                next_step="Ask for a shorter flight: duration in [trajectory] of campaign.toml.",
+            )
+        return {FILE: _text(times, _coefficients(times, points)).encode()}
+
+    def back(self, files: Mapping[str, bytes]) -> Splined:
+        """What the firmware flies: the polynomials in single precision.
+
+        UsageError if a piece does not end where the next one begins, to within MEET.
+        """
+        _, *rows = csv.reader(io.StringIO(files[FILE].decode()))
+        table = np.array([[float(cell) for cell in row] for row in rows]).astype(np.float32).astype(float)
+        length, numbers = table[:, 0], table[:, 1:].reshape(len(table), 4, COEFFICIENTS)[:, :3]
+        times = np.concatenate([[0.0], np.cumsum(length)])
+        starts = np.stack([numbers[:, :, order] * math.factorial(order) for order in range(ORDERS)])
+        ends = np.stack(
+            [_ends(piece, seconds) for piece, seconds in zip(numbers, length, strict=True)], axis=1
+        )
+        gap = np.abs(ends[0, :-1] - starts[0, 1:]).max(initial=0.0)
+        if not gap <= MEET:
+            raise UsageError(f"pieces of the polynomial miss each other by {gap:.3g} m", where=FILE)
+        return Splined(times, np.concatenate([starts, ends[:, -1:]], axis=1))
+
+
+def _edges(motion: Trajectory) -> Array:
+    """(K,) s: those of the motion's own pieces, and as many between as fit, the longest halved first."""
+    edges = {0.0, motion.duration}
+    for start, _, piece in motion.pieces():
+        edges |= {start, min(start + piece.duration, motion.duration)}
+    ends = np.array(sorted(edges))
+    ends = ends[np.concatenate([[True], np.diff(ends) > 1e-6])]
+    if len(ends) - 1 > PIECES:
+        raise UsageError(f"the motion has {len(ends) - 1} pieces, a Crazyflie's memory holds {PIECES}")
+    counts = np.ones(len(ends) - 1, dtype=int)
+    while counts.sum() < PIECES:
+        counts[np.argmax(np.diff(ends) / counts)] += 1
+    parts = [np.linspace(a, b, n + 1)[:-1] for a, b, n in zip(ends, ends[1:], counts, strict=False)]
+    # a duration is sent in single precision: edges are where its sums lead
+    rough = np.diff(np.concatenate([*parts, ends[-1:]])).astype(np.float32).astype(float)
+    times = np.concatenate([[0.0], np.cumsum(rough)])
+    return np.asarray(np.minimum(times, motion.duration))
+
+
+def _coefficients(times: Array, points: Array) -> Array:
+    """(P, k, 8) of 1, t, ..., t^7 on each piece, from position to jerk (4, K, k) at both its ends."""
+    from scipy.interpolate import BPoly, PPoly
+
+    curve = PPoly.from_bernstein_basis(BPoly.from_derivatives(times, np.moveaxis(points, 0, 1)))
+    return np.moveaxis(curve.c[::-1], 0, -1)
+
+
+def _row(order: int, powers: Index, t: float) -> Array:
+    """(8,) the derivative of that order of 1, t, ..., t^7 at t."""
+    falling = np.array([math.perm(int(p), order) for p in powers], dtype=float)
+    return np.asarray(falling * t ** np.maximum(powers - order, 0))
+
+
+def _ends(numbers: Array, t: float) -> Array:
+    """(O, k) position to jerk of a piece at its end."""
+    powers = np.arange(COEFFICIENTS)
+    return np.stack([np.asarray(numbers @ _row(order, powers, t)) for order in range(ORDERS)])
+
+
+def _text(times: Array, numbers: Array) -> str:
+    text = io.StringIO()
+    lines = csv.writer(text, lineterminator="\n")
+    names = [f"{axis}^{i}" for axis in ("x", "y", "z", "yaw") for i in range(COEFFICIENTS)]
+    lines.writerow(["duration", *names])
+    still = [0.0] * COEFFICIENTS
+    for seconds, piece in zip(np.diff(times).tolist(), numbers, strict=True):
+        lines.writerow([repr(seconds), *map(repr, [*piece.ravel().tolist(), *still])])
+    return text.getvalue()
+
+
+POLY4D = Poly4d()

@@ -1,0 +1,174 @@
+"""What a log of a flight may show beside units and ranges: ground, leaps, scales, sensors that disagree."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from etude.logs.checks.filtered_motion import runs
+from etude.logs.checks.finding_texts import Excludable
+from etude.logs.checks.plausibility import jump_finding
+from etude.types import Array, Finding, Log, Mask
+from etude_quadrotor.agreement import agreement_findings
+from etude_quadrotor.channels import PATH
+from etude_quadrotor.spec import QuadrotorSpec
+
+HOVER = (0.5, 2.0)
+"""Over the hover voltage: what the mean command of a flight may be."""
+
+
+def findings(spec: QuadrotorSpec, log: Log) -> Sequence[Finding]:
+    """Of each check, what it says of the flight."""
+    jump = jump_finding(log, PATH, np.full(3, spec.speed))
+    return (_ground(spec, log), *_idle(log), jump, *agreement_findings(spec, log), _scale(spec, log))
+
+
+def _idle(log: Log) -> tuple[Finding, ...]:
+    """A vehicle that was never armed: its log teaches nothing."""
+    if np.ptp(log["command"], axis=0).any():
+        return ()
+    fact = "No motor's command ever changes: the vehicle was not armed, or they were not recorded."
+    return (Finding("motors", "red", fact, "Record a flight, with the motors' set-points."),)
+
+
+CHECK = "ground"
+WINDOW_S = 0.2
+TURNING = 0.05  # rad/s: deviation of the gyroscope in a window, above which something moves
+SHAKING = 0.35  # m/s^2: the same of the specific force
+WEIGHT, OFF = 9.81, 0.6  # m/s^2: what is felt at rest, and by how much it may be off
+COMMANDED = 0.2  # of a motor's range: commands that count for the median
+IDLE = 0.5  # of that median: motors that carry nothing
+TURNS = 0.1  # rad/s: a vehicle whose gyroscope says more in the mean of a window does not stand
+CARRIED = 3  # windows in a row: a dive whose drag is the weight for a moment is no landing
+LANDED_S = 1.0  # of ground between two flights, below which it stays
+SPARE_S = 0.5  # next to the ground: its effect, and contact
+
+
+@dataclass(frozen=True, eq=False)
+class Windows:
+    """Of each window: its start and end (w,) s, whether the vehicle rests and whether it is on the ground."""
+
+    start: Array
+    end: Array
+    rest: Mask
+    ground: Mask
+
+
+def windows(t: Array, gyro: Array | None, force: Array | None, throttle: Array) -> Windows:
+    """Rest and ground, window by window.
+
+    On the ground something else than the motors carries the weight: they idle, and yet it is felt. So it is
+    told although idling motors shake the sensors more than they do at rest.
+
+    Args:
+        t: (T,) s. gyro, force: (T, 3) rad/s and m/s^2 of the body; None if nobody measured them: then the
+            command alone tells.
+        throttle: (T, m) motors' commands in parts of their range.
+    """
+    count = max(int((t[-1] - t[0]) / WINDOW_S), 1)
+    number = np.minimum(((t - t[0]) / WINDOW_S).astype(np.int64), count - 1)
+    rows = np.maximum(np.bincount(number, minlength=count), 1)
+
+    def mean(values: Array) -> Array:
+        sums = [np.bincount(number, column, count) for column in values.T]
+        return np.asarray(np.stack(sums, axis=1) / rows[:, None])
+
+    def deviation(values: Array) -> Array:
+        squares = ((values - mean(values)[number]) ** 2).sum(axis=1)
+        return np.asarray(np.sqrt(mean(squares[:, None])[:, 0]))
+
+    rest = np.asarray(np.bincount(number, minlength=count) > 1)  # one row has no deviation
+    carried = rest & (gyro is not None and force is not None)
+    if gyro is not None:
+        rest &= deviation(gyro) < TURNING
+        carried &= np.linalg.norm(mean(gyro), axis=1) < TURNS
+    if force is not None:
+        weight = np.abs(np.linalg.norm(mean(force), axis=1) - WEIGHT) < OFF
+        rest &= weight & (deviation(force) < SHAKING)
+        carried &= weight
+    level = throttle.mean(axis=1)
+    used = level[level > COMMANDED]
+    hover = float(np.median(used)) if len(used) else 0.0
+    low = mean(level[:, None])[:, 0] < IDLE * hover
+    edges = t[0] + WINDOW_S * np.arange(count + 1)
+    edges[-1] = max(float(t[-1]), float(edges[-2]))
+    return Windows(edges[:-1], edges[1:], rest, low & (rest | _lasting(carried & low)))
+
+
+def _lasting(marked: Mask) -> Mask:
+    """What is marked in CARRIED windows in a row, and more."""
+    kept = np.zeros_like(marked)
+    for a, b in runs(marked):
+        kept[a:b] = b - a >= CARRIED
+    return kept
+
+
+def spans_of(found: Windows, marked: Mask) -> tuple[tuple[float, float], ...]:
+    """Stretches (s) of neighbouring windows that are marked."""
+    return tuple((float(found.start[a]), float(found.end[b - 1])) for a, b in runs(marked))
+
+
+class Grounded(Excludable):
+    """Time on the ground, which teaches nothing at either end and between flights."""
+
+    def cut(self, log: Log) -> Log:
+        """The log less the ground at its ends and between flights, and SPARE_S beside it.
+
+        A log that is ground throughout stays as it is, and so do moments on the ground inside of a flight.
+        """
+        start, end = float(log.t[0]), float(log.t[-1])
+        kept = np.ones(len(log), dtype=np.bool_)
+        between = False
+        for low, high in self.spans:
+            inside = low > start and high < end - 1e-9
+            if not inside or high - low >= LANDED_S:
+                kept &= (log.t <= low - SPARE_S) | (log.t >= high + SPARE_S)
+                between |= inside
+        if not kept.any() or kept.all():
+            return log.repaired(self.sentence)
+        where = "there and beside it" if between else "at the ends"
+        cut = float((~kept).sum() * np.median(np.diff(log.t)))
+        return log.take(kept).repaired(f"{self.sentence} {cut:.3g} s {where} were cut.")
+
+
+def ground_finding(found: Windows) -> Finding:
+    """Time on the ground, its spans to cut or to mark."""
+    spans = spans_of(found, found.ground)
+    if not spans:
+        return Finding(CHECK, "green", "The vehicle flies throughout.")
+    seconds = sum(end - start for start, end in spans)
+    return Grounded(
+        CHECK,
+        "yellow",
+        f"The vehicle stands on the ground for {seconds:.3g} s.",
+        f"At either end, and between flights, that is cut, with {SPARE_S:g} s beside it, unless told with "
+        f"--accept {CHECK}.",
+        spans=spans,
+    )
+
+
+def _ground(spec: QuadrotorSpec, log: Log) -> Finding:
+    """Motors that carry nothing while nothing moves: what a take-off or a landing leaves, which teaches
+    nothing.
+    """
+    low, high = np.array(spec.command_lower), np.array(spec.command_upper)
+    motors = low >= 0.0  # other commands are angles and rates, whose middle is no thrust
+    if not motors.any():
+        return Finding(CHECK, "cannot tell", "No command is that of a motor.")
+    throttle = (log["command"] - low)[:, motors] / (high - low)[motors]
+    return ground_finding(windows(log.t, log["rates"], log["specific_force"], throttle))
+
+
+def _scale(spec: QuadrotorSpec, log: Log) -> Finding:
+    """Of a vehicle whose motors are described: the voltage that it hovers at, against that of the flight."""
+    vehicle = spec.body
+    if vehicle is None:
+        return Finding("scale", "cannot tell", "The motors of the vehicle are not described in V.")
+    mean = float(np.mean(log["command"]))
+    said = f"The mean command is {mean:.3g} V, it should hover at {vehicle.hover_voltage:.3g} V."
+    if HOVER[0] < mean / vehicle.hover_voltage < HOVER[1]:
+        return Finding("scale", "green", said)
+    step = "Is the vehicle described right? Check mass, thrust_constant, motor_constant and resistance in "
+    return Finding("scale", "yellow", said, f"{step}robot.toml, and the commands' unit.")

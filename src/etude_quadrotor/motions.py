@@ -1,0 +1,337 @@
+"""Flights: the room they have, which may be proposed, ways there and back, and tests of a controller.
+
+Ways are septics: their jerk begins and ends as it must, so that attitudes do too. A plan may be in motion at
+its ends, and have no lead-in (`limits.lead_ins`); the way then leads from rest into that motion and out of
+it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from etude.errors import UsageError
+from etude.limits.certificate import COMMANDS, SPEED, certify, use
+from etude.limits.feasible import FeasibleSet
+from etude.limits.library import AxisLimit, NormLimit, TiltLimit
+from etude.limits.limit_tables import made_limits
+from etude.limits.samplers import boundary, uniform
+from etude.protocols import Limit, Model, Trajectory
+from etude.trajectories.chain import Chain, Part
+from etude.trajectories.family import FourierConfig, FourierFamily
+from etude.trajectories.splined import Splined
+from etude.types import Array, Margins, Proof
+from etude_quadrotor.channels import AXES
+from etude_quadrotor.flatness import LEAST_LIFT
+from etude_quadrotor.spec import QuadrotorSpec
+from etude_quadrotor.vehicle import GRAVITY
+
+PLACES = (0, 1, 2)
+UP = (0.0, 0.0, GRAVITY)
+TEST_HARMONICS = 2
+ATTITUDE_LAG = 1.0 / 6.5 + 0.02
+"""s: PX4's MC_ROLL_P and MC_PITCH_P are 6.5 1/s by default, a Crazyflie's gains 6. A set-point is held
+for 20 ms, half of which it is late, and acted on a step of the controller later.
+"""
+PLACE_GAIN = 0.95
+"""1/s, PX4's MPC_XY_P: what a late acceleration has cost in speed is made up for by an error of the place."""
+CUT = 0.9
+"""Part of the vertical speeds that plans use: an autopilot cuts what is asked with its feedback."""
+TEST_DURATION = 30.0
+"""s, whatever flights a campaign trains on, so that these can be compared."""
+
+
+SAMPLES = 24
+"""Per degree, of the feasible set's grid; it gives away 0.9 % of the linear limits."""
+
+
+@dataclass(frozen=True)
+class FlightConfig:
+    """Fourier flights: x and y without a constant term, z with one (thesis (3.3)).
+
+    Attributes:
+        harmonics: N; at least 2 with `rest`.
+        duration: s.
+        omega0: rad/s; None for 2 pi/duration, one period.
+        start: how the vehicle begins: "hover", at rest at the first position, so that the plan's first
+            velocity is a step (the thesis); or "moving", with the plan's velocity. The plan is the same.
+        rest: whether the plan itself starts and ends at rest (two equalities per axis, whole periods).
+        free_centre: whether x and y have a constant term too, which the limits then bound.
+        centre: constant terms of x and y where they are not free, m.
+        tilt: largest angle of the planned thrust from the vertical, rad, if the vehicle's own limit is not
+            less; None: that alone.
+        lean: whether simulated flights lean against the drag that earlier ones taught.
+
+    Raises:
+        UsageError: values out of range, or rest without a whole number of periods.
+    """
+
+    harmonics: int = 2
+    duration: float = 30.0
+    omega0: float | None = None
+    start: Literal["hover", "moving"] = "hover"
+    rest: bool = False
+    free_centre: bool = False
+    centre: tuple[float, float] = (0.0, 0.0)
+    tilt: float | None = None
+    lean: bool = False
+
+    def __post_init__(self) -> None:
+        if self.start not in ("hover", "moving"):
+            raise UsageError(f"a flight starts in 'hover' or 'moving', not {self.start!r}")
+        if not all(math.isfinite(c) for c in self.centre):
+            raise UsageError(f"the centre must be two finite numbers in m, not {self.centre}")
+        if self.tilt is not None and not 0.0 < self.tilt < 0.5 * math.pi:
+            raise UsageError(f"the tilt is an angle between 0 and pi/2 rad, not {self.tilt}")
+        _ = self.series  # refuses what makes no series
+
+    @property
+    def described(self) -> FlightConfig:
+        """Without what is chosen beyond the description: what earlier plans are held against."""
+        return replace(self, tilt=None)
+
+    @property
+    def series(self) -> FourierConfig:
+        """The same as numbers of a Fourier family."""
+        rest: Literal["nullspace", "none"] = "nullspace" if self.rest else "none"
+        return FourierConfig(self.harmonics, self.duration, self.omega0, rest)
+
+
+def flight_family(config: FlightConfig) -> FourierFamily:
+    """The family of x, y and z."""
+    free = config.free_centre
+    constants = (None if free else config.centre[0], None if free else config.centre[1], None)
+    return FourierFamily.of(config.series, 3, constants, SAMPLES)
+
+
+PEAK_SPEED, PEAK_ACCELERATION = 35.0 / 16.0, 84.0 / (5.0 * math.sqrt(5.0))
+"""Of a septic from rest to rest over length and time 1."""
+UNHURRIED, GENTLE, SHORTEST = 0.3, 0.5, 2.0
+"""Of ways: part of the speed limit, m/s^2, and s that one lasts at least."""
+ORDERS = 4
+STILL = 1e-9
+"""m/s, m/s^2, ...: less is rest."""
+UPRIGHT, SETTLED = 1e-4, 1e-3
+"""m that a way to or from the ground may go sideways or begin beside it, and the m/s, m/s^2 at its ends that
+count as rest: receivers play single precision.
+"""
+LIFTED, RAMP = 0.03, 4.0
+"""m that a take-off rises in its first s. An autopilot ramps thrust up once a set-point is above the ground
+(PX4 for 3 s, MPC_TKO_RAMP_T, and 1 s for the motors, COM_SPOOLUP_TIME) and lags behind what rises before.
+"""
+LASTING = (0.5, 0.75, 1.0, 1.5, 2.0, 3.0)
+"""Times of that of a straight way, in which one into a motion is tried."""
+
+
+@dataclass(frozen=True, eq=False)
+class RoomLimit(AxisLimit):
+    """The box less its margins; a way straight up from the ground, or down to it, may be below these.
+
+    Attributes:
+        ground: m, of the vehicle's centre where it stands.
+    """
+
+    ground: float = 0.0
+
+    def prove(self, piece: Trajectory) -> Sequence[Proof]:
+        """One row for each axis; of a take-off or landing the one of z begins at the ground."""
+        rows = list(super().prove(piece))
+        ends = piece.motion(np.array([0.0, piece.duration]), 3).orders
+        sideways = max(row.proved_upper - row.proved_lower for row in rows[:2])
+        stands = np.abs(ends[0, :, 2] - self.ground) <= UPRIGHT
+        still = np.abs(ends[1:]).max() <= SETTLED
+        if sideways <= UPRIGHT and stands.any() and still:
+            rows[2] = replace(rows[2], lower=self.ground - UPRIGHT, margin=0.0, confidence=1.0)
+        return rows
+
+
+def standing(spec: QuadrotorSpec, over: Array) -> Array:
+    """(3,) the vehicle on the ground, below a place (3,)."""
+    return np.array([over[0], over[1], spec.floor])
+
+
+def approach_and_return(
+    spec: QuadrotorSpec, motion: Trajectory, pose: Array, height: float, limits: Sequence[Limit]
+) -> tuple[Trajectory, Trajectory]:
+    """From the pose to where the plan begins, and back from where it ends.
+
+    Args:
+        spec: the vehicle. motion: the plan.
+        pose: (3,) m, where it hovers; or stands, if that is lower than a flight may be.
+        height: m, to which it takes off.
+        limits: by which ways into a motion are chosen.
+    """
+    low = spec.lower[2] + spec.margins[2]
+    hover = np.array(pose, dtype=float)
+    if pose[2] < low:
+        hover[2] = height
+    there, back = _between(spec, motion, hover, limits)
+    if pose[2] < low:
+        there = [("take-off", _lifted(spec, pose, hover)), *there]
+        back = [*back, ("landing", _straight(spec, hover, pose))]
+    return _one(there), _one(back)
+
+
+def _between(
+    spec: QuadrotorSpec, motion: Trajectory, hover: Array, limits: Sequence[Limit]
+) -> tuple[list[Part], list[Part]]:
+    """From hover to the plan and back."""
+    first, last = np.moveaxis(motion.motion(np.array([0.0, motion.duration]), ORDERS).orders, 1, 0)
+    there = _way(spec, at_rest(hover), first, limits)
+    back = _way(spec, last, at_rest(hover), limits)
+    return [("approach", there)], [("return", back)]
+
+
+def _one(parts: list[Part]) -> Trajectory:
+    return parts[0][1] if len(parts) == 1 else Chain(tuple(parts))
+
+
+def at_rest(place: Array) -> Array:
+    """(4, 3) position to jerk of hover."""
+    return np.concatenate([place[None], np.zeros((ORDERS - 1, 3))])
+
+
+def _way(spec: QuadrotorSpec, start: Array, end: Array, limits: Sequence[Limit]) -> Splined:
+    """From state to state (4, 3): straight between two of rest, else what leaves most of the limits."""
+    straight = _straight(spec, start[0], end[0])
+    if max(np.abs(start[1:]).max(), np.abs(end[1:]).max()) <= STILL:
+        return straight
+    tried = [
+        Splined(np.array([0.0, _whole(spec, part * straight.duration)]), np.stack([start, end], axis=1))
+        for part in LASTING
+    ]
+    return min(tried, key=lambda way: max(use(row) for row in certify(way, limits).rows))
+
+
+def _straight(spec: QuadrotorSpec, start: Array, end: Array) -> Splined:
+    length = float(np.linalg.norm(end - start))
+    slow = PEAK_SPEED * length / (UNHURRIED * spec.speed)
+    lasting = max(slow, math.sqrt(PEAK_ACCELERATION * length / GENTLE), SHORTEST)
+    points = np.stack([at_rest(start), at_rest(end)], axis=1)
+    return Splined(np.array([0.0, _whole(spec, lasting)]), points)
+
+
+def _lifted(spec: QuadrotorSpec, ground: Array, hover: Array) -> Splined:
+    """Straight up, after a first rise for which thrust is ramped up."""
+    first = ground + LIFTED * (hover - ground) / np.linalg.norm(hover - ground)
+    rest = _straight(spec, first, hover)
+    points = np.concatenate([at_rest(ground)[:, None], rest.points], axis=1)
+    return Splined(np.concatenate([[0.0], RAMP + rest.times]), points)
+
+
+def _whole(spec: QuadrotorSpec, seconds: float) -> float:
+    """At least so long, and a whole number of set-points."""
+    return math.ceil(seconds * spec.table_rate - 1e-9) / spec.table_rate
+
+
+def limits(
+    spec: QuadrotorSpec, config: FlightConfig, margins: Margins, model: Model | None = None
+) -> tuple[Limit, ...]:
+    """Box, speed, cylinder, lift, thrust and tilt, then the owner's own; rest if the plan is to start and end
+    so.
+
+    Room for the tracking error is kept off box and cylinder: the owner's, or what was learned of it. Thrust
+    and tilt are those of a + g z, without drag, which has to fit into their own reserve. The vertical part of
+    a + g z ("lift") is held within what flatness needs, limits or not.
+    """
+    late = _late(spec, config, margins)
+    lower, upper, kept = np.array(spec.lower), np.array(spec.upper), np.array(spec.margins)
+    half = 0.25 * (upper - lower)[:2]  # at most half of what there is from the middle
+    kept[:2] = np.maximum(kept[:2], np.minimum(late / PLACE_GAIN, half))
+    up, room = (2,), lift_room(spec)
+    lift = np.array([GRAVITY - room]), np.array([GRAVITY + room])
+    found: list[Limit] = [
+        RoomLimit("position", 0, AXES, lower, upper, margin=kept, margins=margins, ground=spec.floor),
+        NormLimit(
+            "speed",
+            1,
+            PLACES,
+            spec.speed,
+            margin=late,
+            margins=margins,
+            rest=config.rest,
+            looks_at=(SPEED,),
+        ),
+    ]
+    if spec.radius is not None:
+        margin = max(spec.margin, min(late / PLACE_GAIN, 0.5 * spec.radius))
+        found.append(NormLimit("radius", 0, (0, 1), spec.radius, margin=margin, margins=margins))
+    if spec.plant is None:
+        rates = np.array([-CUT * spec.descent]), np.array([CUT * spec.climb])
+        found.append(AxisLimit("vertical speed", 1, ("vehicle",), *rates, axes=up))
+    found.append(AxisLimit("lift", 2, ("vehicle",), *lift, axes=up, shift=GRAVITY))
+    if spec.thrust is not None:
+        least, most = spec.thrust
+        found.append(NormLimit("thrust", 2, PLACES, most, least, UP, margins=margins, looks_at=(COMMANDS,)))
+    tilts = [tilt for tilt in (spec.tilt, config.tilt) if tilt is not None]
+    if tilts:
+        found.append(TiltLimit(min(tilts), GRAVITY))
+    return (*found, *made_limits(spec.limits, spec, model, margins))
+
+
+def _late(spec: QuadrotorSpec, config: FlightConfig, margins: Margins) -> float:
+    """m/s by which a real vehicle's speed may exceed the plan's, until a log has told: its acceleration comes
+    late by the attitude's lag. That of a series is at most its speed, or half the room, times its highest
+    frequency, or that squared.
+    """
+    if spec.plant is not None or any(np.any(np.asarray(sure) > 0.0) for _, sure in margins.values()):
+        return 0.0
+    highest = config.harmonics * config.series.omega0_range[1]
+    half = 0.5 * float(np.hypot(*(np.array(spec.upper) - np.array(spec.lower))[:2]))
+    fastest = min(spec.speed * highest, half * highest**2)
+    tilts = [GRAVITY * math.tan(tilt) for tilt in (spec.tilt, config.tilt) if tilt is not None]
+    return ATTITUDE_LAG * min([fastest, *tilts])
+
+
+def lift_room(spec: QuadrotorSpec) -> float:
+    """How far the vertical part of a + g z may be from g on either side, m/s^2.
+
+    Down to 0.3 g, where flatness ends, or to the least thrust; the same room upwards keeps the limit linear.
+    """
+    least = LEAST_LIFT * GRAVITY if spec.thrust is None else max(LEAST_LIFT * GRAVITY, spec.thrust[0])
+    return GRAVITY - least
+
+
+def centred(spec: QuadrotorSpec, config: FlightConfig) -> FlightConfig:
+    """With flights about `home` where nobody said a centre and the world's own is outside of the room."""
+    margins, own = np.array(spec.margins)[:2], np.array(config.centre)
+    low, high = np.array(spec.lower)[:2] + margins, np.array(spec.upper)[:2] - margins
+    if config.free_centre or own.any() or ((low < own) & (own < high)).all():
+        return config
+    return replace(config, centre=(float(home(spec)[0]), float(home(spec)[1])))
+
+
+def home(spec: QuadrotorSpec) -> Array:
+    """(3,) m the middle of the box less its margin; with a cylinder, where it leaves most room on the way
+    to its axis.
+    """
+    margins = np.array(spec.margins)
+    low, high = np.array(spec.lower) + margins, np.array(spec.upper) - margins
+    place = 0.5 * (low + high)
+    reach = math.inf if spec.radius is None else spec.radius - spec.margin
+    shares = np.linspace(0.0, 1.0, 101)[:, None]
+    points = place[:2] + shares * (np.clip(0.0, low[:2], high[:2]) - place[:2])
+    room = np.minimum((points - low[:2]).min(axis=1), (high[:2] - points).min(axis=1))
+    room = np.minimum(room, reach - np.hypot(*points.T))
+    place[:2] = points[int(np.argmax(room))]
+    return np.asarray(place)
+
+
+def ways(spec: QuadrotorSpec, motion: Trajectory, pose: Array) -> tuple[Trajectory, Trajectory]:
+    """From the pose to where the plan begins and back, with take-off and landing from the ground."""
+    return approach_and_return(spec, motion, pose, float(home(spec)[2]), limits(spec, FlightConfig(), {}))
+
+
+def trial_flights(
+    spec: QuadrotorSpec, config: FlightConfig, rng: np.random.Generator
+) -> Mapping[str, Trajectory]:
+    """A flight uniform on the safe ones of the thesis's form (N = 2), and one on their edge."""
+    own = FlightConfig(TEST_HARMONICS, TEST_DURATION, start=config.start)
+    family = flight_family(centred(spec, own))
+    feasible = FeasibleSet.of(limits(spec, own, {}), family, home(spec))
+    drawn = {"uniform": uniform(rng, feasible)[0], "boundary": boundary(rng, feasible)[0]}
+    return {name: family.trajectory(p) for name, p in drawn.items()}

@@ -1,0 +1,162 @@
+"""From recorded flights to the samples a model learns from: states, lag, rate and trimming."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from etude.errors import DataError, UsageError
+from etude.logs.cleaning.filters import command_lag, median_rate, sampled, saturated, trimmed, without_lag
+from etude.types import Array, Index, Log, Samples, joined_samples
+from etude_quadrotor.battery import slow_voltage
+from etude_quadrotor.inputs import Acceleration, QuadrotorInputs
+from etude_quadrotor.recorder import on_even_grid, with_states
+from etude_quadrotor.spec import QuadrotorSpec
+
+FAST, FAST_HZ = 2.0, 50.0
+"""Samples of the log per sample of the model from which a lag can be told, and the rate from which it can
+whatever the model's: of slow flights, at 10 Hz, single logs gave 0 to 200 ms for a vehicle that has 50."""
+LAGGING = ("specific_force", "rates", "angular_acceleration", "body_velocity", "altitude")
+"""States that tell of the motion that commands cause."""
+MOST_SATURATED = 0.95
+KEPT = ("state", "command", "plan", "truth")
+"""Roles of channels that samples have; beside them the position."""
+
+
+@dataclass(frozen=True)
+class FlightData:
+    """How a flight becomes samples, and what of them a model looks at.
+
+    Attributes:
+        averaged: samples are means over their interval, so that noise does not fold in; False takes single
+            samples (the thesis).
+        lag_s: how far the motion lags behind the commands, s; "auto" measures it in logs at least
+            `FAST` times the model's rate or of `FAST_HZ`, and takes 0 where there is none.
+        first_s, last_s: trimmed from both ends, s.
+        altitude, acceleration, body_velocity, battery_voltage: the inputs, see `QuadrotorInputs`.
+        trims: whether the identified physics have a constant for each motor, beside drag, ground effect,
+            back-EMF and gains.
+    """
+
+    averaged: bool = True
+    lag_s: float | Literal["auto"] = "auto"
+    first_s: float = 0.0
+    last_s: float = 0.0
+    altitude: bool = True
+    acceleration: Acceleration = "specific_force"
+    body_velocity: bool = True
+    battery_voltage: bool = True
+    trims: bool = True
+
+    def __post_init__(self) -> None:
+        for name in ("lag_s", "first_s", "last_s"):
+            value = getattr(self, name)
+            if value == "auto" and name == "lag_s":
+                continue
+            if isinstance(value, str) or not (math.isfinite(value) and value >= 0.0):
+                raise UsageError(f"{name} must be a number of seconds, 0 or more, not {value!r}", where=name)
+        self.inputs()
+
+    def inputs(self) -> QuadrotorInputs:
+        """The inputs that are asked for, before any flight."""
+        return QuadrotorInputs(
+            self.altitude, self.acceleration, self.body_velocity, battery_voltage=self.battery_voltage
+        )
+
+
+def flight_samples(
+    spec: QuadrotorSpec, data: FlightData, logs: Sequence[Log], groups: Sequence[Index]
+) -> Samples:
+    """The samples of flights at the vehicle's model rate, by group and time.
+
+    The commands are those of one lag earlier, which all flights measure together. A state that one flight
+    lacks, all lack.
+
+    Args:
+        logs: on uniform grids.
+        groups: of each log, (T,) the segment of each row.
+
+    Raises:
+        DataError: no log or no sample left, NaN, commands in different units, saturated throughout, or never
+            changing.
+    """
+    _check_logs(logs)
+    told = [slow_voltage(with_states(on_even_grid(log))) for log in logs]
+    lag = common_lag(told, spec, data)
+    parts = [
+        _flight(log, raw.t, group, spec, data, lag)
+        for log, raw, group in zip(told, logs, groups, strict=True)
+    ]
+    joined = joined_samples(parts)
+    if not np.ptp(joined.command, axis=0).any():
+        raise DataError(
+            "no command ever changes, so nothing can be learned",
+            where=logs[0].source,
+            next_step="Check that the log's commands are those that were sent.",
+        )
+    said = () if lag == 0.0 else (f"The motion lags {lag:.3g} s behind the commands; they were moved.",)
+    ordered = joined.take(np.lexsort((joined.t, joined.group)))
+    return replace(ordered, log=ordered.log.repaired(*said))
+
+
+def common_lag(logs: Sequence[Log], spec: QuadrotorSpec, data: FlightData) -> float:
+    """Seconds by which the vehicle lags behind its commands, from all its flights (with states) together."""
+    if data.lag_s != "auto":
+        return data.lag_s
+    least = min(FAST * spec.rate, FAST_HZ)  # a robot file that states the log's own rate loses no lag
+    return command_lag([log for log in logs if median_rate(log.t) >= least], LAGGING)
+
+
+def _check_logs(logs: Sequence[Log]) -> None:
+    if not logs:
+        raise DataError("there is no flight to learn from", next_step="Fly one and tell its log.")
+    units = {log.channels["command"].units for log in logs}
+    if len(units) > 1:
+        raise DataError(
+            "the flights give their commands in different units",
+            where=", ".join(sorted({unit for several in units for unit in several})),
+            next_step="Learn from flights of one vehicle.",
+        )
+    for log in logs:
+        _finite("t", log.t, log.source)
+
+
+def _flight(
+    log: Log, recorded: Array, group: Index, spec: QuadrotorSpec, data: FlightData, lag: float
+) -> Samples:
+    """One flight: lag, rate, trimming and checks; each sample in the segment of the recorded row at its
+    time, or next after it.
+    """
+    names = [n for n, c in log.channels.items() if c.role not in KEPT and n != "position"]
+    log = sampled(without_lag(log.without(*names), lag), spec.rate, averaged=data.averaged)
+    part = trimmed(log, data.first_s, data.last_s)
+    for name, values in part.values.items():
+        if part.channels[name].role in ("state", "command"):
+            _finite(name.replace("_", " "), values, log.source)
+    _check_saturation(part, spec)
+    own = group[np.minimum(np.searchsorted(recorded, part.t), len(group) - 1)]
+    every = np.ones(part["command"].shape, dtype=np.bool_)
+    return Samples(replace(part, t=part.t - log.t[0]), own, every, every.copy())
+
+
+def _check_saturation(log: Log, spec: QuadrotorSpec) -> None:
+    lower, upper = np.array(spec.command_lower), np.array(spec.command_upper)
+    if saturated(log["command"], lower, upper).any(axis=1).mean() > MOST_SATURATED:
+        raise DataError(
+            "the commands are saturated throughout, so they do not tell what the motion needs",
+            where=log.source,
+            next_step="Fly slower, or correct the limits of the commands.",
+        )
+
+
+def _finite(name: str, values: Array, where: str) -> None:
+    if not np.isfinite(values).all():
+        raise DataError(
+            f"the flight's {name} contains NaN or infinite values",
+            where=where,
+            next_step="Repair the log, or trim the samples off.",
+        )

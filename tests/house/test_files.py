@@ -1,0 +1,78 @@
+"""The house: a file is a topic, its name a term of the field, and a class name stands once in the core."""
+
+from __future__ import annotations
+
+import ast
+from collections import defaultdict
+from functools import cache
+from pathlib import Path
+
+import etude
+
+SOURCE = Path(etude.__file__).parents[1]
+FRAGMENT = 60
+"""Lines. A shorter module that one other imports lives with it, unless it is loaded by name or late."""
+BANNED = """again along anew around aside beside between cause changed commanded common crowded drawn each
+fading fewer foreign foretold found given grown held helpers held_out in_use judged kept ladder lean left_out
+made manner measured mended misc more news of_file of_robot once others own passed planned played pull quickly
+recipe recipes recorded remembered rest rung rungs seen several settled short shown single spare stance
+stand_ins standing steps stored stuck things together told tools truth tuned unheld unseen use utilities utils
+various way ways words"""
+"""Participles, adverbs and vague words: nobody looks for a topic under them."""
+
+
+@cache
+def modules() -> dict[str, Path]:
+    """All of `src`, without packages' own files and the programs that are copied to robots."""
+    paths = (path for path in sorted(SOURCE.rglob("*.py")) if path.parent.name != "players")
+    names = {".".join(path.relative_to(SOURCE).with_suffix("").parts): path for path in paths}
+    return {name: path for name, path in names.items() if path.stem not in ("__init__", "__main__")}
+
+
+@cache
+def tree(path: Path) -> ast.Module:
+    return ast.parse(path.read_text(encoding="utf-8"))
+
+
+def importers() -> dict[str, dict[str, bool]]:
+    """Of each module who imports it, and whether at the top, when the importer is loaded."""
+    found: dict[str, dict[str, bool]] = defaultdict(dict)
+    for name, path in modules().items():
+        at_top = {id(node) for node in tree(path).body}
+        for node in ast.walk(tree(path)):
+            if isinstance(node, ast.ImportFrom):
+                targets = {node.module or "", *(f"{node.module}.{alias.name}" for alias in node.names)}
+            elif isinstance(node, ast.Import):
+                targets = {alias.name for alias in node.names}
+            else:
+                continue
+            for target in (targets & set(modules())) - {name}:
+                found[target][name] = found[target].get(name, False) or id(node) in at_top
+    return found
+
+
+def test_a_fragment_lives_with_its_only_importer() -> None:
+    found = []
+    text = "".join(path.read_text(encoding="utf-8") for path in modules().values())
+    for name, of in importers().items():
+        (other, at_top), *more = of.items()
+        lines = len(modules()[name].read_text(encoding="utf-8").splitlines())
+        same = name.split(".")[0] == other.split(".")[0]
+        if not more and at_top and same and lines < FRAGMENT and f'"{name}:' not in text:
+            found.append(f"{name} ({lines} lines) is imported by {other} alone: fold it into that")
+    assert found == []
+
+
+def test_files_are_named_by_terms_of_the_field() -> None:
+    found = [name for name, path in modules().items() if path.stem in BANNED.split()]
+    assert found == []
+
+
+def test_a_class_name_stands_once_in_the_core() -> None:
+    places = defaultdict(list)
+    for name, path in modules().items():
+        if name.split(".")[0] == "etude":
+            for node in tree(path).body:
+                if isinstance(node, ast.ClassDef):
+                    places[node.name].append(name)
+    assert {name: of for name, of in places.items() if len(of) > 1} == {}
