@@ -24,6 +24,7 @@ ARMS = (
     *("so100", "so101", "z1", "kinova", "tiago"),
 )
 QUICK = """\
+kind = "arm"
 seed = 3
 [trajectory]
 duration = 10.0
