@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from etude.models.model import LearnedModel
-from etude.models.selection.member_prediction import level_of, physics_behind
+from etude.models.selection.member_prediction import level_of
 from etude.types import Array, Channel, Log
 
 
@@ -32,7 +32,7 @@ def log_of(channels: Sequence[Channel], states: Array, source: str) -> Log:
 
 def fading(model: LearnedModel) -> str:
     """Where commands go there, in a sentence."""
-    used = [(c, physics_behind(c, model.candidates)) for c in model.candidates if c.weights.any()]
+    used = [(c, model.behind(c)) for c in model.candidates if c.weights.any()]
     known = [c for c, mean in used if mean is not None]
     physical = {j for c in known for j, weight in zip(c.commands, c.weights, strict=True) if weight}
     bare = [name for j, name in enumerate(model.commands) if j not in physical]

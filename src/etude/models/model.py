@@ -379,14 +379,19 @@ class LearnedModel:
 
     def safe(self, log: Log) -> Array:
         """Commands (n, J) that a feedforward may fade to: of physics, where there are any
-        (`parts.physics_behind`), else `parts.level_of`.
+        (`behind`), else `level_of`.
         """
         return self._safe(Means(log))
 
+    def behind(self, candidate: Candidate) -> Mean | None:
+        """The physics that a candidate's commands fade to; None: `level_of`."""
+        doubted = self.least is not None and bool((self.least[list(candidate.commands)] > 0.0).any())
+        return physics_behind(candidate, self.candidates, not doubted)
+
     @cached_property
     def _behind(self) -> tuple[Mean | None, ...]:
-        """Of each candidate in use the physics that its commands fade to; asked at every tick."""
-        return tuple(physics_behind(candidate, self.candidates) for candidate, _ in self._in_use())
+        """Of each candidate in use; asked at every tick."""
+        return tuple(self.behind(candidate) for candidate, _ in self._in_use())
 
     def _safe(self, means: Means) -> Array:
         parts = []

@@ -81,7 +81,7 @@ def fitted(
         fits.append(_fit_output(columns, samples.command[moving, j], prior, weight, by_speed))
     inertial, extras, deviation, rank, spreads, way = (np.array(part) for part in zip(*fits, strict=True))
     own = RigidBodyModel(*body, inertial, extras, rank, deviation, spreads, way)
-    return own if shared is None else _with_shared(own, samples, regressors, priors, shared)
+    return own if shared is None else _with_shared(own, samples, regressors, priors, shared, weight)
 
 
 def _with_shared(
@@ -90,6 +90,7 @@ def _with_shared(
     regressors: Regressors,
     priors: Sequence[IdentificationPrior],
     directions: Array,
+    weight: float,
 ) -> RigidBodyModel:
     """The model with one rigid body for all outputs but those of another scale."""
     rigid, extra, turning = regressors
@@ -103,7 +104,7 @@ def _with_shared(
             OutputColumns(rigid[rows, j] @ directions, extra[rows, j], left, deviations, own.deviation[j])
         )
     limits = np.array([prior.command for prior in priors])
-    found = shared_fit(outputs, information_per_sample(samples), limits)
+    found = shared_fit(outputs, weight, limits)
     take = (found.noise <= OTHER_SCALE * own.deviation)[:, None]
     return replace(
         own,
@@ -171,11 +172,16 @@ def output_priors(
 def shared_directions(
     spec: ArmSpec, tree: KinematicTree, drives: tuple[Drive, ...], friction_velocity: Array
 ) -> Array:
-    """(P, r) base directions of one rigid body that makes all outputs, each in parts of its limit."""
+    """(P, r) base directions of one rigid body that makes all outputs, z ~ N(0, 1) along each."""
     spread = spread_states(spec, 64 + 24 * tree.bodies)
     rigid, _ = command_regressors(tree, drives, friction_velocity, *spread)
     rows = (rigid / spec.command[:, None]).reshape(-1, rigid.shape[2])
-    return base_directions(rows, parameter_scale(tree))
+    return MASSES_OFF * base_directions(rows, parameter_scale(tree))
+
+
+MASSES_OFF = 0.3
+"""Prior deviation of inertial parameters from the file's, as a part of `parameter_scale`: links are seldom
+off by more, and a narrow motion says little of their masses."""
 
 
 def _columns(

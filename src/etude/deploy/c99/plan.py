@@ -13,7 +13,6 @@ from etude.deploy.model_states import labels, trained
 from etude.errors import UsageError
 from etude.models.gp.c99 import UnwritableError
 from etude.models.model import LearnedModel
-from etude.models.selection.member_prediction import physics_behind
 from etude.protocols import Candidate, Kind, Mean
 from etude.types import Array, Channel, Code
 
@@ -145,7 +144,7 @@ def planned(model: LearnedModel, kind: Kind, spec: Any, name: str) -> Plan:
     for candidate in used:
         mean_of.append("" if candidate.mean is None else _mean(candidate.mean, prefix, means, names))
         process_of.append(_process(candidate, prefix, processes, names))
-        behind = physics_behind(candidate, model.candidates)
+        behind = model.behind(candidate)
         safe_of.append("" if behind is None else _mean(behind, prefix, means, names))
     available = {channel.name: channel for channel in kind.channels(spec)}
     reads = dict.fromkeys([*inputs.reads, *(read for code in means.values() for read in code.reads)])

@@ -22,7 +22,7 @@ from etude.models.gp.kernels import Linear, RestNoise, SquaredExponential
 from etude.models.model import LearnedModel
 from etude.models.process import Posteriors, Silent
 from etude.models.protocols import SupportsOnnxMoments
-from etude.models.selection.member_prediction import level_of, physics_behind, rests_of
+from etude.models.selection.member_prediction import level_of, rests_of
 from etude.models.trust import ROUNDING, thresholds
 from etude.protocols import Candidate, Inputs, Process
 from etude.types import Array
@@ -335,7 +335,7 @@ def parts_of(model: LearnedModel) -> Parts:
     for candidate in used:
         assert candidate.process is not None
         looked |= looked_at(candidate.process)
-        for mean in (candidate.mean, physics_behind(candidate, model.candidates)):
+        for mean in (candidate.mean, model.behind(candidate)):
             if mean is None or id(mean) in means:
                 continue
             draw = getattr(mean, "onnx", None)
@@ -460,7 +460,7 @@ def _trusted(command: Value, unknown: Value, parts: Parts, physics: Mapping[int,
     """(n, J) as `trust.trusted`, blended with physics where they are used, else with a level."""
     J, safe = len(parts.model.commands), command * 0.0
     for candidate in parts.used:
-        behind = physics_behind(candidate, parts.model.candidates)
+        behind = parts.model.behind(candidate)
         if behind is not None:
             own = physics[id(behind)].at(candidate.commands)
             safe = safe + Value(own.graph, _placed(cast("Graph", own.graph), own.name, candidate, J))

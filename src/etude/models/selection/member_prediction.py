@@ -41,7 +41,7 @@ def is_physical(candidate: Candidate) -> bool:
     return candidate.rung.removesuffix("+gp") in PHYSICAL
 
 
-def physics_behind(candidate: Candidate, candidates: Sequence[Candidate]) -> Mean | None:
+def physics_behind(candidate: Candidate, candidates: Sequence[Candidate], believed: bool) -> Mean | None:
     """What a candidate's commands fade to: its own physics, or else those that the model has beside it.
 
     A process on the commands themselves may predict best where it was taught. Where it was not it knows
@@ -49,6 +49,8 @@ def physics_behind(candidate: Candidate, candidates: Sequence[Candidate]) -> Mea
 
     Args:
         candidates: of the model, those of weight 0 too.
+        believed: whether the data have enough motion. If not, the robot's file comes before what was
+            identified from them: a narrow motion says little of gravity elsewhere.
 
     Returns:
         None where there are no physics: `level_of`.
@@ -56,7 +58,8 @@ def physics_behind(candidate: Candidate, candidates: Sequence[Candidate]) -> Mea
     if is_physical(candidate):
         return candidate.mean
     beside = {c.rung: c.mean for c in candidates if c.rung in PHYSICAL}
-    return beside.get("identified", beside.get("nominal"))
+    first, second = ("identified", "nominal") if believed else ("nominal", "identified")
+    return beside.get(first, beside.get(second))
 
 
 def level_of(candidate: Candidate) -> Array:
