@@ -496,7 +496,7 @@ def test_a_changed_run_is_not_learned_and_the_advice_mends_it(copy: Path) -> Non
 def test_a_journal_without_any_hash_is_named(copy: Path) -> None:
     path = copy / "journal.jsonl"
     path.write_text(re.sub(r', "previous": "\w+", "seal": "\w+"', "", path.read_text()))
-    with pytest.raises(UsageError, match="hashes of this line of the journal were taken out"):
+    with pytest.raises(UsageError, match="this journal has no hashes"):
         open_campaign(copy)
 
 

@@ -7,9 +7,7 @@ from collections import defaultdict
 from functools import cache
 from pathlib import Path
 
-import etude
-
-SOURCE = Path(etude.__file__).parents[1]
+SOURCE = Path(__file__).parents[2] / "src"
 FRAGMENT = 60
 """Lines. A shorter module that one other imports lives with it, unless it is loaded by name or late."""
 BANNED = """again along anew around aside beside between cause changed commanded common crowded drawn each

@@ -14,7 +14,6 @@ from etude.errors import DataError
 from etude.logs.readers.log_file import is_log_file, log_bytes, read_log_file, write_log
 from etude.types import Channel, Log
 
-DATA = Path(__file__).parent / "data"
 RNG = np.random.default_rng(0)
 CHANNELS = (*joint_channels(("lift", "elbow")), Channel("volts", ("",), ("V",), "aside", nominal=(12.0,)))
 
@@ -57,40 +56,6 @@ def test_signals_that_would_share_a_column_are_refused() -> None:
     twins = (Channel("q", ("des_x",), ("rad",)), Channel("q_des", ("x",), ("rad",)))
     with pytest.raises(DataError, match="both named 'q_des_x'"):
         log_bytes(full_log(twins))
-
-
-def test_arms_of_0_1() -> None:
-    log = read_log_file(DATA / "arm_0_1.parquet")
-    names = ("q", "qd", "command", "q_des", "qd_des", "qdd_des", "command_ff", "command_fb", "q_true")
-    assert tuple(log.channels) == names
-    assert {c.role for c in log.channels.values()} == {"state", "command", "plan", "aside", "truth"}
-    assert log.channels["command"].units == ("N m", "N m")
-    assert log.channels["q"].parts == ("lift", "elbow")
-    assert log.repairs == ("One, with 'quotes' and ü.", "Two.")
-    assert log.source == "bench/run.csv"
-    assert log["q"].sum() == -2.41777197268119
-    assert log["command"].sum() == 12.045137513328124
-    assert log["command_ff"].sum() == 2.1370282837043852
-    assert log["q_true"].sum() == 1.306827436472294
-
-
-def test_flights_of_0_1() -> None:
-    log = read_log_file(DATA / "flight_0_1.parquet")
-    states = ("altitude", "specific_force", "rates", "angular_acceleration", "body_velocity")
-    assert tuple(log.channels) == (*states, "body_acceleration", "command", "position", "position_des")
-    assert log["altitude"].shape == (20, 1)
-    assert log.channels["command"].parts == ("front_right", "back_right", "back_left", "front_left")
-    assert log["body_velocity"].sum() == -8.301168444967427
-    assert log["body_acceleration"].sum() == 3.6099815456331883
-    assert log["command"].sum() == -2.4570331651197765
-    assert log.repairs == ("The flight was cut.",)
-
-
-@pytest.mark.parametrize("name", ["arm", "flight"])
-def test_files_of_0_1_are_written_anew_without_losing_a_digit(name: str, tmp_path: Path) -> None:
-    path = DATA / f"{name}_0_1.parquet"
-    write_log(tmp_path / "new.parquet", read_log_file(path))
-    assert_equal(read_log_file(path), read_log_file(tmp_path / "new.parquet"))
 
 
 def test_what_is_no_cleaned_log_is_refused(tmp_path: Path) -> None:

@@ -93,13 +93,6 @@ def test_json_keeps_every_bit() -> None:
     np.testing.assert_array_equal(again.times, moves.times)
 
 
-def test_files_of_the_first_version_are_read() -> None:
-    moves = PointToPoint(np.array([[0.0], [1.0]]), 1.0)
-    old = moves.to_json().replace('"form"', '"kind"')
-    assert old != moves.to_json()
-    assert from_json(old).duration == moves.duration
-
-
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
@@ -127,16 +120,16 @@ def test_bad_fractions() -> None:
         (b"\xff\x00", "not JSON"),
         (b"{", "not JSON"),
         (b"[]", "'form'"),
-        (b'{"kind": "spline"}', "fourier, moves"),
+        (b'{"kind": "fourier"}', "fourier, moves"),
         (b'{"form": "spline"}', "fourier, moves"),
         (
             b'{"form": "moves", "kind": "moves", "waypoints": [[0], [1]], "peak_velocity": 1}',
             "does not describe",
         ),
-        (b'{"kind": "fourier"}', "does not describe"),
-        (b'{"kind": "fourier", "coefficients": [["a"]], "omega0": 1, "duration": 2}', "does not describe"),
-        (b'{"kind": "moves", "waypoints": [[0], [1]], "peak_velocity": 1, "speed": 3}', "does not describe"),
-        (b'{"kind": "fourier", "coefficients": [[0],[0],[NaN]], "omega0": 1, "duration": 2}', "finite"),
+        (b'{"form": "fourier"}', "does not describe"),
+        (b'{"form": "fourier", "coefficients": [["a"]], "omega0": 1, "duration": 2}', "does not describe"),
+        (b'{"form": "moves", "waypoints": [[0], [1]], "peak_velocity": 1, "speed": 3}', "does not describe"),
+        (b'{"form": "fourier", "coefficients": [[0],[0],[NaN]], "omega0": 1, "duration": 2}', "finite"),
     ],
 )
 def test_bad_trajectory_files(text: bytes, message: str) -> None:
