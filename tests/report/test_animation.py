@@ -60,12 +60,12 @@ def test_one_state_is_seen_at_any_time_and_each_error_after_its_log(folder: Path
     picture = of_campaign(read_record(folder))
     shown = animations(picture, "visibility")
     titles, curves = shown[:ROUNDS], shown[ROUNDS:]
-    for group in (titles, curves):
+    for group, states in ((titles, ROUNDS), (curves, ROUNDS + 1)):
         seen = np.array([[word == "visible" for word in values] for values, _ in group])
-        np.testing.assert_array_equal(seen, np.eye(ROUNDS, dtype=bool))
+        np.testing.assert_array_equal(seen, np.eye(states, dtype=bool))
     learned = re.findall(r'aria-label="Mean tracking error.*?</svg>', picture, re.DOTALL)
     dots = [len(re.findall(r"<title>learned", panel)) for panel in learned]
-    assert dots == [1, 2, 3]
+    assert dots == [0, 1, 2, 3]
     scales = {re.findall(r'data-scale="([^"]*)"', panel)[0] for panel in learned}
     assert len(scales) == 1  # axes do not move
 

@@ -99,7 +99,7 @@ def _sticks(camera: Camera, figure: Figure, k: int) -> str:
 
 
 def _curves(test: Test, rounds: int, total: float) -> Html:
-    """The learning curve, up to the log that was made last; its axes are those of all."""
+    """The learning curve of the logs before each motion, on the axes of all."""
     title = f"Mean tracking error on {test_title(test.name)}"
     whole = [mark.extent() for mark in curve_marks(test)]
     x, y = Axis("robot time (s)", floor=0.0), Axis(error_axis(test.unit), log=True)
@@ -108,10 +108,11 @@ def _curves(test: Test, rounds: int, total: float) -> Html:
         for axis, part in zip((x, y), zip(*whole, strict=True), strict=True)
     )
     parts = []
-    for k in range(rounds):
-        known = {name: own[: max(1, k)] for name, own in test.baselines.items()}
-        upto = replace(test, learned=test.learned[: k + 1], baselines=known)
-        parts.append(_shown(panel(title, x, y, curve_marks(upto), end_labels=True), k, rounds, total))
+    for logs in range(rounds + 1):
+        known = {name: own[: max(1, logs)] for name, own in test.baselines.items()}
+        upto = replace(test, learned=test.learned[:logs], baselines=known)
+        drawn = panel(title, x, y, curve_marks(upto), end_labels=True)
+        parts.append(_shown(drawn, logs, rounds + 1, total))
     return Html(f'<svg viewBox="0 0 {SIZE[0]} {SIZE[1]}">{"".join(parts)}</svg>')
 
 
@@ -122,7 +123,7 @@ def _fixed(axis: Axis, values: Array) -> Axis:
 
 
 def _shown(drawing: str, k: int, count: int, total: float) -> str:
-    """A drawing that is seen during motion k; the last one until all begins again, and without animation."""
+    """A drawing seen in the k-th stretch; the last one until all begins again, and without animation."""
     last = k == count - 1
     states = [word for j in range(count) for word in (["visible"] if j == k else ["hidden"])]
     keys = ";".join(f"{SECONDS * j / total:.4f}" for j in range(count))

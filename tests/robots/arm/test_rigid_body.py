@@ -15,7 +15,14 @@ from etude._runtime.operators import cross
 from etude.errors import DataError, UsageError
 from etude.types import Samples, joined_samples
 from etude_arm.physics.base_parameters import base_directions, parameter_scale, spread_states
-from etude_arm.physics.estimate import LEAST_CORRELATION, Clock, fitted, output_priors, require_axes, shared_directions
+from etude_arm.physics.estimate import (
+    LEAST_CORRELATION,
+    Clock,
+    fitted,
+    output_priors,
+    require_axes,
+    shared_directions,
+)
 from etude_arm.physics.regressor import nominal_parameters, regressor
 from etude_arm.physics.rigid_body import Regressors, RigidBody, RigidBodyModel, command_regressors
 from etude_arm.physics.rigid_tree import drives_from_mujoco, tree_from_mujoco
