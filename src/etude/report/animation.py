@@ -109,7 +109,8 @@ def _curves(test: Test, rounds: int, total: float) -> Html:
     )
     parts = []
     for logs in range(rounds + 1):
-        known = {name: own[: max(1, logs)] for name, own in test.baselines.items()}
+        every = test.baselines.items()
+        known = {name: own[: max(1, logs)] for name, own in every if logs or len(own) == 1}
         upto = replace(test, learned=test.learned[:logs], baselines=known)
         drawn = panel(title, x, y, curve_marks(upto), end_labels=True)
         parts.append(_shown(drawn, logs, rounds + 1, total))
