@@ -11,6 +11,7 @@ from etude.codes import SENTENCES, Alert, NextStep, Notice, Phrase, Refusal, Sto
 
 KINDS = (Alert, Warn, Refusal, Stop, Phrase, NextStep)
 WHERE = Notice(Phrase.HELD_OUT, {"log": 3})
+BLOCKS = "on blocks of log 3 that were held out"
 NOTICE = Notice(
     Alert.CONSTANT_AS_GOOD, {"outputs": ("hip", "knee"), "where": WHERE}, NextStep.MOVE_JOINTS, "red"
 )
@@ -50,7 +51,7 @@ def test_json_carries_code_fields_step_and_light() -> None:
         ),
         (
             Notice(Stop.OPEN, {"open": (WHERE, WHERE)}),
-            f"No rule has fired: {WHERE.sentence}; {WHERE.sentence}",
+            f"No rule has fired: {BLOCKS}; {BLOCKS}",
         ),
         (
             Notice(Warn.INPUTS_MISSING, {"inputs": ("a", "b")}),

@@ -184,10 +184,9 @@ def test_a_log_that_moves_one_joint_teaches_what_the_others_cannot(
     facts = campaign.state().trained[-1].trained
     assert facts is not None
     assert facts.held_out is None
-    assert any(
-        one.code == Warn.NO_BLOCKS and one.fields["log"] == 2 and "hip" in one.sentence
-        for one in facts.warnings
-    )
+    (said,) = [one for one in facts.warnings if one.code == Warn.NO_BLOCKS]
+    assert said.fields["log"] == 2
+    assert "hip" in said.sentence
     assert status(campaign)["held_out"]["number"] == 1
 
 
