@@ -26,6 +26,7 @@ BESIDE = {
 KINDS = ("etude_arm", "etude_quadrotor")
 RANKS = {
     "errors": 0,
+    "codes": 0,
     "_runtime": 0,
     "storage": 0,
     "threads": 0,

@@ -27,6 +27,7 @@ from etude.campaign.record.stored_models import (
     stored_model,
     told_samples,
 )
+from etude.codes import Notice, Warn, stated
 from etude.design.latents import latents_of
 from etude.design.objective import MOTIONS, reference_states
 from etude.errors import DataError, NumericalError
@@ -232,7 +233,7 @@ def learn_log(campaign: Campaign, state: State, number: int) -> TrainingOutcome:
         robot_seconds=float(sum(one.robot_seconds for one in learned)),
         recipe=tuple(_said(campaign, logs, samples)),
         inputs={name: np.asarray(a).tolist() for name, a in ladder.model.inputs.arrays().items()},
-        warnings=(*getattr(ladder.model.inputs, "notes", ()), *ladder.model.warnings),
+        warnings=(*stated(getattr(ladder.model.inputs, "notes", ())), *ladder.model.warnings),
     )
     fact = with_forecast(fact, ladder.model, before, campaign, state)
     if blocks:
@@ -311,10 +312,9 @@ def _with_blocks(
     try:
         return replace(fact, held_out=_held_out(campaign, told_samples(campaign, [number]), rng, gap_s))
     except DataError as error:
-        said = f"No blocks of log {number} were held out, since alone it cannot be learned: {error.fact}"
-        return replace(
-            fact, warnings=(*fact.warnings, f"{said} ({error.where})." if error.where else f"{said}.")
-        )
+        why = f"{error.fact} ({error.where})" if error.where else error.fact
+        warning = Notice(Warn.NO_BLOCKS, {"log": number, "why": why})
+        return replace(fact, warnings=(*fact.warnings, warning))
 
 
 def _held_out(campaign: Campaign, log: Samples, rng: np.random.Generator, gap_s: float) -> BlockScores:

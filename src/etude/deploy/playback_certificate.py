@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -11,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from etude.deploy.feedforward import HALVINGS, ROUNDING, Commanded, shared, within_tilt
-from etude.errors import UnsafeTrajectoryError, UsageError
-from etude.limits.certificate import Certificate, certify, spare
+from etude.errors import UnsafeTrajectoryError
+from etude.limits.certificate import Certificate, certify, rows_of, spare
 from etude.limits.library import TiltLimit
 from etude.protocols import Exporter, Kind, Limit, Trajectory
 from etude.trajectories.splined import Splined
@@ -31,25 +30,6 @@ told such a speed for ever stays within about a millimetre.
 ORDERS_HELD = 3
 """Position, velocity, acceleration."""
 HELD = ("before the first row", "after the last row")
-
-
-@dataclass(frozen=True)
-class Looked:
-    """A limit of which a curve may prove nothing: its row then says so instead of an error."""
-
-    limit: Limit
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self.limit, name)
-
-    def prove(self, piece: Trajectory) -> Sequence[Proof]:
-        """The limit's rows, or one that was not looked at, with the reason."""
-        try:
-            return self.limit.prove(piece)
-        except UsageError as problem:
-            nan = math.nan
-            row = Proof("all", self.limit.name, nan, nan, nan, nan, problem.fact, "not looked at")
-            return [row]
 
 
 def played(
@@ -109,7 +89,7 @@ def certify_played(
     if isinstance(curve, Splined):
         curve = _cut(replace(curve, like=motion.form), motion)
     said = getattr(exporter, "notes", lambda _: ())(files)
-    found = certify(curve, [Looked(limit) for limit in limits], control=control)
+    found = certify(curve, limits, control=control, partial=True)
     sent = getattr(exporter, "accelerations", lambda _: None)(files)
     strays = _strays(_off(exporter, files), limits)
     rows = (*found.rows, *_holds(curve, limits, control), *_tilts(sent, limits), *strays)
@@ -199,8 +179,7 @@ def _holds(played: Any, limits: Sequence[Limit], control: str) -> list[Proof]:
         hold = Splined(np.array([0.0, 1.0]), still, like=piece.form)
         for limit in limits:
             if getattr(limit, "order", None) == 0:
-                own = Looked(limit).prove(hold)
-                for row in own:
+                for row in rows_of(limit, hold, partial=True):
                     of = control if row.margin > 0.0 else ""
                     rows.append(replace(row, quantity=f"{row.quantity}, held {where}", control=of))
     return rows

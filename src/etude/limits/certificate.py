@@ -201,6 +201,7 @@ def certify(
     *,
     way: bool = False,
     control: str = "",
+    partial: bool = False,
 ) -> Certificate:
     """Prove the limits for all times, piece by piece; pieces whose margins differ have rows of their own.
 
@@ -212,13 +213,14 @@ def certify(
         unheld: sentences, what this robot is known not to hold.
         way: whether it is the way to a motion's start, or back.
         control: that the margins of tracking are of, in words; "": nobody said.
+        partial: a limit that can prove nothing of this curve has a row that says so, instead of a UsageError.
     """
     found: dict[tuple[str, str, str, tuple[float, float] | None], Proof] = {}
     pieces = trajectory.pieces()
     for start, label, piece in pieces:
         where = f"{label} at {start:g} s" if len(pieces) > 1 else ""
         for limit in limits:
-            for i, row in enumerate(limit.prove(piece)):
+            for i, row in enumerate(rows_of(limit, piece, partial=partial)):
                 key = (row.axis, row.quantity, f"{limit.name} {i}", _kept(row))
                 of = control if row.margin > 0.0 else ""
                 row = replace(row, where=_within(row.where, where), control=of)
@@ -226,10 +228,21 @@ def certify(
     axes = list(dict.fromkeys(key[0] for key in found))
     rows = tuple(row for axis in axes for key, row in found.items() if key[0] == axis)
     rest = any(getattr(limit, "rest", False) for limit in limits)
-    ends = [_end_speeds(piece, limits) for _, _, piece in pieces]
+    ends = [_end_speeds(piece, limits, partial) for _, _, piece in pieces]
     end_speed = max(map(max, ends)) if rest else max(ends[0][0], ends[-1][1])
     unseen = not_looked_at(trajectory, limits, rows, unheld, way=way)
     return Certificate(rows, end_speed, rest, unseen, _warnings(trajectory, limits))
+
+
+def rows_of(limit: Limit, piece: Trajectory, *, partial: bool) -> Sequence[Proof]:
+    """What a limit proves of a piece; partial: one row, "not looked at", with the reason, if it can not."""
+    try:
+        return limit.prove(piece)
+    except UsageError as problem:
+        if not partial:
+            raise
+        nan = math.nan
+        return [Proof("all", limit.name, nan, nan, nan, nan, problem.fact, "not looked at")]
 
 
 def _warnings(trajectory: Trajectory, limits: Sequence[Limit]) -> tuple[str, ...]:
@@ -306,7 +319,7 @@ def _joined(one: Proof, other: Proof) -> Proof:
     return replace(tighter, proved_lower=low, proved_upper=high)
 
 
-def _end_speeds(piece: Trajectory, limits: Sequence[Limit]) -> tuple[float, float]:
+def _end_speeds(piece: Trajectory, limits: Sequence[Limit], partial: bool) -> tuple[float, float]:
     """Speed at the start and end of a piece, as a fraction of the limits of order 1.
 
     Without any, as a fraction of the piece's largest speed.
@@ -316,7 +329,9 @@ def _end_speeds(piece: Trajectory, limits: Sequence[Limit]) -> tuple[float, floa
     for limit in limits:
         if getattr(limit, "order", None) != 1:
             continue
-        size = np.array([max(abs(row.lower), abs(row.upper)) for row in limit.prove(piece)])
+        size = np.array(
+            [max(abs(row.lower), abs(row.upper)) for row in rows_of(limit, piece, partial=partial)]
+        )
         values = np.abs(limit.of_motion(ends))
         found.append(np.divide(values, size, out=np.full(values.shape, math.inf), where=size > 0.0))
     if not found:
