@@ -29,6 +29,7 @@ RANKS = {
     "_runtime": 0,
     "storage": 0,
     "threads": 0,
+    "abilities": 0,
     "protocols": 0,
     "types": 0,
     "plugins": 0,
@@ -55,7 +56,9 @@ SIDEWAYS = {
     ("_runtime", "plugins"),
     ("threads", "_runtime"),
     ("types", "_runtime"),
-    ("protocols", "_runtime"),
+    ("abilities", "_runtime"),
+    ("abilities", "protocols"),
+    ("abilities", "types"),
     ("protocols", "types"),
 }
 # a kind supplies nouns, the steps are the pipeline's

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from etude import plugins
+from etude.abilities import SupportsNotes
 from etude.campaign.propose.motions import typical_motions
 from etude.campaign.record.events import BlockScores, PrequentialScore, Trained
 from etude.campaign.record.folder import Campaign, Say
@@ -232,13 +233,17 @@ def learn_log(campaign: Campaign, state: State, number: int) -> TrainingOutcome:
         robot_seconds=float(sum(one.robot_seconds for one in learned)),
         recipe=tuple(_said(campaign, logs, samples)),
         inputs={name: np.asarray(a).tolist() for name, a in ladder.model.inputs.arrays().items()},
-        warnings=(*getattr(ladder.model.inputs, "notes", ()), *ladder.model.warnings),
+        warnings=(*_notes(ladder.model.inputs), *ladder.model.warnings),
     )
     fact = with_forecast(fact, ladder.model, before, campaign, state)
     if blocks:
         with part(0.5):
             fact = _with_blocks(fact, campaign, number, rng, 0.0 if foreign else GAP_S)
     return TrainingOutcome([path, left_out], fact)
+
+
+def _notes(inputs: Inputs) -> tuple[str, ...]:
+    return inputs.notes if isinstance(inputs, SupportsNotes) else ()
 
 
 def _unmoved(campaign: Campaign, samples: Samples) -> tuple[str, ...]:

@@ -11,6 +11,7 @@ import numpy as np
 
 from etude.errors import EtudeError, UsageError
 from etude.models.gp.cholesky import factorise
+from etude.models.protocols import SupportsFactors
 from etude.protocols import Posterior
 from etude.types import Array
 
@@ -49,10 +50,9 @@ class Batch(Protocol):
 
 def batch_of(posterior: Posterior, X: Array) -> Batch:
     """The batch of X (T, D): with shared factors if the posterior has them, else by the bare contract."""
-    factors = getattr(posterior, "factors", None)
-    if factors is None:
+    if not isinstance(posterior, SupportsFactors):
         return PlainBatch(posterior, X)
-    batch: Batch = factors(X)
+    batch: Batch = posterior.factors(X)
     return batch
 
 
