@@ -28,10 +28,11 @@ _PLACES = {
     "export": "etude.campaign.deployment.model_export",
     "certify": "etude.limits.certificate",
 }
-PUBLIC = ("errors", "plugins", "progress", "protocols", "storage", "testing", "threads", "types")
+PUBLIC = ("abilities", "errors", "plugins", "progress", "protocols", "storage", "testing", "threads", "types")
 """Modules that may be used from outside; every room says of its own."""
-_MODULES = ("errors", "protocols", "testing", "types")
+_MODULES = ("abilities", "errors", "protocols", "testing", "types")
 __all__ = [
+    "abilities",
     "ask",
     "certify",
     "create_campaign",

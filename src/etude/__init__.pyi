@@ -1,5 +1,6 @@
 """Types of the names that `import etude` loads when they are first used."""
 
+from etude import abilities as abilities
 from etude import errors as errors
 from etude import protocols as protocols
 from etude import testing as testing

@@ -383,7 +383,7 @@ class SupportsCommandedFiles(Protocol):
 
 @runtime_checkable
 class SupportsNeeds(Protocol):
-    """Target: names of `campaign.supplied` that become options. Criterion: "reference" or "identified"."""
+    """Target, names of `campaign.supplied` that become options; Criterion: "reference" or "identified"."""
 
     @property
     def needs(self) -> str | Sequence[str]: ...

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Hashable, Sequence
+from collections.abc import Callable, Collection, Hashable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, Protocol, runtime_checkable
 
@@ -157,6 +157,13 @@ class SupportsFactors(Protocol):
     """A posterior whose covariances at inputs X (T, D) share factors, a `design.score.Batch`."""
 
     def factors(self, X: Array) -> Any: ...
+
+
+@runtime_checkable
+class SupportsPoint(Protocol):
+    """A process with a fast function of one input, x (D,) -> means (m,): for a controller's tick."""
+
+    def point(self) -> Callable[[Array], Array]: ...
 
 
 @runtime_checkable

@@ -79,7 +79,9 @@ def level_of(candidate: Candidate) -> Array:
 
 def rests_of(candidate: Candidate) -> Sequence[Sequence[tuple[int, float]]]:
     """Of each command the noise at rest that its variance holds, as `gp.rest.rests`; few members know any."""
-    own = candidate.process.rests if isinstance(candidate.process, SupportsRestNoise) else ()
+    process = candidate.process
+    assert process is not None
+    own = process.rests if isinstance(process, SupportsRestNoise) else ()
     return own or [()] * len(candidate.commands)
 
 
