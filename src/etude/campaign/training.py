@@ -34,7 +34,7 @@ from etude.errors import DataError, NumericalError
 from etude.models.data.cross_validation import held_out_blocks, split_blocks
 from etude.models.model import LearnedModel
 from etude.models.protocols import HasKernel, SupportsFirstUse
-from etude.models.score import PredictionScore, score
+from etude.models.score import PredictionScore, prediction_score
 from etude.models.selection.linear import LinearPhysics
 from etude.models.selection.model_selection import Ladder, prequential, residuals_of, train_ladder
 from etude.models.store import save_model
@@ -277,10 +277,10 @@ def _scores(
     if before is not None:
         found = prequential(before, new, samples.take(~newest))
         if label(before.chosen) == MIXED:
-            found[MIXED] = score(new, *before.posterior(new.log), samples.take(~newest))
+            found[MIXED] = prediction_score(new, *before.posterior(new.log), samples.take(~newest))
     if not newest.all():  # fitted to the earlier logs alone
         mean = LinearPhysics(inputs)(samples.take(~newest))
-        found[LINEAR] = score(new, mean.predict(new.log))
+        found[LINEAR] = prediction_score(new, mean.predict(new.log))
     return {rung: _plain(one) for rung, one in found.items()}
 
 
@@ -330,10 +330,10 @@ def _held_out(campaign: Campaign, log: Samples, rng: np.random.Generator, gap_s:
     ladder = train_ladder(train, inputs, kind.physics(spec, config), kind.limit(spec), config.model, rng)
     scores = prequential(ladder.model, test)
     if label(ladder.chosen) == MIXED:
-        scores[MIXED] = score(test, *ladder.model.posterior(test.log))
+        scores[MIXED] = prediction_score(test, *ladder.model.posterior(test.log))
     nmse = {rung: jsonable(found.nmse) for rung, found in scores.items() if rung != LINEAR}
     linear = LinearPhysics(ladder.model.inputs)(train).predict(test.log)
-    beside = score(test, linear)
+    beside = prediction_score(test, linear)
     nmse["linear regression"] = jsonable(beside.nmse)
     every = {rung: jsonable(found.usable.nmse) for rung, found in scores.items() if rung != LINEAR}
     every["linear regression"] = jsonable(beside.usable.nmse)
