@@ -43,8 +43,8 @@ WHOLE = RobotPart()
 
 
 def create_campaign(
-    path: Path,
-    robot: str,
+    path: str | Path,
+    robot: str | Path,
     preset_name: str = "default",
     seed: int = 0,
     part: RobotPart = WHOLE,
@@ -68,7 +68,7 @@ def create_campaign(
         UsageError: there is a campaign already, no folder can be made there, or the robot is unknown or
             impossible.
     """
-    path = Path(path)
+    path, robot = Path(path), str(robot)
     if os.path.isfile(path / JOURNAL):  # before the robot is read, which takes seconds
         _require_empty(path)
     kind, description = find_robot(robot)

@@ -158,12 +158,14 @@ class Score:
     reduction: tuple[Array, Array] | None = None
 
 
-Criterion = Callable[[Output, Batch, Array], Score]
-"""(output, batch of T planned samples, gains (T,)) -> Score.
+class Criterion(Protocol):
+    """(output, batch of T planned samples, gains (T,)) -> Score.
 
-Slow samples will be masked as stuck, so sample t counts with weight gain_t^2 in [0, 1]; its noise variance is
-sn^2/gain_t^2. All gains 1: no mask.
-"""
+    Slow samples will be masked as stuck, so sample t counts with weight gain_t^2 in [0, 1]; its noise
+    variance is sn^2/gain_t^2. All gains 1: no mask.
+    """
+
+    def __call__(self, output: Output, batch: Batch, gain: Array, /) -> Score: ...
 
 
 def needing(what: Literal["reference", "identified"]) -> Callable[[Criterion], Criterion]:
