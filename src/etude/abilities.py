@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
 import numpy as np
 
+from etude.codes import Notice
 from etude.protocols import Controller, Limit, Model, Regressor, Trajectory
 from etude.types import (
     Array,
@@ -150,10 +151,10 @@ class SupportsDrag(Protocol):
 
 @runtime_checkable
 class SupportsNotes(Protocol):
-    """`Inputs` with sentences on what `tuned` found, for people."""
+    """`Inputs` with notices, or sentences alone, on what `tuned` found."""
 
     @property
-    def notes(self) -> tuple[str, ...]: ...
+    def notes(self) -> Sequence[str | Notice]: ...
 
 
 @runtime_checkable

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
+from etude.codes import Notice, Warn
 from etude.errors import DataError, UsageError
 from etude.types import Array, Code, Column, Index, Log, Motion, Planned, Row, Samples
 from etude_quadrotor.channels import BATTERY, PLANNED, STATES
@@ -83,12 +84,10 @@ class QuadrotorInputs:
         return 0.0
 
     @property
-    def notes(self) -> tuple[str, ...]:
-        """A sentence if inputs that were asked for are missing."""
-        if not self.left_out:
-            return ()
-        names = " and ".join(name.replace("_", " ") for name in self.left_out)
-        return (f"Not every flight tells its {names}; the model does without.",)
+    def notes(self) -> tuple[Notice, ...]:
+        """A notice if inputs that were asked for are missing."""
+        names = tuple(name.replace("_", " ") for name in self.left_out)
+        return (Notice(Warn.INPUTS_MISSING, {"inputs": names}),) if names else ()
 
     def states(self, motion: Motion) -> Log:
         """What a perfect flight of the plan leaves: states, position, and what an autopilot is told.

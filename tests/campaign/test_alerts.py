@@ -18,7 +18,7 @@ from etude.campaign.record.events import Evaluated
 from etude.campaign.record.folder import Campaign
 from etude.campaign.record.state import CHANGED, Round, State
 from etude.cli import main
-from etude.models.selection.selection_rule import TOO_FEW, UNCERTAIN
+from etude.codes import Alert, NextStep, Notice, Stop, Warn
 from etude.types import Finding
 from journal_facts import fact, trained
 
@@ -36,7 +36,9 @@ def state(gp: dict[str, Any], told: dict[str, Any] | None = None, **round_: Any)
 
 
 def news(found: State) -> list[tuple[str, str]]:
-    return [(finding.check, finding.light) for finding in bad_news(found, OUTPUTS, 2)]
+    """Codes and lights; of a log's finding its check."""
+    told = bad_news(found, OUTPUTS, 2)
+    return [(str(one.fields.get("check", one.code)), one.light) for one in told]
 
 
 def test_without_bad_news_nothing_is_said() -> None:
@@ -47,10 +49,10 @@ def test_without_bad_news_nothing_is_said() -> None:
 @pytest.mark.parametrize(
     ("change", "told", "words"),
     [
-        ({"coverage": [0.95, 0.79]}, ("calibration", "red"), "knee 79 %"),
+        ({"coverage": [0.95, 0.79]}, ("narrow_intervals", "red"), "knee 79 %"),
         (
             {"nmse": [0.01, 0.23]},
-            ("linear regression", "yellow"),
+            ("linear_better", "yellow"),
             "erred less than gp, then in use",
         ),
         ({"nmse": [0.01, 0.21]}, None, ""),
@@ -60,27 +62,20 @@ def test_without_bad_news_nothing_is_said() -> None:
 )
 def test_scores(change: dict[str, Any], told: tuple[str, str] | None, words: str) -> None:
     found = bad_news(state({**GOOD, **change}), OUTPUTS, 2)
-    assert [(finding.check, finding.light) for finding in found] == ([told] if told else [])
+    assert [(one.code, one.light) for one in found] == ([told] if told else [])
     assert all(words in finding.sentence and "hip" not in finding.sentence for finding in found)
     assert all(finding.step for finding in found)
 
 
 def test_what_the_training_does_not_believe_is_told_until_the_next_one() -> None:
-    told = [
-        "hip: of 9 s in all there is too little motion to be believed, so " + UNCERTAIN + "; tell another."
-    ]
-    told += [
-        f"knee: the process erred 3 times as much as linear regression, but {TOO_FEW}; tell another one."
-    ]
+    short = Notice(Warn.TOO_LITTLE_MOTION, {"commands": ("hip",), "seconds": 9.0}, NextStep.TELL_MOVING)
+    few = Notice(Warn.ONE_TRAJECTORY, {"command": "knee", "ratio": 3.0}, NextStep.TELL_ANOTHER)
+    told = [short, Notice(Warn.PERHAPS_CHANCE, {"command": "knee", "ratio": 2.0}), few]
     own = state(GOOD)
-    rounds = {3: replace(own.rounds[3], trained=replace(own.newest, warnings=(*told, "No battery.")))}
+    rounds = {3: replace(own.rounds[3], trained=replace(own.newest, warnings=tuple(told)))}
     found = bad_news(replace(own, rounds=rounds), OUTPUTS, 2)
-    assert [(f.check, f.light) for f in found] == [
-        ("too little motion", "yellow"),
-        ("linear regression", "yellow"),
-    ]
-    assert [f.step for f in found] == ["Tell another.", "Tell another one."]
-    assert found[0].sentence.endswith(UNCERTAIN)
+    assert found == (replace(short, light="yellow"), replace(few, light="yellow"))
+    assert [one.step for one in found] == ["Tell another log that moves it.", "Tell another one."]
     later = Round(4, told=own.rounds[3].told, trained=own.newest, order=2)
     assert bad_news(replace(own, rounds=rounds | {4: later}), OUTPUTS, 2) == ()
 
@@ -97,11 +92,11 @@ def test_a_short_log_stands_at_the_top(campaign: Campaign, tmp_path: Path, capsy
     assert main(["status", str(campaign.path)]) == 0
     said = capsys.readouterr().out
     assert said.splitlines()[0].startswith("Look: all commands: of ")
-    assert said.splitlines()[0].endswith(f"{UNCERTAIN}. Tell another log that moves it.")
+    assert said.splitlines()[0].endswith("uncertain everywhere. Tell another log that moves it.")
     assert "Stop:" not in said
     assert main(["report", str(campaign.path)]) == 0
     page = (campaign.path / "report.html").read_text()
-    assert page.index(UNCERTAIN) < page.index("<h2")
+    assert page.index("uncertain everywhere") < page.index("<h2")
 
 
 def of_blocks(mixed: list[float | None], linear: list[float], number: int = 3) -> State:
@@ -115,15 +110,15 @@ def of_blocks(mixed: list[float | None], linear: list[float], number: int = 3) -
 @pytest.mark.parametrize(
     ("error", "told"),
     [
-        (2.9, [("prediction", "red"), ("linear regression", "yellow")]),
-        (1.0, [("prediction", "red")]),
+        (2.9, [("constant_as_good", "red"), ("linear_better", "yellow")]),
+        (1.0, [("constant_as_good", "red")]),
         (0.99, []),
         (None, []),
     ],
 )
 def test_blocks_of_the_first_log_are_news_too(error: float | None, told: list[tuple[str, str]]) -> None:
     found = bad_news(of_blocks([0.1, error], [0.2, 0.95]), OUTPUTS, 2)
-    assert [(f.check, f.light) for f in found] == told
+    assert [(f.code, f.light) for f in found] == told
     assert all(f.sentence.startswith("knee: on blocks of log 3 that were held out, ") for f in found)
 
 
@@ -138,19 +133,19 @@ def test_blocks_of_the_first_log_are_news_too(error: float | None, told: list[tu
 def test_linear_regression_is_advised_only_where_no_output_gets_worse(
     mixed: list[float | None], linear: list[float], step: str
 ) -> None:
-    (found,) = (f for f in bad_news(of_blocks(mixed, linear), OUTPUTS, 2) if f.check == "linear regression")
+    (found,) = (f for f in bad_news(of_blocks(mixed, linear), OUTPUTS, 2) if f.code == Alert.LINEAR_BETTER)
     assert step in found.step
 
 
 def test_what_is_worse_than_a_constant_is_not_advised() -> None:
-    assert news(of_blocks([0.1, 2.9], [0.2, 1.05])) == [("prediction", "red")]
+    assert news(of_blocks([0.1, 2.9], [0.2, 1.05])) == [("constant_as_good", "red")]
 
 
 def test_of_a_joint_that_did_not_move_that_is_said() -> None:
     own = of_blocks([0.1, 2.9], [0.2, 0.5])
     rounds = {3: replace(own.rounds[3], trained=replace(own.newest, unmoved=("knee",)))}
     (found,) = bad_news(State(rounds=rounds), OUTPUTS, 2)
-    assert (found.check, found.light) == ("prediction", "red")
+    assert (found.code, found.light) == (Alert.NEVER_MOVED, "red")
     assert "knee: it did not move" in found.sentence
     assert "move it" in found.step
 
@@ -204,10 +199,10 @@ def test_red_comes_before_yellow() -> None:
     gp = {"nmse": [0.2, 1e9], "coverage": [0.1, 0.95]}
     told = {"findings": [asdict(Finding("units", "yellow", "hip may be in mA", "Say --current."))]}
     assert news(state(gp, told)) == [
-        ("calibration", "red"),
-        ("prediction", "red"),
+        ("narrow_intervals", "red"),
+        ("constant_as_good", "red"),
         ("units", "yellow"),
-        ("linear regression", "yellow"),
+        ("linear_better", "yellow"),
     ]
 
 
@@ -226,8 +221,8 @@ def test_a_changed_robot_is_news_until_it_is_answered_and_other_findings_while_t
     ("errors", "told"),
     [
         ([1.0, 0.9], []),
-        ([1.0, 1.2], [("tests", "yellow")]),
-        ([1.0, 2.2], [("tests", "red")]),
+        ([1.0, 1.2], [("test_worse", "yellow")]),
+        ([1.0, 2.2], [("worse_than_feedback", "red")]),
         ([1.0, 1.2, 1.1], []),
     ],
 )
@@ -237,7 +232,8 @@ def test_tests_that_get_worse(errors: list[float], told: list[tuple[str, str]]) 
     assert news(replace(state(GOOD), evaluated=(alone, *rounds))) == told
 
 
-HARM = [({"coverage": 0.79}, "79 %"), ({"red": ("log 3: its sign is inverted",)}, "its sign is inverted")]
+INVERTED = Notice(Alert.LOG_FINDING, {"log": 3, "found": "its sign is inverted"}, light="red")
+HARM = [({"coverage": 0.79}, "79 %"), ({"red": (INVERTED,)}, "log 3: its sign is inverted")]
 
 
 @pytest.mark.parametrize(("harm", "words"), HARM)
@@ -260,3 +256,13 @@ def test_a_spent_budget_stops_and_does_not_praise_the_model(harm: dict[str, Any]
     assert judge(series({}, {}), spent).usable
     assert judge(series({}, {"coverage": 0.81}), CONFIG).usable
     assert OPEN.red == ()
+
+
+@pytest.mark.parametrize("harm", [own for own, _ in HARM])
+def test_where_no_rule_has_fired_the_reason_stands_alone(harm: dict[str, Any]) -> None:
+    for logs, code in ((1, Stop.LOGS_MISSING), (2, Stop.OPEN)):
+        found = judge(series(*[{}] * (logs - 1), harm), CONFIG)
+        assert (found.said.code, found.usable, ", but " in found.reason) == (code, False, False)
+    doubted = {"forecast": 0.01, "calibration": 2.5}
+    found = judge(series(doubted, {**doubted, **harm}), CONFIG)
+    assert (found.said.code, found.reason.count(", but ")) == (Stop.DOUBTED, 2)

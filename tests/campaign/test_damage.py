@@ -22,6 +22,7 @@ from etude.campaign.propose.ask import ask
 from etude.campaign.record.folder import Campaign, open_campaign
 from etude.campaign.record.stored_files import stored_trajectory
 from etude.campaign.record.stored_models import MODEL, newest_model
+from etude.codes import Notice, Warn
 from etude.errors import DataError, UsageError
 from etude.models import store
 from etude.models.model import LearnedModel
@@ -144,13 +145,16 @@ def loaded(campaign: Campaign, path: Path) -> LearnedModel:
     return store.load_model(path, inputs.restore, campaign.kind.physics(campaign.spec, campaign.config))
 
 
+CHANGED = (Notice(Warn.STATED, {"sentence": "changed"}),)
+
+
 def test_a_model_that_was_changed_and_still_loads(lab: Path, capsys: pytest.CaptureFixture[str]) -> None:
     campaign = open_campaign(lab)
     store.save_model(
         lab / "models" / "0002" / MODEL,
-        replace(newest_model(campaign, campaign.state()), calibrated=True, warnings=("changed",)),
+        replace(newest_model(campaign, campaign.state()), calibrated=True, warnings=CHANGED),
     )
-    assert loaded(campaign, lab / "models" / "0002" / MODEL).warnings == ("changed",)
+    assert loaded(campaign, lab / "models" / "0002" / MODEL).warnings == CHANGED
     code, words = said(capsys, "ask", str(lab), "--new")
     assert code == 2
     assert "models/0002/model.npz was changed after it was committed" in words

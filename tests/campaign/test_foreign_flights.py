@@ -12,6 +12,7 @@ from etude.campaign.ingest.ingest_result import read
 from etude.campaign.record.folder import Campaign, open_campaign
 from etude.campaign.record.stored_models import load_model, told_samples
 from etude.cli import main
+from etude.codes import Warn
 from etude.logs.readers.log_file import write_log
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "crazyflie"
@@ -47,11 +48,12 @@ def told(tmp_path_factory) -> Campaign:
 def test_flights_without_position_are_learned_and_what_is_missing_is_said(told, capsys) -> None:
     facts = told.state().trained[-1].trained
     assert facts.logs == (1, 2)
-    assert "Not every flight tells its altitude and body velocity; the model does without." in facts.warnings
+    missing = next(one for one in facts.warnings if one.code == Warn.INPUTS_MISSING)
+    assert missing.sentence == "Not every log tells its altitude and body velocity; the model does without"
     assert main(["tell", str(told.path), str(EXAMPLE / "log10_thrust.csv"), "--json"]) == 0
     again = json.loads(capsys.readouterr().out)
     assert again["repeated"]
-    assert again["warnings"] == list(facts.warnings)
+    assert again["warnings"] == json.loads(json.dumps([one.told() for one in facts.warnings]))
     assert {"identified", "gp", "identified+gp", "linear"} <= set(facts.models)
     assert facts.models["gp"].nmse != facts.models["identified"].nmse
 
@@ -95,8 +97,8 @@ def test_a_flight_that_tells_less_than_those_before_is_learned_too(tmp_path, cap
         widths.append(len(load_model(folder).inputs.columns))
     assert widths == [13, 9]
     first, second = (round_.trained for round_ in campaign.state().trained)
-    assert not any("does without" in said for said in first.warnings)
-    assert sum("does without" in said for said in second.warnings) == 1
+    assert not any(one.code == Warn.INPUTS_MISSING for one in first.warnings)
+    assert sum(one.code == Warn.INPUTS_MISSING for one in second.warnings) == 1
     assert set(second.models) == {"linear"}  # no earlier model can say anything of it
     assert len(told_samples(campaign, [1, 2])) > 0
 

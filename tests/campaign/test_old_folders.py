@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import json
 import shutil
-from dataclasses import asdict
+from dataclasses import asdict, fields
 from pathlib import Path
 
 import pytest
@@ -17,7 +17,7 @@ import pytest
 from etude.campaign.evaluate.status import status
 from etude.campaign.ingest.ingest_many import tell
 from etude.campaign.propose.ask import ask
-from etude.campaign.record.events import FACTS, Evaluated, from_json, to_json
+from etude.campaign.record.events import FACTS, Evaluated, from_json, plain, to_json
 from etude.campaign.record.folder import open_campaign
 from etude.campaign.record.stored_models import load_model
 
@@ -33,7 +33,8 @@ def test_no_fact_of_a_line_is_lost(name: str) -> None:
     for line in lines(name):
         event, said = from_json(line), json.loads(line)
         assert from_json(to_json(event)) == event
-        held = json.loads(json.dumps(asdict(event) | asdict(event.fact) | {"event": event.event}))
+        own = {f.name: getattr(event.fact, f.name) for f in fields(event.fact)}
+        held = json.loads(json.dumps(plain(asdict(event) | own | {"event": event.event})))
         if isinstance(event.fact, Evaluated):
             held[f"tracking_error_{event.fact.unit}"] = list(event.fact.errors)
         assert {key: held[key] for key in said.keys() - {"previous", "seal"}}.items() <= said.items()

@@ -25,6 +25,7 @@ from etude.campaign.record.journal import read_events
 from etude.campaign.record.stored_files import stored_trajectory
 from etude.campaign.record.stored_models import newest_model
 from etude.cli import main
+from etude.codes import Refusal
 from etude.errors import DataError, UsageError
 from etude.progress import watched
 from etude.report.markup import number
@@ -151,7 +152,11 @@ def test_only_segments_that_the_model_in_use_has_not_learned_are_compared(
     assert not found.promoted
     assert (physics.segments, used.segments) == (6, 1)
     assert used.decision == "not decided"
-    assert "the model in use, of log 5" in found.refused[0]
+    (said,) = found.refused
+    assert said.code == Refusal.NOT_DECIDED
+    assert said.sentence == (
+        "not decided against the model in use, of log 5: 1 segments that neither has seen, 4 are needed"
+    )
     # of the same log: the ratio is that of two predictions that have not seen it, computed here anew
     from etude.campaign.record.stored_models import LEFT_OUT, told_samples
     from etude.models.data.fit import in_order

@@ -16,6 +16,7 @@ from etude.campaign.record.folder import Campaign
 from etude.campaign.record.stored_models import SIMULATED
 from etude.campaign.simulation import simulate
 from etude.campaign.training import TrainingOutcome
+from etude.codes import Notice, Warn
 from etude.errors import UsageError
 
 LINK = (
@@ -51,7 +52,7 @@ def log(path: Path, phase: float) -> Path:
     return path
 
 
-def told(lab: Campaign, phase: float) -> tuple[str, ...]:
+def told(lab: Campaign, phase: float) -> tuple[Notice, ...]:
     """The warnings of a log that is told."""
     path = log(lab.path / f"run{phase:g}.csv", phase)
     return tell(lab, path, foreign=True, accept=("sign", "gravity"), changed="same").warnings
@@ -70,5 +71,6 @@ def test_a_log_of_the_robot_itself_beside_simulated_ones_is_told_to_be_so(lab: C
     told(lab, 0.0)
     log(lab.path / SIMULATED / "0001.parquet", 0.0)
     (warning,) = told(lab, 1.0)
-    assert "log 1 was simulated, log 2 is of the robot itself" in warning
-    assert f"etude untell {lab.path} 1" in warning
+    assert warning.code == Warn.TWO_ROBOTS
+    assert "log 1 was simulated, log 2 is of the robot itself" in warning.sentence
+    assert warning.step.endswith(f"etude untell {lab.path} 1")

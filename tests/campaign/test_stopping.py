@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 from etude.campaign.evaluate.stopping import Evidence, judge
 from etude.campaign.record.config import StopConfig
+from etude.codes import Stop
 from etude.errors import UsageError
 
 CONFIG = StopConfig(command_tolerance=0.02)
@@ -57,6 +58,7 @@ def test_the_budget_fires_at_once() -> None:
 def test_a_tolerance_is_not_believed_of_a_doubtful_model(doubt: dict[str, object], words: str) -> None:
     verdict = judge(series({"forecast": 0.01}, {"forecast": 0.01, **doubt}), CONFIG)
     assert not verdict.stop
+    assert verdict.said.code == Stop.DOUBTED
     assert words in verdict.reason
     assert judge(series({"noise_ratio": 0.0}, {"noise_ratio": 0.0, **doubt}), CONFIG).rule == "noise"
 

@@ -28,6 +28,7 @@ BESIDE = {
 KINDS = ("etude_arm", "etude_quadrotor")
 RANKS = {
     "errors": 0,
+    "codes": 0,
     "_runtime": 0,
     "storage": 0,
     "threads": 0,
@@ -59,6 +60,7 @@ SIDEWAYS = {
     ("threads", "_runtime"),
     ("types", "_runtime"),
     ("abilities", "_runtime"),
+    ("abilities", "codes"),
     ("abilities", "protocols"),
     ("abilities", "types"),
     ("protocols", "types"),

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from learning_examples import LIMIT, SMALL, train, trajectories, trajectory
 
+from etude.codes import Warn
 from etude.models.score import prediction_score
 from etude.models.selection.selection_rule import DOUBT
 from etude.models.trust import trust
@@ -28,7 +29,7 @@ def test_a_short_log_is_not_believed(config) -> None:
     assert np.all(np.sqrt(variance) >= 0.99 * DOUBT * LIMIT)
     assert np.all(prediction_score(new, mean, variance).coverage > 0.95)
     assert np.all(trust(variance, model.prior_deviation) == 0.0)
-    assert any("uncertain everywhere" in sentence for sentence in model.warnings)
+    assert any(one.code == Warn.TOO_LITTLE_MOTION for one in model.warnings)
 
 
 def test_a_command_whose_joint_hardly_moved_is_doubted_alone() -> None:
@@ -39,11 +40,11 @@ def test_a_command_whose_joint_hardly_moved_is_doubted_alone() -> None:
     deviation = np.sqrt(model.predict(data.log)[1].min(axis=0))
     assert deviation[1] >= 0.99 * DOUBT * LIMIT[1]
     assert deviation[0] < 0.5 * DOUBT * LIMIT[0]
-    (sentence,) = [s for s in model.warnings if "uncertain everywhere" in s]
-    assert sentence.startswith("b:")
+    (one,) = [one for one in model.warnings if one.code == Warn.TOO_LITTLE_MOTION]
+    assert one.fields["commands"] == ("b",)
 
 
 def test_enough_motion_is_believed() -> None:
     model = train(trajectories(2), SMALL)
-    assert not any("uncertain everywhere" in sentence for sentence in model.warnings)
+    assert not any(one.code == Warn.TOO_LITTLE_MOTION for one in model.warnings)
     assert np.sqrt(model.predict(trajectory(1).log)[1]).min() < DOUBT * LIMIT.min()

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from learning_examples import PHYSICS, SMALL, commanded, ladder, trajectories, trajectory
 
+from etude.codes import Warn
 from etude.models.selection.linear import linear_inputs, linear_weights
 from etude.models.selection.model_selection import Ladder
 from etude.models.selection.selection_rule import _choice, _reference
@@ -56,9 +57,9 @@ def test_a_trend_beyond_the_data_is_where_a_process_loses_and_the_ladder_does_no
     assert found.chosen[0].startswith("linear")
     assert ratios(found, data, test)[0] < 1.1
     assert found.errors["gp"][0] > found.errors["linear"][0]
-    (message,) = [w for w in found.model.warnings if w.startswith("a:")]
-    assert message.startswith("a: on motion held out the process erred")
-    assert "linear regression" in message
+    (said,) = [one for one in found.model.warnings if one.fields["command"] == "a"]
+    assert said.code in (Warn.LINEAR_ALONE, Warn.LINEAR_BELOW)
+    assert said.sentence.startswith("a: on motion held out the process erred")
 
 
 def test_a_linear_command_under_noise_as_large_as_itself_is_linear_too() -> None:
@@ -100,7 +101,8 @@ def test_one_trajectory_is_warned_of_and_keeps_its_process() -> None:
     data = moved(one, q, np.column_stack([10.0 * q[:, 0], one.command[:, 1]]))
     found, bare = chosen(data), chosen(data, SMALL)
     assert found.chosen == ("gp", "gp")
-    assert "tell another one" in found.model.warnings[0]
+    assert found.model.warnings[0].code == Warn.ONE_TRAJECTORY
+    assert str(found.model.warnings[0]).endswith("; tell another one.")
     np.testing.assert_array_equal(found.model.mean(data.log), bare.model.mean(data.log))
 
 

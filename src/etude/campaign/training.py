@@ -28,6 +28,7 @@ from etude.campaign.record.stored_models import (
     stored_model,
     told_samples,
 )
+from etude.codes import Notice, Warn, stated
 from etude.design.latents import latents_of
 from etude.design.objective import MOTIONS, reference_states
 from etude.errors import DataError, NumericalError
@@ -242,8 +243,8 @@ def learn_log(campaign: Campaign, state: State, number: int) -> TrainingOutcome:
     return TrainingOutcome([path, left_out], fact)
 
 
-def _notes(inputs: Inputs) -> tuple[str, ...]:
-    return inputs.notes if isinstance(inputs, SupportsNotes) else ()
+def _notes(inputs: Inputs) -> tuple[Notice, ...]:
+    return stated(inputs.notes) if isinstance(inputs, SupportsNotes) else ()
 
 
 def _unmoved(campaign: Campaign, samples: Samples) -> tuple[str, ...]:
@@ -316,10 +317,9 @@ def _with_blocks(
     try:
         return replace(fact, held_out=_held_out(campaign, told_samples(campaign, [number]), rng, gap_s))
     except DataError as error:
-        said = f"No blocks of log {number} were held out, since alone it cannot be learned: {error.fact}"
-        return replace(
-            fact, warnings=(*fact.warnings, f"{said} ({error.where})." if error.where else f"{said}.")
-        )
+        why = f"{error.fact} ({error.where})" if error.where else error.fact
+        warning = Notice(Warn.NO_BLOCKS, {"log": number, "why": why})
+        return replace(fact, warnings=(*fact.warnings, warning))
 
 
 def _held_out(campaign: Campaign, log: Samples, rng: np.random.Generator, gap_s: float) -> BlockScores:

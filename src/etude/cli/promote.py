@@ -41,6 +41,7 @@ class Promote(Common):
         data = asdict(found) | {"decisions": [one.decision for one in found.compared]}
         lines = _lines(found, campaign.command.parts)
         left = affected(campaign, campaign.state())
+        data |= {"refused": [one.told() for one in found.refused]}
         data |= {"known_faults": [asdict(one) for one in left]}
         lines += faults([asdict(one) | {"sentence": one.sentence} for one in left])
         if found.promoted:
@@ -72,7 +73,7 @@ def _lines(found: Promotion, commands: Sequence[str]) -> list[str]:
             for name, own in (("50 %", found.narrow), ("95 %", found.wide))
         ]
         lines += ["Held-out commands inside its intervals:", table(["interval", *commands], parts)]
-    lines += [f"{sentence[:1].upper()}{sentence[1:]}." for sentence in found.refused]
+    lines += [f"{one.sentence[:1].upper()}{one.sentence[1:]}." for one in found.refused]
     if not found.promoted:
         return [*lines, f"{model} is not promoted. --force --reason WHY puts it in use all the same."]
     return [*lines, f"{model} is in use now{', forced' if found.forced else ''}."]

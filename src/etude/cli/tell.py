@@ -80,7 +80,7 @@ class Tell(Common):
         data = {
             "files": [_file(file) for file in many.files],
             "learned": many.learned,
-            "warnings": many.warnings,
+            "warnings": [one.told() for one in many.warnings],
         }
         held = any(file.told is not None and file.told.held for file in many.files)
         code = code_of(changed=held, refused=bool(many.refused))
@@ -99,7 +99,7 @@ def _lines(found: Told) -> list[str]:
     lines += [found.start] if found.start else []
     lines += _held(found)
     lines += [f"Log {found.number} is set aside: nothing learns from it."] if found.aside else []
-    return [*lines, *_learned(found.learned), *(f"Warning: {sentence}" for sentence in found.warnings)]
+    return [*lines, *_learned(found.learned), *(f"Warning: {notice}" for notice in found.warnings)]
 
 
 def _held(found: Told) -> list[str]:
@@ -123,7 +123,7 @@ def _table(many: ToldMany) -> list[str]:
         lines += [f"{file.path.name}: {sentence}" for sentence in (_held(told) if told else ())]
         if file.refused is not None and file.refused.next_step:
             lines.append(f"{file.path.name}: {file.refused.next_step}")
-    return [*lines, *_learned(many.learned), *(f"Warning: {sentence}" for sentence in many.warnings)]
+    return [*lines, *_learned(many.learned), *(f"Warning: {notice}" for notice in many.warnings)]
 
 
 def _data(found: Told) -> dict[str, Any]:
@@ -135,7 +135,7 @@ def _data(found: Told) -> dict[str, Any]:
         "foreign": found.foreign,
         "repairs": found.repairs,
         "learned": found.learned,
-        "warnings": found.warnings,
+        "warnings": [one.told() for one in found.warnings],
         "held": found.held,
         "aside": found.aside,
         "run": found.run,

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from etude.abilities import SupportsColumns
+from etude.codes import Notice
 from etude.errors import UsageError
 from etude.models.change.change_detection import FREEDOM
 from etude.models.data.as_log import Run, as_log, as_run
@@ -138,7 +139,7 @@ class LearnedModel:
         member: name of the processes' member, to restore them by.
         least: (J,) variance that is claimed anywhere at least, where motion was too short; None: none.
         student: distribution of held-out errors over predicted deviations, or None.
-        warnings: sentences about commands that linear regression predicts better.
+        warnings: of commands that linear regression predicts better, or that moved too little.
     """
 
     inputs: Inputs
@@ -151,7 +152,7 @@ class LearnedModel:
     member: str = "exact"
     least: Array | None = None
     student: StudentT | None = None
-    warnings: tuple[str, ...] = ()
+    warnings: tuple[Notice, ...] = ()
 
     @property
     def rungs(self) -> tuple[str, ...]:

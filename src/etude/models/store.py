@@ -16,6 +16,7 @@ from zipfile import BadZipFile
 
 import numpy as np
 
+from etude.codes import stated
 from etude.errors import DataError
 from etude.models.change.change_detection import FREEDOM
 from etude.models.members import member_named
@@ -78,7 +79,7 @@ def model_bytes(model: LearnedModel) -> bytes:
         "calibrated": model.calibrated,
         "freedom": model.freedom,
         "student": None if model.student is None else asdict(model.student),
-        "warnings": model.warnings,
+        "warnings": [one.to_json() for one in model.warnings],
     }
     shelf.put("ranges", model.ranges)
     shelf.put("independence", model.independence)
@@ -122,7 +123,7 @@ def model_of(
         member=words["member"],
         least=arrays.get("least"),
         student=None if student is None else StudentT(**student),
-        warnings=tuple(words["warnings"]),
+        warnings=stated(words["warnings"]),
     )
 
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from inverse_flights import SPEC, flights, random_log, samples_of
 
+from etude.codes import Notice, Warn
 from etude.errors import DataError, UnsafeTrajectoryError, UsageError
 from etude.trajectories.fourier import FourierTrajectory
 from etude.types import Motion
@@ -127,7 +128,7 @@ def test_flights_teach_the_drag_and_tell_what_they_lack() -> None:
     poorer = FlightData().inputs().tuned(bare)
     assert poorer.parts == ("specific_force", "rates", "angular_acceleration")
     assert poorer.drag == (0.0, 0.0, 0.0)
-    assert poorer.notes == ("Not every flight tells its altitude and body velocity; the model does without.",)
+    assert poorer.notes == (Notice(Warn.INPUTS_MISSING, {"inputs": ("altitude", "body velocity")}),)
     for one in (tuned, poorer):
         again = FlightData().inputs().restore(one.arrays())
         assert again == one

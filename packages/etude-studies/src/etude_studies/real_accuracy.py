@@ -54,8 +54,8 @@ def recording_rows(name: str, data: Recording, rng: np.random.Generator) -> list
     world, test = data.world, data.test
     config, use = world.config.model, test.usable & test.moving
     model = world.learned(data.train, config, rng, body=False).model
-    for message in model.warnings:
-        say(f"{name}, {message}")
+    for notice in model.warnings:
+        say(f"{name}, {notice}")
     linear = LinearPhysics(model.inputs)(data.train).predict(test.log)
     mean = model.mean(test.log)
     rows = accuracy_rows(name, test.command, mean, linear, use, data.raw)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -13,6 +14,7 @@ from etude.campaign.record.folder import Campaign, Say
 from etude.campaign.record.journal import jsonable
 from etude.campaign.record.state import State
 from etude.campaign.record.stored_models import LEFT_OUT, MODEL, check_model, groups_of, told_samples
+from etude.codes import Notice, Phrase, Refusal
 from etude.errors import DataError, UsageError
 from etude.models.data.fit import in_order
 from etude.models.model import LearnedModel
@@ -47,7 +49,7 @@ class Promotion:
         promoted: it is in use now. repeated: it was in use before. forced: against what the data say.
         compared: with physics alone and, unless it is the first, with the model in use.
         narrow, wide: (J,) parts of held-out commands inside the 50 % and 95 % intervals, None of none.
-        refused: a sentence for each reason against it.
+        refused: what speaks against it.
     """
 
     number: int
@@ -58,7 +60,7 @@ class Promotion:
     compared: tuple[Compared, ...] = ()
     narrow: tuple[float | None, ...] = ()
     wide: tuple[float | None, ...] = ()
-    refused: tuple[str, ...] = ()
+    refused: tuple[Notice, ...] = ()
 
 
 def promote(
@@ -138,7 +140,8 @@ def _judged(campaign: Campaign, state: State, number: int, digest: str, force: b
     except (DataError, UsageError) as error:
         if not force:
             raise
-        return Promotion(number, digest, True, forced=True, refused=(f"not compared: {error.fact}",))
+        why = Notice(Refusal.NOT_COMPARED, {"why": error.fact})
+        return Promotion(number, digest, True, forced=True, refused=(why,))
     narrow, wide = coverage(left_out.error, left_out.variance)
     calibrated = state.newest is None or state.newest.calibrated
     refused = (*_reasons(found), *_misfits(campaign.command.parts, wide, calibrated))
@@ -205,28 +208,26 @@ def _learned_logs(state: State) -> tuple[str, ...]:
     return tuple(sorted(r.told.sha256 for r in state.told if r.told and r.number in logs))
 
 
-def _reasons(found: Sequence[Compared]) -> list[str]:
+def _reasons(found: Sequence[Compared]) -> list[Notice]:
+    """What held-out errors say against the model."""
     out = []
     for one in found:
+        fields: dict[str, Any] = {"against": one.against, "segments": one.segments}
         if one.decision == "not decided":
-            out.append(
-                f"not decided against {one.against}: {one.segments} segments that neither has seen, "
-                f"{LEAST_SEGMENTS} are needed"
-            )
+            out.append(Notice(Refusal.NOT_DECIDED, {**fields, "needed": LEAST_SEGMENTS}))
         elif one.decision == "not better":
-            out.append(
-                f"not better than {one.against}: errors {one.ratio:.3g} times as large "
-                f"(95 %: {one.lower:.3g} to {one.upper:.3g}, {one.segments} segments)"
-            )
+            errors = {"ratio": one.ratio, "lower": one.lower, "upper": one.upper}
+            out.append(Notice(Refusal.NOT_BETTER, {**fields, **errors}))
     return out
 
 
-def _misfits(commands: Sequence[str], wide: Array, calibrated: bool) -> list[str]:
-    """Sentences about intervals that are narrower than the errors."""
-    out = [] if calibrated else ["too few trajectories were held out for its intervals to be calibrated"]
-    told = ", ".join(f"{commands[j]} {wide[j]:.0%}" for j in uncalibrated(wide))
-    wanted = f"of held-out commands, at least {LEAST_COVERED:.0%} are wanted"
-    return [*out, f"its 95 % intervals hold {told} {wanted}"] if told else out
+def _misfits(commands: Sequence[str], wide: Array, calibrated: bool) -> list[Notice]:
+    """What is said of intervals that are narrower than the errors."""
+    out = [] if calibrated else [Notice(Refusal.NOT_CALIBRATED)]
+    low = uncalibrated(wide)
+    told = tuple(Notice(Phrase.COVERAGE, {"output": commands[j], "part": float(wide[j])}) for j in low)
+    fields = {"coverage": told, "least": LEAST_COVERED}
+    return [*out, Notice(Refusal.INTERVALS_MISS, fields)] if told else out
 
 
 def _recorded(found: Promotion, reason: str) -> Promoted:

@@ -19,7 +19,7 @@ from etude.campaign.record.stored_files import edited, proved_otherwise
 def status(campaign: Campaign) -> dict[str, Any]:
     """The campaign's standing as JSON values.
 
-    Keys: news (findings that are bad, red ones first), kind, robot, axes, outputs, preset, seed,
+    Keys: news (alerts, red ones first; see `codes`), kind, robot, axes, outputs, preset, seed,
     trajectories (one entry per number), robot_seconds, prequential (newest scores of each model before it
     learned the newest log), chosen, rungs (of each output), calibration_factor, forecast_fraction, next_gain,
     choice (by which part the design of the newest proposal left less variance than the median random motion),
@@ -38,7 +38,7 @@ def status(campaign: Campaign) -> dict[str, Any]:
     trained = state.trained
     newest = state.newest
     return {
-        "news": [asdict(finding) for finding in news],
+        "news": [notice.told() for notice in news],
         "folder": str(campaign.path),
         "kind": campaign.kind.name,
         "robot": campaign.name,
@@ -60,12 +60,7 @@ def status(campaign: Campaign) -> dict[str, Any]:
         "held_out": _held_out(state),
         "in_use": _in_use(state),
         "confirmed": [confirmed(campaign, one) for one in state.confirmations],
-        "verdict": {
-            "stop": verdict.stop,
-            "rule": verdict.rule,
-            "reason": verdict.reason,
-            "usable": verdict.usable,
-        },
+        "verdict": verdict.told(),
         "known_faults": [asdict(one) | {"sentence": one.sentence} for one in affected(campaign, state)],
         "proved_otherwise": proved_otherwise(campaign, [r.number for r in state.proposals]),
         "edited": edited(campaign, events),

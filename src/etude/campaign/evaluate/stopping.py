@@ -8,8 +8,9 @@ Training error and marginal likelihood are not: the one always falls, hyperparam
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -17,6 +18,7 @@ from etude.campaign.record.alerts import LEAST_COVERAGE, bad_news, coverages
 from etude.campaign.record.config import StopConfig
 from etude.campaign.record.folder import Campaign
 from etude.campaign.record.state import Round, State
+from etude.codes import Code, Notice, Phrase, Stop
 
 OVERCONFIDENT = 2.0
 """Calibration factor above which a forecast error is not believed."""
@@ -39,7 +41,7 @@ class Evidence:
         robot_minutes: recorded motion so far, min.
         coverage: part of an output's commands inside its 95 % intervals, least over the outputs, of the
             newest log that was predicted before it was learned; None while unknown.
-        red: sentences of the checks that are red.
+        red: alerts that are red.
     """
 
     number: int
@@ -51,7 +53,19 @@ class Evidence:
     moved: float | None
     robot_minutes: float
     coverage: float | None = None
-    red: tuple[str, ...] = ()
+    red: tuple[Notice, ...] = ()
+
+
+RULES: Mapping[Code, str] = {
+    Stop.TOLERANCE: "tolerance",
+    Stop.NOISE: "noise",
+    Stop.GAIN: "gain",
+    Stop.BUDGET_LOGS: "budget",
+    Stop.BUDGET_TIME: "budget",
+}
+"""The rule that has fired, by what is said."""
+GOES_ON = (Stop.OPEN, Stop.LOGS_MISSING)
+"""What asks for another log whether or not the model may be used."""
 
 
 @dataclass(frozen=True)
@@ -59,58 +73,80 @@ class Verdict:
     """Whether to stop, and why.
 
     Attributes:
-        stop: another trajectory is not worth it.
-        rule: "tolerance", "noise", "gain", "budget" or "" if none fired.
-        reason: one sentence.
-        usable: nothing says that the model should not be used.
+        said: what the rules say by themselves.
+        harm: why the model should not be used, whatever a rule says; None: nothing says so.
     """
 
-    stop: bool
-    rule: str
-    reason: str
-    usable: bool = True
+    said: Notice
+    harm: Notice | None = None
+
+    @property
+    def rule(self) -> str:
+        """ "tolerance", "noise", "gain", "budget"; "" if none fired, or the model should not be used.
+
+        The budget fires all the same.
+        """
+        rule = RULES.get(self.said.code, "")
+        return rule if rule == "budget" or self.usable else ""
+
+    @property
+    def stop(self) -> bool:
+        """Another trajectory is not worth it."""
+        return bool(self.rule)
+
+    @property
+    def usable(self) -> bool:
+        """Nothing says that the model should not be used."""
+        return self.harm is None
+
+    @property
+    def reason(self) -> str:
+        """One sentence."""
+        if self.harm is None or self.said.code in GOES_ON:
+            return f"{self.said.sentence}."
+        return f"{self.said.sentence}, but {self.harm.sentence}."
+
+    def told(self) -> dict[str, Any]:
+        """For `--json`."""
+        harm = None if self.harm is None else self.harm.told()
+        own = {"stop": self.stop, "rule": self.rule, "reason": self.reason, "usable": self.usable}
+        return {**self.said.to_json(), **own, "harm": harm}
 
 
 def judge(evidence: Sequence[Evidence], config: StopConfig) -> Verdict:
     """The verdict after the last of `evidence` (oldest first); all rules but the budget must repeat."""
-    harm = _harm(evidence[-1]) if evidence else ""
-    spent = _budget(evidence, config)
-    if spent:
-        return Verdict(True, "budget", f"{spent[:-1]}, but {harm}." if harm else spent, not harm)
+    harm = _harm(evidence[-1]) if evidence else None
     recent = evidence[-config.consecutive :]
+    spent = _budget(evidence, config)
+    if spent is not None:
+        return Verdict(spent, harm)
     if len(recent) < config.consecutive:
-        missing = config.consecutive - len(recent)
-        reason = f"{missing} more log{'s' * (missing > 1)} before a rule can fire."
-        return Verdict(False, "", reason, not harm)
-    fired = _fired(recent, config)
-    if harm and (fired.stop or not fired.reason.startswith("No rule")):
-        return Verdict(False, "", f"{fired.reason.rstrip('.')}, but {harm}.", usable=False)
-    return replace(fired, usable=not harm)
+        return Verdict(Notice(Stop.LOGS_MISSING, {"logs": config.consecutive - len(recent)}), harm)
+    return Verdict(_said(recent, config), harm)
 
 
-def _fired(recent: Sequence[Evidence], config: StopConfig) -> Verdict:
+def _said(recent: Sequence[Evidence], config: StopConfig) -> Notice:
     """What the rules say by themselves, of as many logs as must agree."""
     tolerable, doubt = all(_tolerable(e, config) for e in recent), _doubt(recent[-1])
-    if tolerable and not doubt:
-        return Verdict(True, "tolerance", f"The forecast error is {_tolerance(recent[-1], config)}.")
+    forecast = {"forecast": recent[-1].forecast, "goal": config.command_tolerance}
+    if tolerable and doubt is None:
+        return Notice(Stop.TOLERANCE, forecast)
     if all(_in_noise(e, config) for e in recent):
-        limit = f"{config.noise_fraction:g} of the noise variance"
-        return Verdict(True, "noise", f"The variance left is below {limit} on every axis.")
+        return Notice(Stop.NOISE, {"fraction": config.noise_fraction})
     if all(_not_worth_it(e, config) for e in recent):
-        limit = f"{100 * config.gain_per_minute:g} % of the variance left per minute of robot time"
-        return Verdict(True, "gain", f"The next trajectory would remove less than {limit}.")
+        return Notice(Stop.GAIN, {"threshold": config.gain_per_minute})
     if tolerable:
-        return Verdict(False, "", f"The forecast error is {_tolerance(recent[-1], config)}, but {doubt}.")
-    return Verdict(False, "", f"No rule has fired: {_open_points(recent[-1], config)}.")
+        return Notice(Stop.DOUBTED, {**forecast, "doubt": doubt})
+    return Notice(Stop.OPEN, {"open": _open_points(recent[-1], config)})
 
 
-def _budget(evidence: Sequence[Evidence], config: StopConfig) -> str:
+def _budget(evidence: Sequence[Evidence], config: StopConfig) -> Notice | None:
     if config.budget_trajectories and len(evidence) >= config.budget_trajectories:
-        return f"The budget of {config.budget_trajectories} logs is used up."
+        return Notice(Stop.BUDGET_LOGS, {"logs": config.budget_trajectories})
     minutes = evidence[-1].robot_minutes if evidence else 0.0
     if config.budget_minutes and minutes >= config.budget_minutes:
-        return f"The budget of {config.budget_minutes:g} min of motion is used up."
-    return ""
+        return Notice(Stop.BUDGET_TIME, {"minutes": config.budget_minutes})
+    return None
 
 
 def _tolerable(e: Evidence, config: StopConfig) -> bool:
@@ -127,41 +163,34 @@ def _not_worth_it(e: Evidence, config: StopConfig) -> bool:
     )
 
 
-def _harm(e: Evidence) -> str:
+def _harm(e: Evidence) -> Notice | None:
     """Why the model should not be used, whatever a rule says."""
     if e.red:
         return e.red[0]
     if e.coverage is not None and e.coverage < LEAST_COVERAGE:
-        return f"its 95 % intervals held only {100 * e.coverage:.0f} % of an output's commands"
-    return ""
+        return Notice(Phrase.LOW_COVERAGE, {"part": e.coverage})
+    return None
 
 
-def _doubt(e: Evidence) -> str:
+def _doubt(e: Evidence) -> Notice | None:
     if e.calibration is not None and e.calibration > OVERCONFIDENT:
-        return f"held-out errors are {e.calibration:.1f} times the predicted variance, so it is not believed"
+        return Notice(Phrase.LARGE_ERRORS, {"factor": e.calibration})
     if e.moved is not None and e.moved > STILL_CHANGING:
-        factor = math.exp(e.moved)
-        return f"the last log changed a length scale by a factor {factor:.1f}, so the model is not settled"
-    return ""
+        return Notice(Phrase.UNSETTLED, {"factor": math.exp(e.moved)})
+    return None
 
 
-def _tolerance(e: Evidence, config: StopConfig) -> str:
-    return f"{100 * e.forecast:.2g} % of the command limit, within {100 * config.command_tolerance:g} %"
-
-
-def _open_points(e: Evidence, config: StopConfig) -> str:
+def _open_points(e: Evidence, config: StopConfig) -> tuple[Notice, ...]:
     parts = []
     if config.command_tolerance:
-        limit = 100 * config.command_tolerance
-        parts.append(f"forecast error {100 * e.forecast:.2g} % of the command limit (goal {limit:g} %)")
+        fields = {"forecast": e.forecast, "goal": config.command_tolerance}
+        parts.append(Notice(Phrase.OPEN_FORECAST, fields))
     if config.gain_per_minute and e.gain is not None:
-        rate = 100 * e.gain / e.gain_minutes
-        parts.append(
-            f"{rate:.2g} % of the variance left per minute (threshold {100 * config.gain_per_minute:g} %)"
-        )
+        fields = {"rate": e.gain / e.gain_minutes, "threshold": config.gain_per_minute}
+        parts.append(Notice(Phrase.OPEN_GAIN, fields))
     if config.gain_per_minute and e.gain is None:
-        parts.append("what the next one would add is known once it is designed")
-    return "; ".join(parts) or "no rule but the budget is switched on"
+        parts.append(Notice(Phrase.GAIN_UNKNOWN))
+    return tuple(parts) or (Notice(Phrase.NO_RULE),)
 
 
 POOLED = 3
@@ -182,7 +211,7 @@ def seen_by_the_rule(campaign: Campaign, state: State, next_gain: float | None =
     minutes = (campaign.config.duration + campaign.config.stop.setup_s) / 60.0
     found = [_evidence(campaign, trained[: i + 1], gains.get(i + 1), minutes) for i in range(len(trained))]
     news = bad_news(state, campaign.command.parts, len(campaign.axes))
-    red = tuple(finding.sentence for finding in news if finding.light == "red")
+    red = tuple(notice for notice in news if notice.light == "red")
     return [*found[:-1], replace(found[-1], red=red)] if found else []
 
 

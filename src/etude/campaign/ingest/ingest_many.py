@@ -12,6 +12,7 @@ from etude.campaign.ingest.tell import finished, newest_warnings, take
 from etude.campaign.ingest.tell import tell as tell_one
 from etude.campaign.record.folder import Campaign, Say
 from etude.campaign.training import Learner
+from etude.codes import Notice
 from etude.errors import DataError, UsageError
 
 
@@ -49,7 +50,7 @@ class ToldMany:
 
     files: tuple[ToldFile, ...]
     learned: tuple[int, ...]
-    warnings: tuple[str, ...]
+    warnings: tuple[Notice, ...]
 
     @property
     def refused(self) -> tuple[ToldFile, ...]:

@@ -9,6 +9,7 @@ from typing import TypedDict
 
 from etude.campaign.ingest.questions import Answers, LogQuestions
 from etude.campaign.record.folder import Campaign
+from etude.codes import Notice
 from etude.logs.alignment.alignment import align
 from etude.logs.cleaning.read import read_log
 from etude.protocols import Trajectory
@@ -60,7 +61,7 @@ class Told:
     foreign: bool
     repairs: tuple[str, ...]
     learned: tuple[int, ...]
-    warnings: tuple[str, ...] = ()
+    warnings: tuple[Notice, ...] = ()
     findings: tuple[Finding, ...] = ()
     held: bool = False
     aside: bool = False

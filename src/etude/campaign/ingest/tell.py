@@ -33,6 +33,7 @@ from etude.campaign.record.stored_files import (
 )
 from etude.campaign.record.stored_models import mixed, stored_log
 from etude.campaign.training import Learner, learn_pending
+from etude.codes import Notice
 from etude.deploy.trajectory_files import COEFFICIENTS, PLANNED, SPEEDS
 from etude.errors import DataError, EtudeError, UsageError
 from etude.logs.alignment.alignment import holds_enough
@@ -255,7 +256,7 @@ def take(campaign: Campaign, path: Path, number: int | None = None, **how: Unpac
     return Told(number, False, answered is None, log.repairs, (), findings=findings, start=start)
 
 
-def newest_warnings(campaign: Campaign, state: State) -> tuple[str, ...]:
+def newest_warnings(campaign: Campaign, state: State) -> tuple[Notice, ...]:
     """Of the newest training, and whether it learned from two robots."""
     own = state.newest.warnings if state.newest else ()
     return (*own, *mixed(campaign, state))

@@ -280,11 +280,12 @@ def _outside_now(campaign: Campaign, number: int, problem: UnsafeTrajectoryError
     asked = [e for e in campaign.events() if isinstance(e.fact, Asked) and e.number == number]
     why = changed_since(campaign, asked, [name for e in asked for name in e.files])
     confirm = "--confirm " * campaign.round(number).confirms
+    since = f" since {why} changed" if why else ""
     return UnsafeTrajectoryError(
-        f"trajectory {number}, which is open, is not proved{f' since {why}' if why else ''}: {problem.fact}",
+        f"trajectory {number}, which is open, is not proved{since}: {problem.fact}",
         where=problem.where,
         next_step=f"Do not run it. Ask for another motion: etude ask {campaign.path} {confirm}--new."
-        + (f" Or put back {why.removesuffix(' changed')} as it was." if why else ""),
+        + (f" Or put back {why} as it was." if why else ""),
     )
 
 

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import pairwise
 from typing import Any
 
 from etude.campaign.record.events import Evaluated, PrequentialScore
 from etude.campaign.record.rounds import summary
 from etude.campaign.record.state import CHANGED, Round, State
-from etude.models.selection.selection_rule import TOO_FEW, UNCERTAIN
-from etude.types import Finding
+from etude.codes import Alert, NextStep, Notice, Phrase, Warn
 
 LEAST_COVERAGE = 0.8
 """Of the 95 % intervals, below which a model is surer of an output than it should be."""
@@ -19,13 +19,13 @@ NO_BETTER = 1.0
 """nMSE from which a constant would predict as well."""
 BEATEN, WORSE = 1.1, 1.1
 """Error over that of linear regression, and over that of the round before, from which it is told."""
-TOLD_BY_TRAINING = {UNCERTAIN: "too little motion", TOO_FEW: "linear regression"}
-"""Words of a training's warnings that are told here, and of which check they are."""
+OF_TRAINING = (Warn.TOO_LITTLE_MOTION, Warn.ONE_TRAJECTORY)
+"""Warnings of a training that are alerts: nothing is to be believed, or it is no better than linear."""
 FEEDBACK = ("pd", "pid")
 """Simulated baselines without any model."""
 
 
-def bad_news(state: State, outputs: Sequence[str], axes: int) -> tuple[Finding, ...]:
+def bad_news(state: State, outputs: Sequence[str], axes: int) -> tuple[Notice, ...]:
     """What the user should know before any figure, red lights first; empty if nothing is wrong.
 
     Args:
@@ -34,67 +34,58 @@ def bad_news(state: State, outputs: Sequence[str], axes: int) -> tuple[Finding, 
     """
     scores = [*_of_scores(state, outputs), *_of_blocks(state, outputs)]
     found = [*_of_logs(state), *_of_training(state), *scores, *_of_tests(state, axes)]
-    return tuple(sorted(found, key=lambda finding: finding.light != "red"))
+    return tuple(sorted(found, key=lambda notice: notice.light != "red"))
 
 
-def _of_logs(state: State) -> list[Finding]:
+def _of_logs(state: State) -> list[Notice]:
     """What was found when logs were told that are used or wait; a changed robot only until it is answered."""
     found = []
     for r in state.told:
         for finding in r.told.findings if r.told else ():
             if finding.light not in ("red", "yellow") or (finding.check == CHANGED and not r.held):
                 continue
-            sentence = f"log {r.number}: {finding.sentence.rstrip('.')}"
-            found.append(Finding(finding.check, finding.light, sentence, finding.step, finding.flag))
+            fields = {"log": r.number, "check": finding.check, "found": finding.sentence.rstrip(".")}
+            fields |= {"step": finding.step, "flag": finding.flag}
+            found.append(Notice(Alert.LOG_FINDING, fields, NextStep.OF_CHECK, finding.light))
     return found
 
 
-def _of_training(state: State) -> list[Finding]:
+def _of_training(state: State) -> list[Notice]:
     """What the newest training says of what is in use: nothing to be believed, or no better than linear.
 
     Other warnings say what was done about it, or are of inputs.
     """
-    newest, found = state.newest, []
-    for sentence in newest.warnings if newest else ():
-        check = next((name for words, name in TOLD_BY_TRAINING.items() if words in sentence), None)
-        if check is not None:
-            fact, _, step = sentence.rstrip(".").rpartition("; ")
-            found.append(Finding(check, "yellow", fact, f"{step[:1].upper()}{step[1:]}."))
-    return found
+    warnings = state.newest.warnings if state.newest else ()
+    return [replace(one, light="yellow") for one in warnings if one.code in OF_TRAINING]
 
 
-def _of_scores(state: State, outputs: Sequence[str]) -> list[Finding]:
+def _of_scores(state: State, outputs: Sequence[str]) -> list[Notice]:
     """Of the newest log that was predicted before it was learned."""
     scored = next((r for r in reversed(state.trained) if _in_use(r).nmse), None)
     if scored is None:
         return []
     used, linear = _in_use(scored).nmse, _scores(scored, "linear").nmse
-    where = f"on log {scored.number}, predicted before it was learned"
-    coverage = coverages(scored)
-    unsure = [(n, c) for n, c in zip(outputs, coverage, strict=False) if c is not None and c < LEAST_COVERAGE]
-    found = []
-    if unsure:
-        parts = ", ".join(f"{name} {100 * c:.0f} %" for name, c in unsure)
-        found.append(
-            Finding(
-                "calibration",
-                "red",
-                f"the model is surer than it is right: {where}, its 95 % intervals held {parts}",
-                "Do not use its deviations yet: tell another log, of motion like that which it is for.",
-            )
-        )
-    then = f"{_then(scored)}, then in use"
-    return [*found, *_of_errors(outputs, used, linear, where, then, _unmoved(state))]
+    where = Notice(Phrase.PREDICTED, {"log": scored.number})
+    unsure = tuple(
+        Notice(Phrase.COVERAGE, {"output": name, "part": part})
+        for name, part in zip(outputs, coverages(scored), strict=False)
+        if part is not None and part < LEAST_COVERAGE
+    )
+    fields = {"where": where, "coverage": unsure}
+    narrow = Notice(Alert.NARROW_INTERVALS, fields, NextStep.TELL_SUCH_MOTION, "red")
+    then = Notice(Phrase.STRUCTURE_THEN, {"structure": _then(scored)})
+    return [*[narrow] * bool(unsure), *_of_errors(outputs, used, linear, where, then, _unmoved(state))]
 
 
-def _of_blocks(state: State, outputs: Sequence[str]) -> list[Finding]:
+def _of_blocks(state: State, outputs: Sequence[str]) -> list[Notice]:
     """Of the newest log, where some of its blocks were held out: all there is to tell after the first one."""
     blocks = state.newest.held_out if state.newest else None
     if blocks is None:
         return []
-    where = f"on blocks of log {state.trained[-1].number} that were held out"
+    where = Notice(Phrase.HELD_OUT, {"log": state.trained[-1].number})
     used, linear = blocks.nmse.get(blocks.chosen, ()), blocks.nmse.get("linear regression", ())
-    return _of_errors(outputs, used, linear, where, blocks.chosen, _unmoved(state))
+    chosen = Notice(Phrase.STRUCTURE, {"structure": blocks.chosen})
+    return _of_errors(outputs, used, linear, where, chosen, _unmoved(state))
 
 
 def _unmoved(state: State) -> list[str]:
@@ -106,59 +97,39 @@ def _of_errors(
     outputs: Sequence[str],
     used: Sequence[Any],
     linear: Sequence[Any],
-    where: str,
-    chosen: str,
+    where: Notice,
+    chosen: Notice,
     unmoved: Sequence[str],
-) -> list[Finding]:
+) -> list[Notice]:
     """Outputs that a constant, or linear regression, would have predicted as well.
 
     Args:
         used, linear: nMSE of each output, of what is or was in use and of linear regression; None: unknown.
+        where, chosen: phrases: how that was found, and what is or was in use.
         unmoved: outputs whose joints never moved: what is said of these is that.
     """
     useless = _named(outputs, used, lambda value, _: value >= NO_BETTER, linear)
     beaten = _named(outputs, used, lambda value, other: BEATEN * other < value and other < NO_BETTER, linear)
     still = [name for name in useless if name in unmoved]
     useless, beaten = ([n for n in names if n not in unmoved] for names in (useless, beaten))
-    found = []
-    if still:
-        found.append(
-            Finding(
-                "prediction",
-                "red",
-                f"{', '.join(still)}: it did not move in any log, so nothing was learned of it",
-                "Do not use this output yet: move it, as the motion that etude ask writes does, and tell "
-                "that log.",
-            )
-        )
-    if useless:
-        found.append(
-            Finding(
-                "prediction",
-                "red",
-                f"{', '.join(useless)}: {where}, a constant would have predicted as well",
-                "Do not use these outputs yet: move these joints more, and look at the log.",
-            )
-        )
-    if beaten:
-        found.append(
-            Finding(
-                "linear regression",
-                "yellow",
-                f"{', '.join(beaten)}: {where}, linear regression erred less than {chosen}",
-                _instead(used, linear),
-            )
-        )
-    return found
+    alerts = (
+        (still, Notice(Alert.NEVER_MOVED, {}, NextStep.MOVE_OUTPUT, "red")),
+        (useless, Notice(Alert.CONSTANT_AS_GOOD, {"where": where}, NextStep.MOVE_JOINTS, "red")),
+        (
+            beaten,
+            Notice(
+                Alert.LINEAR_BETTER, {"where": where, "structure": chosen}, _instead(used, linear), "yellow"
+            ),
+        ),
+    )
+    return [replace(one, fields={"outputs": tuple(names), **one.fields}) for names, one in alerts if names]
 
 
-def _instead(used: Sequence[Any], linear: Sequence[Any]) -> str:
+def _instead(used: Sequence[Any], linear: Sequence[Any]) -> NextStep:
     """What to do where linear regression errs less: it is chosen for all outputs or for none."""
     pairs = list(zip(used, linear, strict=False))
     better = all(u is not None and o is not None and o < min(u, NO_BETTER) for u, o in pairs)
-    if better and len(pairs) == len(used):
-        return 'Tell another log; if it stays so, rung = "linear" in campaign.toml.'
-    return "Tell another log: what errs least on it is chosen for each output."
+    return NextStep.TELL_OR_LINEAR if better and len(pairs) == len(used) else NextStep.TELL_TO_CHOOSE
 
 
 def coverages(scored: Round) -> list[float | None]:
@@ -190,7 +161,7 @@ def _named(outputs: Sequence[str], values: Sequence[Any], told: Any, others: Seq
     ]
 
 
-def _of_tests(state: State, axes: int) -> list[Finding]:
+def _of_tests(state: State, axes: int) -> list[Notice]:
     """Simulated tests that the newest model does worse than the one before, or than no model at all."""
     found = []
     for name in dict.fromkeys(e.test for _, e in state.evaluated):
@@ -199,18 +170,14 @@ def _of_tests(state: State, axes: int) -> list[Finding]:
         if not rounds:
             continue
         now, unit = _error(rounds[-1], axes)
+        fields = {"test": name, "error": now, "unit": unit}
         alone = [_error(e, axes)[0] for e in own if e.baseline in FEEDBACK]
         if alone and now > alone[-1]:
-            sentence = (
-                f"test {name}: with the model the error is {now:.3g} {unit}, without it {alone[-1]:.3g}"
-            )
-            step = "Do not use the model on such motion; ask for more, with tasks like it (--tasks)."
-            found.append(Finding("tests", "red", sentence, step))
+            fields |= {"alone": alone[-1]}
+            found.append(Notice(Alert.WORSE_THAN_FEEDBACK, fields, NextStep.ASK_LIKE_IT, "red"))
         elif any(_error(after, axes)[0] > WORSE * _error(before, axes)[0] for before, after in _last(rounds)):
-            before = _error(rounds[-2], axes)[0]
-            sentence = f"test {name} got worse with the last log: {before:.3g} to {now:.3g} {unit}"
-            step = "Look at that log's repairs; etude untell takes it back if something is wrong with it."
-            found.append(Finding("tests", "yellow", sentence, step))
+            fields |= {"before": _error(rounds[-2], axes)[0]}
+            found.append(Notice(Alert.TEST_WORSE, fields, NextStep.SEE_REPAIRS, "yellow"))
     return found
 
 

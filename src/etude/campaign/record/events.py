@@ -12,6 +12,7 @@ from dataclasses import MISSING, Field, dataclass, field, fields, is_dataclass
 from functools import lru_cache
 from typing import Any, ClassVar, Literal, Union, get_args, get_origin, get_type_hints
 
+from etude.codes import Notice
 from etude.types import Finding
 
 FORMAT = 2
@@ -234,7 +235,7 @@ class Trained(Fact):
         unmoved: commands whose joints stood still in all logs.
         robot_seconds: recorded motion in the model, s.
         recipe: sentences of the preprocessing. inputs: fitted parameters of the inputs.
-        warnings: sentences.
+        warnings: what the training has to say.
         forecast_deviation, latent_deviation, noise_deviation, moved: see `learn.training.forecast`.
         held_out: scores on blocks of the newest log.
     """
@@ -251,7 +252,7 @@ class Trained(Fact):
     robot_seconds: float = 0.0
     recipe: tuple[str, ...] = ()
     inputs: Mapping[str, Any] = field(default_factory=dict)
-    warnings: tuple[str, ...] = ()
+    warnings: tuple[Notice, ...] = ()
     forecast_deviation: tuple[float, ...] = ()
     latent_deviation: tuple[float, ...] = ()
     noise_deviation: tuple[float, ...] | None = None
@@ -309,7 +310,7 @@ class Promoted(Fact):
     """A model came into use.
 
     Attributes:
-        sha256: of its file. forced: against the data. reason: why. refused: sentences against it.
+        sha256: of its file. forced: against the data. reason: why. refused: what speaks against it.
         compared: rows of `models.score.Compared`. narrow, wide: parts of held-out commands inside the 50 %
             and 95 % intervals. logs: hashes of the logs in the model.
     """
@@ -320,7 +321,7 @@ class Promoted(Fact):
     compared: tuple[Mapping[str, Any], ...] = ()
     narrow: Figures = ()
     wide: Figures = ()
-    refused: tuple[str, ...] = ()
+    refused: tuple[Notice, ...] = ()
     reason: str = ""
     logs: tuple[str, ...] = ()
 
@@ -436,6 +437,8 @@ def plain(value: Any) -> Any:
     """A fact, or what stands in one, as JSON values; fields of dataclasses that equal their default are left
     out.
     """
+    if isinstance(value, Notice):
+        return value.to_json()
     if is_dataclass(value) and not isinstance(value, type):
         own = {f.name: getattr(value, f.name) for f in fields(value)}
         return {f.name: plain(own[f.name]) for f in fields(value) if own[f.name] != _default(f)}
@@ -474,6 +477,8 @@ def _decoded(hint: Any, value: Any) -> Any:
     origin, of = get_origin(hint), get_args(hint)
     if origin in (Union, types.UnionType):
         return None if value is None else _decoded(next(o for o in of if o is not type(None)), value)
+    if hint is Notice:
+        return Notice.from_json(value)
     if hint is Any or (origin is Literal and value in of):
         return value
     if origin is tuple and isinstance(value, list):

@@ -152,8 +152,10 @@ def settle(
     folders = dict.fromkeys(name_of(campaign, path.parent) for path in anew)
     why = changed_since(campaign, events, [names[path] for path in committed])
     what = f"{', '.join(path.name for path in anew)} in {', '.join(folders)}"
-    why = why or (
-        "an earlier version wrote them" if _is_older(events, names) else "what they rest on changed"
+    why = (
+        f"{why} changed"
+        if why
+        else ("an earlier version wrote them" if _is_older(events, names) else "what they rest on changed")
     )
     return (f"Written anew, since {why}: {what}.",)
 
@@ -167,15 +169,15 @@ def _anew(there: Sequence[Path]) -> str:
 
 
 def changed_since(campaign: Campaign, events: Sequence[Event], names: Sequence[str]) -> str:
-    """Which of robot.toml and campaign.toml changed since these files were committed, in words; "" if neither
-    did, as far as the journal tells: before it kept the hash of robot.toml it tells nothing of that.
+    """Which of robot.toml and campaign.toml changed since these files were committed, joined by "and"; "" if
+    neither did, as far as the journal tells: before it kept the hash of robot.toml it tells nothing of that.
     """
     last = [next((e for e in reversed(events) if name in e.files), None) for name in names]
     found = [e for e in last if e is not None]
     robot = any(e.robot_sha256 not in ("", campaign.robot_sha256) for e in found)
     config = any(e.config_sha256 != campaign.config_sha256 for e in found)
     words = [name for name, changed in ((ROBOT, robot), ("campaign.toml", config)) if changed]
-    return f"{' and '.join(words)} changed" if words else ""
+    return " and ".join(words)
 
 
 def proved_otherwise(campaign: Campaign, numbers: Sequence[int]) -> list[str]:
@@ -201,7 +203,7 @@ def proved_otherwise(campaign: Campaign, numbers: Sequence[int]) -> list[str]:
             again = number == max(numbers, default=0)  # the newest is what ask proves again
             step = f"etude ask {campaign.path}" if again else f"etude abandon {campaign.path} {number}"
             advice = "ask for it again, before it is run" if again else "do not run it, give it up"
-            found.append(f"{folder} was proved before {why}: {advice}: {step}")
+            found.append(f"{folder} was proved before {why} changed: {advice}: {step}")
     return found
 
 

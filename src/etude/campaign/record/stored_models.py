@@ -15,6 +15,7 @@ from etude.campaign.record.folder import Campaign, open_campaign
 from etude.campaign.record.journal import JOURNAL, recorded, require_intact
 from etude.campaign.record.state import Round, State
 from etude.campaign.record.stored_files import name_of, require_runs
+from etude.codes import NextStep, Notice, Warn
 from etude.errors import UsageError
 from etude.logs.readers.log_file import read_log_file
 from etude.models.model import LearnedModel
@@ -181,8 +182,8 @@ def real_logs(campaign: Campaign, state: State) -> list[Round]:
     return [r for r in state.told if not _left(campaign, r)]
 
 
-def mixed(campaign: Campaign, state: State) -> tuple[str, ...]:
-    """A sentence where a model learns from a robot and from what was made of its model file.
+def mixed(campaign: Campaign, state: State) -> tuple[Notice, ...]:
+    """A warning where a model learns from a robot and from what was made of its model file.
 
     A built-in robot has a plant of its own: nothing else is real of it.
     """
@@ -190,11 +191,14 @@ def mixed(campaign: Campaign, state: State) -> tuple[str, ...]:
     built_in = isinstance(campaign.spec, SupportsPlant) and campaign.spec.plant is not None
     if not simulated or not real or built_in:
         return ()
-    numbers = ", ".join(str(r.number) for r in simulated)
-    return (
-        f"log {numbers} was simulated, log {real[0].number} is of the robot itself: the model learns from two"
-        f" robots. Take the simulated ones back: etude untell {campaign.path} {simulated[-1].number}",
-    )
+    numbers = tuple(r.number for r in simulated)
+    fields = {
+        "simulated": numbers,
+        "real": real[0].number,
+        "folder": str(campaign.path),
+        "newest": numbers[-1],
+    }
+    return (Notice(Warn.TWO_ROBOTS, fields, NextStep.UNTELL_SIMULATED),)
 
 
 def _left(campaign: Campaign, one: Round) -> bool:

@@ -6,13 +6,13 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from etude.codes import NextStep, Notice, Warn
 from etude.models.data.cross_validation import HeldOut, fold_mean
 from etude.models.data.fit import Folds, seconds_of
 from etude.models.selection.member_prediction import PHYSICAL
 from etude.protocols import Candidate
 from etude.types import Array, Mask
 
-TOO_FEW = "one trajectory is too little to fall back to that"
 TRAJECTORIES = 2
 """From so many on linear regression competes, and physics have no advantage. Stretches of a single trajectory
 are no evidence: they are all near each other, and a regression that fits them best may err without bound on
@@ -110,8 +110,8 @@ def _least(errors: Mapping[str, float], rounding: float) -> str:
 
 def warnings_of(
     folds: Folds, trained: Sequence[Sequence[str]], chosen: Sequence[str], held: Mapping[str, HeldOut]
-) -> tuple[str, ...]:
-    """A sentence for each command of which linear regression predicts more than a process by itself."""
+) -> tuple[Notice, ...]:
+    """A notice for each command of which linear regression predicts more than a process by itself."""
     found = []
     squared = {rung: own.errors("squared") for rung, own in held.items()}
     for j, (rungs, rung) in enumerate(zip(trained, chosen, strict=True)):
@@ -121,28 +121,26 @@ def warnings_of(
         error, linear = squared[rival][j], squared["linear"][j]
         if not error > linear + ROUNDING * float(np.mean(folds.samples.command[:, j] ** 2)):
             continue
-        worse = float(np.sqrt(error / linear)) if linear > 0.0 else np.inf
-        found.append(
-            f"{folds.commands[j]}: on motion held out the process erred {worse:.3g} times as much as linear "
-            f"regression{_outcome(folds, rung)}."
-        )
+        ratio = float(np.sqrt(error / max(linear, np.finfo(float).tiny)))
+        code, step = _outcome(folds, rung)
+        found.append(Notice(code, {"command": folds.commands[j], "ratio": ratio}, step))
     return tuple(found)
 
 
-def _outcome(folds: Folds, rung: str) -> str:
+def _outcome(folds: Folds, rung: str) -> tuple[Warn, NextStep | None]:
+    """What was done about a process that errs more, and what to do."""
     if rung == "linear":
-        return ", so this command is predicted by linear regression alone"
+        return Warn.LINEAR_ALONE, None
     if rung == "linear+gp":
-        return ", so the process now learns only what linear regression leaves"
+        return Warn.LINEAR_BELOW, None
     if folds.trajectories < TRAJECTORIES:
-        return f", but {TOO_FEW}; tell another one"
-    return ", which may be chance"
+        return Warn.ONE_TRAJECTORY, NextStep.TELL_ANOTHER
+    return Warn.PERHAPS_CHANCE, None
 
 
 LEAST_STRETCHES, LEAST_MOVING = 2.0, 0.5
 """Motion that errors can be judged by, in stretches of `ModelConfig.stretch_s`, each held out of the other:
 of the whole, and of a command's own joint."""
-UNCERTAIN = "the model says that it is uncertain everywhere"
 DOUBT = 0.1
 """Part of a command's limit that is the least deviation before that."""
 
@@ -177,13 +175,11 @@ def least_variance(folds: Folds, candidates: Sequence[Candidate]) -> Array | Non
     return np.where(few, least, 0.0)
 
 
-def notes(folds: Folds) -> tuple[str, ...]:
+def notes(folds: Folds) -> tuple[Notice, ...]:
     """What the user should know of short motion."""
     few = short(folds)
     if not few.any() or not folds.config.calibrate:
         return ()
-    names = "all commands" if few.all() else ", ".join(np.array(folds.commands)[few].tolist())
-    return (
-        f"{names}: of {seconds_of(folds.samples):.0f} s in all there is too little motion to be believed, so "
-        f"{UNCERTAIN}; tell another log that moves it.",
-    )
+    names = ("all commands",) if few.all() else tuple(np.array(folds.commands)[few].tolist())
+    fields = {"commands": names, "seconds": float(seconds_of(folds.samples))}
+    return (Notice(Warn.TOO_LITTLE_MOTION, fields, NextStep.TELL_MOVING),)

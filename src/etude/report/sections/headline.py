@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from etude.campaign.record.alerts import bad_news
+from etude.codes import Notice
 from etude.report.markup import (
     Baseline,
     Html,
@@ -30,7 +31,7 @@ from etude.report.record import (
     score,
     tests,
 )
-from etude.types import Array, Finding
+from etude.types import Array
 
 SAME = 0.02
 """Errors that differ by no more than this part are told as the same."""
@@ -51,14 +52,15 @@ def headline(record: Record) -> Html:
 
 
 def _news(record: Record) -> list[Html]:
-    """One paragraph for each finding, red ones first."""
+    """One paragraph for each alert, red ones first."""
     found = bad_news(record.state, record.outputs, len(record.names))
-    return [_told(finding) for finding in found]
+    return [_told(notice) for notice in found]
 
 
-def _told(finding: Finding) -> Html:
-    sentence = f"{finding.sentence[:1].upper()}{finding.sentence[1:]}. {finding.step}".strip()
-    return paragraph(sentence, class_=f"news {finding.light}")
+def _told(notice: Notice) -> Html:
+    sentence = notice.sentence
+    told = f"{sentence[:1].upper()}{sentence[1:]}. {notice.step}".strip()
+    return paragraph(told, class_=f"news {notice.light}")
 
 
 def tracking_sentence(record: Record, test: Test) -> str:

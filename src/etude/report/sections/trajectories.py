@@ -77,7 +77,7 @@ def _since(record: Record, n: int) -> list[Html]:
     """Whether robot.toml or campaign.toml have changed since the certificate was made."""
     name = f"proposals/{n:04d}/certificate.json"
     why = "" if record.campaign is None else changed_since(record.campaign, record.events, [name])
-    return [paragraph(f"This was proved before {why}.", class_="soft")] if why else []
+    return [paragraph(f"This was proved before {why} changed.", class_="soft")] if why else []
 
 
 def _how(record: Record, n: int) -> list[Html]:

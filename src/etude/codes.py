@@ -1,0 +1,267 @@
+"""What Étude says of a campaign beside its figures: a code with fields, and the one table of its sentences.
+
+Code decides on codes alone. A sentence is made where it is shown, by `Notice.sentence`, and never read back.
+docs/reference/codes.md lists every code.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from enum import StrEnum
+from string import Formatter
+from typing import Any, Literal
+
+Light = Literal["red", "yellow", ""]
+"""Of an alert: red, do not use what it is about; yellow, look at it."""
+
+
+class Alert(StrEnum):
+    """What a user should know before any figure."""
+
+    LOG_FINDING = "log_finding"
+    NARROW_INTERVALS = "narrow_intervals"
+    NEVER_MOVED = "never_moved"
+    CONSTANT_AS_GOOD = "constant_as_good"
+    LINEAR_BETTER = "linear_better"
+    WORSE_THAN_FEEDBACK = "worse_than_feedback"
+    TEST_WORSE = "test_worse"
+
+
+class Warn(StrEnum):
+    """What a training, or a model, has to say of itself."""
+
+    TOO_LITTLE_MOTION = "too_little_motion"
+    ONE_TRAJECTORY = "one_trajectory"
+    LINEAR_ALONE = "linear_alone"
+    LINEAR_BELOW = "linear_below"
+    PERHAPS_CHANCE = "perhaps_chance"
+    INPUTS_MISSING = "inputs_missing"
+    NO_BLOCKS = "no_blocks"
+    TWO_ROBOTS = "two_robots"
+    STATED = "stated"
+
+
+class Refusal(StrEnum):
+    """Why a model is not put in use."""
+
+    NOT_COMPARED = "not_compared"
+    NOT_DECIDED = "not_decided"
+    NOT_BETTER = "not_better"
+    NOT_CALIBRATED = "not_calibrated"
+    INTERVALS_MISS = "intervals_miss"
+
+
+class Stop(StrEnum):
+    """What the stop rules say."""
+
+    BUDGET_LOGS = "budget_logs"
+    BUDGET_TIME = "budget_time"
+    TOLERANCE = "tolerance"
+    NOISE = "noise"
+    GAIN = "gain"
+    DOUBTED = "doubted"
+    LOGS_MISSING = "logs_missing"
+    OPEN = "open"
+
+
+class Phrase(StrEnum):
+    """Parts of sentences, where one of several stands in a field."""
+
+    PREDICTED = "predicted"
+    HELD_OUT = "held_out"
+    COVERAGE = "coverage"
+    LOW_COVERAGE = "low_coverage"
+    STRUCTURE = "structure"
+    STRUCTURE_THEN = "structure_then"
+    LARGE_ERRORS = "large_errors"
+    UNSETTLED = "unsettled"
+    OPEN_FORECAST = "open_forecast"
+    OPEN_GAIN = "open_gain"
+    GAIN_UNKNOWN = "gain_unknown"
+    NO_RULE = "no_rule"
+
+
+class NextStep(StrEnum):
+    """What to do about a notice, with the notice's fields."""
+
+    OF_CHECK = "of_check"
+    TELL_SUCH_MOTION = "tell_such_motion"
+    MOVE_OUTPUT = "move_output"
+    MOVE_JOINTS = "move_joints"
+    TELL_OR_LINEAR = "tell_or_linear"
+    TELL_TO_CHOOSE = "tell_to_choose"
+    ASK_LIKE_IT = "ask_like_it"
+    SEE_REPAIRS = "see_repairs"
+    TELL_ANOTHER = "tell_another"
+    TELL_MOVING = "tell_moving"
+    UNTELL_SIMULATED = "untell_simulated"
+
+
+Code = Alert | Warn | Refusal | Stop | Phrase
+
+ERRED = "{command}: on motion held out the process erred {ratio:.3g} times as much as linear regression"
+
+SENTENCES: Mapping[Code | NextStep, str] = {
+    Alert.LOG_FINDING: "log {log}: {found}",
+    Alert.NARROW_INTERVALS: "the model is surer than it is right: {where}, its 95 % intervals held "
+    "{coverage}",
+    Alert.NEVER_MOVED: "{outputs}: it did not move in any log, so nothing was learned of it",
+    Alert.CONSTANT_AS_GOOD: "{outputs}: {where}, a constant would have predicted as well",
+    Alert.LINEAR_BETTER: "{outputs}: {where}, linear regression erred less than {structure}",
+    Alert.WORSE_THAN_FEEDBACK: "test {test}: with the model the error is {error:.3g} {unit}, without it "
+    "{alone:.3g}",
+    Alert.TEST_WORSE: "test {test} got worse with the last log: {before:.3g} to {error:.3g} {unit}",
+    Warn.TOO_LITTLE_MOTION: "{commands}: of {seconds:.0f} s in all there is too little motion to be "
+    "believed, so the model says that it is uncertain everywhere",
+    Warn.ONE_TRAJECTORY: ERRED + ", but one trajectory is too little to fall back to that",
+    Warn.LINEAR_ALONE: ERRED + ", so this command is predicted by linear regression alone",
+    Warn.LINEAR_BELOW: ERRED + ", so the process now learns only what linear regression leaves",
+    Warn.PERHAPS_CHANCE: ERRED + ", which may be chance",
+    Warn.INPUTS_MISSING: "Not every log tells its {inputs: and }; the model does without",
+    Warn.NO_BLOCKS: "No blocks of log {log} were held out, since alone it cannot be learned: {why}",
+    Warn.TWO_ROBOTS: "log {simulated} was simulated, log {real} is of the robot itself: the model learns "
+    "from two robots",
+    Warn.STATED: "{sentence}",
+    Refusal.NOT_COMPARED: "not compared: {why}",
+    Refusal.NOT_DECIDED: "not decided against {against}: {segments} segments that neither has seen, {needed} "
+    "are needed",
+    Refusal.NOT_BETTER: "not better than {against}: errors {ratio:.3g} times as large (95 %: {lower:.3g} to "
+    "{upper:.3g}, {segments} segments)",
+    Refusal.NOT_CALIBRATED: "too few trajectories were held out for its intervals to be calibrated",
+    Refusal.INTERVALS_MISS: "its 95 % intervals hold {coverage} of held-out commands, at least {least:.0f %} "
+    "are wanted",
+    Stop.BUDGET_LOGS: "The budget of {logs} logs is used up",
+    Stop.BUDGET_TIME: "The budget of {minutes:g} min of motion is used up",
+    Stop.TOLERANCE: "The forecast error is {forecast:.2g %} of the command limit, within {goal:g %}",
+    Stop.NOISE: "The variance left is below {fraction:g} of the noise variance on every axis",
+    Stop.GAIN: "The next trajectory would remove less than {threshold:g %} of the variance left per minute "
+    "of robot time",
+    Stop.DOUBTED: "The forecast error is {forecast:.2g %} of the command limit, within {goal:g %}, but "
+    "{doubt}",
+    Stop.LOGS_MISSING: "{logs:|more log|more logs} before a rule can fire",
+    Stop.OPEN: "No rule has fired: {open:; }",
+    Phrase.PREDICTED: "on log {log}, predicted before it was learned",
+    Phrase.HELD_OUT: "on blocks of log {log} that were held out",
+    Phrase.COVERAGE: "{output} {part:.0f %}",
+    Phrase.LOW_COVERAGE: "its 95 % intervals held only {part:.0f %} of an output's commands",
+    Phrase.STRUCTURE: "{structure}",
+    Phrase.STRUCTURE_THEN: "{structure}, then in use",
+    Phrase.LARGE_ERRORS: "held-out errors are {factor:.1f} times the predicted variance, so it is not "
+    "believed",
+    Phrase.UNSETTLED: "the last log changed a length scale by a factor {factor:.1f}, so the model is not "
+    "settled",
+    Phrase.OPEN_FORECAST: "forecast error {forecast:.2g %} of the command limit (goal {goal:g %})",
+    Phrase.OPEN_GAIN: "{rate:.2g %} of the variance left per minute (threshold {threshold:g %})",
+    Phrase.GAIN_UNKNOWN: "what the next one would add is known once it is designed",
+    Phrase.NO_RULE: "no rule but the budget is switched on",
+    NextStep.OF_CHECK: "{step}",
+    NextStep.TELL_SUCH_MOTION: "Do not use its deviations yet: tell another log, of motion like that which "
+    "it is for.",
+    NextStep.MOVE_OUTPUT: "Do not use this output yet: move it, as the motion that etude ask writes does, "
+    "and tell that log.",
+    NextStep.MOVE_JOINTS: "Do not use these outputs yet: move these joints more, and look at the log.",
+    NextStep.TELL_OR_LINEAR: 'Tell another log; if it stays so, rung = "linear" in campaign.toml.',
+    NextStep.TELL_TO_CHOOSE: "Tell another log: what errs least on it is chosen for each output.",
+    NextStep.ASK_LIKE_IT: "Do not use the model on such motion; ask for more, with tasks like it (--tasks).",
+    NextStep.SEE_REPAIRS: "Look at that log's repairs; etude untell takes it back if something is wrong with "
+    "it.",
+    NextStep.TELL_ANOTHER: "Tell another one.",
+    NextStep.TELL_MOVING: "Tell another log that moves it.",
+    NextStep.UNTELL_SIMULATED: "Take the simulated ones back: etude untell {folder} {newest}",
+}
+"""By code: no capital and no full stop where it may stand within a sentence."""
+
+_CODES: Mapping[str, Code] = {str(code): code for code in SENTENCES if not isinstance(code, NextStep)}
+
+
+@dataclass(frozen=True)
+class Notice:
+    """One thing that is said.
+
+    Attributes:
+        code: what is said.
+        fields: of what: numbers, texts, notices, and tuples of these; SI units, ratios as parts of 1.
+        next_step: what to do about it; None: nothing.
+        light: of an alert.
+    """
+
+    code: Code
+    fields: Mapping[str, Any] = field(default_factory=dict)
+    next_step: NextStep | None = None
+    light: Light = ""
+
+    def __str__(self) -> str:
+        """Sentence and next step as one."""
+        step = self.step
+        return f"{self.sentence}; {step[0].lower()}{step[1:]}" if step else f"{self.sentence}."
+
+    @property
+    def sentence(self) -> str:
+        """For people, without a full stop."""
+        return _WORDS.vformat(SENTENCES[self.code], (), self.fields)
+
+    @property
+    def step(self) -> str:
+        """The next step as a sentence; "" without one."""
+        return _WORDS.vformat(SENTENCES[self.next_step], (), self.fields) if self.next_step else ""
+
+    def to_json(self) -> dict[str, Any]:
+        """As JSON values, what equals its default left out."""
+        own = {"code": str(self.code), "fields": {name: _plain(value) for name, value in self.fields.items()}}
+        own |= {"next_step": str(self.next_step)} if self.next_step else {}
+        return own | ({"light": self.light} if self.light else {})
+
+    @classmethod
+    def from_json(cls, value: Any) -> Notice:
+        """Of JSON values; a bare text is a sentence that something stated. ValueError: it is no notice."""
+        if isinstance(value, str):
+            return cls(Warn.STATED, {"sentence": value.rstrip(".")})
+        if not isinstance(value, dict) or value.get("code") not in _CODES:
+            raise ValueError(f"{value!r} is no notice")
+        step, light = value.get("next_step"), value.get("light", "")
+        own = {str(name): _read(one) for name, one in value.get("fields", {}).items()}
+        return cls(_CODES[value["code"]], own, NextStep(step) if step else None, light)
+
+    def told(self) -> dict[str, Any]:
+        """For `--json`: code and fields, and the sentences."""
+        step = str(self.next_step) if self.next_step else None
+        return {**self.to_json(), "next_step": step, "sentence": self.sentence, "step": self.step}
+
+
+def stated(said: Sequence[str | Notice]) -> tuple[Notice, ...]:
+    """Notices of what a plug-in says, which may have sentences alone."""
+    return tuple(one if isinstance(one, Notice) else Notice.from_json(one) for one in said)
+
+
+class _Words(Formatter):
+    """`str.format`, and of a field: "%" after a space for parts in per cent; "|one|many" for a count; of a
+    tuple what joins it.
+    """
+
+    def format_field(self, value: Any, format_spec: str) -> str:
+        if isinstance(value, Notice):
+            return value.sentence
+        if isinstance(value, tuple):
+            return (format_spec or ", ").join(self.format_field(one, "") for one in value)
+        if format_spec.endswith(" %"):
+            return f"{format(100.0 * value, format_spec[:-2])} %"
+        if format_spec.startswith("|"):
+            _, one, many = format_spec.split("|")
+            return f"{value} {one if value == 1 else many}"
+        return format(value, format_spec)
+
+
+_WORDS = _Words()
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, Notice):
+        return value.to_json()
+    return [_plain(one) for one in value] if isinstance(value, tuple) else value
+
+
+def _read(value: Any) -> Any:
+    if isinstance(value, dict):
+        return Notice.from_json(value)
+    return tuple(_read(one) for one in value) if isinstance(value, list) else value
