@@ -13,8 +13,9 @@ from pathlib import Path
 
 import numpy as np
 
+from etude.abilities import SupportsFigure
 from etude.errors import UsageError
-from etude.protocols import SupportsFigure, Trajectory
+from etude.protocols import Trajectory
 from etude.report.markup import Html, error_axis, test_title, text
 from etude.report.pictures import SIZE, alone
 from etude.report.record import Record, Test, read_record, tests
