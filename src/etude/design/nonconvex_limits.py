@@ -9,7 +9,7 @@ import numpy as np
 
 from etude.design.objective import Objective
 from etude.errors import UnsafeTrajectoryError
-from etude.limits.certificate import spare
+from etude.limits.certificate import slack
 from etude.limits.feasible import Block, FeasibleSet
 from etude.protocols import Family, Limit, Trajectory
 from etude.trajectories.extremes import USABLE_PART
@@ -244,7 +244,7 @@ def _holds(limit: Limit, piece: Trajectory, quickly: bool) -> bool:
     keeps = getattr(limit, "keeps", None) if quickly else None
     if keeps is not None:
         return bool(keeps(piece))
-    return all(spare(row) >= 0.0 for row in limit.prove(piece) if row.status != "not looked at")
+    return all(slack(row) >= 0.0 for row in limit.prove(piece) if row.status != "not looked at")
 
 
 @dataclass(frozen=True, eq=False)
