@@ -5,7 +5,7 @@
 Every row that takes a kernel gets a second row with this one, on the same trajectories, tests and seeds.
 """
 
-from etude.models.gp.kernels import Linear, SquaredExponential
+from etude.models import Linear, SquaredExponential
 
 
 def two_parts(columns, commands):

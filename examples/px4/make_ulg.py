@@ -113,8 +113,8 @@ def ned_frd(R_world_body: np.ndarray) -> np.ndarray:
 def flown(seconds: float = 20.0, rate: float = 100.0) -> tuple[Any, int]:
     """A flight of the built-in simulated vehicle, and its rows between two of a log at `rate` Hz."""
     import etude
-    from etude.campaign.propose.ask import stored_trajectory
-    from etude_quadrotor.controller import flight_plan
+    from etude.campaign import stored_trajectory
+    from etude_quadrotor import flight_plan
 
     with tempfile.TemporaryDirectory() as folder:
         campaign, _ = etude.create_campaign(Path(folder) / "sky", "quadrotor")

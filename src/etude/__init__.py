@@ -5,33 +5,28 @@ What stands in `__all__` is loaded when it is first used, so that importing the 
 
 from __future__ import annotations
 
-import importlib
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from etude import abilities, errors, protocols, testing, types
+    from etude.campaign.create import create_campaign, load_robot
+    from etude.campaign.deployment.model_export import export
+    from etude.campaign.deployment.monitor import watch
+    from etude.campaign.deployment.predict import predict
+    from etude.campaign.deployment.promote import promote, rollback
+    from etude.campaign.evaluate.status import status
+    from etude.campaign.ingest.ingest_many import tell
+    from etude.campaign.ingest.inspection import read_log
+    from etude.campaign.ingest.tell import untell
+    from etude.campaign.propose.ask import ask
+    from etude.campaign.record.folder import open_campaign
+    from etude.campaign.record.stored_models import load_model
+    from etude.campaign.simulation import simulate
+    from etude.limits.certificate import certify
 
 __version__ = "0.2.0"
-
-_PLACES = {
-    "create_campaign": "etude.campaign.create",
-    "open_campaign": "etude.campaign.record.folder",
-    "ask": "etude.campaign.propose.ask",
-    "tell": "etude.campaign.ingest.ingest_many",
-    "untell": "etude.campaign.ingest.tell",
-    "promote": "etude.campaign.deployment.promote",
-    "rollback": "etude.campaign.deployment.promote",
-    "watch": "etude.campaign.deployment.monitor",
-    "status": "etude.campaign.evaluate.status",
-    "simulate": "etude.campaign.simulation",
-    "read_log": "etude.campaign.ingest.inspection",
-    "load_robot": "etude.campaign.create",
-    "load_model": "etude.campaign.record.stored_models",
-    "predict": "etude.campaign.deployment.predict",
-    "export": "etude.campaign.deployment.model_export",
-    "certify": "etude.limits.certificate",
-}
-PUBLIC = ("errors", "plugins", "progress", "protocols", "storage", "testing", "threads", "types")
-"""Modules that may be used from outside; every room says of its own."""
-_MODULES = ("errors", "protocols", "testing", "types")
 __all__ = [
+    "abilities",
     "ask",
     "certify",
     "create_campaign",
@@ -57,13 +52,11 @@ __all__ = [
 
 def __getattr__(name: str) -> Any:
     """Functions that commands are made of, and the modules that plug-ins need."""
-    if name in _MODULES:
-        return importlib.import_module(f"etude.{name}")
-    if name not in _PLACES:
+    if name.startswith("__"):
         raise AttributeError(f"module 'etude' has no attribute {name!r}")
-    found = getattr(importlib.import_module(_PLACES[name]), name)
-    globals()[name] = found
-    return found
+    from etude._runtime.lazy import loaded
+
+    return loaded(__name__, name)
 
 
 def __dir__() -> list[str]:

@@ -117,25 +117,30 @@ class Shape:
         words: for people. arguments: names of what it is called with; None of what is not called.
         attributes: that it has.
         keywords: whether it may need more by name, which its table in a file gives.
+        part: its name in `abilities.ABILITIES`, "" where it has none.
     """
 
     words: str
     arguments: tuple[str, ...] | None = None
     attributes: tuple[str, ...] = ()
     keywords: bool = False
+    part: str = ""
 
 
 SHAPES: Mapping[str, Shape] = {
     "etude.robots": Shape(
-        "a kind of robot", None, ("name", "path", "tables", "presets", "recognises", "described", "spec")
+        "a kind of robot",
+        None,
+        ("name", "path", "tables", "presets", "recognises", "described", "spec"),
+        part="Kind",
     ),
     "etude.models": Shape("a member of the model family", ("fit",), ("restore",)),
     "etude.kernels": Shape("a kernel's factory", ("columns", "commands")),
     "etude.forms": Shape("a form of stored posteriors or kernels", None, ("arrays", "words", "make")),
     "etude.limits": Shape("a limit's factory", ("spec", "model", "margins"), keywords=True),
     "etude.criteria": Shape("a criterion", ("output", "batch", "gain")),
-    "etude.readers": Shape("a reader of logs", ("path", "topics")),
-    "etude.exporters": Shape("an exporter", ("trajectory", "kind", "spec"), ("back",)),
+    "etude.readers": Shape("a reader of logs", ("path", "topics"), ("recognises",)),
+    "etude.exporters": Shape("an exporter", ("trajectory", "kind", "spec"), ("back",), part="Exporter"),
     "etude.adaptations": Shape("a way to go on learning", ("method",)),
     "etude.targets": Shape("a target of models", ("model", "kind", "spec", "options")),
 }
@@ -245,6 +250,7 @@ def _of_group(group: str, name: str, found: Any) -> Any:
             where=f"{group}; it is of type {type(found).__name__}",
             next_step="docs/plugins.md says what a plug-in of this group is; etude plugins lists them.",
         )
+    require_whole(found, shape.part, f"{group} {name}")
     return found
 
 
@@ -267,7 +273,24 @@ def required(found: Any, protocol: type, where: str) -> Any:
             where=where,
             next_step=f"Give it what etude.protocols.{protocol.__name__} declares.",
         )
+    require_whole(found, protocol.__name__, where)
     return found
+
+
+def require_whole(found: Any, part: str, where: str) -> None:
+    """UsageError: it has some members of an optional ability of that part (`abilities`) and lacks others."""
+    # by name: what abilities exchange can be drawn, and pictures are plug-ins
+    table: Mapping[str, tuple[type, ...]] = importlib.import_module("etude.abilities").ABILITIES
+    for ability in table.get(part, ()):
+        own = members(ability)
+        missing = [name for name in own if not hasattr(found, name)]
+        if 0 < len(missing) < len(own):
+            has = [name for name in own if name not in missing]
+            raise UsageError(
+                f"{type(found).__name__} has {', '.join(has)} and lacks {', '.join(missing)}",
+                where=where,
+                next_step=f"Give it all that etude.abilities.{ability.__name__} declares, or nothing of it.",
+            )
 
 
 def members(protocol: type) -> tuple[str, ...]:

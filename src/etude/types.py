@@ -337,7 +337,7 @@ class Thing:
     faces: tuple[tuple[int, ...], ...]
 
     @classmethod
-    def plane(cls, name: str, point: Sequence[float], normal: Sequence[float]) -> Thing:
+    def plane(cls, name: str, point: Sequence[float] | Array, normal: Sequence[float] | Array) -> Thing:
         """A square of a plane about one of its points (3,), m; normal (3,) to the side that is allowed."""
         foot, unit = np.array(point, dtype=float), np.array(normal) / np.linalg.norm(normal)
         across = np.cross(unit, np.eye(3)[np.argmin(np.abs(unit))])
@@ -347,7 +347,7 @@ class Thing:
         return cls(name, "plane", np.array(corners)[None], ((0, 1, 2, 3),))
 
     @classmethod
-    def box(cls, name: str, lower: Sequence[float], upper: Sequence[float]) -> Thing:
+    def box(cls, name: str, lower: Sequence[float] | Array, upper: Sequence[float] | Array) -> Thing:
         """A solid between two corners (3,), m."""
         low, high = np.array(lower, dtype=float), np.array(upper, dtype=float)
         return cls(name, "solid", (0.5 * (low + high) + 0.5 * (high - low) * CUBE)[None], CUBE_FACES)

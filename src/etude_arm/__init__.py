@@ -5,15 +5,20 @@ from typing import TYPE_CHECKING
 from etude._runtime.lazy import face
 
 if TYPE_CHECKING:
-    from etude_arm.kind import KIND as KIND
-    from etude_arm.spec import ArmSpec as ArmSpec
+    from etude_arm.adaptive_control import AdaptiveController, craig_hsu_sastry, slotine_li
+    from etude_arm.controller import PerfectController
+    from etude_arm.kind import KIND
+    from etude_arm.preprocessing import filter_cutoff
+    from etude_arm.spec import ArmSpec, Axis
 
-PUBLIC = ("adaptive_control", "controller", "preprocessing", "spec")
-"""Modules that may be used from outside."""
-__getattr__, __dir__ = face(
-    __name__,
-    {
-        "ArmSpec": "spec",
-        "KIND": "kind",
-    },
-)
+__all__ = [
+    "KIND",
+    "AdaptiveController",
+    "ArmSpec",
+    "Axis",
+    "PerfectController",
+    "craig_hsu_sastry",
+    "filter_cutoff",
+    "slotine_li",
+]
+__getattr__, __dir__ = face(__name__)

@@ -1,4 +1,11 @@
 """The Lagrangian polynomial prior: energies drawn from a process, commands by Lagrange's equations."""
 
-PUBLIC = ("joints", "kernel", "member", "prior")
-"""Modules that may be used from outside."""
+from typing import TYPE_CHECKING
+
+from etude._runtime.lazy import face
+
+if TYPE_CHECKING:
+    from etude_lagrangian.member import all_lin, data_together
+
+__all__ = ["all_lin", "data_together"]
+__getattr__, __dir__ = face(__name__)

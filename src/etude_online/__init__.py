@@ -1,4 +1,14 @@
 """Learning while the robot runs: a learner for each command, a guard, a controller of all."""
 
-PUBLIC = ("guard_effort", "learner", "model")
-"""Modules that may be used from outside."""
+from typing import TYPE_CHECKING
+
+from etude._runtime.lazy import face
+
+if TYPE_CHECKING:
+    from etude_online.guard_effort import Feedback, feedback_of
+    from etude_online.learner import OnlineConfig
+    from etude_online.model import OnlineModel
+    from etude_online.runtime import open_online
+
+__all__ = ["Feedback", "OnlineConfig", "OnlineModel", "feedback_of", "open_online"]
+__getattr__, __dir__ = face(__name__)

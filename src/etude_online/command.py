@@ -15,6 +15,8 @@ from etude.models.gp.basis_posterior import BasisPosterior
 from etude.models.gp.exact import ExactPosterior
 from etude.models.gp.single_point import PointMean
 from etude.models.model import LearnedModel
+from etude.models.process import Posteriors
+from etude.models.protocols import SupportsPoint
 from etude.protocols import Candidate
 from etude.types import Array, Log
 from etude_online.learner import OnlineConfig, OnlineOutput
@@ -224,19 +226,21 @@ def learning_command(model: LearnedModel, j: int, config: OnlineConfig, rng: np.
 
 
 def _exact(candidate: Candidate, j: int) -> ExactPosterior | None:
-    place, own = candidate.commands.index(j), getattr(candidate.process, "own", None)
-    found = own[place] if isinstance(own, tuple) else None
-    guides = getattr(candidate.process, "guides", None)
-    if isinstance(found, BasisPosterior) and guides:  # all samples taught it, through a few
-        found = guides[place]
+    process, place = candidate.process, candidate.commands.index(j)
+    if not isinstance(process, Posteriors):
+        return None
+    found = process.own[place]
+    if isinstance(found, BasisPosterior) and process.guides:  # all samples taught it, through a few
+        found = process.guides[place]
     return found if isinstance(found, ExactPosterior) else None
 
 
 def _point(candidate: Candidate, posterior: ExactPosterior, j: int) -> Callable[[Array], float]:
     """What the candidate says: by the posterior that goes on learning, or of all commands together."""
-    together = getattr(candidate.process, "point", None)
-    if together is not None:
-        every, place = together(), candidate.commands.index(j)
+    process = candidate.process
+    assert process is not None
+    if isinstance(process, SupportsPoint):
+        every, place = process.point(), candidate.commands.index(j)
         return lambda x: float(every(x)[place])
     mean = PointMean([posterior])
     return lambda x: float(mean(x)[0])

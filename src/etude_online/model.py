@@ -21,7 +21,7 @@ from etude.protocols import Controller
 from etude.types import Array, Channel, Motion, Row
 from etude_online.command import FAILURES, Command, learning_command
 from etude_online.guard import Guard
-from etude_online.guard_effort import FED_BACK, Feedback
+from etude_online.guard_effort import FED_BACK, Feedback, FeedbackLaw
 from etude_online.guard_gate import Ranges
 from etude_online.learner import OnlineConfig
 from etude_online.memoized_mean import asking_once
@@ -263,7 +263,8 @@ class OnlineModel:
     def _measuring(self, known: Mapping[str, Channel], feedback: Feedback | None, rate: float) -> Measured:
         first = self._plan.path[0] if self._plan.path else ""
         sigma = None if feedback is None else feedback.sigma
-        ranges = Ranges(known, self._limits, sigma, getattr(feedback, "path", first), 1.0 / rate)
+        path = feedback.path if isinstance(feedback, FeedbackLaw) else first
+        ranges = Ranges(known, self._limits, sigma, path, 1.0 / rate)
         inputs = [channel for channel, *_ in self.model.inputs.columns]
         also = () if self.guard is None or feedback is None else feedback.channels
         return Measured(inputs, known, ranges, also, rate, self.config.window_s, self._say)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from etude.abilities import SupportsEachTick
 from etude.campaign.deployment.model_export import told_logs
 from etude.campaign.record.folder import Campaign
 from etude.campaign.record.stored_models import newest_model
@@ -62,7 +63,7 @@ def online_learning(method: str) -> OnlineLearning:
 
 def require_ticks(campaign: Campaign, robot: Robot) -> None:
     """UsageError: the robot takes its feedforward ahead of a run."""
-    if not getattr(robot, "asks_each_tick", False):
+    if not isinstance(robot, SupportsEachTick) or not robot.asks_each_tick:
         raise UsageError(
             f"the simulated {campaign.name} takes its feedforward before a run, so nothing is learned in it",
             next_step="Leave --online out.",

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 from collections import deque
-from typing import Any
+from typing import Any, ClassVar, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -16,6 +16,13 @@ from etude.errors import DataError
 from etude.storage import arrays_of, packed
 
 WORDS = "words"
+
+
+@runtime_checkable
+class Moving(Protocol):
+    """An object with state: the names of what changes in it."""
+
+    MOVES: ClassVar[tuple[str, ...]]
 
 
 def taken(owner: Any) -> Any:
@@ -31,9 +38,9 @@ def put_back(owner: Any, state: Any) -> None:
         for step in way:
             parent = getattr(parent, step)
         now = getattr(parent, last)
-        if hasattr(now, "MOVES"):
+        if isinstance(now, Moving):
             put_back(now, value)
-        elif isinstance(now, list) and now and hasattr(now[0], "MOVES"):
+        elif isinstance(now, list) and now and isinstance(now[0], Moving):
             for own, part in zip(now, value, strict=True):
                 put_back(own, part)
         else:
@@ -68,7 +75,7 @@ def _at(owner: Any, name: str) -> Any:
 def _copy(value: Any) -> Any:
     if isinstance(value, np.ndarray):
         return value.copy(order="K")
-    if hasattr(value, "MOVES"):
+    if isinstance(value, Moving):
         return taken(value)
     if isinstance(value, (list, tuple, deque)):
         return [_copy(part) for part in value]

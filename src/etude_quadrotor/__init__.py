@@ -5,15 +5,32 @@ from typing import TYPE_CHECKING
 from etude._runtime.lazy import face
 
 if TYPE_CHECKING:
-    from etude_quadrotor.kind import KIND as KIND
-    from etude_quadrotor.spec import QuadrotorSpec as QuadrotorSpec
+    from etude_quadrotor.controller import FlightFeedforward, GatedVoltages, flight_plan, leaning
+    from etude_quadrotor.flatness import Drag
+    from etude_quadrotor.inputs import QuadrotorInputs
+    from etude_quadrotor.kind import KIND
+    from etude_quadrotor.physics.vehicle_inverse import nominal_inverse
+    from etude_quadrotor.plant.robot import SimulatedFlights
+    from etude_quadrotor.plant.simulated import Disturbance, Start
+    from etude_quadrotor.preprocessing import common_lag
+    from etude_quadrotor.recorder import on_even_grid, with_states
+    from etude_quadrotor.spec import QuadrotorSpec
 
-PUBLIC = ("controller", "flatness", "inputs", "kind", "preprocessing", "recorder", "spec")
-"""Modules that may be used from outside."""
-__getattr__, __dir__ = face(
-    __name__,
-    {
-        "KIND": "kind",
-        "QuadrotorSpec": "spec",
-    },
-)
+__all__ = [
+    "KIND",
+    "Disturbance",
+    "Drag",
+    "FlightFeedforward",
+    "GatedVoltages",
+    "QuadrotorInputs",
+    "QuadrotorSpec",
+    "SimulatedFlights",
+    "Start",
+    "common_lag",
+    "flight_plan",
+    "leaning",
+    "nominal_inverse",
+    "on_even_grid",
+    "with_states",
+]
+__getattr__, __dir__ = face(__name__)

@@ -14,6 +14,7 @@ from typing import Protocol
 import numpy as np
 
 from etude.errors import DataError, NumericalError
+from etude.models.model import LearnedModel
 from etude.models.trust import familiar, trusted
 from etude.protocols import Controller, Model, Trajectory
 from etude.types import Array, Log, Motion, Row
@@ -87,9 +88,10 @@ class GatedVoltages:
         mean, variance = self.model.posterior(log)
         near = safe + np.clip(mean - safe, -self.limit, self.limit)
         found = trusted(near, variance, prior_deviation(self.model), safe)
-        ranges = None if getattr(self.model, "calibrated", True) else getattr(self.model, "ranges", None)
-        if ranges is not None:
-            found = safe + familiar(self.model.inputs.of_log(log), ranges)[:, None] * (found - safe)
+        model = self.model
+        if isinstance(model, LearnedModel) and not model.calibrated and model.ranges is not None:
+            known = familiar(model.inputs.of_log(log), model.ranges)
+            found = safe + known[:, None] * (found - safe)
         return found
 
 

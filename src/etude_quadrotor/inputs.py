@@ -212,7 +212,7 @@ class QuadrotorInputs:
         )
 
     def drag_c(self, name: str) -> Code | None:
-        """C99 of the lateral force per mass (`protocols.SupportsDrag`); None where no flight told it."""
+        """C99 of the lateral force per mass (`abilities.SupportsDrag`); None where no flight told it."""
         return None if self.lateral is None else self.lateral.c(name)
 
     def c(self, name: str) -> Code:

@@ -13,7 +13,7 @@ import tomllib
 from collections.abc import Iterator
 from html.parser import HTMLParser
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 from urllib.parse import unquote
 
 import pytest
@@ -21,10 +21,11 @@ from test_docs import ROOT
 
 import etude
 from chromium import chromium, complaints, open_page, overhang
+from etude.plugins import members
 
 DOCS = ROOT / "docs"
-MODULES = ("errors", "protocols", "testing", "types")
-"""Public modules, a page each."""
+MODULES = ("abilities", "errors", "protocols", "testing", "types")
+"""Public modules."""
 LOOKED_AT = (
     "index.html",
     "start/arm_ros2.html",
@@ -79,7 +80,8 @@ def test_the_reference_has_every_public_name() -> None:
         for place, name in told:
             assert getattr(importlib.import_module(place), name)
         assert {name for _, name in told} == {n for n in names if n not in MODULES}
-    assert set(MODULES) < set(pages)
+    for name in MODULES:
+        assert any(f"::: etude.{name}\n" in text or name == page for page, text in pages.items()), name
 
 
 def test_pictures_of_the_gallery_are_those_that_its_command_makes() -> None:
@@ -152,9 +154,10 @@ def test_the_page_of_protocols_lists_every_method(site: Path) -> None:
     """`back` of an exporter is no method of a protocol, and stands in the table above them."""
     text = (site / "reference" / "protocols.html").read_text(encoding="utf-8")
     found = Links(text).anchors
-    own = [value for value in vars(etude.protocols).values() if getattr(value, "_is_protocol", False)]
-    assert len(own) > 25
-    wanted = {f"etude.protocols.{one.__name__}.{name}" for one in own for name in vars(one) if name[0] != "_"}
+    both = [*vars(etude.protocols).values(), *vars(etude.abilities).values()]
+    own = {value for value in both if getattr(value, "_is_protocol", False) and value is not Protocol}
+    assert len(own) > 55
+    wanted = {f"{one.__module__}.{one.__name__}.{name}" for one in own for name in members(one)}
     assert wanted - found == set()
     assert "<code>back(files)</code> returns" in text
 

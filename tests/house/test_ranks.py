@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import importlib
+import importlib.util
 import subprocess
 import sys
 from functools import cache
@@ -12,6 +13,7 @@ from pathlib import Path
 import pytest
 
 import etude
+from etude._runtime.lazy import places
 
 SOURCE = Path(etude.__file__).parent
 ROOT = Path(__file__).parents[2]
@@ -30,6 +32,7 @@ RANKS = {
     "_runtime": 0,
     "storage": 0,
     "threads": 0,
+    "abilities": 0,
     "protocols": 0,
     "types": 0,
     "plugins": 0,
@@ -56,7 +59,10 @@ SIDEWAYS = {
     ("_runtime", "plugins"),
     ("threads", "_runtime"),
     ("types", "_runtime"),
-    ("protocols", "_runtime"),
+    ("abilities", "_runtime"),
+    ("abilities", "codes"),
+    ("abilities", "protocols"),
+    ("abilities", "types"),
     ("protocols", "types"),
 }
 # a kind supplies nouns, the steps are the pipeline's
@@ -113,7 +119,7 @@ def wrong_imports(path: Path) -> list[str]:
     """One sentence for each import of a module that does not go down the ranks."""
     name = module_name(path)
     if name == "etude":
-        return [f"import etude must stay light: {target}" for target in imported(path)]
+        return []  # the face of all: what it imports, type checkers see
     own, found = room(name), []
     if own == "__main__":
         return []
@@ -165,24 +171,38 @@ def studies() -> list[Path]:
 
 
 def test_the_studies_use_what_an_outside_user_may() -> None:
-    """Every module of etude that they import stands in the tuple PUBLIC of its room."""
-    known = {module_name(own) for own in (*modules(), *packages()) if own.name != "__init__.py"}
+    """They import from the faces of rooms, and from modules that stand beside these."""
+    alone = {path.stem for path in SOURCE.glob("*.py")}
     found = []
     for path in studies():
-        for target in imported(path) & known:
-            room_name, _, module = target.rpartition(".")
-            if module not in importlib.import_module(room_name).PUBLIC:
-                found.append(f"{path.name} imports {target}, which {room_name} does not offer")
+        for node in nodes(path):
+            module = node.module or "" if isinstance(node, ast.ImportFrom) else ""
+            first, _, rest = module.partition(".")
+            if module == "etude" or first not in {"etude", *BESIDE} or rest in alone:
+                continue
+            offered = importlib.import_module(module).__all__ if module in faces() else []
+            lacking = [alias.name for alias in node.names if alias.name not in offered]
+            found += [f"{path.name} imports {name}, which {module} does not offer" for name in lacking]
     assert found == []
 
 
-def test_what_is_offered_is_there() -> None:
-    for path in (*modules(), *packages()):
-        if path.name == "__init__.py":
-            offered = getattr(importlib.import_module(module_name(path)), "PUBLIC", ())
-            there = {p.stem if p.suffix == ".py" else p.name for p in path.parent.iterdir()}
-            assert set(offered) <= there, module_name(path)
-            assert list(offered) == sorted(offered)
+def faces() -> dict[str, Path]:
+    """Rooms that offer names: packages with `__all__`."""
+    inits = [path for path in (*modules(), *packages()) if path.name == "__init__.py"]
+    return {module_name(path): path for path in inits if "__all__" in path.read_text(encoding="utf-8")}
+
+
+@pytest.mark.parametrize("face", faces())
+def test_what_is_offered_is_there_and_type_checkers_see_it(face: str) -> None:
+    room = importlib.import_module(face)
+    assert set(places(face)) == set(room.__all__)
+    assert len(set(room.__all__)) == len(room.__all__)
+    for name in room.__all__:
+        assert getattr(room, name) is not None
+        beside = importlib.util.find_spec(f"{face}.{name}")
+        assert places(face)[name] == face or beside is None, f"{name} is a module of {face} too"
+    with pytest.raises(AttributeError, match="no attribute 'no_such_name'"):
+        _ = room.no_such_name
 
 
 def test_processes_know_no_robot() -> None:

@@ -187,7 +187,8 @@ def test_a_model_whose_mean_is_doubted_is_asked_in_full() -> None:
     inputs = SimpleNamespace(states=lambda motion: motion.orders[0], orders=3)
     ends = -np.full(2, 9.0), np.full(2, 9.0)
     for least, known in ((None, True), (np.ones(2), False)):
-        model = SimpleNamespace(inputs=inputs, posterior=None, prior_deviation=np.ones(2), least=least)
+        asked = dict.fromkeys(("posterior", "mean", "at_most"), lambda _: pytest.fail("not asked here"))
+        model = SimpleNamespace(inputs=inputs, prior_deviation=np.ones(2), least=least, **asked)
         limit = by_model(model, "torque", ("N m", "N m"), NAMES, ends, np.full(2, np.inf))  # type: ignore[arg-type]
         assert (limit.most is not None) == known
 

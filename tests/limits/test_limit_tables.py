@@ -11,12 +11,13 @@ import pytest
 import etude
 from certificate_schema import valid
 from etude import cli
+from etude.abilities import SupportsBlocking, SupportsBoxes, SupportsDrawing
 from etude.errors import UsageError
 from etude.limits import LipschitzLimit
 from etude.limits.limit_tables import made_limits
 from etude.limits.lipschitz import extremes
 from etude.plugins import _given
-from etude.protocols import Limit, SupportsBlocking, SupportsBoxes, SupportsDrawing
+from etude.protocols import Limit
 from etude.testing import LimitSuite
 from etude.trajectories import FourierConfig, FourierFamily
 from etude_arm import KIND as ARM

@@ -9,7 +9,7 @@ import pytest
 from learning_examples import LIMIT, SMALL, train, trajectories, trajectory
 
 from etude.codes import Warn
-from etude.models.score import score
+from etude.models.score import prediction_score
 from etude.models.selection.selection_rule import DOUBT
 from etude.models.trust import trust
 from etude.types import Samples
@@ -27,7 +27,7 @@ def test_a_short_log_is_not_believed(config) -> None:
     new = trajectory(9)
     mean, variance = model.predict(new.log)
     assert np.all(np.sqrt(variance) >= 0.99 * DOUBT * LIMIT)
-    assert np.all(score(new, mean, variance).coverage > 0.95)
+    assert np.all(prediction_score(new, mean, variance).coverage > 0.95)
     assert np.all(trust(variance, model.prior_deviation) == 0.0)
     assert any(one.code == Warn.TOO_LITTLE_MOTION for one in model.warnings)
 

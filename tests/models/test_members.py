@@ -30,7 +30,7 @@ from etude.models.gp.shared_exact import condition_shared
 from etude.models.members import member_named
 from etude.models.process import Posteriors
 from etude.models.protocols import HasKernel
-from etude.models.score import score
+from etude.models.score import prediction_score
 from etude.models.store import load_model, save_model
 
 MEMBERS = {name: member_named(name) for name in plugins.BUILT_IN["etude.models"] if name != "all_lin"}
@@ -54,7 +54,7 @@ def models():
 @NAMES
 def test_it_predicts_a_new_motion_with_variances_that_are_not_bold(name, models) -> None:
     new = trajectory(9)
-    result = score(new, *models[name].predict(new.log))
+    result = prediction_score(new, *models[name].predict(new.log))
     assert np.all(result.nmse < 0.25)
     assert np.all(result.z2 < 4.0)
     assert np.all(result.coverage > 0.7)
@@ -73,7 +73,7 @@ def test_what_variances_are_at_most_they_are(name, models) -> None:
 def test_it_shares_a_kernel_over_several_commands(name, tmp_path) -> None:
     model = train(trajectories(2), replace(TOGETHER, process=name, basis=30, steps=6))
     new = trajectory(9)
-    assert np.all(score(new, *model.predict(new.log)).nmse < 0.5)
+    assert np.all(prediction_score(new, *model.predict(new.log)).nmse < 0.5)
     (candidate,) = [c for c in model.candidates if c.weights.any()]
     assert candidate.commands == (0, 1)
     with_theta = [p for p in candidate.process.own if isinstance(p, HasKernel)]

@@ -25,7 +25,7 @@ from etude.errors import DataError, UsageError
 from etude.models.config import RUNGS, ModelConfig
 from etude.models.gp.exact import ExactGP
 from etude.models.gp.shared_exact import condition_shared
-from etude.models.score import score
+from etude.models.score import prediction_score
 from etude.models.selection.ensemble import CANDIDATES
 from etude.models.selection.model_selection import OFFERED, prequential
 from etude.types import Samples, joined_samples
@@ -52,7 +52,7 @@ def same(mine, theirs) -> None:
 @BOTH
 def test_a_new_motion_is_predicted_with_honest_variances(config: ModelConfig, data) -> None:
     new = trajectory(9)
-    result = score(new, *train(data, config).predict(new.log))
+    result = prediction_score(new, *train(data, config).predict(new.log))
     assert np.all(result.nmse < 0.12)
     assert np.all((result.z2 > 0.3) & (result.z2 < 2.5))
     assert np.all(result.coverage > 0.85)
@@ -183,7 +183,7 @@ def test_prequential_scores_are_of_motion_that_no_rung_has_seen(full) -> None:
     new = trajectory(3)
     scores = prequential(full.model, new, trajectories(3))
     assert set(scores) == set(full.model.rungs)
-    expected = score(new, *full.model.of_rung("gp").predict(new.log), trajectories(3))
+    expected = prediction_score(new, *full.model.of_rung("gp").predict(new.log), trajectories(3))
     np.testing.assert_array_equal(scores["gp"].nmse, expected.nmse)
     assert (scores["gp"].msll < -1.0).all()
     with pytest.raises(UsageError, match="no rung 'nothing'"):

@@ -13,7 +13,7 @@ from scipy.stats import t as student
 from etude.errors import DataError, UsageError
 from etude.models.gp.exact import ExactGP, ExactPosterior
 from etude.models.gp.kernels import SquaredExponential
-from etude.models.score import figures, inflation, score, score_trajectories, trivial_prediction
+from etude.models.score import figures, inflation, prediction_score, score_trajectories, trivial_prediction
 from etude.models.student_t import StudentT
 
 
@@ -93,7 +93,7 @@ def test_a_score_is_over_moving_samples_and_beside_them_over_all_while_any_joint
     data = replace(data, moving=data.moving & (data.t[:, None] < 20.0))
     data = replace(data, usable=data.t[:, None] + np.zeros(2) > 3.0)
     mean, variance = data.command + 0.3, np.full_like(data.command, 0.09)
-    found = score(data, mean, variance, data)
+    found = prediction_score(data, mean, variance, data)
     for own, use in (
         (found, data.usable & data.moving),
         (found.usable, data.usable & data.moving.any(axis=1)[:, None]),
@@ -105,22 +105,24 @@ def test_a_score_is_over_moving_samples_and_beside_them_over_all_while_any_joint
     assert not np.allclose(found.nmse, found.usable.nmse)
     standing = ~data.moving.any(axis=1)
     assert standing.any()
-    spoiled = score(data, np.where(standing[:, None], 1e6, mean), variance, data)
+    spoiled = prediction_score(data, np.where(standing[:, None], 1e6, mean), variance, data)
     np.testing.assert_array_equal(spoiled.usable.nmse, found.usable.nmse)
 
 
 def test_the_log_loss_is_beside_a_normal_distribution_of_the_training_commands() -> None:
     data, new = trajectories(2), trajectory(7)
     mean, variance = new.command + 0.3, np.full_like(new.command, 0.2)
-    found = score(new, mean, variance, data)
+    found = prediction_score(new, mean, variance, data)
     for j, use in enumerate(new.moving.T):
         y = new.command[use, j]
         own = -norm.logpdf(y, mean[use, j], np.sqrt(0.2)).mean()
         trivial = -norm.logpdf(y, data.command[:, j].mean(), data.command[:, j].std()).mean()
         assert found.msll[j] == pytest.approx(own - trivial)
-    constant = score(new, *np.broadcast_arrays(*trivial_prediction(data)[:, None], new.command)[:2], data)
+    constant = prediction_score(
+        new, *np.broadcast_arrays(*trivial_prediction(data)[:, None], new.command)[:2], data
+    )
     np.testing.assert_allclose(constant.msll, 0.0, atol=1e-12)
-    assert np.isnan(score(new, mean, variance).msll).all()
+    assert np.isnan(prediction_score(new, mean, variance).msll).all()
 
 
 def test_scores_of_each_trajectory_are_those_of_their_definition() -> None:
@@ -148,5 +150,5 @@ def test_commands_that_say_nothing_are_not_looked_at() -> None:
     usable = np.ones_like(data.usable)
     usable[::3, 0] = False
     spoiled = commanded(data, np.where(usable, data.command, np.nan))
-    found = score(replace(spoiled, usable=usable), 0.0 * data.command, np.ones_like(data.command))
+    found = prediction_score(replace(spoiled, usable=usable), 0.0 * data.command, np.ones_like(data.command))
     assert np.isfinite(found.nmse).all()

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from etude.design.aim import objective
+from etude.design.aim import design_objective
 from etude.design.config import DesignConfig
 from etude_studies.flight_design_cost import Differenced, design_rows, known_flights
 from etude_studies.flight_world import THESIS_ROOM, Flights
@@ -26,7 +26,7 @@ def test_rows() -> None:
 def test_differences_agree_with_the_exact_gradient() -> None:
     flights, rng = Flights.of("quadrotor", "low", room=THESIS_ROOM), np.random.default_rng(1)
     model, tasks = known_flights(flights, rng, 1), flights.drawn(rng, 3)
-    exact = objective(flights.family, model.inputs, model, SMALL, tasks, tasks, rate=10.0).objective
+    exact = design_objective(flights.family, model.inputs, model, SMALL, tasks, tasks, rate=10.0).objective
     p = flights.family.parameters(tasks[0])
     (value, gradient), (same, near) = (
         way.value_and_gradient(p) for way in (exact, Differenced(**vars(exact)))

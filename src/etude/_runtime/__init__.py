@@ -1,4 +1,1 @@
 """What the other rooms stand on and no plug-in needs: BLAS, compilation, trust, TOML tables, operators."""
-
-PUBLIC: tuple[str, ...] = ()
-"""Modules that may be used from outside."""

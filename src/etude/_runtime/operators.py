@@ -105,7 +105,7 @@ class Value:
 
 @dataclass(frozen=True, eq=False)
 class Piece:
-    """Inputs or a mean as a part of a graph (`protocols.SupportsOnnx`).
+    """Inputs or a mean as a part of a graph (`abilities.SupportsOnnx`).
 
     Attributes:
         reads: channels, in order.

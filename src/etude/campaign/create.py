@@ -13,6 +13,7 @@ from etude import plugins
 from etude._runtime.toml_tables import decoded
 from etude._runtime.trust import folder_id, is_trusted, trust_own
 from etude._runtime.trust import trust as add_trust
+from etude.abilities import SupportsSelection
 from etude.campaign.record.config import preset_config
 from etude.campaign.record.config_file import CONFIG, config_text, load_config
 from etude.campaign.record.events import Created
@@ -29,7 +30,7 @@ GROUP = "etude.robots"
 
 @dataclass(frozen=True)
 class RobotPart:
-    """What to take of a description, for kinds that can choose; see `protocols.SupportsSelection`."""
+    """What to take of a description, for kinds that can choose; see `abilities.SupportsSelection`."""
 
     joints: tuple[str, ...] = ()
     held: Mapping[str, float] = field(default_factory=dict)
@@ -42,8 +43,8 @@ WHOLE = RobotPart()
 
 
 def create_campaign(
-    path: Path,
-    robot: str,
+    path: str | Path,
+    robot: str | Path,
     preset_name: str = "default",
     seed: int = 0,
     part: RobotPart = WHOLE,
@@ -67,7 +68,7 @@ def create_campaign(
         UsageError: there is a campaign already, no folder can be made there, or the robot is unknown or
             impossible.
     """
-    path = Path(path)
+    path, robot = Path(path), str(robot)
     if os.path.isfile(path / JOURNAL):  # before the robot is read, which takes seconds
         _require_empty(path)
     kind, description = find_robot(robot)
@@ -101,16 +102,13 @@ def _require_empty(path: Path) -> None:
 
 
 def _chosen(kind: Kind, description: Path, part: RobotPart) -> Described:
-    if not hasattr(kind, "chosen"):
+    if not isinstance(kind, SupportsSelection):
         raise UsageError(
             f"a robot of the kind '{kind.name}' has no joints to choose from",
             where=str(description),
             next_step="Leave --joints, --hold, --mesh-root, --range, --velocity, --command and --floor out.",
         )
-    found: Described = kind.chosen(
-        description, part.joints, part.held, part.mesh_roots, part.limits, part.floor
-    )
-    return found
+    return kind.chosen(description, part.joints, part.held, part.mesh_roots, part.limits, part.floor)
 
 
 def load_robot(robot: str | Path, *, trust: bool = False) -> Any:

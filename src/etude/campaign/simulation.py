@@ -9,6 +9,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from etude.abilities import SupportsAssumptions, SupportsCollecting, SupportsEngines, SupportsTestRuns
 from etude.campaign.ingest.ingest_result import How
 from etude.campaign.ingest.tell import abandon, tell
 from etude.campaign.propose.ask import ask
@@ -26,7 +27,7 @@ from etude.campaign.record.stored_models import SIMULATED, newest_model, only_ru
 from etude.errors import DataError, UsageError
 from etude.logs.readers.log_file import write_log
 from etude.progress import counted, part
-from etude.protocols import Controller, Robot, Trajectory
+from etude.protocols import Controller, Model, Robot, Trajectory
 from etude.types import Log
 
 MOST_TRIES = 4
@@ -97,7 +98,7 @@ class Loop:
                 next_step="Name its URDF or MJCF, with masses, as model_file there to rehearse, or run the "
                 "real robot.",
             )
-        if hasattr(robot, "assumed"):  # what stands in for a robot that exists
+        if isinstance(robot, SupportsAssumptions):  # what stands in for a robot that exists
             _check_rehearsed(campaign)
         if engine:
             robot = _with_engine(robot, engine, campaign.name)
@@ -145,11 +146,14 @@ class Loop:
         """
         campaign, state = self.campaign, self.campaign.state()
         kind = campaign.kind
-        made = kind.controller if self.feedforward else getattr(kind, "collecting", None)
+        made: Callable[[Any, Any, Model], Controller | None] | None = None
+        if self.feedforward:
+            made = kind.controller
+        elif isinstance(kind, SupportsCollecting):
+            made = kind.collecting
         if made is None or not state.trained:
             return None
-        found: Controller | None = made(campaign.spec, campaign.config, newest_model(campaign, state))
-        return found
+        return made(campaign.spec, campaign.config, newest_model(campaign, state))
 
     def evaluate_round(self, number: int) -> SimulatedRound:
         """Tests the model of that round, and what its identified physics alone would do."""
@@ -182,9 +186,8 @@ class Loop:
 
     def tried(self, motion: Trajectory, controller: Controller | None, rng: np.random.Generator) -> Log:
         """A test run: to its end, however badly it goes, where the robot knows how."""
-        run = getattr(self.robot, "test", self.robot.run)
-        log: Log = run(motion, controller, rng)
-        return log
+        run = self.robot.test if isinstance(self.robot, SupportsTestRuns) else self.robot.run
+        return run(motion, controller, rng)
 
     def _commit(self, number: int, baseline: str, test: str, log: Log) -> Evaluated:
         error, units = self.robot.error(log)
@@ -220,7 +223,7 @@ def same(controller: Controller | None) -> Callable[[], Controller | None]:
 
 def _with_engine(robot: Robot, engine: str, name: str) -> Robot:
     """The same robot on another engine."""
-    if not hasattr(robot, "engine"):
+    if not isinstance(robot, SupportsEngines):
         raise UsageError(f"the simulated {name} has one engine only", next_step="Leave --engine out.")
     made: Robot = replace(robot, engine=engine)  # type: ignore[type-var]
     return made
@@ -276,8 +279,9 @@ def simulate(
     loop = replace(Loop.of(campaign, engine, change or {}, online), feedforward=feedforward)
     if online is not None:
         online.require(campaign, loop.robot)
-    for sentence in getattr(loop.robot, "assumed", ()):  # of a stand-in that its owner did not describe
-        say(sentence)
+    if isinstance(loop.robot, SupportsAssumptions):  # of a stand-in that its owner did not describe
+        for sentence in loop.robot.assumed:
+            say(sentence)
     with part(BASELINES):
         for name, controller in counted(loop.baselines.items()):
             loop.evaluate(0, same(controller), name)

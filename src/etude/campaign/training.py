@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from etude import plugins
+from etude.abilities import SupportsNotes
 from etude.campaign.propose.motions import typical_motions
 from etude.campaign.record.events import BlockScores, PrequentialScore, Trained
 from etude.campaign.record.folder import Campaign, Say
@@ -34,7 +35,7 @@ from etude.errors import DataError, NumericalError
 from etude.models.data.cross_validation import held_out_blocks, split_blocks
 from etude.models.model import LearnedModel
 from etude.models.protocols import HasKernel, SupportsFirstUse
-from etude.models.score import PredictionScore, score
+from etude.models.score import PredictionScore, prediction_score
 from etude.models.selection.linear import LinearPhysics
 from etude.models.selection.model_selection import Ladder, prequential, residuals_of, train_ladder
 from etude.models.store import save_model
@@ -233,13 +234,17 @@ def learn_log(campaign: Campaign, state: State, number: int) -> TrainingOutcome:
         robot_seconds=float(sum(one.robot_seconds for one in learned)),
         recipe=tuple(_said(campaign, logs, samples)),
         inputs={name: np.asarray(a).tolist() for name, a in ladder.model.inputs.arrays().items()},
-        warnings=(*stated(getattr(ladder.model.inputs, "notes", ())), *ladder.model.warnings),
+        warnings=(*_notes(ladder.model.inputs), *ladder.model.warnings),
     )
     fact = with_forecast(fact, ladder.model, before, campaign, state)
     if blocks:
         with part(0.5):
             fact = _with_blocks(fact, campaign, number, rng, 0.0 if foreign else GAP_S)
     return TrainingOutcome([path, left_out], fact)
+
+
+def _notes(inputs: Inputs) -> tuple[Notice, ...]:
+    return stated(inputs.notes) if isinstance(inputs, SupportsNotes) else ()
 
 
 def _unmoved(campaign: Campaign, samples: Samples) -> tuple[str, ...]:
@@ -273,10 +278,10 @@ def _scores(
     if before is not None:
         found = prequential(before, new, samples.take(~newest))
         if label(before.chosen) == MIXED:
-            found[MIXED] = score(new, *before.posterior(new.log), samples.take(~newest))
+            found[MIXED] = prediction_score(new, *before.posterior(new.log), samples.take(~newest))
     if not newest.all():  # fitted to the earlier logs alone
         mean = LinearPhysics(inputs)(samples.take(~newest))
-        found[LINEAR] = score(new, mean.predict(new.log))
+        found[LINEAR] = prediction_score(new, mean.predict(new.log))
     return {rung: _plain(one) for rung, one in found.items()}
 
 
@@ -325,10 +330,10 @@ def _held_out(campaign: Campaign, log: Samples, rng: np.random.Generator, gap_s:
     ladder = train_ladder(train, inputs, kind.physics(spec, config), kind.limit(spec), config.model, rng)
     scores = prequential(ladder.model, test)
     if label(ladder.chosen) == MIXED:
-        scores[MIXED] = score(test, *ladder.model.posterior(test.log))
+        scores[MIXED] = prediction_score(test, *ladder.model.posterior(test.log))
     nmse = {rung: jsonable(found.nmse) for rung, found in scores.items() if rung != LINEAR}
     linear = LinearPhysics(ladder.model.inputs)(train).predict(test.log)
-    beside = score(test, linear)
+    beside = prediction_score(test, linear)
     nmse["linear regression"] = jsonable(beside.nmse)
     every = {rung: jsonable(found.usable.nmse) for rung, found in scores.items() if rung != LINEAR}
     every["linear regression"] = jsonable(beside.usable.nmse)

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import tyro
 
 from etude.cli.outcome import Common, Folder, Outcome, Say, opened, table
+from etude.deploy.trajectory_files import to_confirm
 from etude.errors import UsageError
 
 if TYPE_CHECKING:
@@ -100,7 +101,7 @@ class Ask(Common):
             "slack": _slack(found.certificate.seen),
             "way": [] if found.way is None else [str(path) for path in found.way.files],
             "renewed": _renewed(found),
-            "to_confirm": list(getattr(campaign.spec, "confirm", ())),
+            "to_confirm": to_confirm(campaign.spec),
             "not_looked_at": unseen,
             "warnings": [one.told() for one in found.certificate.warnings],
             "swept": as_facts(found.swept),
@@ -173,7 +174,7 @@ def _way(way: Approached) -> list[str]:
 
 def _to_confirm(spec: Any) -> list[str]:
     """What was assumed of the robot and nobody has confirmed."""
-    assumed = getattr(spec, "confirm", ())
+    assumed = to_confirm(spec)
     head = "Assumed of the robot; take a line out of confirm in robot.toml once you know that it is right:"
     return [head, *(f"  - {sentence}" for sentence in assumed)] if assumed else []
 

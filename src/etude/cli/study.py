@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Protocol
+from typing import TYPE_CHECKING, Annotated, Any, Protocol, runtime_checkable
 
 import tyro
 
@@ -54,6 +54,7 @@ class Listed(Protocol):
     def command(self) -> str: ...
 
 
+@runtime_checkable
 class StudyRoom(Protocol):
     """A study of many ids: an object in the place of a function. Text is for people, data for machines."""
 
@@ -109,7 +110,7 @@ def functions() -> dict[str, str]:
     """Studies that are a function each: name -> what the first line of its module says."""
     found = {}
     for name, own in _loaded().items():
-        if not hasattr(own, "rows"):
+        if not isinstance(own, StudyRoom):
             told = inspect.getdoc(inspect.getmodule(own)) or ""
             found[name] = told.partition("\n")[0].partition(": ")[2]
     return found
@@ -117,7 +118,7 @@ def functions() -> dict[str, str]:
 
 def rooms() -> list[StudyRoom]:
     """Studies of many ids."""
-    return [own for own in _loaded().values() if hasattr(own, "rows")]
+    return [own for own in _loaded().values() if isinstance(own, StudyRoom)]
 
 
 def _loaded() -> dict[str, Any]:
@@ -238,7 +239,7 @@ class Study(Common):
         return Outcome("\n".join(text for text, _ in found), {"pages": [data for _, data in found]})
 
     def _served(self, say: Say) -> Outcome:
-        found = [room.live(self._options) for room in rooms() if hasattr(room, "live")]
+        found = [room.live(self._options) for room in rooms()]
         if not found:
             raise UsageError("no study writes pages")
         return served(found[0], self.port, self.json, say)

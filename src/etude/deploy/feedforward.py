@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from etude.abilities import SupportsAccelerations
 from etude.errors import UsageError
 from etude.limits.library import TiltLimit
 from etude.protocols import Limit, Model, Trajectory
@@ -31,7 +32,7 @@ class Commanded:
         command: t (T,) s -> (T, J) in the robot's command unit; None: none goes along.
         acceleration: t (T,) s -> (T, k) what a feedback is told in place of the motion's own acceleration:
             that and what the model adds, such as drag; None: the motion's own. See
-            `protocols.SupportsAccelerations`.
+            `abilities.SupportsAccelerations`.
     """
 
     trajectory: Trajectory
@@ -59,10 +60,12 @@ def accelerated(what: Trajectory | Commanded, controller: Any, orders: int) -> C
     Raises:
         UnsafeTrajectoryError: the motion is singular, see `flat_motion` of vehicles.
     """
-    told = getattr(controller, "accelerations", None)
     own = what if isinstance(what, Commanded) else Commanded(what)
     motion = own.trajectory
-    if told is None or told(motion.motion(np.zeros(1), orders)) is None:
+    if not isinstance(controller, SupportsAccelerations):
+        return own
+    told = controller.accelerations
+    if told(motion.motion(np.zeros(1), orders)) is None:
         return own
     return replace(own, acceleration=lambda t: np.asarray(told(motion.motion(t, orders))))
 

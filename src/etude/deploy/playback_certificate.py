@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from etude.abilities import SupportsCommandedFiles, SupportsFileNotes, SupportsOffsets, SupportsOrder
 from etude.deploy.feedforward import HALVINGS, ROUNDING, Commanded, shared, within_tilt
 from etude.errors import UnsafeTrajectoryError
 from etude.limits.certificate import Certificate, certify, rows_of, slack
@@ -85,12 +86,12 @@ def certify_played(
     Raises:
         UnsafeTrajectoryError: the curve leaves a limit by more than EXCESS of its width.
     """
-    curve = exporter.back(files)  # type: ignore[attr-defined]
+    curve = exporter.back(files)
     if isinstance(curve, Splined):
         curve = _cut(replace(curve, like=motion.form), motion)
-    said = getattr(exporter, "notes", lambda _: ())(files)
+    said = exporter.notes(files) if isinstance(exporter, SupportsFileNotes) else ()
     found = certify(curve, limits, control=control, partial=True)
-    sent = getattr(exporter, "accelerations", lambda _: None)(files)
+    sent = exporter.accelerations(files) if isinstance(exporter, SupportsCommandedFiles) else None
     strays = _strays(_off(exporter, files), limits)
     rows = (*found.rows, *_holds(curve, limits, control), *_tilts(sent, limits), *strays)
     found = replace(found, rows=rows, notes=said)
@@ -127,14 +128,17 @@ def _tilts(sent: Array | None, limits: Sequence[Limit]) -> list[Proof]:
 
 def _off(exporter: Exporter, files: Mapping[str, bytes]) -> tuple[Array, Array] | None:
     """Places (K, k) of a plan, and how far a robot may be off them where what was learned is wrong."""
-    found: tuple[Array, Array] | None = getattr(exporter, "strays", lambda _: None)(files)
-    return found
+    return exporter.strays(files) if isinstance(exporter, SupportsCommandedFiles) else None
 
 
 def _strays(off: tuple[Array, Array] | None, limits: Sequence[Limit]) -> list[Proof]:
     """What limits of places say of these; margins are there for them too."""
-    own = [limit for limit in limits if getattr(limit, "order", None) == 0 and hasattr(limit, "strayed")]
+    own = [limit for limit in _of_places(limits) if isinstance(limit, SupportsOffsets)]
     return [] if off is None else [row for limit in own for row in limit.strayed(*off)]
+
+
+def _of_places(limits: Sequence[Limit]) -> list[Limit]:
+    return [limit for limit in limits if isinstance(limit, SupportsOrder) and limit.order == 0]
 
 
 def _part(off: tuple[Array, Array] | None, limits: Sequence[Limit]) -> float:
@@ -178,11 +182,10 @@ def _holds(played: Any, limits: Sequence[Limit], control: str) -> list[Proof]:
         still = np.zeros((ORDERS_HELD, 2, len(orders[0])))
         still[0] = orders[0]
         hold = Splined(np.array([0.0, 1.0]), still, like=piece.form)
-        for limit in limits:
-            if getattr(limit, "order", None) == 0:
-                for row in rows_of(limit, hold, partial=True):
-                    of = control if row.tracking_margin > 0.0 else ""
-                    rows.append(replace(row, quantity=f"{row.quantity}, held {where}", control=of))
+        for limit in _of_places(limits):
+            for row in rows_of(limit, hold, partial=True):
+                of = control if row.tracking_margin > 0.0 else ""
+                rows.append(replace(row, quantity=f"{row.quantity}, held {where}", control=of))
     return rows
 
 

@@ -14,6 +14,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
+from etude.abilities import SupportsCommandUnit, SupportsConfirmation, SupportsTableRate
 from etude.codes import Notice
 from etude.errors import UnsafeTrajectoryError, UsageError
 from etude.limits.certificate import Certificate, require_certified
@@ -119,7 +120,7 @@ def render(
         **json.loads(certificate.to_json()),
     }
     proof |= {"swept": list(swept)} if swept else {}
-    assumed = list(getattr(spec, "confirm", ()))
+    assumed = to_confirm(spec)
     proof |= {"to_confirm": assumed} if assumed else {}
     text = json.dumps(proof, indent=1) + "\n"
     return TrajectoryFiles(written, certificate, coefficients, table, text.encode(), names)
@@ -127,7 +128,17 @@ def render(
 
 def table_rate(spec: Any) -> float:
     """Hz at which the robot takes set-points: that of its logs, unless its description says another."""
-    return float(getattr(spec, "table_rate", spec.rate))
+    return float(spec.table_rate if isinstance(spec, SupportsTableRate) else spec.rate)
+
+
+def command_unit(spec: Any) -> str:
+    """Of the robot's commands; "" where they have none in common."""
+    return spec.command_unit if isinstance(spec, SupportsCommandUnit) else ""
+
+
+def to_confirm(spec: Any) -> list[str]:
+    """What was assumed of the robot and nobody has confirmed, a sentence each."""
+    return list(spec.confirm) if isinstance(spec, SupportsConfirmation) else []
 
 
 def csv_bytes(trajectory: Trajectory, inputs: Inputs, rate: float, beside: Beside | None = None) -> bytes:

@@ -13,7 +13,7 @@ from etude._runtime.options import taken
 from etude.deploy.exporters.knots import SPACE, names_of
 from etude.deploy.feedforward import Commanded, accelerated, commanded, require_forces, within_tilt
 from etude.deploy.playback_certificate import played
-from etude.deploy.trajectory_files import CERTIFICATE, COEFFICIENTS, csv_bytes, table_rate
+from etude.deploy.trajectory_files import CERTIFICATE, COEFFICIENTS, command_unit, csv_bytes, table_rate
 from etude.errors import UsageError
 from etude.limits.certificate import require_certified
 from etude.models.model import LearnedModel
@@ -73,7 +73,7 @@ class Along:
             TABLE: csv_bytes(motion, model.inputs, rate, lambda log: _columns(model, log, what)),
             CERTIFICATE: proof.to_json().encode(),
         }
-        unit = getattr(spec, "command_unit", "")
+        unit = command_unit(spec)
         formats, said = _formats(asked.format, kind, spec, unit, what)
         for name in formats:
             found, sentences = _played(name, what, asked.motion, kind, spec)

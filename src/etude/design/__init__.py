@@ -1,4 +1,38 @@
 """What to run next: criteria, reference states, one objective and one search."""
 
-PUBLIC = ("aim", "candidates", "chain", "config", "criteria", "latents", "objective", "solve")
-"""Modules that may be used from outside."""
+from typing import TYPE_CHECKING
+
+from etude._runtime.lazy import face
+
+if TYPE_CHECKING:
+    from etude.design.aim import design_objective
+    from etude.design.candidates import Source
+    from etude.design.chain import design_chain, linked
+    from etude.design.config import DesignConfig
+    from etude.design.criteria import Criterion, Output, evaluate, ivr, mean_variance
+    from etude.design.latents import prior_latents
+    from etude.design.objective import MOTIONS, Objective, reference_states
+    from etude.design.score import Score
+    from etude.design.solve import Design, design, refine
+
+__all__ = [
+    "MOTIONS",
+    "Criterion",
+    "Design",
+    "DesignConfig",
+    "Objective",
+    "Output",
+    "Score",
+    "Source",
+    "design",
+    "design_chain",
+    "design_objective",
+    "evaluate",
+    "ivr",
+    "linked",
+    "mean_variance",
+    "prior_latents",
+    "reference_states",
+    "refine",
+]
+__getattr__, __dir__ = face(__name__)

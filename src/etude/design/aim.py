@@ -50,7 +50,7 @@ class Aim:
         return np.array(before), np.array(after)
 
 
-def objective(
+def design_objective(
     family: Family,
     inputs: Inputs,
     model: Model | Sequence[Latent],

@@ -11,15 +11,16 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Literal, cast
+from typing import Literal
 
 import numpy as np
 
+from etude.abilities import SupportsBoxes
 from etude.design.nonconvex_limits import FEW_HALVINGS, NonconvexLimits
 from etude.errors import UnsafeTrajectoryError
 from etude.limits.feasible import FeasibleSet, still_at
 from etude.limits.samplers import amplitude, boundary, scaled, uniform
-from etude.protocols import Family, Limit, SupportsBoxes, Trajectory
+from etude.protocols import Family, Limit, Trajectory
 from etude.types import Array, Mask, Reachable
 
 Sampler = Literal["scaled", "uniform"]
@@ -352,11 +353,11 @@ class Roamed:
         shapes, ordered = draw(rng, whole, count), self.ordered(family)
         kept, form = self._kept(family, whole.centre), family.trajectory(whole.centre).form
         t = family.trajectory(whole.centre).duration * (np.arange(ROUGH) + 0.5) / ROUGH
-        path = [limit for limit in self.limits if hasattr(limit, "about")]
+        path = [limit for limit in self.limits if isinstance(limit, SupportsBoxes)]
         found = []
         for pose, shape in zip(self._poses(rng, whole, stand, count), shapes, strict=True):
             start, first = stand(pose), family.motion(shape, np.zeros(1), 1).orders[0, 0]
-            words = [cast("SupportsBoxes", limit).roughly(form, pose) for limit in path]
+            words = [limit.roughly(form, pose) for limit in path]
 
             def holds(p: Array, words: Sequence[Callable[[Array], bool]] = words) -> bool:
                 poses = family.motion(p, t, 1).orders[0]
@@ -442,4 +443,4 @@ def _drawn(start: Array, p: Array, holds: Callable[[Array], bool]) -> Array:
 
 
 def _about(limit: Limit, lower: Array, upper: Array) -> Limit:
-    return cast("SupportsBoxes", limit).about(lower, upper) if hasattr(limit, "about") else limit
+    return limit.about(lower, upper) if isinstance(limit, SupportsBoxes) else limit

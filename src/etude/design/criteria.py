@@ -20,6 +20,7 @@ import numpy as np
 
 from etude import plugins
 from etude._runtime.scipy_parts import dpotrs, dtrtrs
+from etude.abilities import SupportsNeeds
 from etude.design.config import GROUP
 from etude.design.score import Batch, Criterion, Output, Score, evaluate, needing, value_of
 from etude.errors import UsageError
@@ -96,7 +97,7 @@ def criterion_named(name: str) -> Criterion:
 
 def needs_of(criterion: Criterion) -> str:
     """What it needs: "reference", "identified", or "" for a criterion that needs neither."""
-    return str(getattr(criterion, "needs", ""))
+    return str(criterion.needs) if isinstance(criterion, SupportsNeeds) else ""
 
 
 @dataclass(frozen=True)

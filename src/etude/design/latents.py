@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, cast
 
 import numpy as np
 
+from etude.abilities import SupportsRegressors
+from etude.design.score import Batch, batch_of
 from etude.errors import UsageError
 from etude.models.config import ModelConfig
 from etude.models.data.fit import kernel_for
 from etude.models.gp.exact import ExactPosterior, posterior_given
-from etude.protocols import Candidate, Inputs, Model, Physics, Posterior, SupportsRegressors
+from etude.models.protocols import SupportsGuide, SupportsSamples
+from etude.protocols import Candidate, Inputs, Model, Physics, Posterior
 from etude.types import Array
 
 
@@ -116,10 +118,9 @@ class PlannedPosterior:
     def signal_variance(self) -> float:
         return self.posterior.signal_variance
 
-    @property
-    def factors(self) -> Callable[[Array], Any] | None:
-        """The posterior's shared factors, if it has them (see `batch.batch_of`)."""
-        return getattr(self.posterior, "factors", None)
+    def factors(self, X: Array) -> Batch:
+        """The posterior's own batch: noise does not count in it."""
+        return batch_of(self.posterior, X)
 
     def predict(self, X: Array) -> tuple[Array, Array]:
         return self.posterior.predict(X)
@@ -184,16 +185,14 @@ def _weight(candidate: Candidate, command: int) -> float:
 
 def _guide(posterior: Posterior) -> Posterior:
     """The posterior to design with: the `guide` of one that has no covariances, else itself."""
-    guide: Posterior = getattr(posterior, "guide", posterior)
-    return guide
+    return posterior.guide if isinstance(posterior, SupportsGuide) else posterior
 
 
 def _regressed(physics: Mapping[str, Physics]) -> SupportsRegressors:
     """The first that offers regressors."""
     for found in physics.values():
-        regressed: Any = found
-        if getattr(regressed, "regressors", None) is not None:
-            return cast(SupportsRegressors, regressed)
+        if isinstance(found, SupportsRegressors):
+            return found
     raise UsageError(
         "d_opt needs the identified model, and this robot has none",
         next_step="Add a URDF or MJCF to the robot file, or choose the criterion info_gain.",
@@ -201,13 +200,12 @@ def _regressed(physics: Mapping[str, Physics]) -> SupportsRegressors:
 
 
 def _samples(posterior: Posterior) -> Array:
-    X = getattr(posterior, "X", None)
-    if X is None:
+    if not isinstance(posterior, SupportsSamples):
         raise UsageError(
             f"d_opt needs the samples learned so far, and a {type(posterior).__name__} keeps none",
             next_step="Choose the criterion info_gain, or a model that keeps samples.",
         )
-    return np.asarray(X, dtype=float)
+    return np.asarray(posterior.X, dtype=float)
 
 
 SIGNAL, NOISE = 0.3, 0.01

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from etude.abilities import SupportsFastCheck, SupportsOrders
 from etude.design.objective import Objective
 from etude.errors import UnsafeTrajectoryError
 from etude.limits.certificate import slack
@@ -83,7 +84,8 @@ class NonconvexLimits:
         0 where no candidate has any: then what comes of the search is only drawn home. Limits that have
         `keeps` are not asked: by that word the candidates were drawn home, and keep them.
         """
-        asked = replace(self, limits=tuple(limit for limit in self.limits if not hasattr(limit, "keeps")))
+        slow = tuple(limit for limit in self.limits if not isinstance(limit, SupportsFastCheck))
+        asked = replace(self, limits=slow)
         found = [asked.penalty(family, p)[0] for family, p in candidates] if asked.limits else []
         typical = float(np.mean(found)) if found else 0.0
         return HEAVY / typical if typical > 0.0 else 0.0
@@ -232,7 +234,7 @@ def _stretched(
 
 def _orders(limits: Sequence[Limit]) -> int:
     """Of motion that the limits look at."""
-    return max([ORDERS, *(int(getattr(limit, "orders", ORDERS)) for limit in limits)])
+    return max([ORDERS, *(limit.orders for limit in limits if isinstance(limit, SupportsOrders))])
 
 
 def _hold(limits: Sequence[Limit], family: Family, p: Array, quickly: bool) -> bool:
@@ -241,9 +243,8 @@ def _hold(limits: Sequence[Limit], family: Family, p: Array, quickly: bool) -> b
 
 
 def _holds(limit: Limit, piece: Trajectory, quickly: bool) -> bool:
-    keeps = getattr(limit, "keeps", None) if quickly else None
-    if keeps is not None:
-        return bool(keeps(piece))
+    if quickly and isinstance(limit, SupportsFastCheck):
+        return limit.keeps(piece)
     return all(slack(row) >= 0.0 for row in limit.prove(piece) if row.status != "not looked at")
 
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from etude.errors import EtudeError, UsageError
 from etude.models.gp.cholesky import factorise
+from etude.models.protocols import SupportsFactors
 from etude.protocols import Posterior
 from etude.types import Array
 
@@ -49,10 +50,9 @@ class Batch(Protocol):
 
 def batch_of(posterior: Posterior, X: Array) -> Batch:
     """The batch of X (T, D): with shared factors if the posterior has them, else by the bare contract."""
-    factors = getattr(posterior, "factors", None)
-    if factors is None:
+    if not isinstance(posterior, SupportsFactors):
         return PlainBatch(posterior, X)
-    batch: Batch = factors(X)
+    batch: Batch = posterior.factors(X)
     return batch
 
 
@@ -158,12 +158,14 @@ class Score:
     reduction: tuple[Array, Array] | None = None
 
 
-Criterion = Callable[[Output, Batch, Array], Score]
-"""(output, batch of T planned samples, gains (T,)) -> Score.
+class Criterion(Protocol):
+    """(output, batch of T planned samples, gains (T,)) -> Score.
 
-Slow samples will be masked as stuck, so sample t counts with weight gain_t^2 in [0, 1]; its noise variance is
-sn^2/gain_t^2. All gains 1: no mask.
-"""
+    Slow samples will be masked as stuck, so sample t counts with weight gain_t^2 in [0, 1]; its noise
+    variance is sn^2/gain_t^2. All gains 1: no mask.
+    """
+
+    def __call__(self, output: Output, batch: Batch, gain: Array, /) -> Score: ...
 
 
 def needing(what: Literal["reference", "identified"]) -> Callable[[Criterion], Criterion]:

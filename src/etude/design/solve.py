@@ -12,7 +12,7 @@ from typing import Protocol
 import numpy as np
 
 from etude._runtime.scipy_parts import minimise
-from etude.design.aim import objective
+from etude.design.aim import design_objective
 from etude.design.candidates import Drawn, Roam, Roamed, Source
 from etude.design.config import DesignConfig
 from etude.design.latents import Latent
@@ -125,7 +125,9 @@ def design(
         if roam is not None:
             source = Roamed.of(family, tuple(limits), roam, config.sampler)
         others = standing_in or [drawn.trajectory for drawn in source.typical(rng, MOTIONS)]
-        aim = objective(family, inputs, model, config, tasks, others, given=given, rate=rate, physics=physics)
+        aim = design_objective(
+            family, inputs, model, config, tasks, others, given=given, rate=rate, physics=physics
+        )
         found = search(aim.objective, source.candidates(rng, config.candidates), config, limits)
         before, after = aim.deviations(found.best)
     return Design(

@@ -5,23 +5,29 @@ from typing import TYPE_CHECKING
 from etude._runtime.lazy import face
 
 if TYPE_CHECKING:
-    from etude.limits.certificate import Certificate as Certificate
-    from etude.limits.certificate import certify as certify
-    from etude.limits.library import AxisLimit as AxisLimit
-    from etude.limits.library import NormLimit as NormLimit
-    from etude.limits.library import TiltLimit as TiltLimit
-    from etude.limits.lipschitz import LipschitzLimit as LipschitzLimit
+    from etude.limits.certificate import Certificate, certify
+    from etude.limits.feasible import FeasibleSet
+    from etude.limits.library import AxisLimit, NormLimit, TiltLimit
+    from etude.limits.lipschitz import LipschitzLimit
+    from etude.limits.samplers import SAMPLERS, boundary, scaled, timid, uniform
+    from etude.limits.tracking import HELD, Ranges, margins_of, within_room
 
-PUBLIC = ("certificate", "feasible", "samplers", "tracking")
-"""Modules that may be used from outside."""
-__getattr__, __dir__ = face(
-    __name__,
-    {
-        "AxisLimit": "library",
-        "Certificate": "certificate",
-        "LipschitzLimit": "lipschitz",
-        "NormLimit": "library",
-        "TiltLimit": "library",
-        "certify": "certificate",
-    },
-)
+__all__ = [
+    "HELD",
+    "SAMPLERS",
+    "AxisLimit",
+    "Certificate",
+    "FeasibleSet",
+    "LipschitzLimit",
+    "NormLimit",
+    "Ranges",
+    "TiltLimit",
+    "boundary",
+    "certify",
+    "margins_of",
+    "scaled",
+    "timid",
+    "uniform",
+    "within_room",
+]
+__getattr__, __dir__ = face(__name__)

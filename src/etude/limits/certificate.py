@@ -11,6 +11,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from etude.abilities import SupportsCoverage, SupportsOrder, SupportsWarnings
 from etude.codes import Notice, stated
 from etude.errors import UnsafeTrajectoryError, UsageError
 from etude.protocols import Limit, Trajectory
@@ -75,8 +76,9 @@ def not_looked_at(
     labels = {label for _, label, _ in trajectory.pieces()}
     said = {TRACKING: _of_tracking(rows)}
     for limit in limits:
-        for topic in getattr(limit, "looks_at", ()):
-            said[topic] = (*said.get(topic, ()), *getattr(limit, "not_looked_at", ()))
+        if isinstance(limit, SupportsCoverage):
+            for topic in limit.looks_at:
+                said[topic] = (*said.get(topic, ()), *limit.not_looked_at)
     if way or {"approach", "return"} <= labels:
         said[WAY] = ()
     found = [one for topic in ALL for one in said.get(topic, (topic,))]
@@ -241,7 +243,7 @@ def certify(
                 found[key] = _joined(found[key], row) if key in found else row
     axes = list(dict.fromkeys(key[0] for key in found))
     rows = tuple(row for axis in axes for key, row in found.items() if key[0] == axis)
-    rest = any(getattr(limit, "rest", False) for limit in limits)
+    rest = any(isinstance(limit, SupportsOrder) and limit.rest for limit in limits)
     ends = [_end_speeds(piece, limits, partial) for _, _, piece in pieces]
     end_speed = max(map(max, ends)) if rest else max(ends[0][0], ends[-1][1])
     unseen = not_looked_at(trajectory, limits, rows, unheld, way=way)
@@ -263,8 +265,9 @@ def _warnings(trajectory: Trajectory, limits: Sequence[Limit]) -> tuple[Notice, 
     """What limits say of this motion first of all; of a curve without accelerations nothing."""
     found: list[Notice] = []
     for limit in limits:
-        with contextlib.suppress(UsageError):
-            found += stated(getattr(limit, "warned", lambda _: ())(trajectory))
+        if isinstance(limit, SupportsWarnings):
+            with contextlib.suppress(UsageError):
+                found += stated(limit.warned(trajectory))
     return tuple(found)
 
 
@@ -377,7 +380,7 @@ def _end_speeds(piece: Trajectory, limits: Sequence[Limit], partial: bool) -> tu
     ends = piece.motion(np.array([0.0, piece.duration]), 2)
     found = []
     for limit in limits:
-        if getattr(limit, "order", None) != 1:
+        if not isinstance(limit, SupportsOrder) or limit.order != 1:
             continue
         size = np.array(
             [max(abs(row.lower), abs(row.upper)) for row in rows_of(limit, piece, partial=partial)]

@@ -19,10 +19,12 @@ from statistics import NormalDist
 
 import numpy as np
 
+from etude.abilities import SupportsFastMoments, SupportsRefusal
 from etude.codes import Notice, Phrase, Warn
 from etude.errors import UnsafeTrajectoryError, UsageError
 from etude.limits.certificate import COMMANDS, memoized
 from etude.protocols import Family, Limit, Model, Trajectory
+from etude.trajectories.splined import Splined
 from etude.types import Array, Cone, Motion, Proof
 
 SPACING, COARSE = 0.005, 0.04
@@ -187,7 +189,7 @@ class CommandLimit:
         return np.concatenate([mean, slopes[:, self.rated]], axis=1)
 
     def _rows(self, piece: Trajectory) -> tuple[Proof, ...]:
-        if getattr(piece, "held", False):
+        if isinstance(piece, Splined) and piece.held:
             raise UsageError(f"the {self.quantity} between set-points that are held is the receiver's own")
         piece.bound(self.orders - 1, 1)  # refuses curves that do not have it
         motion = self.along(piece, SPACING)
@@ -267,12 +269,11 @@ def by_model(
         model: the newest. quantity, units, names: of its commands.
         ends: least and largest (J,). rate: (J,) per s, infinite where there is no limit.
     """
-    inputs, cheap = model.inputs, getattr(model, "mean", None)
-    bound = getattr(model, "at_most", model.posterior)
+    inputs, fast = model.inputs, model if isinstance(model, SupportsFastMoments) else None
 
     def mean(motion: Motion) -> Array:
         log = inputs.states(motion)
-        return np.asarray(model.posterior(log)[0] if cheap is None else cheap(log))
+        return np.asarray(model.posterior(log)[0] if fast is None else fast.mean(log))
 
     def both(motion: Motion) -> tuple[Array, Array]:
         found, variance = model.posterior(inputs.states(motion))
@@ -282,12 +283,12 @@ def by_model(
         return both(motion)[1]
 
     def at_most(motion: Motion) -> tuple[Array, Array]:
-        found, variance = bound(inputs.states(motion))
+        assert fast is not None
+        found, variance = fast.at_most(inputs.states(motion))
         return np.asarray(found), np.asarray(np.sqrt(variance))
 
-    source, before = "the learned model", getattr(model, "prior_deviation", None)
-    doubted = getattr(model, "least", None) is not None  # then its mean may be wrong by all of itself
-    most = None if before is None or doubted else MORE * before
+    # a model that claims a least variance may be wrong by all of its mean
+    most = None if fast is None or fast.least is not None else MORE * fast.prior_deviation
     return CommandLimit(
         quantity,
         tuple(units),
@@ -296,11 +297,11 @@ def by_model(
         rate,
         mean,
         deviation,
-        source,
+        "the learned model",
         inputs.orders,
         most=most,
         both=both,
-        at_most=at_most if hasattr(model, "at_most") else None,
+        at_most=None if fast is None else at_most,
     )
 
 
@@ -448,7 +449,7 @@ def kept_at(limit: CommandLimit, home: Array) -> CommandLimit | OpenCommands:
 def require_possible(limits: Sequence[Limit]) -> None:
     """UnsafeTrajectoryError where one of them says that no motion may be asked for."""
     for limit in limits:
-        fact, next_step = getattr(limit, "refused", ("", ""))
+        fact, next_step = limit.refused if isinstance(limit, SupportsRefusal) else ("", "")
         if fact:
             raise UnsafeTrajectoryError(fact, next_step=next_step)
 

@@ -9,11 +9,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from etude.abilities import SupportsRoomCheck
 from etude.errors import UnsafeTrajectoryError
 from etude.protocols import Family, Limit
 from etude.trajectories.extremes import USABLE_PART
@@ -360,9 +360,8 @@ def check_room(limits: Sequence[Limit], family: Family) -> None:
     """UnsafeTrajectoryError if some limit leaves no room for any motion, naming the axis and the limit."""
     form = family.trajectory(np.zeros(family.size)).form
     for limit in limits:
-        check: Any = getattr(limit, "check_room", None)
-        if check is not None:
-            check(form)
+        if isinstance(limit, SupportsRoomCheck):
+            limit.check_room(form)
 
 
 def still_at(family: Family, pose: Array) -> Array:

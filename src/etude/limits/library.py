@@ -16,6 +16,7 @@ import numpy as np
 from etude.errors import UnsafeTrajectoryError
 from etude.protocols import Family, Trajectory
 from etude.trajectories.extremes import OVERSAMPLING, USABLE_PART, riesz_range
+from etude.trajectories.fourier import FourierTrajectory
 from etude.types import Array, Cone, Margins, Motion, Proof
 
 STRAYS = "where what was learned is wrong, tracking apart"
@@ -55,7 +56,7 @@ class Bound:
 def bound_of(piece: Trajectory, order: int, degree: int, axes: list[int], shift: Array) -> Bound:
     """Bound of some coordinates' derivative of that order, plus a constant shift (n,)."""
     values, amplitudes, kappa = piece.bound(order, degree)
-    sampled = bool(getattr(piece, "sampled", False))
+    sampled = isinstance(piece, FourierTrajectory) and piece.sampled
     return Bound(values[:, axes] + shift, amplitudes[axes] + np.abs(shift), kappa, sampled)
 
 
@@ -281,7 +282,7 @@ class NormLimit(Convex):
         shift: (len(axes),) added before the size is taken, gravity for thrust; empty for none.
         axis: whose size it is, as in the certificate.
         margin, margins, rest: see `AxisLimit`; of several axes, the size of their margins.
-        looks_at: what else is looked at with it, sentences of `limits.unseen`.
+        looks_at, not_looked_at: what else is looked at with it, see `abilities.SupportsCoverage`.
     """
 
     quantity: str
@@ -295,6 +296,7 @@ class NormLimit(Convex):
     margins: Margins = field(default_factory=dict)
     rest: bool = False
     looks_at: tuple[str, ...] = ()
+    not_looked_at: tuple[str, ...] = ()
 
     @property
     def _shift(self) -> Array:
@@ -381,6 +383,7 @@ class TiltLimit(Convex):
     axis: str = "vehicle"
     quantity: str = "tilt"
     order: int = 2
+    rest: bool = False
 
     def check_room(self, form: str) -> None:  # noqa: ARG002
         """UnsafeTrajectoryError unless the angle is in 0..pi/2."""

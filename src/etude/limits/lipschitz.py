@@ -54,6 +54,7 @@ class LipschitzLimit:
     margins: Margins = field(default_factory=dict)
     drawn: tuple[Thing, ...] = ()
     order: int = 0
+    rest: bool = False
     _proofs: dict[str, Proof] = field(default_factory=dict, repr=False)
 
     def __post_init__(self) -> None:

@@ -1,4 +1,100 @@
 """What was learned: one ladder of rungs for every kind of robot, its members, scores and store."""
 
-PUBLIC = ("config", "model", "process", "score", "student_t", "trust")
-"""Modules that may be used from outside."""
+from typing import TYPE_CHECKING
+
+from etude._runtime.lazy import face
+
+if TYPE_CHECKING:
+    from etude.models.change.change_detection import first_alarm
+    from etude.models.change.diagnosis import SENSOR, Cause
+    from etude.models.change.evidence import Judged, judged, manner
+    from etude.models.config import USUAL_COMMANDS, ModelConfig, Rung
+    from etude.models.data.cross_validation import (
+        COUNT,
+        EVERY,
+        FIRST,
+        block_masks,
+        fold_numbers,
+        near,
+        split_blocks,
+    )
+    from etude.models.data.fit import LARGEST_FLOOR, Folds, trained_process
+    from etude.models.gp.exact import ExactGP, ExactPosterior, posterior_given
+    from etude.models.gp.fixed_inducing import FixedInducing
+    from etude.models.gp.inducing import Form
+    from etude.models.gp.inducing_training import fit_inducing, initial_inducing
+    from etude.models.gp.kernel_algebra import Kernel
+    from etude.models.gp.kernels import Linear, SquaredExponential, ard_se, structured
+    from etude.models.gp.minimize import minimize
+    from etude.models.gp.single_point import PointMean
+    from etude.models.gp.training import fit, initial_gp
+    from etude.models.model import LearnedModel
+    from etude.models.process import Posteriors, Teaching, restored, taught
+    from etude.models.score import (
+        NORMAL_95,
+        TRANSIENT_S,
+        figures,
+        prediction_score,
+        score_trajectories,
+        while_any_moves,
+    )
+    from etude.models.selection.linear import LinearPhysics, linear_inputs
+    from etude.models.selection.model_selection import Ladder, train_ladder
+    from etude.models.student_t import fit_student
+    from etude.models.trust import trusted
+
+__all__ = [
+    "COUNT",
+    "EVERY",
+    "FIRST",
+    "LARGEST_FLOOR",
+    "NORMAL_95",
+    "SENSOR",
+    "TRANSIENT_S",
+    "USUAL_COMMANDS",
+    "Cause",
+    "ExactGP",
+    "ExactPosterior",
+    "FixedInducing",
+    "Folds",
+    "Form",
+    "Judged",
+    "Kernel",
+    "Ladder",
+    "LearnedModel",
+    "Linear",
+    "LinearPhysics",
+    "ModelConfig",
+    "PointMean",
+    "Posteriors",
+    "Rung",
+    "SquaredExponential",
+    "Teaching",
+    "ard_se",
+    "block_masks",
+    "figures",
+    "first_alarm",
+    "fit",
+    "fit_inducing",
+    "fit_student",
+    "fold_numbers",
+    "initial_gp",
+    "initial_inducing",
+    "judged",
+    "linear_inputs",
+    "manner",
+    "minimize",
+    "near",
+    "posterior_given",
+    "prediction_score",
+    "restored",
+    "score_trajectories",
+    "split_blocks",
+    "structured",
+    "taught",
+    "train_ladder",
+    "trained_process",
+    "trusted",
+    "while_any_moves",
+]
+__getattr__, __dir__ = face(__name__)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from etude import plugins
 from etude.models.gp.exact import ExactPosterior, checked_data
 from etude.models.gp.kernels import Kernel, Linear, Product, RestNoise, SquaredExponential, Sum
-from etude.models.protocols import Stored
+from etude.models.protocols import HasKernel, Stored
 from etude.protocols import Posterior
 
 if TYPE_CHECKING:  # what is not stored is not loaded
@@ -66,8 +66,9 @@ BASIS = Form(("theta", "basis", "weights", "half"), ("noise_variance", "signal_v
 def posterior_words(posterior: Posterior) -> Words:
     """Form, kernel and numbers of a posterior, for JSON. TypeError if its type has no form."""
     name, form = _form_of(posterior)
-    kernel = getattr(posterior, "kernel", None)
-    words: Words = {"form": name} if kernel is None else {"form": name, "kernel": kernel_words(kernel)}
+    words: Words = {"form": name}
+    if isinstance(posterior, HasKernel):
+        words["kernel"] = kernel_words(posterior.kernel)
     return words | {word: getattr(posterior, word) for word in form.words}
 
 

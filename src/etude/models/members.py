@@ -117,7 +117,7 @@ class PluginMember:
     @classmethod
     def of(cls, name: str, own: Any) -> PluginMember:
         """The member. UsageError if it cannot learn or be stored."""
-        if not callable(own) or not callable(getattr(own, "restore", None)):
+        if not callable(own) or not isinstance(own, Member):
             raise UsageError(f"the model {name!r} is no function with an attribute `restore`", next_step=_ASK)
         return cls(name, own)
 

@@ -14,11 +14,12 @@ from typing import Any
 
 import numpy as np
 
+from etude.abilities import SupportsColumns
 from etude.codes import Notice
 from etude.errors import UsageError
 from etude.models.change.change_detection import FREEDOM
 from etude.models.data.as_log import Run, as_log, as_run
-from etude.models.protocols import HasInputs, share_of
+from etude.models.protocols import HasInputs, SupportsBound, name_of, share_of
 from etude.models.selection.linear import at_rest
 from etude.models.selection.member_prediction import (
     Means,
@@ -31,11 +32,20 @@ from etude.models.selection.member_prediction import (
 from etude.models.student_t import StudentT
 from etude.models.trust import known_in_training, outside, trusted
 from etude.progress import counted
-from etude.protocols import Candidate, Inputs, Mean, Posterior, Trajectory
+from etude.protocols import Candidate, Inputs, Mean, Posterior, Process, Trajectory
 from etude.types import Array, Channel, Column, Log, Mask
 
 _InUse = tuple[Candidate, list[int]]
 _Each = Callable[[list[_InUse]], Iterable[_InUse]]
+_Ask = Callable[[Process, Array], tuple[Array, Array]]
+
+
+def _predict(process: Process, X: Array) -> tuple[Array, Array]:
+    return process.predict(X)
+
+
+def _at_most(process: Process, X: Array) -> tuple[Array, Array]:
+    return process.at_most(X) if isinstance(process, SupportsBound) else process.predict(X)
 
 
 MOST_INPUTS = 64
@@ -178,7 +188,7 @@ class LearnedModel:
     def columns(self) -> tuple[Column, ...]:
         """What is looked at: by the inputs, and beside them by the means in use."""
         means = [m for m in (*(c.mean for c, _ in self._in_use()), *self._behind) if m is not None]
-        beside = (column for mean in means for column in getattr(mean, "columns", ()))
+        beside = (column for mean in means if isinstance(mean, SupportsColumns) for column in mean.columns)
         return tuple(dict.fromkeys([*self.inputs.columns, *beside]))
 
     @property
@@ -208,7 +218,7 @@ class LearnedModel:
         """What a design sees: a posterior for each command, the default's of the rung in use."""
         found, chosen = [], self.chosen
         for candidate in self.candidates:
-            if candidate.process is None or getattr(candidate, "name", "default") != "default":
+            if candidate.process is None or name_of(candidate) != "default":
                 continue
             for posterior, places in candidate.process.latents():
                 own = [candidate.commands[p] for p in places]
@@ -244,7 +254,7 @@ class LearnedModel:
 
     def at_most(self, log: Any) -> tuple[Array, Array]:
         """As `predict`, with variances that are never below its own: for less, where processes know how."""
-        average, variance, _ = self._predicted(Means(as_log(log, self.columns)), iter, "at_most")
+        average, variance, _ = self._predicted(Means(as_log(log, self.columns)), iter, _at_most)
         return average, variance
 
     def posterior(self, log: Any) -> tuple[Array, Array]:
@@ -292,17 +302,17 @@ class LearnedModel:
         return trusted(average, unknown, self.signal_deviation, self._safe(means), self.known)
 
     def _predicted(
-        self, means: Means, each: _Each, question: str = "predict", X: Array | None = None
+        self, means: Means, each: _Each, ask: _Ask = _predict, X: Array | None = None
     ) -> tuple[Array, Array, Array]:
         """Mean and variance (n, J), and the part of the variance that is noise, at rest too; `each` goes
-        through the candidates, whose processes are asked the question if they know it. X (n, D): inputs of
-        the processes, if not those of the log.
+        through the candidates. ask: their processes' means and variances. X (n, D): inputs of the processes,
+        if not those of the log.
         """
         X, parts = self.inputs.of_log(means.log) if X is None else X, []
         average = np.zeros((len(X), len(self.commands)))
         for candidate, own in each(self._in_use()):
             assert candidate.process is not None
-            output, latent = getattr(candidate.process, question, candidate.process.predict)(X)
+            output, latent = ask(candidate.process, X)
             mean = means.of(candidate) + candidate.units[1] * output
             noisy = latent + candidate.process.noise_variance
             average[:, own] += candidate.weights * mean

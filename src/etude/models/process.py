@@ -11,10 +11,19 @@ import numpy as np
 
 from etude.errors import UsageError
 from etude.models.forms import posterior_arrays, posterior_of, posterior_words
+from etude.models.gp.basis_posterior import BasisPosterior
 from etude.models.gp.exact import ExactPosterior
 from etude.models.gp.kernels import rests
 from etude.models.gp.shared_exact import SharedPosterior, shared_posterior
-from etude.models.protocols import HasInputs, HasKernel
+from etude.models.protocols import (
+    HasInputs,
+    HasKernel,
+    SupportsBound,
+    SupportsClosedForm,
+    SupportsMeans,
+    SupportsSamples,
+    SupportsSharedFactor,
+)
 from etude.protocols import FitData, Posterior
 from etude.types import Array, Code, Index
 
@@ -76,10 +85,10 @@ class Posteriors:
     def conditioned_on(self) -> Array | None:
         """(k, D) inputs that a posterior, or what designs see in its place, has kept; None of none."""
         for posterior in (*self.own, *self.guides):
-            for name in ("X", "basis"):
-                X = getattr(posterior, name, None)
-                if X is not None:
-                    return np.asarray(X)
+            if isinstance(posterior, SupportsSamples):
+                return np.asarray(posterior.X)
+            if isinstance(posterior, BasisPosterior):
+                return np.asarray(posterior.basis)
         return None
 
     @property
@@ -88,7 +97,8 @@ class Posteriors:
         first = self.own[0]
         if not isinstance(first, ExactPosterior):
             return None
-        if any(getattr(posterior, "L", None) is not first.L for posterior in self.own[1:]):
+        others = self.own[1:]
+        if not all(isinstance(own, ExactPosterior) and own.L is first.L for own in others):
             return None
         return SharedPosterior(cast("tuple[ExactPosterior, ...]", self.own))
 
@@ -99,7 +109,7 @@ class Posteriors:
             return [(seen[0], (0,))]
         found: dict[int, tuple[Posterior, list[int]]] = {}
         for place, posterior in enumerate(seen):
-            key = id(getattr(posterior, "L", posterior))
+            key = id(posterior.L if isinstance(posterior, SupportsSharedFactor) else posterior)
             found.setdefault(key, (posterior, []))[1].append(place)
         return [(posterior, tuple(places)) for posterior, places in found.values()]
 
@@ -117,7 +127,7 @@ class Posteriors:
         if len(self.own) > 1:
             return self.predict(X)
         own = self.own[0]
-        mean, variance = getattr(own, "at_most", own.predict)(X)
+        mean, variance = own.at_most(X) if isinstance(own, SupportsBound) else own.predict(X)
         return mean[:, None], variance[:, None]
 
     def mean(self, X: Array) -> Array:
@@ -125,9 +135,8 @@ class Posteriors:
         shared = self.shared
         if shared is not None and len(self.own) > 1:
             return shared.mean(X)
-        cheap = [getattr(posterior, "mean", None) for posterior in self.own]
-        pairs = zip(self.own, cheap, strict=True)
-        return np.stack([p.predict(X)[0] if mean is None else mean(X) for p, mean in pairs], axis=1)
+        means = [p.mean(X) if isinstance(p, SupportsMeans) else p.predict(X)[0] for p in self.own]
+        return np.stack(means, axis=1)
 
     def held_out(self, own: Index, Y: Array | None = None) -> tuple[Array, Array]:
         """Means and variances with noise (k, m) at the samples `own` from those of other folds.
@@ -155,9 +164,9 @@ class Posteriors:
             out = np.flatnonzero(np.isin(fit.fold[taught], numbers))
             mean, variance = shared.elsewhere(out, fit.X[own], None if Y is None else outputs[taught])
             return mean, np.repeat(variance[:, None], len(self.own), axis=1)
-        closed = getattr(self.teaching.condition, "held_out", None)
-        if closed is not None:
-            return cast("tuple[Array, Array]", closed(fit.X[own], numbers, outputs))
+        condition: object = self.teaching.condition
+        if isinstance(condition, SupportsClosedForm):
+            return condition.held_out(fit.X[own], numbers, outputs)
         other = taught[~np.isin(fit.fold[taught], numbers)]
         without = self.teaching.on(other, outputs)
         mean, latent = without.predict(fit.X[own])

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Hashable, Sequence
+from collections.abc import Callable, Collection, Hashable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, Protocol, runtime_checkable
 
 import numpy as np
 
 from etude.protocols import Candidate, Posterior
-from etude.types import Array, Code
+from etude.types import Array, Code, Index
 
 if TYPE_CHECKING:
     from etude.models.gp.kernels import Kernel
@@ -32,8 +32,13 @@ class EnsembleMember(Candidate):
 
 def share_of(candidate: Candidate) -> Array:
     """(m,) weight of a candidate within its rung."""
-    share = getattr(candidate, "share", None)
+    share = candidate.share if isinstance(candidate, EnsembleMember) else None
     return np.ones(len(candidate.commands)) if share is None else share
+
+
+def name_of(candidate: Candidate) -> str:
+    """Its place among those of its rung."""
+    return candidate.name if isinstance(candidate, EnsembleMember) else "default"
 
 
 @runtime_checkable
@@ -107,6 +112,77 @@ class HasInputs(Protocol):
     def conditioned_on(self) -> Array | None:
         """(k, D) inputs; None where it kept none."""
         ...
+
+
+@runtime_checkable
+class SupportsMeans(Protocol):
+    """A process or a posterior that gives means alone, without the price of their variances."""
+
+    def mean(self, X: Array) -> Array: ...
+
+
+@runtime_checkable
+class SupportsBound(Protocol):
+    """A process or a posterior: means, and latent variances of at least those of `predict`, for less."""
+
+    def at_most(self, X: Array) -> tuple[Array, Array]: ...
+
+
+@runtime_checkable
+class SupportsRestNoise(Protocol):
+    """A process whose latent variance holds noise at rest: of each command pairs as of `gp.kernels.rests`."""
+
+    @property
+    def rests(self) -> Sequence[Sequence[tuple[int, float]]]: ...
+
+
+@runtime_checkable
+class SupportsSamples(Protocol):
+    """A posterior that keeps the inputs (n, D) of its samples."""
+
+    @property
+    def X(self) -> Array: ...
+
+
+@runtime_checkable
+class SupportsSharedFactor(Protocol):
+    """A posterior with a factor of its covariance: those that share it are one latent function to designs."""
+
+    @property
+    def L(self) -> Array: ...
+
+
+@runtime_checkable
+class SupportsFactors(Protocol):
+    """A posterior whose covariances at inputs X (T, D) share factors, a `design.score.Batch`."""
+
+    def factors(self, X: Array) -> Any: ...
+
+
+@runtime_checkable
+class SupportsPoint(Protocol):
+    """A process with a fast function of one input, x (D,) -> means (m,): for a controller's tick."""
+
+    def point(self) -> Callable[[Array], Array]: ...
+
+
+@runtime_checkable
+class SupportsGuide(Protocol):
+    """A posterior without covariances, and the one that designs see in its place."""
+
+    @property
+    def guide(self) -> Posterior: ...
+
+
+@runtime_checkable
+class SupportsClosedForm(Protocol):
+    """How a member is conditioned, if it is held out in closed form.
+
+    X (k, D): inputs of samples that are in the folds with these numbers. Y (n, m): all outputs. Means and
+    variances with noise (k, m).
+    """
+
+    def held_out(self, X: Array, numbers: Index, Y: Array) -> tuple[Array, Array]: ...
 
 
 class GaussianProcess(Protocol):

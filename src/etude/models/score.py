@@ -53,7 +53,7 @@ class PredictionScore(Figures):
     usable: Figures
 
 
-def score(
+def prediction_score(
     samples: Samples, mean: Array, variance: Array | None = None, trained: Samples | None = None
 ) -> PredictionScore:
     """Score of predicted `mean` and `variance` (n, J), with noise, for the commands of `samples`.

@@ -22,7 +22,7 @@ from etude.models.change.change_detection import FREEDOM
 from etude.models.members import member_named
 from etude.models.model import LearnedModel
 from etude.models.process import Silent
-from etude.models.protocols import EnsembleMember, share_of
+from etude.models.protocols import EnsembleMember, name_of, share_of
 from etude.models.selection.ensemble import CANDIDATES
 from etude.models.selection.linear import LinearPhysics
 from etude.models.student_t import StudentT
@@ -158,15 +158,13 @@ def _candidate_words(
     for name in ("weights", "units", "calibration"):
         shelf.put(f"{prefix}/{name}", getattr(candidate, name))
     shelf.put(f"{prefix}/share", share_of(candidate))
-    error = getattr(candidate, "error", None)
-    if error is not None:
-        shelf.put(f"{prefix}/error", error)
-    name = getattr(candidate, "name", "default")
+    if isinstance(candidate, EnsembleMember) and candidate.error is not None:
+        shelf.put(f"{prefix}/error", candidate.error)
     words: dict[str, Any] = {
         "rung": candidate.rung,
         "commands": candidate.commands,
         "mean": None,
-        "name": name,
+        "name": name_of(candidate),
     }
     if candidate.mean is not None:
         base = candidate.rung.removesuffix("+gp")

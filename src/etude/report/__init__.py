@@ -1,4 +1,35 @@
 """What a campaign came to, as one page."""
 
-PUBLIC = ("live", "markup", "scales", "svg")
-"""Modules that may be used from outside."""
+from typing import TYPE_CHECKING
+
+from etude._runtime.lazy import face
+
+if TYPE_CHECKING:
+    from etude.report.live import Pages, digest_of
+    from etude.report.markup import Html, element, grid, join, missing, number, paragraph, table, text
+    from etude.report.scales import Axis, Scale, fitted_scale, tick_text
+    from etude.report.svg import Line, Mark, panel, polyline, thinned
+
+__all__ = [
+    "Axis",
+    "Html",
+    "Line",
+    "Mark",
+    "Pages",
+    "Scale",
+    "digest_of",
+    "element",
+    "fitted_scale",
+    "grid",
+    "join",
+    "missing",
+    "number",
+    "panel",
+    "paragraph",
+    "polyline",
+    "table",
+    "text",
+    "thinned",
+    "tick_text",
+]
+__getattr__, __dir__ = face(__name__)

@@ -12,8 +12,9 @@ from itertools import pairwise
 
 import numpy as np
 
+from etude.abilities import SupportsDrawing
 from etude.limits.library import AxisLimit, NormLimit
-from etude.protocols import Limit, SupportsDrawing
+from etude.protocols import Limit
 from etude.report.markup import Html, text
 from etude.report.png import VIRIDIS, colours
 from etude.report.scales import linear_ticks, tick_text

@@ -12,10 +12,9 @@ Assertions are plain, so nothing but pytest's collection is needed. The suites a
 this package are not.
 """
 
-from __future__ import annotations
+from typing import TYPE_CHECKING
 
-import importlib
-from typing import TYPE_CHECKING, Any
+from etude._runtime.lazy import face
 
 if TYPE_CHECKING:
     from etude.testing.files import ExporterSuite, ReaderSuite
@@ -37,23 +36,4 @@ __all__ = [
     "ReaderSuite",
     "RobotSuite",
 ]
-
-_PLACES = {
-    "CriterionSuite": "models",
-    "ExporterSuite": "files",
-    "FamilySuite": "motions",
-    "InputsSuite": "robot",
-    "KernelSuite": "models",
-    "KindSuite": "kind",
-    "LimitSuite": "motions",
-    "PhysicsSuite": "robot",
-    "ProcessSuite": "models",
-    "ReaderSuite": "files",
-    "RobotSuite": "robot",
-}
-
-
-def __getattr__(name: str) -> Any:
-    if name in _PLACES:
-        return getattr(importlib.import_module(f"etude.testing.{_PLACES[name]}"), name)
-    raise AttributeError(f"module 'etude.testing' has no attribute {name!r}")
+__getattr__, __dir__ = face(__name__)

@@ -34,7 +34,7 @@ class ExporterSuite:
         trajectory = here.trajectory(0)
         files = type(self).exporter(trajectory, here.kind, here.spec)
         assert files, "nothing was exported"
-        played = type(self).exporter.back(files)  # type: ignore[attr-defined]
+        played = type(self).exporter.back(files)
         t = np.linspace(0.0, trajectory.duration, 500)
         close(played.motion(t, 1).orders[0], trajectory.motion(t, 1).orders[0], self.accuracy, "path played")
 
@@ -49,9 +49,7 @@ class ExporterSuite:
         """It holds the first row before, and the last one for ever."""
         here = self.world
         trajectory = at_rest(here.trajectory(3), here.limits)
-        played = type(self).exporter.back(  # type: ignore[attr-defined]
-            type(self).exporter(trajectory, here.kind, here.spec)
-        )
+        played = type(self).exporter.back(type(self).exporter(trajectory, here.kind, here.spec))
         ends = np.array([0.0, played.duration])
         moves = np.abs(played.motion(ends, ORDERS_HELD).orders[1:]).max()
         assert moves <= HELD_STILL, f"a row that is held moves: {moves:.3g} per s or s^2"
@@ -90,7 +88,7 @@ class ReaderSuite:
     def test_what_it_reads_it_recognises(self, tmp_path: Path) -> None:
         path = tmp_path / f"run{self.suffix}"
         self.write(path, self.columns)
-        recognises = type(self).reader.recognises  # type: ignore[attr-defined]
+        recognises = type(self).reader.recognises
         assert recognises(path, path.read_bytes()[:4096]), "a file of its own format is not recognised"
 
     def test_foreign_files_are_refused(self, tmp_path: Path) -> None:

@@ -10,6 +10,7 @@ from typing import ClassVar
 import numpy as np
 
 from etude.limits.certificate import certify
+from etude.plugins import require_whole
 from etude.protocols import Family, Kind, Limit
 from etude.testing.motions import FamilySuite, LimitSuite
 from etude.testing.robot import InputsSuite, PhysicsSuite, RobotSuite
@@ -45,6 +46,16 @@ class KindSuite(InputsSuite, PhysicsSuite, RobotSuite):
         again = self.kind.described(tmp_path / "robot.toml")
         assert spec.name == self.world.spec.name
         assert set(again.files) == {file.name for file in tmp_path.iterdir()}, "described twice, other files"
+
+    def test_every_ability_is_whole(self) -> None:
+        """Of the kind and of what it makes: all members of an ability, or none."""
+        here, kind = self.world, self.kind
+        robot = kind.robot(here.spec, here.config)
+        parts = [("Kind", kind), ("Description", here.spec), ("Inputs", here.inputs), ("Robot", robot)]
+        parts += [("[trajectory]", here.config.trajectory), *(("Limit", limit) for limit in here.limits)]
+        parts += [("Physics", physics) for physics in kind.physics(here.spec, here.config).values()]
+        for part, found in parts:
+            require_whole(found, part, f"{part} of {kind.name}")
 
     def test_channels_are_well_formed(self) -> None:
         channels = {channel.name: channel for channel in self.kind.channels(self.world.spec)}

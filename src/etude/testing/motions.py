@@ -7,6 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from etude.plugins import required
 from etude.protocols import Family, Limit, Trajectory
 from etude.testing.differences import central, close, same
 from etude.trajectories.json_text import from_json
@@ -126,6 +127,9 @@ class LimitSuite:
     home: ClassVar[Array]
     tight: ClassVar[bool] = True
     """False for a limit whose cones are narrower than itself (a tilt asked of both signs)."""
+
+    def test_every_ability_is_whole(self) -> None:
+        required(self.limit, Limit, type(self.limit).__name__)
 
     def test_what_the_cones_admit_is_proved(self) -> None:
         for seed in range(6):

@@ -6,6 +6,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from etude.abilities import SupportsWithout
 from etude.protocols import Kind, Mean
 from etude.testing.differences import central, close, same
 from etude.testing.world import World, log_of, samples_of, world
@@ -194,7 +195,7 @@ class PhysicsSuite:
         samples = samples_of(here, 2)
         fold = np.arange(len(samples)) * 3 // len(samples)
         for name, physics in self.kind.physics(here.spec, here.config).items():
-            if not hasattr(physics, "without"):
+            if not isinstance(physics, SupportsWithout):
                 continue
             for number, predicted in physics.without(samples, fold).items():
                 alone = physics(samples.take(fold != number)).predict(samples.log)

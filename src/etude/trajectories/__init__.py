@@ -5,15 +5,21 @@ from typing import TYPE_CHECKING
 from etude._runtime.lazy import face
 
 if TYPE_CHECKING:
-    from etude.trajectories.family import FourierConfig as FourierConfig
-    from etude.trajectories.family import FourierFamily as FourierFamily
+    from etude.trajectories.chain import segment_starts
+    from etude.trajectories.family import FourierConfig, FourierFamily
+    from etude.trajectories.fourier import FourierTrajectory
+    from etude.trajectories.json_text import from_json
+    from etude.trajectories.moves import PointToPoint, random_moves
+    from etude.trajectories.splined import Splined
 
-PUBLIC = ("chain", "family", "fourier", "json_text", "moves")
-"""Modules that may be used from outside."""
-__getattr__, __dir__ = face(
-    __name__,
-    {
-        "FourierConfig": "family",
-        "FourierFamily": "family",
-    },
-)
+__all__ = [
+    "FourierConfig",
+    "FourierFamily",
+    "FourierTrajectory",
+    "PointToPoint",
+    "Splined",
+    "from_json",
+    "random_moves",
+    "segment_starts",
+]
+__getattr__, __dir__ = face(__name__)

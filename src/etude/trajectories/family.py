@@ -208,7 +208,8 @@ class FourierFamily:
         Raises:
             UsageError: coefficients of another shape.
         """
-        table = np.asarray(getattr(trajectory, "coefficients", trajectory), dtype=float)
+        known = isinstance(trajectory, FourierTrajectory)
+        table = np.asarray(trajectory.coefficients if known else trajectory, dtype=float)
         if table.shape != self.offset.shape:
             raise UsageError(f"the family's coefficients have shape {self.offset.shape}, not {table.shape}")
         return np.asarray(np.einsum("jcp,cj->p", self.basis, table - self.offset))

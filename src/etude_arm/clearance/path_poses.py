@@ -18,6 +18,7 @@ from etude.protocols import Trajectory
 from etude.trajectories.extremes import riesz_range
 from etude.trajectories.fourier import FourierTrajectory, phase
 from etude.trajectories.moves import PointToPoint
+from etude.trajectories.splined import Splined
 from etude.types import Array, Index
 
 FIRST = 128
@@ -107,7 +108,7 @@ def _of_time(piece: Trajectory) -> Way:
 
     Of set-points that are held, each joint is taken to stay between one and the next.
     """
-    if getattr(piece, "held", False):
+    if isinstance(piece, Splined) and piece.held:
         return _of_points(piece)
     try:
         bend = largest(piece, 2)

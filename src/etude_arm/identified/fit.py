@@ -29,7 +29,7 @@ from etude_arm.identified.files import JointTerms
 from etude_arm.identified.pseudo_inertia import SIZE, basis, coordinates
 from etude_arm.loading.inertia import NO_MASS
 from etude_arm.loading.load import load_arm
-from etude_arm.physics.estimate import information_per_sample, output_priors
+from etude_arm.physics.estimate import Clock, output_priors
 from etude_arm.physics.kinematics import KinematicTree
 from etude_arm.physics.mean import RigidBodyMean
 from etude_arm.physics.rigid_body import EXTRA_TERMS, command_regressors
@@ -135,7 +135,7 @@ class Evidence:
             noise = float(model.deviation[j])
             rows.append((both[used, j] / noise, samples.command[used, j] / noise))
             groups.append(samples.group[used])
-        return Evidence(rows, groups, information_per_sample(samples), own, model.deviation)
+        return Evidence(rows, groups, Clock(samples.t, samples.group).information(), own, model.deviation)
 
     def normal(self, groups: Sequence[int] | None = None) -> Normal:
         """Of those groups, or of all."""

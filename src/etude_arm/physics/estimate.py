@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from etude.errors import DataError, UsageError
-from etude.types import Mask, Samples
+from etude.types import Index, Mask, Samples
 from etude_arm.inputs import FRICTION_SCALES
 from etude_arm.physics.base_parameters import base_directions, parameter_scale, spread_states
 from etude_arm.physics.kinematics import KinematicTree
@@ -74,7 +74,7 @@ def fitted(
     Raises:
         DataError: an axis never moved.
     """
-    weight = information_per_sample(samples)
+    weight = Clock(samples.t, samples.group).information()
     by_speed = 1.0 / CLEARLY if FRICTION in samples.log else CLEARLY
     fits = []
     for j, (name, prior) in enumerate(zip(names, priors, strict=True)):
@@ -89,7 +89,7 @@ def fitted(
         fits.append(_fit_output(columns, samples.command[moving, j], prior, weight, by_speed))
     inertial, extras, deviation, rank, spreads, way = (np.array(part) for part in zip(*fits, strict=True))
     own = RigidBodyModel(*body, inertial, extras, rank, deviation, spreads, way)
-    return own if shared is None else _with_shared(own, samples, regressors, priors, shared, weight)
+    return own if shared is None else _with_shared(own, samples, regressors, priors, shared)
 
 
 def _with_shared(
@@ -98,7 +98,6 @@ def _with_shared(
     regressors: Regressors,
     priors: Sequence[IdentificationPrior],
     directions: Array,
-    weight: float,
 ) -> RigidBodyModel:
     """The model with one rigid body for all outputs but those of another scale."""
     rigid, extra, turning = regressors
@@ -109,11 +108,11 @@ def _with_shared(
         deviations = _near_level(prior.extra, own.extra[j], first=0)
         deviations[-1] = min(deviations[-1], OFFSET * prior.command)
         left = samples.command[rows, j] - rigid[rows, j] @ prior.nominal
-        outputs.append(
-            OutputColumns(rigid[rows, j] @ directions, extra[rows, j], left, deviations, own.deviation[j])
-        )
+        columns = np.concatenate([rigid[rows, j] @ directions, extra[rows, j]], axis=1)
+        clock = Clock(samples.t[rows], samples.group[rows])
+        outputs.append(OutputColumns(columns, left, deviations, own.deviation[j], clock))
     limits = np.array([prior.command for prior in priors])
-    found = shared_fit(outputs, weight, limits)
+    found = shared_fit(outputs, directions.shape[1], limits)
     take = (found.noise <= OTHER_SCALE * own.deviation)[:, None]
     return replace(
         own,
@@ -124,14 +123,46 @@ def _with_shared(
     )
 
 
-CORRELATION_TIME = 0.5  # s; smoothed commands closer than this repeat each other
+LEAST_CORRELATION = 0.5  # s; smoothed commands closer than this repeat each other
 
 
-def information_per_sample(samples: Samples) -> float:
-    """Weight of one sample against the prior: neighbours nearer than the correlation time share one vote."""
-    steps = np.diff(samples.t)[np.diff(samples.group) == 0]
-    step = float(np.median(steps)) if len(steps) else CORRELATION_TIME
-    return float(np.clip(step / CORRELATION_TIME, 1e-3, 1.0))
+@dataclass(frozen=True, eq=False)
+class Clock:
+    """When samples were taken: t (n,) in s, and group (n,) of those that were recorded in one go."""
+
+    t: Array
+    group: Index
+
+    def information(self, left: Array | None = None) -> float:
+        """Weight of one sample against the prior: those nearer than the correlation time share one vote.
+
+        Args:
+            left: (n,) of a command, beside a model. None: not known yet.
+        """
+        time = LEAST_CORRELATION if left is None else max(self.correlation_time(left), LEAST_CORRELATION)
+        return float(np.clip(self.step / time, 1e-3, 1.0))
+
+    @property
+    def step(self) -> float:
+        """Between neighbours, in s."""
+        steps = np.diff(self.t)[np.diff(self.group) == 0]
+        return float(np.median(steps)) if len(steps) else LEAST_CORRELATION
+
+    def correlation_time(self, left: Array) -> float:
+        """Integrated autocorrelation time of a residual (n,), in s.
+
+        (1 + 2 rho_1 + 2 rho_2 + ..) steps, up to the first rho that is not positive (Geyer, Stat. Sci. 7,
+        1992). What a model cannot say, as cogging, lasts longer than noise.
+        """
+        power, step, total = float(np.mean(left**2)), self.step, 1.0
+        for lag in range(1, len(left)):
+            near = np.abs(self.t[lag:] - self.t[:-lag]) <= (lag + 0.5) * step
+            near &= self.group[lag:] == self.group[:-lag]
+            product = float(np.sum((left[lag:] * left[:-lag])[near]))
+            if product <= 0.0:
+                break
+            total += 2.0 * product / (float(np.sum(near)) * power)
+        return total * step
 
 
 @dataclass(frozen=True)
@@ -188,7 +219,7 @@ def shared_directions(
     return MASSES_OFF * base_directions(rows, parameter_scale(tree))
 
 
-OFFSET = 0.01
+OFFSET = 0.005
 """Prior deviation of a force's offset, as a part of its limit: the zero of a torque sensor. A wider one
 takes up the gravity of a narrow motion, and is wrong by as much elsewhere."""
 MASSES_OFF = 0.3
@@ -324,17 +355,18 @@ class OutputColumns:
     """What one command says, at the n samples in which its joint moves.
 
     Attributes:
-        rigid: (n, r) regressors of the rigid body along the directions D. extra: (n, E) X of the drive.
+        columns: (n, r + E) regressors of the rigid body along the directions D, and of the drive.
         left: (n,) command less what phi_0 explains.
         deviations: (E,) prior deviations of the drive's terms.
         noise: deviation to begin with, command units.
+        clock: of the samples.
     """
 
-    rigid: Array
-    extra: Array
+    columns: Array
     left: Array
     deviations: Array
     noise: float
+    clock: Clock
 
 
 @dataclass(frozen=True)
@@ -347,45 +379,35 @@ class SharedFit:
     noise: Array
 
 
-def shared_fit(outputs: Sequence[OutputColumns], weight: float, limits: Array) -> SharedFit:
-    """Maximum a posteriori z and e, the noise of each command from its own residual.
+def shared_fit(outputs: Sequence[OutputColumns], r: int, limits: Array) -> SharedFit:
+    """Maximum a posteriori z and e; noise of each command and how long it lasts, from its own residual.
 
     Args:
-        weight: of one sample against the prior. limits: (J,) command limits.
+        r: directions of the rigid body. limits: (J,) command limits.
     """
-    r = outputs[0].rigid.shape[1]
-    squares = [np.concatenate([o.rigid, o.extra, o.left[:, None]], axis=1) for o in outputs]
-    grams = [weight * rows.T @ rows for rows in squares]
-    noise = np.array([o.noise for o in outputs])
+    grams = [(o.columns.T @ o.columns, o.columns.T @ o.left) for o in outputs]
+    noise, weight = np.array([o.noise for o in outputs]), np.array([o.clock.information() for o in outputs])
     for _ in range(NOISE_ROUNDS):
-        x, covariance = _solved(grams, outputs, noise, r)
+        x, covariance = _solved(grams, outputs, weight / noise**2, r)
         extra = x[r:].reshape(len(outputs), -1)
-        counts = weight * np.array([len(o.left) for o in outputs])
-        left = np.array(
-            [_residual(gram, np.append(x[:r], own)) for gram, own in zip(grams, extra, strict=True)]
-        )
-        noise = np.sqrt(left / np.maximum(counts, 1.0))
+        left = [o.left - o.columns @ np.append(x[:r], e) for o, e in zip(outputs, extra, strict=True)]
+        noise = np.array([np.sqrt(np.mean(one**2)) for one in left])
         noise = np.clip(noise, LEAST_NOISE * limits, MOST_NOISE * limits)
+        weight = np.array([o.clock.information(one) for o, one in zip(outputs, left, strict=True)])
     spread = np.sqrt(np.maximum(covariance.diagonal()[r:], 0.0)).reshape(extra.shape)
     return SharedFit(x[:r], extra, spread, noise)
 
 
 def _solved(
-    grams: Sequence[Array], outputs: Sequence[OutputColumns], noise: Array, r: int
+    grams: Sequence[tuple[Array, Array]], outputs: Sequence[OutputColumns], precision: Array, r: int
 ) -> tuple[Array, Array]:
     """Means and covariance of (z, e_1 .. e_J), scaled by the prior so that the matrix is well conditioned."""
     E = len(outputs[0].deviations)
     scale = np.concatenate([np.ones(r), *(o.deviations for o in outputs)])
     A, b = np.zeros((len(scale), len(scale))), np.zeros(len(scale))
-    for j, gram in enumerate(grams):
+    for j, (square, target) in enumerate(grams):
         place = np.concatenate([np.arange(r), r + j * E + np.arange(E)])
-        A[np.ix_(place, place)] += gram[:-1, :-1] / noise[j] ** 2
-        b[place] += gram[:-1, -1] / noise[j] ** 2
+        A[np.ix_(place, place)] += precision[j] * square
+        b[place] += precision[j] * target
     inverse: Array = np.linalg.inv(A * np.outer(scale, scale) + np.eye(len(scale))).astype(np.float64)
     return scale * (inverse @ (scale * b)), inverse * np.outer(scale, scale)
-
-
-def _residual(gram: Array, x: Array) -> float:
-    """Weighted sum of squares of what x (r + E,) leaves of the last column."""
-    with_left = np.append(-x, 1.0)
-    return max(float(with_left @ gram @ with_left), 0.0)

@@ -135,7 +135,7 @@ class ArmPhysics:
         return own._mean(own._fitted(samples, own._regressors(samples)))
 
     def without(self, samples: Samples, fold: Index) -> Mapping[int, Array]:
-        """Capability `protocols.SupportsWithout`: samples are looked at once, not once for each fold."""
+        """Capability `abilities.SupportsWithout`: samples are looked at once, not once for each fold."""
         if self.nominal:
             return dict.fromkeys(np.unique(fold).tolist(), self(None).predict(samples.log))
         own = self._told(samples)

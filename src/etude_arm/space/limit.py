@@ -18,6 +18,7 @@ from etude._runtime.operators import cross
 from etude.errors import UsageError
 from etude.limits.certificate import SPEED, memoized
 from etude.protocols import Family, Trajectory
+from etude.trajectories.splined import Splined
 from etude.types import Array, Cone, Motion, Proof
 from etude_arm.clearance.path_poses import largest
 from etude_arm.clearance.skeleton import bent, reaches
@@ -177,7 +178,7 @@ class SpaceLimit:
         """By row the bounds of p'' and of what is limited: p''' of speeds, p'' of places; whether there is a
         third.
         """
-        if getattr(piece, "held", False):
+        if isinstance(piece, Splined) and piece.held:
             raise UsageError("how fast a robot goes between set-points that are held is its receiver's word")
         rates = [largest(piece, order) for order in (1, 2)]
         try:

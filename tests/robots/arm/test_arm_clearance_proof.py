@@ -14,6 +14,7 @@ from etude.limits.certificate import slack
 from etude.protocols import Trajectory
 from etude.trajectories.fourier import FourierTrajectory
 from etude.trajectories.moves import PointToPoint
+from etude.trajectories.splined import Splined
 from etude.types import Array, Motion, Proof
 from etude_arm.clearance.distances import CUTOFF
 from etude_arm.clearance.limit import MOST_EVALUATIONS, Clearance, nearest
@@ -137,16 +138,9 @@ def test_only_what_is_gone_through_is_proved() -> None:
 
 
 def test_held_set_points_are_taken_to_be_joined_by_lines() -> None:
-    class Held:
-        form, held, duration = "held", True, 3.0
-        times = np.array([0.0, 1.0, 2.0, 3.0])
-        points = np.array([[[0.0, 0.0, 0.0], [-0.4, 0.3, 0.0], [-0.8, 0.0, 0.2], [-0.2, 0.1, 0.0]]])
-
-        def to_json(self) -> str:
-            return repr(self.points)
-
-    lines = PointToPoint(Held.points[0], 1.0)
-    held, moved = LIMIT.prove(Held()), LIMIT.prove(lines)
+    points = np.array([[[0.0, 0.0, 0.0], [-0.4, 0.3, 0.0], [-0.8, 0.0, 0.2], [-0.2, 0.1, 0.0]]])
+    curve = Splined(np.array([0.0, 1.0, 2.0, 3.0]), points, held=True)
+    held, moved = LIMIT.prove(curve), LIMIT.prove(PointToPoint(points[0], 1.0))
     assert ok(held)
     for row, line in zip(held, moved, strict=True):
         assert row.proved_lower <= line.proved_lower + 1e-9  # its first intervals are longer

@@ -15,7 +15,14 @@ from etude._runtime.operators import cross
 from etude.errors import DataError, UsageError
 from etude.types import Samples, joined_samples
 from etude_arm.physics.base_parameters import base_directions, parameter_scale, spread_states
-from etude_arm.physics.estimate import fitted, output_priors, require_axes, shared_directions
+from etude_arm.physics.estimate import (
+    LEAST_CORRELATION,
+    Clock,
+    fitted,
+    output_priors,
+    require_axes,
+    shared_directions,
+)
 from etude_arm.physics.regressor import nominal_parameters, regressor
 from etude_arm.physics.rigid_body import Regressors, RigidBody, RigidBodyModel, command_regressors
 from etude_arm.physics.rigid_tree import drives_from_mujoco, tree_from_mujoco
@@ -180,3 +187,34 @@ def test_a_command_of_another_scale_keeps_parameters_of_its_own(robot, truth, ou
     np.testing.assert_array_equal(found.inertial[output], alone.inertial[output])
     rest = np.delete(found.inertial, output, axis=0)
     np.testing.assert_array_equal(rest, np.tile(rest[0], (4, 1)))
+
+
+STEP = 0.05
+
+
+@pytest.mark.parametrize("a", [0.0, 0.6, 0.97])
+def test_an_autoregressive_residual_lasts_as_long_as_theory_says(a: float) -> None:
+    """(1 + a) / (1 - a) steps; gaps and other recordings do not count as neighbours."""
+    rng, n = np.random.default_rng(4), 40_000
+    left = rng.normal(size=n)
+    for i in range(1, n):
+        left[i] += a * left[i - 1]
+    t, group = STEP * np.arange(n), np.repeat([0, 1], n // 2)
+    keep = np.arange(n) % 500 < 400  # a gap in every 25 s
+    clock = Clock(t[keep], group[keep])
+    time = (1.0 + a) / (1.0 - a) * STEP
+    assert clock.correlation_time(left[keep]) == pytest.approx(time, rel=0.2)
+    assert clock.information(left[keep]) == pytest.approx(STEP / max(time, LEAST_CORRELATION), rel=0.2)
+
+
+def test_what_lasts_tells_less_than_noise_of_its_size(robot, truth) -> None:
+    one = replace(truth, inertial=np.tile(truth.inertial[3], (5, 1)))
+    few = samples_of(one, np.random.default_rng(8), 400, 0.0)
+    rng, size = np.random.default_rng(3), 0.05 * awkward_spec().command
+    slow = np.repeat(rng.normal(size=(20, 5)), 20, axis=0)
+    deviation = []
+    for disturbance in (rng.permutation(slow), slow):
+        log = with_command(few, few.command + size * disturbance)
+        found = identify(log, motion_of(log), awkward_spec(), *robot, V0, forces=True)
+        deviation.append(found.extra_deviation[:, 1] / awkward_spec().command)
+    assert np.median(deviation[1] / deviation[0]) > 1.5, deviation  # those near their prior change less

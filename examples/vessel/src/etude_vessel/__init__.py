@@ -15,11 +15,10 @@ import numpy as np
 from etude import types
 from etude._runtime.toml_tables import decoded, from_table, read_text
 from etude.errors import UsageError
-from etude.limits.library import AxisLimit
-from etude.logs.cleaning.filters import smooth
+from etude.limits import AxisLimit
+from etude.logs import smooth
 from etude.protocols import Controller, Limit, Model, Trajectory
-from etude.trajectories.family import FourierConfig, FourierFamily
-from etude.trajectories.moves import random_moves
+from etude.trajectories import FourierConfig, FourierFamily, random_moves
 from etude.types import Array, Channel, Index, Log, Motion, Row, Samples
 
 AXES, STATES = ("x", "y"), ("position", "velocity", "acceleration")

@@ -12,14 +12,18 @@ from functools import partial
 from pathlib import Path
 from typing import Literal
 
-from etude.campaign.create import create_campaign
-from etude.campaign.record.config import CampaignConfig
-from etude.campaign.record.config_file import CONFIG, config_text, load_config
-from etude.campaign.record.folder import open_campaign
-from etude.campaign.record.journal import JOURNAL
-from etude.campaign.simulation import simulate
+from etude.campaign import (
+    CONFIG,
+    JOURNAL,
+    CampaignConfig,
+    config_text,
+    create_campaign,
+    load_config,
+    open_campaign,
+    simulate,
+)
 from etude.errors import UsageError
-from etude.models.config import Rung
+from etude.models import Rung
 from etude.storage import write_atomic
 from etude_studies.arm_rows import arm_rows
 from etude_studies.engines.each import each

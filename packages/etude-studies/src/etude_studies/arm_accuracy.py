@@ -14,10 +14,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from etude.models.config import ModelConfig
-from etude.models.data.fit import LARGEST_FLOOR
-from etude.models.score import score
-from etude.models.selection.linear import LinearPhysics
+from etude.models import LARGEST_FLOOR, LinearPhysics, ModelConfig, prediction_score
 from etude.protocols import Inputs
 from etude.types import Array, Samples
 from etude_studies.model_cost import held_bytes, predict_seconds
@@ -51,7 +48,7 @@ def member_rows(rng: np.random.Generator, *, quick: bool = False) -> list[Row]:
         train, test = arm_data(world, own)
         inputs = world.inputs(ALONE)
         _compile_members(len(inputs.columns))
-        linear.append(_mean(score(test, LinearPhysics(inputs)(train).predict(test.log)).nmse))
+        linear.append(_mean(prediction_score(test, LinearPhysics(inputs)(train).predict(test.log)).nmse))
         for name, member in MEMBERS.items():
             measured[name].append(_measure(member, train, test, inputs, world.kind.limit(world.spec), own))
     return [row for name, found in measured.items() for row in _rows_of(name, found, linear)]
@@ -117,7 +114,7 @@ def _measure(
         predicted, latent = posteriors[-1].predict(at)
         mean[:, j], variance[:, j] = predicted + offset, latent + posteriors[-1].noise_variance
     known = replace(train, usable=train.usable & train.moving)
-    found, many = score(test, mean, variance, known), np.resize(at, (POINTS, X.shape[1]))
+    found, many = prediction_score(test, mean, variance, known), np.resize(at, (POINTS, X.shape[1]))
     return {name: _mean(getattr(found, name)) for name in ("nmse", "msll", "z2")} | {
         "fit_s": seconds,
         "predict_1_us": 1e6 * predict_seconds(posteriors, at[:1], REPEATS_ONE),

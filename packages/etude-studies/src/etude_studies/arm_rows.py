@@ -8,10 +8,9 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from etude.campaign.record.folder import Campaign, open_campaign
-from etude.campaign.record.stored_models import stored_model
-from etude.logs.readers.log_file import read_log_file
-from etude.models.score import score
+from etude.campaign import Campaign, open_campaign, stored_model
+from etude.logs import read_log_file
+from etude.models import prediction_score
 from etude_studies.rows import Row, mean_rows
 
 TESTS = ("fourier", "moves")
@@ -103,7 +102,7 @@ def _test_score(campaign: Campaign, number: int) -> tuple[float, float]:
     log = read_log_file(campaign.path / "tests" / f"0000.pd.{TESTS[0]}.parquet")
     groups = [np.zeros(len(log), dtype=np.int64)]
     new = campaign.kind.samples(campaign.spec, campaign.config, [log], groups)
-    found = score(new, *stored_model(campaign, number).posterior(new.log))
+    found = prediction_score(new, *stored_model(campaign, number).posterior(new.log))
     return float(np.nanmean(found.z2)), float(np.nanmean(found.coverage))
 
 

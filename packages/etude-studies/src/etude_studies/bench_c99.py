@@ -18,10 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from etude.deploy.c99.header import CForm
-from etude.deploy.c99.target import Files, c_files
-from etude.deploy.onnx.model_graph import parts_of, written
-from etude.deploy.onnx.target import session, taken_by
+from etude.deploy import CForm, Files, c_files, parts_of, session, taken_by, written
 from etude.errors import UsageError
 from etude.types import Array
 from etude_studies.c99_models import Sized, sized

@@ -13,11 +13,10 @@ from pathlib import Path
 
 import numpy as np
 
-from etude.models.change.evidence import Judged, judged
-from etude.models.data.cross_validation import near
+from etude.models import Judged, judged, near
 from etude.progress import counted
 from etude.types import Index, Samples, joined_samples
-from etude_arm.preprocessing import filter_cutoff
+from etude_arm import filter_cutoff
 from etude_studies.crazyflie_flights import crazyflie, crazyflie_flights
 from etude_studies.real_logs import REAL_LOGS, arm_log
 from etude_studies.rows import Row, rows_json, table

@@ -24,9 +24,7 @@ import numpy as np
 from scipy.linalg.blas import dtrsm
 from scipy.linalg.lapack import dpotrf, dpotri
 
-from etude.models.gp.exact import ExactGP, ExactPosterior
-from etude.models.gp.kernels import SquaredExponential
-from etude.models.gp.training import initial_gp
+from etude.models import ExactGP, ExactPosterior, SquaredExponential, initial_gp
 from etude.progress import counted
 from etude.threads import threads_for
 from etude.types import Array
@@ -35,7 +33,7 @@ from etude_studies.peers.catalogue import EXACT, SPECTRUM
 from etude_studies.rows import Row, rows_json, table
 
 if TYPE_CHECKING:
-    from etude.design.criteria import Criterion
+    from etude.design import Criterion
 
 INPUTS, POINTS, BATCH, REFERENCES = 12, 500, 300, 100
 LIKELIHOOD_REPEATS = {500: 60, 1000: 20, 3000: 5}
@@ -113,7 +111,7 @@ def likelihood_row(n: int, repeats: int, rng: np.random.Generator) -> Row:
 
 def mean_variance_row(rng: np.random.Generator) -> Row:
     """Mean variance of the batch with its gradient against the two solves of the batch."""
-    from etude.design.criteria import mean_variance
+    from etude.design import mean_variance
 
     value, floor = _criterion_times(mean_variance, rng, references=0)
     return Row(f"mean_variance_gradient_n{POINTS}", value, "ms", "triangular solves of the batch", floor)
@@ -121,7 +119,7 @@ def mean_variance_row(rng: np.random.Generator) -> Row:
 
 def ivr_row(rng: np.random.Generator) -> Row:
     """ivr with its gradient, references included, against all its triangular solves."""
-    from etude.design.criteria import ivr
+    from etude.design import ivr
 
     value, floor = _criterion_times(ivr, rng, references=REFERENCES)
     named = f"triangular solves of batch, {REFERENCES} references and S"
@@ -130,7 +128,7 @@ def ivr_row(rng: np.random.Generator) -> Row:
 
 def _criterion_times(criterion: Criterion, rng: np.random.Generator, references: int) -> tuple[float, float]:
     """Time of a criterion with gradient, from inputs alone, and of its triangular solves, in ms."""
-    from etude.design.criteria import Output, evaluate
+    from etude.design import Output, evaluate
 
     gp, X, y = random_process(POINTS, rng)
     posterior = gp.condition(X, y)

@@ -12,8 +12,7 @@ from scipy.linalg.blas import dsymv, dsyr2
 
 from etude.progress import counted
 from etude.threads import threads_for
-from etude_sparse.dictionary import DictionaryConfig, DictionaryGP
-from etude_sparse.dictionary_stream import DictionaryStream
+from etude_sparse import DictionaryConfig, DictionaryGP, DictionaryStream
 from etude_studies.arm_accuracy import member_rows
 from etude_studies.crazyflie_accuracy import crazyflie_accuracy_rows
 from etude_studies.model_latency import latency_rows

@@ -14,10 +14,9 @@ from pathlib import Path
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from etude.models.gp.exact import ExactGP
+from etude.models import ExactGP
 from etude.types import Array
-from etude_sparse.sparse_spectrum import SparseSpectrumGP
-from etude_sparse.sparse_spectrum_training import initial_sparse_spectrum
+from etude_sparse import SparseSpectrumGP, initial_sparse_spectrum
 from etude_studies.peers.catalogue import Peer
 from etude_studies.peers.running import PeerUnavailable, Running, Timed, started
 from etude_studies.peers.worker import timed

@@ -14,7 +14,7 @@ import numpy as np
 
 from etude.progress import counted
 from etude.threads import threads_for
-from etude_quadrotor.controller import flight_plan
+from etude_quadrotor import flight_plan
 from etude_studies.crazyflie import crazyflie_rows
 from etude_studies.flight_design_cost import design_rows
 from etude_studies.flight_loop import Cell as LoopCell

@@ -16,12 +16,9 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
-from etude.campaign.ingest.questions import Answers, LogQuestions, judged_commands
+from etude.campaign import Answers, LogQuestions, judged_commands
 from etude.errors import EtudeError
-from etude.logs.checks.filtered_motion import seen
-from etude.logs.checks.finding_texts import Mendable
-from etude.logs.checks.plausibility import judge_motion
-from etude.logs.cleaning.read import clean_log
+from etude.logs import Mendable, clean_log, judge_motion, seen
 from etude.storage import write_atomic
 from etude.types import Finding, Log
 from etude_studies.engines.each import each

@@ -12,9 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from etude.errors import UsageError
-from etude.models.change.evidence import Judged, judged
-from etude.models.config import ModelConfig
-from etude.models.selection.model_selection import train_ladder
+from etude.models import Judged, ModelConfig, judged, train_ladder
 from etude.types import joined_samples
 from etude_studies.crazypad import MOTORS, NORMAL, Flight, Inputs, flights
 from etude_studies.rows import Row, rows_json, table

@@ -13,11 +13,9 @@ from pathlib import Path
 
 import numpy as np
 
-from etude.models.data.cross_validation import block_masks
-from etude.models.model import LearnedModel
-from etude.models.score import figures
+from etude.models import LearnedModel, block_masks, figures
 from etude.types import Array, Index, Log, Mask, Samples, joined_samples
-from etude_arm.preprocessing import filter_cutoff
+from etude_arm import filter_cutoff
 from etude_studies.real_between import again
 from etude_studies.real_draws import DRAWS, drawn
 from etude_studies.real_logs import REAL_LOGS, arm_log, quarter_masks

@@ -10,13 +10,10 @@ from typing import Any
 import numpy as np
 
 from etude import plugins
-from etude.models.gp.exact import posterior_given
-from etude.models.gp.kernels import ard_se, structured
-from etude.models.model import LearnedModel
-from etude.models.process import Posteriors
+from etude.models import LearnedModel, Posteriors, ard_se, posterior_given, structured
 from etude.protocols import Candidate, Kind
 from etude.types import Array
-from etude_sparse.sparse_spectrum import SparseSpectrumGP
+from etude_sparse import SparseSpectrumGP
 
 AXIS = """
 [[axis]]

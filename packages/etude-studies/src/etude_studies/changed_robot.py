@@ -16,8 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from etude.models.change.change_detection import first_alarm
-from etude.models.change.evidence import Judged, judged
+from etude.models import Judged, first_alarm, judged
 from etude.progress import counted
 from etude.protocols import Trajectory
 from etude.storage import write_atomic

@@ -7,7 +7,7 @@ from typing import Any, get_args
 
 import numpy as np
 
-from etude.models.change.diagnosis import Cause
+from etude.models import Cause
 from etude_studies.rows import Row
 from etude_studies.thesis.statistics import wilson
 

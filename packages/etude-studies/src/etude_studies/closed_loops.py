@@ -21,15 +21,12 @@ from typing import Any
 
 import numpy as np
 
-from etude.limits.feasible import FeasibleSet
-from etude.limits.samplers import scaled
-from etude.limits.tracking import HELD, Ranges, margins_of, within_room
-from etude.logs.alignment.tracking_errors import largest_errors
+from etude.limits import HELD, FeasibleSet, Ranges, margins_of, scaled, within_room
+from etude.logs import largest_errors
 from etude.protocols import Controller, Limit, Trajectory
-from etude.trajectories.moves import random_moves
+from etude.trajectories import random_moves
 from etude.types import Array, Log, Margins
-from etude_arm.controller import PerfectController
-from etude_arm.spec import ArmSpec
+from etude_arm import ArmSpec, PerfectController
 from etude_studies.seven_loop import seven_loop
 from etude_studies.world import World
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from etude.errors import DataError
-from etude.logs.readers.frames import parquet_frame
+from etude.logs import parquet_frame
 from etude.storage import write_atomic
 from etude_studies.made import Made
 from etude_studies.measured import KEYS

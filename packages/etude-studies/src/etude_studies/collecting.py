@@ -19,8 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from etude.campaign.record.config import CampaignConfig
-from etude.campaign.record.folder import Campaign, open_campaign
+from etude.campaign import Campaign, CampaignConfig, open_campaign
 from etude_studies.arm import run_campaign
 from etude_studies.arm_rows import TESTS, tracking_errors
 from etude_studies.engines.each import each

@@ -14,8 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from etude.campaign.evaluate.confirm import errors, left_over, moving, trained_speeds, without_it
-from etude.models.model import LearnedModel
+from etude.campaign import errors, left_over, moving, trained_speeds, without_it
+from etude.models import LearnedModel
 from etude.progress import counted
 from etude.protocols import Controller, Trajectory
 from etude.storage import write_atomic

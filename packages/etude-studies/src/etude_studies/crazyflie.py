@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from etude.models.score import NORMAL_95
+from etude.models import NORMAL_95
 from etude.progress import counted
 from etude.threads import threads_for
 from etude.types import Array, Log, Mask

@@ -12,14 +12,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from etude.campaign.record.stored_models import label
-from etude.logs.cleaning.filters import median_rate, without_lag
-from etude.models.config import ModelConfig
-from etude.models.data.cross_validation import block_masks
-from etude.models.selection.linear import LinearPhysics
+from etude.campaign import label
+from etude.logs import median_rate, without_lag
+from etude.models import LinearPhysics, ModelConfig, block_masks
 from etude.types import Array, Index, Log, Mask, Samples, joined_samples
-from etude_quadrotor.preprocessing import common_lag
-from etude_quadrotor.recorder import on_even_grid, with_states
+from etude_quadrotor import common_lag, on_even_grid, with_states
 from etude_studies.real_logs import EXAMPLES
 from etude_studies.world import World
 

@@ -9,14 +9,10 @@ from typing import Any, Literal
 
 import numpy as np
 
-from etude.design.candidates import Source
-from etude.design.chain import design_chain, linked
-from etude.design.latents import prior_latents
-from etude.design.objective import MOTIONS
-from etude.models.config import Rung
-from etude.models.model import LearnedModel
+from etude.design import MOTIONS, Source, design_chain, linked, prior_latents
+from etude.models import LearnedModel, Rung
 from etude.protocols import Controller, Trajectory
-from etude.trajectories.chain import segment_starts
+from etude.trajectories import segment_starts
 from etude.types import Array, Log, Samples
 from etude_studies.seven_joints import PANDA_LIKE, SevenJoints
 from etude_studies.world import World

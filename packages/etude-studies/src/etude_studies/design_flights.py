@@ -10,13 +10,11 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from etude.campaign.create import create_campaign
-from etude.campaign.record.folder import Campaign
-from etude.campaign.simulation import simulate
-from etude.logs.readers.log_file import read_log_file
+from etude.campaign import Campaign, create_campaign, simulate
+from etude.logs import read_log_file
 from etude.protocols import Controller
 from etude.types import Array, Log
-from etude_quadrotor.controller import leaning
+from etude_quadrotor import leaning
 from etude_studies.flight_world import Flights
 
 LENGTHS = (15.0, 30.0)

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from etude.design.solve import Design, design
+from etude.design import Design, design
 from etude.progress import counted
 from etude.storage import write_atomic
 from etude_studies.rows import Row, mean_rows, rows_json, table

@@ -9,7 +9,7 @@ import numpy as np
 
 from etude.errors import DataError
 from etude.protocols import Trajectory
-from etude.trajectories.moves import PointToPoint
+from etude.trajectories import PointToPoint
 from etude.types import Array, Log
 from etude_studies.design_arms import Arm, arm_of
 from etude_studies.design_flights import flights, room

@@ -10,9 +10,9 @@ from zipfile import BadZipFile
 import numpy as np
 
 from etude.errors import DataError
-from etude.logs.cleaning.read import clean_log
+from etude.logs import clean_log
 from etude.types import Array, Log, Samples
-from etude_arm.spec import ArmSpec, Axis
+from etude_arm import ArmSpec, Axis
 from etude_studies.world import World
 
 JOINTS = 7

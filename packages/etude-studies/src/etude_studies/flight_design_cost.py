@@ -8,12 +8,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from etude.design.aim import objective
-from etude.design.config import DesignConfig
-from etude.design.objective import Objective
-from etude.design.solve import design, refine
-from etude.limits.samplers import uniform
-from etude.models.model import LearnedModel
+from etude.design import DesignConfig, Objective, design, design_objective, refine
+from etude.limits import uniform
+from etude.models import LearnedModel
 from etude.protocols import Trajectory
 from etude.threads import threads_for
 from etude.types import Array
@@ -77,7 +74,9 @@ def _both_ways(
     points, options = uniform(rng, flights.feasible, starts), {"rate": flights.world.spec.rate}
     results = []
     with threads_for(0):
-        exact = objective(flights.family, model.inputs, model, config, tasks, tasks, **options).objective
+        exact = design_objective(
+            flights.family, model.inputs, model, config, tasks, tasks, **options
+        ).objective
         for way in (exact, Differenced(**vars(exact))):
             began = time.process_time()
             ends = [refine(way, flights.feasible, point, config.steps) for point in points]

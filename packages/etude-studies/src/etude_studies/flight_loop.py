@@ -19,10 +19,14 @@ from etude.errors import UsageError
 from etude.protocols import Controller
 from etude.storage import write_atomic
 from etude.types import Log
-from etude_quadrotor.controller import FlightFeedforward, GatedVoltages
-from etude_quadrotor.inputs import QuadrotorInputs
-from etude_quadrotor.physics.vehicle_inverse import nominal_inverse
-from etude_quadrotor.plant.simulated import Disturbance, Start
+from etude_quadrotor import (
+    Disturbance,
+    FlightFeedforward,
+    GatedVoltages,
+    QuadrotorInputs,
+    Start,
+    nominal_inverse,
+)
 from etude_studies.engines.each import each
 from etude_studies.flight_world import Flights
 from etude_studies.rows import Row, mean_rows, rows_json, table

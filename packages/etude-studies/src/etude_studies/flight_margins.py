@@ -23,14 +23,20 @@ from typing import Any
 import numpy as np
 
 import etude
-from etude.campaign.create import create_campaign
-from etude.campaign.record.controls import FEEDBACK, LEARNED
-from etude.campaign.record.folder import Campaign
-from etude.campaign.record.stored_models import newest_model
-from etude.campaign.simulation import CERTAIN, RUN_STREAM, TEST_STREAM, test_motions
-from etude.logs.readers.log_file import write_log
+from etude.campaign import (
+    CERTAIN,
+    FEEDBACK,
+    LEARNED,
+    RUN_STREAM,
+    TEST_STREAM,
+    Campaign,
+    create_campaign,
+    newest_model,
+    test_motions,
+)
+from etude.logs import write_log
 from etude.protocols import Controller, Robot, Trajectory
-from etude.trajectories.json_text import from_json
+from etude.trajectories import from_json
 from etude.types import Array, Log
 from etude_studies.paired import paired
 

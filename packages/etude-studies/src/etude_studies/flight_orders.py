@@ -17,12 +17,12 @@ from typing import Any
 
 import numpy as np
 
-from etude.campaign.record.config import preset_config
+from etude.campaign import preset_config
 from etude.errors import UsageError
 from etude.storage import write_atomic
 from etude.threads import threads_for
 from etude.types import Array
-from etude_quadrotor.kind import KIND
+from etude_quadrotor import KIND
 from etude_studies.engines.each import each
 from etude_studies.flight_orders_cell import EXTREME, Effort, cell_measures, first_round, rounds
 from etude_studies.flight_orders_rows import order_rows

@@ -13,12 +13,11 @@ from typing import Any
 
 import numpy as np
 
-from etude.campaign.record.config import preset_config
-from etude.design.config import DesignConfig
-from etude.design.solve import design
+from etude.campaign import preset_config
+from etude.design import DesignConfig, design
 from etude.protocols import Trajectory
 from etude.types import Array, Samples
-from etude_quadrotor.kind import KIND
+from etude_quadrotor import KIND
 from etude_studies.flight_orders_judge import Judge, Round
 from etude_studies.flight_orders_world import World
 from etude_studies.flight_world import SAMPLERS

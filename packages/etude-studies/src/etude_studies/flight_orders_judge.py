@@ -8,12 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from etude.campaign.record.stored_models import label
-from etude.design.objective import reference_states
-from etude.models.gp.exact import ExactGP, ExactPosterior
-from etude.models.model import LearnedModel
-from etude.models.score import score_trajectories
-from etude.models.selection.model_selection import Ladder
+from etude.campaign import label
+from etude.design import reference_states
+from etude.models import ExactGP, ExactPosterior, Ladder, LearnedModel, score_trajectories
 from etude.protocols import Trajectory
 from etude.types import Array, Log, Samples
 from etude_studies.flight_orders_world import World

@@ -5,10 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from functools import cached_property
 
-from etude.models.config import ModelConfig
+from etude.models import ModelConfig
 from etude.protocols import Inputs
-from etude_quadrotor.flatness import Drag
-from etude_quadrotor.inputs import QuadrotorInputs
+from etude_quadrotor import Drag, QuadrotorInputs
 from etude_studies.flight_world import THESIS_ROOM, Flights
 
 NO_DRAG = (0.0, 0.0, 0.0)

@@ -9,14 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from etude.limits.feasible import FeasibleSet
-from etude.limits.samplers import boundary, timid, uniform
-from etude.models.model import LearnedModel
-from etude.models.selection.model_selection import Ladder
-from etude.models.student_t import fit_student
+from etude.limits import FeasibleSet, boundary, timid, uniform
+from etude.models import Ladder, LearnedModel, fit_student
 from etude.protocols import Family, Limit, Trajectory
 from etude.types import Array, Log
-from etude_quadrotor.plant.robot import SimulatedFlights
+from etude_quadrotor import SimulatedFlights
 from etude_studies.world import World
 
 SAMPLERS = {"uniform": uniform, "scaled": timid, "boundary": boundary}

@@ -7,11 +7,9 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from etude.models.gp.exact import ExactGP
-from etude.models.gp.kernels import structured
-from etude.models.gp.single_point import PointMean
+from etude.models import ExactGP, PointMean, structured
 from etude.types import Column
-from etude_sparse.dictionary import DictionaryConfig, DictionaryGP
+from etude_sparse import DictionaryConfig, DictionaryGP
 from etude_studies.rows import Row
 from etude_studies.streams import INPUTS, LENGTH, NOISE, motions, outputs, process
 from etude_studies.world import World

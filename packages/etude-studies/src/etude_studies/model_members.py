@@ -14,18 +14,18 @@ from typing import Literal, Protocol
 
 import numpy as np
 
-from etude.models.gp.exact import ExactGP
-from etude.models.gp.inducing import Form
-from etude.models.gp.inducing_training import fit_inducing, initial_inducing
-from etude.models.gp.kernels import SquaredExponential
-from etude.models.gp.training import fit, initial_gp
+from etude.models import ExactGP, Form, SquaredExponential, fit, fit_inducing, initial_gp, initial_inducing
 from etude.types import Array
-from etude_sparse.dictionary import DictionaryConfig, DictionaryGP
-from etude_sparse.downsampling import DownsampledGP
-from etude_sparse.local import LocalGP
-from etude_sparse.lwpr.regression import LWPR
-from etude_sparse.sogp import SOGP
-from etude_sparse.sparse_spectrum_training import fit_sparse_spectrum, initial_sparse_spectrum
+from etude_sparse import (
+    LWPR,
+    SOGP,
+    DictionaryConfig,
+    DictionaryGP,
+    DownsampledGP,
+    LocalGP,
+    fit_sparse_spectrum,
+    initial_sparse_spectrum,
+)
 
 STEPS = 25
 KEPT = 300

@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from etude.design.solve import Design, design
-from etude.models.selection.model_selection import Ladder
+from etude.design import Design, design
+from etude.models import Ladder
 from etude.progress import counted
 from etude.storage import write_atomic
 from etude_studies.rows import Row, mean_rows, rows_json, table

@@ -17,14 +17,12 @@ import msgspec
 import numpy as np
 
 from etude.errors import UsageError
-from etude.models.model import LearnedModel
+from etude.models import LearnedModel
 from etude.protocols import Robot, Trajectory
 from etude.storage import write_atomic
 from etude.threads import threads_for
 from etude.types import Array, Log
-from etude_online.guard_effort import Feedback, feedback_of
-from etude_online.learner import OnlineConfig
-from etude_online.model import OnlineModel
+from etude_online import Feedback, OnlineConfig, OnlineModel, feedback_of
 from etude_studies.engines.each import each
 from etude_studies.online_run import OnlineRun, Repeated, Watched
 from etude_studies.rows import Row, mean_rows, rows_json, table

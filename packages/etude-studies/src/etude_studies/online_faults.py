@@ -21,8 +21,7 @@ from etude.protocols import Controller, Trajectory
 from etude.storage import write_atomic
 from etude.threads import threads_for
 from etude.types import Array, Log
-from etude_online.learner import OnlineConfig
-from etude_online.model import OnlineModel
+from etude_online import OnlineConfig, OnlineModel
 from etude_studies.faults import KINDS, LENGTH_S, NEVER, Fault, FaultyWire, change, drawn
 from etude_studies.online import TRAINING, feedback
 from etude_studies.rows import Row, rows_json, table

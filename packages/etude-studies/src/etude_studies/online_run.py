@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from etude.errors import UsageError
 from etude.protocols import Trajectory
 from etude.types import Array, Log, Motion, Row
-from etude_online.model import OnlineModel
+from etude_online import OnlineModel
 
 
 @dataclass(frozen=True, eq=False)

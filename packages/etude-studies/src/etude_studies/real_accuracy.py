@@ -13,10 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from etude.errors import UsageError
-from etude.models.config import ModelConfig
-from etude.models.model import LearnedModel
-from etude.models.score import figures, while_any_moves
-from etude.models.selection.linear import LinearPhysics
+from etude.models import LearnedModel, LinearPhysics, ModelConfig, figures, while_any_moves
 from etude.types import Array, joined_samples
 from etude_studies.real_logs import REAL_LOGS, Recording
 from etude_studies.rows import Row

@@ -15,15 +15,18 @@ from pathlib import Path
 
 import numpy as np
 
-from etude.models.data.cross_validation import block_masks
-from etude.models.gp.exact import ExactGP, ExactPosterior
-from etude.models.gp.fixed_inducing import FixedInducing
-from etude.models.model import LearnedModel
-from etude.models.process import Posteriors
-from etude.models.score import figures
+from etude.models import (
+    ExactGP,
+    ExactPosterior,
+    FixedInducing,
+    LearnedModel,
+    Posteriors,
+    block_masks,
+    figures,
+)
 from etude.protocols import Candidate
 from etude.types import Array, Log, Samples, joined_samples
-from etude_arm.preprocessing import filter_cutoff
+from etude_arm import filter_cutoff
 from etude_studies.real_draws import DRAWS, drawn
 from etude_studies.real_logs import REAL_LOGS, arm_log
 from etude_studies.rows import Row, table

@@ -17,12 +17,19 @@ from typing import Any
 
 import numpy as np
 
-from etude.models.data.cross_validation import COUNT, EVERY, FIRST, near
-from etude.models.gp.kernel_algebra import Kernel
-from etude.models.gp.kernels import Linear, SquaredExponential, structured
-from etude.models.selection.linear import LinearPhysics
+from etude.models import (
+    COUNT,
+    EVERY,
+    FIRST,
+    Kernel,
+    Linear,
+    LinearPhysics,
+    SquaredExponential,
+    near,
+    structured,
+)
 from etude.types import Array, Column, Log, Samples
-from etude_arm.preprocessing import filter_cutoff
+from etude_arm import filter_cutoff
 from etude_studies.real_logs import REAL_LOGS, arm_log
 from etude_studies.rows import Row
 from etude_studies.world import World

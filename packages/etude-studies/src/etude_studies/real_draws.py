@@ -17,11 +17,9 @@ from typing import Any
 
 import numpy as np
 
-from etude.models.data.cross_validation import block_masks
-from etude.models.score import figures
-from etude.models.selection.linear import LinearPhysics
+from etude.models import LinearPhysics, block_masks, figures
 from etude.types import Array, Log, Samples, joined_samples
-from etude_arm.preprocessing import filter_cutoff
+from etude_arm import filter_cutoff
 from etude_studies.real_logs import REAL_LOGS, arm_log
 from etude_studies.rows import Row, table
 from etude_studies.world import World

@@ -17,8 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from etude.errors import UsageError
-from etude.models.config import USUAL_COMMANDS
-from etude.models.score import figures
+from etude.models import USUAL_COMMANDS, figures
 from etude.types import Samples
 from etude_studies.real_logs import REAL_LOGS, Recording
 from etude_studies.rows import Row, table

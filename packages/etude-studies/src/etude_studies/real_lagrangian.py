@@ -17,11 +17,10 @@ from pathlib import Path
 
 import numpy as np
 
-from etude.models.data.cross_validation import fold_numbers, near, split_blocks
-from etude.models.data.fit import Folds
+from etude.models import Folds, fold_numbers, near, split_blocks
 from etude.types import Array, Log, Samples
-from etude_arm.preprocessing import filter_cutoff
-from etude_lagrangian.member import all_lin, data_together
+from etude_arm import filter_cutoff
+from etude_lagrangian import all_lin, data_together
 from etude_studies.real_logs import REAL_LOGS, arm_log
 from etude_studies.rows import Row, table
 from etude_studies.world import World

@@ -13,9 +13,9 @@ from pathlib import Path
 import numpy as np
 
 import etude
-from etude.models.data.cross_validation import near, split_blocks
+from etude.models import near, split_blocks
 from etude.types import Array, Log, Mask, Samples
-from etude_arm.preprocessing import filter_cutoff
+from etude_arm import filter_cutoff
 from etude_studies.world import World
 
 PLACES = (Path(etude.__file__).parent / "examples", Path(__file__).parents[4] / "examples")

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from etude.errors import DataError
-from etude.logs.readers.frames import parquet_frame, parquet_metadata
+from etude.logs import parquet_frame, parquet_metadata
 from etude.storage import write_atomic
 from etude_studies.made import Made
 

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from etude.models.gp.exact import ExactGP
-from etude.models.gp.kernels import SquaredExponential
+from etude.models import ExactGP, SquaredExponential
 from etude.types import Array
 
 INPUTS = 12

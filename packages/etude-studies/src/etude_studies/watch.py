@@ -17,8 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from etude.models.change.evidence import Judged, judged, manner
-from etude.models.model import LearnedModel
+from etude.models import Judged, LearnedModel, judged, manner
 from etude.storage import write_atomic
 from etude.types import Log, Samples
 from etude_studies.broken_sensors import FAULTS, broken

@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 
 from etude.types import Array, Log
-from etude_online.learner import OnlineConfig
+from etude_online import OnlineConfig
 from etude_studies.changed_robot import FRICTION, LOAD, Plant
 from etude_studies.online import CHANGE_S, HALF_LIFE_S, PASS_S, PASSES, TRAINING, feedback, run_rule
 from etude_studies.world import World, one_period

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from etude.models.change.diagnosis import SENSOR
+from etude.models import SENSOR
 from etude_studies.broken_sensors import FAULTS
 from etude_studies.changed_rows import SOON
 from etude_studies.rows import Row

@@ -10,15 +10,11 @@ from typing import Any
 import numpy as np
 
 from etude import plugins
-from etude.campaign.create import find_robot
-from etude.campaign.record.config import CampaignConfig, preset_config
+from etude.campaign import CampaignConfig, find_robot, preset_config
 from etude.errors import UsageError
-from etude.limits.feasible import FeasibleSet
-from etude.limits.samplers import scaled
-from etude.logs.cleaning.read import read_log
-from etude.models.config import ModelConfig
-from etude.models.model import LearnedModel
-from etude.models.selection.model_selection import Ladder, train_ladder
+from etude.limits import FeasibleSet, scaled
+from etude.logs import read_log
+from etude.models import Ladder, LearnedModel, ModelConfig, train_ladder
 from etude.protocols import Inputs, Kind, Robot, Trajectory
 from etude.types import Array, Log, Samples
 

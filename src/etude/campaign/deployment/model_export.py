@@ -11,6 +11,7 @@ from typing import Any
 
 from etude import __version__, plugins
 from etude._runtime.options import MODEL_HASH
+from etude.abilities import SupportsNeeds
 from etude.campaign.propose.constraints import kept_now, kept_under
 from etude.campaign.record.controls import LEARNED
 from etude.campaign.record.deployed_model import model_in_use
@@ -150,7 +151,7 @@ def export(
     target: Target = plugins.load(GROUP, to)
     used = model_in_use(campaign)
     with part(GATHERING):
-        needed = supplied(campaign, getattr(target, "needs", ()), options)
+        needed = supplied(campaign, target.needs if isinstance(target, SupportsNeeds) else (), options)
     options |= {**needed, MODEL_HASH: used.sha256}
     with part(1.0 - GATHERING):
         delivered = target(used.model, campaign.kind, campaign.spec, options)

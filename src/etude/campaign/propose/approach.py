@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
+from etude.abilities import SupportsOrder, SupportsPoses
 from etude.campaign.propose.constraints import Constraints
 from etude.campaign.propose.motions import ways_of
 from etude.campaign.record.events import Exported
@@ -214,7 +215,7 @@ def require_pose(
     still[0] = pose
     hold = Splined(np.array([0.0, 1.0]), still)
     for limit in kept.limits(campaign):
-        rows = limit.prove(hold) if getattr(limit, "order", None) == 0 else ()
+        rows = limit.prove(hold) if isinstance(limit, SupportsOrder) and limit.order == 0 else ()
         for row in rows:
             low, high = row.lower - row.tracking_margin, row.upper + row.tracking_margin
             if row.upper >= row.proved_upper and row.proved_lower >= row.lower:
@@ -254,9 +255,9 @@ def prepared(
 
 def poses_of(campaign: Campaign) -> dict[str, Array]:
     """Poses (k,) by name: home, and what the kind knows beside it."""
-    more = getattr(campaign.kind, "poses", None)
-    found = {} if more is None else more(campaign.spec)
-    return {HOME: np.asarray(campaign.kind.home(campaign.spec), dtype=float), **found}
+    kind = campaign.kind
+    more = kind.poses(campaign.spec) if isinstance(kind, SupportsPoses) else {}
+    return {HOME: np.asarray(kind.home(campaign.spec), dtype=float), **more}
 
 
 def pose_of(campaign: Campaign, start: str) -> Array:

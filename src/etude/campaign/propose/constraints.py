@@ -11,6 +11,7 @@ from typing import TypeVar
 
 import numpy as np
 
+from etude.abilities import SupportsLargestError
 from etude.campaign.record.controls import FEEDBACK, LEARNED, asked_under, in_words, run_under, speaks_of
 from etude.campaign.record.events import Constrained, Exported, Ingested, Table
 from etude.campaign.record.folder import Campaign
@@ -273,8 +274,8 @@ def _meeting(margins: Margins, errors: Mapping[str, Sequence[Array]]) -> Margins
 
 def _known(campaign: Campaign) -> Array | None:
     """(k,) largest position errors that the gains allow; None of kinds that know no gains."""
-    largest = getattr(campaign.kind, "largest_error", None)
-    return None if largest is None else np.asarray(largest(campaign.spec))
+    kind = campaign.kind
+    return np.asarray(kind.largest_error(campaign.spec)) if isinstance(kind, SupportsLargestError) else None
 
 
 def _short(campaign: Campaign, wanted: Array, kept: Array) -> list[str]:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from etude import plugins
+from etude.abilities import SupportsCollecting
 from etude.campaign.propose.constraints import kept_under
 from etude.campaign.record.controls import FEEDBACK, LEARNED, asked_under
 from etude.campaign.record.deployed_model import model_in_use
@@ -16,6 +17,7 @@ from etude.campaign.record.folder import Campaign
 from etude.campaign.record.stored_files import settle
 from etude.deploy.feedforward import Commanded, accelerated, commanded, require_forces
 from etude.deploy.playback_certificate import played
+from etude.deploy.trajectory_files import command_unit
 from etude.limits.certificate import Certificate
 from etude.protocols import Trajectory
 from etude.storage import GENERATION
@@ -97,16 +99,16 @@ def _proof(certificate: Certificate) -> bytes:
 
 
 def _with_effort(campaign: Campaign, trajectory: Trajectory) -> Commanded:
-    unit = getattr(campaign.spec, "command_unit", "")
+    unit = command_unit(campaign.spec)
     require_forces(unit, campaign.spec.name, "Export without --effort.")
     return commanded(trajectory, model_in_use(campaign).model)
 
 
 def _accelerated(campaign: Campaign, what: Trajectory | Commanded) -> Trajectory | Commanded:
     """With what flights that collect are flown with, once something was learned."""
-    made = getattr(campaign.kind, "collecting", None)  # a kind that lacks it collects under feedback alone
-    if made is None or not campaign.state().trained:
-        return what
+    kind = campaign.kind
+    if not isinstance(kind, SupportsCollecting) or not campaign.state().trained:
+        return what  # a kind that lacks it collects under feedback alone
     model = model_in_use(campaign).model
-    controller = made(campaign.spec, campaign.config, model)
+    controller = kind.collecting(campaign.spec, campaign.config, model)
     return accelerated(what, controller, model.inputs.orders)

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from etude.abilities import SupportsLeadIn
 from etude.campaign.record.folder import Campaign
 from etude.deploy.trajectory_files import column_names
 from etude.errors import UsageError
@@ -84,8 +85,9 @@ def from_rest(campaign: Campaign, motion: Trajectory, limits: Sequence[Limit]) -
     """
     from etude.limits.lead_ins import at_rest
 
-    wanted = getattr(campaign.kind, "from_rest", None)  # protocols.SupportsLeadIn
-    return at_rest(motion, limits) if wanted is not None and wanted(campaign.spec) else motion
+    kind = campaign.kind
+    wanted = isinstance(kind, SupportsLeadIn) and kind.from_rest(campaign.spec)
+    return at_rest(motion, limits) if wanted else motion
 
 
 def ways_of(campaign: Campaign) -> Ways:

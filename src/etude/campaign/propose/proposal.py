@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from etude.abilities import SupportsBlocking, SupportsReachable
 from etude.campaign.propose.motions import from_rest, reference_motions, segments_of, typical_motions, ways_of
 from etude.campaign.record.events import Asked
 from etude.campaign.record.folder import Campaign, Say
@@ -151,9 +152,8 @@ def _held(reach: Reachable, way: Array, j: int, limits: Sequence[Limit], form: s
         pose = way[at].copy()
         pose[j] += part * (end - pose[j])
         for limit in limits:
-            asked = getattr(limit, "blocked", None)
-            if asked is not None and (found := asked(form, pose)):
-                return str(found)
+            if isinstance(limit, SupportsBlocking) and (found := limit.blocked(form, pose)):
+                return found
     return NO_TIME
 
 
@@ -175,9 +175,8 @@ def teaches_little(rows: Sequence[Swept]) -> tuple[Notice, ...]:
 
 def reachable(campaign: Campaign) -> Reachable | None:
     """Where the robot can be; None of kinds that do not know."""
-    asked = getattr(campaign.kind, "reachable", None)
-    found: Reachable | None = None if asked is None else asked(campaign.spec)
-    return found
+    kind = campaign.kind
+    return kind.reachable(campaign.spec) if isinstance(kind, SupportsReachable) else None
 
 
 def roam_of(campaign: Campaign, family: Family, open_ones: Sequence[Trajectory]) -> Roam | None:

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from etude._runtime.pictures import Picture, picture_of
 from etude._runtime.trust import folder_id
+from etude.abilities import SupportsStatedLimits
 from etude.campaign.record.config import CampaignConfig
 from etude.campaign.record.config_file import CONFIG, load_config, trusting
 from etude.campaign.record.events import Created, Event, Fact
@@ -98,7 +99,9 @@ class Campaign:
 
     def described_limits(self, margins: Margins | None = None, model: Model | None = None) -> Sequence[Limit]:
         """What the robot's description allows: what a proposal that is open already is held against."""
-        trajectory = getattr(self.config.trajectory, "described", self.config.trajectory)
+        trajectory = self.config.trajectory
+        if isinstance(trajectory, SupportsStatedLimits):
+            trajectory = trajectory.described
         return self.kind.limits(self.spec, replace(self.config, trajectory=trajectory), model, margins or {})
 
     def proposal(self, number: int) -> Path:

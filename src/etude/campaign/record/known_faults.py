@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from etude.abilities import SupportsKnownFaults
 from etude.campaign.record.events import Asked, Event, Exported, Promoted, Trained
 from etude.campaign.record.folder import Campaign
 from etude.campaign.record.state import State
@@ -76,7 +77,8 @@ class Affected:
 
 def affected(campaign: Campaign, state: State) -> list[Affected]:
     """Everything of this campaign that is known to have a fault, motions first."""
-    of_robot = tuple(getattr(campaign.kind, "mended", lambda _: ())(campaign.spec))
+    kind = campaign.kind
+    of_robot = tuple(kind.mended(campaign.spec)) if isinstance(kind, SupportsKnownFaults) else ()
     return [
         *_motions(campaign, state, of_robot),
         *_models(campaign, state, of_robot),

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from etude._runtime.trust import folder_id
+from etude.abilities import SupportsPlant
 from etude.campaign.record.config_file import trusting
 from etude.campaign.record.events import Trained
 from etude.campaign.record.folder import Campaign, open_campaign
@@ -187,7 +188,8 @@ def mixed(campaign: Campaign, state: State) -> tuple[Notice, ...]:
     A built-in robot has a plant of its own: nothing else is real of it.
     """
     simulated, real = simulated_logs(campaign, state), real_logs(campaign, state)
-    if not simulated or not real or getattr(campaign.spec, "plant", None) is not None:
+    built_in = isinstance(campaign.spec, SupportsPlant) and campaign.spec.plant is not None
+    if not simulated or not real or built_in:
         return ()
     numbers = tuple(r.number for r in simulated)
     fields = {

@@ -1,4 +1,1 @@
 """A model as C99: one header and one source file, its tests, and a CMake file."""
-
-PUBLIC = ("header", "target")
-"""Modules that may be used from outside."""

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from etude.abilities import SupportsStateText
 from etude.deploy.model_states import labels, trained
 from etude.errors import UsageError
 from etude.models.gp.c99 import UnwritableError
@@ -173,7 +174,7 @@ def planned(model: LearnedModel, kind: Kind, spec: Any, name: str) -> Plan:
         most,
         still,
         command.units,
-        getattr(kind, "states_in_words", ""),
+        kind.states_in_words if isinstance(kind, SupportsStateText) else "",
     )
 
 

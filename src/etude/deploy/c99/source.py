@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from etude.abilities import SupportsDrag
 from etude.deploy.c99.header import CForm
 from etude.deploy.c99.plan import WIDENED, Plan
 from etude.errors import NumericalError
@@ -353,12 +354,12 @@ def lean_files(inputs: Any, name: str, form: CForm) -> tuple[dict[str, bytes], C
     """Both files of a vehicle's inputs, and the code of its drag; without the capability a drag of 0.
 
     Args:
-        inputs: of the model; see `protocols.SupportsDrag`.
+        inputs: of the model; see `abilities.SupportsDrag`.
         name: prefix in C. form: numbers are float, or double.
     """
-    told = getattr(inputs, "drag_c", None)
-    code: Code | None = None if told is None else told(f"{name}_force")
-    dx, dy = (0.0, 0.0) if code is None else inputs.drag[:2]
+    code, (dx, dy) = None, (0.0, 0.0)
+    if isinstance(inputs, SupportsDrag) and (code := inputs.drag_c(f"{name}_force")) is not None:
+        dx, dy = inputs.drag[:2]
     body = _STILL.replace("@NAME@", name) if code is None else code.body
     text, _ = tables(code.data if code is not None else {}, form.single)
     words = {"VARIANCE": False, "SINGLE": form.single}

@@ -21,6 +21,7 @@ from etude.deploy.c99.source import lean_files, source
 from etude.deploy.model_states import fading
 from etude.errors import EtudeError, UsageError
 from etude.models.model import LearnedModel
+from etude.models.protocols import EnsembleMember
 from etude.protocols import Kind
 from etude.types import Array, Delivered
 
@@ -58,7 +59,7 @@ def errors(model: LearnedModel) -> str:
     """Held-out errors of the candidates in use, in words."""
     found: dict[str, Array] = {}
     for candidate in model.candidates:
-        told = getattr(candidate, "error", None)
+        told = candidate.error if isinstance(candidate, EnsembleMember) else None
         for i, j in enumerate(candidate.commands):
             if candidate.weights[i] and told is not None:
                 found[model.commands[j]] = told[i]

@@ -13,12 +13,14 @@ from typing import Any, cast
 import numpy as np
 
 from etude._runtime.operators import Piece, Value, joined
+from etude.abilities import SupportsOnnx
 from etude.errors import UsageError
 from etude.logs.readers.extras import needed
 from etude.models.gp.basis_posterior import BasisPosterior
 from etude.models.gp.exact import ExactPosterior
 from etude.models.gp.kernel_algebra import Kernel, Product, Sum
 from etude.models.gp.kernels import Linear, RestNoise, SquaredExponential
+from etude.models.gp.plugin_kernel import PluginKernel
 from etude.models.model import LearnedModel
 from etude.models.process import Posteriors, Silent
 from etude.models.protocols import SupportsOnnxMoments
@@ -180,7 +182,8 @@ def reads(kernel: Kernel) -> set[int]:
         return set(kernel.dims)
     if isinstance(kernel, RestNoise):
         return {kernel.column}
-    raise unwritable(f"the kernel {getattr(kernel, 'plugin', '') or type(kernel).__name__!r}")
+    name = kernel.plugin if isinstance(kernel, PluginKernel) else type(kernel).__name__
+    raise unwritable(f"the kernel {name!r}")
 
 
 def covariance(graph: Graph, x: str, kernel: Kernel, theta: Array, Z: Array) -> str:
@@ -338,10 +341,9 @@ def parts_of(model: LearnedModel) -> Parts:
         for mean in (candidate.mean, model.behind(candidate)):
             if mean is None or id(mean) in means:
                 continue
-            draw = getattr(mean, "onnx", None)
-            if draw is None:
+            if not isinstance(mean, SupportsOnnx):
                 raise unwritable(f"the physics {type(mean).__name__}")
-            means[id(mean)] = draw()
+            means[id(mean)] = mean.onnx()
     held = {i for i, column in enumerate(model.inputs.columns) if column[3] == REMEMBERED}
     inputs = _inputs(model.inputs)
     return Parts(model, used, inputs if held & looked else replace(inputs, memory=0, rate=0.0), means)
@@ -349,10 +351,8 @@ def parts_of(model: LearnedModel) -> Parts:
 
 def _inputs(inputs: Inputs) -> Piece:
     """By themselves, or channel by channel where all columns are such."""
-    draw = getattr(inputs, "onnx", None)
-    if draw is not None:
-        own: Piece = draw()
-        return own
+    if isinstance(inputs, SupportsOnnx):
+        return inputs.onnx()
     other = [column for column in inputs.columns if column[3]]
     if other:
         raise unwritable(f"the input {other[0][3]!r} of {other[0][0]} {other[0][1]}")

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
+from etude.abilities import SupportsMemory
 from etude.errors import UsageError
 from etude.protocols import Inputs
 from etude.types import Array, Channel, Column, Log
@@ -33,8 +34,17 @@ class Run:
     said: tuple[str, ...] = ()
 
 
+@runtime_checkable
+class Frame(Protocol):
+    """A data frame of polars, pandas, ...: names of its columns, and one by name."""
+
+    @property
+    def columns(self) -> Any: ...
+    def __getitem__(self, name: str) -> Any: ...
+
+
 def as_run(states: Any, columns: Sequence[Column], inputs: Inputs) -> Run:
-    """States as for `as_log`, each row with what friction remembers of those before (`SupportsFollowing`).
+    """States as for `as_log`, each row with what friction remembers of those before (`SupportsMemory`).
 
     Rows that carry times are a run from rest, in order; without times each counts by itself, which is said
     where friction remembers. A single row of a Log is as it is: a controller carries what it remembers.
@@ -42,8 +52,7 @@ def as_run(states: Any, columns: Sequence[Column], inputs: Inputs) -> Run:
     log = as_log(states, columns)
     if isinstance(states, Log) or _times(states) is not None:
         return Run(followed(inputs, log) if len(log) > 1 else log)
-    apart = getattr(inputs, "apart", None)
-    alone = log if apart is None else apart(log)
+    alone = inputs.apart(log) if isinstance(inputs, SupportsMemory) else log
     return Run(alone, () if alone is log else (BY_THEMSELVES,))
 
 
@@ -64,7 +73,7 @@ def as_log(states: Any, columns: Sequence[Column]) -> Log:
     wanted = _channels(columns)
     if isinstance(states, Mapping):
         values = {name: _array(states, channel) for name, channel in wanted.items()}
-    elif hasattr(states, "columns"):
+    elif isinstance(states, Frame):
         values = {name: _from_frame(states, channel) for name, channel in wanted.items()}
     else:
         raise UsageError(
@@ -87,7 +96,7 @@ def as_log(states: Any, columns: Sequence[Column]) -> Log:
 
 def _times(states: Any) -> Array | None:
     """Instants that mappings and data frames carry."""
-    names = states if isinstance(states, Mapping) else getattr(states, "columns", ())
+    names = states if isinstance(states, Mapping) else states.columns if isinstance(states, Frame) else ()
     name = next((name for name in TIMES if name in names), None)
     if name is None:
         return None
@@ -98,15 +107,13 @@ def _times(states: Any) -> Array | None:
 
 
 def followed(inputs: Inputs, log: Log) -> Log:
-    """The log with what physics remembers of the rows before (`SupportsFollowing`), where it remembers."""
-    along = getattr(inputs, "followed", None)
-    return log if along is None else along(log)
+    """The log with what physics remembers of the rows before (`SupportsMemory`), where it remembers."""
+    return inputs.followed(log) if isinstance(inputs, SupportsMemory) else log
 
 
 def carried(inputs: Inputs, row: Log, before: Array | None) -> tuple[Log, Array | None]:
     """The same of one row, with what the row before left; and what this one leaves."""
-    along = getattr(inputs, "carried", None)
-    return (row, None) if along is None else along(row, before)
+    return inputs.carried(row, before) if isinstance(inputs, SupportsMemory) else (row, None)
 
 
 def _channels(columns: Sequence[Column]) -> dict[str, Channel]:

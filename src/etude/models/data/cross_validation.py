@@ -8,6 +8,7 @@ from functools import partial
 
 import numpy as np
 
+from etude.abilities import SupportsWithout
 from etude.errors import DataError, UsageError
 from etude.models.data.fit import Folds, Rows
 from etude.models.score import inflation
@@ -116,13 +117,14 @@ def fitted_base(folds: Folds, rung: str, physics: Physics) -> Base:
     whole = _checked(rung, mean, samples)
     if len(folds.numbers) == 1:
         return Base(mean, whole, {folds.numbers[0]: whole})
-    found = getattr(physics, "without", partial(_without, physics))(samples, folds.fold)
+    without_each = physics.without if isinstance(physics, SupportsWithout) else partial(_without, physics)
+    found = without_each(samples, folds.fold)
     without = {number: _numbers(rung, predicted, samples) for number, predicted in found.items()}
     return Base(mean, whole, {number: without.get(number, whole) for number in folds.numbers})
 
 
 def _without(physics: Physics, samples: Samples, fold: Index) -> dict[int, Array]:
-    """As `protocols.SupportsWithout`, of physics without that capability."""
+    """As `abilities.SupportsWithout`, of physics without that capability."""
     found = {}
     for number in np.unique(fold).tolist():
         with contextlib.suppress(DataError):

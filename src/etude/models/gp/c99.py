@@ -168,8 +168,8 @@ def _call(out: Written, kernel: BlockKernel, theta: Array) -> str:
 
 
 def _title(kernel: Kernel) -> str:
-    name = getattr(kernel, "plugin", "")
-    return f"the kernel {name!r}" if name else f"the kernel {type(kernel).__name__}"
+    name = repr(kernel.plugin) if isinstance(kernel, PluginKernel) else type(kernel).__name__
+    return f"the kernel {name}"
 
 
 def _block_function(out: Written, value: str) -> str:

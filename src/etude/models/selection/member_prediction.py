@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import cast
 
 import numpy as np
 
 from etude.models.gp.kernels import resting
+from etude.models.protocols import SupportsMeans, SupportsRestNoise
 from etude.protocols import Candidate, Mean
 from etude.types import Array, Log
 
@@ -79,7 +79,10 @@ def level_of(candidate: Candidate) -> Array:
 
 def rests_of(candidate: Candidate) -> Sequence[Sequence[tuple[int, float]]]:
     """Of each command the noise at rest that its variance holds, as `gp.rest.rests`; few members know any."""
-    return getattr(candidate.process, "rests", ()) or [()] * len(candidate.commands)
+    process = candidate.process
+    assert process is not None
+    own = process.rests if isinstance(process, SupportsRestNoise) else ()
+    return own or [()] * len(candidate.commands)
 
 
 def noise_of(candidate: Candidate, X: Array) -> Array:
@@ -93,7 +96,7 @@ def noise_of(candidate: Candidate, X: Array) -> Array:
 
 def outputs(candidate: Candidate, X: Array) -> Array:
     """(n, m) of a process in command units."""
-    cheap = getattr(candidate.process, "mean", None)
-    assert candidate.process is not None
-    found = candidate.process.predict(X)[0] if cheap is None else cheap(X)
-    return cast("Array", candidate.units[1] * found)
+    process = candidate.process
+    assert process is not None
+    found = process.mean(X) if isinstance(process, SupportsMeans) else process.predict(X)[0]
+    return np.asarray(candidate.units[1] * found)

@@ -25,7 +25,7 @@ from etude.models.data.cross_validation import Base, HeldOut, fitted_base, fold_
 from etude.models.data.fit import Folds, Rows, in_order, rows_of
 from etude.models.model import LearnedModel
 from etude.models.protocols import EnsembleMember
-from etude.models.score import PredictionScore, figures, score, trivial_prediction
+from etude.models.score import PredictionScore, figures, prediction_score, trivial_prediction
 from etude.models.selection.ensemble import Average, averages, beside_default
 from etude.models.selection.linear import LinearPhysics
 from etude.models.selection.selection_rule import TRAJECTORIES, choices, least_variance, notes, warnings_of
@@ -127,7 +127,9 @@ def prequential(
         trained: what it had seen, for the log loss.
     """
     complete = [rung for rung in model.rungs if _covers(model, rung)]
-    return {rung: score(new, *model.of_rung(rung).posterior(new.log), trained) for rung in complete}
+    return {
+        rung: prediction_score(new, *model.of_rung(rung).posterior(new.log), trained) for rung in complete
+    }
 
 
 def _covers(model: LearnedModel, rung: str) -> bool:

@@ -11,7 +11,7 @@ from etude.models.data.fit import Folds, Rows, fit_data, floor_of, is_held, on_s
 from etude.models.members import member_named
 from etude.models.model import LearnedModel
 from etude.models.process import Silent
-from etude.models.protocols import EnsembleMember
+from etude.models.protocols import EnsembleMember, name_of
 from etude.protocols import Candidate
 
 
@@ -49,7 +49,7 @@ def earlier_of(
     if folds.trajectories < folds.config.warm_from:
         return None
     own = [c for c in previous.candidates if c.rung == rung and c.commands == group]
-    return next((c for c in own if getattr(c, "name", "default") == name), None)
+    return next((c for c in own if name_of(c) == name), None)
 
 
 def with_process(

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from etude.abilities import SupportsFigure
 from etude.errors import EtudeError
 from etude.protocols import Trajectory
 from etude.report.markup import Html, element, missing, paragraph, section, text
@@ -50,15 +51,15 @@ def motion(record: Record) -> Html:
     """One drawing; nothing for robots that cannot be drawn."""
     numbers = [n for n, r in sorted(record.state.rounds.items()) if r.asked is not None]
     trajectory = record.trajectory(numbers[-1]) if numbers else None
-    draw = getattr(record.campaign.kind, "figure", None) if record.campaign else None
-    if trajectory is None or draw is None or record.campaign is None:
+    campaign = record.campaign
+    if trajectory is None or campaign is None or not isinstance(campaign.kind, SupportsFigure):
         return Html("")
     t = frames(trajectory)
     path = trajectory.motion(t, 1).orders[0]
     if path.shape[1] != len(record.names):
         return Html("")
     try:
-        found: Figure | None = draw(record.campaign.spec, path)
+        found = campaign.kind.figure(campaign.spec, path)
     except EtudeError as error:
         return section("motion", TITLE, missing(f"The robot cannot be drawn: {error}"))
     if found is None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from etude.errors import EtudeError
+from etude.limits.library import AxisLimit
 from etude.protocols import Model
 from etude.report.markup import Html, grid, join, missing, paragraph, section
 from etude.report.png import colour_bar, colours, png_address
@@ -77,10 +78,11 @@ def _ranges(record: Record, data: tuple[Array, Array]) -> tuple[Array, Array]:
     """(2, k) ends of positions and of velocities: of the limits, or of the data where there are none."""
     found = [np.stack([part.min(axis=0), part.max(axis=0)]) for part in data]
     for limit in record.limits:
-        order = getattr(limit, "order", None)
-        low, high = np.asarray(getattr(limit, "lower", None)), np.asarray(getattr(limit, "upper", None))
-        if order in (0, 1) and low.shape == high.shape == (len(record.names),):
-            found[order] = np.stack([low, high]).astype(float)
+        if not isinstance(limit, AxisLimit) or limit.order > 1:
+            continue
+        low, high = np.asarray(limit.lower), np.asarray(limit.upper)
+        if low.shape == high.shape == (len(record.names),):
+            found[limit.order] = np.stack([low, high]).astype(float)
     return found[0], found[1]
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from etude.report.markup import Html, element, join, paragraph, table
+from etude.report import Html, element, join, paragraph, table
 from etude_studies.site.context import Study
 from etude_studies.site.page import ABOUT, file_of, link, page, word_chip
 from etude_studies.site.words import WORDS, plural

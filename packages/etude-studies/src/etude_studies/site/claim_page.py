@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from etude.report.markup import Html, element, join, number, paragraph, table
+from etude.report import Html, element, join, number, paragraph, table
 from etude_studies.site.claim_words import (
     Names,
     claimed,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 
-from etude.report.markup import number
+from etude.report import number
 from etude_studies.site.words import listed, measure_name, plural, test_name
 from etude_studies.thesis.ledger import Part
 from etude_studies.thesis.part_verdicts import NOT_RUN, UNDECIDED, UNTESTED, PartVerdict

@@ -8,9 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from etude.report.markup import Html, text
-from etude.report.scales import Axis, Scale
-from etude.report.svg import Mark, panel, polyline
+from etude.report import Axis, Html, Mark, Scale, panel, polyline, text
 from etude.types import Array
 from etude_studies.site.dot_plot import FAR, WIDE, interval_text
 from etude_studies.site.marks import Style, label, printed_sign, sign

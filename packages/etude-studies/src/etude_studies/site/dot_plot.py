@@ -8,8 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from etude.report.markup import Html, number
-from etude.report.scales import Axis, Scale, fitted_scale, tick_text
+from etude.report import Axis, Html, Scale, fitted_scale, number, tick_text
 from etude_studies.site.marks import WIDTH, Style, drawing, label, printed_sign, sign, whisker
 from etude_studies.site.numbers import Summary
 

@@ -11,7 +11,7 @@ from typing import Any
 
 import msgspec
 
-from etude.report.markup import Html, element
+from etude.report import Html, element
 from etude_studies.site.context import Study
 from etude_studies.site.numbers import counts, figure_of, printed, summary
 from etude_studies.site.words import once

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 
-from etude.report.markup import Html, element, join, number, paragraph, table
+from etude.report import Html, element, join, number, paragraph, table
 from etude_studies.site.context import Reading, Study
 from etude_studies.site.dot_plot import interval_text
 from etude_studies.site.marks import figure, style_of

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from etude.report.markup import Html, element, join, missing, paragraph
+from etude.report import Html, element, join, missing, paragraph
 from etude_studies.site.claim_words import deciding, evidence
 from etude_studies.site.context import Study
 from etude_studies.site.downloads import data_links

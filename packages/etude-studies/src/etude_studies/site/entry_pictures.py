@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
-from etude.report.markup import Html, element, grid, join, missing
+from etude.report import Html, element, grid, join, missing
 from etude_studies.site.claim_words import COUNTED
 from etude_studies.site.context import Study
 from etude_studies.site.curve_plot import Curve, curve_plot, letter

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from etude.report.markup import Html, element, number
+from etude.report import Html, element, number
 from etude_studies.site.context import Study
 from etude_studies.site.numbers import Summary, counts, printed, summary
 from etude_studies.site.page import file_of, link

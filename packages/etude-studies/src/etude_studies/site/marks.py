@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from etude.report.markup import Html, element, join, text
+from etude.report import Html, element, join, text
 
 WIDTH = 400
 """Of a drawing in px: the width of a phone, so that its type stays legible there."""

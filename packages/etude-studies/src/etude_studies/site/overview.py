@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable, Mapping
 
-from etude.report.markup import Html, element, join, paragraph
+from etude.report import Html, element, join, paragraph
 from etude_studies.site import facets
 from etude_studies.site.claim_words import deciding, estimate
 from etude_studies.site.context import Study

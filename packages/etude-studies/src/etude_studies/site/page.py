@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from importlib import resources
 
-from etude.report.markup import Html, element, join, text
+from etude.report import Html, element, join, text
 from etude_studies.site.words import WORDS
 from etude_studies.thesis.verdict_file import shown
 from etude_studies.thesis.verdicts import Verdict

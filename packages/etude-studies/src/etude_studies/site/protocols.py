@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from etude.report.markup import Html, element, grid, join, missing, paragraph
+from etude.report import Html, element, grid, join, missing, paragraph
 from etude_studies.site.context import Study
 from etude_studies.site.curve_plot import Curve, curve_plot
 from etude_studies.site.dot_plot import Dot, Rule, dot_plot

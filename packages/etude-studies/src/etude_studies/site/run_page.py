@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from etude.report.markup import Html, element, join, number, paragraph, table
+from etude.report import Html, element, join, number, paragraph, table
 from etude_studies.site.context import Study
 from etude_studies.site.entry_more import settings_of
 from etude_studies.site.page import command, file_of, link, page

@@ -7,8 +7,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from etude.report.markup import Html, number
-from etude.report.scales import Axis, Scale, fitted_scale
+from etude.report import Axis, Html, Scale, fitted_scale, number
 from etude_studies.site.dot_plot import LEFT, RIGHT, WIDE, ground
 from etude_studies.site.marks import Style, drawing, label, sign
 

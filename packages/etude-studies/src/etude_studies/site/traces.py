@@ -12,9 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from etude.report.markup import Html
-from etude.report.scales import Axis, Scale
-from etude.report.svg import Line, Mark, panel, polyline, thinned
+from etude.report import Axis, Html, Line, Mark, Scale, panel, polyline, thinned
 from etude.types import Array
 from etude_studies.site.marks import Style
 from etude_studies.site.numbers import Numbers

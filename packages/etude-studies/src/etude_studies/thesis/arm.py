@@ -14,12 +14,11 @@ from typing import Any, cast
 import numpy as np
 import polars as pl
 
-from etude.models.model import LearnedModel
-from etude.models.trust import trusted
+from etude.models import LearnedModel, trusted
 from etude.protocols import Controller, Trajectory
 from etude.threads import threads_for
 from etude.types import Array, Log, Samples
-from etude_arm.controller import PerfectController
+from etude_arm import PerfectController
 from etude_studies.measured import Measured
 from etude_studies.thesis.arm_lines import Given, lines
 from etude_studies.thesis.arm_measures import (

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from etude.campaign.record.config import preset_config
-from etude.models.selection.linear import linear_inputs
+from etude.campaign import preset_config
+from etude.models import linear_inputs
 from etude.protocols import Controller, Inputs
 from etude.types import Array, Log, Motion, Row
 from etude_studies.world import World

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 from scipy.stats import spearmanr
 
-from etude.models.score import NORMAL_95
+from etude.models import NORMAL_95
 from etude.types import Array, Index, Log
 
 REVERSAL_SHARE = 0.2

@@ -12,12 +12,11 @@ from typing import Any
 import numpy as np
 import polars as pl
 
-from etude.design.solve import design
-from etude.limits.feasible import FeasibleSet
-from etude.limits.samplers import SAMPLERS
-from etude.models.model import LearnedModel
+from etude.design import design
+from etude.limits import SAMPLERS, FeasibleSet
+from etude.models import LearnedModel
 from etude.protocols import Family, Trajectory
-from etude.trajectories.fourier import FourierTrajectory
+from etude.trajectories import FourierTrajectory
 from etude.types import Array, Log
 from etude_studies.thesis.arm_settings import ArmSettings
 from etude_studies.thesis.own_omega0 import JointByJoint

@@ -7,11 +7,7 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
-from etude.models.config import ModelConfig
-from etude.models.gp.exact import ExactPosterior
-from etude.models.gp.kernels import SquaredExponential
-from etude.models.gp.training import fit, initial_gp
-from etude.models.model import LearnedModel
+from etude.models import ExactPosterior, LearnedModel, ModelConfig, SquaredExponential, fit, initial_gp
 from etude.protocols import Posterior
 from etude.types import Array
 from etude_studies.measured import Measured

@@ -7,8 +7,8 @@ from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from typing import Any, Literal
 
-from etude.campaign.record.config import CampaignConfig
-from etude.models.config import ModelConfig
+from etude.campaign import CampaignConfig
+from etude.models import ModelConfig
 from etude.protocols import Family
 from etude_studies.thesis.own_omega0 import JointByJointFamily
 from etude_studies.world import World

@@ -13,13 +13,10 @@ from typing import Any
 import numpy as np
 import polars as pl
 
-from etude.models.gp.exact import ExactGP
-from etude.models.gp.minimize import minimize
-from etude.models.gp.training import initial_gp
+from etude.models import ExactGP, initial_gp, minimize
 from etude.threads import threads_for
 from etude.types import Array
-from etude_sparse.dictionary import DictionaryConfig, DictionaryGP
-from etude_sparse.sparse_spectrum import SparseSpectrumGP
+from etude_sparse import DictionaryConfig, DictionaryGP, SparseSpectrumGP
 from etude_studies.measured import Measured
 from etude_studies.streams import INPUTS, NOISE, motions, outputs, process
 

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.linalg import solve_triangular
 from scipy.spatial import cKDTree
 
-from etude.models.model import LearnedModel
+from etude.models import LearnedModel
 from etude.protocols import Mean
 from etude.types import Array
 from etude_studies.measured import Measured

@@ -14,13 +14,11 @@ from functools import lru_cache
 import numpy as np
 from scipy.linalg import LinAlgError, cholesky, solve_triangular
 
-from etude.design.config import DesignConfig
-from etude.design.solve import design
-from etude.models.gp.exact import ExactGP, ExactPosterior
-from etude.models.model import LearnedModel
+from etude.design import DesignConfig, design
+from etude.models import ExactGP, ExactPosterior, LearnedModel
 from etude.protocols import Inputs
 from etude.types import Array, Log, Samples
-from etude_quadrotor.inputs import QuadrotorInputs
+from etude_quadrotor import QuadrotorInputs
 from etude_studies.flight_world import SAMPLERS
 from etude_studies.thesis.flight_settings import FlightSettings, Learning, flights_of
 

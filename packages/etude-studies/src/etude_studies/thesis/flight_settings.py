@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
 
-from etude.campaign.record.config import CampaignConfig
-from etude.design.config import DesignConfig
+from etude.campaign import CampaignConfig
+from etude.design import DesignConfig
 from etude.types import Log, Samples
 from etude_studies.flight_world import THESIS_ROOM, Flights
 

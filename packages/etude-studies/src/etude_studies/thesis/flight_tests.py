@@ -8,8 +8,8 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 
-from etude.design.objective import reference_states
-from etude.models.score import TRANSIENT_S
+from etude.design import reference_states
+from etude.models import TRANSIENT_S
 from etude.protocols import Trajectory
 from etude.types import Array, Index, Mask, Samples
 from etude_studies.flight_orders_cell import some_extremes

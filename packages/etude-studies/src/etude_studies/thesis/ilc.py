@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from etude.errors import DataError, UsageError
-from etude.logs.cleaning.filters import smooth
+from etude.logs import smooth
 from etude.types import Array, Log, Motion, Row
 
 COMMAND = "command"

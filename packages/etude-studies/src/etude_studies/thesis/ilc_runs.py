@@ -16,7 +16,7 @@ import polars as pl
 from etude.protocols import Controller, Trajectory
 from etude.threads import threads_for
 from etude.types import Array, Motion, Row
-from etude_arm.adaptive_control import AdaptiveController, craig_hsu_sastry, slotine_li
+from etude_arm import AdaptiveController, craig_hsu_sastry, slotine_li
 from etude_studies.measured import Measured
 from etude_studies.spec import Spec
 from etude_studies.thesis.arm import PRIMARY, joint_rows, tested

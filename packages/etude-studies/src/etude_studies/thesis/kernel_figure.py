@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 import polars as pl
 
-from etude.models.gp.kernels import SquaredExponential
+from etude.models import SquaredExponential
 from etude.types import Array
-from etude_sparse.spectral_posterior import SpectralFeatures
+from etude_sparse import SpectralFeatures
 from etude_studies.measured import Measured
 
 POINTS = (5, 10, 20, 50, 100, 200, 500)

@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 
 from etude.protocols import Trajectory
-from etude.trajectories.family import FourierFamily
-from etude.trajectories.fourier import FourierTrajectory
+from etude.trajectories import FourierFamily, FourierTrajectory
 from etude.types import Array, Motion
 
 

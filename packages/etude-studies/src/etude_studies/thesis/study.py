@@ -9,7 +9,7 @@ from shutil import get_terminal_size
 from typing import Any
 
 from etude.errors import UsageError
-from etude.report.live import Pages, digest_of
+from etude.report import Pages, digest_of
 from etude_studies.collected import Results, collect
 from etude_studies.engines.schedule import Report
 from etude_studies.thesis.again import Again, again

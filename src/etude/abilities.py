@@ -1,0 +1,430 @@
+"""What parts of the pipeline may offer: one small protocol for each ability.
+
+The first word of a docstring names the part. A part has an ability if it has all its members; `isinstance`
+tells. What a part lacks is named in a sentence, never stubbed. A part with only some members of an ability is
+refused (`require_whole`). `etude.protocols` has what every part owes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
+
+import numpy as np
+
+from etude.codes import Notice
+from etude.protocols import Controller, Limit, Model, Regressor, Trajectory
+from etude.types import (
+    Array,
+    Code,
+    Column,
+    Described,
+    Figure,
+    Index,
+    Log,
+    Motion,
+    Proof,
+    Reachable,
+    Samples,
+    Thing,
+)
+
+if TYPE_CHECKING:
+    from etude._runtime.operators import Piece
+
+
+@runtime_checkable
+class SupportsOrder(Protocol):
+    """`Limit` of one derivative: 0 position, 1 velocity, ...; rest: whether motions start and end at 0."""
+
+    @property
+    def order(self) -> int: ...
+    @property
+    def rest(self) -> bool: ...
+
+
+@runtime_checkable
+class SupportsOrders(Protocol):
+    """`Limit` that looks at more orders of a motion than position, velocity and acceleration."""
+
+    @property
+    def orders(self) -> int: ...
+
+
+@runtime_checkable
+class SupportsCoverage(Protocol):
+    """`Limit`: which of `limits.certificate.ALL` it looks at, and sentences on what it leaves out."""
+
+    @property
+    def looks_at(self) -> tuple[str, ...]: ...
+    @property
+    def not_looked_at(self) -> tuple[str, ...]: ...
+
+
+@runtime_checkable
+class SupportsWarnings(Protocol):
+    """`Limit` with notices, or sentences alone, that come first in a motion's certificate."""
+
+    def warned(self, trajectory: Trajectory) -> Sequence[str | Notice]: ...
+
+
+@runtime_checkable
+class SupportsRefusal(Protocol):
+    """`Limit` that may allow no motion at all: the fact and the next step, or two empty texts."""
+
+    @property
+    def refused(self) -> tuple[str, str]: ...
+
+
+@runtime_checkable
+class SupportsRoomCheck(Protocol):
+    """`Limit` that raises UnsafeTrajectoryError if it leaves no room for any motion of that form."""
+
+    def check_room(self, form: str) -> None: ...
+
+
+@runtime_checkable
+class SupportsFastCheck(Protocol):
+    """`Limit` with a fast answer for searches, whose result is then proved."""
+
+    def keeps(self, piece: Trajectory) -> bool: ...
+
+
+@runtime_checkable
+class SupportsBoxes(Protocol):
+    """`Limit` on the path alone, at any speed, so that a search may widen a motion to one side.
+
+    about: the same limit with another box of cones, (k,) to (k,). roughly: whether poses (T, k) of a motion
+    of that form about `pose` (k,) keep it, at little cost.
+    """
+
+    def about(self, lower: Array, upper: Array) -> Limit: ...
+    def roughly(self, form: str, pose: Array) -> Callable[[Array], bool]: ...
+
+
+@runtime_checkable
+class SupportsBlocking(Protocol):
+    """`Limit` that names what a pose (k,) in a motion of that form runs into; "": nothing."""
+
+    def blocked(self, form: str, pose: Array) -> str: ...
+
+
+@runtime_checkable
+class SupportsOffsets(Protocol):
+    """`Limit` of places: rows for a plan's places (K, k) where the robot may be `off` (K, k) beside them."""
+
+    def strayed(self, places: Array, off: Array) -> Sequence[Proof]: ...
+
+
+@runtime_checkable
+class SupportsDrawing(Protocol):
+    """`Limit`: what a drawing shows of it, in the robot's world."""
+
+    @property
+    def things(self) -> Sequence[Thing]: ...
+
+
+@runtime_checkable
+class SupportsMemory(Protocol):
+    """`Inputs` whose physics remembers: a log with what is remembered, as it is if it carries that already.
+
+    followed: rows in order, from rest. apart: rows that do not follow one another. carried: one row after
+    another, with what the row before left (None: the first).
+    """
+
+    def followed(self, log: Log) -> Log: ...
+    def apart(self, log: Log) -> Log: ...
+    def carried(self, row: Log, before: Array | None) -> tuple[Log, Array | None]: ...
+
+
+@runtime_checkable
+class SupportsDrag(Protocol):
+    """`Inputs` of vehicles that know the air's drag (dx, dy, dz), 1/s. drag_c: C99 of void name(const real
+    *body_velocity, real *force), the lateral force per mass in body axes; None: unknown.
+    """
+
+    @property
+    def drag(self) -> tuple[float, float, float]: ...
+    def drag_c(self, name: str) -> Code | None: ...
+
+
+@runtime_checkable
+class SupportsNotes(Protocol):
+    """`Inputs` with notices, or sentences alone, on what `tuned` found."""
+
+    @property
+    def notes(self) -> Sequence[str | Notice]: ...
+
+
+@runtime_checkable
+class SupportsOnnx(Protocol):
+    """`Inputs` or `Mean` as a piece of an ONNX graph, which in a run from rest says what Python says."""
+
+    def onnx(self) -> Piece: ...
+
+
+@runtime_checkable
+class SupportsColumns(Protocol):
+    """`Mean` that reads states which the model's inputs do not hold: their columns, as of `Inputs`."""
+
+    @property
+    def columns(self) -> Sequence[Column]: ...
+
+
+@runtime_checkable
+class SupportsWithout(Protocol):
+    """`Physics` that shares work between folds (n,): by number of a fold what the mean without it says of all
+    samples, (n, J). A fold without which nothing can be identified is missing.
+    """
+
+    def without(self, samples: Samples, fold: Index) -> Mapping[int, Array]: ...
+
+
+@runtime_checkable
+class SupportsRegressors(Protocol):
+    """`Physics` that is linear in its parameters: a regressor for each command (criterion d_opt)."""
+
+    def regressors(self) -> Sequence[Regressor]: ...
+
+
+@runtime_checkable
+class SupportsFastMoments(Protocol):
+    """`Model`: mean (n, J) alone; mean and a variance that is at least that of `posterior`, for less.
+
+    prior_deviation (J,): before any data. least (J,): variance claimed anywhere, None: none.
+    """
+
+    @property
+    def prior_deviation(self) -> Array: ...
+    @property
+    def least(self) -> Array | None: ...
+    def mean(self, log: Log) -> Array: ...
+    def at_most(self, log: Log) -> tuple[Array, Array]: ...
+
+
+@runtime_checkable
+class SupportsAccelerations(Protocol):
+    """`Controller` of a feedback that takes accelerations (T, k): the motion's and what the model adds; None:
+    the motion's own.
+    """
+
+    def accelerations(self, motion: Motion) -> Array | None: ...
+
+
+@runtime_checkable
+class SupportsEachTick(Protocol):
+    """`Robot` that, if True, asks a controller that plans nothing at each tick and shows it measurements."""
+
+    @property
+    def asks_each_tick(self) -> bool: ...
+
+
+@runtime_checkable
+class SupportsEngines(Protocol):
+    """`Robot`, a frozen dataclass, that runs on more than one simulator: replace(robot, engine=name)."""
+
+    @property
+    def engine(self) -> str: ...
+
+
+@runtime_checkable
+class SupportsTestRuns(Protocol):
+    """`Robot` that runs a test to its end, however badly it goes."""
+
+    def test(self, trajectory: Any, controller: Controller | None, rng: np.random.Generator) -> Log: ...
+
+
+@runtime_checkable
+class SupportsAssumptions(Protocol):
+    """`Robot` made from a real robot's description: sentences on what nobody described."""
+
+    @property
+    def assumed(self) -> tuple[str, ...]: ...
+
+
+@runtime_checkable
+class SupportsSelection(Protocol):
+    """`Kind` whose descriptions may hold more than one robot needs.
+
+    chosen: `described` of the joints that move (names or patterns; none: the file's one robot), with others
+    held at positions, folders in which to look for meshes first, limits (joint or pattern -> "lower",
+    "upper", "velocity", "command") in place of the file's, and the floor's height, m.
+    """
+
+    def chosen(
+        self,
+        path: Path,
+        joints: Sequence[str],
+        held: Mapping[str, float],
+        mesh_roots: Sequence[Path],
+        limits: Mapping[str, Mapping[str, float]],
+        floor: float | None = None,
+    ) -> Described: ...
+
+
+@runtime_checkable
+class SupportsFigure(Protocol):
+    """`Kind`: its robot along positions q (T, k) of its path, to be drawn."""
+
+    def figure(self, spec: Any, q: Array) -> Figure | None: ...
+
+
+@runtime_checkable
+class SupportsPoses(Protocol):
+    """`Kind` whose robots may stand where no motion goes: poses (k,) by name, from which its ways lead."""
+
+    def poses(self, spec: Any) -> Mapping[str, Array]: ...
+
+
+@runtime_checkable
+class SupportsLeadIn(Protocol):
+    """`Kind` whose families make motions that move at their ends: whether this robot's get a lead-in from
+    rest and a lead-out to rest.
+    """
+
+    def from_rest(self, spec: Any) -> bool: ...
+
+
+@runtime_checkable
+class SupportsReachable(Protocol):
+    """`Kind` that knows where its robots can be: motions are then looked for about clear poses all over it,
+    and what they sweep is reported. Without it, or None: motions about home alone.
+    """
+
+    def reachable(self, spec: Any) -> Reachable | None: ...
+
+
+@runtime_checkable
+class SupportsLargestError(Protocol):
+    """`Kind` that knows its robots' feedback: largest position errors (k,) that it allows, NaN: unknown."""
+
+    def largest_error(self, spec: Any) -> Array: ...
+
+
+@runtime_checkable
+class SupportsCollecting(Protocol):
+    """`Kind` that adds something to the feedback of motions that teach, once a model was learned."""
+
+    def collecting(self, spec: Any, config: Any, model: Model) -> Controller | None: ...
+
+
+@runtime_checkable
+class SupportsStateText(Protocol):
+    """`Kind` that says what axes and signs its states have, for headers in C."""
+
+    @property
+    def states_in_words(self) -> str: ...
+
+
+@runtime_checkable
+class SupportsKnownFaults(Protocol):
+    """`Kind`: codes of docs/known_faults.md that earlier versions' files of this robot have."""
+
+    def mended(self, spec: Any) -> Sequence[str]: ...
+
+
+@runtime_checkable
+class SupportsCommandUnit(Protocol):
+    """Description (`Kind.spec`) with one unit for all commands: "N m", "N", "A", "V", "pwm", ..."""
+
+    @property
+    def command_unit(self) -> str: ...
+
+
+@runtime_checkable
+class SupportsTableRate(Protocol):
+    """Description of a robot that takes set-points at another rate (Hz) than that of its logs."""
+
+    @property
+    def table_rate(self) -> float: ...
+
+
+@runtime_checkable
+class SupportsConfirmation(Protocol):
+    """Description made with assumptions: sentences that a person should confirm."""
+
+    @property
+    def confirm(self) -> Sequence[str]: ...
+
+
+@runtime_checkable
+class SupportsPlant(Protocol):
+    """Description that may name a built-in simulated plant, of which nothing else is real."""
+
+    @property
+    def plant(self) -> str | None: ...
+
+
+@runtime_checkable
+class SupportsStatedLimits(Protocol):
+    """[trajectory] table whose keys may narrow the robot's limits: the same table without that."""
+
+    @property
+    def described(self) -> Any: ...
+
+
+@runtime_checkable
+class SupportsFileNotes(Protocol):
+    """`Exporter`: sentences for the certificate on what its files hold beside the motion."""
+
+    def notes(self, files: Mapping[str, bytes]) -> tuple[str, ...]: ...
+
+
+@runtime_checkable
+class SupportsCommandedFiles(Protocol):
+    """`Exporter` whose files may command other accelerations (T, 3) than the motion's; None: they do not.
+
+    strays: places (K, k), and how far a robot may be off each where what was learned of these is wrong.
+    """
+
+    def accelerations(self, files: Mapping[str, bytes]) -> Array | None: ...
+    def strays(self, files: Mapping[str, bytes]) -> tuple[Array, Array] | None: ...
+
+
+@runtime_checkable
+class SupportsNeeds(Protocol):
+    """Target, names of `campaign.supplied` that become options; Criterion: "reference" or "identified"."""
+
+    @property
+    def needs(self) -> str | Sequence[str]: ...
+
+
+ABILITIES: Mapping[str, tuple[type, ...]] = {
+    "Limit": (
+        SupportsOrder,
+        SupportsOrders,
+        SupportsCoverage,
+        SupportsWarnings,
+        SupportsRefusal,
+        SupportsRoomCheck,
+        SupportsFastCheck,
+        SupportsBoxes,
+        SupportsBlocking,
+        SupportsOffsets,
+        SupportsDrawing,
+    ),
+    "Inputs": (SupportsMemory, SupportsDrag, SupportsNotes, SupportsOnnx),
+    "Mean": (SupportsOnnx, SupportsColumns),
+    "Physics": (SupportsWithout, SupportsRegressors),
+    "Model": (SupportsFastMoments,),
+    "Controller": (SupportsAccelerations,),
+    "Robot": (SupportsEachTick, SupportsEngines, SupportsTestRuns, SupportsAssumptions),
+    "Kind": (
+        SupportsSelection,
+        SupportsFigure,
+        SupportsPoses,
+        SupportsLeadIn,
+        SupportsReachable,
+        SupportsLargestError,
+        SupportsCollecting,
+        SupportsStateText,
+        SupportsKnownFaults,
+    ),
+    "Description": (SupportsCommandUnit, SupportsTableRate, SupportsConfirmation, SupportsPlant),
+    "[trajectory]": (SupportsStatedLimits,),
+    "Exporter": (SupportsFileNotes, SupportsCommandedFiles),
+    "Target": (SupportsNeeds,),
+    "Criterion": (SupportsNeeds,),
+}
+"""Part -> its optional abilities."""
