@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 from pathlib import Path
 
@@ -10,6 +9,7 @@ import numpy as np
 import pytest
 
 import etude
+from certificate_schema import valid
 from etude import cli
 from etude.abilities import SupportsBlocking, SupportsBoxes, SupportsDrawing
 from etude.errors import UsageError
@@ -62,7 +62,7 @@ def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def certificate(folder: str) -> list[dict[str, object]]:
-    rows = json.loads(Path(folder, "proposals/0001/certificate.json").read_text())["rows"]
+    rows = valid(Path(folder, "proposals/0001/certificate.json").read_text())["rows"]
     return [row for row in rows if row["quantity"] in ("height", "wall")]
 
 
@@ -91,7 +91,7 @@ def test_a_wall_bounds_a_vehicles_flights_their_exports_and_the_drawing(place) -
     rows = certificate("quad")
     assert rows
     assert all(row["upper"] <= 2.5 and row["proved_upper"] <= row["upper"] for row in rows)
-    played = [json.loads(p.read_text()) for p in Path("quad/proposals/0001").rglob("*certificate.json")]
+    played = [valid(p.read_text()) for p in Path("quad/proposals/0001").rglob("*certificate.json")]
     assert len(played) == 5
     assert all(any(row["quantity"].startswith("wall") for row in one["rows"]) for one in played)
     assert cli.main(["report", "quad"]) == 0
