@@ -85,6 +85,25 @@ def test_the_plane_of_the_docs_goes_the_whole_way(place, capsys) -> None:
     assert ">plane</text>" in Path("lab/report.html").read_text()
 
 
+def test_an_arms_export_is_certified_with_the_limit_of_its_owner(place) -> None:
+    assert cli.main(["init", "lab", "--robot", "arm.toml", "--trust"]) == 0
+    assert cli.main(["ask", "lab", "--from", "home", "--format", "ros2_csv"]) == 0
+    path = Path("lab/proposals/0001/from_home/ros2_csv/certificate.json")
+    rows = [row for row in valid(path.read_text())["rows"] if row["quantity"].startswith("height")]
+    assert {"height", "height, held before the first row"} <= {row["quantity"] for row in rows}
+    assert all(row["proved_lower"] >= row["lower"] for row in rows if row["status"] == "proved")
+
+
+def test_a_limit_that_no_motion_keeps_refuses_every_proposal(place, capsys) -> None:
+    path = place / "arm.toml"
+    path.write_text(path.read_text().replace("height = 0.3", "height = 1.9"))
+    assert cli.main(["init", "lab", "--robot", "arm.toml", "--trust"]) == 0
+    assert cli.main(["ask", "lab"]) != 0
+    said = " ".join(capsys.readouterr().err.split())
+    assert "does not keep the limits height" in said
+    assert not list(Path("lab/proposals").glob("0*"))
+
+
 def test_a_wall_bounds_a_vehicles_flights_their_exports_and_the_drawing(place) -> None:
     assert cli.main(["init", "quad", "--robot", "quad.toml", "--trust"]) == 0
     assert cli.main(["ask", "quad", "--from", "home", "--format", "px4"]) == 0
