@@ -94,7 +94,7 @@ def test_from_init_to_ask_in_json(tmp_path: Path, capsys: pytest.CaptureFixture[
     assert (code, made["seed"], made["axes"]) == (0, 3, ["waist", "shoulder", "elbow", "wrist"])
     code, asked = run_json(capsys, "ask", folder)
     assert (code, asked["number"], asked["new"], asked["certified"]) == (0, 1, True, True)
-    assert min(asked["margins"].values()) >= 0
+    assert min(asked["slack"].values()) >= 0
     assert all(Path(name).is_file() for name in asked["files"])
     code, again = run_json(capsys, "ask", folder)
     assert (code, again["number"], again["new"]) == (0, 1, False)

@@ -64,9 +64,9 @@ class SupportsCoverage(Protocol):
 
 @runtime_checkable
 class SupportsWarnings(Protocol):
-    """`Limit` with sentences that come first in a motion's certificate."""
+    """`Limit` with notices, or sentences alone, that come first in a motion's certificate."""
 
-    def warned(self, trajectory: Trajectory) -> tuple[str, ...]: ...
+    def warned(self, trajectory: Trajectory) -> Sequence[str | Notice]: ...
 
 
 @runtime_checkable

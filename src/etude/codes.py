@@ -29,7 +29,7 @@ class Alert(StrEnum):
 
 
 class Warn(StrEnum):
-    """What a training, or a model, has to say of itself."""
+    """What a training, or a proposed motion, has to say of itself."""
 
     TOO_LITTLE_MOTION = "too_little_motion"
     ONE_TRAJECTORY = "one_trajectory"
@@ -39,6 +39,10 @@ class Warn(StrEnum):
     INPUTS_MISSING = "inputs_missing"
     NO_BLOCKS = "no_blocks"
     TWO_ROBOTS = "two_robots"
+    BEYOND_LIMITS = "beyond_limits"
+    HARDLY_MOVES = "hardly_moves"
+    TEACHES_LITTLE = "teaches_little"
+    TEACHES_LITTLE_HELD = "teaches_little_held"
     STATED = "stated"
 
 
@@ -71,6 +75,7 @@ class Phrase(StrEnum):
     PREDICTED = "predicted"
     HELD_OUT = "held_out"
     COVERAGE = "coverage"
+    TAKES = "takes"
     LOW_COVERAGE = "low_coverage"
     STRUCTURE = "structure"
     STRUCTURE_THEN = "structure_then"
@@ -122,6 +127,15 @@ SENTENCES: Mapping[Code | NextStep, str] = {
     Warn.NO_BLOCKS: "No blocks of log {log} were held out, since alone it cannot be learned: {why}",
     Warn.TWO_ROBOTS: "log {simulated} was simulated, log {real} is of the robot itself: the model learns "
     "from two robots",
+    Warn.BEYOND_LIMITS: "Beyond the stated {quantity} limits, by {source}: {beyond}. Whether the drives can "
+    "give that nobody looked at",
+    Warn.HARDLY_MOVES: "Next to no motion is left: no joint goes through more than {part:.2g %} of its "
+    "range. At home {pair} are {apart_mm:.2g} mm apart, too little for tracking errors and motion: give "
+    "links that only seem to stand so close closer shapes, or [search] another home",
+    Warn.TEACHES_LITTLE: "This motion teaches next to nothing: no joint sweeps more than {part:.0f %} of its "
+    "range",
+    Warn.TEACHES_LITTLE_HELD: "This motion teaches next to nothing: no joint sweeps more than {part:.0f %} "
+    "of its range. In the way: {held}",
     Warn.STATED: "{sentence}",
     Refusal.NOT_COMPARED: "not compared: {why}",
     Refusal.NOT_DECIDED: "not decided against {against}: {segments} segments that neither has seen, {needed} "
@@ -144,6 +158,7 @@ SENTENCES: Mapping[Code | NextStep, str] = {
     Phrase.PREDICTED: "on log {log}, predicted before it was learned",
     Phrase.HELD_OUT: "on blocks of log {log} that were held out",
     Phrase.COVERAGE: "{output} {part:.0f %}",
+    Phrase.TAKES: "{command} {most:.3g} {unit} of {limit:.3g}",
     Phrase.LOW_COVERAGE: "its 95 % intervals held only {part:.0f %} of an output's commands",
     Phrase.STRUCTURE: "{structure}",
     Phrase.STRUCTURE_THEN: "{structure}, then in use",

@@ -243,9 +243,10 @@ class Cone:
 
 @dataclass(frozen=True)
 class Proof:
-    """One row of the certificate: the interval that holds `quantity`, and its limit less tracking's
-    margin with that confidence (0: nobody measured it). where: "forearm and table at 3.2 s". control: which
-    one the margin is of, in words. What is not looked at is a row too, its numbers NaN.
+    """One row of the certificate: the interval that holds `quantity`, and its limit less the tracking margin
+    with that confidence (0: nobody measured it). where: "forearm and table at 3.2 s". note: what else is to
+    be known of the row. control: which one the margin is of, in words. What is not looked at is a row too,
+    its numbers NaN.
     """
 
     axis: str
@@ -256,10 +257,11 @@ class Proof:
     proved_upper: float
     method: str
     status: Literal["proved", "sampled", "not looked at"] = "proved"
-    margin: float = 0.0
+    tracking_margin: float = 0.0
     confidence: float = 1.0
     where: str = ""
     control: str = ""
+    note: str = ""
 
 
 @dataclass(frozen=True, eq=False)

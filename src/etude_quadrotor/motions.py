@@ -15,7 +15,7 @@ from typing import Literal
 import numpy as np
 
 from etude.errors import UsageError
-from etude.limits.certificate import COMMANDS, SPEED, certify, use
+from etude.limits.certificate import COMMANDS, SPEED, certify, utilization
 from etude.limits.feasible import FeasibleSet
 from etude.limits.library import AxisLimit, NormLimit, TiltLimit
 from etude.limits.limit_tables import made_limits
@@ -145,7 +145,7 @@ class RoomLimit(AxisLimit):
         stands = np.abs(ends[0, :, 2] - self.ground) <= UPRIGHT
         still = np.abs(ends[1:]).max() <= SETTLED
         if sideways <= UPRIGHT and stands.any() and still:
-            rows[2] = replace(rows[2], lower=self.ground - UPRIGHT, margin=0.0, confidence=1.0)
+            rows[2] = replace(rows[2], lower=self.ground - UPRIGHT, tracking_margin=0.0, confidence=1.0)
         return rows
 
 
@@ -204,7 +204,7 @@ def _way(spec: QuadrotorSpec, start: Array, end: Array, limits: Sequence[Limit])
         Splined(np.array([0.0, _whole(spec, part * straight.duration)]), np.stack([start, end], axis=1))
         for part in LASTING
     ]
-    return min(tried, key=lambda way: max(use(row) for row in certify(way, limits).rows))
+    return min(tried, key=lambda way: max(utilization(row) for row in certify(way, limits).rows))
 
 
 def _straight(spec: QuadrotorSpec, start: Array, end: Array) -> Splined:

@@ -70,8 +70,8 @@ def test_a_flight_asked_for_again_is_shown_with_the_rows_of_its_certificate_and_
         capsys.readouterr()
         assert main(["ask", folder, "--json", *more]) == 0
         said.append(json.loads(capsys.readouterr().out))
-    assert "vehicle tilt" in said[0]["margins"]
-    assert said[0]["margins"] == said[1]["margins"] == said[2]["margins"]
+    assert "vehicle tilt" in said[0]["slack"]
+    assert said[0]["slack"] == said[1]["slack"] == said[2]["slack"]
     assert WAY in said[0]["not_looked_at"]
     assert [one for one in said[0]["not_looked_at"] if one != WAY] == said[2]["not_looked_at"]
     config = tmp_path / "sky" / "campaign.toml"
@@ -79,7 +79,7 @@ def test_a_flight_asked_for_again_is_shown_with_the_rows_of_its_certificate_and_
     assert "tilt = 0.4363" in text
     config.write_text(re.sub("tilt = 0.4363\\d*", "tilt = 0.01", text), encoding="utf-8")
     assert main(["ask", folder, "--json"]) == 0  # less is allowed by now: the vehicle's own limits hold still
-    assert "vehicle tilt" not in json.loads(capsys.readouterr().out)["margins"]
+    assert "vehicle tilt" not in json.loads(capsys.readouterr().out)["slack"]
 
 
 def test_each_pose_has_files_of_its_own_written_once(lab: Campaign) -> None:

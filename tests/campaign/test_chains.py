@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import numpy as np
 import pytest
 from small_robot import make_campaign, random_motion, stub_learner, write_log
 
+from certificate_schema import valid
 from etude.campaign.ingest.tell import tell
 from etude.campaign.propose.ask import ask
 from etude.campaign.propose.motions import reference_motions, segments_of
@@ -48,7 +48,7 @@ def test_a_recording_is_filled_with_different_segments(tmp_path: Path, config: s
     assert all(piece.omega0 == pytest.approx(2 * np.pi / 15.0) for piece in (first, second))  # type: ignore[attr-defined]
     assert proposal.certificate.ok
     data = (proposal.folder / "trajectory.json").read_bytes()
-    rows = json.loads((proposal.folder / "certificate.json").read_bytes())["rows"]
+    rows = valid((proposal.folder / "certificate.json").read_bytes())["rows"]
     proved = certify_bytes(data, long.limits()).rows
     assert [row["proved_upper"] for row in rows] == [row.proved_upper for row in proved]
     assert all("segment at" in row.where or "link at" in row.where for row in proved)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +9,7 @@ import numpy as np
 import pytest
 from small_robot import make_campaign, write_log
 
+from certificate_schema import valid
 from etude.campaign.evaluate.confirm import ask_to_confirm
 from etude.campaign.ingest.tell import tell, untell
 from etude.campaign.propose.ask import ask
@@ -115,7 +115,7 @@ def run(lab: Campaign, folder: Path, number: int, **how: Any) -> Path:
 
 
 def rows(lab: Campaign, number: int) -> list[dict[str, Any]]:
-    found: list[dict[str, Any]] = json.loads((lab.proposal(number) / "certificate.json").read_bytes())["rows"]
+    found: list[dict[str, Any]] = valid((lab.proposal(number) / "certificate.json").read_bytes())["rows"]
     return found
 
 
@@ -209,12 +209,12 @@ def test_written_with_the_learned_command_it_is_taken_to_be_run_so(tmp_path: Pat
     with lab.writing():
         motion = stored_trajectory(lab, 2)
         found = export(lab, 2, motion, lab.proposal(2), "ros2_yaml", effort=True)
-    assert {row.control for row in found.certificate.rows if row.margin} == {"learned feedforward"}
-    assert {row.confidence for row in found.certificate.rows if row.margin} == {0.0}
+    assert {row.control for row in found.certificate.rows if row.tracking_margin} == {"learned feedforward"}
+    assert {row.confidence for row in found.certificate.rows if row.tracking_margin} == {0.0}
     tell(lab, write_log(tmp_path / "2.csv", motion))
     assert lab.round(2).told.control == LEARNED
     confirms = ask_to_confirm(lab)
-    under = {row.control for row in confirms.certificate.rows if row.margin}
+    under = {row.control for row in confirms.certificate.rows if row.tracking_margin}
     assert under == {"feedback alone or learned feedforward"}
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from certificate_schema import valid
 from etude.campaign.ingest.ingest_result import read
 from etude.campaign.record.folder import Campaign, open_campaign
 from etude.campaign.record.stored_models import load_model, told_samples
@@ -68,7 +69,7 @@ def test_what_the_recipe_found_is_on_record(told) -> None:
 def test_a_flight_can_be_asked_for(told) -> None:
     assert main(["ask", str(told.path), "--continue"]) == 0
     (asked,) = told.state().proposals
-    assert json.loads((told.proposal(asked.number) / "certificate.json").read_text())["ok"]
+    assert valid((told.proposal(asked.number) / "certificate.json").read_text())["ok"]
 
 
 def test_a_damaged_flight_is_refused_and_nothing_is_stored(told, tmp_path, capsys) -> None:

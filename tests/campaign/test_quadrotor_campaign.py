@@ -1,11 +1,11 @@
 """A quadrotor's campaign from the command line's functions: asked, flown, told, learned, tested, replayed."""
 
-import json
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from certificate_schema import valid
 from etude.campaign import simulation as simulating
 from etude.campaign.create import create_campaign
 from etude.campaign.evaluate.status import status
@@ -74,7 +74,7 @@ def test_the_linear_baseline_has_not_seen_the_flight_that_it_is_scored_on(flown)
 def test_every_proposal_is_certified_from_its_bytes(flown):
     campaign, _ = flown
     for number in (1, 2):
-        proof = json.loads((campaign.proposal(number) / "certificate.json").read_text())
+        proof = valid((campaign.proposal(number) / "certificate.json").read_text())
         assert proof["ok"]
         # what the robot's description says; the first flight was asked for before any had left its plan
         described = campaign.kind.limits(campaign.spec, campaign.config, None, {})

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import numpy as np
 import pytest
 from small_robot import make_campaign
 
+from certificate_schema import valid
 from etude.campaign.propose.ask import ask
 from etude.campaign.propose.proposal import (
     NO_TIME,
@@ -21,6 +21,7 @@ from etude.campaign.propose.proposal import (
 )
 from etude.campaign.record.stored_files import stored_trajectory
 from etude.cli.ask import Ask
+from etude.codes import Warn
 from etude.protocols import Trajectory
 from etude.report.build import build_report
 from etude.trajectories.fourier import FourierTrajectory
@@ -38,7 +39,7 @@ def still(axes: int, size: float) -> Trajectory:
 def test_shares_are_counted_from_the_bytes_and_stand_on_the_certificate(tmp_path: Path) -> None:
     campaign = make_campaign(tmp_path, config=CONFIG)
     found = ask(campaign)
-    rows = json.loads((found.folder / "certificate.json").read_bytes())["swept"]
+    rows = valid((found.folder / "certificate.json").read_bytes())["swept"]
     assert rows == as_facts(found.swept)
     motion, reach = stored_trajectory(campaign, 1), reachable(campaign)
     assert reach is not None
@@ -72,8 +73,10 @@ def test_what_stands_in_the_way_is_named(tmp_path: Path) -> None:
 def test_a_motion_that_goes_nowhere_says_so_first(tmp_path: Path) -> None:
     small = (Swept("a", 0.05, 0.06, "hand and floor"), Swept("b", 0.1, 0.1, NO_TIME))
     (said,) = teaches_little(small)
-    assert "no joint sweeps more than 10 % of its range" in said
-    assert said.endswith("In the way: hand and floor.")
+    assert said.code == Warn.TEACHES_LITTLE_HELD
+    assert "no joint sweeps more than 10 % of its range" in said.sentence
+    assert str(said).endswith("In the way: hand and floor.")
+    assert teaches_little(small[1:])[0].code == Warn.TEACHES_LITTLE
     assert teaches_little((*small, Swept("c", 0.15, 0.2, ""))) == ()
     assert teaches_little(()) == ()
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +9,7 @@ import pytest
 import tyro
 from small_robot import make_campaign, write_log
 
+from certificate_schema import valid
 from etude.campaign.create import create_campaign
 from etude.campaign.ingest.tell import tell
 from etude.campaign.propose.ask import ask
@@ -39,7 +39,7 @@ def run_and_tell(lab: Campaign, folder: Path, number: int, speed: int = 100) -> 
 
 
 def rows(lab: Campaign, number: int, quantity: str) -> list[dict[str, float]]:
-    found = json.loads((lab.proposal(number) / "certificate.json").read_bytes())["rows"]
+    found = valid((lab.proposal(number) / "certificate.json").read_bytes())["rows"]
     return [row for row in found if row["quantity"] == quantity]
 
 
@@ -82,7 +82,10 @@ def test_a_proposal_keeps_the_margins_of_its_time(lab: Campaign, tmp_path: Path)
     run_and_tell(lab, tmp_path, 1)
     again = ask(open_campaign(lab.path))
     assert (again.number, again.new) == (second, False)
-    assert [row.margin for row in again.certificate.rows if row.quantity == "position"] == [0.04, 0.04]
+    assert [row.tracking_margin for row in again.certificate.rows if row.quantity == "position"] == [
+        0.04,
+        0.04,
+    ]
     assert (lab.proposal(second) / "certificate.json").read_bytes() == text
     for pair in before:
         np.testing.assert_allclose(pair[0], [[0.04, 0.04], [0.25, 0.25]])
@@ -160,11 +163,11 @@ def test_a_flight_keeps_its_owners_room_unless_logs_show_more(tmp_path: Path) ->
         ]
         return found.prove(FourierTrajectory(np.zeros((3, 3)), 1.0, 10.0))[0]
 
-    assert (box().margin, box().confidence) == (1.0, 0.0)  # no log shows that it is enough
-    assert (box(0.1).margin, box(0.1).confidence) == (1.0, 0.95)
-    assert box(0.5).margin == pytest.approx(1.5)
-    assert box(0.5, 0.6, 0.4, 0.1).margin == pytest.approx(1.0)  # 0.9 is less than its owner keeps
+    assert (box().tracking_margin, box().confidence) == (1.0, 0.0)  # no log shows that it is enough
+    assert (box(0.1).tracking_margin, box(0.1).confidence) == (1.0, 0.95)
+    assert box(0.5).tracking_margin == pytest.approx(1.5)
+    assert box(0.5, 0.6, 0.4, 0.1).tracking_margin == pytest.approx(1.0)  # 0.9 is less than its owner keeps
     half = box(50.0)
-    assert (half.margin, half.confidence) == (5.0, 0.0)
+    assert (half.tracking_margin, half.confidence) == (5.0, 0.0)
     thesis, _ = create_campaign(tmp_path / "thesis", "quadrotor", "thesis")
     assert kept_now(thesis, State()).margins == {}

@@ -11,7 +11,7 @@ import pytest
 from etude.deploy.feedforward import Commanded
 from etude.deploy.playback_certificate import certify_played, played
 from etude.errors import UnsafeTrajectoryError
-from etude.limits.certificate import Certificate, spare
+from etude.limits.certificate import Certificate, slack
 from etude.limits.feasible import FeasibleSet
 from etude.limits.lead_ins import at_rest
 from etude.limits.library import AxisLimit
@@ -107,7 +107,7 @@ def test_what_would_leave_the_room_is_cut(drag: float, least: float, most: float
     assert least - 1e-6 <= share <= most + 1e-6
     said = f"Of the learned part of the accelerations {100.0 * share:.0f} % is commanded"
     assert any(said in note for note in found.notes) == (share < 0.999)
-    assert all(spare(row) >= 0.0 for row in found.rows if WRONG in row.quantity)
+    assert all(slack(row) >= 0.0 for row in found.rows if WRONG in row.quantity)
 
 
 def test_less_than_half_is_refused(tmp_path: Path) -> None:
@@ -125,4 +125,4 @@ def test_the_ground_below_a_landing_is_no_wall() -> None:
         (row,) = limit.strayed(places, np.array(off)[:, None])
         assert (row.lower, row.upper) == (0.0, 5.0)
         assert row.proved_lower == pytest.approx(low)
-        assert (spare(row) >= 0.0) == (low == 0.0)
+        assert (slack(row) >= 0.0) == (low == 0.0)

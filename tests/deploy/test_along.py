@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from c_models import arm_model
 
+from certificate_schema import valid
 from etude import plugins
 from etude.deploy.exporters.knots import EFFORT_RATE
 from etude.deploy.trajectory_files import read_table
@@ -43,7 +44,7 @@ def test_commands_and_deviations_stand_beside_the_motion(here: World) -> None:
         np.testing.assert_array_equal(place[f"command_{joint}"], mean[:, j])
         np.testing.assert_array_equal(place[f"deviation_{joint}"], np.sqrt(variance[:, j]))
         np.testing.assert_array_equal(place[f"q_{joint}"], motion.motion(t, 3).orders[0][:, j])
-    assert json.loads(found.files["certificate.json"])["ok"]
+    assert valid(found.files["certificate.json"])["ok"]
 
 
 def test_the_joint_trajectory_has_the_same_efforts(here: World) -> None:
@@ -54,7 +55,7 @@ def test_the_joint_trajectory_has_the_same_efforts(here: World) -> None:
     assert np.max(np.diff(t)) <= 1.0 / EFFORT_RATE + 1e-9
     states = MODEL.inputs.states(here.trajectory(0).motion(t, 3))
     np.testing.assert_allclose([p["effort"] for p in points], MODEL.predict(states)[0], rtol=1e-9, atol=1e-9)
-    assert json.loads(files["ros2_yaml/certificate.json"])["ok"]
+    assert valid(files["ros2_yaml/certificate.json"])["ok"]
 
 
 def test_commands_that_are_no_forces_go_into_the_table_alone(here: World) -> None:

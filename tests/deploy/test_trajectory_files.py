@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -12,6 +11,7 @@ import numpy as np
 import pytest
 
 import etude.deploy.trajectory_files as module
+from certificate_schema import valid
 from etude import plugins
 from etude.deploy.trajectory_files import (
     SPEEDS,
@@ -117,9 +117,9 @@ def test_the_written_bytes_are_certified(any_case: Case, tmp_path: Path) -> None
     paths = files.write(tmp_path / "p")
     assert [p.name for p in paths] == ["trajectory.json", "trajectory.csv", "certificate.json"]
     assert from_json(paths[0].read_bytes()) == any_case.trajectory
-    proof = json.loads(paths[2].read_text())
+    proof = valid(paths[2].read_text())
     assert (proof["ok"], proof["robot"]) == (True, any_case.spec.name)
-    assert min(row["margin"] for row in proof["rows"]) >= 0
+    assert min(row["slack"] for row in proof["rows"]) >= 0
     assert COLLISIONS in proof["not_looked_at"]
     assert any("the robot leaves the plan" in sentence for sentence in proof["not_looked_at"])
 

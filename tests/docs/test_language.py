@@ -10,10 +10,10 @@ import pytest
 from test_docs import ROOT
 
 DOCS = ROOT / "docs"
-GENERATED = DOCS / "thesis.md"
+GENERATED = (DOCS / "thesis.md", DOCS / "reference" / "codes.md")
 PAGES = [
     ROOT / "README.md",
-    *(p for p in sorted(DOCS.rglob("*.md")) if p != GENERATED and p.parent.name != "decisions"),
+    *(p for p in sorted(DOCS.rglob("*.md")) if p not in GENERATED and p.parent.name != "decisions"),
 ]
 LONGEST_SENTENCE = 30
 MOST_WORDS = 35_000

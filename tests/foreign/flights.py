@@ -197,7 +197,7 @@ def wrong(own: Planned, t: Array, place: Array, plan: Array, velocity: Array) ->
 
 def kept(certificate: Certificate) -> Array:
     """(3,) m, the margins of the places in the certificate of a flight itself."""
-    rows = {row.axis: row.margin for row in certificate.rows if row.quantity == "position"}
+    rows = {row.axis: row.tracking_margin for row in certificate.rows if row.quantity == "position"}
     return np.array([rows[axis] for axis in "xyz"])
 
 

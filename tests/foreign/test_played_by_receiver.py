@@ -3,7 +3,6 @@ and is at rest again, from ten seconds before the first row to ten after the las
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -13,6 +12,7 @@ from receivers import AFTER, FLOWN, RATE, RECEIVERS, by_rows
 from small_arm import campaign_of_small_arm
 from trajectory_controller import Parameters, Played, message_of, play
 
+from certificate_schema import valid
 from etude import plugins
 from etude.campaign.propose.ask import Proposal, ask
 from etude.campaign.record.folder import Campaign
@@ -36,7 +36,7 @@ class Asked:
         (found,) = (e for e in self.proposals[start].exported if e.format == name)
         place = found.files[-1].parent
         content = {f.relative_to(place).as_posix(): f.read_bytes() for f in found.files}
-        return content, json.loads(content["certificate.json"])["rows"]
+        return content, valid(content["certificate.json"])["rows"]
 
 
 @pytest.fixture(scope="module")

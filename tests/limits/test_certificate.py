@@ -7,8 +7,20 @@ import numpy as np
 import pytest
 from limit_examples import ARM_CONFIGS, arm, feasible_arm, flights, middle, room
 
+from certificate_schema import valid
+from etude.codes import Notice, Warn
 from etude.errors import UnsafeTrajectoryError
-from etude.limits.certificate import ALL, Certificate, certify, certify_bytes, require_certified, spare, use
+from etude.limits.certificate import (
+    ALL,
+    VERSION,
+    Certificate,
+    certify,
+    certify_bytes,
+    facts_of,
+    require_certified,
+    slack,
+    utilization,
+)
 from etude.limits.library import AxisLimit, NormLimit
 from etude.limits.samplers import scaled
 from etude.trajectories.fourier import FourierTrajectory
@@ -45,21 +57,20 @@ def test_rows_come_axis_by_axis() -> None:
 
 
 def test_certificate_as_json() -> None:
-    """The keys of 0.1, "margin" (what is left) among them, and new ones."""
-    content = json.loads(certify(example("ramp, omega0 free"), arm()).to_json())
+    content = valid(certify(example("ramp, omega0 free"), arm()).to_json())
+    assert content["version"] == VERSION
     assert content["ok"] is True
     assert content["at_rest"] is True
     assert content["end_speed"] == 0.0
     assert content["not_looked_at"] == list(ALL)
-    old = {"axis", "quantity", "lower", "upper", "proved_lower", "proved_upper", "margin", "method"}
     for row in content["rows"]:
-        assert set(row) == old | {"status", "tracking_margin", "confidence", "where", "in_words"}
+        assert row["tracking_margin"] == 0.0
         assert row["method"] == "Riesz bound from 64 samples per harmonic"
         left = min(row["upper"] - row["proved_upper"], row["proved_lower"] - row["lower"])
-        assert row["margin"] == left >= 0.0
-    moves = json.loads(certify(PointToPoint(np.zeros((2, 3)), 1.0), arm()).to_json())
+        assert row["slack"] == left >= 0.0
+    moves = valid(certify(PointToPoint(np.zeros((2, 3)), 1.0), arm()).to_json())
     assert moves["rows"][0]["method"] == "values that the motion stays between"
-    rows = json.loads(certify(flight(), room(radius=9.0)).to_json())["rows"]
+    rows = valid(certify(flight(), room(radius=9.0)).to_json())["rows"]
     assert "twice the degree" in rows[3]["method"]
 
 
@@ -133,7 +144,7 @@ def test_use_and_active_limits() -> None:
     certificate = certify(motion, limits)
     assert certificate.ok, "a limit that is touched is met"
     assert {("j0", "position"), ("j1", "position"), ("j2", "position")} <= set(certificate.active())
-    assert use(certificate.worst) == pytest.approx(1.0)
+    assert utilization(certificate.worst) == pytest.approx(1.0)
 
 
 def test_random_moves_are_certified() -> None:
@@ -209,10 +220,46 @@ def test_what_is_not_looked_at_is_a_row_and_no_failure() -> None:
     certificate = certify(example(), (*arm(), Unseen()))
     assert certificate.ok
     assert [row.status for row in certificate.rows[-2:]] == ["not looked at", "sampled"]
-    assert np.isnan(spare(certificate.rows[-2]))
+    assert np.isnan(slack(certificate.rows[-2]))
     assert certificate.worst.quantity != "current"
     sampled = replace(certificate.rows[-1], proved_upper=2.0)
     assert Certificate((*certificate.rows[:-1], sampled), 0.0).failed == (sampled,)
+
+
+class Warned:
+    """A limit that says something first: one sentence, and one notice."""
+
+    name: str = "warned"
+
+    def prove(self, piece):
+        return (Proof("arm", "distance", 0.1, np.inf, 0.2, 0.5, "9 samples", "sampled", note="far"),)
+
+    def warned(self, trajectory):
+        return ("Mind the step.", Notice(Warn.TEACHES_LITTLE, {"part": 0.01}))
+
+
+def test_a_file_says_what_its_certificate_does() -> None:
+    """Infinite ends and numbers of what was not looked at are null in the file, and come back."""
+    found = certify(example(), (*arm(), Unseen(), Warned()))
+    content = valid(found.to_json())
+    assert [one["code"] for one in content["warnings"]] == ["stated", "teaches_little"]
+    assert content["warnings"][0]["sentence"] == "Mind the step"
+    read = facts_of(found.to_json())["rows"]
+    for row, own in zip(found.rows, read, strict=True):
+        names = ("lower", "upper", "proved_lower", "proved_upper", "tracking_margin", "note")
+        np.testing.assert_equal([own.get(name, "") for name in names], [getattr(row, name) for name in names])
+        np.testing.assert_equal(own["slack"], slack(row))
+
+
+def test_a_certificate_of_version_1_is_read_with_the_keys_of_this_one() -> None:
+    row = {"axis": "a", "quantity": "position", "lower": -1.0, "upper": None, "method": "Riesz bound"}
+    row |= {"proved_lower": 0.2, "proved_upper": 0.4, "margin": 0.3}
+    (read,) = facts_of(json.dumps({"ok": True, "rows": [row]}))["rows"]
+    assert (read["slack"], read["tracking_margin"], read["upper"]) == (0.3, 0.0, np.inf)
+    assert "margin" not in read
+    for none in ("[]", "{}", '{"rows": [3]}', '{"version": 3, "rows": []}'):
+        with pytest.raises(ValueError, match="certificate"):
+            facts_of(none)
 
 
 def test_a_number_that_is_none_is_a_failure() -> None:

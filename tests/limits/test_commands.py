@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from etude.errors import UsageError
-from etude.limits.certificate import COMMANDS, certify, spare
+from etude.limits.certificate import COMMANDS, certify, slack
 from etude.limits.commands import (
     AMPLE,
     CLOSE,
@@ -74,7 +74,7 @@ def test_a_certificate_says_that_commands_are_looked_at_and_what_is_left_open() 
     found = certify(SWING, [replace(LIMIT, said=("Friction is not in it.",))])
     assert COMMANDS not in found.not_looked_at
     assert "Friction is not in it." in found.not_looked_at
-    assert found.ok == bool(min(map(spare, found.rows)) >= 0.0)
+    assert found.ok == bool(min(map(slack, found.rows)) >= 0.0)
     weak = replace(LIMIT, upper=np.full(2, 0.5), lower=-np.full(2, 0.5), _proofs={})
     assert not certify(SWING, [weak]).ok
 

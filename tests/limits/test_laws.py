@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from limit_examples import ARM_CONFIGS, FLIGHTS, GRAVITY, ROOMS, arm, flights, middle, room
 
-from etude.limits.certificate import certify, certify_bytes, spare, use
+from etude.limits.certificate import certify, certify_bytes, slack, utilization
 from etude.limits.feasible import FeasibleSet
 from etude.limits.library import AxisLimit, NormLimit, TiltLimit
 from etude.limits.samplers import boundary, scaled, uniform
@@ -33,7 +33,7 @@ def test_what_an_arms_cones_admit_is_proved_and_touches_a_limit(config, jerk) ->
             assert certify_bytes(family.trajectory(p).to_json(), limits).ok
         edge = certify(family.trajectory(boundary(rng, feasible)[0]), limits)
         for name in limits[0].names:
-            most = max(use(row) for row in edge.rows if row.axis == name)
+            most = max(utilization(row) for row in edge.rows if row.axis == name)
             assert most > 0.995 if jerk is None else 0.9
 
 
@@ -51,7 +51,7 @@ def test_what_the_cones_of_flights_admit_is_proved(limits, family) -> None:
         certificate = certify(family.trajectory(p), limits)
         assert certificate.ok
         # no more than the samples' share is given away, but for tilt: there, climbing counts as falling
-        assert use(certificate.worst) > (0.6 if tilts else 0.99)
+        assert utilization(certificate.worst) > (0.6 if tilts else 0.99)
         assert not feasible.contains(feasible.centre + 1.001 * (p - feasible.centre))
 
 
@@ -84,10 +84,10 @@ def test_each_limit_alone(name: str, family) -> None:
         step = p - feasible.centre
         step = step / np.max([FeasibleSet.of((limit, *WIDE), family, home).gauge(p)])
         edge = family.trajectory(feasible.centre + 0.999999 * step)
-        assert min(spare(row) for row in limit.prove(edge)) >= 0.0
-        if use(certify(edge, WIDE).worst) < 0.9 and "t" not in (name[-1], name[-2]):
+        assert min(slack(row) for row in limit.prove(edge)) >= 0.0
+        if utilization(certify(edge, WIDE).worst) < 0.9 and "t" not in (name[-1], name[-2]):
             beyond = family.trajectory(feasible.centre + 1.03 * step)
-            assert min(spare(row) for row in limit.prove(beyond)) < 0.0
+            assert min(slack(row) for row in limit.prove(beyond)) < 0.0
         assert_measured(limit, edge, name)
 
 
@@ -159,12 +159,12 @@ def swung(across: float, up: float) -> tuple[FeasibleSet, FourierTrajectory, np.
 def test_climbing_hard_and_leaning_far_at_once_is_left_out_although_it_may_be() -> None:
     across = np.tan(0.3) * GRAVITY
     feasible, motion, p = swung(1.1 * across, 0.3 * GRAVITY)
-    assert spare(LONELY["tilt"].prove(motion)[0]) > 0.0
+    assert slack(LONELY["tilt"].prove(motion)[0]) > 0.0
     assert not feasible.contains(p)
     for share, up in ((0.6, 0.3), (0.6, -0.3), (0.95, 0.0)):
         feasible, motion, p = swung(share * across, up * GRAVITY)
         assert feasible.contains(p)
-        assert spare(LONELY["tilt"].prove(motion)[0]) > 0.0
+        assert slack(LONELY["tilt"].prove(motion)[0]) > 0.0
 
 
 def test_tilt_alone_keeps_the_vehicle_from_falling() -> None:
@@ -179,7 +179,7 @@ def test_margins_learned_by_form_are_kept_off() -> None:
     limit = AxisLimit("position", 0, ("a", "b"), -np.ones(2), np.ones(2), margin=0.05, margins=margins)
     still = FourierTrajectory(np.zeros((3, 2)), 1.0, 10.0)
     rows = limit.prove(still)
-    assert [(row.lower, row.upper, row.margin, row.confidence) for row in rows] == [
+    assert [(row.lower, row.upper, row.tracking_margin, row.confidence) for row in rows] == [
         (-0.9, 0.9, 0.1, 0.95),
         (-0.95, 0.95, 0.05, 0.0),  # what its owner keeps: no log shows that it is enough
     ]

@@ -83,7 +83,7 @@ def test_impossible_settings_are_refused(bad: dict[str, object]) -> None:
 
 def row(quantity: str = "position", margin: float = 0.0, confidence: float = 1.0) -> Proof:
     lower, upper = -2.76, 2.76
-    return Proof("a", quantity, lower, upper, -1.0, 2.71, "", margin=margin, confidence=confidence)
+    return Proof("a", quantity, lower, upper, -1.0, 2.71, "", tracking_margin=margin, confidence=confidence)
 
 
 def test_a_row_in_words() -> None:
@@ -92,7 +92,7 @@ def test_a_row_in_words() -> None:
         "asked 2.71, tracked within 0.04 with 95 % confidence, limit 2.8"
     )
     assert in_words(row(margin=0.04, confidence=0.0)) == "asked 2.71, tracked within 0.04, assumed, limit 2.8"
-    low = Proof("a", "position", -0.9, 0.9, -0.8, 0.1, "", margin=0.1, confidence=1.0)
+    low = Proof("a", "position", -0.9, 0.9, -0.8, 0.1, "", tracking_margin=0.1, confidence=1.0)
     assert in_words(low) == "asked -0.8, tracked within 0.1, limit -1"
 
 

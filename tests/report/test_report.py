@@ -110,7 +110,7 @@ def test_a_certificate_that_fails_says_so(tmp_path: Path) -> None:
     path = tmp_path / "proposals/0001/certificate.json"
     content = json.loads(path.read_text())
     content["ok"] = False
-    content["rows"][0]["margin"] = -0.3
+    content["rows"][0]["slack"] = -0.3
     path.write_text(json.dumps(content))
     assert f"{path.relative_to(tmp_path)} could not be read: it was changed" in drawn(tmp_path).text
     commit(tmp_path, "exported", 1, CONFIG, [path])

@@ -70,7 +70,7 @@ class Ask(Common):
         unseen, slowly = _unseen(found), self.speed == 100 and _assumed(found.certificate)
         files = [str(found.folder / name) for name in (*FILES, *((FEEDFORWARD,) if self.confirm else ()))]
         lines = [
-            *(f"! {sentence}" for sentence in found.certificate.warnings),
+            *(f"! {notice}" for notice in found.certificate.warnings),
             f"Trajectory {found.number}, {found.duration:g} s: {found.status}",
             *_renewed(found),
             table(ROW, [_row(row) for row in found.certificate.seen if row.upper < math.inf], keys=2),
@@ -98,12 +98,12 @@ class Ask(Common):
             "files": files,
             "certified": found.certificate.ok,
             "exported": {one.format: [str(path) for path in one.files] for one in found.exported},
-            "margins": _spared(found.certificate.seen),
+            "slack": _slack(found.certificate.seen),
             "way": [] if found.way is None else [str(path) for path in found.way.files],
             "renewed": _renewed(found),
             "to_confirm": to_confirm(campaign.spec),
             "not_looked_at": unseen,
-            "warnings": list(found.certificate.warnings),
+            "warnings": [one.told() for one in found.certificate.warnings],
             "swept": as_facts(found.swept),
         }
         return Outcome("\n".join(lines), data)
@@ -187,39 +187,39 @@ def _control(certificate: Certificate) -> list[str]:
 
 def _assumed(certificate: Certificate) -> bool:
     """Whether a margin of tracking is somebody's word alone."""
-    return any(row.margin > 0.0 and row.confidence == 0.0 for row in certificate.seen)
+    return any(row.tracking_margin > 0.0 and row.confidence == 0.0 for row in certificate.seen)
 
 
 def _row(row: Proof) -> list[str]:
     """What is asked, what tracking may add, and the limit of both together."""
-    from etude.limits.certificate import tracked_in_words, use
+    from etude.limits.certificate import tracked_in_words, utilization
 
     asked = f"{row.proved_lower:.3g}..{row.proved_upper:.3g}"
-    limit = f"{row.lower - row.margin:.3g}..{row.upper + row.margin:.3g}"
-    return [row.axis, row.quantity, asked, tracked_in_words(row), limit, f"{100 * use(row):.0f} %"]
+    limit = f"{row.lower - row.tracking_margin:.3g}..{row.upper + row.tracking_margin:.3g}"
+    return [row.axis, row.quantity, asked, tracked_in_words(row), limit, f"{100 * utilization(row):.0f} %"]
 
 
-def _spared(rows: Sequence[Proof]) -> dict[str, float]:
-    """The least that each axis spares of a limit, by both names."""
-    from etude.limits.certificate import spare
+def _slack(rows: Sequence[Proof]) -> dict[str, float]:
+    """The least slack of each axis and quantity, by both names."""
+    from etude.limits.certificate import slack
 
     found: dict[str, float] = {}
     for row in rows:
         name = f"{row.axis} {row.quantity}"
-        found[name] = min(spare(row), found.get(name, math.inf))
+        found[name] = min(slack(row), found.get(name, math.inf))
     return found
 
 
 def _distances(rows: Sequence[Proof]) -> list[str]:
     """The least distances, the nearest one by one."""
-    from etude.limits.certificate import use
+    from etude.limits.certificate import place_of, utilization
 
-    rows = sorted(rows, key=use, reverse=True)
+    rows = sorted(rows, key=utilization, reverse=True)
     near = [[row.axis, f"{row.proved_lower:.4g}", f"{row.lower:.4g}"] for row in rows[:NEAREST]]
     if not near:
         return []
     lines = [table(["distance (m) of", "proved at least", "to keep"], near)]
-    where = [f"  - {row.axis}: {row.where}" for row in rows[:NEAREST] if row.where]
+    where = [f"  - {row.axis}: {place_of(row)}" for row in rows[:NEAREST] if place_of(row)]
     lines += ["Where they come nearest:", *where] if where else []
     rest = rows[NEAREST:]
     if rest:

@@ -12,7 +12,7 @@ import numpy as np
 from etude.abilities import SupportsCommandedFiles, SupportsFileNotes, SupportsOffsets, SupportsOrder
 from etude.deploy.feedforward import HALVINGS, ROUNDING, Commanded, shared, within_tilt
 from etude.errors import UnsafeTrajectoryError
-from etude.limits.certificate import Certificate, certify, rows_of, spare
+from etude.limits.certificate import Certificate, certify, rows_of, slack
 from etude.limits.library import TiltLimit
 from etude.protocols import Exporter, Kind, Limit, Trajectory
 from etude.trajectories.splined import Splined
@@ -22,7 +22,7 @@ LEAST_PART = 0.5
 """Of what was learned, that is commanded where all of it could lead out of the limits."""
 MEET = 1e-5
 """s by which points may be beside the ends of a piece: times are rounded."""
-SLACK = 1e-6
+EXCESS = 1e-6
 """Part of a limit's width by which a curve through points may exceed what was proved of the motion."""
 HELD_STILL = 1e-3
 """m (rad) per s and s^2 that count as rest where a receiver holds a row: some play single precision. Who is
@@ -84,7 +84,7 @@ def certify_played(
         control: that the margins are of, in words.
 
     Raises:
-        UnsafeTrajectoryError: the curve leaves a limit by more than SLACK of its width.
+        UnsafeTrajectoryError: the curve leaves a limit by more than EXCESS of its width.
     """
     curve = exporter.back(files)
     if isinstance(curve, Splined):
@@ -98,13 +98,13 @@ def certify_played(
     for row in found.failed:
         if row.quantity == REST:
             raise UnsafeTrajectoryError(
-                f"the motion is not at rest where its receiver holds it ({row.axis.removeprefix('held ')}): "
+                f"the motion is not at rest where its receiver holds it ({row.where}): "
                 f"{row.proved_upper:.3g} per s or s^2",
                 where=row.axis,
                 next_step="Export it with its way from rest and back: "
                 "etude ask FOLDER --from home --format NAME.",
             )
-        if not spare(row) >= -SLACK * (row.upper - row.lower):
+        if not slack(row) >= -EXCESS * (row.upper - row.lower):
             raise UnsafeTrajectoryError(
                 f"as its receiver plays it, {row.quantity} of '{row.axis}' may reach "
                 f"{row.proved_lower:.6g}..{row.proved_upper:.6g}, outside {row.lower:.6g}..{row.upper:.6g}",
@@ -151,7 +151,7 @@ def _part(off: tuple[Array, Array] | None, limits: Sequence[Limit]) -> float:
         return 1.0
 
     def inside(part: float) -> bool:
-        return all(spare(row) >= 0.0 for row in _strays((off[0], part * off[1]), limits))
+        return all(slack(row) >= 0.0 for row in _strays((off[0], part * off[1]), limits))
 
     low, high = LEAST_PART, 1.0
     if inside(high) or not inside(low):
@@ -177,13 +177,14 @@ def _holds(played: Any, limits: Sequence[Limit], control: str) -> list[Proof]:
     for where, (piece, t) in zip(HELD, ends, strict=True):
         orders = piece.motion(np.array([t]), ORDERS_HELD).orders[:, 0]
         moves = float(np.abs(orders[1:]).max())
-        rows.append(Proof(f"held {where}", REST, 0.0, HELD_STILL, moves, moves, "what the row says"))
+        rest = 0.0, HELD_STILL, moves, moves
+        rows.append(Proof(f"held {where}", REST, *rest, "what the row says", where=where))
         still = np.zeros((ORDERS_HELD, 2, len(orders[0])))
         still[0] = orders[0]
         hold = Splined(np.array([0.0, 1.0]), still, like=piece.form)
         for limit in _of_places(limits):
             for row in rows_of(limit, hold, partial=True):
-                of = control if row.margin > 0.0 else ""
+                of = control if row.tracking_margin > 0.0 else ""
                 rows.append(replace(row, quantity=f"{row.quantity}, held {where}", control=of))
     return rows
 

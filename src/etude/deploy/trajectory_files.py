@@ -15,6 +15,7 @@ import msgspec
 import numpy as np
 
 from etude.abilities import SupportsCommandUnit, SupportsConfirmation, SupportsTableRate
+from etude.codes import Notice
 from etude.errors import UnsafeTrajectoryError, UsageError
 from etude.limits.certificate import Certificate, require_certified
 from etude.logs.readers.cells import header_row, restored
@@ -87,7 +88,7 @@ def render(
     stem: str = STEM,
     control: str = "",
     swept: Sequence[Mapping[str, Any]] = (),
-    warned: Sequence[str] = (),
+    warned: Sequence[Notice] = (),
 ) -> TrajectoryFiles:
     """The files of a trajectory, verified from their own bytes.
 
@@ -99,7 +100,7 @@ def render(
         stem: of the files' names; of another than `STEM` it is the way there or back.
         control: that the margins of tracking are of, in words.
         swept: of each axis what the motion sweeps, see `campaign.visited`.
-        warned: sentences that come first, before those of the limits.
+        warned: what comes first, before those of the limits.
 
     Raises:
         UnsafeTrajectoryError: a limit is not proved; there is then nothing to write.

@@ -10,7 +10,7 @@ import numpy as np
 from etude.abilities import SupportsFastCheck, SupportsOrders
 from etude.design.objective import Objective
 from etude.errors import UnsafeTrajectoryError
-from etude.limits.certificate import spare
+from etude.limits.certificate import slack
 from etude.limits.feasible import Block, FeasibleSet
 from etude.protocols import Family, Limit, Trajectory
 from etude.trajectories.extremes import USABLE_PART
@@ -245,7 +245,7 @@ def _hold(limits: Sequence[Limit], family: Family, p: Array, quickly: bool) -> b
 def _holds(limit: Limit, piece: Trajectory, quickly: bool) -> bool:
     if quickly and isinstance(limit, SupportsFastCheck):
         return limit.keeps(piece)
-    return all(spare(row) >= 0.0 for row in limit.prove(piece) if row.status != "not looked at")
+    return all(slack(row) >= 0.0 for row in limit.prove(piece) if row.status != "not looked at")
 
 
 @dataclass(frozen=True, eq=False)

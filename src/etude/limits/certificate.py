@@ -7,26 +7,32 @@ import json
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
 from etude.abilities import SupportsCoverage, SupportsOrder, SupportsWarnings
+from etude.codes import Notice, stated
 from etude.errors import UnsafeTrajectoryError, UsageError
 from etude.protocols import Limit, Trajectory
 from etude.trajectories.json_text import from_json
 from etude.types import Proof
 
+VERSION = 2
+"""Of the certificate's JSON. Version 1 names none, and its rows have the slack under the key "margin"."""
+ENDS = {"lower": -math.inf, "upper": math.inf, "slack": math.inf}
+"""What null stands for in a row that was looked at."""
+NAN = dict.fromkeys(("lower", "upper", "proved_lower", "proved_upper", "slack"), math.nan)
 REST_TOLERANCE = 1e-9
 """Speed at either end, as a fraction of the speed limits, below which a trajectory is at rest."""
 
 
-def spare(row: Proof) -> float:
+def slack(row: Proof) -> float:
     """Smaller distance from the proved interval to the limit; negative if it is not met, NaN if not seen."""
     return min(row.upper - row.proved_upper, row.proved_lower - row.lower)
 
 
-def use(row: Proof) -> float:
+def utilization(row: Proof) -> float:
     """Fraction of the limit that is used, 1 where it is touched; infinite if the limit has no width.
 
     Of a limit without an upper end (a distance): the limit over what is proved.
@@ -34,7 +40,7 @@ def use(row: Proof) -> float:
     half = 0.5 * (row.upper - row.lower)
     if row.upper == math.inf and row.lower > 0.0:
         return row.lower / row.proved_lower if row.proved_lower > 0.0 else math.inf
-    return 1.0 - spare(row) / half if half > 0.0 else math.inf
+    return 1.0 - slack(row) / half if half > 0.0 else math.inf
 
 
 TRACKING = "How far the robot leaves the plan while it tracks it, overshoot included."
@@ -82,8 +88,10 @@ def not_looked_at(
 def _of_tracking(rows: Sequence[Proof]) -> tuple[str, ...]:
     """Nothing where every margin was measured; else of which quantities none was kept, or it is assumed."""
     own = [row for row in rows if row.quantity in HELD and row.status != "not looked at"]
-    without = list(dict.fromkeys(row.quantity for row in own if row.margin == 0.0))
-    assumed = list(dict.fromkeys(row.quantity for row in own if row.margin > 0.0 and row.confidence == 0.0))
+    without = list(dict.fromkeys(row.quantity for row in own if row.tracking_margin == 0.0))
+    assumed = list(
+        dict.fromkeys(row.quantity for row in own if row.tracking_margin > 0.0 and row.confidence == 0.0)
+    )
     if not own or len(without) == len({row.quantity for row in own}):
         return (TRACKING,)
     found = [f"How far the robot leaves the plan in {' and '.join(without)}."] if without else []
@@ -112,18 +120,23 @@ def in_words(row: Proof) -> str:
         return f"{row.proved_lower:.4g} is kept{after}, limit {row.lower:.4g}"
     above = row.upper - row.proved_upper <= row.proved_lower - row.lower
     asked, limit = (row.proved_upper, row.upper) if above else (row.proved_lower, row.lower)
-    beyond = row.margin if above else -row.margin
+    beyond = row.tracking_margin if above else -row.tracking_margin
     return f"asked {asked:.4g}, {_tracked(row)}limit {limit + beyond:.4g}"
 
 
 def tracked_in_words(row: Proof) -> str:
     """The margin of a row and how sure it is; nothing where none is kept."""
-    if row.margin == 0.0:
+    if row.tracking_margin == 0.0:
         return ""
     if row.confidence == 0.0:
-        return f"{row.margin:.3g}, assumed"
+        return f"{row.tracking_margin:.3g}, assumed"
     sure = "" if row.confidence == 1.0 else f" with {100.0 * row.confidence:.0f} % confidence"
-    return f"{row.margin:.3g}{sure}"
+    return f"{row.tracking_margin:.3g}{sure}"
+
+
+def place_of(row: Proof) -> str:
+    """Where and when, and what else is to be known of it; "" if nothing is."""
+    return "; ".join(filter(None, (row.where, row.note)))
 
 
 def _tracked(row: Proof) -> str:
@@ -141,7 +154,7 @@ class Certificate:
         end_speed: largest speed at an end of a piece as a fraction of its limit.
         rest_needed: whether rest at the ends is one of the limits; a flight may start in motion.
         not_looked_at: sentences, what nobody proved.
-        warnings: sentences that come first: what the motion asks beyond a limit that is not held.
+        warnings: what comes first: what the motion asks beyond a limit that is not held.
         notes: sentences on what the file holds beside the motion that is proved.
     """
 
@@ -149,7 +162,7 @@ class Certificate:
     end_speed: float
     rest_needed: bool = True
     not_looked_at: tuple[str, ...] = ALL
-    warnings: tuple[str, ...] = ()
+    warnings: tuple[Notice, ...] = ()
     notes: tuple[str, ...] = ()
 
     @property
@@ -165,7 +178,7 @@ class Certificate:
     @property
     def failed(self) -> tuple[Proof, ...]:
         """The rows that were looked at and are not met."""
-        return tuple(row for row in self.seen if not spare(row) >= 0.0)
+        return tuple(row for row in self.seen if not slack(row) >= 0.0)
 
     @property
     def ok(self) -> bool:
@@ -175,15 +188,16 @@ class Certificate:
     @property
     def worst(self) -> Proof:
         """The limit used most."""
-        return max(self.seen, key=use)
+        return max(self.seen, key=utilization)
 
     def active(self, tolerance: float = 0.01) -> tuple[tuple[str, str], ...]:
         """(axis, quantity) of every limit that is used to within `tolerance` of its half width."""
-        return tuple((row.axis, row.quantity) for row in self.seen if use(row) >= 1.0 - tolerance)
+        return tuple((row.axis, row.quantity) for row in self.seen if utilization(row) >= 1.0 - tolerance)
 
     def to_json(self) -> str:
-        """The certificate as JSON text. A row's "margin" is what it spares of the limit; null is no end."""
+        """The certificate as JSON text, as certificate.schema.json says; null is no end, or no number."""
         content = {
+            "version": VERSION,
             "ok": self.ok,
             "at_rest": self.at_rest,
             "end_speed": self.end_speed,
@@ -191,9 +205,9 @@ class Certificate:
             "rows": [_row(row) for row in self.rows],
             "not_looked_at": list(self.not_looked_at),
         }
-        content |= {"warnings": list(self.warnings)} if self.warnings else {}
+        content |= {"warnings": [one.told() for one in self.warnings]} if self.warnings else {}
         content |= {"notes": list(self.notes)} if self.notes else {}
-        return json.dumps(content, indent=1) + "\n"
+        return json.dumps(content, indent=1, allow_nan=False) + "\n"
 
 
 def certify(
@@ -224,8 +238,8 @@ def certify(
         for limit in limits:
             for i, row in enumerate(rows_of(limit, piece, partial=partial)):
                 key = (row.axis, row.quantity, f"{limit.name} {i}", _kept(row))
-                of = control if row.margin > 0.0 else ""
-                row = replace(row, where=_within(row.where, where), control=of)
+                of = control if row.tracking_margin > 0.0 else ""
+                row = replace(row, where=" of the ".join(filter(None, (row.where, where))), control=of)
                 found[key] = _joined(found[key], row) if key in found else row
     axes = list(dict.fromkeys(key[0] for key in found))
     rows = tuple(row for axis in axes for key, row in found.items() if key[0] == axis)
@@ -247,13 +261,13 @@ def rows_of(limit: Limit, piece: Trajectory, *, partial: bool) -> Sequence[Proof
         return [Proof("all", limit.name, nan, nan, nan, nan, problem.fact, "not looked at")]
 
 
-def _warnings(trajectory: Trajectory, limits: Sequence[Limit]) -> tuple[str, ...]:
+def _warnings(trajectory: Trajectory, limits: Sequence[Limit]) -> tuple[Notice, ...]:
     """What limits say of this motion first of all; of a curve without accelerations nothing."""
-    found: list[str] = []
+    found: list[Notice] = []
     for limit in limits:
         if isinstance(limit, SupportsWarnings):
             with contextlib.suppress(UsageError):
-                found += limit.warned(trajectory)
+                found += stated(limit.warned(trajectory))
     return tuple(found)
 
 
@@ -288,9 +302,9 @@ def require_certified(
             f"the trajectory starts or ends at {certificate.end_speed:.3g} of a velocity limit, not at rest",
             next_step="Use coefficients that start at rest and a whole number of periods, or a phase ramp.",
         )
-    row = max(certificate.failed, key=use)
+    row = max(certificate.failed, key=utilization)
     above = row.proved_upper - row.upper >= row.lower - row.proved_lower
-    place = f" ({row.where})" if row.where else ""
+    place = f" ({place_of(row)})" if place_of(row) else ""
     raise UnsafeTrajectoryError(
         f"{row.quantity} of '{row.axis}' may reach {row.proved_upper if above else row.proved_lower:.6g}"
         f"{place}, outside its limit {row.lower:.6g}..{row.upper:.6g}",
@@ -300,26 +314,62 @@ def require_certified(
 
 
 def _row(row: Proof) -> dict[str, object]:
-    content = asdict(row) | {"margin": spare(row), "tracking_margin": row.margin, "in_words": in_words(row)}
-    if not row.control:
-        del content["control"]
-    return {key: None if value in (math.inf, -math.inf) else value for key, value in content.items()}
+    content = asdict(row) | {"slack": slack(row), "in_words": in_words(row)}
+    for name in ("control", "note"):
+        if not content[name]:
+            del content[name]
+    return {key: _json(value) for key, value in content.items()}
 
 
-def _within(place: str, piece: str) -> str:
-    """A place within a piece; what is said of it after a semicolon stays at the end."""
-    at, mark, note = place.partition("; ")
-    return (" of the ".join(filter(None, (at, piece))) + mark + note).removeprefix("; ")
+def _json(value: object) -> object:
+    """null where JSON has no number."""
+    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def _joined(one: Proof, other: Proof) -> Proof:
-    """One row for two pieces: both intervals, the place and status of the one with less to spare."""
-    tighter = other if not spare(other) >= spare(one) else one
+    """One row for two pieces: both intervals, the place and status of the one with less slack."""
+    tighter = other if not slack(other) >= slack(one) else one
     low, high = (
         min(one.proved_lower, other.proved_lower),
         max(one.proved_upper, other.proved_upper),
     )
     return replace(tighter, proved_lower=low, proved_upper=high)
+
+
+def facts_of(data: bytes | str) -> dict[str, Any]:
+    """What a certificate's file says, with the keys of this version; ends that it has not are infinite.
+
+    Raises:
+        ValueError: it is no certificate, or a newer one.
+    """
+    value: dict[str, Any] = json.loads(data)
+    rows = value.get("rows") if isinstance(value, dict) else None
+    if not isinstance(rows, list) or not all(isinstance(row, dict) for row in rows):
+        raise ValueError("not a certificate")
+    version = value.setdefault("version", 1)
+    if version not in (1, VERSION):
+        raise ValueError(f"a certificate of version {version}")
+    value["rows"] = [_read(row if version == VERSION else _of_version_1(row)) for row in rows]
+    return value
+
+
+def _of_version_1(row: dict[str, Any]) -> dict[str, Any]:
+    """The row with the keys of this version; the earliest certificates know no tracking."""
+    own = {name: value for name, value in row.items() if name != "margin"}
+    return {
+        "status": "proved",
+        "tracking_margin": 0.0,
+        "confidence": 1.0,
+        "where": "",
+        **own,
+        "slack": row["margin"],
+    }
+
+
+def _read(row: dict[str, Any]) -> dict[str, Any]:
+    """The row with numbers where JSON has none; of what was not looked at NaN."""
+    none = NAN if row["status"] == "not looked at" else ENDS
+    return {**row, **{name: value for name, value in none.items() if row[name] is None}}
 
 
 def _end_speeds(piece: Trajectory, limits: Sequence[Limit], partial: bool) -> tuple[float, float]:

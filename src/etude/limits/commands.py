@@ -20,6 +20,7 @@ from statistics import NormalDist
 import numpy as np
 
 from etude.abilities import SupportsFastMoments, SupportsRefusal
+from etude.codes import Notice, Phrase, Warn
 from etude.errors import UnsafeTrajectoryError, UsageError
 from etude.limits.certificate import COMMANDS, memoized
 from etude.protocols import Family, Limit, Model, Trajectory
@@ -365,6 +366,12 @@ LONGEST = 120.0
 """s, of motions for which rest at home is looked at."""
 
 
+def _takes(limit: CommandLimit, j: int, most: float) -> Notice:
+    """What command `j` takes at most, and its limit."""
+    fields = {"command": limit.names[j], "most": most, "unit": limit.units[j]}
+    return Notice(Phrase.TAKES, {**fields, "limit": float(min(limit.upper[j], -limit.lower[j]))})
+
+
 @dataclass(frozen=True, eq=False)
 class OpenCommands:
     """Commands that nobody can look at, and why: a limit without rows, which says so on the certificate.
@@ -387,7 +394,7 @@ class OpenCommands:
         """The reason."""
         return self.said
 
-    def warned(self, trajectory: Trajectory) -> tuple[str, ...]:
+    def warned(self, trajectory: Trajectory) -> tuple[Notice, ...]:
         """What the certificate says first: by how much the mean of this motion is beyond its limits."""
         if self.limit is None:
             return ()
@@ -395,15 +402,9 @@ class OpenCommands:
         beyond = np.flatnonzero((high > self.limit.upper) | (low < self.limit.lower))
         if not len(beyond):
             return ()
-        parts = [
-            f"{self.limit.names[j]} {max(high[j], -low[j]):.3g} {self.limit.units[j]} of "
-            f"{min(self.limit.upper[j], -self.limit.lower[j]):.3g}"
-            for j in beyond
-        ]
-        return (
-            f"Beyond the stated {self.limit.quantity} limits, by {self.limit.source}: {', '.join(parts)}. "
-            "Whether the drives can give that nobody looked at.",
-        )
+        own = tuple(_takes(self.limit, j, float(max(high[j], -low[j]))) for j in beyond.tolist())
+        fields = {"quantity": self.limit.quantity, "source": self.limit.source, "beyond": own}
+        return (Notice(Warn.BEYOND_LIMITS, fields),)
 
     def cones(self, family: Family) -> Sequence[Cone]:  # noqa: ARG002
         """None."""

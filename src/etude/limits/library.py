@@ -233,7 +233,7 @@ class AxisLimit(Convex):
         how = method_of(bound.kappa, 1)
         table = np.stack([low, high, least, most, margin, confidence], axis=1).tolist()
         return [
-            Proof(name, self.quantity, a, b, c, d, how, margin=kept, confidence=sure)
+            Proof(name, self.quantity, a, b, c, d, how, tracking_margin=kept, confidence=sure)
             for name, (a, b, c, d, kept, sure) in zip(self.names, table, strict=True)
         ]
 
@@ -345,7 +345,7 @@ class NormLimit(Convex):
         else:
             low, high = bound_of(piece, self.order, 1, list(self.axes), self._shift).range()
             found = (least, most, max(down, float(np.max(low)), float(np.max(-high))), up)
-        return [Proof(self.axis, self.quantity, *found, how, margin=margin, confidence=confidence)]
+        return [Proof(self.axis, self.quantity, *found, how, tracking_margin=margin, confidence=confidence)]
 
     def strayed(self, places: Array, off: Array) -> Sequence[Proof]:
         """One row, see `AxisLimit.strayed`."""

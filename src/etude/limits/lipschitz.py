@@ -161,7 +161,7 @@ class LipschitzLimit:
             least,
             most,
             how,
-            margin=margin,
+            tracking_margin=margin,
             confidence=confidence,
         )
 

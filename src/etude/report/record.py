@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -16,6 +15,7 @@ from etude.campaign.record.journal import JOURNAL, read_events, recorded
 from etude.campaign.record.rounds import summary
 from etude.campaign.record.state import State, replay
 from etude.errors import EtudeError, UsageError
+from etude.limits.certificate import facts_of
 from etude.report.markup import with_unit
 from etude.storage import sha256_of
 from etude.types import Array
@@ -172,11 +172,9 @@ def _trajectory(path: Path) -> Trajectory:
 
 
 def _proof(path: Path) -> Facts:
-    value = json.loads(path.read_bytes())
-    if not isinstance(value, dict):
-        raise ValueError("not a JSON object")
-    for row in value.get("rows", ()):
-        numbers = [row[name] for name in ("lower", "upper", "proved_lower", "proved_upper", "margin")]
+    value = facts_of(path.read_bytes())
+    for row in value["rows"]:
+        numbers = [row[name] for name in ("lower", "upper", "proved_lower", "proved_upper", "slack")]
         words = [row[name] for name in ("axis", "quantity", "method")]
         if not all(type(n) in (int, float) for n in numbers) or not all(isinstance(w, str) for w in words):
             raise ValueError("a row is not one of a certificate")

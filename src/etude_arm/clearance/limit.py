@@ -25,6 +25,7 @@ from typing import Literal
 
 import numpy as np
 
+from etude.codes import Notice, Warn
 from etude.limits.certificate import COLLISIONS, memoized
 from etude.limits.library import AxisLimit, tracked
 from etude.limits.tracking import ASSUMED
@@ -307,7 +308,7 @@ class Clearance:
         """One row for each pair of rigid parts, and for each part and what stands around."""
         return memoized(self._proofs, piece.to_json(), lambda: self._rows(way_of(piece), *self._error(piece)))
 
-    def warned(self, trajectory: Trajectory) -> tuple[str, ...]:
+    def warned(self, trajectory: Trajectory) -> tuple[Notice, ...]:
         """That next to no motion is left, where shapes that are close at home leave no more; else nothing."""
         at_home = self.gaps.of_poses(self.home[None])[0]
         nearest = int(at_home.argmin())
@@ -318,12 +319,8 @@ class Clearance:
         part = np.ptp(poses, axis=0) / (self.gaps.skeleton.upper - self.gaps.skeleton.lower)
         if part.max() >= SMALL:
             return ()
-        gap, far = self.gaps.list[nearest].text, 1000.0 * at_home[nearest]
-        return (
-            f"Next to no motion is left: no joint goes through more than {100.0 * part.max():.2g} % of its "
-            f"range. At home {gap} are {far:.2g} mm apart, too little for tracking errors and motion: give "
-            "links that only seem to stand so close closer shapes, or [search] another home.",
-        )
+        fields = {"part": float(part.max()), "pair": self.gaps.list[nearest].text}
+        return (Notice(Warn.HARDLY_MOVES, {**fields, "apart_mm": 1000.0 * float(at_home[nearest])}),)
 
     def keeps(self, piece: Trajectory) -> bool:
         """Whether samples keep all that with a little to spare: for searches, whose result is then proved."""
@@ -424,12 +421,13 @@ class Clearance:
             )  # beyond what is measured: nobody knows what is nearest
             counted = float(share[own[i]].min())
             where = "" if far else f"{self.gaps.list[worst[i]].text} at {time:.3g} s"
-            where += f"; {CUTOFF:g} m or more as planned" if far and taken[i] > 0.0 else ""
+            notes = [f"{CUTOFF:g} m or more as planned"] if far and taken[i] > 0.0 else []
             if counted < 1.0:
-                where += f"; tracking errors counted at {math.floor(100.0 * counted)}%: no room for more"
+                notes += [f"tracking errors counted at {math.floor(100.0 * counted)}%: no room for more"]
             limit = float(self.kept[i]), np.inf, float(found.proved[own[i]].min()), CUTOFF
             tracking = float(taken[i]), confidence if counted == 1.0 else ASSUMED
-            rows.append(Proof(" and ".join(row), self.name, *limit, METHOD, status, *tracking, where))
+            own_row = Proof(" and ".join(row), self.name, *limit, METHOD, status, *tracking, where)
+            rows.append(replace(own_row, note="; ".join(notes)))
         return tuple(rows)
 
     def of_motion(self, motion: Motion) -> Array:

@@ -11,10 +11,11 @@ import numpy as np
 import pytest
 from clearance_examples import NAMES, PLANAR, clearance, planar, planar_spec
 
+from etude.codes import Warn
 from etude.design.candidates import Source
 from etude.design.nonconvex_limits import NonconvexLimits
 from etude.errors import UnsafeTrajectoryError, UsageError
-from etude.limits.certificate import _within, certify, in_words, require_certified, spare, use
+from etude.limits.certificate import certify, in_words, place_of, require_certified, slack, utilization
 from etude.trajectories.family import FourierConfig
 from etude.trajectories.fourier import FourierTrajectory
 from etude.trajectories.moves import PointToPoint
@@ -65,8 +66,9 @@ def test_a_pair_that_is_near_at_home_keeps_half_of_that() -> None:
 def test_it_says_first_of_all_where_next_to_no_motion_is_left() -> None:
     near = clearance(planar(Surroundings(floor=Floor(0.25))))  # 10 mm below the upper arm
     (said,) = certify(swing(0.01), [near]).warnings
-    assert "no joint goes through more than 0.36 % of its range" in said
-    assert "upper and floor are 10 mm apart" in said
+    assert said.code == Warn.HARDLY_MOVES
+    assert "no joint goes through more than 0.36 % of its range" in said.sentence
+    assert "upper and floor are 10 mm apart" in said.sentence
     way = PointToPoint(np.array([[0.0, 0.0, 0.0], [0.01, 0.0, 0.0]]), 1.0)
     for limit, motion in ((near, swing(0.3)), (LIMIT, swing(0.01)), (near, way)):
         assert not limit.warned(motion)
@@ -77,13 +79,13 @@ def test_tracking_that_leaves_no_room_is_counted_in_part_and_only_assumed() -> N
     error = np.vstack([np.full(3, 0.25), np.full((2, 3), np.nan)])  # would take more than that at home
     tracked = replace(near, margins={"fourier": (error, 0.95)}, _proofs={}, _words={}, _shares={})
     still = {row.axis: row for row in tracked.prove(swing(0.0))}
-    assert all(spare(row) > 0.0 for row in still.values()), "home is kept, whatever the margin"
+    assert all(slack(row) > 0.0 for row in still.values()), "home is kept, whatever the margin"
     narrow, wide = still["upper and floor"], still["hand and upper"]
     assert narrow.confidence == 0.0
-    assert "no room for more" in narrow.where
-    assert narrow.margin == pytest.approx(TAKEN * (0.01 - TOLERANCE - 1.5 * 0.005), rel=1e-6)
+    assert "no room for more" in narrow.note
+    assert narrow.tracking_margin == pytest.approx(TAKEN * (0.01 - TOLERANCE - 1.5 * 0.005), rel=1e-6)
     assert wide.confidence == 0.95
-    assert "no room" not in wide.where
+    assert "no room" not in wide.note
 
 
 @pytest.mark.parametrize("error", [0.001, 0.003, 0.01, 0.25])
@@ -100,17 +102,17 @@ def test_tracking_takes_its_part_and_says_so() -> None:
     plain, kept = LIMIT.prove(motion), tracked.prove(motion)
     for one, other in zip(plain, kept, strict=True):
         assert other.confidence == 0.95
-        assert one.margin == 0.0
-        assert 0.0 < other.margin < 0.08
+        assert one.tracking_margin == 0.0
+        assert 0.0 < other.tracking_margin < 0.08
         assert other.proved_lower <= one.proved_lower
         assert in_words(other) == (
-            f"{other.proved_lower:.4g} is kept after tracking has taken {other.margin:.3g} "
+            f"{other.proved_lower:.4g} is kept after tracking has taken {other.tracking_margin:.3g} "
             "with 95 % confidence, limit 0.01"
         )
     refused = [
-        size for size in np.arange(1.3, 1.9, 0.02) if min(map(spare, tracked.prove(swing(size)))) < 0.0
+        size for size in np.arange(1.3, 1.9, 0.02) if min(map(slack, tracked.prove(swing(size)))) < 0.0
     ]
-    allowed = [size for size in np.arange(1.3, 1.9, 0.02) if min(map(spare, LIMIT.prove(swing(size)))) >= 0.0]
+    allowed = [size for size in np.arange(1.3, 1.9, 0.02) if min(map(slack, LIMIT.prove(swing(size)))) >= 0.0]
     assert min(refused) <= max(allowed), "tracking errors cost some room"
     assert min(refused) > max(allowed) - 0.06, "but not much more than themselves"
     other_form = replace(tracked, margins={"moves": (error, 0.95)}, _proofs={}, _words={})
@@ -123,7 +125,7 @@ def test_the_certificate_names_pair_and_time_and_says_what_is_left_out() -> None
     assert "Cables." in certificate.not_looked_at
     assert not any("Collisions" in sentence for sentence in certificate.not_looked_at)
     assert any("Collisions" in sentence for sentence in certify(swing(0.5), []).not_looked_at)
-    assert 0.0 < use(certificate.rows[0]) < 1.0
+    assert 0.0 < utilization(certificate.rows[0]) < 1.0
     rows = json.loads(certificate.to_json(), parse_constant=pytest.fail)["rows"]
     assert {row["upper"] for row in rows} == {None}
     with pytest.raises(
@@ -253,18 +255,15 @@ def test_no_penalty_pushes() -> None:
 def test_what_is_far_as_planned_names_no_place_and_no_part_of_an_error_is_rounded_up_to_all_of_it() -> None:
     error = np.vstack([np.full(3, 0.136), np.full((2, 3), np.nan)])
     tracked = replace(LIMIT, margins={"fourier": (error, 0.95)}, _proofs={}, _words={}, _shares={})
-    rows = {row.axis: row.where for row in certify(swing(0.0), [tracked]).rows}
-    assert rows["hand and upper"].startswith("upper and hand at 0 s")
-    assert rows["fore and floor"] == "0.3 m or more as planned"
-    assert (
-        rows["hand and floor"] == "0.3 m or more as planned; tracking errors counted at 99%: no room for more"
-    )
+    rows = {row.axis: row for row in certify(swing(0.0), [tracked]).rows}
+    assert rows["hand and upper"].where == "upper and hand at 0 s"
+    assert place_of(rows["fore and floor"]) == "0.3 m or more as planned"
+    beyond = "0.3 m or more as planned; tracking errors counted at 99%: no room for more"
+    assert place_of(rows["hand and floor"]) == beyond
 
 
 def test_a_place_within_a_piece_comes_before_what_is_said_of_it() -> None:
-    assert _within("a and b at 2 s", "link at 7 s") == "a and b at 2 s of the link at 7 s"
-    assert (
-        _within("a and b at 2 s; so and so", "link at 7 s") == "a and b at 2 s of the link at 7 s; so and so"
-    )
-    assert _within("; so and so", "link at 7 s") == "link at 7 s; so and so"
-    assert (_within("; so and so", ""), _within("a", ""), _within("", "b")) == ("so and so", "a", "b")
+    rows = certify(swing(0.0), [LIMIT]).rows
+    row = replace(rows[0], where="a and b at 2 s of the link at 7 s", note="so and so")
+    assert place_of(row) == "a and b at 2 s of the link at 7 s; so and so"
+    assert (place_of(replace(row, where="")), place_of(replace(row, note=""))) == ("so and so", row.where)

@@ -10,7 +10,7 @@ from clearance_examples import NAMES, REACH, clearance, planar
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from etude.limits.certificate import spare
+from etude.limits.certificate import slack
 from etude.protocols import Trajectory
 from etude.trajectories.fourier import FourierTrajectory
 from etude.trajectories.moves import PointToPoint
@@ -63,7 +63,7 @@ def least(limit: Clearance, motion: Trajectory, count: int = FINE) -> Array:
 
 
 def ok(rows: list[Proof]) -> bool:
-    return min(spare(row) for row in rows) >= 0.0
+    return min(slack(row) for row in rows) >= 0.0
 
 
 @settings(max_examples=20)
@@ -162,7 +162,7 @@ def colliding(seed: int) -> tuple[FourierTrajectory, Array]:
 @pytest.mark.parametrize("seed", range(30))
 def test_a_motion_through_a_collision_is_refused_with_pair_and_time(seed: int) -> None:
     motion, _ = colliding(seed)
-    failed = [row for row in LIMIT.prove(motion) if spare(row) < 0.0]
+    failed = [row for row in LIMIT.prove(motion) if slack(row) < 0.0]
     assert failed
     gaps = {gap.text: i for i, gap in enumerate(LIMIT.gaps.list)}
     for row in failed:

@@ -16,6 +16,7 @@ import etude
 from etude.campaign.create import RobotPart, create_campaign
 from etude.campaign.propose.ask import ask
 from etude.cli import main
+from etude.codes import Warn
 from etude.errors import UnsafeTrajectoryError
 from etude.limits.certificate import require_certified
 from etude.protocols import Trajectory
@@ -126,13 +127,14 @@ def test_from_init_to_ask(tmp_path: Path, capsys: pytest.CaptureFixture[str]) ->
     robot.write_text("".join(s for s in robot.read_text().splitlines(keepends=True) if NO_MOTION not in s))
     found = ask(etude.open_campaign(lab))
     (warning,) = found.certificate.warnings
-    assert "Beyond the stated torque limits, by the model file's masses: lift" in warning
-    assert warning in (found.folder / "certificate.json").read_text()
+    assert warning.code == Warn.BEYOND_LIMITS
+    assert "Beyond the stated torque limits, by the model file's masses: lift" in warning.sentence
+    assert warning.sentence in (found.folder / "certificate.json").read_text()
     assert not any(row.quantity == "torque" for row in found.certificate.rows)
     assert main(["ask", str(lab)]) == 0
     assert f"! {warning}" == capsys.readouterr().out.splitlines()[0]
     assert main(["report", str(lab)]) == 0
-    assert warning.split(": ")[1] in (lab / "report.html").read_text()
+    assert warning.sentence.split(": ")[1] in (lab / "report.html").read_text()
 
 
 def test_a_corrected_limit_is_asked_for_and_held(tmp_path: Path) -> None:

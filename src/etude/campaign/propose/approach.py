@@ -217,7 +217,7 @@ def require_pose(
     for limit in kept.limits(campaign):
         rows = limit.prove(hold) if isinstance(limit, SupportsOrder) and limit.order == 0 else ()
         for row in rows:
-            low, high = row.lower - row.margin, row.upper + row.margin
+            low, high = row.lower - row.tracking_margin, row.upper + row.tracking_margin
             if row.upper >= row.proved_upper and row.proved_lower >= row.lower:
                 continue
             if problem.where != f"{row.axis}, {row.quantity}":
@@ -225,7 +225,7 @@ def require_pose(
             raise UnsafeTrajectoryError(
                 f"the pose itself is the fault: {row.quantity} of '{row.axis}' is {row.proved_upper:.6g}; "
                 f"motions stay in {row.lower:.6g}..{row.upper:.6g}, "
-                f"{row.margin:.3g} inside of {low:.6g}..{high:.6g} for tracking{beside}",
+                f"{row.tracking_margin:.3g} inside of {low:.6g}..{high:.6g} for tracking{beside}",
                 where="--from",
                 next_step="Name a pose inside, or bring the robot to the start by its own controller.",
             ) from None

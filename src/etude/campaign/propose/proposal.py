@@ -14,6 +14,7 @@ from etude.campaign.propose.motions import from_rest, reference_motions, segment
 from etude.campaign.record.events import Asked
 from etude.campaign.record.folder import Campaign, Say
 from etude.campaign.record.stored_files import FULL, stored_trajectory
+from etude.codes import Notice, Warn
 from etude.design.latents import Latent
 from etude.errors import UsageError
 from etude.protocols import Family, Inputs, Limit, Model, Trajectory
@@ -161,16 +162,15 @@ def as_facts(rows: Sequence[Swept]) -> list[dict[str, Any]]:
     return [asdict(row) for row in rows]
 
 
-def teaches_little(rows: Sequence[Swept]) -> tuple[str, ...]:
+def teaches_little(rows: Sequence[Swept]) -> tuple[Notice, ...]:
     """What is said first of a motion that goes nowhere."""
     if not rows or max(row.of_range for row in rows) > SMALL:
         return ()
-    held = dict.fromkeys(row.held for row in rows if row.held and row.held != NO_TIME)
-    why = f" In the way: {', '.join(held)}." if held else ""
-    return (
-        f"This motion teaches next to nothing: no joint sweeps more than "
-        f"{100.0 * max(row.of_range for row in rows):.0f} % of its range.{why}",
-    )
+    held = tuple(dict.fromkeys(row.held for row in rows if row.held and row.held != NO_TIME))
+    part = {"part": float(max(row.of_range for row in rows))}
+    if held:
+        return (Notice(Warn.TEACHES_LITTLE_HELD, {**part, "held": held}),)
+    return (Notice(Warn.TEACHES_LITTLE, part),)
 
 
 def reachable(campaign: Campaign) -> Reachable | None:

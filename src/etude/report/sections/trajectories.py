@@ -8,6 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from etude.campaign.record.stored_files import changed_since
+from etude.codes import stated
 from etude.protocols import Limit, Trajectory
 from etude.report.markup import (
     Html,
@@ -109,13 +110,18 @@ def use_of_distance(kept: float, proved: float) -> float:
 
 def distances(rows: Sequence[Facts]) -> list[Html]:
     """The nearest ones with where and when, from a certificate's rows; nothing if no row is a distance."""
-    own = [row for row in rows if row["upper"] is None]
+    own = [row for row in rows if row["upper"] == math.inf]
     own.sort(key=lambda row: use_of_distance(row["lower"], row["proved_lower"]), reverse=True)
     if not own:
         return []
     header = ["", "proved distance (m)", "to keep (m)", "nearest"]
     body = [
-        [row["axis"], number(row["proved_lower"], 4), number(row["lower"], 3), row["where"] or "far"]
+        [
+            row["axis"],
+            number(row["proved_lower"], 4),
+            number(row["lower"], 3),
+            "; ".join(filter(None, (row["where"], row.get("note", "")))) or "far",
+        ]
         for row in own[:NEAREST]
     ]
     rest = own[NEAREST:]
@@ -167,7 +173,7 @@ def fractions(title: str, t: Array, values: Array, names: tuple[str, ...], *, si
 def _verdict(certificate: Facts | None) -> str:
     if not certificate:
         return ""
-    uses = [_use(row) for row in certificate.get("rows", ())]
+    uses = [_use(row) for row in certificate["rows"] if row["status"] != "not looked at"]
     if not certificate.get("ok"):
         return " · NOT proved inside its limits"
     rest = "; starts and ends at rest" if certificate.get("at_rest") else ""
@@ -176,30 +182,36 @@ def _verdict(certificate: Facts | None) -> str:
 
 
 def _use(row: Facts) -> float:
-    if row["upper"] is None:
+    if row["upper"] == math.inf:
         return use_of_distance(row["lower"], row["proved_lower"])
     half = 0.5 * (row["upper"] - row["lower"])
-    return 1.0 - row["margin"] / half if half > 0 else float("inf")
+    return 1.0 - row["slack"] / half if half > 0 else float("inf")
 
 
 def _proofs(record: Record, certificate: Facts) -> Html:
     """One row per axis, one column per quantity; how it was proved stands below, once, and what was not."""
-    every = certificate.get("rows", ())
-    rows = [row for row in every if row["upper"] is not None]
+    every = [row for row in certificate["rows"] if row["status"] != "not looked at"]
+    rows = [row for row in every if row["upper"] != math.inf]
     axes, quantities = (list(dict.fromkeys(row[key] for row in rows)) for key in ("axis", "quantity"))
     # pieces of a chain may have rows of their own: the tightest is shown
     proofs = {(row["axis"], row["quantity"]): _proof(row) for row in sorted(rows, key=_use)}
     body = [[axis, *(proofs.get((axis, quantity), "–") for quantity in quantities)] for axis in axes]
     methods = "; ".join(dict.fromkeys(str(row["method"]) for row in every))
     header = ["", *(f"asked {quantity} ({_unit(record, quantity)})" for quantity in quantities)]
-    warnings = [paragraph(str(sentence), class_="alert") for sentence in certificate.get("warnings", ())]
+    said = stated(certificate.get("warnings", ()))
+    warnings = [paragraph(str(notice), class_="alert") for notice in said]
     found = *distances(every), *_swept(certificate)
     proved = table(header, body), *found, paragraph(f"Method: {methods}.", class_="soft")
     parts = [*warnings, *proved]
     unseen = [str(sentence) for sentence in certificate.get("not_looked_at", ())]
+    unseen += [_unseen(row) for row in certificate["rows"] if row["status"] == "not looked at"]
     if unseen:
         parts.append(missing(f"Not looked at by anyone: {' '.join(unseen)}"))
     return join(parts)
+
+
+def _unseen(row: Facts) -> str:
+    return f"{row['quantity']} of {row['axis']}: {row['method']}."
 
 
 def _swept(certificate: Facts) -> list[Html]:
@@ -225,13 +237,13 @@ def _unit(record: Record, quantity: str) -> str:
 
 
 def _proof(row: Facts) -> Html:
-    """What is asked, what tracking may add, and the limit of both; older certificates know no tracking."""
-    kept, sure = row.get("tracking_margin", 0.0), row.get("confidence", 1.0)
+    """What is asked, what tracking may add, and the limit of both."""
+    kept, sure = row["tracking_margin"], row["confidence"]
     how = "assumed" if sure == 0.0 else f"{100.0 * sure:.0f} % confidence"
     under = f"under {row['control']} " if row.get("control") else ""
     tracked = "" if kept == 0.0 else f"{under}tracked within {kept:.3g}{f' ({how})' if sure < 1.0 else ''}, "
     limit = f"{tracked}limit {interval(row['lower'] - kept, row['upper'] + kept)}, left "
-    detail = element("small", limit, margin(row), class_="soft")
+    detail = element("small", limit, slack(row), class_="soft")
     return join([element("b", interval(row["proved_lower"], row["proved_upper"])), meter(row), detail], "")
 
 
@@ -239,11 +251,11 @@ def interval(low: float, high: float) -> str:
     return f"{low:.4g} … {high:.4g}".replace("-", "−")
 
 
-def margin(row: Facts) -> Html:
+def slack(row: Facts) -> Html:
     half = 0.5 * (row["upper"] - row["lower"])
-    share = 100.0 * row["margin"] / half if half > 0 else float("nan")
+    share = 100.0 * row["slack"] / half if half > 0 else float("nan")
     percent = "< 0.01" if 0.0 <= share < 0.01 else number(share, 2)
-    return element("span", f"{percent} %", class_="good" if row["margin"] >= 0 else "bad")
+    return element("span", f"{percent} %", class_="good" if row["slack"] >= 0 else "bad")
 
 
 def meter(row: Facts) -> Html:
