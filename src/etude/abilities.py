@@ -318,6 +318,15 @@ class SupportsStateText(Protocol):
 
 
 @runtime_checkable
+class SupportsBody(Protocol):
+    """`Kind`: what moves, as the description says. Other masses, loads or mountings are another body: what
+    was learned of one says nothing of the commands of another.
+    """
+
+    def body(self, spec: Any, /) -> str: ...
+
+
+@runtime_checkable
 class SupportsKnownFaults(Protocol):
     """`Kind`: codes of docs/known_faults.md that earlier versions' files of this robot have."""
 

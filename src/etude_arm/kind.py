@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping, Sequence
+from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
 from etude.protocols import Controller, Family, Limit, Model, Trajectory
+from etude.storage import sha256_of
 from etude.types import (
     Array,
     Channel,
@@ -256,6 +258,13 @@ class ArmKind:
         from etude_arm.plant.robot import simulated_robot
 
         return simulated_robot(spec.plant, spec)
+
+    def body(self, spec: ArmSpec) -> str:
+        """Of the model file and of what robot.toml adds to it."""
+        file = spec.model_file
+        linked = sha256_of(file) if file is not None and file.is_file() else ""
+        carried = (spec.mounting, spec.tool, spec.payload, sorted(spec.held.items()))
+        return sha256(repr((spec.names, spec.command_unit, linked, *carried)).encode()).hexdigest()
 
     def figure(self, spec: ArmSpec, q: Array) -> Figure | None:
         """The joints and the tips along q (T, J); None without a model file."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -133,6 +134,10 @@ class QuadrotorKind:
         from etude_quadrotor.motions import centred, flight_family
 
         return flight_family(centred(spec, config.trajectory))
+
+    def body(self, spec: QuadrotorSpec) -> str:
+        """Of the vehicle that explains the commands; those of another payload are learned anew."""
+        return sha256(repr((spec.vehicle, spec.command_unit, spec.command_names)).encode()).hexdigest()
 
     def limits(
         self,

@@ -273,8 +273,8 @@ def test_the_twelve_answers_of_the_contributing_page_are_true() -> None:
     page = (root / "CONTRIBUTING.md").read_text(encoding="utf-8")
     rows = [line.split(" | ") for line in page.splitlines() if line.startswith("| ") and "src/" in line]
     assert len(rows) == 12
-    for question, places, names in rows:
-        files = [root / name for name in re.findall(r"`(src/[^`]+\.py)`", places)]
+    for question, cells, names in rows:
+        files = [root / name for name in re.findall(r"`(src/[^`]+\.py)`", cells)]
         text = "".join(file.read_text(encoding="utf-8") for file in files)
         assert files, question
         for name in re.findall(r"`(\w+)`", names):

@@ -21,6 +21,7 @@ from etude.campaign.record.stored_models import (
     LINEAR,
     MIXED,
     MODEL,
+    body_of,
     check_model,
     known_groups,
     label,
@@ -235,6 +236,7 @@ def learn_log(campaign: Campaign, state: State, number: int) -> TrainingOutcome:
         recipe=tuple(_said(campaign, logs, samples)),
         inputs={name: np.asarray(a).tolist() for name, a in ladder.model.inputs.arrays().items()},
         warnings=(*_notes(ladder.model.inputs), *ladder.model.warnings),
+        body=body_of(campaign),
     )
     fact = with_forecast(fact, ladder.model, before, campaign, state)
     if blocks:

@@ -17,7 +17,7 @@ from etude.campaign.record.events import Constrained, Exported, Ingested, Table
 from etude.campaign.record.folder import Campaign
 from etude.campaign.record.state import State
 from etude.campaign.record.stored_files import FULL, stored_trajectory
-from etude.campaign.record.stored_models import require_stored, stored_model
+from etude.campaign.record.stored_models import of_another_body, require_stored, stored_model
 from etude.errors import DataError, UsageError
 from etude.limits.commands import after_run
 from etude.limits.tracking import ASSUMED, LOGS_CONSIDERED, Ranges, margins_of, within_room
@@ -59,7 +59,13 @@ class Constraints:
         return in_words(self.controls)
 
     def model(self, campaign: Campaign) -> Model | None:
-        """The model of `number`; None before any log, or where it is gone. UsageError: it was changed."""
+        """The model of `number`. UsageError: it was changed.
+
+        None before any log, where it is gone, or where it is of another body than is described now: it would
+        prove the commands of a robot that is no more.
+        """
+        if self.number is not None and of_another_body(campaign, self.number):
+            return None
         if self.number is not None and self.number not in self._models:
             self._models[self.number] = None
             require_stored(campaign, self.number)
@@ -158,6 +164,9 @@ def kept_now(campaign: Campaign, state: State, *controls: str) -> Constraints:
     margins = {form: _largest([own[form] for own, _ in found]) for form in found[0][0]}
     by_form = {form: tuple(dict.fromkeys(s for _, own in found for s in own[form])) for form in margins}
     number = state.trained[-1].number if state.trained else None
+    if number is not None and (other := of_another_body(campaign, number)):
+        sentence = f"Commands are those of the description alone.{other}"
+        by_form = {form: (sentence, *own) for form, own in by_form.items()}
     return Constraints(margins, by_form=by_form, number=number, controls=controls)
 
 

@@ -15,9 +15,11 @@ from etude.campaign.record.deployed_model import model_in_use
 from etude.campaign.record.events import Exported
 from etude.campaign.record.folder import Campaign
 from etude.campaign.record.stored_files import settle
+from etude.campaign.record.stored_models import of_another_body
 from etude.deploy.feedforward import Commanded, accelerated, commanded, require_forces
 from etude.deploy.playback_certificate import played
 from etude.deploy.trajectory_files import command_unit
+from etude.errors import UsageError
 from etude.limits.certificate import Certificate
 from etude.protocols import Trajectory
 from etude.storage import GENERATION
@@ -101,7 +103,10 @@ def _proof(certificate: Certificate) -> bytes:
 def _with_effort(campaign: Campaign, trajectory: Trajectory) -> Commanded:
     unit = command_unit(campaign.spec)
     require_forces(unit, campaign.spec.name, "Export without --effort.")
-    return commanded(trajectory, model_in_use(campaign).model)
+    used = model_in_use(campaign)
+    if other := of_another_body(campaign, used.number):
+        raise UsageError("the model that efforts come from is of another robot", next_step=other.strip())
+    return commanded(trajectory, used.model)
 
 
 def _accelerated(campaign: Campaign, what: Trajectory | Commanded) -> Trajectory | Commanded:

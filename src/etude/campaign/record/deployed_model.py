@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from etude.campaign.record.events import Promoted, Trained
+from etude.campaign.record.events import Promoted
 from etude.campaign.record.folder import Campaign
 from etude.campaign.record.state import State
 from etude.campaign.record.stored_files import require_description
-from etude.campaign.record.stored_models import MODEL, newest_model, read_stored
+from etude.campaign.record.stored_models import MODEL, newest_model, of_another_body, read_stored
 from etude.errors import UsageError
 from etude.models.model import LearnedModel
 from etude.storage import sha256_of, write_atomic
@@ -51,27 +51,12 @@ def model_in_use(campaign: Campaign, state: State | None = None) -> InUse:
         path = campaign.model_folder(number) / MODEL
         digest = sha256_of(path)
         said = f"Nothing was promoted yet: the newest model is used, of log {number} ({digest[:12]})."
-        return InUse(model, number, path, digest, False, said + _of_another(campaign, number))
+        return InUse(model, number, path, digest, False, said + of_another_body(campaign, number))
     number, promoted = state.promoted[-1]
     said = f"The promoted model is used, of log {number} ({promoted.sha256[:12]})."
     model, path = promoted_model(campaign, number, promoted), pinned(campaign, promoted.sha256)
-    said += _of_another(campaign, number)
+    said += of_another_body(campaign, number)
     return InUse(model, number, path, promoted.sha256, True, said)
-
-
-def _of_another(campaign: Campaign, number: int) -> str:
-    """A sentence, if robot.toml changed since the model was learned: its physics are of the file as it is."""
-    trained = [e for e in campaign.events() if isinstance(e.fact, Trained) and e.number == number]
-    before = trained[-1].robot_sha256 if trained else ""
-    if before in ("", campaign.robot_sha256):
-        return ""
-    told = campaign.state().rounds[number].told
-    log = told.source if told is not None else "LOG"
-    return (
-        " robot.toml changed since it was learned, so its physics are others. The next log that is told has "
-        f"all learned again; or now: etude untell {campaign.path} {number}, then "
-        f"etude tell {campaign.path} {log}."
-    )
 
 
 def model_of_sha256(campaign: Campaign, digest: str) -> LearnedModel | None:

@@ -238,6 +238,7 @@ class Trained(Fact):
         warnings: what the training has to say.
         forecast_deviation, latent_deviation, noise_deviation, moved: see `learn.training.forecast`.
         held_out: scores on blocks of the newest log.
+        body: of the description, as `abilities.SupportsBody`; "" where the kind tells none.
     """
 
     EVENT: ClassVar[str] = "trained"
@@ -259,6 +260,7 @@ class Trained(Fact):
     moved: float | None = None
     held_out: BlockScores | None = None
     together: tuple[int, ...] = ()
+    body: str = ""
 
     @property
     def in_use(self) -> str:

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from etude._runtime.trust import folder_id
-from etude.abilities import SupportsPlant
+from etude.abilities import SupportsBody, SupportsPlant
 from etude.campaign.record.config_file import trusting
 from etude.campaign.record.events import Trained
 from etude.campaign.record.folder import Campaign, open_campaign
@@ -120,6 +120,33 @@ def only_rung(model: LearnedModel, rung: str) -> LearnedModel | None:
         return model.of_rung(rung)
     except UsageError:
         return None
+
+
+def body_of(campaign: Campaign) -> str:
+    """What moves, as robot.toml describes it now; "" of a kind that does not tell."""
+    kind = campaign.kind
+    return kind.body(campaign.spec) if isinstance(kind, SupportsBody) else ""
+
+
+def of_another_body(campaign: Campaign, number: int) -> str:
+    """A sentence, if robot.toml describes another body by now than that of which log `number` was learned.
+
+    Events without a body are held against the whole of robot.toml.
+    """
+    body, file = "", ""
+    for event in campaign.events():
+        if isinstance(event.fact, Trained) and event.number == number:
+            body, file = event.fact.body, event.robot_sha256
+    if body == body_of(campaign) if body else file in ("", campaign.robot_sha256):
+        return ""
+    told = campaign.state().rounds[number].told
+    log = told.source if told is not None else "LOG"
+    return (
+        f" robot.toml changed since log {number} was learned, so its physics are others. "
+        "Where the robot itself changed, tell its next log with --changed new. "
+        f"Where robot.toml was wrong: etude untell {campaign.path} {number}, then "
+        f"etude tell {campaign.path} {log}."
+    )
 
 
 def label(rungs: Sequence[str]) -> str:
