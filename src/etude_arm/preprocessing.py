@@ -192,16 +192,18 @@ def _of_log(spec: ArmSpec, config: ArmData, log: Log, group: Index) -> Samples:
     return _without_held(joined_samples(parts), spec, config)
 
 
-HELD = 10.0
+HELD, HELD_OF_RANGE = 10.0, 0.05
 """Presliding ways, 0.1 rad as a rule, beyond which a joint has to go in a log to count as moved. Within them
 it is held: it sags and swings while others move, and its command is the feedback's answer to its error. A
-model would learn that law for dynamics, and say 70 N m where gravity is 6."""
+model would learn that law for dynamics, and say 70 N m where gravity is 6. Of a joint with a short range it is
+that part of the range, if that is less."""
 
 
 def _without_held(samples: Samples, spec: ArmSpec, config: ArmData) -> Samples:
     """The samples of a log with joints that are held all along taken as standing."""
     q = samples.log[(PLAN if config.desired else PATH)[0]]
-    held = np.ptp(q, axis=0) < HELD * spec.presliding(config.presliding)
+    least = np.minimum(HELD * spec.presliding(config.presliding), HELD_OF_RANGE * (spec.upper - spec.lower))
+    held = np.ptp(q, axis=0) < least
     return replace(samples, moving=samples.moving & ~held)
 
 
