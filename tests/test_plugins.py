@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from etude import plugins
+from etude.campaign.create import find_robot
 from etude.errors import UsageError
 
 VESSEL = """
@@ -70,6 +71,35 @@ def test_two_of_one_name_are_refused_with_both_distributions(installed) -> None:
         "rov 1.2",
         "kelp 1.2",
     }
+
+
+def test_two_packages_of_one_kind_are_named_and_harm_no_other(installed, tmp_path) -> None:  # type: ignore[no-untyped-def]
+    installed("rov", "[etude.robots]\nvessel = rov_module:KIND\n", VESSEL)
+    installed("kelp", "[etude.robots]\nvessel = kelp_module:KIND\n", VESSEL)
+    assert find_robot("arm4")[0].name == "arm"
+    (tmp_path / "mine.toml").write_text('kind = "vessel"\nname = "mine"\n')
+    with pytest.raises(UsageError, match="no kind of robot that is known") as refused:
+        find_robot(str(tmp_path / "mine.toml"))
+    assert (
+        "two plug-ins are named 'vessel' in etude.robots: of kelp 1.2 and rov 1.2" in refused.value.next_step
+    )
+
+
+HALF = """
+class Exporter:
+    def __call__(self, trajectory, kind, spec): ...
+    def back(self, files): ...
+    def strays(self, files): ...
+EXPORTER = Exporter()
+"""
+
+
+def test_half_an_ability_is_named_with_the_protocol_to_declare(installed) -> None:  # type: ignore[no-untyped-def]
+    installed("old", "[etude.exporters]\nold = old_module:EXPORTER\n", HALF)
+    with pytest.raises(UsageError, match="Exporter has strays and lacks accelerations") as refused:
+        plugins.load("etude.exporters", "old")
+    assert "etude.abilities.SupportsCommandedFiles" in refused.value.next_step
+    assert "strays" in next(p.problem for p in plugins.listed(tried=True) if p.name == "old")
 
 
 def test_a_row_of_the_table_repeated_as_an_entry_point_is_one_plug_in(installed) -> None:  # type: ignore[no-untyped-def]

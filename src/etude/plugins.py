@@ -304,7 +304,7 @@ def listed(*, tried: bool = False) -> tuple[Plugin, ...]:
     """All plug-ins, group by group.
 
     Args:
-        tried: import those of other packages, to say which cannot be; else only what failed before is said.
+        tried: import those beside the core, to say which cannot be; else only what failed before is said.
     """
     return tuple(_judged(plugin, tried) for group in GROUPS for plugin in _known(group))
 
@@ -313,7 +313,7 @@ def _judged(plugin: Plugin, tried: bool) -> Plugin:
     twins = [p for p in _known(plugin.group) if p.name == plugin.name]
     if len(twins) > 1:
         return replace(plugin, problem=f"the name stands twice: of {_sources(twins)}")
-    if tried and plugin.source != "etude":
+    if tried and not plugin.target.startswith("etude."):
         try:
             _of_group(plugin.group, plugin.name, _imported(plugin))
         except UsageError as error:

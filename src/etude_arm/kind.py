@@ -100,7 +100,7 @@ class ArmKind:
 
     @property
     def presets(self) -> Mapping[str, Mapping[str, Mapping[str, Any]]]:
-        from etude._runtime.toml_tables import decoded, read_text
+        from etude.toml_tables import decoded, read_text
 
         path = HERE / "presets.toml"
         return decoded(read_text(path), path.name)
@@ -118,8 +118,8 @@ class ArmKind:
         """A URDF, xacro or MJCF, or a robot file that names this kind or none."""
         if path.suffix.lower() in MODEL_FILES:
             return True
-        from etude._runtime.toml_tables import decoded, read_text
         from etude.errors import UsageError
+        from etude.toml_tables import decoded, read_text
         from etude_arm.robot_file import KINDS
 
         try:

@@ -11,8 +11,8 @@ from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from etude._runtime.toml_tables import toml_value
 from etude.errors import UsageError
+from etude.toml_tables import toml_value
 from etude.types import Array
 from etude_arm.checks import METRES, RADIANS, check_spec, suspected
 from etude_arm.loading.joint_choice import Choice, Moving

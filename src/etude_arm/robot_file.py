@@ -42,9 +42,9 @@ from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
-from etude._runtime.toml_tables import decoded, from_table, read_text, write_values
 from etude.errors import UsageError
 from etude.limits.limit_tables import read_limits
+from etude.toml_tables import decoded, from_table, read_text, write_values
 from etude_arm.checks import check_spec, unit_suspicion
 from etude_arm.clearance.surroundings import (
     ADD_FLOOR,

@@ -63,7 +63,7 @@ class QuadrotorKind:
 
     @property
     def presets(self) -> Mapping[str, Mapping[str, Mapping[str, Any]]]:
-        from etude._runtime.toml_tables import decoded, read_text
+        from etude.toml_tables import decoded, read_text
 
         path = HERE / "presets.toml"
         return decoded(read_text(path), path.name)
@@ -85,8 +85,8 @@ class QuadrotorKind:
 
     def recognises(self, path: Path) -> bool:
         """A robot file that names this kind, or a vehicle."""
-        from etude._runtime.toml_tables import decoded, read_text
         from etude.errors import UsageError
+        from etude.toml_tables import decoded, read_text
         from etude_quadrotor.spec_file import KINDS
 
         try:

@@ -32,9 +32,9 @@ from typing import Any
 
 import msgspec
 
-from etude._runtime.toml_tables import decoded, read_text
 from etude.errors import UsageError
 from etude.limits.limit_tables import read_limits
+from etude.toml_tables import decoded, read_text
 from etude_quadrotor.spec import QuadrotorSpec
 from etude_quadrotor.vehicle import GRAVITY, Vehicle
 

@@ -80,7 +80,7 @@ REFUSED = ("a\nb", "c\rd", "a\tb", "", " a", "a ", "\x00", "a\u2028b", "a\x85b",
 
 
 def made(folder: Path, one: str, two: str) -> Campaign:
-    from etude._runtime.toml_tables import toml_value
+    from etude.toml_tables import toml_value
 
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "robot.toml").write_text(

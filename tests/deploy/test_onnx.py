@@ -20,12 +20,16 @@ from c_models import (
     quadrotor_spec,
 )
 
+from etude.deploy.c99.header import CForm
+from etude.deploy.c99.target import c_files
 from etude.deploy.onnx import target
 from etude.deploy.onnx.model_graph import parts_of, written
 from etude.deploy.onnx.target import ONNX, in_turn, taken_by
 from etude.errors import EtudeError, UsageError
 from etude.models.data.as_log import followed
 from etude.models.gp.exact import posterior_given
+from etude.models.gp.kernels import SquaredExponential
+from etude.models.gp.plugin_kernel import PluginKernel
 from etude.models.model import LearnedModel
 from etude.models.process import Posteriors
 from etude.models.selection.linear import LinearPhysics
@@ -109,6 +113,39 @@ def test_the_graph_agrees(name: str) -> None:
     model = CASES[name]()
     assert np.ptp(model.predict(near(model, float)[0])[0], axis=0).min() > 0.05
     agrees(model, np.float64, 1e-9)
+
+
+def posture(own: Any) -> PluginKernel:
+    """A plug-in's kernel that is a sum of the family's parts, as in the docs."""
+    return PluginKernel("my_kernels:posture", (), ("waist",), own)
+
+
+def with_kernel(model: LearnedModel, wrap: Any) -> LearnedModel:
+    """The same model, its exact processes with a plug-in's kernel."""
+    changed = []
+    for candidate in model.candidates:
+        own = candidate.process.own[0]  # type: ignore[union-attr]
+        exact = posterior_given(wrap(own.kernel), own.theta, own.noise_variance, own.X, own.y)
+        changed.append(replace(candidate, process=Posteriors((exact,))))
+    return replace(model, candidates=tuple(changed))
+
+
+def test_a_plug_in_kernel_of_our_parts_is_written_as_these() -> None:
+    model = arm_model("exact", "standing", memory=True, points=24)
+    wrapped = with_kernel(model, posture)
+    agrees(wrapped, np.float64, 1e-9)
+    assert b"arm_command(" in c_files(wrapped, ARM, arm_spec(), CForm(variance=True), "arm").files["arm.c"]
+
+
+def test_another_plug_in_kernel_is_refused_with_a_step() -> None:
+    class Foreign(SquaredExponential):
+        """A kernel of somebody who wrote no operators."""
+
+    model = with_kernel(arm_model("exact", "ard_se", points=12), lambda own: posture(Foreign(own.dims)))
+    with pytest.raises(UsageError, match="kernel 'my_kernels:posture' cannot be exported to ONNX") as refused:
+        parts_of(model)
+    assert 'kernel = "structured"' in refused.value.next_step
+    assert "--to c" not in refused.value.next_step
 
 
 def test_a_variance_is_never_below_its_noise() -> None:

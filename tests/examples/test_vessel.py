@@ -14,6 +14,7 @@ import pytest
 
 from etude.protocols import Kind
 from etude.testing import KindSuite
+from etude.testing.world import world
 
 VESSEL = Path(__file__).parents[2] / "examples" / "vessel"
 LARGEST = 300
@@ -28,6 +29,26 @@ class TestVessel(KindSuite):
 
     # a campaign finds the kind only where it is installed: `test_installed_it_does_the_whole_loop`
     test_the_error_falls_within_two_rounds = None  # type: ignore[assignment]
+
+
+BUOY = """
+from etude.limits import LipschitzLimit
+
+def buoy(spec, model, margins, *, east: float):
+    "The vessel stays to the west of a line of buoys."
+    return LipschitzLimit("buoys", "vessel", lambda p: p[:, 0], np.array([1.0, 0.0]), -9.0, east, margins)
+"""
+
+
+def test_it_reads_limits_of_its_owners_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "buoys.py").write_text(f"import numpy as np\n{BUOY}")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    path = tmp_path / "mine.toml"
+    path.write_text(Path(TestVessel.robot).read_text() + '[[limit]]\nkind = "buoys:buoy"\neast = 2.0\n')
+    spec = KIND.spec(path)
+    limit = KIND.limits(spec, None, None, {})[-1]
+    (row,) = limit.prove(world(KIND, str(path)).trajectory(0))
+    assert (row.quantity, row.upper) == ("buoys", 2.0)
 
 
 def test_it_is_small() -> None:

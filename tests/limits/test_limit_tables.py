@@ -73,16 +73,30 @@ def test_the_plane_of_the_docs_goes_the_whole_way(place, capsys) -> None:
     assert "--robot arm.toml --trust" in said
     assert cli.main(["init", "lab", "--robot", "arm.toml", "--trust"]) == 0
     assert block("toml", "[[limit]]").strip() in Path("lab/robot.toml").read_text()
-    assert cli.main(["ask", "lab"]) == 0
+    assert cli.main(["ask", "lab", "--from", "home", "--format", "ros2_csv"]) == 0
     (row,) = certificate("lab")
     assert (row["axis"], row["status"]) == ("tool", "proved")
     assert row["proved_lower"] >= row["lower"] == pytest.approx(0.3 + row["tracking_margin"])
+    played = valid(Path("lab/proposals/0001/from_home/ros2_csv/certificate.json").read_text())["rows"]
+    rows = [row for row in played if row["quantity"].startswith("height")]
+    assert {"height", "height, held before the first row"} <= {row["quantity"] for row in rows}
+    assert all(row["proved_lower"] >= row["lower"] for row in rows)
     limit = etude.open_campaign(Path("lab")).limits()[-1]
     assert isinstance(limit, LipschitzLimit)
     for wanted in (Limit, SupportsBlocking, SupportsBoxes, SupportsDrawing):
         assert isinstance(limit, wanted)
     assert cli.main(["report", "lab"]) == 0
     assert ">plane</text>" in Path("lab/report.html").read_text()
+
+
+def test_a_limit_that_no_motion_keeps_refuses_every_proposal(place, capsys) -> None:
+    path = place / "arm.toml"
+    path.write_text(path.read_text().replace("height = 0.3", "height = 1.9"))
+    assert cli.main(["init", "lab", "--robot", "arm.toml", "--trust"]) == 0
+    assert cli.main(["ask", "lab"]) != 0
+    said = " ".join(capsys.readouterr().err.split())
+    assert "does not keep the limits height" in said
+    assert not list(Path("lab/proposals").glob("0*"))
 
 
 def test_a_wall_bounds_a_vehicles_flights_their_exports_and_the_drawing(place) -> None:

@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from etude._runtime.toml_tables import decoded, from_table, read_table, toml_value, write_table, write_values
 from etude.errors import UsageError
+from etude.toml_tables import decoded, from_table, read_table, toml_value, write_table, write_values
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 from etude import plugins
-from etude._runtime.toml_tables import decoded
 from etude._runtime.trust import folder_id, is_trusted, trust_own
 from etude._runtime.trust import trust as add_trust
 from etude.abilities import SupportsSelection
@@ -23,6 +22,7 @@ from etude.errors import UsageError
 from etude.plugins import named_in
 from etude.protocols import Kind
 from etude.storage import sha256_of, write_atomic, writer_lock
+from etude.toml_tables import decoded
 from etude.types import Described
 
 GROUP = "etude.robots"

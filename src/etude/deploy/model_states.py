@@ -10,6 +10,19 @@ from etude.models.model import LearnedModel
 from etude.models.selection.member_prediction import level_of
 from etude.types import Array, Channel, Log
 
+LEARN_OTHERWISE = (
+    'In [model] of campaign.toml set kernel = "structured", process = "exact" and candidates = ["default"]. '
+    "Then learn the newest log again: etude untell FOLDER NUMBER, etude tell FOLDER LOG."
+)
+"""What gives a model that every export can write, but for its physics."""
+WITHOUT_PHYSICS = (
+    'In [model] of campaign.toml set rung = "gp". Then learn the newest log again: etude untell FOLDER '
+    "NUMBER, etude tell FOLDER LOG."
+)
+
+IN_PYTHON = 'Use the model in Python: etude.load_model("FOLDER").'
+"""Where a kind of robot brings inputs that no export can write."""
+
 
 def labels(channels: Sequence[Channel]) -> list[str]:
     """Names of the numbers, as columns of logs are named."""

@@ -16,9 +16,9 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from etude import plugins
-from etude._runtime.toml_tables import converted, refuse_unknown
 from etude.errors import EtudeError, UsageError
 from etude.protocols import Limit, LimitFactory, Model
+from etude.toml_tables import converted, refuse_unknown
 from etude.types import Margins
 
 GROUP = "etude.limits"

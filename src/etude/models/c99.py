@@ -10,6 +10,7 @@ import numpy as np
 from etude.models.gp.basis_posterior import BasisPosterior
 from etude.models.gp.c99 import UnwritableError, expanded, fused, real, telling_first
 from etude.models.gp.exact import ExactPosterior
+from etude.models.gp.plugin_kernel import in_parts
 from etude.models.protocols import SupportsC
 from etude.protocols import Posterior
 from etude.types import Array, Code, Column
@@ -37,10 +38,10 @@ def _group(name: str, own: Sequence[Any]) -> Code:
     if isinstance(first, ExactPosterior):
         weights = np.stack([posterior.alpha for posterior in own])
         order, factor = telling_first(first.L)
-        return expanded(name, first.kernel, first.theta, first.X, weights, factor, order)
+        return expanded(name, in_parts(first.kernel), first.theta, first.X, weights, factor, order)
     if isinstance(first, BasisPosterior):
         weights = first.weights[None]
-        return expanded(name, first.kernel, first.theta, first.basis, weights, first.half)
+        return expanded(name, in_parts(first.kernel), first.theta, first.basis, weights, first.half)
     if isinstance(first, SupportsC):
         return first.c(name)
     raise UnwritableError(f"a process of the form {type(first).__name__}")

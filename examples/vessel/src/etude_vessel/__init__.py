@@ -13,11 +13,11 @@ from typing import Any
 import numpy as np
 
 from etude import types
-from etude._runtime.toml_tables import decoded, from_table, read_text
 from etude.errors import UsageError
-from etude.limits import AxisLimit
+from etude.limits import AxisLimit, LimitTable, made_limits, read_limits
 from etude.logs import smooth
 from etude.protocols import Controller, Limit, Model, Trajectory
+from etude.toml_tables import decoded, from_table, read_text
 from etude.trajectories import FourierConfig, FourierFamily, random_moves
 from etude.types import Array, Channel, Index, Log, Motion, Row, Samples
 
@@ -38,7 +38,7 @@ def _row(t: float, row: Row) -> Log:
 
 @dataclass(frozen=True)
 class VesselSpec:
-    """As its owner describes it: basin (m), speed (m/s), acceleration (m/s^2), thrust (N)."""
+    """As its owner describes it: basin (m), speed (m/s), acceleration (m/s^2), thrust (N), own limits."""
 
     name: str
     rate: float
@@ -49,6 +49,7 @@ class VesselSpec:
     thrust: tuple[float, float]
     kind: str = "vessel"
     simulated: bool = False
+    limits: tuple[LimitTable, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -85,8 +86,7 @@ class VesselInputs:
 
         def pull(in_X: Array, in_gains: Array) -> Array:
             out = np.zeros_like(motion.orders)
-            for order in range(3):
-                out[order, kept] = in_X[:, 2 * order : 2 * order + 2]
+            out[:3, kept] = in_X[:, :6].reshape(-1, 3, 2).swapaxes(0, 1)
             out[1, kept] += 2.0 * np.abs(v[kept]) * in_X[:, 6:8]
             return out
 
@@ -231,7 +231,9 @@ class VesselKind:
         return types.Described({"robot.toml": path.read_bytes()})
 
     def spec(self, path: Path) -> VesselSpec:
-        return from_table(VesselSpec, decoded(read_text(path), str(path)), str(path))
+        table = decoded(read_text(path), str(path))
+        own = read_limits(table.pop("limit", ()), str(path))  # [[limit]], checked while the file is read
+        return replace(from_table(VesselSpec, table, str(path)), limits=own)
 
     def home(self, spec: VesselSpec) -> Array:
         return np.asarray(0.5 * (np.array(spec.lower) + np.array(spec.upper)))
@@ -249,12 +251,12 @@ class VesselKind:
     def family(self, spec: VesselSpec, config: Any) -> FourierFamily:
         return FourierFamily.of(config.trajectory, 2)
 
-    def limits(self, spec: VesselSpec, *_: Any) -> Sequence[Limit]:
-        speed, bend = np.full(2, spec.speed), np.full(2, spec.acceleration)
+    def limits(self, spec: VesselSpec, config: Any, model: Model | None, margins: Any) -> Sequence[Limit]:
         return (
             AxisLimit("position", 0, AXES, np.array(spec.lower), np.array(spec.upper)),
-            AxisLimit("velocity", 1, AXES, -speed, speed, rest=True),
-            AxisLimit("acceleration", 2, AXES, -bend, bend),
+            AxisLimit("velocity", 1, AXES, np.full(2, -spec.speed), np.full(2, spec.speed), rest=True),
+            AxisLimit("acceleration", 2, AXES, np.full(2, -spec.acceleration), np.full(2, spec.acceleration)),
+            *made_limits(spec.limits, spec, model, margins),
         )
 
     def ways(self, spec: VesselSpec, motion: Trajectory, pose: Array) -> None:

@@ -6,13 +6,13 @@ import math
 from dataclasses import dataclass, field, fields
 from typing import Any
 
-from etude._runtime.toml_tables import read_table
 from etude.design.config import DesignConfig
 from etude.errors import UsageError
 from etude.limits.tracking import TrackingConfig
 from etude.logs.config import LogConfig
 from etude.models.config import ModelConfig
 from etude.protocols import Kind
+from etude.toml_tables import read_table
 
 
 @dataclass(frozen=True)

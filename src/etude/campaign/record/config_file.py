@@ -9,13 +9,13 @@ from pathlib import Path
 from typing import Any
 
 from etude import plugins
-from etude._runtime.toml_tables import CORRECT, decoded, read_table, refuse_unknown, write_table
 from etude._runtime.trust import folder_id, is_trusted, names_in, require_trusted, trust
 from etude.campaign.record.config import SECTIONS, CampaignConfig, preset_config
 from etude.campaign.record.journal import JOURNAL
 from etude.errors import UsageError
 from etude.protocols import Kind
 from etude.storage import unreadable
+from etude.toml_tables import CORRECT, decoded, read_table, refuse_unknown, write_table
 
 CONFIG = "campaign.toml"
 

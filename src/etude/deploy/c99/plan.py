@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from etude.abilities import SupportsStateText
-from etude.deploy.model_states import labels, trained
+from etude.deploy.model_states import IN_PYTHON, LEARN_OTHERWISE, WITHOUT_PHYSICS, labels, trained
 from etude.errors import UsageError
 from etude.models.gp.c99 import UnwritableError
 from etude.models.model import LearnedModel
@@ -137,7 +137,7 @@ def planned(model: LearnedModel, kind: Kind, spec: Any, name: str) -> Plan:
     """
     prefix = identifier(name or spec.name)
     used = tuple(c for c in model.candidates if c.weights.any())
-    inputs = _written(model.inputs.c(f"{prefix}_inputs"), "the inputs of this kind of robot")
+    inputs = _written(model.inputs.c(f"{prefix}_inputs"), "the inputs of this kind of robot", IN_PYTHON)
     means: dict[str, Code] = {}
     processes: dict[str, Code] = {}
     names: dict[int, str] = {}
@@ -178,19 +178,16 @@ def planned(model: LearnedModel, kind: Kind, spec: Any, name: str) -> Plan:
     )
 
 
-def _written(code: Code | None, what: str) -> Code:
+def _written(code: Code | None, what: str, next_step: str) -> Code:
     if code is None:
-        raise UsageError(f"{what} cannot be exported to C: nobody wrote its C code", next_step=_OTHER)
+        raise UsageError(f"{what} cannot be exported to C: nobody wrote its C code", next_step=next_step)
     return code
-
-
-_OTHER = "Export another model: choose process and kernel in [model] of campaign.toml, and train again."
 
 
 def _mean(mean: Mean, prefix: str, means: dict[str, Code], known: dict[int, str]) -> str:
     if id(mean) not in known:
         name = f"{prefix}_mean{len(means)}"
-        means[name] = _written(mean.c(name), f"the physics {type(mean).__name__}")
+        means[name] = _written(mean.c(name), f"the physics {type(mean).__name__}", WITHOUT_PHYSICS)
         known[id(mean)] = name
     return known[id(mean)]
 
@@ -206,9 +203,9 @@ def _process(candidate: Candidate, prefix: str, processes: dict[str, Code], know
             raise UsageError(
                 f"{error} cannot be exported to C: nobody wrote its C code",
                 where=f"rung {candidate.rung} of {', '.join(map(str, candidate.commands))}",
-                next_step=_OTHER,
+                next_step=LEARN_OTHERWISE,
             ) from error
-        processes[name] = _written(code, f"the process {type(process).__name__}")
+        processes[name] = _written(code, f"the process {type(process).__name__}", LEARN_OTHERWISE)
         known[id(process)] = name
     return known[id(process)]
 

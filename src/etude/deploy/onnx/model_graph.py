@@ -14,13 +14,14 @@ import numpy as np
 
 from etude._runtime.operators import Piece, Value, joined
 from etude.abilities import SupportsOnnx
+from etude.deploy.model_states import IN_PYTHON, LEARN_OTHERWISE, WITHOUT_PHYSICS
 from etude.errors import UsageError
 from etude.logs.readers.extras import needed
 from etude.models.gp.basis_posterior import BasisPosterior
 from etude.models.gp.exact import ExactPosterior
 from etude.models.gp.kernel_algebra import Kernel, Product, Sum
 from etude.models.gp.kernels import Linear, RestNoise, SquaredExponential
-from etude.models.gp.plugin_kernel import PluginKernel
+from etude.models.gp.plugin_kernel import PluginKernel, in_parts
 from etude.models.model import LearnedModel
 from etude.models.process import Posteriors, Silent
 from etude.models.protocols import SupportsOnnxMoments
@@ -160,12 +161,11 @@ Moments = tuple[str, str]
 """Mean and variance (n, m); the variance "" where it was not asked for."""
 
 
-OTHER = "Choose process and kernel in [model] of campaign.toml and train again, or export --to c."
-
-
-def unwritable(what: str) -> UsageError:
+def unwritable(what: str, next_step: str = LEARN_OTHERWISE) -> UsageError:
     """The error of something that has no operators."""
-    return UsageError(f"{what} cannot be exported to ONNX: nobody wrote it in its operators", next_step=OTHER)
+    return UsageError(
+        f"{what} cannot be exported to ONNX: nobody wrote it in its operators", next_step=next_step
+    )
 
 
 def parts(kernel: Kernel, theta: Array) -> list[tuple[Kernel, Array]]:
@@ -255,7 +255,7 @@ def _columns(posterior: Any) -> set[int]:
     if isinstance(posterior, SupportsOnnxMoments):
         return set(posterior.columns_read)
     if isinstance(posterior, ExactPosterior | BasisPosterior):
-        return reads(posterior.kernel)
+        return reads(in_parts(posterior.kernel))
     raise unwritable(f"a process of the form {type(posterior).__name__}")
 
 
@@ -295,14 +295,14 @@ def _together(graph: Graph, x: str, own: Sequence[Any], variance: bool) -> Momen
     if isinstance(own[0], SupportsOnnxMoments):
         return own[0].onnx_moments(graph, x, own, variance)
     theta, Z = np.stack([p.theta for p in own]), np.stack([_points(p) for p in own])
-    k = covariance(graph, x, own[0].kernel, theta, Z)
+    k = covariance(graph, x, in_parts(own[0].kernel), theta, Z)
     weights = np.stack([p.alpha if isinstance(p, ExactPosterior) else p.weights for p in own])
     mean = _mean(graph, k, weights)
     if not variance:
         return mean, ""
     factors = np.stack([p.L_inverse if isinstance(p, ExactPosterior) else p.half for p in own])
     told = _told(graph, k, np.swapaxes(factors, 1, 2))
-    left = graph.op("Sub", prior(graph, x, own[0].kernel, theta), told)
+    left = graph.op("Sub", prior(graph, x, in_parts(own[0].kernel), theta), told)
     return mean, graph.op("Max", left, np.array(0.0))
 
 
@@ -342,7 +342,7 @@ def parts_of(model: LearnedModel) -> Parts:
             if mean is None or id(mean) in means:
                 continue
             if not isinstance(mean, SupportsOnnx):
-                raise unwritable(f"the physics {type(mean).__name__}")
+                raise unwritable(f"the physics {type(mean).__name__}", WITHOUT_PHYSICS)
             means[id(mean)] = mean.onnx()
     held = {i for i, column in enumerate(model.inputs.columns) if column[3] == REMEMBERED}
     inputs = _inputs(model.inputs)
@@ -355,7 +355,7 @@ def _inputs(inputs: Inputs) -> Piece:
         return inputs.onnx()
     other = [column for column in inputs.columns if column[3]]
     if other:
-        raise unwritable(f"the input {other[0][3]!r} of {other[0][0]} {other[0][1]}")
+        raise unwritable(f"the input {other[0][3]!r} of {other[0][0]} {other[0][1]}", IN_PYTHON)
     reads = tuple(dict.fromkeys(channel for channel, *_ in inputs.columns))
     return Piece(reads, lambda states, _: (joined([states[name] for name in reads]), None))
 

@@ -9,9 +9,12 @@ from typing import Any
 import numpy as np
 
 from etude.errors import NumericalError, UsageError
-from etude.models.gp.kernel_algebra import Kernel, Pull, Role
+from etude.models.gp.kernel_algebra import Kernel, Product, Pull, Role, Sum
+from etude.models.gp.kernels import Linear, RestNoise, SquaredExponential
 from etude.types import Array, Column
 
+PARTS = (SquaredExponential, Linear, RestNoise)
+"""Of which, their sums and products every way of writing a kernel is complete."""
 METHODS = ("names", "roles", "initial", "gram", "cross", "diagonal", "diagonal_gradient")
 ROLES = ("amplitude", "length", "slope")
 
@@ -138,3 +141,15 @@ class PluginKernel(Kernel):
 
 
 _ASK = "Ask whoever wrote the plug-in; etude.testing.KernelSuite shows what fails."
+
+
+def in_parts(kernel: Kernel) -> Kernel:
+    """What a plug-in's kernel is made of, if all of it are this room's parts; any other kernel as it is."""
+    own = kernel.own if isinstance(kernel, PluginKernel) else kernel
+    return own if _of_parts(own) else kernel
+
+
+def _of_parts(kernel: Any) -> bool:
+    if isinstance(kernel, Sum | Product):
+        return all(map(_of_parts, kernel.parts))
+    return type(kernel) in PARTS

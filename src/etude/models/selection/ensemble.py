@@ -10,6 +10,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from etude import plugins
+from etude.errors import UsageError
 from etude.models.config import ModelConfig
 from etude.models.data.cross_validation import Base, HeldOut, process_held_out
 from etude.models.data.fit import Folds, Rows, apart, rows_of
@@ -71,6 +73,15 @@ class MemberConfig:
             steps=self.steps or config.steps,
         )
 
+    def fault(self) -> str:
+        """Why its package cannot be used; "" if it can."""
+        try:
+            plugins.load("etude.kernels", self.kernel)
+            plugins.load("etude.models", self.process)
+        except UsageError as error:
+            return error.fact
+        return ""
+
 
 def _rests(folds: Folds, rows: Sequence[Rows]) -> bool:  # noqa: ARG001
     """Joints stand while others move, and inputs remember how they came there."""
@@ -115,16 +126,22 @@ def beside_default(
     bases: Mapping[str, Base],
     rng: np.random.Generator,
     previous: LearnedModel | None,
-) -> list[LearnedStructure]:
-    """The candidates that `model.candidates` names and the data are good for, in every rung of theirs."""
+) -> tuple[list[LearnedStructure], dict[str, str]]:
+    """The candidates that `model.candidates` names and the data are good for, in every rung of theirs; and by
+    name why others cannot be loaded: a broken package takes no model from anybody.
+    """
     found: list[LearnedStructure] = []
+    broken: dict[str, str] = {}
     if not folds.config.averages or len(folds.numbers) < 2:
-        return found
+        return found, broken
     for name in counted(folds.config.candidates, lambda name: COSTS.get(name, 1.0)):
         recipe = CANDIDATES.get(name)
         for rung in counted(() if recipe is None else recipe.rungs):
             own = [group[rung] for group in groups if rung in group]
             if recipe is None or not own or not recipe.offered(folds, [learned.rows for learned in own]):
+                continue
+            if fault := recipe.fault():
+                broken[name] = fault
                 continue
             every = tuple(j for learned in own for j in learned.candidate.commands)
             for commands in counted([every] if recipe.together else [(j,) for j in every]):
@@ -132,7 +149,7 @@ def beside_default(
                     folds, commands, name, rung, bases.get(rung.removesuffix("+gp")), rng, previous
                 )
                 found.append(learned)
-    return found
+    return found, broken
 
 
 def _learned(

@@ -18,6 +18,7 @@ from pathlib import Path
 
 import numpy as np
 
+from etude.codes import stated
 from etude.errors import DataError, UsageError
 from etude.models.change.change_detection import independence, tails
 from etude.models.config import ModelConfig
@@ -113,8 +114,10 @@ def train_ladder(
             rows = rows_of(folds, group, rng)
             groups.append(_train_group(folds, group, rows, offered, bases, rng, previous))
     with part(1.0 - RUNGS):
-        more = beside_default(folds, groups, bases, rng, previous)
-    return _assembled(folds, groups, averages(folds, groups, more, bases), baseline)
+        more, broken = beside_default(folds, groups, bases, rng, previous)
+    ladder = _assembled(folds, groups, averages(folds, groups, more, bases), baseline)
+    off = stated([f"The candidate {name} takes no part: {why}" for name, why in broken.items()])
+    return replace(ladder, model=replace(ladder.model, warnings=(*off, *ladder.model.warnings)))
 
 
 def prequential(
