@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import csv
 import io
+import itertools
 import math
 from collections.abc import Mapping
 from typing import Any
@@ -40,15 +41,13 @@ class Poly4d:
         """The file. UsageError: no path in space, or one that 31 pieces do not follow."""
         require_space(kind, spec, "a Crazyflie")
         motion, _ = parted(what)
-        times = _edges(motion)
-        points = motion.motion(times, ORDERS).orders
-        fine = np.linspace(0.0, motion.duration, 4001)
-        error = np.abs(Splined(times, points).motion(fine, 1).orders[0] - motion.motion(fine, 1).orders[0])
-        if not error.max() <= CLOSE:
+        times, error = _edges(motion)
+        if not error <= CLOSE:
             raise UsageError(
-                f"{PIECES} pieces, all that a Crazyflie holds, miss the motion by {error.max():.3g} m",
-                next_step="Ask for a shorter flight: duration in [trajectory] of campaign.toml.",
+                f"{PIECES} pieces, all that a Crazyflie holds, miss the motion by {error:.3g} m",
+                next_step="Write fewer harmonics in [trajectory] of campaign.toml, then etude ask --new.",
             )
+        points = motion.motion(times, ORDERS).orders
         return {FILE: _text(times, _coefficients(times, points)).encode()}
 
     def back(self, files: Mapping[str, bytes]) -> Splined:
@@ -70,8 +69,11 @@ class Poly4d:
         return Splined(times, np.concatenate([starts, ends[:, -1:]], axis=1))
 
 
-def _edges(motion: Trajectory) -> Array:
-    """(K,) s: those of the motion's own pieces, and as many between as fit, the longest halved first."""
+def _edges(motion: Trajectory) -> tuple[Array, float]:
+    """(K,) s between pieces, those of the motion's own among them, and by how many m the pieces miss it.
+
+    As many as fit: the part of the motion that is missed by most gets one more, until there is no place left.
+    """
     edges = {0.0, motion.duration}
     for start, _, piece in motion.pieces():
         edges |= {start, min(start + piece.duration, motion.duration)}
@@ -80,13 +82,29 @@ def _edges(motion: Trajectory) -> Array:
     if len(ends) - 1 > PIECES:
         raise UsageError(f"the motion has {len(ends) - 1} pieces, a Crazyflie's memory holds {PIECES}")
     counts = np.ones(len(ends) - 1, dtype=int)
+    missed = np.array([_missed(motion, a, b, 1) for a, b in itertools.pairwise(ends.tolist())])
     while counts.sum() < PIECES:
-        counts[np.argmax(np.diff(ends) / counts)] += 1
+        worst = int(np.argmax(missed))
+        counts[worst] += 1
+        missed[worst] = _missed(motion, ends[worst], ends[worst + 1], int(counts[worst]))
     parts = [np.linspace(a, b, n + 1)[:-1] for a, b, n in zip(ends, ends[1:], counts, strict=False)]
     # a duration is sent in single precision: edges are where its sums lead
     rough = np.diff(np.concatenate([*parts, ends[-1:]])).astype(np.float32).astype(float)
     times = np.concatenate([[0.0], np.cumsum(rough)])
-    return np.asarray(np.minimum(times, motion.duration))
+    return np.asarray(np.minimum(times, motion.duration)), float(missed.max())
+
+
+SAMPLES = 64
+"""Of each piece, at which it is held against the motion."""
+
+
+def _missed(motion: Trajectory, start: float, end: float, count: int) -> float:
+    """m between the motion from start to end and as many pieces of equal length."""
+    times = np.linspace(start, end, count + 1)
+    pieces = Splined(times - start, motion.motion(times, ORDERS).orders)
+    fine = np.linspace(start, end, SAMPLES * count + 1)
+    away = pieces.motion(fine - start, 1).orders[0] - motion.motion(fine, 1).orders[0]
+    return float(np.abs(away).max())
 
 
 def _coefficients(times: Array, points: Array) -> Array:
