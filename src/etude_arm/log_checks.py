@@ -115,7 +115,7 @@ def _told(found: Array, gravity: Array, angle: float) -> Finding:
         "yellow",
         f"The commands fit gravity of ({fits}) m/s^2 in the model file's world, {angle:.0f} degrees off its "
         f"({file}): the base is mounted otherwise than the file says.",
-        "Turn the base in the model file as it is mounted (URDF: a fixed joint from a link named world)."
+        "State how the base is mounted: position and rotation of [mounting] in robot.toml, then tell the log."
         f"{sign}",
     )
 

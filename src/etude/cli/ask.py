@@ -166,7 +166,9 @@ def _unseen(found: Proposal) -> list[str]:
 
 def _way(way: Approached) -> list[str]:
     """The files to the start and back, and what is not in one file."""
-    lines = [f"To the start and back, proved alike: {way.folder}", *(f"  {path}" for path in way.files)]
+    pose = ", ".join(f"{axis} = {value:.4g}" for axis, value in way.pose.items())
+    lines = [f"From {pose} to the start and back, proved alike: {way.folder}"]
+    lines += [f"  {path}" for path in way.files]
     if way.whole is None:
         lines.append("The plan is in motion at its ends: approach, plan and return are not one motion.")
     return lines

@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import hashlib
 import io
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -39,6 +39,7 @@ class Approached:
     """Files of the way, all certified.
 
     Attributes:
+        pose: by axis, where the way begins and ends, rad or m.
         folder: where they are, below the proposal's.
         files: approach.json, approach.csv, ...; trajectory.json is approach, motion and return in one.
         certificates: by stem: "approach", "return", and "trajectory" where there is one.
@@ -46,6 +47,7 @@ class Approached:
         renewed: a sentence, if they were written anew.
     """
 
+    pose: Mapping[str, float]
     folder: Path
     files: tuple[Path, ...]
     certificates: dict[str, Certificate]
@@ -83,7 +85,8 @@ def approached(
     certificates = {stem: files.certificate for stem, files in made.items()}
     contents = {path: data for files in made.values() for path, data in files.contents(place).items()}
     renewed = settle(campaign, number, contents, Exported(start=tuple(pose.tolist())))
-    return Approached(place, tuple(contents), certificates, found.whole, renewed)
+    named = dict(zip(campaign.axes, pose.tolist(), strict=True))
+    return Approached(named, place, tuple(contents), certificates, found.whole, renewed)
 
 
 SLOWER = (1.0, 2.0, 4.0, 8.0)
