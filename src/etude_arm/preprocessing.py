@@ -116,10 +116,10 @@ def _of_log(spec: ArmSpec, config: ArmData, log: Log, group: Index) -> Samples:
 
 
 HELD, HELD_OF_RANGE = 10.0, 0.05
-"""Presliding ways, 0.1 rad as a rule, beyond which a joint has to go in a log to count as moved. Within them
-it is held: it sags and swings while others move, and its command is the feedback's answer to its error. A
-model would learn that law for dynamics, and say 70 N m where gravity is 6. Of a joint with a short range it is
-that part of the range, if that is less."""
+"""Presliding ways, 0.1 rad as a rule, beyond which a joint has to go in a log to count as moved; of a joint
+with a short range that part of it, if it is less. Within them it is held. It sags and swings while others
+move, and its command is the feedback's answer to its error. A model would learn that law for dynamics, and
+say 70 N m where gravity is 6."""
 
 
 def _without_held(samples: Samples, spec: ArmSpec, config: ArmData) -> Samples:
