@@ -18,6 +18,7 @@ from pinocchio_arm import pin  # noqa: E402
 from small_arm import URDF, campaign_of_small_arm  # noqa: E402
 
 import etude  # noqa: E402
+from etude.campaign.evaluate.confirm import ask_to_confirm  # noqa: E402
 from etude.campaign.record.folder import open_campaign  # noqa: E402
 from etude.errors import UsageError  # noqa: E402
 
@@ -81,9 +82,11 @@ def test_torques_are_those_of_the_new_body(learned: Path, tmp_path: Path, text: 
         assert row.proved_lower - 0.01 * limit[j] <= wanted[:, j].min()
         assert wanted[:, j].max() <= row.proved_upper + 0.01 * limit[j]
     assert any("robot.toml changed since log 1" in sentence for sentence in found.certificate.not_looked_at)
-    with pytest.raises(UsageError, match="of another robot") as refused:
+    with pytest.raises(UsageError, match="is of another robot") as refused:
         etude.ask(open_campaign(lab), formats=["ros2_csv"], effort=True)
     assert "--changed new" in refused.value.next_step
+    with pytest.raises(UsageError, match="is of another robot"):
+        ask_to_confirm(open_campaign(lab))
 
 
 def test_other_edits_change_nothing(learned: Path, tmp_path: Path) -> None:

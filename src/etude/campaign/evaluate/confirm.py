@@ -22,7 +22,7 @@ from etude.campaign.propose.export import export, require_formats
 from etude.campaign.propose.motions import from_rest, typical_motions
 from etude.campaign.record.confirmation import FEEDFORWARD, left_over, trained_speeds
 from etude.campaign.record.controls import FEEDBACK, LEARNED
-from etude.campaign.record.deployed_model import model_in_use, model_of_sha256
+from etude.campaign.record.deployed_model import model_of_sha256, model_to_command
 from etude.campaign.record.events import Asked
 from etude.campaign.record.folder import Campaign, Say
 from etude.campaign.record.state import State
@@ -108,7 +108,7 @@ def _propose(
     campaign: Campaign, state: State, number: int, kept: Constraints, say: Say
 ) -> tuple[TrajectoryFiles, str]:
     """Files of the motion, committed, and how it was found."""
-    used = model_in_use(campaign, state)
+    used = model_to_command(campaign, state)
     say(used.sentence)
     seed = [state.seed, number, CONFIRM_STREAM]
     files, status = _drawn(campaign, np.random.default_rng(seed), kept)

@@ -11,7 +11,7 @@ from etude import plugins
 from etude.abilities import SupportsCollecting
 from etude.campaign.propose.constraints import kept_under
 from etude.campaign.record.controls import FEEDBACK, LEARNED, asked_under
-from etude.campaign.record.deployed_model import model_in_use
+from etude.campaign.record.deployed_model import model_in_use, model_to_command
 from etude.campaign.record.events import Exported
 from etude.campaign.record.folder import Campaign
 from etude.campaign.record.stored_files import settle
@@ -19,7 +19,6 @@ from etude.campaign.record.stored_models import of_another_body
 from etude.deploy.feedforward import Commanded, accelerated, commanded, require_forces
 from etude.deploy.playback_certificate import played
 from etude.deploy.trajectory_files import command_unit
-from etude.errors import UsageError
 from etude.limits.certificate import Certificate
 from etude.protocols import Trajectory
 from etude.storage import GENERATION
@@ -103,10 +102,7 @@ def _proof(certificate: Certificate) -> bytes:
 def _with_effort(campaign: Campaign, trajectory: Trajectory) -> Commanded:
     unit = command_unit(campaign.spec)
     require_forces(unit, campaign.spec.name, "Export without --effort.")
-    used = model_in_use(campaign)
-    if other := of_another_body(campaign, used.number):
-        raise UsageError("the model that efforts come from is of another robot", next_step=other.strip())
-    return commanded(trajectory, used.model)
+    return commanded(trajectory, model_to_command(campaign).model)
 
 
 def _accelerated(campaign: Campaign, what: Trajectory | Commanded) -> Trajectory | Commanded:
@@ -114,6 +110,9 @@ def _accelerated(campaign: Campaign, what: Trajectory | Commanded) -> Trajectory
     kind = campaign.kind
     if not isinstance(kind, SupportsCollecting) or not campaign.state().trained:
         return what  # a kind that lacks it collects under feedback alone
-    model = model_in_use(campaign).model
+    used = model_in_use(campaign)
+    if of_another_body(campaign, used.number):
+        return what  # the drag of another vehicle
+    model = used.model
     controller = kind.collecting(campaign.spec, campaign.config, model)
     return accelerated(what, controller, model.inputs.orders)

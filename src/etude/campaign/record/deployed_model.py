@@ -62,6 +62,14 @@ def model_in_use(campaign: Campaign, state: State | None = None) -> InUse:
     return InUse(model, number, path, promoted.sha256, True, said)
 
 
+def model_to_command(campaign: Campaign, state: State | None = None) -> InUse:
+    """The same, whose commands the robot gets with a motion. UsageError: it was learned of another body."""
+    used = model_in_use(campaign, state)
+    if other := of_another_body(campaign, used.number):
+        raise UsageError("the model that commands come from is of another robot", next_step=other.strip())
+    return used
+
+
 def model_of_sha256(campaign: Campaign, digest: str) -> LearnedModel | None:
     """The stored model whose file has that hash, promoted or not; None if there is none any more."""
     places = [pinned(campaign, digest), *sorted(campaign.path.glob(f"models/*/{MODEL}"))]
