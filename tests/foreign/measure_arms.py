@@ -36,8 +36,11 @@ ROBOTS = {
     "z1": ("z1_description/urdf/z1.urdf", tuple(f"joint{i}" for i in range(1, 7))),
     "xarm7": ("xarm_description/urdf/xarm7.urdf", ()),
     "kinova": ("kinova_description/robots/kinova.urdf", ()),
+    "ur10": ("ur_description/urdf/ur10_robot.urdf", ()),
+    "panda": ("panda_description/urdf/panda.urdf", tuple(f"panda_joint{i}" for i in range(1, 8))),
 }
-"""Of example-robot-data; none of them was looked at while anything of Étude was chosen."""
+"""Of example-robot-data. Constants of identification were chosen while looking at the first three; never at
+the last two with these plants."""
 TARGET_HZ = 10.0
 CUTOFFS, RANKS = (2.0, 3.0, 5.0, 8.0, 12.0), (1e-2, 1e-3, 1e-4, 1e-5)
 """Hz, and the smallest singular value kept as a part of the largest: what least squares chooses from."""
