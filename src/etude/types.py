@@ -315,6 +315,7 @@ class Described:
 FAR = 100.0
 """m to each side that is shown of a plane, at most: a picture cuts it."""
 CUBE = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
+# corners of each side, in turn
 CUBE_FACES = ((0, 1, 3, 2), (4, 5, 7, 6), (0, 1, 5, 4), (2, 3, 7, 6), (0, 2, 6, 4), (1, 3, 7, 5))
 
 

@@ -15,7 +15,7 @@ from etude_arm.spec import PATH, PLAN
 
 FUNCTION = 40
 """Operations of one tanh or exp of the C library."""
-PARAMETERS = 10
+PARAMETERS = 10  # of a body: mass, first moments, inertia
 
 
 def inputs_code(name: str, inputs: Any) -> Code:

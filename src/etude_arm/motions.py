@@ -19,7 +19,7 @@ from etude_arm.command_limits import commands_of
 from etude_arm.space.limit import space_of
 from etude_arm.spec import ArmSpec
 
-MOVES = 12
+MOVES = 12  # of a test motion: about a minute
 TEST_DURATION = 60.0
 """s, of the test series."""
 TEST_RAMP = 2.0

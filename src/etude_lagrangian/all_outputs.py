@@ -20,19 +20,20 @@ from numba import njit
 from etude._runtime.compilation import compiled
 from etude.types import Array
 
-WIDTH = 32
-LEAST = 1e-9
-EVERY, LOWER, SELF = 0, 1, 2
-A_U, B_U, A_T, B_T, LINKS = 0, 1, 2, 3, 4
+WIDTH = 32  # columns in a strip: a multiple of a processor's lanes
+LEAST = 1e-9  # a factor may be divided out again
+EVERY, LOWER, SELF = 0, 1, 2  # which pairs are summed
+A_U, B_U, A_T, B_T, LINKS = 0, 1, 2, 3, 4  # rows of the parameters
 
 # rows of their own: P, d, d', e of the links so far; s, t, t', τ of a link; adjoints and sums; Π of U
 P, D, DZ, E, S, TAU = 0, 1, 2, 3, 4, 7
+# rows of a strip's work, all joints together
 AT, ATZ, AS, AX, ALL, Q, AQ, TOTAL, BLOCKS = 8, 9, 10, 11, 12, 13, 14, 15, 19
 # rows of a joint's block: inputs; c, c_x, c_z, c_xz; ρ, ρ', σ; the same seven of U; α, α', a, a' and y, y';
 # four sums over weights that know no v, four that do; adjoints of c..c_xz, of ρ, ρ', σ, of the link's P, d,
 # d', e
 FIELDS, C, R, RZ, SG, CU, RU, RUZ, QU, LINK = 0, 4, 8, 9, 10, 11, 15, 16, 17, 18
-FREE, BOUND, BACK, BR, BRZ, BSG, BLINK, SIZE = 24, 28, 32, 36, 37, 38, 39, 43
+FREE, BOUND, BACK, BR, BRZ, BSG, BLINK, SIZE = 24, 28, 32, 36, 37, 38, 39, 43  # rows of a joint's own work
 
 _MATHS: dict[str, Any] = {"error_model": "numpy", "fastmath": {"reassoc", "contract", "nsz"}}
 _INLINE: dict[str, Any] = {

@@ -11,9 +11,9 @@ from etude.models.gp.c99 import BLOCK, expanded, packed, telling_first
 from etude.types import Array, Code
 from etude_lagrangian.joints import Joints
 
-LANE = 16
+LANE = 16  # columns that a compiler adds side by side
 _ADDED = "    {{\n        real added;\n        {}(x, &added, 0);\n        mean[{}] += added;\n    }}"
-FUNCTION = 40
+FUNCTION = 40  # operations that one sine or exponential counts as
 
 
 def kernel_code(name: str, kernel: Any, theta: Array, Z: Array) -> Code:

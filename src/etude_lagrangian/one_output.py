@@ -21,7 +21,7 @@ from numba import njit
 from etude._runtime.compilation import compiled
 from etude.types import Array
 
-WIDTH = 64
+WIDTH = 64  # columns in a strip: a multiple of a processor's lanes
 EVERY, LOWER, SELF = 0, 1, 2
 """Which pairs: all, those with i >= j (and what shares their strip), or each input with itself."""
 A_U, B_U, A_T, B_T, LINKS = 0, 1, 2, 3, 4

@@ -13,7 +13,7 @@ from etude.types import Code
 from etude_quadrotor.vehicle import GRAVITY
 
 FORCE, RATES, TURNING = "specific_force", "rates", "angular_acceleration"
-ROTORS = 4
+ROTORS = 4  # of every vehicle of this kind
 
 
 def inputs_code(name: str, inputs: Any) -> Code:

@@ -23,7 +23,7 @@ SOURCES = {"specific_force": "specific_force", "kinematic": "body_acceleration"}
 CHANNELS = {channel.name: channel for channel in (*STATES, BATTERY)}
 OPTIONAL = ("altitude", "body_velocity")
 """Channels that a model can do without, by the options of their name."""
-COMMANDS = 4
+COMMANDS = 4  # one for each motor
 
 
 @dataclass(frozen=True)

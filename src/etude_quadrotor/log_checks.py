@@ -34,7 +34,7 @@ def _idle(log: Log) -> tuple[Finding, ...]:
 
 
 CHECK = "ground"
-WINDOW_S = 0.2
+WINDOW_S = 0.2  # windows in which rest and ground are judged
 TURNING = 0.05  # rad/s: deviation of the gyroscope in a window, above which something moves
 SHAKING = 0.35  # m/s^2: the same of the specific force
 WEIGHT, OFF = 9.81, 0.6  # m/s^2: what is felt at rest, and by how much it may be off

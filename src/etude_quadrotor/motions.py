@@ -29,9 +29,9 @@ from etude_quadrotor.flatness import LEAST_LIFT
 from etude_quadrotor.spec import QuadrotorSpec
 from etude_quadrotor.vehicle import GRAVITY
 
-PLACES = (0, 1, 2)
+PLACES = (0, 1, 2)  # x, y, z
 UP = (0.0, 0.0, GRAVITY)
-TEST_HARMONICS = 2
+TEST_HARMONICS = 2  # of test flights, whatever designed ones have
 ATTITUDE_LAG = 1.0 / 6.5 + 0.02
 """s: PX4's MC_ROLL_P and MC_PITCH_P are 6.5 1/s by default, a Crazyflie's gains 6. A set-point is held
 for 20 ms, half of which it is late, and acted on a step of the controller later.
@@ -59,7 +59,7 @@ PEAK_SPEED, PEAK_ACCELERATION = 35.0 / 16.0, 84.0 / (5.0 * math.sqrt(5.0))
 """Of a septic from rest to rest over length and time 1."""
 UNHURRIED, GENTLE, SHORTEST = 0.3, 0.5, 2.0
 """Of ways: part of the speed limit, m/s^2, and s that one lasts at least."""
-ORDERS = 4
+ORDERS = 4  # position to jerk
 STILL = 1e-9
 """m/s, m/s^2, ...: less is rest."""
 UPRIGHT, SETTLED = 1e-4, 1e-3

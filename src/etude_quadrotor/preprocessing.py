@@ -20,7 +20,7 @@ FAST, FAST_HZ = 2.0, 50.0
 whatever the model's: of slow flights, at 10 Hz, single logs gave 0 to 200 ms for a vehicle that has 50."""
 LAGGING = ("specific_force", "rates", "angular_acceleration", "body_velocity", "altitude")
 """States that tell of the motion that commands cause."""
-MOST_SATURATED = 0.95
+MOST_SATURATED = 0.95  # part of a log: what is left says nothing
 KEPT = ("state", "command", "plan", "truth")
 """Roles of channels that samples have; beside them the position."""
 

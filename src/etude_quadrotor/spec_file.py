@@ -41,7 +41,7 @@ from etude_quadrotor.vehicle import GRAVITY, Vehicle
 KIND = "quadrotor"
 KINDS = (KIND, "vehicle")
 """What a file may call it; "vehicle" is the older word."""
-MOTORS = 4
+MOTORS = 4  # of every vehicle of this kind
 UNITS = ("V", "1")
 Three = tuple[float, float, float]
 Four = tuple[float, float, float, float]

@@ -20,8 +20,8 @@ import numpy as np
 from etude._runtime.compilation import compiled
 from etude.types import Array, Index
 
-VARIANCE, ERROR, GUARDED_ERROR = 0, 1, 2
-DONE, REFRESH_DUE, PIVOT_LOST = 0, 1, 2
+VARIANCE, ERROR, GUARDED_ERROR = 0, 1, 2  # rules of insertion
+DONE, REFRESH_DUE, PIVOT_LOST = 0, 1, 2  # why an update ended
 
 
 class Members(NamedTuple):

@@ -74,3 +74,34 @@ def test_a_class_name_stands_once_in_the_core() -> None:
                 if isinstance(node, ast.ClassDef):
                     places[node.name].append(name)
     assert {name: of for name, of in places.items() if len(of) > 1} == {}
+
+
+def numeric(value: ast.expr | None) -> bool:
+    """Whether an expression is a number, or made of numbers alone."""
+    match value:
+        case ast.Constant(value=bool()):
+            return False
+        case ast.Constant(value=int() | float()):
+            return True
+        case ast.UnaryOp(operand=inner):
+            return numeric(inner)
+        case ast.BinOp(left=left, right=right):
+            return numeric(left) and numeric(right)
+        case ast.Tuple(elts=parts):
+            return all(map(numeric, parts))
+    return False
+
+
+def test_a_constant_says_what_it_is_of_and_why() -> None:
+    """A comment on its line or above, or a docstring below."""
+    found = []
+    for name, path in modules().items():
+        lines, body = path.read_text(encoding="utf-8").splitlines(), tree(path).body
+        for node, below in zip(body, [*body[1:], None], strict=True):
+            if not isinstance(node, ast.Assign | ast.AnnAssign) or not numeric(node.value):
+                continue
+            text = isinstance(below, ast.Expr) and isinstance(below.value, ast.Constant)
+            above = lines[node.lineno - 2].startswith("#")
+            if not (text or above or "#" in lines[(node.end_lineno or node.lineno) - 1]):
+                found.append(f"{name}:{node.lineno}: {lines[node.lineno - 1]}")
+    assert found == []

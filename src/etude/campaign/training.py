@@ -129,7 +129,7 @@ def _learn_together(campaign: Campaign, learn: Learner, numbers: Sequence[int], 
 
 REFERENCE_STREAM = 5
 """The reference motions of the stop rule are the same for all rounds, so that its numbers can be compared."""
-STATES = 100
+STATES = 100  # reference states at which the expected error is averaged
 
 
 def with_forecast(

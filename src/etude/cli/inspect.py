@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from etude.types import Finding
 
 SIGNS = {"green": "ok", "yellow": "look", "red": "WRONG", "cannot tell": "?"}
-REFUSED = 3
+REFUSED = 3  # exit code of docs/reference: the log would be refused
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from etude.campaign.deployment.monitor import Watched, WatchedLog
     from etude.campaign.deployment.promote import Promotion
 
-REFUSED = 3
+REFUSED = 3  # exit code of docs/reference: the model is not better
 
 
 @dataclass(frozen=True, kw_only=True)

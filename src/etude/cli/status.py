@@ -10,7 +10,7 @@ from etude.cli.outcome import Common, Folder, Outcome, Say, opened, table
 
 NO_MATTER = 0.05
 """Part of the variance below which the choice of a motion is not worth a thought."""
-LARGEST = 1000.0
+LARGEST = 1000.0  # above it a score is told as one, not in digits
 MEND = "Next: restore these files from a copy; a command that needs one of them says what else mends it."
 BASES = {
     "identified": "physics identified from this log",

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 USUAL = 80
 """Columns where nobody knows better: a pipe, a file."""
-LEAST_WIDTH = 40
+LEAST_WIDTH = 40  # columns: in fewer no table can be read
 COLOURS = (
     (re.compile(r"^(etude: |RED: |Problem: )"), "1;31"),
     (re.compile(r"^(Warning: |Look: |First see to )"), "1;33"),
@@ -77,7 +77,7 @@ def _painted(line: str) -> str:
 
 PATIENCE_S = 2.0
 """Commands that end before are not interrupted by any word of it."""
-BETWEEN_S = 0.1
+BETWEEN_S = 0.1  # between two repaints, which a person cannot tell apart
 LEAST_DONE = 0.1
 """Fraction that must be done before its time says anything about the rest."""
 

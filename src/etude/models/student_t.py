@@ -8,8 +8,8 @@ import numpy as np
 
 from etude.types import Array
 
-FREEDOMS = (2.2, 2.5, 3.0, 4.0, 5.0, 7.0, 10.0, 20.0, 50.0, 200.0)
-STEPS = 30
+FREEDOMS = (2.2, 2.5, 3.0, 4.0, 5.0, 7.0, 10.0, 20.0, 50.0, 200.0)  # denser where the tails differ most
+STEPS = 30  # of expectation maximisation
 
 
 @dataclass(frozen=True)

@@ -24,9 +24,9 @@ from etude.report.svg import Line, Mark, panel, thinned
 from etude.storage import write_atomic
 from etude.types import Array, Channel, Finding, Log
 
-SIZE = (560, 320)
+SIZE = (560, 320)  # px
 NAMESPACE = 'xmlns="http://www.w3.org/2000/svg"'
-INSTANTS = 400
+INSTANTS = 400  # of a curve: more than a screen shows
 
 
 def alone(panels: Sequence[Html]) -> Html:
@@ -100,7 +100,7 @@ def _held_out(record: Record) -> Html:
     return panel(title, *axes, marks, size=SIZE)
 
 
-POINTS = 600
+POINTS = 600  # of a line, about one for each px
 THINNEST = 1.5
 """px: a span is seen, however short."""
 

@@ -23,11 +23,11 @@ from etude.types import Array, Thing
 
 AZIMUTH, ELEVATION = math.radians(-60.0), math.radians(24.0)
 """Of the eye as seen from the room's middle: x runs to the right, y into the page."""
-SIZE = (400, 310)
+SIZE = (400, 310)  # px
 SIDES = {"left": 46.0, "right": 30.0, "top": 56.0, "bottom": 42.0}
 SHADES = 12
 """Steps of colour along a path."""
-STEM_S = 5.0
+STEM_S = 5.0  # between two lines down to the floor
 STYLES = {"solid": "c5", "plane": "c7", "inside": "c8", "stand": "c8", "carried": "c3"}
 LINE_PX = 16.0
 """Between two names, so that none lies on another."""

@@ -219,7 +219,7 @@ class KernelSuite:
             raise AssertionError(f"hyperparameters {theta} are not refused")
 
 
-WIDTH, INSTANTS = 8, 7
+WIDTH, INSTANTS = 8, 7  # odd numbers on purpose: shapes that are mixed up differ
 CHANNELS = (("q", ""), ("qd", ""), ("qdd", ""), ("qd", "tanh"))
 CRITERION_COLUMNS = [(c, part, "1", op) for c, op in CHANNELS for part in ("a", "b")]
 KERNELS: dict[str, Kernel] = {

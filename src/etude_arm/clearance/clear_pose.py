@@ -19,10 +19,10 @@ FAR = 0.12
 """m: a pair that can be farther apart than this is not the better for it."""
 PULL = 0.25
 """Of a home towards the middle of the ranges, in parts of the largest clearance."""
-BOX_POSES = 512
+BOX_POSES = 512  # random poses that find a clear box; its motions are proved later
 CLEAR = 0.999
 """Part of the box's poses that are clear."""
-SMALLER, LARGER = 0.75, 1.25
+SMALLER, LARGER = 0.75, 1.25  # factors of a side that is hit, and of one that is clear
 ROUNDS = 3
 """In which each joint's part of the box is widened."""
 HALF_TURN = math.pi

@@ -27,7 +27,7 @@ DIGITS = 4
 ROUND = 10.0**DIGITS
 SEED = 20
 """Of the poses that are tried: the same robot file always gives the same answer."""
-POSES = 1024
+POSES = 1024  # of a pair that overlaps in one pose of 100 they miss 3 in 100,000
 ALWAYS = 0.95
 """Part of random poses above which two shapes that overlap do so by construction."""
 OFTEN = 0.5

@@ -56,7 +56,7 @@ SELDOM = 0.05
 """Part of the clear poses in which neighbours are nearer than twice what they keep."""
 SEED = 21
 """Of the poses that are looked at: the same robot always keeps the same."""
-POSES = 1024
+POSES = 1024  # random poses that say which pairs can come near
 AT_HOME = 0.5
 """Of what a pair has at home, the part that is kept at most: home itself must stay allowed."""
 

@@ -23,7 +23,7 @@ from etude_arm.clearance.surroundings import Column
 
 FARTHEST = 10.0
 """m: any two shapes of a robot are nearer, so that a direction is found."""
-TINY = 1e-12
+TINY = 1e-12  # m: touching shapes have no direction between them
 LOOKED_WITHIN = 0.02
 """m beyond what is wanted within which the pose itself is looked at."""
 

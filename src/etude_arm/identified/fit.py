@@ -37,7 +37,7 @@ from etude_arm.physics.rigid_tree import drives_from_mujoco, tree_from_mujoco
 from etude_arm.physics.transmission import Drive
 from etude_arm.spec import PATH, PLAN, ArmSpec
 
-MOST_FOLDS = 10
+MOST_FOLDS = 10  # of segments held out in turn
 
 
 @dataclass(frozen=True, eq=False)
@@ -181,8 +181,8 @@ WEIGHT = 1.0
 a deviation of one, a mass, for example, of itself."""
 CONTINUATION = tuple(10.0**k for k in range(8, -1, -1))
 """Factors on the weight, each from the minimum before."""
-MOST_STEPS = 100
-TOLERANCE = 1e-10
+MOST_STEPS = 100  # a bound: the problem is convex
+TOLERANCE = 1e-10  # part of the objective: rounding of its sums
 E = basis()
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from etude.types import Array
 from etude_arm.loading.inertia import ENTRIES
 
-SIZE = 10
+SIZE = 10  # parameters of a body
 FLATTEST = 1e-3
 """Of the mean second moment: a body as flat as a plate may fill out by so much, or it could not change."""
 PAIRS = tuple((i, j) for _, i, j in ENTRIES)

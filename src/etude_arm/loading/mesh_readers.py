@@ -315,8 +315,8 @@ class _Binary:
 MAGIC, HEAD = b"glTF", 12
 TYPES = {5121: "u1", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 SIZES = {"SCALAR": 1, "VEC3": 3}
-TRIANGLES = 4
-DEEPEST = 100
+TRIANGLES = 4  # glTF: the mode of a primitive made of triangles
+DEEPEST = 100  # nodes above each other: deeper ones are a loop
 
 
 def glb_triangles(data: bytes) -> Array:

@@ -136,7 +136,7 @@ def _leaders(model: mujoco.MjModel) -> dict[str, tuple[str, float, float]]:
 
 
 SHAPES = {2: "sphere", 3: "capsule", 4: "ellipsoid", 5: "cylinder", 6: "box", 7: "mesh"}  # mjtGeom
-PLANE, MESH = 0, 7
+PLANE, MESH = 0, 7  # MuJoCo's numbers of geom types (mjtGeom)
 BESIDE = -1
 """A part of its own: bodies that hang on the world apart from the robot."""
 

@@ -13,7 +13,7 @@ from etude_arm.loading.loaded_model import Loaded
 if TYPE_CHECKING:
     import mujoco
 
-POSES = 100
+POSES = 100  # a pair is judged by the share of them in which it overlaps
 OFTEN = 0.05
 """Share of poses: pairs that overlap more often are looked at."""
 REACH = 1.0

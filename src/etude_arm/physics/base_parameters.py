@@ -15,9 +15,8 @@ from etude_arm.spec import ArmSpec
 
 Array = NDArray[np.float64]
 
-RANK_TOLERANCE = (
-    1e-9  # relative to the largest singular value; rounding leaves the unrevealed ones near 1e-16
-)
+RANK_TOLERANCE = 1e-9
+"""Relative to the largest singular value; rounding leaves the unrevealed ones near 1e-16."""
 
 
 def spread_states(spec: ArmSpec, count: int) -> tuple[Array, Array, Array]:

@@ -19,6 +19,7 @@ Pair = tuple[Array, Array]
 ANGLE_STEP = 1e-3  # rad or m
 SPEED_STEP = 5e-3  # of the friction velocity, over which tanh changes
 PULL_STEP = 1.0  # rad/s^2; the regressor is linear in it
+# central differences of fourth order: step, weight
 STENCIL = ((1.0, 8.0 / 12.0), (-1.0, -8.0 / 12.0), (2.0, -1.0 / 12.0), (-2.0, 1.0 / 12.0))
 
 

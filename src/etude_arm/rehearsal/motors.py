@@ -132,7 +132,7 @@ def armature_of(spec: ArmSpec, said: Mapping[str, Array], median: Array, torque:
     return Given(spec)("armature", np.where(said["armature"] > 0.0, said["armature"], assumed))
 
 
-POSES = 300
+POSES = 300  # over which a robot's inertia and gravity are averaged
 SEED = 0
 """Of the poses: a robot is always the same."""
 

@@ -27,7 +27,7 @@ from etude.types import Array
 TABLE, PLAYER = "setpoints.csv", "play.py"
 RATE = 50.0
 """Hz; offboard mode ends below 2."""
-ORDERS = 3
+ORDERS = 3  # position, velocity, acceleration
 HELD_S = 0.5
 """s of rows at rest after the motion: whoever stops reading early still reads one."""
 NED = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])

@@ -23,8 +23,8 @@ from etude.trajectories.splined import Splined
 from etude.types import Array, Index
 
 FILE = "poly4d.csv"
-PIECES = 31
-COEFFICIENTS = 8
+PIECES = 31  # 4,096 bytes of memory, 132 a piece
+COEFFICIENTS = 8  # of a polynomial of degree 7
 ORDERS = 4
 """Position to jerk at both ends of a piece give its eight coefficients."""
 CLOSE = 1e-3

@@ -168,7 +168,7 @@ def _of_full(pulses: Array, i: int, parameters: Mapping[str, Any], said: list[st
 
 STATUS = "vehicle_status"
 """The topic that repeats MAV_TYPE as `system_type`, and says `vehicle_type` and `is_vtol`."""
-QUADROTOR, OF_QUADROTOR = 2, 4
+QUADROTOR, OF_QUADROTOR = 2, 4  # MAV_TYPE, and its number of motors
 # MAV_TYPE of MAVLink's common.xml; the same numbers stand in vehicle_status.system_type
 TYPES: Mapping[int, str] = {
     1: "a fixed-wing aircraft",

@@ -19,7 +19,7 @@ from etude.errors import DataError
 from etude.logs.readers.frames import raw_log
 from etude.types import Array, Log
 
-MAGIC = 0xBC
+MAGIC = 0xBC  # first byte of a file of the Crazyflie's SD card deck
 TIMES = {1: ("<HI", 1e-3), 2: ("<HQ", 1e-6)}
 """Version -> how number and time of an event are written, and the time's unit in s."""
 TYPES = "bBhHiIqQfd"

@@ -19,7 +19,7 @@ from etude.types import Array, Code, Index, Samples
 
 LATERAL = 2
 """Outputs: x and y."""
-POINTS, FIT_POINTS, STEPS = 600, 200, 40
+POINTS, FIT_POINTS, STEPS = 600, 200, 40  # of a process with three inputs
 KERNEL = SquaredExponential((0, 1, 2))
 PROCESS = ("theta", "noise_variance", "X", "y")
 """What makes a process of the residual."""

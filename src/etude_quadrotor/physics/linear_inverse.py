@@ -20,7 +20,7 @@ from etude_quadrotor.vehicle import GRAVITY
 OPTIONAL = ("altitude", "body_velocity", "body_acceleration")
 LEAST_LIFT = 0.05
 """Parts of gravity: the root's feature stays smooth in free fall."""
-HUGE = 1e300
+HUGE = 1e300  # a column that never changes gets the weight zero
 
 
 @dataclass(frozen=True)
@@ -131,7 +131,7 @@ def identify_linear(log: Log, weight: float = 0.2, use: Mask | None = None) -> L
 
 Linearised = Callable[[Array], tuple[Array, Array]]
 
-STEPS = 6
+STEPS = 6  # of noise and weights in turn
 LEAST_VARIANCE = 1e-12
 """Of the residual, as a part of the commands' mean square: below it the data agree to rounding."""
 

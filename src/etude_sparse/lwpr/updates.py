@@ -20,7 +20,7 @@ LEAST_FREE = 0.1
 """Least 1 - h: the leave-one-out error is at most ten times the residual."""
 LARGEST_STEP = 0.1
 """A gradient step that would change M by more than this part of it halves the rate instead."""
-DONE, FULL = 0, 1
+DONE, FULL = 0, 1  # why an update ended
 
 
 class Fields(NamedTuple):

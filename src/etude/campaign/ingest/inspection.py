@@ -119,7 +119,7 @@ def _described(robot: str) -> _KnownRobot:
 
 
 ROLES = (Channel("q", ("",), ("rad",)), Channel("qd", ("",), ("rad/s",)))
-FEWEST = 1
+FEWEST = 1  # log that a folder has to hold
 UNIT = 1e-3  # a quaternion's length is 1, to the digits that logs have
 
 

@@ -138,7 +138,7 @@ ALREADY_VISITED = 0.05
 the shortest length that a process of such inputs starts from is five times as long."""
 SHARE = 0.8
 """Part of a log's states from which it repeats another."""
-COMPARED_HZ = 25.0
+COMPARED_HZ = 25.0  # rows a second are enough to tell two motions apart
 
 
 def repeated(campaign: Campaign, state: State, number: int, log: Log) -> tuple[int, float] | None:

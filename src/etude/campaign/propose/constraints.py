@@ -146,7 +146,7 @@ SETTLED = 4
 """Logs under a feedforward that is learned anew after each of them, with which a margin counts as measured:
 what one model left of the error says little of the next. A vehicle then erred by five times as much.
 """
-ACCELERATION = 2
+ACCELERATION = 2  # its order among position, velocity, acceleration
 IN_WORDS = {"fourier": "Fourier motions", "moves": "moves from pose to pose"}
 """Forms of motion as sentences call them; others by their own name."""
 QUANTITIES = ("position", "velocity")

@@ -30,14 +30,14 @@ def allowed(plan: Plan) -> float:
     return max(SINGLE, OF_NOISE * float(np.min(np.sqrt(noise) / plan.limit)))
 
 
-COUNT = 100
-SEED = 20
+COUNT = 100  # rows that the built C is held against Python on
+SEED = 20  # any: the same rows in every export
 SOURCE = "golden vectors"
 BEYOND = 1.15
 """Half ranges that most of the states swing through; single ones go far beyond."""
 LEAST = 0.1
 """Part of that with which the first swing: far from all points kernels have nothing to say."""
-NOT_A_NUMBER, FAR, UNTRAINED, LIMITED = 1, 2, 4, 8
+NOT_A_NUMBER, FAR, UNTRAINED, LIMITED = 1, 2, 4, 8  # bits, as arm.h names them
 
 
 @dataclass(frozen=True, eq=False)

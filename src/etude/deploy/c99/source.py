@@ -18,7 +18,7 @@ from etude.models.selection.member_prediction import level_of, rests_of
 from etude.models.trust import NEVER, ROUNDING, thresholds
 from etude.types import Code
 
-PER_LINE = 6
+PER_LINE = 6  # numbers: lines stay below 120 characters
 
 
 def numbers(values: Any, single: bool) -> list[str]:

@@ -164,7 +164,7 @@ def C99(model: Any, kind: Kind, spec: Any, options: Mapping[str, Any]) -> Delive
 COMPILERS = ("cc", "gcc", "clang")
 FLAGS = ("-std=c99", "-O2")
 DEVIATION = re.compile(r"largest deviation: (\S+) .*; (\d+) wrong")
-LONGEST_S = 300.0
+LONGEST_S = 300.0  # that a compiler may take for large tables
 
 
 @dataclass(frozen=True)

@@ -31,7 +31,7 @@ TOPIC = "/joint_trajectory_controller/joint_trajectory"
 MESSAGE = "trajectory_msgs/msg/JointTrajectory"
 FOLDER = "motion"
 WRITING = "writing a JointTrajectory"
-ORDERS = 3
+ORDERS = 3  # position, velocity, acceleration
 VERSIONS: Mapping[str, Literal[8, 9]] = {"mcap": 9, "sqlite3": 8}
 """Of metadata.yaml: MCAP as Jazzy and later write it; SQLite as Humble reads it too."""
 SUFFIX = {"mcap": "mcap", "sqlite3": "db3"}

@@ -16,7 +16,7 @@ from etude.protocols import Kind, Trajectory
 from etude.trajectories.splined import Splined
 from etude.types import Array, Index
 
-NANO = 10**9
+NANO = 10**9  # ns in a second
 SLOWEST, FASTEST = 10.0, 1000.0
 """Points per second: quintics through ten are mostly within 1e-8 of a series."""
 CLOSE = 1e-7

@@ -20,7 +20,7 @@ from etude.protocols import Kind
 from etude.types import Array, Channel, Delivered
 
 REALS: Mapping[str, Any] = {"double": np.float64, "float": np.float32}
-COUNT, SEED = 100, 20
+COUNT, SEED = 100, 20  # rows of the check against Python; any seed
 UNKNOWN = 1.0
 """How far a state is tried that only physics reads."""
 LEAST_SWING, LARGEST_SWING = 0.1, 2.0

@@ -279,7 +279,7 @@ class _Aligned:
 # Root mean square deviation over the proposal's own spread. A weak controller against stiction reaches 0.8 on
 # a small motion, other motions of the same kind begin at 0.9; up to 0.5 there is no doubt.
 LARGEST_MISMATCH = 0.85
-CLEAR_MATCH = 0.5
+CLEAR_MATCH = 0.5  # explained part of the variance from which a match is clear
 # Of so few coordinates other motions that repeat themselves fit better by chance, from 0.42 on; in positions
 # and rates alike a third as often. Below a mismatch of 0.4 rates are not asked for: noise and a robot that
 # leaves out what is quick spoil them first.
@@ -364,7 +364,7 @@ LEFT = 0.05  # part of the scale by which the plan goes on after a stop
 LEAST_STANDSTILL = 0.5  # s of rest that are no turning point of the motion
 LEAST_S = 5.0  # of the proposal that a stopped run has to hold
 CLOSE = 0.3  # largest mismatch of a part: a short one fits by chance
-INSTANTS = 200
+INSTANTS = 200  # of the rest of a plan, at which it is compared
 AT_START = 0.05  # part of the scale within which the robot waits for the start
 
 

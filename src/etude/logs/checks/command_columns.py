@@ -162,7 +162,7 @@ def _facts(seen: Seen, rho: Array, by_power: Mask, opposed: Mask) -> str:
 
 
 SCALE, GRAVITY = "scale", "gravity"
-FOLLOWS, SLOPE = 0.7, 3.0
+FOLLOWS, SLOPE = 0.7, 3.0  # correlation from which a slope is judged, and how far off it may be
 HEAVY = 2.0  # deviation of the file's gravity over that of the whole command: it cannot be in it
 FAINT = 1e-3  # of the largest torque in the file: what moves by less says nothing of a unit
 UNITS = {
@@ -171,7 +171,7 @@ UNITS = {
     "N m taken for degrees": np.pi / 180.0,
     "N m taken for radians": 180.0 / np.pi,
 }
-NEAR_FACTOR = 1.25
+NEAR_FACTOR = 1.25  # a known unit explains a slope that is nearer than this
 
 
 def scale_findings(seen: Seen, torque: Array, static: Array, limit: Array) -> tuple[Finding, ...]:
@@ -264,7 +264,7 @@ SWAPPED = "swapped"
 MARGIN = 10.0  # log likelihood: whole right logs of arms have none, stretches of 5 s and more stay below
 DOUBT = 3.0  # log likelihood, one in twenty: above, the order is not called right either
 APART_S = 0.5  # s between independent samples, at least
-LEAST_ROWS = 20
+LEAST_ROWS = 20  # a correlation of fewer is chance
 
 
 @dataclass(frozen=True, eq=False)

@@ -196,7 +196,7 @@ RARE = 0.01  # of the steps may be further than the limits allow: with more, the
 MOST_JUMP_ROWS = 4  # rows that a jump may touch, however short the log is
 BESIDE_S, BESIDE_ROWS = 0.5, 3  # of the motion to either side, at least
 SPARE_S = 0.1  # left out to either side, or as much as makes a pause
-NAMED = 5
+NAMED = 5  # spans in a sentence; the rest are counted
 
 
 def jump_finding(log: Log, path: str, top: Array) -> Finding:
@@ -282,7 +282,7 @@ def _said(t: Array, excess: Array, parts: tuple[str, ...], span: tuple[float, fl
 
 
 BRAKE = "brake"
-WINDOW_S = 0.5
+WINDOW_S = 0.5  # windows in which standing is judged
 UNMOVED_RANGE = 1e-3  # rad or m: by which positions differ in a window
 IDLE = 1e-3  # of the limit: commands that are none
 LEAST_S = 1.0  # s: between two moves a drive may well have nothing to do

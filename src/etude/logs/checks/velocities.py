@@ -17,7 +17,7 @@ from etude.types import Array, Finding, Mask
 
 TIME, DIRECTION, VELOCITY = "time", "direction", "velocity"
 """The checks: the clock's scale, its direction, and the velocities as such."""
-NEAR, LIKE, OTHER = 0.1, 0.95, 0.5
+NEAR, LIKE, OTHER = 0.1, 0.95, 0.5  # of a slope from 1; correlation with its own position, and with another's
 OFF = 0.25  # of 1: seconds of a real log go so far; no unit and no other column is as near
 FACTORS = (2.0, 60.0, 1e3, 1e6, 1e9)
 """By which clocks are off: half the rate stated, minutes, milli-, micro- and nanoseconds."""

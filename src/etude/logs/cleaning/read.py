@@ -24,7 +24,7 @@ from etude.logs.readers.log_file import is_log_file, read_log_file
 from etude.logs.readers.registry import cut_sentences, file_head, read_raw, with_rest_told
 from etude.types import Array, Channel, Log
 
-LEAST_ROWS = 50
+LEAST_ROWS = 50  # fewer say nothing of a motion
 Settle = Callable[[Log], Log]
 
 

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 NAMES = re.compile(r"(?P<prefix>(?:.*?_)??)(?:joint_?)?names?")
 ENTRY = re.compile(r"(?P<stem>.*?[a-z])_?(?P<index>\d+)")
-MOST_JOINTS = 100
+MOST_JOINTS = 100  # wider arrays are images or point clouds
 SAME_LENGTH = 0.9  # of the rows: lists without names are as long in all others than damaged ones
 LEAST_ROWS = 0.5  # part of the rows that a name must stand in: the others are damaged cells
 

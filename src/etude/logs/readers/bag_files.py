@@ -28,7 +28,7 @@ ZSTD = b"\x28\xb5\x2f\xfd"
 CUT = "The bag was cut: it has no end, and what was recorded last is missing."
 LARGEST_RATIO = 1000
 """Of a storage's size to its compressed size."""
-BLOCK = 2**20
+BLOCK = 2**20  # bytes in memory at a time
 
 
 def is_bag_folder(path: Path) -> bool:
@@ -93,7 +93,7 @@ FOOTER = b"\x02" + (20).to_bytes(8, "little") + bytes(20) + MAGIC
 """An end that says nothing of an index, so that readers scan the records themselves."""
 HEAD = 9
 """Bytes of opcode and length."""
-CHUNK, CHUNK_FIXED = 6, 28
+CHUNK, CHUNK_FIXED = 6, 28  # MCAP: opcode of a chunk, and the length of its fixed part
 LEAST_BOMB = 2**15
 """Bytes of a packed chunk from which it can hold a gigabyte: zstd's repeated bytes are 4 of 128 KiB."""
 

@@ -23,7 +23,7 @@ from etude.logs.readers.ros_messages import (
 )
 from etude.types import Array, Index, Log
 
-LISTED = 12
+LISTED = 12  # topics in a sentence
 SQLITE = b"SQLite format 3\0"
 
 

@@ -31,7 +31,7 @@ MINUTES = re.compile(r"(\d\d):(\d\d[.,]\d+)")
 HALVES = re.compile(r"(?P<h>\d\d?):(?P<min>\d\d):(?P<s>\d\d(?:[.,:]\d+)?) ?(?P<half>[AaPp])\.?[Mm]\.?")
 MEASURED = re.compile(r"(\d+(?:\.\d*)?(?:[eE][-+]?\d+)?) (sec|seconds|s|ms|min|hr)")
 SECONDS = {"sec": 1.0, "seconds": 1.0, "s": 1.0, "ms": 1e-3, "min": 60.0, "hr": 3600.0}
-GIGA = 1e9
+GIGA = 1e9  # ns in a second
 
 
 def nanoseconds(cells: Sequence[str | None]) -> Array | None:

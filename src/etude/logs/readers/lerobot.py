@@ -34,7 +34,7 @@ FEATURES: Mapping[str, str] = {
 """Feature -> what its entries are read as, where their own names do not say."""
 WORDS = {"pos": "position", "vel": "velocity", "effort": "effort", "torque": "effort", "current": "current"}
 EPISODE = "episode_"
-LISTED = 12
+LISTED = 12  # episodes in a sentence
 
 
 def is_lerobot(path: Path) -> bool:

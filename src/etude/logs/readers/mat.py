@@ -28,7 +28,7 @@ from etude.types import Array, Log
 
 HDF5 = (b"\x89HDF", b"MATLAB 7.3")
 SIGNALS = ".signals.values"
-HEAD = 128
+HEAD = 128  # bytes of text before a MAT 5 file's data
 WIDEST = 1000
 """Columns of a matrix: wider ones are images."""
 
@@ -87,8 +87,8 @@ def _without_struct(own: Mapping[str, Array]) -> dict[str, Array]:
 
 
 NUMBERS_4 = ("f8", "f4", "i4", "i2", "u2", "u1")
-HEADER_4 = 20
-LONGEST_NAME = 1000
+HEADER_4 = 20  # bytes: five int32 before each matrix of a MAT 4 file
+LONGEST_NAME = 1000  # longer ones are no MAT 4 header, but other bytes
 FULL = 0
 """Kind of a matrix that is neither text nor sparse."""
 
@@ -136,9 +136,9 @@ def _order(head: bytes) -> str | None:
     return None
 
 
-HEADER_5 = 128
+HEADER_5 = 128  # bytes of text, version and byte order
 NUMBERS_5 = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8"}
-MATRIX, COMPRESSED = 14, 15
+MATRIX, COMPRESSED = 14, 15  # types of MAT 5 elements
 STRUCT, NUMERIC = 2, range(6, 16)
 """Classes of arrays."""
 DEEPEST = 8

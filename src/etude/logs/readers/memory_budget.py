@@ -18,7 +18,7 @@ from etude.types import Array
 
 LARGEST = 2**30
 """Bytes in memory, of one file."""
-BLOCK = 2**20
+BLOCK = 2**20  # bytes unpacked at a time, so that a bomb is noticed early
 BESIDE = 16
 """Bytes in memory of a row beside its columns: its time, and its place when times are put in order."""
 PIECE = 4

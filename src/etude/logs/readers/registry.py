@@ -44,7 +44,7 @@ INSTEAD: Mapping[str, str] = {
 TABLES = (".dat", ".log", ".asc", ".out")
 """Suffixes of files that no other reader knows, and that are read as CSV if they are text."""
 BY_SUFFIX_ALONE = ("csv", "parquet", "mat")
-HEAD = 4096
+HEAD = 4096  # bytes: the longest signature of a format, and then some
 AGAIN = "Export the log again."
 
 

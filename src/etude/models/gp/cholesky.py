@@ -19,7 +19,7 @@ from etude.types import Array
 
 Found = TypeVar("Found")
 
-FIRST_JITTER, LAST_JITTER = 1e-10, 1e-4
+FIRST_JITTER, LAST_JITTER = 1e-10, 1e-4  # parts of the largest entry: rounding, up to what changes a result
 
 
 class JitterWarning(UserWarning):

@@ -120,6 +120,7 @@ def pointwise_parts(
     return Sum(tuple(part for part, _ in terms)), np.concatenate([own for _, own in terms]), others
 
 
+# ln 2 in two parts, so that the reduction of e^x is exact (Cody and Waite)
 LOG2E, LN2_HIGH, LN2_LOW = 1.4426950408889634, 6.93147180369123816490e-01, 1.90821492927058770002e-10
 ROUNDER = 6755399441055744.0  # 1.5 · 2^52: adding it leaves the nearest integer in the low bits
 LEAST_EXPONENT = -709.0  # its k is -1023, whose 2^k comes out as 0: what is less is not a normal number

@@ -23,10 +23,10 @@ INITIAL_NOISE = 0.5
 """First noise deviation as a fraction of the outputs' (sn² = var / 4, as the SSGP reference code)."""
 
 
-LENGTH_DEVIATION = 1.5
-AMPLITUDE_DEVIATION = 1.0
-SLOPE_DEVIATION = 1.5
-NOISE_DEVIATION = 1.5
+LENGTH_DEVIATION = 1.5  # of logarithms: a factor of 4.5 either way is likely
+AMPLITUDE_DEVIATION = 1.0  # of logarithms: a factor of 2.7
+SLOPE_DEVIATION = 1.5  # of logarithms, as for lengths
+NOISE_DEVIATION = 1.5  # of logarithms, as for lengths
 LEAST_VARIATION = 1e-3
 """Half range of an input that varies, as a fraction of its size."""
 NOISE_FRACTION = 0.1

@@ -27,9 +27,9 @@ from etude.report.scene import (
 from etude.report.svg import CHARACTER, polyline
 from etude.types import Array, Figure, Thing
 
-FRAMES_PER_S = 10.0
-MOST_FRAMES = 900
-SIZE = (400, 430)
+FRAMES_PER_S = 10.0  # between which a browser draws straight on
+MOST_FRAMES = 900  # at FRAMES_PER_S, a motion of 90 s
+SIZE = (400, 430)  # px
 GHOSTS = 6
 """Poses that are drawn faintly, for who wants or gets no animation."""
 TITLE = "The robot along the motion"

@@ -31,7 +31,7 @@ class Gone:
     said: Forecast | None
 
 
-SIZE = (400, 320)
+SIZE = (400, 320)  # px
 DRAWING = (324.0, 226.0)
 """Width and height of the axes of a panel of `SIZE` with one row of legend, px."""
 VIEWS = (("x", "y", "From above"), ("x", "z", "From the side"))

@@ -19,7 +19,7 @@ from etude.types import Array, Log, Samples
 Z95 = 1.96
 """Half width of a normal distribution's 95 % interval, in deviations."""
 TITLE = "Predicted against measured command"
-SIZE = (560, 260)
+SIZE = (560, 260)  # px
 
 
 @dataclass(frozen=True, eq=False)

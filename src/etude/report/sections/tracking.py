@@ -11,7 +11,7 @@ from etude.report.sections.paths import views
 from etude.report.svg import Level, Line, Mark, panel, thinned
 from etude.types import Array, Channel, Log
 
-SIZE, WIDE = (380, 260), (560, 260)
+SIZE, WIDE = (380, 260), (560, 260)  # px
 TITLE = "Desired against actual, feedforward against command"
 TESTED = (
     "The last test run, after round {number}: a motion that was never trained on, under the robot's own "

@@ -31,7 +31,7 @@ from etude.report.sections.paths import through_space
 from etude.report.svg import Level, Line, Mark, panel
 from etude.types import Array, Proof
 
-SAMPLES = 301
+SAMPLES = 301  # of a curve: about one for each px
 RATES = ("", "/s", "/s²", "/s³")
 ORDERS = {"position": 0, "box": 0, "radius": 0, "velocity": 1, "speed": 1, "acceleration": 2, "jerk": 3}
 COMMANDED = {"torque": "", "command": "", "torque rate": "/s", "command rate": "/s"}

@@ -16,8 +16,8 @@ from etude.report.svg import Image, Mark, Points, panel
 from etude.types import Array, Motion
 
 TITLE = "Where the model is uncertain"
-GRID = 44
-POINTS = 250
+GRID = 44  # cells each way: 1,936 predictions a joint
+POINTS = 250  # of the logs on a map, spread over them
 
 
 def uncertainty(record: Record) -> Html:

@@ -19,7 +19,7 @@ from rclpy.node import Node
 from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectoryPoint
 
-NANO = 10**9
+NANO = 10**9  # ns in a second
 PATIENCE = 5.0  # s
 
 
