@@ -428,6 +428,7 @@ ABILITIES: Mapping[str, tuple[type, ...]] = {
         SupportsLargestError,
         SupportsCollecting,
         SupportsStateText,
+        SupportsBody,
         SupportsKnownFaults,
     ),
     "Description": (SupportsCommandUnit, SupportsTableRate, SupportsConfirmation, SupportsPlant),
