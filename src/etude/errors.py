@@ -34,9 +34,19 @@ class DataError(EtudeError):
 
 
 class UnsafeTrajectoryError(EtudeError):
-    """A trajectory outside its limits, or limits that no trajectory meets; no file is written."""
+    """A trajectory outside its limits, or limits that no trajectory meets; no file is written.
+
+    Args:
+        limit: axis and quantity of the limit that is broken, of a single one.
+    """
 
     exit_code = 4
+
+    def __init__(
+        self, fact: str, *, where: str = "", next_step: str = "", limit: tuple[str, str] | None = None
+    ) -> None:
+        super().__init__(fact, where=where, next_step=next_step)
+        self.limit = limit
 
 
 class UnsafeModelError(EtudeError):

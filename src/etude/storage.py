@@ -12,9 +12,12 @@ import io
 import os
 import shutil
 import time
+import zlib
 from collections.abc import Iterator, Mapping
 from pathlib import Path
+from tokenize import TokenError
 from typing import Any
+from zipfile import BadZipFile
 
 from etude.errors import EtudeError, UsageError
 
@@ -25,6 +28,13 @@ one are of generation 1. The faults of earlier ones: `campaign.record.known_faul
 LARGEST_ARRAYS = 2**30
 """Bytes in memory, of all arrays of one file."""
 TEMPORARY_PREFIX = ".partial-"
+# a RuntimeError covers zip features that damage seems to ask for, and JSON nested too deeply; TokenError is
+# what NumPy's reader of array headers lets through
+DAMAGE = (
+    *(OSError, ValueError, LookupError, TypeError, AttributeError, ArithmeticError, RuntimeError),
+    *(EOFError, MemoryError, SyntaxError, BadZipFile, TokenError, zlib.error),
+)
+"""What reading a damaged file of arrays may raise."""
 
 
 def write_atomic(path: Path, data: bytes) -> None:

@@ -93,8 +93,8 @@ class ArmKind:
 
     @property
     def tables(self) -> Mapping[str, type]:
-        from etude.trajectories.family import FourierConfig
-        from etude_arm.preprocessing import ArmData
+        from etude.trajectories.config import FourierConfig
+        from etude_arm.config import ArmData
 
         return {"trajectory": FourierConfig, "data": ArmData}
 
@@ -149,6 +149,10 @@ class ArmKind:
 
     def spec(self, path: Path) -> ArmSpec:
         """The robot of a robot file, a URDF or an MJCF. UsageError if it cannot be one."""
+        if path.suffix.lower() == ".toml":
+            from etude_arm.robot_file import read_robot
+
+            return read_robot(path)
         from etude_arm.description import read
 
         return read(path)[0]

@@ -9,8 +9,9 @@ import numpy as np
 from etude.limits.library import AxisLimit
 from etude.limits.limit_tables import made_limits
 from etude.protocols import Limit, Model, Trajectory
+from etude.trajectories.config import FourierConfig
 from etude.trajectories.extremes import USABLE_PART
-from etude.trajectories.family import FourierConfig, FourierFamily, suited_to
+from etude.trajectories.family import FourierFamily, suited_to
 from etude.trajectories.moves import PointToPoint, random_moves
 from etude.types import Array, Margins
 from etude_arm.clearance.robot_clearance import clearance_of, ranges_of, search_of

@@ -57,8 +57,7 @@ class QuadrotorKind:
 
     @property
     def tables(self) -> Mapping[str, type]:
-        from etude_quadrotor.motions import FlightConfig
-        from etude_quadrotor.preprocessing import FlightData
+        from etude_quadrotor.config import FlightConfig, FlightData
 
         return {"trajectory": FlightConfig, "data": FlightData}
 

@@ -10,11 +10,9 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
 
 import numpy as np
 
-from etude.errors import UsageError
 from etude.limits.certificate import COMMANDS, SPEED, certify, utilization
 from etude.limits.feasible import FeasibleSet
 from etude.limits.library import AxisLimit, NormLimit, TiltLimit
@@ -22,10 +20,11 @@ from etude.limits.limit_tables import made_limits
 from etude.limits.samplers import boundary, uniform
 from etude.protocols import Limit, Model, Trajectory
 from etude.trajectories.chain import Chain, Part
-from etude.trajectories.family import FourierConfig, FourierFamily
+from etude.trajectories.family import FourierFamily
 from etude.trajectories.splined import Splined
 from etude.types import Array, Margins, Proof
 from etude_quadrotor.channels import AXES
+from etude_quadrotor.config import FlightConfig
 from etude_quadrotor.flatness import LEAST_LIFT
 from etude_quadrotor.spec import QuadrotorSpec
 from etude_quadrotor.vehicle import GRAVITY
@@ -47,58 +46,6 @@ TEST_DURATION = 30.0
 
 SAMPLES = 24
 """Per degree, of the feasible set's grid; it gives away 0.9 % of the linear limits."""
-
-
-@dataclass(frozen=True)
-class FlightConfig:
-    """Fourier flights: x and y without a constant term, z with one (thesis (3.3)).
-
-    Attributes:
-        harmonics: N; at least 2 with `rest`.
-        duration: s.
-        omega0: rad/s; None for 2 pi/duration, one period.
-        start: how the vehicle begins: "hover", at rest at the first position, so that the plan's first
-            velocity is a step (the thesis); or "moving", with the plan's velocity. The plan is the same.
-        rest: whether the plan itself starts and ends at rest (two equalities per axis, whole periods).
-        free_centre: whether x and y have a constant term too, which the limits then bound.
-        centre: constant terms of x and y where they are not free, m.
-        tilt: largest angle of the planned thrust from the vertical, rad, if the vehicle's own limit is not
-            less; None: that alone.
-        lean: whether simulated flights lean against the drag that earlier ones taught.
-
-    Raises:
-        UsageError: values out of range, or rest without a whole number of periods.
-    """
-
-    harmonics: int = 2
-    duration: float = 30.0
-    omega0: float | None = None
-    start: Literal["hover", "moving"] = "hover"
-    rest: bool = False
-    free_centre: bool = False
-    centre: tuple[float, float] = (0.0, 0.0)
-    tilt: float | None = None
-    lean: bool = False
-
-    def __post_init__(self) -> None:
-        if self.start not in ("hover", "moving"):
-            raise UsageError(f"a flight starts in 'hover' or 'moving', not {self.start!r}")
-        if not all(math.isfinite(c) for c in self.centre):
-            raise UsageError(f"the centre must be two finite numbers in m, not {self.centre}")
-        if self.tilt is not None and not 0.0 < self.tilt < 0.5 * math.pi:
-            raise UsageError(f"the tilt is an angle between 0 and pi/2 rad, not {self.tilt}")
-        _ = self.series  # refuses what makes no series
-
-    @property
-    def described(self) -> FlightConfig:
-        """Without what is chosen beyond the description: what earlier plans are held against."""
-        return replace(self, tilt=None)
-
-    @property
-    def series(self) -> FourierConfig:
-        """The same as numbers of a Fourier family."""
-        rest: Literal["nullspace", "none"] = "nullspace" if self.rest else "none"
-        return FourierConfig(self.harmonics, self.duration, self.omega0, rest)
 
 
 def flight_family(config: FlightConfig) -> FourierFamily:

@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import Literal
+from dataclasses import replace
 
 import numpy as np
 
-from etude.errors import DataError, UsageError
+from etude.errors import DataError
 from etude.logs.cleaning.filters import command_lag, median_rate, sampled, saturated, trimmed, without_lag
 from etude.types import Array, Index, Log, Samples, joined_samples
 from etude_quadrotor.battery import slow_voltage
-from etude_quadrotor.inputs import Acceleration, QuadrotorInputs
+from etude_quadrotor.config import FlightData
 from etude_quadrotor.recorder import on_even_grid, with_states
 from etude_quadrotor.spec import QuadrotorSpec
 
@@ -25,47 +23,6 @@ LAGGING = ("specific_force", "rates", "angular_acceleration", "body_velocity", "
 MOST_SATURATED = 0.95
 KEPT = ("state", "command", "plan", "truth")
 """Roles of channels that samples have; beside them the position."""
-
-
-@dataclass(frozen=True)
-class FlightData:
-    """How a flight becomes samples, and what of them a model looks at.
-
-    Attributes:
-        averaged: samples are means over their interval, so that noise does not fold in; False takes single
-            samples (the thesis).
-        lag_s: how far the motion lags behind the commands, s; "auto" measures it in logs at least
-            `FAST` times the model's rate or of `FAST_HZ`, and takes 0 where there is none.
-        first_s, last_s: trimmed from both ends, s.
-        altitude, acceleration, body_velocity, battery_voltage: the inputs, see `QuadrotorInputs`.
-        trims: whether the identified physics have a constant for each motor, beside drag, ground effect,
-            back-EMF and gains.
-    """
-
-    averaged: bool = True
-    lag_s: float | Literal["auto"] = "auto"
-    first_s: float = 0.0
-    last_s: float = 0.0
-    altitude: bool = True
-    acceleration: Acceleration = "specific_force"
-    body_velocity: bool = True
-    battery_voltage: bool = True
-    trims: bool = True
-
-    def __post_init__(self) -> None:
-        for name in ("lag_s", "first_s", "last_s"):
-            value = getattr(self, name)
-            if value == "auto" and name == "lag_s":
-                continue
-            if isinstance(value, str) or not (math.isfinite(value) and value >= 0.0):
-                raise UsageError(f"{name} must be a number of seconds, 0 or more, not {value!r}", where=name)
-        self.inputs()
-
-    def inputs(self) -> QuadrotorInputs:
-        """The inputs that are asked for, before any flight."""
-        return QuadrotorInputs(
-            self.altitude, self.acceleration, self.body_velocity, battery_voltage=self.battery_voltage
-        )
 
 
 def flight_samples(

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from etude.campaign.evaluate.confirm import (
+from etude.campaign.record.confirmation import (
     HALF_NORMAL,
     SPREAD,
     errors,

@@ -15,9 +15,10 @@ from test_learning import CONFIG
 from etude.campaign.deployment.monitor import watch
 from etude.campaign.deployment.predict import check_table, predict, write_table
 from etude.campaign.deployment.promote import promote, rollback
-from etude.campaign.evaluate.confirm import SPREAD, ask_to_confirm
+from etude.campaign.evaluate.confirm import ask_to_confirm
 from etude.campaign.evaluate.status import status
 from etude.campaign.ingest.ingest_many import tell
+from etude.campaign.record.confirmation import SPREAD
 from etude.campaign.record.deployed_model import model_in_use, pinned
 from etude.campaign.record.events import Promoted
 from etude.campaign.record.folder import Campaign, open_campaign

@@ -6,10 +6,10 @@ from etude._runtime.lazy import face
 
 if TYPE_CHECKING:
     from etude.campaign.create import create_campaign, find_robot
-    from etude.campaign.evaluate.confirm import errors, left_over, moving, trained_speeds, without_it
     from etude.campaign.ingest.questions import Answers, LogQuestions, judged_commands
     from etude.campaign.record.config import CampaignConfig, preset_config
     from etude.campaign.record.config_file import CONFIG, config_text, load_config
+    from etude.campaign.record.confirmation import errors, left_over, moving, trained_speeds, without_it
     from etude.campaign.record.controls import FEEDBACK, LEARNED
     from etude.campaign.record.folder import Campaign, open_campaign
     from etude.campaign.record.journal import JOURNAL

@@ -319,7 +319,7 @@ def simulate_confirmation(
         UsageError: no simulated plant, or nothing was learned yet. DataError: a run cannot be used.
     """
     from etude.campaign.evaluate.confirm import ask_to_confirm
-    from etude.campaign.ingest.confirmation_runs import RUNS, confirmed
+    from etude.campaign.record.confirmation import RUNS, confirmed
     from etude.campaign.record.deployed_model import model_in_use
 
     loop = Loop.of(campaign, engine, change or {}, None)

@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Any
 
 from etude.campaign.create import create_campaign, find_robot
+from etude.campaign.record.events import summary
 from etude.campaign.record.folder import Campaign
-from etude.campaign.record.rounds import SimulatedRound, summary
-from etude.campaign.simulation import simulate
+from etude.campaign.record.rounds import SimulatedRound
 from etude.cli.outcome import Say
 from etude.errors import UsageError
 from etude.report.build import build_report
@@ -88,6 +88,8 @@ def run(
     campaign, _ = create_campaign(folder or _new_folder(), robot, seed=seed)
     say(f"Étude teaches {campaign.name} its inverse dynamics; every plan stays inside its limits.")
     done: list[SimulatedRound] = []
+    from etude.campaign.simulation import simulate
+
     for found in simulate(campaign, rounds or show.rounds, say=say):
         done.append(found)
         error = next(iter(found.mean_errors().values()))

@@ -94,7 +94,7 @@ def _next(folder: Path, state: State) -> str:
 
 def _confirmed(found: Mapping[str, Any]) -> str:
     """What both runs of the motion that confirms left."""
-    from etude.campaign.ingest.confirmation_runs import SHOWN, in_words
+    from etude.campaign.record.confirmation import SHOWN, in_words
 
     none = [None] * len(found["axes"])
     rows = [[name, *map(in_words, found[key] or none)] for key, name in SHOWN.items()]
@@ -150,7 +150,7 @@ def _baselines(
     evaluated: Sequence[tuple[int, Evaluated]], axes: int
 ) -> tuple[dict[str, dict[str, float]], str]:
     """Newest error by baseline and test, and its unit."""
-    from etude.campaign.record.rounds import summary
+    from etude.campaign.record.events import summary
 
     found: dict[str, dict[str, float]] = {}
     unit = ""

@@ -157,7 +157,7 @@ def _model_in_use(found: Mapping[str, Any]) -> list[str]:
 
 def _confirmed(found: Mapping[str, Any]) -> list[str]:
     """Tracking errors of the motions that confirm, beside the forecast."""
-    from etude.campaign.ingest.confirmation_runs import SHOWN, in_words
+    from etude.campaign.record.confirmation import SHOWN, in_words
 
     lines = []
     for one in found["confirmed"]:

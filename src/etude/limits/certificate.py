@@ -310,6 +310,7 @@ def require_certified(
         f"{place}, outside its limit {row.lower:.6g}..{row.upper:.6g}",
         where=f"{row.axis}, {row.quantity}",
         next_step="Scale the trajectory down, or choose another one.",
+        limit=(row.axis, row.quantity),
     )
 
 

@@ -6,13 +6,10 @@ Predictions of a model that was read are the same bits on the same machine.
 from __future__ import annotations
 
 import json
-import zlib
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from tokenize import TokenError
 from typing import Any, cast
-from zipfile import BadZipFile
 
 import numpy as np
 
@@ -27,18 +24,12 @@ from etude.models.selection.ensemble import CANDIDATES
 from etude.models.selection.linear import LinearPhysics
 from etude.models.student_t import StudentT
 from etude.protocols import Candidate, Inputs, Mean, Physics, Process
-from etude.storage import arrays_of, packed, write_atomic
+from etude.storage import DAMAGE, arrays_of, packed, write_atomic
 from etude.types import Array
 
 VERSION = 2
 """Of the contents."""
 WORDS = "words"
-# a RuntimeError covers zip features that damage seems to ask for, and JSON nested too deeply; TokenError is
-# what NumPy's reader of array headers lets through
-DAMAGE = (
-    *(OSError, ValueError, LookupError, TypeError, AttributeError, ArithmeticError, RuntimeError),
-    *(EOFError, MemoryError, SyntaxError, BadZipFile, TokenError, zlib.error),
-)
 
 
 def save_model(path: str | Path, model: LearnedModel) -> None:

@@ -10,9 +10,8 @@ from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
 import numpy as np
 
-from etude.campaign.record.events import Evaluated, Event, Figures, Trained
+from etude.campaign.record.events import Evaluated, Event, Figures, Trained, summary
 from etude.campaign.record.journal import JOURNAL, read_events, recorded
-from etude.campaign.record.rounds import summary
 from etude.campaign.record.state import State, replay
 from etude.errors import EtudeError, UsageError
 from etude.limits.certificate import facts_of

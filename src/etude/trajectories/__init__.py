@@ -6,7 +6,8 @@ from etude._runtime.lazy import face
 
 if TYPE_CHECKING:
     from etude.trajectories.chain import segment_starts
-    from etude.trajectories.family import FourierConfig, FourierFamily
+    from etude.trajectories.config import FourierConfig
+    from etude.trajectories.family import FourierFamily
     from etude.trajectories.fourier import FourierTrajectory
     from etude.trajectories.json_text import from_json
     from etude.trajectories.moves import PointToPoint, random_moves

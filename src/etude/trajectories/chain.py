@@ -7,13 +7,16 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import accumulate, pairwise
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from etude._runtime.pictures import Picture, picture_of
 from etude.errors import UsageError
 from etude.protocols import Trajectory
 from etude.types import Array, Motion
+
+if TYPE_CHECKING:
+    from etude._runtime.pictures import Picture
 
 JOINED = 1e-9
 """Largest step between two parts, in position (rad, m), velocity and acceleration."""
@@ -107,6 +110,8 @@ class Chain:
 
     def plot(self, path: str | Path | None = None) -> Picture:
         """Motion over time: shown by a notebook, and saved as SVG if there is a path."""
+        from etude._runtime.pictures import picture_of
+
         return picture_of("trajectory", self, path)
 
     def to_json(self) -> str:

@@ -8,15 +8,18 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from etude._runtime.pictures import Picture, picture_of
 from etude.errors import UsageError
 from etude.protocols import Trajectory
+from etude.trajectories.config import require_rest
 from etude.trajectories.extremes import OVERSAMPLING, grid
 from etude.types import Array, Motion
+
+if TYPE_CHECKING:
+    from etude._runtime.pictures import Picture
 
 RAMP_ORDERS = 4
 """Orders (position, ..., jerk) that a phase ramp has: its own third derivative jumps."""
@@ -177,11 +180,7 @@ def rest_nullspace(harmonics: int) -> Array:
     Raises:
         UsageError: fewer than two harmonics; only standing still would be left.
     """
-    if harmonics < 2:
-        raise UsageError(
-            f"rest by equalities needs at least 2 harmonics, not {harmonics}",
-            next_step="Use rest = 'ramp' instead.",
-        )
+    require_rest(harmonics)
     out = np.zeros((2 * harmonics + 1, 2 * harmonics - 1))
     out[0, 0] = 1.0
     out[1:, 1:] = np.linalg.svd(rest_constraints(harmonics)[:, 1:])[2][2:].T
@@ -284,6 +283,8 @@ class FourierTrajectory:
 
     def plot(self, path: str | Path | None = None) -> Picture:
         """Motion over time: shown by a notebook, and saved as SVG if there is a path."""
+        from etude._runtime.pictures import picture_of
+
         return picture_of("trajectory", self, path)
 
     def to_json(self) -> str:

@@ -6,15 +6,18 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from etude._runtime.pictures import Picture, picture_of
 from etude.errors import UsageError
 from etude.protocols import Trajectory
 from etude.trajectories.extremes import USABLE_PART
 from etude.trajectories.fourier import to_text
 from etude.types import Array, Motion
+
+if TYPE_CHECKING:
+    from etude._runtime.pictures import Picture
 
 PEAK_VELOCITY = 15.0 / 8.0
 """max of s'(x) for s = x^3 (10 - 15 x + 6 x^2)."""
@@ -140,6 +143,8 @@ class PointToPoint:
 
     def plot(self, path: str | Path | None = None) -> Picture:
         """Motion over time: shown by a notebook, and saved as SVG if there is a path."""
+        from etude._runtime.pictures import picture_of
+
         return picture_of("trajectory", self, path)
 
     def to_json(self) -> str:

@@ -5,15 +5,15 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
 from etude.errors import UsageError
 from etude.types import Array
-from etude_arm.loading.inertia import ENTRIES, possible
-from etude_arm.loading.joint_choice import Moving
-from etude_arm.loading.rotations import turn_of
+
+if TYPE_CHECKING:
+    from etude_arm.loading.joint_choice import Moving
 
 Three = tuple[float, float, float]
 Six = tuple[float, float, float, float, float, float]
@@ -30,6 +30,8 @@ class Mounting:
     @property
     def turn(self) -> Array:
         """(3, 3)."""
+        from etude_arm.loading.rotations import turn_of
+
         return turn_of(*self.rotation)
 
 
@@ -73,6 +75,8 @@ class Attached:
                 where="inertia",
                 next_step='State shape = "box" and size, or inertia = [xx, yy, zz, xy, xz, yz] in kg m^2.',
             )
+        from etude_arm.loading.inertia import possible
+
         own = self.moments()
         if possible(own) is not own:
             raise UsageError(
@@ -83,6 +87,9 @@ class Attached:
 
     def moments(self) -> Array:
         """(3, 3) inertia about the centre of mass."""
+        from etude_arm.loading.inertia import ENTRIES
+        from etude_arm.loading.rotations import turn_of
+
         if self.inertia is not None:
             given = np.zeros((3, 3))
             for value, (_, i, j) in zip(self.inertia, ENTRIES, strict=True):

@@ -10,9 +10,8 @@ becomes a tracking error, so nothing is said of joints that stand.
 from __future__ import annotations
 
 import io
-import math
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +20,7 @@ from etude.campaign.propose.ask import Proposal, present
 from etude.campaign.propose.constraints import Constraints, kept_now, kept_then
 from etude.campaign.propose.export import export, require_formats
 from etude.campaign.propose.motions import from_rest, typical_motions
+from etude.campaign.record.confirmation import FEEDFORWARD, left_over, trained_speeds
 from etude.campaign.record.controls import FEEDBACK, LEARNED
 from etude.campaign.record.deployed_model import model_in_use, model_of_sha256
 from etude.campaign.record.events import Asked
@@ -35,12 +35,9 @@ from etude.logs.readers.cells import header_row
 from etude.models.model import LearnedModel
 from etude.protocols import Limit, Trajectory
 from etude.storage import write_atomic
-from etude.types import Array, Channel, Log, Mask
 
 CONFIRM_STREAM = 6
 """Separates the random numbers of these motions from those of asks and of the tests."""
-FEEDFORWARD = "feedforward.csv"
-"""The same table as trajectory.csv, with a column for each command."""
 DRAWS, SPEEDS = 3, (FULL, 90, 80)
 """Tries, and per cent of the speed at which each is tried, to leave room for what tracking may add."""
 
@@ -171,124 +168,6 @@ def feedforward_bytes(campaign: Campaign, files: TrajectoryFiles, model: Learned
     text.write(header_row([*names, *column_names(campaign.command)]))
     text.writelines(",".join(map(repr, row)) + "\n" for row in np.hstack([rows, command]).tolist())
     return text.getvalue().encode()
-
-
-FRACTION = 0.05
-"""A joint moves above that part of its top speed, as in training (`ArmData.stick_fraction`); a joint whose
-top speed is below that part of the one it was trained at hardly moves, and stands at all times."""
-STEP_S, LEAST = 0.1, 10
-"""s between the instants that are looked at; of fewer where a joint moves nothing is said."""
-HALF_NORMAL = math.sqrt(2.0 / math.pi)
-"""Mean absolute value of a normal number, in its deviations."""
-SPREAD = 3.0
-"""How far the error may lie from its forecast, in times: a feedback's errors are in proportion to slow
-commands alone, and friction at a reversal is wrong for longer the slower it is. How often that is enough is
-in docs/results/monitoring.md."""
-
-
-def instants(trajectory: Trajectory) -> Array:
-    """(T,) s."""
-    return np.arange(0.0, trajectory.duration, STEP_S)
-
-
-def moving(trajectory: Trajectory, t: Array, trained: Array) -> Mask:
-    """(T, k) where each joint moves by plan at t (T,) s; trained (k,): top speeds in training."""
-    top = np.abs(trajectory.motion(instants(trajectory), 2).orders[1]).max(axis=0)
-    speed = np.abs(trajectory.motion(t, 2).orders[1])
-    return np.asarray((speed > FRACTION * top) & (top > FRACTION * trained))
-
-
-def trained_speeds(model: LearnedModel, rates: Channel) -> Array:
-    """(k,) top speed of each axis in training, by the channel of rates; 0 where the model looks at none."""
-    known: Mapping[tuple[str, str], float] = {
-        (channel, part): float(np.abs(model.ranges[:, i]).max())
-        for i, (channel, part, _, op) in enumerate(model.inputs.columns)
-        if not op
-    }
-    names = (rates.name, f"{rates.name}_des")
-    return np.array([max(known.get((name, part), 0.0) for name in names) for part in rates.parts])
-
-
-def left_over(model: LearnedModel, trajectory: Trajectory, trained: Array) -> list[float | None]:
-    """(k,) mean absolute command that the model leaves to the feedback, over all that the feedback has to
-    give without it; both while that axis moves, None where it hardly does.
-
-    A linear feedback's errors are in proportion. The model's calibrated variance counts, that of its noise
-    included: what no input explains is left to the feedback too.
-    """
-    t = instants(trajectory)
-    mean, variance = model.posterior(model.inputs.states(trajectory.motion(t, model.inputs.orders)))
-    left = HALF_NORMAL * np.sqrt(variance)
-    use = moving(trajectory, t, trained)
-    needed = np.hypot(mean, left)
-    return [
-        float(left[own, j].sum() / max(needed[own, j].sum(), 1e-300)) if own.sum() >= LEAST else None
-        for j, own in enumerate(use.T)
-    ]
-
-
-def errors(log: Log, path: str, trajectory: Trajectory, use: Mask) -> Array:
-    """(k,) mean absolute tracking error where `use` (T, k), NaN of nothing."""
-    return _mean(log[path] - trajectory.motion(log.t, 1).orders[0], use)
-
-
-@dataclass(frozen=True)
-class Without:
-    """A run without the feedforward, mean absolute values (k,).
-
-    Attributes:
-        moving: error of each axis while it moves.
-        late: what of it a lag of all axes would be, of sampling, filters or delays.
-        noise: of the encoder, which is in all errors.
-    """
-
-    moving: Array
-    late: Array
-    noise: Array
-
-    def expected(self, left: Sequence[float | None]) -> list[tuple[float, float] | None]:
-        """Least and most error of each axis while it moves, of the parts that are `left_over`.
-
-        No feedforward takes a lag away. Friction that the model does not know may look like one, so it
-        counts in the upper end alone.
-        """
-        rows = zip(left, self.moving, self.late, self.noise, strict=True)
-        return [
-            None
-            if part is None or np.isnan(error)
-            else (math.hypot(part * error / SPREAD, noise), math.hypot(part * error * SPREAD, late, noise))
-            for part, error, late, noise in rows
-        ]
-
-
-def without_it(log: Log, path: str, trajectory: Trajectory, use: Mask, command: Array) -> Without:
-    """Of a run without the feedforward, whose command (T, k) it would have been.
-
-    Noise is what second differences of the error hold: a joint's own motion is much slower.
-    """
-    place, rate = trajectory.motion(log.t, 2).orders[:2]
-    error = log[path] - place
-    noise = np.sqrt(np.mean(np.diff(error, 2, axis=0) ** 2, axis=0) / 6.0)
-    late = shared_lag(error, rate, command, use) * rate
-    return Without(_mean(error, use), _mean(late, use), HALF_NORMAL * noise)
-
-
-def shared_lag(error: Array, rate: Array, command: Array, use: Mask) -> float:
-    """s that errors (T, k) follow the rates (T, k) by in every axis, beside what they follow the command by.
-
-    Of each axis by least squares where it moves. They are biased wherever friction makes command and rate
-    alike, so the least of them counts, and none where two differ in sign.
-    """
-    pairs = [(np.column_stack([rate[own, j], command[own, j]]), error[own, j]) for j, own in enumerate(use.T)]
-    found = [float(np.linalg.lstsq(A, e, rcond=None)[0][0]) for A, e in pairs if len(e)]
-    alike = bool(found) and (min(found) > 0.0 or max(found) < 0.0)
-    return min(found, key=abs) if alike else 0.0
-
-
-def _mean(values: Array, use: Mask) -> Array:
-    counts = use.sum(axis=0)
-    total = np.where(use, np.abs(values), 0.0).sum(axis=0)
-    return np.asarray(total / np.where(counts, counts, np.nan))
 
 
 def _with_forecast(asked: Asked, campaign: Campaign, model: LearnedModel, trajectory: Trajectory) -> Asked:

@@ -6,8 +6,8 @@ from dataclasses import asdict
 from typing import Any
 
 from etude.campaign.evaluate.stopping import calibration_factor, judge, seen_by_the_rule
-from etude.campaign.ingest.confirmation_runs import confirmed
 from etude.campaign.record.alerts import bad_news
+from etude.campaign.record.confirmation import confirmed
 from etude.campaign.record.events import plain
 from etude.campaign.record.folder import Campaign
 from etude.campaign.record.journal import damaged_files

@@ -6,16 +6,15 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from etude.campaign.evaluate.confirm import FEEDFORWARD, Without, errors, moving, without_it
 from etude.campaign.ingest.ingest_result import How, Told, aligned_with, read
 from etude.campaign.ingest.questions import LogQuestions, answers_of
-from etude.campaign.record.events import Asked, Confirmed, Figures
+from etude.campaign.record.confirmation import FEEDFORWARD, RUNS, errors, moving, without_it
+from etude.campaign.record.events import Confirmed, Figures
 from etude.campaign.record.folder import Campaign
-from etude.campaign.record.state import Round, State
+from etude.campaign.record.state import State
 from etude.campaign.record.stored_files import RESTORE, stored_bytes, stored_trajectory
 from etude.deploy.trajectory_files import read_table
 from etude.errors import DataError, UsageError
@@ -23,15 +22,6 @@ from etude.logs.readers.log_file import log_bytes
 from etude.protocols import Trajectory
 from etude.storage import write_atomic
 from etude.types import Array, Log
-
-RUNS = ("without", "with")
-SHOWN = {
-    "without": "without",
-    "with": "with",
-    "moving": "with, while it moves",
-    "forecast": "the same, forecast",
-}
-"""What of `confirmed` is shown to people, and what it is called."""
 
 
 def take_run(campaign: Campaign, state: State, path: Path, digest: str, number: int | None, how: How) -> Told:
@@ -96,7 +86,7 @@ def measured_run(
     """A run that confirms: mean absolute tracking error of each axis, and its unit.
 
     With the feedforward of the motion also "moving", the error while the axis moves (None: it hardly does),
-    and of the run without it what a lag and noise are of that (`expected_tracking_error.Without`).
+    and of the run without it what a lag and noise are of that (`record.confirmation.Without`).
 
     Raises:
         DataError: the log has no positions along the motion.
@@ -159,39 +149,3 @@ def _shown(values: Array, units: Sequence[str]) -> Figures:
     """In degrees where the unit is rad; None for NaN."""
     scaled = [math.degrees(v) if u == "rad" else float(v) for v, u in zip(values, units, strict=True)]
     return tuple(None if math.isnan(v) else v for v in scaled)
-
-
-def confirmed(campaign: Campaign, one: Round) -> dict[str, Any]:
-    """What is known of a motion that confirms, for `status` and the report; lists per axis, None if open.
-
-    "without", "with": errors over the whole motion; "moving": that with, while the axis moves; "forecast": of
-    the same, least and most, None of an axis that hardly moves. Motions of earlier versions have neither.
-    """
-    asked, runs = one.asked, one.runs
-    without, fed = runs.get("without"), runs.get("with")
-    units = next((list(run.units) for run in runs.values()), None)
-    return {
-        "number": one.number,
-        "axes": list(campaign.axes),
-        "units": units,
-        "without": without.error if without else None,
-        "with": fed.error if fed else None,
-        "moving": fed.moving if fed else None,
-        "forecast": _forecast(asked, without) or None,
-        "left_over": asked.left_over if asked else None,
-        "model_sha256": asked.model_sha256 if asked else None,
-    }
-
-
-def _forecast(asked: Asked | None, without: Confirmed | None) -> list[tuple[float, float] | None]:
-    if asked is None or asked.left_over is None or without is None or without.late is None:
-        return []
-    parts = (np.array(own, dtype=float) for own in (without.moving, without.late, without.noise))
-    return Without(*parts).expected(asked.left_over)
-
-
-def in_words(value: float | Sequence[float] | None) -> str:
-    """A figure of `confirmed`, or the two that it lies between; "-" for None."""
-    if value is None:
-        return "-"
-    return f"{value:.3g}" if isinstance(value, int | float) else " .. ".join(f"{v:.2g}" for v in value)

@@ -22,10 +22,11 @@ from etude.logs.cleaning import read as logs
 from etude.logs.cleaning.read import clean_log, matched_log
 from etude.logs.cleaning.repairs import drop_unreadable, order_rows
 from etude.logs.columns.headers import plain, words_of
-from etude.logs.columns.mapping import LogConfig, mapped, mapping_text
+from etude.logs.columns.mapping import mapped, mapping_text
 from etude.logs.columns.matching import match_columns
 from etude.logs.columns.units import Limits, check_lengths, from_degrees, read_time
 from etude.logs.columns.vocabulary import COMMANDS, PREFIXES, is_time, normal, split_suffix, split_unit
+from etude.logs.config import LogConfig
 from etude.logs.readers.registry import cut_sentences, end_findings, read_raw, with_rest_told
 from etude.protocols import Kind
 from etude.types import Array, Channel, Finding, Log

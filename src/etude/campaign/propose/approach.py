@@ -220,7 +220,7 @@ def require_pose(
             low, high = row.lower - row.tracking_margin, row.upper + row.tracking_margin
             if row.upper >= row.proved_upper and row.proved_lower >= row.lower:
                 continue
-            if problem.where != f"{row.axis}, {row.quantity}":
+            if problem.limit != (row.axis, row.quantity):
                 continue
             raise UnsafeTrajectoryError(
                 f"the pose itself is the fault: {row.quantity} of '{row.axis}' is {row.proved_upper:.6g}; "

@@ -8,8 +8,7 @@ from dataclasses import replace
 from itertools import pairwise
 from typing import Any
 
-from etude.campaign.record.events import Evaluated, PrequentialScore
-from etude.campaign.record.rounds import summary
+from etude.campaign.record.events import Evaluated, PrequentialScore, summary
 from etude.campaign.record.state import CHANGED, Round, State
 from etude.codes import Alert, NextStep, Notice, Phrase, Warn
 

@@ -9,7 +9,7 @@ from typing import Any
 from etude.design.config import DesignConfig
 from etude.errors import UsageError
 from etude.limits.tracking import TrackingConfig
-from etude.logs.columns.mapping import LogConfig
+from etude.logs.config import LogConfig
 from etude.models.config import ModelConfig
 from etude.protocols import Kind
 from etude.toml_tables import read_table

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from etude.campaign.record.events import Promoted, Trained
 from etude.campaign.record.folder import Campaign
@@ -11,8 +12,10 @@ from etude.campaign.record.state import State
 from etude.campaign.record.stored_files import require_description
 from etude.campaign.record.stored_models import MODEL, newest_model, read_stored
 from etude.errors import UsageError
-from etude.models.model import LearnedModel
 from etude.storage import sha256_of, write_atomic
+
+if TYPE_CHECKING:
+    from etude.models.model import LearnedModel
 
 FOLDER = "promoted"
 

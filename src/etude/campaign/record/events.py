@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import json
 import types
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import MISSING, Field, dataclass, field, fields, is_dataclass
 from functools import lru_cache
 from typing import Any, ClassVar, Literal, Union, get_args, get_origin, get_type_hints
@@ -92,7 +92,7 @@ class Asked(Constrained):
             of the design; see `design.chain`.
         confirm: it confirms: it runs without and with the feedforward, and nothing learns from it.
         model_sha256: of the model whose feedforward it has. left_over, trained_speeds: see
-            `evaluate.expected_tracking_error`.
+            `record.confirmation`.
     """
 
     EVENT: ClassVar[str] = "asked"
@@ -297,6 +297,11 @@ class Evaluated(Fact):
     unit: str = ""
 
 
+def summary(values: Sequence[float], axes: int) -> float:
+    """The figure that stands for an evaluation: the mean over the axes, or what comes after theirs."""
+    return float(values[-1] if len(values) > axes else sum(values) / len(values))
+
+
 @dataclass(frozen=True, kw_only=True)
 class Abandoned(Fact):
     """A trajectory was given up."""
@@ -343,7 +348,7 @@ class Confirmed(Fact):
     Attributes:
         run: "without" or "with" the feedforward.
         error: mean absolute tracking error of each axis; moving: the same while it moves; late, noise: see
-            `evaluate.expected_tracking_error.Without`. units: of these, by axis.
+            `record.confirmation.Without`. units: of these, by axis.
         sha256: of the log. source: its name. repairs: a sentence each.
     """
 

@@ -10,7 +10,6 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from etude._runtime.pictures import Picture, picture_of
 from etude._runtime.trust import folder_id
 from etude.abilities import SupportsStatedLimits
 from etude.campaign.record.config import CampaignConfig
@@ -25,6 +24,7 @@ from etude.storage import sha256_of, writer_lock
 from etude.types import Channel, Margins
 
 if TYPE_CHECKING:
+    from etude._runtime.pictures import Picture
     from etude.models.model import LearnedModel
 
 ROBOT = "robot.toml"
@@ -62,6 +62,8 @@ class Campaign:
 
     def plot(self, path: str | Path | None = None) -> Picture:
         """The learning curve: shown by a notebook, and saved as SVG if there is a path."""
+        from etude._runtime.pictures import picture_of
+
         return picture_of("campaign", self, path)
 
     @property

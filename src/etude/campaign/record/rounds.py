@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
-from etude.campaign.record.events import Evaluated
+from etude.campaign.record.events import Evaluated, summary
 from etude.campaign.record.folder import Campaign, Say
 
 
@@ -31,11 +30,6 @@ class SimulatedRound:
     def mean_errors(self) -> dict[str, float]:
         """One figure per test: the mean over the axes, or the distance in space."""
         return {name: summary(values, self.axes) for name, values in self.errors.items()}
-
-
-def summary(values: Sequence[float], axes: int) -> float:
-    """The figure that stands for an evaluation: the mean over the axes, or what comes after theirs."""
-    return float(values[-1] if len(values) > axes else sum(values) / len(values))
 
 
 def known_evaluation(campaign: Campaign, test: str, number: int, baseline: str) -> Evaluated | None:

@@ -32,11 +32,9 @@ from etude.campaign.record.events import (
 )
 from etude.campaign.record.folder import ROBOT, Campaign
 from etude.campaign.record.journal import recorded, require_intact
-from etude.deploy.trajectory_files import COEFFICIENTS
 from etude.errors import UsageError
 from etude.protocols import Trajectory
 from etude.storage import GENERATION, unreadable, write_atomic
-from etude.trajectories.json_text import from_json
 
 MARK = "etude-export.json"
 """Says what the folder is: one that holds it may be replaced by the next export."""
@@ -280,6 +278,9 @@ def stored_trajectory(campaign: Campaign, number: int, speed: int = FULL) -> Tra
     Raises:
         UsageError: there is no such file, the journal does not know it, or it was changed.
     """
+    from etude.deploy.trajectory_files import COEFFICIENTS
+    from etude.trajectories.json_text import from_json
+
     path = speed_folder(campaign, number, speed) / COEFFICIENTS
     try:
         return from_json(stored_bytes(campaign, path, proposal_advice(campaign, number)))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -17,12 +18,12 @@ from etude.campaign.record.state import Round, State
 from etude.campaign.record.stored_files import name_of, require_runs
 from etude.codes import NextStep, Notice, Warn
 from etude.errors import UsageError
-from etude.logs.readers.log_file import read_log_file
-from etude.models.model import LearnedModel
-from etude.models.store import load_model as read_model
 from etude.plugins import named_in
 from etude.storage import sha256_of
 from etude.types import Log, Samples
+
+if TYPE_CHECKING:
+    from etude.models.model import LearnedModel
 
 MODEL, LEFT_OUT = "model.npz", "left_out.npz"
 LINEAR, MIXED = "linear", "mixed"
@@ -90,6 +91,8 @@ def stored_log(campaign: Campaign, number: int) -> Log:
 
     DataError: it cannot be read.
     """
+    from etude.logs.readers.log_file import read_log_file
+
     require_runs(campaign, [number])
     return read_log_file(campaign.run_file(number))
 
@@ -109,6 +112,8 @@ def stored_model(campaign: Campaign, number: int) -> LearnedModel:
 
 def read_stored(campaign: Campaign, path: Path) -> LearnedModel:
     """The model in a file of the campaign; code that it names is run only of a folder that is trusted."""
+    from etude.models.store import load_model as read_model
+
     kind, spec, config, folder = campaign.kind, campaign.spec, campaign.config, campaign.path
     with named_in(path, folder, folder_id(folder / JOURNAL), trusting(folder)):
         return read_model(path, kind.inputs(spec, config).restore, kind.physics(spec, config))

@@ -15,10 +15,11 @@ from etude.errors import DataError
 from etude.logs.cleaning.ranges import check_commands, check_consistency, check_positions, looks_scaled
 from etude.logs.cleaning.repairs import check_constant, drop_spikes, drop_unreadable, note_pauses, order_rows
 from etude.logs.columns.headers import Column
-from etude.logs.columns.mapping import LogConfig, mapped
+from etude.logs.columns.mapping import mapped
 from etude.logs.columns.matching import Matching, match_columns
 from etude.logs.columns.units import Limits, check_lengths, from_degrees, read_time, start_at_zero
 from etude.logs.columns.vocabulary import is_time
+from etude.logs.config import LogConfig
 from etude.logs.readers.log_file import is_log_file, read_log_file
 from etude.logs.readers.registry import cut_sentences, file_head, read_raw, with_rest_told
 from etude.types import Array, Channel, Log

@@ -12,13 +12,14 @@ from __future__ import annotations
 import difflib
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 
 import numpy as np
 
 from etude.errors import DataError
 from etude.logs.columns.headers import Found, read_headers
 from etude.logs.columns.vocabulary import NUMBERED, is_time, split_unit, unit_of
+from etude.logs.config import LogConfig
 from etude.types import Channel, Log
 
 NEAR, ALIKE = 3, 0.5
@@ -30,23 +31,6 @@ HEAD = """\
 
 [log.columns]
 """
-
-
-@dataclass(frozen=True)
-class LogConfig:
-    """The table [log]: how the logs of a robot differ from what Étude expects.
-
-    Attributes:
-        columns: header as it is to be read -> header in the file. A unit in the file's header is kept.
-        ignored: headers of columns that are left out.
-        topics: of logs that hold several; none: those that look like what is needed.
-        rate: Hz, at which rows of logs without times stand; 0: such logs are refused.
-    """
-
-    columns: Mapping[str, str] = field(default_factory=dict)
-    ignored: tuple[str, ...] = ()
-    topics: tuple[str, ...] = ()
-    rate: float = 0.0
 
 
 def mapped(raw: Log, config: LogConfig) -> Log:

@@ -38,11 +38,10 @@ from etude.models.selection.structures import (
     rows_only,
     with_process,
 )
-from etude.models.store import DAMAGE
 from etude.models.student_t import StudentT, fit_student
 from etude.progress import counted, part
 from etude.protocols import Inputs, Physics
-from etude.storage import arrays_of
+from etude.storage import DAMAGE, arrays_of
 from etude.types import Array, Index, Samples
 
 OFFERED = ("gp", "identified+gp", "identified", "nominal", "linear", "linear+gp")

@@ -112,7 +112,7 @@ TITLE = "Proof on the robot: without and with the feedforward"
 
 def confirmation(record: Record) -> Html:
     """A table for each motion that confirms; nothing where none was run."""
-    from etude.campaign.ingest.confirmation_runs import confirmed
+    from etude.campaign.record.confirmation import confirmed
 
     if record.campaign is None:
         return Html("")
@@ -131,7 +131,7 @@ def confirmation(record: Record) -> Html:
 
 
 def _table(one: Mapping[str, Any]) -> Html:
-    from etude.campaign.ingest.confirmation_runs import SHOWN
+    from etude.campaign.record.confirmation import SHOWN
 
     columns = [one[key] or [None] * len(one["axes"]) for key in SHOWN]
     rows = [
