@@ -6,7 +6,7 @@ from enum import EnumType
 from pathlib import Path
 from string import Formatter
 
-from etude.codes import SENTENCES, Alert, NextStep, Phrase, Refusal, Stop, Warn
+from etude.codes import SENTENCES, Alert, NextStep, OfFile, Phrase, Refusal, Stop, Warn
 
 PAGE = Path(__file__).parent / "reference" / "codes.md"
 HEAD = """# Codes
@@ -27,6 +27,7 @@ SECTIONS: dict[EnumType, tuple[str, str]] = {
         "`news` of `etude status --json`, and the warnings `too_little_motion` and `one_trajectory`.",
     ),
     Warn: ("Warnings", "`warnings` of `etude tell --json`, of `etude ask --json` and of `certificate.json`."),
+    OfFile: ("Files", "`problems`, `edited` and `proved_otherwise` of `etude status --json`."),
     Refusal: ("Refusals", "`refused` of `etude promote --json`."),
     Stop: (
         "Stop verdicts",

@@ -7,9 +7,9 @@ from string import Formatter
 
 import pytest
 
-from etude.codes import SENTENCES, Alert, NextStep, Notice, Phrase, Refusal, Stop, Warn
+from etude.codes import SENTENCES, Alert, NextStep, Notice, OfFile, Phrase, Refusal, Stop, Warn
 
-KINDS = (Alert, Warn, Refusal, Stop, Phrase, NextStep)
+KINDS = (Alert, Warn, OfFile, Refusal, Stop, Phrase, NextStep)
 WHERE = Notice(Phrase.HELD_OUT, {"log": 3})
 BLOCKS = "on blocks of log 3 that were held out"
 NOTICE = Notice(

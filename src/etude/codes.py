@@ -46,6 +46,16 @@ class Warn(StrEnum):
     STATED = "stated"
 
 
+class OfFile(StrEnum):
+    """What is said of the files of a campaign's folder."""
+
+    MISSING = "file_missing"
+    CHANGED = "file_changed"
+    UNREADABLE = "file_unreadable"
+    EDITED = "file_edited"
+    PROVED_BEFORE = "proved_before"
+
+
 class Refusal(StrEnum):
     """Why a model is not put in use."""
 
@@ -98,12 +108,15 @@ class NextStep(StrEnum):
     TELL_TO_CHOOSE = "tell_to_choose"
     ASK_LIKE_IT = "ask_like_it"
     SEE_REPAIRS = "see_repairs"
+    ASK_AGAIN = "ask_again"
+    GIVE_UP = "give_up"
+    TAKE_UP = "take_up"
     TELL_ANOTHER = "tell_another"
     TELL_MOVING = "tell_moving"
     UNTELL_SIMULATED = "untell_simulated"
 
 
-Code = Alert | Warn | Refusal | Stop | Phrase
+Code = Alert | Warn | OfFile | Refusal | Stop | Phrase
 
 ERRED = "{command}: on motion held out the process erred {ratio:.3g} times as much as linear regression"
 
@@ -137,6 +150,11 @@ SENTENCES: Mapping[Code | NextStep, str] = {
     Warn.TEACHES_LITTLE_HELD: "This motion teaches next to nothing: no joint sweeps more than {part:.0f %} "
     "of its range. In the way: {held}",
     Warn.STATED: "{sentence}",
+    OfFile.MISSING: "{file} is missing",
+    OfFile.CHANGED: "{file} was changed after it was committed",
+    OfFile.UNREADABLE: "{file} cannot be read ({why})",
+    OfFile.EDITED: "{file} was edited since Étude took it up ({when})",
+    OfFile.PROVED_BEFORE: "{file} was proved before {changed: and } changed",
     Refusal.NOT_COMPARED: "not compared: {why}",
     Refusal.NOT_DECIDED: "not decided against {against}: {segments} segments that neither has seen, {needed} "
     "are needed",
@@ -181,6 +199,10 @@ SENTENCES: Mapping[Code | NextStep, str] = {
     NextStep.ASK_LIKE_IT: "Do not use the model on such motion; ask for more, with tasks like it (--tasks).",
     NextStep.SEE_REPAIRS: "Look at that log's repairs; etude untell takes it back if something is wrong with "
     "it.",
+    NextStep.ASK_AGAIN: "Ask for it again, before it is run: etude ask {folder}",
+    NextStep.GIVE_UP: "Do not run it, give it up: etude abandon {folder} {number}",
+    NextStep.TAKE_UP: "The next ask or tell takes up what it says now; ask proves an open motion again: "
+    "etude ask {folder}",
     NextStep.TELL_ANOTHER: "Tell another one.",
     NextStep.TELL_MOVING: "Tell another log that moves it.",
     NextStep.UNTELL_SIMULATED: "Take the simulated ones back: etude untell {folder} {newest}",

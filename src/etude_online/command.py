@@ -16,7 +16,7 @@ from etude.models.gp.exact import ExactPosterior
 from etude.models.gp.single_point import PointMean
 from etude.models.model import LearnedModel
 from etude.models.process import Posteriors
-from etude.models.protocols import SupportsPoint
+from etude.models.protocols import SupportsPoint, SupportsSeparate
 from etude.protocols import Candidate
 from etude.types import Array, Log
 from etude_online.learner import OnlineConfig, OnlineOutput
@@ -227,11 +227,11 @@ def learning_command(model: LearnedModel, j: int, config: OnlineConfig, rng: np.
 
 def _exact(candidate: Candidate, j: int) -> ExactPosterior | None:
     process, place = candidate.process, candidate.commands.index(j)
-    if not isinstance(process, Posteriors):
-        return None
-    found = process.own[place]
-    if isinstance(found, BasisPosterior) and process.guides:  # all samples taught it, through a few
-        found = process.guides[place]
+    assert process is not None
+    own = process.own if isinstance(process, SupportsSeparate) else None
+    found = own[place] if isinstance(own, tuple) else None
+    if isinstance(process, Posteriors) and isinstance(found, BasisPosterior) and process.guides:
+        found = process.guides[place]  # all samples taught it, through a few
     return found if isinstance(found, ExactPosterior) else None
 
 

@@ -9,12 +9,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
 from etude.errors import DataError, NumericalError
-from etude.models.model import LearnedModel
 from etude.models.trust import familiar, trusted
 from etude.protocols import Controller, Model, Trajectory
 from etude.types import Array, Log, Motion, Row
@@ -65,6 +64,18 @@ class LinearDrag:
         return force, np.zeros_like(force)
 
 
+@runtime_checkable
+class Ranged(Protocol):
+    """A `Model` that knows what it was trained on: whether enough trajectories calibrated it, and the ranges
+    (2, D) of its inputs.
+    """
+
+    @property
+    def calibrated(self) -> bool: ...
+    @property
+    def ranges(self) -> Array: ...
+
+
 @dataclass(frozen=True, eq=False)
 class GatedVoltages:
     """A learned model's voltages where it knows better, the analytic one's elsewhere, never far from those.
@@ -89,7 +100,7 @@ class GatedVoltages:
         near = safe + np.clip(mean - safe, -self.limit, self.limit)
         found = trusted(near, variance, prior_deviation(self.model), safe)
         model = self.model
-        if isinstance(model, LearnedModel) and not model.calibrated and model.ranges is not None:
+        if isinstance(model, Ranged) and not model.calibrated:
             known = familiar(model.inputs.of_log(log), model.ranges)
             found = safe + known[:, None] * (found - safe)
         return found

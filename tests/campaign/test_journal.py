@@ -97,7 +97,7 @@ def test_a_changed_file_is_noticed(tmp_path: Path) -> None:
     commit(tmp_path, Created(seed=0), None, [tmp_path / n for n in "abc"])
     (tmp_path / "a").unlink()
     (tmp_path / "b").write_text("other")
-    assert damaged_files(tmp_path, read_events(tmp_path)) == [
+    assert [one.sentence for one in damaged_files(tmp_path, read_events(tmp_path))] == [
         "a is missing",
         "b was changed after it was committed",
     ]

@@ -204,7 +204,8 @@ def test_an_altered_file_is_refused_by_all_that_use_it(fresh: Campaign, tmp_path
     ):
         with pytest.raises(UsageError, match="was changed after it was promoted"):
             use()
-    assert status(fresh)["problems"] == [f"promoted/{path.name} was changed after it was committed"]
+    (problem,) = status(fresh)["problems"]
+    assert problem["sentence"] == f"promoted/{path.name} was changed after it was committed"
     path.unlink()
     with pytest.raises(UsageError, match="is missing") as refused:
         model_in_use(fresh)

@@ -30,6 +30,7 @@ from etude.campaign.propose.ask import Proposal, ask
 from etude.campaign.propose.constraints import Constraints, kept_then
 from etude.campaign.record.folder import Campaign, open_campaign
 from etude.campaign.record.journal import damaged_files, read_events
+from etude.codes import Notice, OfFile
 from etude.deploy.playback_certificate import certify_played
 from etude.errors import EtudeError, UnsafeTrajectoryError, UsageError
 from etude.limits.certificate import Certificate, certify
@@ -240,19 +241,16 @@ def _promoted(campaign: Campaign) -> list[str]:
 
 def _status(campaign: Campaign) -> list[str]:
     found = status(campaign)
-    assert found["problems"] == damaged_files(campaign.path, campaign.events())
+    assert found["problems"] == [one.told() for one in damaged_files(campaign.path, campaign.events())]
     return []
 
 
 def _report(campaign: Campaign) -> list[str]:
     """A file that is not what was committed is named, and not drawn."""
     page = render(read_record(campaign.path))
-    for sentence in damaged_files(campaign.path, campaign.events()):
-        name = sentence.partition(" was ")[0]
-        if (
-            re.fullmatch(r"proposals/\d+/(trajectory|certificate)\.json", name)
-            and "is missing" not in sentence
-        ):
+    for one in damaged_files(campaign.path, campaign.events()):
+        name, drawn = one.fields["file"], r"proposals/\d+/(trajectory|certificate)\.json"
+        if re.fullmatch(drawn, name) and one.code != OfFile.MISSING:
             assert f"{name} could not be read" in page
     return []
 
@@ -301,9 +299,10 @@ def _tried(lab: Path, folder: Path, seed: int) -> str:
     journal = "journal.jsonl"
     assert edit is not _journal or before[journal] == (lab / journal).read_bytes(), "an edited one was read"
     after = damaged_files(path, campaign.events())
-    wrong = [sentence for sentence in after if sentence.partition(" ")[0] in rests_on]
+    wrong = [one for one in after if one.fields["file"] in rests_on]
     assert not wrong, f"{name} rested on {wrong}"
-    assert {s for s in after if "robot.toml" not in s} <= set(damaged), "a command left files behind"
+    left = [one for one in after if one.fields["file"] != "robot.toml"]
+    assert all(one in damaged for one in left), "a command left files behind"
     return "shown"
 
 
@@ -318,7 +317,7 @@ def _unharmed(before: Mapping[str, bytes], path: Path) -> None:
     if changed and "journal.jsonl" in changed:
         events = read_events(path)
         known = {name for event in events for name in event.files}
-        broken = {sentence.partition(" ")[0] for sentence in damaged_files(path, events)}
+        broken = {one.fields["file"] for one in damaged_files(path, events)}
         changed = [name for name in changed if name in broken or name not in {*known, "journal.jsonl"}]
     assert not changed, f"a refusal left {changed} behind"
 
@@ -364,7 +363,7 @@ def test_the_way_from_another_home_is_written_anew(copy: Path) -> None:
 
 
 def _look(path: Path) -> list[str]:
-    return list(status(open_campaign(path))["proved_otherwise"])
+    return [f"{one['sentence']}. {one['step']}" for one in status(open_campaign(path))["proved_otherwise"]]
 
 
 def _edit(path: Path, pattern: str, new: str) -> None:
@@ -405,19 +404,19 @@ def test_what_people_edit_is_no_problem_and_the_next_ask_or_tell_takes_it_up(
     name = edit[0]
     _edit(copy / name, *edit[1:])
     found = status(open_campaign(copy))
-    (sentence,) = found["edited"]
-    assert sentence.startswith(f"{name} was edited since")
-    assert f"etude ask {copy}" in sentence
+    (notice,) = found["edited"]
+    assert (notice["code"], notice["fields"]["file"]) == (OfFile.EDITED, name)
+    assert notice["step"].endswith(f"etude ask {copy}")
     assert found["problems"] == []
     assert cli.main(["status", str(copy)]) == 0
     said = capsys.readouterr().out
     assert "Problem" not in said
-    assert f"Edited: {sentence}" in said
+    assert f"Edited: {notice['sentence']}. {notice['step']}" in said
     take_up(copy)
     found = status(open_campaign(copy))
     assert found["edited"] == found["problems"] == []
     _edit(copy / name, r"\A", "# and again\n")
-    assert [one.partition(" ")[0] for one in status(open_campaign(copy))["edited"]] == [name]
+    assert [one["fields"]["file"] for one in status(open_campaign(copy))["edited"]] == [name]
     assert status(open_campaign(copy))["problems"] == []
 
 
@@ -429,7 +428,7 @@ def test_another_command_leaves_an_edit_to_ask_and_tell(copy: Path) -> None:
 
 def test_a_robot_toml_that_is_gone_is_a_problem(copy: Path) -> None:
     (copy / "robot.toml").unlink()
-    assert damaged_files(copy, read_events(copy)) == ["robot.toml is missing"]
+    assert damaged_files(copy, read_events(copy)) == [Notice(OfFile.MISSING, {"file": "robot.toml"})]
 
 
 def test_an_open_motion_that_leaves_the_new_limits_names_what_helps(

@@ -232,7 +232,8 @@ class Warned:
     name: str = "warned"
 
     def prove(self, piece):
-        return (Proof("arm", "distance", 0.1, np.inf, 0.2, 0.5, "9 samples", "sampled", note="far"),)
+        free = Proof("arm", "turns", -np.inf, np.inf, 0.2, 0.5, "9 samples", "sampled")
+        return (Proof("arm", "distance", 0.1, np.inf, 0.2, 0.5, "9 samples", "sampled", note="far"), free)
 
     def warned(self, trajectory):
         return ("Mind the step.", Notice(Warn.TEACHES_LITTLE, {"part": 0.01}))

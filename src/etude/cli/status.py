@@ -64,9 +64,9 @@ def _lines(found: Mapping[str, Any]) -> list[str]:
         go_on = "Go on: " if verdict["usable"] else "First see to what is red. "
         lines.append(("Stop: " if verdict["stop"] else go_on) + verdict["reason"])
     lines += faults(found["known_faults"])
-    lines += [f"Look: {sentence}." for sentence in found["proved_otherwise"]]
-    lines += [f"Edited: {sentence}" for sentence in found["edited"]]
-    lines += [f"Problem: {problem}." for problem in found["problems"]]
+    lines += [f"Look: {one['sentence']}. {one['step']}" for one in found["proved_otherwise"]]
+    lines += [f"Edited: {one['sentence']}. {one['step']}" for one in found["edited"]]
+    lines += [f"Problem: {one['sentence']}." for one in found["problems"]]
     lines += [MEND] * bool(found["problems"])
     return lines
 

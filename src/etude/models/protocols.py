@@ -160,6 +160,14 @@ class SupportsFactors(Protocol):
 
 
 @runtime_checkable
+class SupportsSeparate(Protocol):
+    """A process with a posterior of each command alone, which may go on learning."""
+
+    @property
+    def own(self) -> tuple[Posterior, ...]: ...
+
+
+@runtime_checkable
 class SupportsPoint(Protocol):
     """A process with a fast function of one input, x (D,) -> means (m,): for a controller's tick."""
 

@@ -62,9 +62,11 @@ def status(campaign: Campaign) -> dict[str, Any]:
         "confirmed": [confirmed(campaign, one) for one in state.confirmations],
         "verdict": verdict.told(),
         "known_faults": [asdict(one) | {"sentence": one.sentence} for one in affected(campaign, state)],
-        "proved_otherwise": proved_otherwise(campaign, [r.number for r in state.proposals]),
-        "edited": edited(campaign, events),
-        "problems": damaged_files(campaign.path, events),
+        "proved_otherwise": [
+            one.told() for one in proved_otherwise(campaign, [r.number for r in state.proposals])
+        ],
+        "edited": [one.told() for one in edited(campaign, events)],
+        "problems": [one.told() for one in damaged_files(campaign.path, events)],
     }
 
 

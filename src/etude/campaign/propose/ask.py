@@ -278,7 +278,7 @@ def _again(campaign: Campaign, trajectory: Trajectory, kept: Constraints) -> Tra
 def _outside_now(campaign: Campaign, number: int, problem: UnsafeTrajectoryError) -> UnsafeTrajectoryError:
     """Why an open proposal cannot be run as it is, and how to come by another."""
     asked = [e for e in campaign.events() if isinstance(e.fact, Asked) and e.number == number]
-    why = changed_since(campaign, asked, [name for e in asked for name in e.files])
+    why = " and ".join(changed_since(campaign, asked, [name for e in asked for name in e.files]))
     confirm = "--confirm " * campaign.round(number).confirms
     since = f" since {why} changed" if why else ""
     return UnsafeTrajectoryError(

@@ -19,6 +19,7 @@ from functools import lru_cache
 from pathlib import Path
 
 from etude.campaign.record.events import Event, Fact, Figures, NewerFormatError, from_json, to_json
+from etude.codes import Notice, OfFile
 from etude.errors import UsageError
 from etude.storage import GENERATION, append_line, read_lines, sha256_of
 
@@ -118,23 +119,24 @@ def recorded(events: Iterable[Event]) -> dict[str, str]:
     return {name: digest for event in events for name, digest in event.files.items()}
 
 
-def damaged_files(folder: Path, events: list[Event]) -> list[str]:
-    """One sentence for each committed file that is missing or no longer has its recorded hash; of what people
+def damaged_files(folder: Path, events: list[Event]) -> list[Notice]:
+    """A notice for each committed file that is missing or no longer has its recorded hash; of what people
     edit only if it is missing.
     """
     return _damaged(folder, recorded(events))
 
 
-def _damaged(folder: Path, files: Mapping[str, str]) -> list[str]:
+def _damaged(folder: Path, files: Mapping[str, str]) -> list[Notice]:
     problems = []
     for name, digest in sorted(files.items()):
         try:
             if sha256_of(folder / name) != digest and name not in BY_HAND:
-                problems.append(f"{name} was changed after it was committed")
+                problems.append(Notice(OfFile.CHANGED, {"file": name}))
         except (FileNotFoundError, NotADirectoryError):
-            problems.append(f"{name} is missing")
+            problems.append(Notice(OfFile.MISSING, {"file": name}))
         except OSError as error:
-            problems.append(f"{name} cannot be read ({error.strerror or error})")
+            why = error.strerror or str(error)
+            problems.append(Notice(OfFile.UNREADABLE, {"file": name, "why": why}))
     return problems
 
 
@@ -146,7 +148,9 @@ def require_intact(folder: Path, files: Mapping[str, str], next_step: str) -> No
     """
     problems = _damaged(folder, files)
     if problems:
-        raise UsageError("; ".join(problems), where=str(folder), next_step=next_step)
+        raise UsageError(
+            "; ".join(problem.sentence for problem in problems), where=str(folder), next_step=next_step
+        )
 
 
 def _parse(line: str, where: str) -> Event:

@@ -32,6 +32,7 @@ from etude.campaign.record.events import (
 )
 from etude.campaign.record.folder import ROBOT, Campaign
 from etude.campaign.record.journal import recorded, require_intact
+from etude.codes import NextStep, Notice, OfFile
 from etude.errors import UsageError
 from etude.protocols import Trajectory
 from etude.storage import GENERATION, unreadable, write_atomic
@@ -148,13 +149,10 @@ def settle(
         return ()
     anew = wrong or committed
     folders = dict.fromkeys(name_of(campaign, path.parent) for path in anew)
-    why = changed_since(campaign, events, [names[path] for path in committed])
+    changed = changed_since(campaign, events, [names[path] for path in committed])
+    older = "an earlier version wrote them" if _is_older(events, names) else "what they rest on changed"
+    why = f"{' and '.join(changed)} changed" if changed else older
     what = f"{', '.join(path.name for path in anew)} in {', '.join(folders)}"
-    why = (
-        f"{why} changed"
-        if why
-        else ("an earlier version wrote them" if _is_older(events, names) else "what they rest on changed")
-    )
     return (f"Written anew, since {why}: {what}.",)
 
 
@@ -166,20 +164,19 @@ def _anew(there: Sequence[Path]) -> str:
     )
 
 
-def changed_since(campaign: Campaign, events: Sequence[Event], names: Sequence[str]) -> str:
-    """Which of robot.toml and campaign.toml changed since these files were committed, joined by "and"; "" if
-    neither did, as far as the journal tells: before it kept the hash of robot.toml it tells nothing of that.
+def changed_since(campaign: Campaign, events: Sequence[Event], names: Sequence[str]) -> tuple[str, ...]:
+    """Which of robot.toml and campaign.toml changed since these files were committed, as far as the journal
+    tells: before it kept the hash of robot.toml it tells nothing of that.
     """
     last = [next((e for e in reversed(events) if name in e.files), None) for name in names]
     found = [e for e in last if e is not None]
     robot = any(e.robot_sha256 not in ("", campaign.robot_sha256) for e in found)
     config = any(e.config_sha256 != campaign.config_sha256 for e in found)
-    words = [name for name, changed in ((ROBOT, robot), ("campaign.toml", config)) if changed]
-    return " and ".join(words)
+    return tuple(name for name, changed in ((ROBOT, robot), (CONFIG, config)) if changed)
 
 
-def proved_otherwise(campaign: Campaign, numbers: Sequence[int]) -> list[str]:
-    """A sentence for each folder of these proposals whose certificate is of another robot.toml or
+def proved_otherwise(campaign: Campaign, numbers: Sequence[int]) -> list[Notice]:
+    """A notice for each folder of these proposals whose certificate is of another robot.toml or
     campaign.toml than lie here now.
     """
     events, found = campaign.events(), []
@@ -194,14 +191,14 @@ def proved_otherwise(campaign: Campaign, numbers: Sequence[int]) -> list[str]:
         if (campaign.path / name).is_file():
             folders.setdefault(name.rpartition("/")[0], []).append(name)
     for folder, files in folders.items():
-        why = changed_since(campaign, events, files)
-        if why:
+        changed = changed_since(campaign, events, files)
+        if changed:
             own = re.match(r"proposals/0*(\d+)", folder)
             number = int(own[1]) if own else 0
             again = number == max(numbers, default=0)  # the newest is what ask proves again
-            step = f"etude ask {campaign.path}" if again else f"etude abandon {campaign.path} {number}"
-            advice = "ask for it again, before it is run" if again else "do not run it, give it up"
-            found.append(f"{folder} was proved before {why} changed: {advice}: {step}")
+            fields = {"file": folder, "changed": changed, "folder": str(campaign.path), "number": number}
+            step = NextStep.ASK_AGAIN if again else NextStep.GIVE_UP
+            found.append(Notice(OfFile.PROVED_BEFORE, fields, step))
     return found
 
 
@@ -226,15 +223,13 @@ TAKE_UP = (Created, Edited, Asked, Ingested, Trained, Changed, Confirmed)
 """Events of `init`, `ask` and `tell`, beside `exported` of a proposal; other commands leave edits to them."""
 
 
-def edited(campaign: Campaign, events: Sequence[Event]) -> list[str]:
-    """A sentence for each of both files that is another than when it was taken up last."""
+def edited(campaign: Campaign, events: Sequence[Event]) -> list[Notice]:
+    """A notice for each of both files that is another than when it was taken up last."""
     found = []
     for name, (then, when) in _taken_up(events).items():
         if then not in ("", _now(campaign)[name]):
-            found.append(
-                f"{name} was edited since Étude took it up ({_in_words(when)}). The next ask or tell takes "
-                f"up what it says now; ask proves an open motion again: etude ask {campaign.path}"
-            )
+            fields = {"file": name, "when": _in_words(when), "folder": str(campaign.path)}
+            found.append(Notice(OfFile.EDITED, fields, NextStep.TAKE_UP))
     return found
 
 

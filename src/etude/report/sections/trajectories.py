@@ -77,8 +77,9 @@ def _dimensions(trajectory: Trajectory) -> int:
 def _since(record: Record, n: int) -> list[Html]:
     """Whether robot.toml or campaign.toml have changed since the certificate was made."""
     name = f"proposals/{n:04d}/certificate.json"
-    why = "" if record.campaign is None else changed_since(record.campaign, record.events, [name])
-    return [paragraph(f"This was proved before {why} changed.", class_="soft")] if why else []
+    changed = () if record.campaign is None else changed_since(record.campaign, record.events, [name])
+    said = f"This was proved before {' and '.join(changed)} changed."
+    return [paragraph(said, class_="soft")] if changed else []
 
 
 def _how(record: Record, n: int) -> list[Html]:
