@@ -112,22 +112,7 @@ def _of_log(spec: ArmSpec, config: ArmData, log: Log, group: Index) -> Samples:
             where=log.source,
             next_step="Record a longer motion, or lower trim_s.",
         )
-    return _without_held(joined_samples(parts), spec, config)
-
-
-HELD, HELD_OF_RANGE = 10.0, 0.05
-"""Presliding ways, 0.1 rad as a rule, beyond which a joint has to go in a log to count as moved; of a joint
-with a short range that part of it, if it is less. Within them it is held. It sags and swings while others
-move, and its command is the feedback's answer to its error. A model would learn that law for dynamics, and
-say 70 N m where gravity is 6."""
-
-
-def _without_held(samples: Samples, spec: ArmSpec, config: ArmData) -> Samples:
-    """The samples of a log with joints that are held all along taken as standing."""
-    q = samples.log[(PLAN if config.desired else PATH)[0]]
-    least = np.minimum(HELD * spec.presliding(config.presliding), HELD_OF_RANGE * (spec.upper - spec.lower))
-    held = np.ptp(q, axis=0) < least
-    return replace(samples, moving=samples.moving & ~held)
+    return joined_samples(parts)
 
 
 def _without_return(log: Log, group: Index) -> Index:

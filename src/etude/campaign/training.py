@@ -43,15 +43,14 @@ from etude.models.store import save_model
 from etude.progress import part
 from etude.protocols import Candidate, Inputs
 from etude.storage import write_atomic
-from etude.types import Array, Samples
+from etude.types import Array, Mask, Samples
 
 TRAIN_STREAM = 2
 """Separates the random numbers of training from those of asking and testing."""
 BLOCKS = 20
 """Parts of a log, some of which are held out."""
-STILL = 0.002
-"""Part of a coordinate's range, at most one turn of it, within which it stands: noise and play move more than
-nothing."""
+STILL = 0.02
+"""Part of a coordinate's range, at most one turn of it, in which it is held and sags while others move."""
 GAP_S = 0.5
 """s beside a block held out of the first answer to a proposal, in neither part: the filter spreads a command
 over about as much. Recordings have none: they are short, and their figures are those of the documentation.
@@ -217,7 +216,8 @@ def learn_log(campaign: Campaign, state: State, number: int) -> TrainingOutcome:
     foreign = told is not None and told.foreign
     blocks = foreign or not trained
     with part(0.5 if blocks else 1.0):
-        ladder = train_ladder(samples, inputs, physics, limit, config.model, rng, previous=before)
+        held = _held(campaign, samples)
+        ladder = train_ladder(samples, inputs, physics, limit, config.model, rng, before, held)
     path = campaign.model_folder(number) / MODEL
     save_model(path, ladder.model)
     left_out = campaign.model_folder(number) / LEFT_OUT
@@ -231,7 +231,7 @@ def learn_log(campaign: Campaign, state: State, number: int) -> TrainingOutcome:
         chosen=label(ladder.chosen),
         rungs=tuple(ladder.chosen),
         calibrated=ladder.model.calibrated,
-        unmoved=_unmoved(campaign, samples),
+        unmoved=tuple(np.array(campaign.command.parts)[held].tolist()),
         robot_seconds=float(sum(one.robot_seconds for one in learned)),
         recipe=tuple(_said(campaign, logs, samples)),
         inputs={name: np.asarray(a).tolist() for name, a in ladder.model.inputs.arrays().items()},
@@ -249,15 +249,14 @@ def _notes(inputs: Inputs) -> tuple[Notice, ...]:
     return stated(inputs.notes) if isinstance(inputs, SupportsNotes) else ()
 
 
-def _unmoved(campaign: Campaign, samples: Samples) -> tuple[str, ...]:
-    """Commands of coordinates that stood still, where each coordinate has a command of its own."""
+def _held(campaign: Campaign, samples: Samples) -> Mask:
+    """(J,) commands of coordinates that are held in all logs, where each has a command of its own."""
     if campaign.command.parts != campaign.axes:
-        return ()
+        return np.zeros(len(campaign.command.parts), dtype=bool)
     path = samples.log[campaign.kind.path]
     low, high = campaign.kind.expected(campaign.spec).limits[campaign.kind.path]
     width = np.minimum(np.asarray(high, dtype=float) - low, 2.0 * np.pi)
-    still = np.ptp(path, axis=0) < STILL * width
-    return tuple(np.array(campaign.axes)[still].tolist())
+    return np.asarray(np.ptp(path, axis=0) < STILL * width)
 
 
 def _comparable(campaign: Campaign, trained: Sequence[Round], inputs: Inputs) -> LearnedModel | None:

@@ -81,7 +81,7 @@ def fitted(
         moving = samples.moving[:, j] & samples.usable[:, j]
         if not np.any(moving):
             raise DataError(
-                "An axis never moves or is only held, so nothing of it can be identified",
+                "An axis never moves, so nothing of it can be identified",
                 where=name,
                 next_step="Tell a log that moves it, with which this one is learned, or leave the axis out.",
             )

@@ -208,16 +208,3 @@ def test_a_short_log_keeps_more_samples_a_second_and_the_thesis_does_not() -> No
     assert counts[2] == pytest.approx(600, abs=15)  # all there are
     assert replace(THESIS, least_samples=0, inputs="desired") == THESIS
     assert duration(log) == pytest.approx(5.99)
-
-
-@pytest.mark.parametrize(("sweep", "moves"), [(0.06, False), (0.3, True)])
-def test_a_joint_that_only_sags_while_others_move_is_held(sweep: float, moves: bool) -> None:
-    """Its own top speed is small, so most of its samples are as fast as a part of it."""
-    q, _, _ = motion(T)
-    q[:, 1] = 0.5 * sweep * q[:, 1]
-    values = {"q": q, "command": np.stack([q[:, 0], -400.0 * q[:, 1]], axis=1)}
-    log = Log(T, {name: CHANNELS[name] for name in values}, values, source="run")
-    data = build(log, SPEC, DEFAULT)
-    assert data.moving[:, 0].mean() > 0.9
-    assert data.moving[:, 1].any() == moves
-    assert build(log, SPEC, replace(DEFAULT, presliding=0.0)).moving[:, 1].any()

@@ -38,6 +38,7 @@ class Folds:
         samples: by trajectory and time, each once. inputs: of all processes. X: (n, D) of the samples.
         fold: (n,) number of what each sample is held out with. limit: (J,) of the commands.
         config: see `ModelConfig`. commands: names of the J commands.
+        held: (J,) commands whose coordinates no log has moved: they answer what else moves. None: none.
     """
 
     samples: Samples
@@ -47,6 +48,7 @@ class Folds:
     limit: Array
     config: ModelConfig
     commands: tuple[str, ...]
+    held: Mask | None = None
 
     @property
     def trajectories(self) -> int:

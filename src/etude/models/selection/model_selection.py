@@ -42,7 +42,7 @@ from etude.models.student_t import StudentT, fit_student
 from etude.progress import counted, part
 from etude.protocols import Inputs, Physics
 from etude.storage import DAMAGE, arrays_of
-from etude.types import Array, Index, Samples
+from etude.types import Array, Index, Mask, Samples
 
 OFFERED = ("gp", "identified+gp", "identified", "nominal", "linear", "linear+gp")
 """Rungs of rung = "auto", as far as there are physics for them; of equally good ones the first is taken."""
@@ -87,6 +87,7 @@ def train_ladder(
     config: ModelConfig,
     rng: np.random.Generator,
     previous: LearnedModel | None = None,
+    held: Mask | None = None,
 ) -> Ladder:
     """Trains every rung that `config` and the robot allow, and chooses for each command.
 
@@ -97,12 +98,13 @@ def train_ladder(
         limit: (J,) of the commands, the scale of a noise floor.
         rng: draws the offsets of the thinning.
         previous: an earlier model; training goes on from its rungs, as `config.schedule` says.
+        held: (J,) commands of coordinates that no log has moved, which are not believed; None: none.
 
     Raises:
         UsageError: a rung without its physics, a plug-in that does not work, limits of another robot.
         DataError: no sample, an input that the samples lack, or an axis that never moved.
     """
-    folds = _folds(samples, inputs, limit, config)
+    folds = _folds(samples, inputs, limit, config, held)
     offered = _offered(config, physics)
     known = {"linear": LinearPhysics(folds.inputs), **physics}
     names = dict.fromkeys(["linear", *(base_of(rung) for rung in offered)])
@@ -140,7 +142,9 @@ def _covers(model: LearnedModel, rung: str) -> bool:
     )
 
 
-def _folds(samples: Samples, inputs: Inputs, limit: Array, config: ModelConfig) -> Folds:
+def _folds(
+    samples: Samples, inputs: Inputs, limit: Array, config: ModelConfig, held: Mask | None = None
+) -> Folds:
     if not len(samples):
         raise DataError("there is no sample to learn from", next_step="Tell a log first.")
     samples = in_order(samples)
@@ -166,7 +170,7 @@ def _folds(samples: Samples, inputs: Inputs, limit: Array, config: ModelConfig) 
             next_step="Repair the log, or turn the input off that it lacks.",
         )
     fold = fold_numbers(samples, config.stretch_s)
-    return Folds(samples, inputs, X, fold, limit, config.for_commands(len(commands)), commands)
+    return Folds(samples, inputs, X, fold, limit, config.for_commands(len(commands)), commands, held)
 
 
 def _offered(config: ModelConfig, physics: Mapping[str, Physics]) -> list[str]:

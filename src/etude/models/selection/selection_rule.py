@@ -146,11 +146,16 @@ DOUBT = 0.1
 
 
 def short(folds: Folds) -> Mask:
-    """(J,) commands of which there is too little motion to hold any out that differs from the rest."""
+    """(J,) commands of which there is too little motion to hold any out that differs from the rest.
+
+    A coordinate that is held sags and swings while others move. Its command is the feedback's answer to that,
+    which a process predicts to rounding, and which is no dynamics: 70 N m where gravity was 6.
+    """
     samples, stretch = folds.samples, folds.config.stretch_s
     seconds = seconds_of(samples)
     own = seconds * np.mean(samples.usable & samples.moving, axis=0)
-    return np.asarray((own < LEAST_MOVING * stretch) | (seconds < LEAST_STRETCHES * stretch))
+    few = (own < LEAST_MOVING * stretch) | (seconds < LEAST_STRETCHES * stretch)
+    return np.asarray(few if folds.held is None else few | folds.held)
 
 
 def least_variance(folds: Folds, candidates: Sequence[Candidate]) -> Array | None:
