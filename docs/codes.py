@@ -24,7 +24,7 @@ Per cent are parts of 1 in the fields. `docs/codes.py` writes this page from the
 SECTIONS: dict[EnumType, tuple[str, str]] = {
     Alert: (
         "Alerts",
-        "`news` of `etude status --json`, and the warnings `too_little_motion` and `one_trajectory`.",
+        "`alerts` of `etude status --json`, and the warnings `too_little_motion` and `one_trajectory`.",
     ),
     Warn: ("Warnings", "`warnings` of `etude tell --json`, of `etude ask --json` and of `certificate.json`."),
     OfFile: ("Files", "`problems`, `edited` and `proved_otherwise` of `etude status --json`."),

@@ -31,7 +31,7 @@ def test_a_field_that_is_missing_is_no_empty_place() -> None:
 
 
 def test_json_carries_code_fields_step_and_light() -> None:
-    told = json.loads(json.dumps(NOTICE.told()))
+    told = json.loads(json.dumps(NOTICE.facts()))
     assert told["code"] == "constant_as_good"
     assert told["fields"]["where"] == {"code": "held_out", "fields": {"log": 3}}
     assert (told["next_step"], told["light"]) == ("move_joints", "red")

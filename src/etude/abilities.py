@@ -59,7 +59,7 @@ class SupportsCoverage(Protocol):
     @property
     def looks_at(self) -> tuple[str, ...]: ...
     @property
-    def not_looked_at(self) -> tuple[str, ...]: ...
+    def not_verified(self) -> tuple[str, ...]: ...
 
 
 @runtime_checkable
@@ -151,7 +151,7 @@ class SupportsDrag(Protocol):
 
 @runtime_checkable
 class SupportsNotes(Protocol):
-    """`Inputs` with notices, or sentences alone, on what `tuned` found."""
+    """`Inputs` with notices, or sentences alone, on what `fitted` found."""
 
     @property
     def notes(self) -> Sequence[str | Notice]: ...

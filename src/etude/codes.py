@@ -260,7 +260,7 @@ class Notice:
         own = {str(name): _read(one) for name, one in value.get("fields", {}).items()}
         return cls(_CODES[value["code"]], own, NextStep(step) if step else None, light)
 
-    def told(self) -> dict[str, Any]:
+    def facts(self) -> dict[str, Any]:
         """For `--json`: code and fields, and the sentences."""
         step = str(self.next_step) if self.next_step else None
         return {**self.to_json(), "next_step": step, "sentence": self.sentence, "step": self.step}

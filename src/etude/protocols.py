@@ -67,7 +67,7 @@ class Family(Protocol):
     def trajectory(self, p: Array) -> Trajectory: ...
     def parameters(self, trajectory: Any) -> Array: ...
     def motion(self, p: Array, t: Array, orders: int) -> Motion: ...
-    def pull(self, p: Array, t: Array, gradient: Array) -> Array: ...  # (P,) of sum(gradient * orders)
+    def vjp(self, p: Array, t: Array, gradient: Array) -> Array: ...  # (P,) of sum(gradient * orders)
     # the trajectory's bound, linear in p: (k, M, P), (k, M), kappa
     def rows(self, order: int, degree: int) -> tuple[Array, Array, float]: ...
 
@@ -111,8 +111,8 @@ class Inputs(Protocol):
     def plan(self, motion: Motion, keep: Index | None = None) -> Planned: ...
     def step(self, row: Row, memory: Array | None) -> tuple[Array, Array]: ...  # x (D,), memory; None: begin
     def rates(self, motion: Motion) -> tuple[Array, Array] | None: ...  # dX/dt, d2X/dt2; two orders more
-    def tuned(self, samples: Samples) -> Inputs: ...  # with stick speeds, play, drag, volts, memory
-    def arrays(self) -> Mapping[str, Array]: ...  # what `tuned` has set, stored with a model
+    def fitted(self, samples: Samples) -> Inputs: ...  # with stick speeds, play, drag, volts, memory
+    def arrays(self) -> Mapping[str, Array]: ...  # what `fitted` has set, stored with a model
     def restore(self, arrays: Mapping[str, Array]) -> Inputs: ...
     def c(self, name: str) -> Code | None: ...
 
@@ -229,7 +229,7 @@ class Candidate:
     and factor from the process's standardised outputs; calibration (m,): factor on the variance.
     """
 
-    rung: str
+    structure: str
     commands: tuple[int, ...]
     weights: Array
     mean: Mean | None

@@ -245,7 +245,7 @@ class Cone:
 class Proof:
     """One row of the certificate: the interval that holds `quantity`, and its limit less the tracking margin
     with that confidence (0: nobody measured it). where: "forearm and table at 3.2 s". note: what else is to
-    be known of the row. control: which one the margin is of, in words. What is not looked at is a row too,
+    be known of the row. control: which one the margin is of, in words. What is not verified is a row too,
     its numbers NaN.
     """
 
@@ -256,7 +256,7 @@ class Proof:
     proved_lower: float
     proved_upper: float
     method: str
-    status: Literal["proved", "sampled", "not looked at"] = "proved"
+    status: Literal["proved", "sampled", "not verified"] = "proved"
     tracking_margin: float = 0.0
     confidence: float = 1.0
     where: str = ""
@@ -273,7 +273,7 @@ class Planned:
 
     X: Array
     gains: Array
-    pull: Callable[[Array, Array], Array]
+    vjp: Callable[[Array, Array], Array]
 
 
 @dataclass(frozen=True, eq=False)

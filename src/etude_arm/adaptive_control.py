@@ -119,8 +119,8 @@ class SlotineLi:
     adaptation: Adaptation
 
     def reference(self, plan: Array, tracking: Tracking) -> tuple[Array, Array]:
-        pull = self.adaptation.bandwidth
-        return plan[1] + pull * tracking.e, plan[2] + pull * tracking.ed
+        vjp = self.adaptation.bandwidth
+        return plan[1] + vjp * tracking.e, plan[2] + vjp * tracking.ed
 
     def slope(self, tracking: Tracking, at: Reference, weights: Array) -> Array:  # noqa: ARG002
         behind = at.moment @ (tracking.ed + self.adaptation.bandwidth * tracking.e)
@@ -153,8 +153,8 @@ class CraigHsuSastry:
         return np.asarray((self.gain * behind)[:, None] * measured)
 
     def _servo(self, tracking: Tracking) -> Array:
-        pull = self.adaptation.bandwidth
-        return 2.0 * pull * tracking.ed + pull**2 * tracking.e
+        vjp = self.adaptation.bandwidth
+        return 2.0 * vjp * tracking.ed + vjp**2 * tracking.e
 
 
 def dominant(inertia: Array, floor: Array) -> Array:

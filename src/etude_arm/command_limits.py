@@ -25,7 +25,7 @@ NO_MOTION = "No motion is possible by the numbers of the model file"
 MEND = (
     "Correct command (or torque) of [[axis]] in robot.toml, or the masses of the model file, and take the "
     "line about them out of confirm there; that alone, if the limits are not real (a placeholder, a weight "
-    "that springs carry): forces are then not looked at."
+    "that springs carry): forces are then not verified."
 )
 _known: dict[str, CommandLimit | OpenCommands] = {}
 

@@ -132,7 +132,7 @@ def _weak(spec: ArmSpec, limit: Array, weight: Weight) -> str:
     return (
         f"{NO_MOTION}: at rest at home {_joints(spec, weight.home, limit)}; at worst {ever}. Correct "
         "command (or torque) of [[axis]] in robot.toml and take this line out; that alone, if the limits are "
-        "not real (a placeholder, a weight that springs carry): forces are then not looked at."
+        "not real (a placeholder, a weight that springs carry): forces are then not verified."
     )
 
 
@@ -267,16 +267,16 @@ def describe(
         from etude_arm.clearance.robot_clearance import completed
         from etude_arm.loading.implausible import check_lengths, made_up
         from etude_arm.loading.load import load_arm
-        from etude_arm.loading.overlapping_links import crowded_links, crowds, hemmed_in
+        from etude_arm.loading.overlapping_links import crowds, hemmed_in, links_that_overlap
         from etude_arm.loading.pack import packed
 
         name, leave = f"{MODEL_NAME}{spec.model_file.suffix}", disabled(spec.model_file)
         loaded = load_arm(spec, mesh_roots=mesh_roots)
         if whole_file := path.suffix.lower() != ".toml":
             check_lengths(loaded)
-        crowded = crowded_links(crowds(loaded, spec.lower, spec.upper))
+        overlapping = links_that_overlap(crowds(loaded, spec.lower, spec.upper))
         finer: list[str] = []
-        files[name], meshes = packed(spec.model_file, mesh_roots, crowded, finer)
+        files[name], meshes = packed(spec.model_file, mesh_roots, overlapping, finer)
         files |= meshes
         whole, spec = spec, replace(spec, model_file=Path(name))
         final = _loaded_from(spec, files)

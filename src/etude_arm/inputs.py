@@ -89,7 +89,7 @@ class ArmInputs:
         """v0 of the friction columns is a part of the velocity limits (`friction_speeds`); 0 for no columns.
 
         presliding: of hinges, rad; that of slides is a tenth of it, in m. 0 for no memory.
-        stick_fraction: part of the velocity limit below which samples are masked, until logs tell (`tuned`).
+        stick_fraction: part of the velocity limit below which samples are masked, until logs tell (`fitted`).
         physics: whether perfect runs carry what friction remembers for identified physics.
         """
         channels = {
@@ -201,7 +201,7 @@ class ArmInputs:
         gains, slopes = stick_gains(qd, self.stick_velocity)
         sigma = self._sigma(whole)
 
-        def pull(in_X: Array, in_gains: Array) -> Array:
+        def vjp(in_X: Array, in_gains: Array) -> Array:
             found = np.zeros((ORDERS, *whole.shape), dtype=motion.orders.dtype)
             own, on_sigma = self._pulled(qd, in_X, sigma[rows])
             found[:, rows] = own + np.stack([0.0 * gains, in_gains * slopes, 0.0 * gains])
@@ -211,7 +211,7 @@ class ArmInputs:
                 found[0] += pulled(whole, self.play, self.presliding, in_sigma)
             return found
 
-        return Planned(self._columns(q, qd, qdd, sigma[rows]), gains, pull)
+        return Planned(self._columns(q, qd, qdd, sigma[rows]), gains, vjp)
 
     def step(self, row: Row, memory: Array | None) -> tuple[Array, Array]:
         """x (D,) of one instant; memory (2, J): friction and the position behind the play."""
@@ -237,7 +237,7 @@ class ArmInputs:
             first, second = [*first, *more[0]], [*second, *more[1]]
         return np.concatenate(first, axis=1), np.concatenate(second, axis=1)
 
-    def tuned(self, samples: Samples) -> ArmInputs:
+    def fitted(self, samples: Samples) -> ArmInputs:
         """With the top speed of the samples that were masked as standing: slower ones will be masked too.
 
         With a memory also the play that the log's positions ask for, and v0 of e.
@@ -255,7 +255,7 @@ class ArmInputs:
         return replace(found, slow=SLOW * top, play=np.array(quantum) if quantum else self.play)
 
     def arrays(self) -> dict[str, Array]:
-        """What `tuned` has set, to be stored with a model."""
+        """What `fitted` has set, to be stored with a model."""
         found = {"stick_velocity": self.stick_velocity}
         if self.told and self.friction_velocity is not None:
             found["friction_velocity"] = self.friction_velocity

@@ -19,7 +19,7 @@ import numpy as np
 
 from etude.errors import UsageError
 from etude.models.forms import Form, Lookup, Words
-from etude.models.gp.kernel_algebra import Kernel, Pull, Role
+from etude.models.gp.kernel_algebra import VJP, Kernel, Role
 from etude.models.gp.kernels import own_friction
 from etude.types import Array, Code, Column
 from etude_lagrangian.joints import Joints, joints_of
@@ -60,30 +60,30 @@ class Lagrangian(Kernel):
         halves = (half_range[list(self.joints.positions)], half_range[list(self.joints.accelerations)])
         return self.parameters.start(*halves, np.array([scale, *[1.0] * J]), v)
 
-    def gram(self, theta: Array, X: Array) -> tuple[Array, Pull]:
+    def gram(self, theta: Array, X: Array) -> tuple[Array, VJP]:
         from etude_lagrangian.one_output import LOWER
 
         p, F = self._packed(theta, X)
         half = np.tril(self._values(p, F, F, LOWER, len(X)))
         K = half + np.tril(half, -1).T
 
-        def pull(G: Array) -> Array:
+        def vjp(G: Array) -> Array:
             folded = np.ascontiguousarray(np.tril(G) + np.triu(G, 1).T)
             return self.parameters.pulled(p, self._gradients(p, F, F, LOWER, folded)[1])
 
-        return K.T, pull
+        return K.T, vjp
 
-    def cross(self, theta: Array, X: Array, Z: Array) -> tuple[Array, Pull]:
+    def cross(self, theta: Array, X: Array, Z: Array) -> tuple[Array, VJP]:
         from etude_lagrangian.one_output import EVERY
 
         p, F = self._packed(theta, X)
         fixed = self.joints.packed(Z)
 
-        def pull(G: Array) -> Array:
+        def vjp(G: Array) -> Array:
             dF, _ = self._gradients(p, F, fixed, EVERY, np.ascontiguousarray(G))
             return self.joints.pulled(F, dF, X.shape[1])
 
-        return self._values(p, F, fixed, EVERY, len(Z)), pull
+        return self._values(p, F, fixed, EVERY, len(Z)), vjp
 
     def diagonal(self, theta: Array, X: Array) -> Array:
         from etude_lagrangian.one_output import SELF

@@ -133,7 +133,7 @@ class Command:
     """One command of a model, its learner in the units of a process.
 
     Attributes:
-        place: of the command in the model. candidate: the rung whose process goes on learning.
+        place: of the command in the model. candidate: the structure whose process goes on learning.
         offset, factor: from the process's units to the command's.
         frozen: (D,) -> what the model as it was trained says, in the process's units and beside `base`.
         learner, evidence: of the command. checkpoints: of the learner.
@@ -208,19 +208,19 @@ def learning_command(model: LearnedModel, j: int, config: OnlineConfig, rng: np.
         UsageError: neither is exact or a dictionary.
     """
     chosen = model.chosen[j]
-    for rung in (chosen, f"{chosen}+gp"):
-        candidate = next((c for c in model.candidates if c.rung == rung and j in c.commands), None)
+    for structure in (chosen, f"{chosen}+gp"):
+        candidate = next((c for c in model.candidates if c.structure == structure and j in c.commands), None)
         posterior = None if candidate is None else _exact(candidate, j)
         if candidate is None or posterior is None:
             continue
         offset, factor = (float(unit) for unit in candidate.units[:, candidate.commands.index(j)])
-        frozen = _point(candidate, posterior, j) if rung == chosen else _constant(-offset / factor)
+        frozen = _point(candidate, posterior, j) if structure == chosen else _constant(-offset / factor)
         evidence = Evidence(config.memory_s * config.rate_hz, posterior.noise_variance)
         learner = begin(posterior, config, rng)
         kept = Checkpoints(learner, FIRST_S + STAGGER_S * j)
         return Command(j, candidate, offset, factor, frozen, learner, evidence, kept)
     raise UsageError(
-        f"{model.commands[j]} comes from the rung {chosen!r} by a process that cannot go on learning",
+        f"{model.commands[j]} comes from the structure {chosen!r} by a process that cannot go on learning",
         next_step="Train rung = 'gp' or 'identified+gp' with process = 'exact' or a dictionary.",
     )
 

@@ -135,7 +135,7 @@ class OnlineModel:
     leaves either.
 
     Args:
-        model: its commands come from exact processes or dictionaries, or have such a rung beside physics.
+        model: its commands come from exact processes or dictionaries, or have such ones beside physics.
         channels: of the kind; a wanted one that is not measured is had as the rate of one that is.
         frozen: the controller of the model as it was trained, which drives where the learners have no weight;
             None: the model's own mean.

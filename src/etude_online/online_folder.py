@@ -63,7 +63,7 @@ def write(
     """The folder's files by name.
 
     Args:
-        model: its commands come from exact processes or dictionaries, or have such a rung beside physics.
+        model: its commands come from exact processes or dictionaries, or have such ones beside physics.
         kind, spec, config: of the robot, as in its campaign.
 
     Raises:

@@ -53,7 +53,7 @@ class Planned:
 
     @property
     def ahead(self) -> bool:
-        """Whether a whole plan was asked for, so that rows are not looked at."""
+        """Whether a whole plan was asked for, so that rows are not verified."""
         return self._ahead is not None
 
     def take(self, motion: Motion) -> None:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from etude.abilities import SupportsEachTick
-from etude.campaign.deployment.model_export import told_logs
+from etude.campaign.deployment.model_export import ingested_logs
 from etude.campaign.record.folder import Campaign
 from etude.campaign.record.stored_models import newest_model
 from etude.errors import UsageError
@@ -43,7 +43,7 @@ class OnlineLearning:
         kind, spec = campaign.kind, campaign.spec
         state = campaign.state()
         model, limits = newest_model(campaign, state), command_limits(kind, spec)
-        feedback = feedback_of(told_logs(campaign), kind.channels(spec), kind.path, limits, spec.rate)
+        feedback = feedback_of(ingested_logs(campaign), kind.channels(spec), kind.path, limits, spec.rate)
         number = state.trained[-1].number
 
         def made() -> Controller:

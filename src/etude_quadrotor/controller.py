@@ -114,7 +114,7 @@ def prior_deviation(model: Model) -> Array:
     """
     found, best = np.full(COMMANDS, np.inf), np.full(COMMANDS, -1.0)
     chosen = {
-        c: one.rung
+        c: one.structure
         for one in model.candidates
         for c, w in zip(one.commands, one.weights, strict=True)
         if w > 0.0
@@ -126,7 +126,7 @@ def prior_deviation(model: Model) -> Array:
         for place, command in enumerate(candidate.commands):
             weight = float(candidate.weights[place])
             if weight == 0.0:  # of those that take no part, what stands on the same physics comes first
-                weight = -0.5 * float(candidate.rung != f"{chosen.get(command, '')}+gp")
+                weight = -0.5 * float(candidate.structure != f"{chosen.get(command, '')}+gp")
             if weight > best[command]:
                 best[command] = weight
                 found[command] = abs(candidate.units[1, place]) * np.sqrt(prior[place])

@@ -68,7 +68,7 @@ class FlatMotion:
         found[9:, 6:9] = found[6:9, 3:6]
         return found
 
-    def pull(self, gradient: Mapping[str, Array]) -> Array:
+    def vjp(self, gradient: Mapping[str, Array]) -> Array:
         """(O, T, 3) gradient in the motion of a function of the states.
 
         Args:

@@ -37,10 +37,10 @@ class QuadrotorInputs:
         altitude: whether the altitude is an input.
         acceleration: "specific_force", what an accelerometer reads; "kinematic", without gravity.
         body_velocity: whether the velocity is an input.
-        drag: (dx, dy, dz) 1/s that plans lean against; learned by `tuned`.
-        left_out: inputs that were asked for and that not every flight tells, found by `tuned`.
+        drag: (dx, dy, dz) 1/s that plans lean against; learned by `fitted`.
+        left_out: inputs that were asked for and that not every flight tells, found by `fitted`.
         battery_voltage: whether the battery's voltage may be an input, where flights show that it helps.
-        volts: V that plans assume, and logs that do not say it; learned by `tuned`. None: it is no input.
+        volts: V that plans assume, and logs that do not say it; learned by `fitted`. None: it is no input.
         lateral: the drag in full, for feedforward; None where no flight tells the velocity.
     """
 
@@ -132,8 +132,8 @@ class QuadrotorInputs:
         kept = motion if keep is None else Motion(motion.t[keep], motion.orders[:, keep])
         flat = flat_motion(kept, self.drag, check=False)
 
-        def pull(in_X: Array, in_gains: Array) -> Array:  # noqa: ARG001  # gains are constant
-            own = flat.pull(self._split(in_X))
+        def vjp(in_X: Array, in_gains: Array) -> Array:  # noqa: ARG001  # gains are constant
+            own = flat.vjp(self._split(in_X))
             if keep is None:
                 return own
             whole = np.zeros(motion.orders.shape)
@@ -141,7 +141,7 @@ class QuadrotorInputs:
             return whole
 
         states = self._with_volts(flat.states, len(kept.t))
-        return Planned(self._stacked(states), np.ones((len(kept.t), COMMANDS)), pull)
+        return Planned(self._stacked(states), np.ones((len(kept.t), COMMANDS)), vjp)
 
     def _split(self, in_X: Array) -> dict[str, Array]:
         """A gradient (K, D) by channel."""
@@ -161,7 +161,7 @@ class QuadrotorInputs:
         """None: not told."""
         return None
 
-    def tuned(self, samples: Samples) -> QuadrotorInputs:
+    def fitted(self, samples: Samples) -> QuadrotorInputs:
         """With the drag and the usual voltage that the flights show, and without the inputs that not every
         flight tells.
         """
@@ -181,7 +181,7 @@ class QuadrotorInputs:
         )
 
     def arrays(self) -> Mapping[str, Array]:
-        """What `tuned` has set: inputs kept and left out as 0 or 1 for each of `OPTIONAL`, drag."""
+        """What `fitted` has set: inputs kept and left out as 0 or 1 for each of `OPTIONAL`, drag."""
         found = {
             "inputs": np.array([float(getattr(self, option)) for option in OPTIONAL]),
             "left_out": np.array([float(name in self.left_out) for name in OPTIONAL]),

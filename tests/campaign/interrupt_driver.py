@@ -101,7 +101,7 @@ def compile_once(campaign: Campaign) -> None:
 
 def finishing(folder: Path) -> list[str]:
     """The command that does what is left of the rounds."""
-    missing = ROUNDS - len(replay(read_events(folder)).told)
+    missing = ROUNDS - len(replay(read_events(folder)).ingested)
     return ["simulate", str(folder), "--rounds", str(missing)]
 
 

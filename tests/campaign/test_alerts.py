@@ -13,7 +13,7 @@ from small_robot import random_motion, write_log
 from test_stopping import CONFIG, OPEN, RULES, series
 
 from etude.campaign.evaluate.stopping import judge
-from etude.campaign.record.alerts import bad_news
+from etude.campaign.record.alerts import campaign_alerts
 from etude.campaign.record.events import Evaluated
 from etude.campaign.record.folder import Campaign
 from etude.campaign.record.state import CHANGED, Round, State
@@ -31,13 +31,15 @@ TOLD = {"sha256": "a", "robot_seconds": 60.0}
 def state(gp: dict[str, Any], told: dict[str, Any] | None = None, **round_: Any) -> State:
     learned = trained(predicted_by="gp", models={"gp": gp, "linear": LINEAR})
     return State(
-        rounds={3: Round(3, told=fact("told", **TOLD, **(told or {})), trained=learned, order=1, **round_)}
+        rounds={
+            3: Round(3, ingested=fact("told", **TOLD, **(told or {})), trained=learned, order=1, **round_)
+        }
     )
 
 
 def news(found: State) -> list[tuple[str, str]]:
     """Codes and lights; of a log's finding its check."""
-    told = bad_news(found, OUTPUTS, 2)
+    told = campaign_alerts(found, OUTPUTS, 2)
     return [(str(one.fields.get("check", one.code)), one.light) for one in told]
 
 
@@ -61,7 +63,7 @@ def test_without_bad_news_nothing_is_said() -> None:
     ],
 )
 def test_scores(change: dict[str, Any], told: tuple[str, str] | None, words: str) -> None:
-    found = bad_news(state({**GOOD, **change}), OUTPUTS, 2)
+    found = campaign_alerts(state({**GOOD, **change}), OUTPUTS, 2)
     assert [(one.code, one.light) for one in found] == ([told] if told else [])
     assert all(words in finding.sentence and "hip" not in finding.sentence for finding in found)
     assert all(finding.step for finding in found)
@@ -73,11 +75,11 @@ def test_what_the_training_does_not_believe_is_told_until_the_next_one() -> None
     told = [short, Notice(Warn.PERHAPS_CHANCE, {"command": "knee", "ratio": 2.0}), few]
     own = state(GOOD)
     rounds = {3: replace(own.rounds[3], trained=replace(own.newest, warnings=tuple(told)))}
-    found = bad_news(replace(own, rounds=rounds), OUTPUTS, 2)
+    found = campaign_alerts(replace(own, rounds=rounds), OUTPUTS, 2)
     assert found == (replace(short, light="yellow"), replace(few, light="yellow"))
     assert [one.step for one in found] == ["Tell another log that moves it.", "Tell another one."]
-    later = Round(4, told=own.rounds[3].told, trained=own.newest, order=2)
-    assert bad_news(replace(own, rounds=rounds | {4: later}), OUTPUTS, 2) == ()
+    later = Round(4, ingested=own.rounds[3].ingested, trained=own.newest, order=2)
+    assert campaign_alerts(replace(own, rounds=rounds | {4: later}), OUTPUTS, 2) == ()
 
 
 def test_a_short_log_stands_at_the_top(campaign: Campaign, tmp_path: Path, capsys: Any) -> None:
@@ -104,7 +106,7 @@ def of_blocks(mixed: list[float | None], linear: list[float], number: int = 3) -
     nmse = {"gp": [9.0, 9.0], "mixed": mixed, "linear regression": linear}
     blocks = {"blocks": [3], "of": 20, "chosen": "mixed", "nmse": nmse}
     learned = trained(chosen="mixed", held_out=blocks)
-    return State(rounds={number: Round(number, told=fact("told", **TOLD), trained=learned, order=1)})
+    return State(rounds={number: Round(number, ingested=fact("told", **TOLD), trained=learned, order=1)})
 
 
 @pytest.mark.parametrize(
@@ -117,7 +119,7 @@ def of_blocks(mixed: list[float | None], linear: list[float], number: int = 3) -
     ],
 )
 def test_blocks_of_the_first_log_are_news_too(error: float | None, told: list[tuple[str, str]]) -> None:
-    found = bad_news(of_blocks([0.1, error], [0.2, 0.95]), OUTPUTS, 2)
+    found = campaign_alerts(of_blocks([0.1, error], [0.2, 0.95]), OUTPUTS, 2)
     assert [(f.code, f.light) for f in found] == told
     assert all(f.sentence.startswith("knee: on blocks of log 3 that were held out, ") for f in found)
 
@@ -133,7 +135,9 @@ def test_blocks_of_the_first_log_are_news_too(error: float | None, told: list[tu
 def test_linear_regression_is_advised_only_where_no_output_gets_worse(
     mixed: list[float | None], linear: list[float], step: str
 ) -> None:
-    (found,) = (f for f in bad_news(of_blocks(mixed, linear), OUTPUTS, 2) if f.code == Alert.LINEAR_BETTER)
+    (found,) = (
+        f for f in campaign_alerts(of_blocks(mixed, linear), OUTPUTS, 2) if f.code == Alert.LINEAR_BETTER
+    )
     assert step in found.step
 
 
@@ -144,7 +148,7 @@ def test_what_is_worse_than_a_constant_is_not_advised() -> None:
 def test_of_a_joint_that_did_not_move_that_is_said() -> None:
     own = of_blocks([0.1, 2.9], [0.2, 0.5])
     rounds = {3: replace(own.rounds[3], trained=replace(own.newest, unmoved=("knee",)))}
-    (found,) = bad_news(State(rounds=rounds), OUTPUTS, 2)
+    (found,) = campaign_alerts(State(rounds=rounds), OUTPUTS, 2)
     assert (found.code, found.light) == (Alert.NEVER_MOVED, "red")
     assert "knee: it did not move" in found.sentence
     assert "move it" in found.step

@@ -56,8 +56,8 @@ def test_the_way_leads_from_the_pose_to_the_start_and_back_at_rest(lab: Campaign
         assert certify(motion, lab.limits()).ok
     whole = from_json((found.way.folder / "trajectory.json").read_bytes())
     assert [label for _, label, _ in whole.pieces()] == ["approach", "segment", "return"]
-    assert WAY not in found.way.certificates["trajectory"].not_looked_at
-    assert WAY in found.certificate.not_looked_at
+    assert WAY not in found.way.certificates["trajectory"].not_verified
+    assert WAY in found.certificate.not_verified
 
 
 def test_a_flight_asked_for_again_is_shown_with_the_rows_of_its_certificate_and_its_way(
@@ -72,8 +72,8 @@ def test_a_flight_asked_for_again_is_shown_with_the_rows_of_its_certificate_and_
         said.append(json.loads(capsys.readouterr().out))
     assert "vehicle tilt" in said[0]["slack"]
     assert said[0]["slack"] == said[1]["slack"] == said[2]["slack"]
-    assert WAY in said[0]["not_looked_at"]
-    assert [one for one in said[0]["not_looked_at"] if one != WAY] == said[2]["not_looked_at"]
+    assert WAY in said[0]["not_verified"]
+    assert [one for one in said[0]["not_verified"] if one != WAY] == said[2]["not_verified"]
     config = tmp_path / "sky" / "campaign.toml"
     text = config.read_text(encoding="utf-8")
     assert "tilt = 0.4363" in text
@@ -106,7 +106,7 @@ def test_a_log_of_the_whole_answers_the_proposal(lab: Campaign, tmp_path: Path) 
     log = write_log(tmp_path / "whole.csv", way.whole)
     told = tell(lab, log, learner=stub_learner)
     assert (told.number, told.foreign) == (1, False)
-    errors = np.array(lab.state().rounds[1].told.tracked["fourier"])
+    errors = np.array(lab.state().rounds[1].ingested.tracked["fourier"])
     assert errors[0].max() < 0.01
 
 

@@ -181,8 +181,8 @@ class TestTell:
         assert (result.number, result.repeated, result.foreign, result.learned) == (1, False, False, (1,))
         state = campaign.state()
         assert state.rounds[1].trained is not None
-        assert state.rounds[1].told is not None
-        assert abs(state.rounds[1].told.robot_seconds - 12.5) < 0.1
+        assert state.rounds[1].ingested is not None
+        assert abs(state.rounds[1].ingested.robot_seconds - 12.5) < 0.1
         source = (campaign.path / "runs" / "0001.source.toml").read_text()
         assert str(tmp_path / "run1.csv") in source
         assert damaged_files(campaign.path, campaign.events()) == []
@@ -226,7 +226,7 @@ class TestTell:
     def test_a_slow_run_is_recognised(self, campaign: Campaign, tmp_path: Path) -> None:
         ask(campaign, speed=50)
         assert told(campaign, log_of(campaign, 1, tmp_path, speed=50)).number == 1
-        assert campaign.state().rounds[1].told.speed == 50
+        assert campaign.state().rounds[1].ingested.speed == 50
 
     def test_numbers_that_cannot_be(self, campaign: Campaign, tmp_path: Path) -> None:
         asked(campaign, 1)

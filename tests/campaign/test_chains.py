@@ -14,7 +14,7 @@ from etude.campaign.propose.ask import ask
 from etude.campaign.propose.motions import reference_motions, segments_of
 from etude.campaign.record.folder import Campaign
 from etude.campaign.record.stored_files import stored_trajectory
-from etude.campaign.record.stored_models import told_samples
+from etude.campaign.record.stored_models import ingested_samples
 from etude.limits.certificate import certify_bytes
 from etude.protocols import Trajectory
 from etude.trajectories.chain import Chain
@@ -85,13 +85,13 @@ def test_each_segment_is_a_group(long: Campaign, tmp_path: Path) -> None:
     chain = chain_of(long)
     told = tell(long, write_log(tmp_path / "one.csv", chain), learner=stub_learner)
     assert (told.number, told.foreign) == (1, False)
-    facts = long.state().rounds[1].told
+    facts = long.state().rounds[1].ingested
     assert facts is not None
     starts = [start for start, label, _ in chain.pieces() if label == "segment"]
     assert list(facts.segments) == list(starts)
     # a log of no proposal is one group
     tell(long, write_log(tmp_path / "two.csv", random_motion(long, 3)), foreign=True, learner=stub_learner)
-    samples = told_samples(long, [1, 2])
+    samples = ingested_samples(long, [1, 2])
     assert np.unique(samples.group).tolist() == [0, 1, 2]
     second = samples.t[samples.group == 1]
     assert second.min() >= starts[1]
@@ -103,7 +103,7 @@ def test_at_half_speed_segments_start_later(long: Campaign, tmp_path: Path) -> N
     ask(long, speed=50)
     slow = chain_of(long, speed=50)
     told = tell(long, write_log(tmp_path / "slow.csv", slow), learner=stub_learner)
-    facts = long.state().rounds[told.number].told
+    facts = long.state().rounds[told.number].ingested
     assert facts is not None
     assert facts.speed == 50
     assert facts.segments[1] == pytest.approx(2.0 * chain_of(long).pieces()[2][0])
@@ -116,7 +116,7 @@ def test_a_log_that_breaks_off_in_the_second_segment_is_still_aligned(long: Camp
     path.write_text("\n".join(lines[: 1 + round(0.75 * len(lines))]) + "\n")
     told = tell(long, path, learner=stub_learner)
     assert not told.foreign
-    assert np.unique(told_samples(long, [1]).group).tolist() == [0, 1]
+    assert np.unique(ingested_samples(long, [1]).group).tolist() == [0, 1]
 
 
 def test_what_stands_in_for_tasks_are_moves_and_series(long: Campaign) -> None:

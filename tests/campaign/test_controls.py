@@ -13,7 +13,12 @@ from certificate_schema import valid
 from etude.campaign.evaluate.confirm import ask_to_confirm
 from etude.campaign.ingest.tell import tell, untell
 from etude.campaign.propose.ask import ask
-from etude.campaign.propose.constraints import kept_now, kept_then, kept_under, seen_errors
+from etude.campaign.propose.constraints import (
+    constraints_now,
+    constraints_then,
+    constraints_under,
+    seen_errors,
+)
 from etude.campaign.propose.export import export
 from etude.campaign.record.controls import FEEDBACK, FILE, IN_WORDS, LEARNED, asked_under, required
 from etude.campaign.record.events import Asked, Exported, Ingested
@@ -46,12 +51,12 @@ def told(*logs: tuple[float, str | None]) -> State:
     for i, (size, control) in enumerate(logs, 1):
         tracked = {"fourier": ((size, size), (size, size), (0.0, 0.0))}
         log = Ingested(sha256=str(i), tracked=tracked, control=control or "")
-        rounds[i] = Round(i, Asked(status=""), log, told_at=str(i))
+        rounds[i] = Round(i, Asked(status=""), log, ingested_at=str(i))
     return State(rounds=rounds)
 
 
 def kept(lab: Campaign, state: State, *controls: str) -> tuple[np.ndarray, np.ndarray]:
-    table, sure = kept_now(lab, state, *controls).margins["fourier"]
+    table, sure = constraints_now(lab, state, *controls).margins["fourier"]
     return np.asarray(table), np.asarray(sure)
 
 
@@ -60,9 +65,9 @@ def kept(lab: Campaign, state: State, *controls: str) -> tuple[np.ndarray, np.nd
 def test_a_log_under_another_control_changes_nothing(lab: Campaign, control: str, size: float) -> None:
     """Neither small errors nor large ones, nor how many logs there are, nor what is said of them."""
     for own in ([], [(0.01, control)], [(0.01, control), (0.012, control)]):
-        before = kept_now(lab, told(*own), control)
+        before = constraints_now(lab, told(*own), control)
         others = [(size, other) for other in IN_WORDS if other != control]
-        after = kept_now(lab, told(*own, *others * 4), control)
+        after = constraints_now(lab, told(*own, *others * 4), control)
         assert before.margins.keys() == after.margins.keys()
         for form, pair in before.margins.items():
             np.testing.assert_array_equal(np.stack(after.margins[form]), np.stack(pair))
@@ -131,14 +136,14 @@ def test_a_certificate_says_which_control_its_margins_are_of(lab: Campaign, tmp_
     own = [row for row in rows(lab, 2) if row["tracking_margin"] > 0.0]
     assert {row["control"] for row in own} == {"learned feedforward"}
     assert {row["confidence"] for row in own} == {0.0}
-    unseen = found.certificate.not_looked_at[0]
+    unseen = found.certificate.not_verified[0]
     assert unseen.endswith("no log of a motion under learned feedforward shows that they are enough.")
 
 
 def test_a_log_has_the_control_that_its_motion_was_asked_for(lab: Campaign, tmp_path: Path) -> None:
     ask(lab)
     log = run(lab, tmp_path, 1)
-    assert lab.round(1).told.control == FEEDBACK
+    assert lab.round(1).ingested.control == FEEDBACK
     before = lab.events()
     tell(lab, log, control=LEARNED)  # told twice is told once, whatever is said with it
     assert lab.events() == before
@@ -158,7 +163,7 @@ def test_folded_again_the_journal_gives_the_same_margins(lab: Campaign, tmp_path
     for control in IN_WORDS:
         live, replayed = (kept(one, one.state(), control) for one in (lab, again))
         np.testing.assert_array_equal(np.stack(live), np.stack(replayed))
-    then = kept_then(again.round(2).asked)
+    then = constraints_then(again.round(2).asked)
     assert then.controls == (LEARNED,)
     np.testing.assert_array_equal(then.margins["fourier"][0], kept(lab, told(), LEARNED)[0])
 
@@ -182,7 +187,7 @@ def test_run_under_a_control_that_it_was_not_asked_for(lab: Campaign, tmp_path: 
     ask(lab)
     run(lab, tmp_path, 1)
     ask(lab)
-    own, other = (kept_under(lab, 2, c) for c in (FEEDBACK, LEARNED))
+    own, other = (constraints_under(lab, 2, c) for c in (FEEDBACK, LEARNED))
     np.testing.assert_array_equal(other.margins["fourier"][0], own.margins["fourier"][0])
     assert np.all(own.margins["fourier"][1] == 0.95)
     assert not np.any(other.margins["fourier"][1])
@@ -191,14 +196,14 @@ def test_run_under_a_control_that_it_was_not_asked_for(lab: Campaign, tmp_path: 
         lab.commit(other.recorded(Exported(format="x", effort=True)), 2)
     ask(lab, control=LEARNED, new=True)
     run(lab, tmp_path, 3)
-    written = kept_under(lab, 2, LEARNED).margins["fourier"]
+    written = constraints_under(lab, 2, LEARNED).margins["fourier"]
     np.testing.assert_array_equal(np.stack(written), np.stack(other.margins["fourier"]))
     ask(lab, new=True)
-    later = kept_under(lab, 4, LEARNED)
+    later = constraints_under(lab, 4, LEARNED)
     np.testing.assert_array_equal(
         np.stack(later.margins["fourier"]), np.stack(kept(lab, lab.state(), LEARNED))
     )
-    assert lab.round(3).told.control == LEARNED
+    assert lab.round(3).ingested.control == LEARNED
 
 
 def test_written_with_the_learned_command_it_is_taken_to_be_run_so(tmp_path: Path) -> None:
@@ -212,7 +217,7 @@ def test_written_with_the_learned_command_it_is_taken_to_be_run_so(tmp_path: Pat
     assert {row.control for row in found.certificate.rows if row.tracking_margin} == {"learned feedforward"}
     assert {row.confidence for row in found.certificate.rows if row.tracking_margin} == {0.0}
     tell(lab, write_log(tmp_path / "2.csv", motion))
-    assert lab.round(2).told.control == LEARNED
+    assert lab.round(2).ingested.control == LEARNED
     confirms = ask_to_confirm(lab)
     under = {row.control for row in confirms.certificate.rows if row.tracking_margin}
     assert under == {"feedback alone or learned feedforward"}
@@ -235,11 +240,11 @@ def test_a_simulated_robot_is_run_under_what_its_margins_are_of(tmp_path: Path) 
     sky = open_campaign(sky.path)
     list(simulate(sky, 2))
     assert [asked_under(sky.round(n).asked) for n in (1, 2)] == [(FEEDBACK,), (LEARNED,)]
-    assert [sky.round(n).told.control for n in (1, 2)] == [FEEDBACK, LEARNED]
+    assert [sky.round(n).ingested.control for n in (1, 2)] == [FEEDBACK, LEARNED]
     side = [next(row for row in rows(sky, n) if row["axis"] == "x") for n in (1, 2)]
     assert [row["tracking_margin"] for row in side] == [
         sky.spec.margin
     ] * 2  # not what the first flight taught
     ask(sky, go_on=True)
     list(simulate(sky, 1))
-    assert sky.round(3).told.control == FEEDBACK
+    assert sky.round(3).ingested.control == FEEDBACK

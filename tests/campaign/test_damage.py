@@ -105,7 +105,7 @@ def test_a_damaged_proposal(lab: Path, whole: Path, capsys: pytest.CaptureFixtur
     assert said(capsys, "abandon", str(lab), "3")[0] == 0
     code, words = said(capsys, *tell[:-2])
     assert code == 0, words
-    assert [r.number for r in open_campaign(lab).state().told] == [1, 2, 4]
+    assert [r.number for r in open_campaign(lab).state().ingested] == [1, 2, 4]
 
 
 @pytest.mark.parametrize("command", ["status", "ask", "report"])

@@ -11,7 +11,7 @@ import pytest
 from certificate_schema import valid
 from etude.campaign.ingest.ingest_result import read
 from etude.campaign.record.folder import Campaign, open_campaign
-from etude.campaign.record.stored_models import load_model, told_samples
+from etude.campaign.record.stored_models import ingested_samples, load_model
 from etude.cli import main
 from etude.codes import Warn
 from etude.logs.readers.log_file import write_log
@@ -54,7 +54,7 @@ def test_flights_without_position_are_learned_and_what_is_missing_is_said(told, 
     assert main(["tell", str(told.path), str(EXAMPLE / "log10_thrust.csv"), "--json"]) == 0
     again = json.loads(capsys.readouterr().out)
     assert again["repeated"]
-    assert again["warnings"] == json.loads(json.dumps([one.told() for one in facts.warnings]))
+    assert again["warnings"] == json.loads(json.dumps([one.facts() for one in facts.warnings]))
     assert {"identified", "gp", "identified+gp", "linear"} <= set(facts.models)
     assert facts.models["gp"].nmse != facts.models["identified"].nmse
 
@@ -101,7 +101,7 @@ def test_a_flight_that_tells_less_than_those_before_is_learned_too(tmp_path, cap
     assert not any(one.code == Warn.INPUTS_MISSING for one in first.warnings)
     assert sum(one.code == Warn.INPUTS_MISSING for one in second.warnings) == 1
     assert set(second.models) == {"linear"}  # no earlier model can say anything of it
-    assert len(told_samples(campaign, [1, 2])) > 0
+    assert len(ingested_samples(campaign, [1, 2])) > 0
 
 
 def test_a_plan_given_as_its_table_is_the_motion_beside_it(told, tmp_path, capsys) -> None:

@@ -13,7 +13,7 @@ import pytest
 from small_robot import make_campaign, random_motion, stub_learner, write_log
 
 from etude.campaign.evaluate.status import status
-from etude.campaign.ingest.ingest_many import ToldMany, tell
+from etude.campaign.ingest.ingest_many import IngestedMany, tell
 from etude.campaign.ingest.ingest_result import Told
 from etude.campaign.ingest.tell import abandon, untell
 from etude.campaign.propose.ask import ask
@@ -26,9 +26,9 @@ from etude.cli import main
 from etude.errors import DataError, UsageError
 
 
-def many(campaign: Campaign, paths: list[Path], **options: Any) -> ToldMany:
+def many(campaign: Campaign, paths: list[Path], **options: Any) -> IngestedMany:
     found = tell(campaign, paths, **{"learner": stub_learner, **options})
-    assert isinstance(found, ToldMany)
+    assert isinstance(found, IngestedMany)
     return found
 
 
@@ -38,7 +38,7 @@ def logs_of(campaign: Campaign, folder: Path, count: int) -> list[Path]:
     return [write_log(folder / f"run{n}.csv", stored_trajectory(campaign, n), n) for n in numbers]
 
 
-def outcomes(found: ToldMany) -> dict[str, str]:
+def outcomes(found: IngestedMany) -> dict[str, str]:
     return {file.path.name: file.sentence.split(":")[0] for file in found.files}
 
 

@@ -132,13 +132,13 @@ def test_one_round_through_its_life() -> None:
 def test_a_late_log_revives_an_abandoned_round() -> None:
     events = [event("asked", 1), event("abandoned", 1)]
     assert replay(events).proposals == []
-    assert [r.number for r in replay([*events, event("told", 1)]).told] == [1]
+    assert [r.number for r in replay([*events, event("told", 1)]).ingested] == [1]
 
 
 def test_order_of_learning_is_the_order_of_the_journal() -> None:
     events = [event(e, n) for n in (3, 1, 2) for e in ("told", "trained")]
     assert [r.number for r in replay(events).trained] == [3, 1, 2]
-    assert [r.number for r in replay(events).told] == [1, 2, 3]
+    assert [r.number for r in replay(events).ingested] == [1, 2, 3]
 
 
 @given(st.lists(st.tuples(st.sampled_from(["asked", "told", "trained", "abandoned"]), st.integers(1, 4))))
@@ -147,4 +147,4 @@ def test_replay_in_pieces_is_replay_at_once(steps: list[tuple[str, int]]) -> Non
     state = replay(events)
     assert state.events == len(events)
     assert set(state.rounds) == {number for _, number in steps}
-    assert all(not r.open for r in state.told)
+    assert all(not r.open for r in state.ingested)

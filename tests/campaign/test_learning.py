@@ -17,7 +17,7 @@ from etude.campaign.ingest.tell import tell
 from etude.campaign.propose.ask import ask
 from etude.campaign.record.folder import Campaign
 from etude.campaign.record.stored_files import stored_trajectory
-from etude.campaign.record.stored_models import MIXED, label, newest_model, told_samples
+from etude.campaign.record.stored_models import MIXED, ingested_samples, label, newest_model
 from etude.codes import Warn
 from etude.errors import DataError, StopRuleReached
 
@@ -66,7 +66,7 @@ def test_a_log_is_scored_before_it_is_learned(learned: Campaign) -> None:
 
 def test_the_linear_baseline_has_not_seen_the_log_that_it_is_scored_on(learned: Campaign) -> None:
     for newest in (1, 2):
-        samples = told_samples(learned, [1, 2, 3][: newest + 1])
+        samples = ingested_samples(learned, [1, 2, 3][: newest + 1])
         inputs = np.column_stack([*(samples.log[n] for n in ("q", "qd", "qdd")), np.ones(len(samples))])
         known, new = samples.group < newest, samples.group == newest
         nmse = []
@@ -156,14 +156,14 @@ def test_the_gain_of_the_designed_trajectory_can_stop(learned: Campaign, tmp_pat
     assert ask(campaign, go_on=True).number == 4
 
 
-@pytest.mark.parametrize("rung", ["linear", "linear+gp", "auto"])
-def test_every_rung_can_be_learned_forecast_and_designed_with(rung: str, tmp_path: Path) -> None:
-    campaign = make_campaign(tmp_path, config=CONFIG.replace('rung = "gp"', f'rung = "{rung}"'))
+@pytest.mark.parametrize("structure", ["linear", "linear+gp", "auto"])
+def test_every_rung_can_be_learned_forecast_and_designed_with(structure: str, tmp_path: Path) -> None:
+    campaign = make_campaign(tmp_path, config=CONFIG.replace('rung = "gp"', f'rung = "{structure}"'))
     for seed in (1, 2):
         tell(campaign, write_log(tmp_path / f"{seed}.csv", random_motion(campaign, seed)), foreign=True)
     facts = campaign.state().trained[-1].trained
     assert facts is not None
-    assert rung in (facts.chosen, "auto")
+    assert structure in (facts.chosen, "auto")
     assert len(facts.rungs) == 2
     assert ask(campaign, go_on=True).certificate.ok
 
@@ -191,12 +191,12 @@ def test_a_log_that_moves_one_joint_teaches_what_the_others_cannot(
 
 
 def test_commands_of_different_rungs_are_scored_as_they_are_used(learned: Campaign) -> None:
-    samples = told_samples(learned, [1, 2, 3])
+    samples = ingested_samples(learned, [1, 2, 3])
     model = newest_model(learned, learned.state())
     alone = [c for c in model.candidates if len(c.commands) == 1 and c.name == "default"]
     model = replace(model, candidates=tuple(replace(c, weights=np.ones(1), share=np.ones(1)) for c in alone))
     (candidate,) = [c for c in model.candidates if c.commands == (1,)]
-    other = replace(candidate, rung="another")
+    other = replace(candidate, structure="another")
     mixed = replace(model, candidates=tuple(other if c is candidate else c for c in model.candidates))
     assert mixed.chosen == ("gp", "another")
     assert (label(mixed.chosen), label(model.chosen)) == (MIXED, "gp")

@@ -64,7 +64,7 @@ def test_a_campaign_learns_and_designs_with_it(process, kind, tmp_path) -> None:
     assert second.trained.moved is not None
     model = newest_model(campaign, campaign.state())
     assert model is not None
-    own = [p for c in model.candidates if c.rung == "gp" for p in c.process.own]
+    own = [p for c in model.candidates if c.structure == "gp" for p in c.process.own]
     assert len(own) == 2
     assert all(type(posterior) is kind for posterior in own)
     assert status(campaign)

@@ -19,7 +19,7 @@ from etude.campaign.evaluate.confirm import ask_to_confirm
 from etude.campaign.evaluate.status import status
 from etude.campaign.ingest.ingest_many import tell
 from etude.campaign.record.confirmation import SPREAD
-from etude.campaign.record.deployed_model import model_in_use, pinned
+from etude.campaign.record.deployed_model import deployed_model, pinned
 from etude.campaign.record.events import Promoted
 from etude.campaign.record.folder import Campaign, open_campaign
 from etude.campaign.record.journal import read_events
@@ -111,7 +111,7 @@ def one_more(campaign: Campaign, folder: Path, seed: int) -> None:
 
 
 def test_the_newest_model_stands_in_until_one_is_promoted(fresh: Campaign) -> None:
-    used = model_in_use(fresh)
+    used = deployed_model(fresh)
     assert not used.promoted
     assert used.number == 5
     assert "Nothing was promoted yet: the newest model" in used.sentence
@@ -132,7 +132,7 @@ def test_a_model_that_beats_physics_is_promoted_and_stays_while_others_are_learn
     assert event.files == {f"promoted/{found.sha256[:12]}.npz": found.sha256}
     assert promote(fresh).repeated
     one_more(fresh, tmp_path, 6)
-    used = model_in_use(fresh)
+    used = deployed_model(fresh)
     assert used.promoted
     assert (used.number, used.sha256) == (5, found.sha256)
     assert status(fresh)["in_use"] == {
@@ -159,14 +159,14 @@ def test_only_segments_that_the_model_in_use_has_not_learned_are_compared(
         "not decided against the model in use, of log 5: 1 segments that neither has seen, 4 are needed"
     )
     # of the same log: the ratio is that of two predictions that have not seen it, computed here anew
-    from etude.campaign.record.stored_models import LEFT_OUT, told_samples
+    from etude.campaign.record.stored_models import LEFT_OUT, ingested_samples
     from etude.models.data.fit import in_order
     from etude.models.selection.model_selection import read_residuals
 
     left_out = read_residuals(fresh.model_folder(6) / LEFT_OUT)
     own = left_out.group == left_out.group.max()
-    samples = in_order(told_samples(fresh, [1, 2, 3, 4, 5, 6])).take(left_out.rows[own])
-    error = samples.command - model_in_use(fresh).model.posterior(samples.log)[0]
+    samples = in_order(ingested_samples(fresh, [1, 2, 3, 4, 5, 6])).take(left_out.rows[own])
+    error = samples.command - deployed_model(fresh).model.posterior(samples.log)[0]
     knee = np.isfinite(left_out.error[own][:, 1])
     rms = [np.sqrt(np.mean(e[knee, 1] ** 2)) for e in (left_out.error[own], error)]
     assert used.by_command[1] == pytest.approx(rms[0] / rms[1])
@@ -185,7 +185,7 @@ def test_force_says_why_and_is_recorded(fresh: Campaign, tmp_path: Path) -> None
     assert isinstance(fact, Promoted)
     assert (fact.forced, fact.reason, fact.refused) == (True, "a demonstration", found.refused)
     assert rollback(fresh, reason="over") == (6, 5)
-    assert model_in_use(fresh).number == 5
+    assert deployed_model(fresh).number == 5
     assert read_events(fresh.path)[-1].event == "rolled_back"
     assert (fresh.path / "promoted" / f"{found.sha256[:12]}.npz").exists()
     with pytest.raises(UsageError, match="no model was in use before"):
@@ -197,7 +197,7 @@ def test_an_altered_file_is_refused_by_all_that_use_it(fresh: Campaign, tmp_path
     path.write_bytes(path.read_bytes() + b"\0")
     log = write_log(tmp_path / "7.csv", random_motion(fresh, 7), 7)
     for use in (
-        lambda: model_in_use(fresh),
+        lambda: deployed_model(fresh),
         lambda: watch(fresh, [log]),
         lambda: ask_to_confirm(fresh),
         lambda: promote(fresh),
@@ -208,10 +208,10 @@ def test_an_altered_file_is_refused_by_all_that_use_it(fresh: Campaign, tmp_path
     assert problem["sentence"] == f"promoted/{path.name} was changed after it was committed"
     path.unlink()
     with pytest.raises(UsageError, match="is missing") as refused:
-        model_in_use(fresh)
+        deployed_model(fresh)
     assert "etude promote" in refused.value.next_step
     promote(fresh, force=True, reason="altered file")
-    assert model_in_use(fresh).number == 5
+    assert deployed_model(fresh).number == 5
 
 
 def test_nothing_learned_nothing_promoted(tmp_path: Path) -> None:
@@ -286,7 +286,7 @@ def test_watch_names_a_change_and_proposes_a_motion(
     change = next(own for name, own in CHANGES.items() if name.startswith(words))
     same = write_log(tmp_path / "same.csv", random_motion(fresh, 8), 8)
     other = write_changed(tmp_path / "other.csv", fresh, 9, change)
-    told = [r.number for r in fresh.state().told]
+    told = [r.number for r in fresh.state().ingested]
     assert main(["watch", str(fresh.path), str(same), "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["changed"] is False
     assert main(["watch", str(fresh.path), str(same), str(other), "--json"]) == 6
@@ -296,7 +296,7 @@ def test_watch_names_a_change_and_proposes_a_motion(
     assert data["logs"][1]["kind"] == kind
     assert data["proposal"]["duration"] == fresh.config.duration
     state = open_campaign(fresh.path).state()
-    assert [r.number for r in state.told] == told
+    assert [r.number for r in state.ingested] == told
     assert [r.number for r in state.proposals] == [data["proposal"]["number"]]
     # asked again, the open one is shown
     assert watch(open_campaign(fresh.path), [other]).proposal.number == data["proposal"]["number"]  # type: ignore[union-attr]

@@ -14,7 +14,7 @@ from etude.campaign.propose.ask import ask
 from etude.campaign.record.controls import asked_under
 from etude.campaign.record.folder import open_campaign
 from etude.campaign.record.stored_files import stored_trajectory
-from etude.campaign.record.stored_models import load_model, told_samples
+from etude.campaign.record.stored_models import ingested_samples, load_model
 from etude.campaign.simulation import simulate
 from etude.errors import DataError, UsageError
 from etude.limits.certificate import certify
@@ -62,9 +62,9 @@ def test_learning_beats_feedback_alone(flown):
 
 def test_the_linear_baseline_has_not_seen_the_flight_that_it_is_scored_on(flown):
     campaign, _ = flown
-    data = told_samples(campaign, [1, 2])
+    data = ingested_samples(campaign, [1, 2])
     known, new = data.take(data.group == 0), data.take(data.group == 1)
-    inputs = campaign.kind.inputs(campaign.spec, campaign.config).tuned(data)
+    inputs = campaign.kind.inputs(campaign.spec, campaign.config).fitted(data)
     error = new.command - LinearPhysics(inputs)(known).predict(new.log)
     scored = campaign.state().rounds[2].trained.models["linear"]
     expected = np.mean(error**2, axis=0) / np.var(new.command, axis=0)
@@ -114,7 +114,7 @@ def test_another_flight_and_a_broken_one_are_refused(flown, tmp_path):
     write_log(tmp_path / "unknown.parquet", first.without("command"))
     with pytest.raises(DataError, match="command"):
         tell(again, tmp_path / "unknown.parquet")
-    assert not again.state().told
+    assert not again.state().ingested
 
 
 def test_status_names_the_commands(flown):
@@ -129,7 +129,7 @@ def test_status_names_the_commands(flown):
 def test_stored_models_predict_as_told(flown):
     campaign, _ = flown
     model = load_model(campaign.path)
-    data = told_samples(campaign, [2])
+    data = ingested_samples(campaign, [2])
     mean, variance = model.posterior(data.log)
     assert mean.shape == data.command.shape
     assert np.all(variance > 0.0)

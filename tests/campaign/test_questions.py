@@ -41,7 +41,7 @@ def test_a_wrong_sign_is_a_question_and_nothing_is_stored(campaign: Campaign, tm
         told(campaign, path)
     assert "--repair sign" in refused.value.next_step
     assert "--accept sign" in refused.value.next_step
-    assert not campaign.state().told
+    assert not campaign.state().ingested
 
 
 def test_a_repair_turns_the_sign_and_says_so(campaign: Campaign, tmp_path: Path) -> None:

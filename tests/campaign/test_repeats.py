@@ -17,7 +17,7 @@ from etude.campaign.propose.ask import ask
 from etude.campaign.record.events import Asked, Exported
 from etude.campaign.record.folder import Campaign, open_campaign
 from etude.campaign.record.stored_files import stored_trajectory
-from etude.campaign.record.stored_models import told_samples
+from etude.campaign.record.stored_models import ingested_samples
 from etude.campaign.training import _scores
 from etude.cli.status import _lines as lines
 from etude.logs.readers.log_file import read_log_file
@@ -67,16 +67,16 @@ def test_the_same_motion_again_is_no_new_group(
     campaign, motion = told_once
     (sentence,) = repeats(asked_and_run(campaign, tmp_path, motion))
     assert sentence.startswith("it repeats log 1: 100 %")
-    assert campaign.state().rounds[2].told.repeats == 1  # type: ignore[union-attr]
-    assert f"log 2: {sentence}" in [news["sentence"] for news in status(campaign)["news"]]
+    assert campaign.state().rounds[2].ingested.repeats == 1  # type: ignore[union-attr]
+    assert f"log 2: {sentence}" in [news["sentence"] for news in status(campaign)["alerts"]]
     assert repeats(asked_and_run(campaign, tmp_path, random_motion(campaign, 7))) == []
-    samples = told_samples(campaign, [1, 2, 3])
+    samples = ingested_samples(campaign, [1, 2, 3])
     assert np.unique(samples.group).tolist() == [0, 1]
     assert np.count_nonzero(samples.group == 0) > 1.9 * np.count_nonzero(samples.group == 1)
     # without the log that it repeats it stands for itself
-    assert np.unique(told_samples(campaign, [2, 3]).group).tolist() == [0, 1]
+    assert np.unique(ingested_samples(campaign, [2, 3]).group).tolist() == [0, 1]
     # nothing of it is new to a model of the first
-    alone = told_samples(campaign, [1, 2])
+    alone = ingested_samples(campaign, [1, 2])
     assert _scores(None, None, alone, 1) == {}  # type: ignore[arg-type]
 
 
@@ -131,4 +131,4 @@ def test_a_damaged_earlier_log_does_not_keep_one_from_being_told(
     log = write_log(tmp_path / "2.csv", stored_trajectory(campaign, number), seed=2)
     campaign.run_file(1).write_bytes(b"PAR1")
     assert not repeats(tell(campaign, log, number=number, learner=stub_learner))
-    assert campaign.state().rounds[2].told is not None
+    assert campaign.state().rounds[2].ingested is not None

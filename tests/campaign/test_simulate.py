@@ -39,7 +39,7 @@ def arm(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Campaign:
     """Learning and designing cost nothing, and the model says nothing."""
 
     def learn(campaign: Campaign, state: Any, number: int) -> TrainingOutcome:
-        return TrainingOutcome([], Trained(chosen="gp", rungs=("gp",) * 4, robot_seconds=8.0 * number))
+        return TrainingOutcome([], Trained(chosen="gp", structures=("gp",) * 4, robot_seconds=8.0 * number))
 
     def again(campaign: Campaign, _: Any, rng: np.random.Generator, *rest: Any) -> Any:
         *_, limits, _ = rest
@@ -226,6 +226,6 @@ def test_motions_that_teach_are_run_with_what_was_learned_if_wanted(
 
     monkeypatch.setattr(type(arm.kind), "controller", exact)
     list(simulate(arm, 2, feedforward=feedforward))
-    first, second = (r.told.tracked["fourier"][0] for r in arm.state().told if r.told)
+    first, second = (r.ingested.tracked["fourier"][0] for r in arm.state().ingested if r.ingested)
     ratio = np.max(second) / np.max(first)
     assert ratio < 0.5 if feedforward else ratio > 0.5

@@ -13,7 +13,7 @@ from certificate_schema import valid
 from etude.campaign.create import create_campaign
 from etude.campaign.ingest.tell import tell
 from etude.campaign.propose.ask import ask
-from etude.campaign.propose.constraints import kept_now, kept_then
+from etude.campaign.propose.constraints import constraints_now, constraints_then
 from etude.campaign.record.events import Asked
 from etude.campaign.record.folder import Campaign, open_campaign
 from etude.campaign.record.state import Round, State
@@ -49,7 +49,7 @@ def test_before_any_log_the_margin_is_assumed(lab: Campaign) -> None:
     assert [row["tracking_margin"] for row in rows(lab, 1, "velocity")] == pytest.approx([0.25, 0.25])
     assert all(row["confidence"] == 0.0 for row in rows(lab, 1, "position"))
     assert [row["upper"] for row in rows(lab, 1, "position")] == pytest.approx([0.96, 0.46])
-    assert any("assumed" in sentence for sentence in found.certificate.not_looked_at)
+    assert any("assumed" in sentence for sentence in found.certificate.not_verified)
 
 
 def test_a_log_is_measured_and_the_next_margin_is_three_times_its_error(
@@ -57,18 +57,18 @@ def test_a_log_is_measured_and_the_next_margin_is_three_times_its_error(
 ) -> None:
     ask(lab)
     run_and_tell(lab, tmp_path, 1)
-    told = lab.state().rounds[1].told
+    told = lab.state().rounds[1].ingested
     assert told is not None
     table = np.array(told.tracked["fourier"])
     assert table.shape == (3, 2)
     motion = stored_trajectory(lab, 1)
     assert 0.0 < table[0].max() < 0.05
-    margins = kept_now(lab, lab.state()).margins
+    margins = constraints_now(lab, lab.state()).margins
     hidden = np.array([[0.0], [HIDDEN]]) * lab.kind.expected(lab.spec).limits["qd"][1]
     np.testing.assert_allclose(margins["fourier"][0], 3.0 * table[:2] + hidden)
     np.testing.assert_array_equal(margins["fourier"][1], 0.95)
     assert not np.any(margins["moves"][1])
-    found = kept_now(lab, lab.state()).of(motion).unheld
+    found = constraints_now(lab, lab.state()).of(motion).unenforced
     assert len(found) == 1
     assert found[0].startswith("Acceleration is not held by the robot: it was left by hip up to")
     assert found[0].endswith(" in Fourier motions.")
@@ -77,7 +77,7 @@ def test_a_log_is_measured_and_the_next_margin_is_three_times_its_error(
 def test_a_proposal_keeps_the_margins_of_its_time(lab: Campaign, tmp_path: Path) -> None:
     ask(lab)
     second = ask(lab, new=True).number
-    before = [kept_then(lab.state().rounds[n].asked).margins["fourier"] for n in (1, second)]
+    before = [constraints_then(lab.state().rounds[n].asked).margins["fourier"] for n in (1, second)]
     text = (lab.proposal(second) / "certificate.json").read_bytes()
     run_and_tell(lab, tmp_path, 1)
     again = ask(open_campaign(lab.path))
@@ -94,7 +94,7 @@ def test_a_proposal_keeps_the_margins_of_its_time(lab: Campaign, tmp_path: Path)
 def test_a_slower_run_says_nothing_of_the_full_one(lab: Campaign, tmp_path: Path) -> None:
     ask(lab, speed=50)
     run_and_tell(lab, tmp_path, 1, speed=50)
-    assert lab.state().rounds[1].told.tracked == {}
+    assert lab.state().rounds[1].ingested.tracked == {}
 
 
 def test_ask_says_slowly_first_until_a_log_shows_how_far_it_leaves_its_plan(
@@ -115,7 +115,7 @@ def test_a_large_error_is_cut_to_the_room_and_said(lab: Campaign) -> None:
     large = lab.kind.expected(lab.spec).limits["q"]
     state = lab.state()
     assert large[1][0] == 1.0
-    kept = kept_now(_with_gains(lab, (400.0, 5.0)), state)
+    kept = constraints_now(_with_gains(lab, (400.0, 5.0)), state)
     np.testing.assert_allclose(kept.margins["fourier"][0][0], [0.05, 0.1])
     np.testing.assert_array_equal(kept.margins["fourier"][1][0], [1.0, 0.0])
     (sentence,) = kept.by_form["fourier"] if kept.by_form else ("",)
@@ -139,10 +139,10 @@ def test_without_margins_nothing_is_kept_or_stored(tmp_path: Path) -> None:
     ask(lab)
     asked = lab.state().rounds[1].asked
     assert asked is not None
-    assert (asked.margins, asked.unheld) == ({}, ())
+    assert (asked.margins, asked.unenforced) == ({}, ())
     assert all(row["tracking_margin"] == 0.0 for row in rows(lab, 1, "velocity"))
-    assert kept_then(Asked(status="")).margins == {}
-    assert kept_then(None).margins == {}
+    assert constraints_then(Asked(status="")).margins == {}
+    assert constraints_then(None).margins == {}
 
 
 def test_a_flight_keeps_its_owners_room_unless_logs_show_more(tmp_path: Path) -> None:
@@ -158,7 +158,7 @@ def test_a_flight_keeps_its_owners_room_unless_logs_show_more(tmp_path: Path) ->
         }
         (found,) = [
             limit
-            for limit in campaign.limits(kept_now(campaign, State(rounds=rounds)).margins)
+            for limit in campaign.limits(constraints_now(campaign, State(rounds=rounds)).margins)
             if limit.name == "position"
         ]
         return found.prove(FourierTrajectory(np.zeros((3, 3)), 1.0, 10.0))[0]
@@ -170,4 +170,4 @@ def test_a_flight_keeps_its_owners_room_unless_logs_show_more(tmp_path: Path) ->
     half = box(50.0)
     assert (half.tracking_margin, half.confidence) == (5.0, 0.0)
     thesis, _ = create_campaign(tmp_path / "thesis", "quadrotor", "thesis")
-    assert kept_now(thesis, State()).margins == {}
+    assert constraints_now(thesis, State()).margins == {}

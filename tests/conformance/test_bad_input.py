@@ -19,7 +19,7 @@ from etude.models.gp.inducing import InducingGP
 from etude.models.gp.kernels import SquaredExponential
 from etude.models.members import member_named
 from etude.models.model import LearnedModel
-from etude.models.selection.model_selection import train_ladder
+from etude.models.selection.model_selection import select_structures
 from etude.types import Array, Channel, Column, Log, Samples
 from etude_sparse.dictionary import DictionaryConfig, DictionaryGP
 from etude_sparse.downsampling import DownsampledGP
@@ -79,7 +79,7 @@ class Raw:
     def of_log(self, log: Log) -> Array:
         return log["x"]
 
-    def tuned(self, samples: Samples) -> Raw:
+    def fitted(self, samples: Samples) -> Raw:
         return self
 
     def arrays(self) -> dict[str, Array]:
@@ -115,7 +115,7 @@ def learned(
     config, own = replace(settings, process=name), np.random.default_rng(0)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", JitterWarning)  # the announced fallback of a singular covariance
-        return train_ladder(samples, Raw(X.shape[1]), {}, np.array([40.0]), config, own).model  # type: ignore[arg-type]
+        return select_structures(samples, Raw(X.shape[1]), {}, np.array([40.0]), config, own).model  # type: ignore[arg-type]
 
 
 def mean_of(model: LearnedModel, X: np.ndarray) -> np.ndarray:

@@ -97,10 +97,10 @@ def test_theta_gradient(kernel: Kernel) -> None:
 @pytest.mark.parametrize("n", [7, 300])
 def test_the_lower_half_is_that_of_the_matrix(kernel: Kernel, n: int) -> None:
     X, theta = inputs(n, 3), theta_of(kernel)
-    (K, pull), (lower, pull_lower) = kernel.gram(theta, X), kernel.gram_lower(theta, X)
+    (K, vjp), (lower, pull_lower) = kernel.gram(theta, X), kernel.gram_lower(theta, X)
     np.testing.assert_allclose(np.tril(lower), np.tril(K), rtol=1e-12, atol=1e-14 * np.abs(K).max())
     G = np.asfortranarray(np.tril(np.random.default_rng(4).normal(size=(n, n))))
-    expected = pull(G)
+    expected = vjp(G)
     np.testing.assert_allclose(pull_lower(G), expected, rtol=1e-10, atol=1e-11 * np.abs(expected).max())
 
 
@@ -124,8 +124,8 @@ def test_diagonal_gradient(kernel: Kernel) -> None:
 def test_pulls_can_be_called_twice(kernel: Kernel) -> None:
     X, theta = inputs(5, 10), theta_of(kernel)
     G = np.random.default_rng(11).normal(size=(5, 5))
-    for _, pull in (kernel.gram(theta, X), kernel.cross(theta, X, X)):
-        np.testing.assert_array_equal(pull(G), pull(G))
+    for _, vjp in (kernel.gram(theta, X), kernel.cross(theta, X, X)):
+        np.testing.assert_array_equal(vjp(G), vjp(G))
 
 
 @ROWS

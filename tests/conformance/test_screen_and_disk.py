@@ -27,7 +27,7 @@ from etude.campaign.deployment.promote import promote
 from etude.campaign.evaluate.status import status
 from etude.campaign.ingest.tell import tell
 from etude.campaign.propose.ask import Proposal, ask
-from etude.campaign.propose.constraints import Constraints, kept_then
+from etude.campaign.propose.constraints import Constraints, constraints_then
 from etude.campaign.record.folder import Campaign, open_campaign
 from etude.campaign.record.journal import damaged_files, read_events
 from etude.codes import Notice, OfFile
@@ -179,7 +179,7 @@ def _with_all(campaign: Campaign) -> list[str]:
 def _held(campaign: Campaign, found: Proposal, speed: int) -> list[str]:
     """Names of the files that were shown; the certificates are those of the disk, and of a new proof."""
     fresh = open_campaign(campaign.path)
-    kept = kept_then(fresh.round(found.number).asked)
+    kept = constraints_then(fresh.round(found.number).asked)
     shown = [("trajectory", found.folder, found.certificate)]
     if found.way is not None:
         shown += [(stem, found.way.folder, own) for stem, own in found.way.certificates.items()]
@@ -241,7 +241,7 @@ def _promoted(campaign: Campaign) -> list[str]:
 
 def _status(campaign: Campaign) -> list[str]:
     found = status(campaign)
-    assert found["problems"] == [one.told() for one in damaged_files(campaign.path, campaign.events())]
+    assert found["problems"] == [one.facts() for one in damaged_files(campaign.path, campaign.events())]
     return []
 
 

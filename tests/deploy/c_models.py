@@ -101,7 +101,7 @@ def arm_model(
         mean = ArmPhysics(spec)(Samples(log, np.zeros(points, dtype=np.int64), every, every))
     left = command - (0.0 if mean is None else mean.predict(log))
     config = ModelConfig(points=points, basis=24, steps=2, kernel="ard_se", fit_points=points)
-    J, rung = command.shape[1], "identified+gp" if physics else "gp"
+    J, structure = command.shape[1], "identified+gp" if physics else "gp"
     groups = [tuple(range(J))] if together else [(j,) for j in range(J)]
     candidates = []
     for group in groups:
@@ -112,7 +112,7 @@ def arm_model(
         fit = fit_data(X, (left[:, own] - units[0]) / units[1], inputs.columns, names, made, config)
         process: Any = member_named(member)(fit)
         scale = np.full(len(own), 1.3)
-        candidates.append(Candidate(rung, group, np.ones(len(own)), mean, process, units, scale))
+        candidates.append(Candidate(structure, group, np.ones(len(own)), mean, process, units, scale))
     return _model(inputs, candidates, spec.names, X)
 
 
@@ -146,7 +146,7 @@ def alone(model: LearnedModel, *, grows: bool) -> LearnedModel:
         m = len(c.commands)
         assert c.process is not None
         silent = Silent(c.process, np.full(m, 1.2), np.full(m, 0.3), c.process.signal_variance, grows=grows)
-        found.append(replace(c, rung="identified", process=silent))
+        found.append(replace(c, structure="identified", process=silent))
     return replace(model, candidates=tuple(found))
 
 

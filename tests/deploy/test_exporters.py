@@ -216,7 +216,7 @@ def test_what_lines_cannot_keep_is_a_row_that_nobody_looked_at() -> None:
     own, place = exporter("lerobot"), here("lerobot")
     motion = place.trajectory(1)
     found = certify_played(own, own(motion, place.kind, place.spec), place.limits, motion)
-    (row,) = [row for row in found.rows if row.status == "not looked at"]
+    (row,) = [row for row in found.rows if row.status == "not verified"]
     assert (row.quantity, row.method) == ("acceleration", "nothing bounds derivative 2 of lines")
 
 

@@ -15,7 +15,7 @@ from etude import plugins
 from etude.campaign.record.config import preset_config
 from etude.errors import DataError, UsageError
 from etude.models.config import ModelConfig
-from etude.models.selection.model_selection import train_ladder
+from etude.models.selection.model_selection import select_structures
 from etude.progress import watched
 from etude_online import online_folder
 from etude_online.learner import OnlineConfig
@@ -35,7 +35,7 @@ def files() -> dict[str, bytes]:
     motion = KIND.tests(SPEC, CONFIG, rng)["moves"]
     log = robot.run(motion, None, rng)
     samples = KIND.samples(SPEC, CONFIG, [log], [np.zeros(len(log), dtype=np.int64)])
-    model = train_ladder(samples, KIND.inputs(SPEC, CONFIG), {}, KIND.limit(SPEC), SMALL, rng).model
+    model = select_structures(samples, KIND.inputs(SPEC, CONFIG), {}, KIND.limit(SPEC), SMALL, rng).model
     options = OnlineOptions(KIND.described(PATH).files, [log], OnlineConfig(size=60), model_hash="abc")
     done: list[float] = []
     with watched(done.append):
@@ -233,7 +233,7 @@ def test_a_vehicle_is_judged_by_what_its_controller_says(tmp_path) -> None:
     groups = [np.full(len(log), place, dtype=np.int64) for place, log in enumerate(logs)]
     samples = kind.samples(spec, config, logs, groups)
     small = replace(config.model, rung="gp", starts=1, points=150, steps=10)
-    model = train_ladder(
+    model = select_structures(
         samples.take(samples.group == 0), kind.inputs(spec, config), {}, kind.limit(spec), small, rng
     ).model
     options = OnlineOptions(kind.described(path).files, logs, OnlineConfig(size=100))

@@ -48,7 +48,7 @@ def mixed() -> LearnedModel:
     mean = line.restore({"weights": fitted(first, log)})
     sparse = arm_model("fitc", "structured", memory=True)
     rest = replace(
-        sparse, candidates=tuple(replace(c, mean=mean, rung="linear+gp") for c in sparse.candidates)
+        sparse, candidates=tuple(replace(c, mean=mean, structure="linear+gp") for c in sparse.candidates)
     )
     return averaged(first, rest, least=True)
 

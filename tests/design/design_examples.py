@@ -64,13 +64,13 @@ class Physics:
 
 
 def candidate(
-    posterior: Posterior | None, commands: Sequence[int], *, rung="gp", weight=1.0, factor=1.0
+    posterior: Posterior | None, commands: Sequence[int], *, structure="gp", weight=1.0, factor=1.0
 ) -> Candidate:
     """One process for all these commands."""
     m = len(commands)
     process = None if posterior is None else Process(((posterior, tuple(range(m))),))
     units = np.stack([np.zeros(m), np.broadcast_to(np.asarray(factor, dtype=float), m)])
-    return Candidate(rung, tuple(commands), np.full(m, weight), None, process, units, np.ones(m))
+    return Candidate(structure, tuple(commands), np.full(m, weight), None, process, units, np.ones(m))
 
 
 def arm_spec() -> ArmSpec:

@@ -95,9 +95,9 @@ def test_what_is_drawn_home_ends_close_to_the_last_point_that_holds() -> None:
     family, rng = arm_family(), np.random.default_rng(1)
     home, at = arm_point(rng, family, 0.0), arm_point(rng, family, 4.0)
     kept = NonconvexLimits.of([DISC], family, at)
-    found = kept.drawn_home(family, home, at)
+    found = kept.shrink_to_home(family, home, at)
     assert kept.proved(family, found)
     assert not kept.proved(family, home + 1.01 * (found - home))
-    assert kept.drawn_home(family, home, found) is found
+    assert kept.shrink_to_home(family, home, found) is found
     with pytest.raises(UnsafeTrajectoryError, match="home does not keep the limits disc"):
-        NonconvexLimits.of([Disc(tuple(arm_home()), 0.6)], family, at).drawn_home(family, home, at)
+        NonconvexLimits.of([Disc(tuple(arm_home()), 0.6)], family, at).shrink_to_home(family, home, at)

@@ -21,7 +21,7 @@ from etude import plugins
 from etude.design.config import GROUP
 from etude.design.criteria import Output, criterion_named
 from etude.design.latents import latents_of, planned
-from etude.design.objective import Objective, gains_of, instants, pull_gains
+from etude.design.objective import Objective, gains_of, instants, vjp_gains
 from etude.types import Motion, Planned
 
 NAMES = tuple(plugins.BUILT_IN[GROUP])
@@ -90,7 +90,7 @@ def test_commands_that_share_a_function_share_its_samples() -> None:
     np.testing.assert_allclose(found[:, 0] ** 2, 0.5 * (gains[:, 0] ** 2 + gains[:, 1] ** 2))
     np.testing.assert_array_equal(found[:, 1], gains[:, 2])
     weights = np.array([[1.0, 3.0], [2.0, -1.0], [0.0, 2.0]])
-    back = pull_gains([(0, 1), (2,)], gains, weights)
+    back = vjp_gains([(0, 1), (2,)], gains, weights)
     by_differences = differences(lambda g: float(np.sum(weights * gains_of([(0, 1), (2,)], g))), gains)
     np.testing.assert_allclose(back[:2], by_differences[:2], atol=1e-8)
     np.testing.assert_array_equal(back[2], [0.0, 0.0, 2.0])
@@ -105,14 +105,14 @@ class Remembering:
         assert np.allclose(np.diff(motion.t), 0.1)
         q = motion.orders[0]
 
-        def pull(in_X: np.ndarray, in_gains: np.ndarray) -> np.ndarray:
+        def vjp(in_X: np.ndarray, in_gains: np.ndarray) -> np.ndarray:
             out = np.zeros_like(q)
             out[keep] += in_X[:, :1]
             ends = np.zeros(len(q))
             ends[keep] = in_X[:, 1]
             return (out + ends[::-1].cumsum()[::-1][:, None])[None]
 
-        return Planned(np.hstack([q, q.cumsum(axis=0)])[keep], np.ones((len(keep), 1)), pull)
+        return Planned(np.hstack([q, q.cumsum(axis=0)])[keep], np.ones((len(keep), 1)), vjp)
 
 
 def test_inputs_that_remember_see_the_whole_motion() -> None:

@@ -33,7 +33,7 @@ def test_a_shared_process_is_one_function_of_all_its_commands() -> None:
 
 def test_the_rung_in_use_is_what_is_seen() -> None:
     a, b = posterior(0), posterior(1)
-    both = (candidate(a, (0,), rung="gp", weight=0.0), candidate(b, (0,), rung="linear+gp"))
+    both = (candidate(a, (0,), structure="gp", weight=0.0), candidate(b, (0,), structure="linear+gp"))
     assert latents_of(Model(arm_inputs(), both))[0].posterior is b
 
 
@@ -42,22 +42,22 @@ def test_the_rung_in_use_is_what_is_seen() -> None:
 )
 def test_a_rung_without_a_process_is_seen_through_another(in_use: str, expected: str | None) -> None:
     others = ("gp", "identified+gp", "nominal+gp")
-    processes = {rung: posterior(number) for number, rung in enumerate(others)}
-    rows = [candidate(p, (0,), rung=rung, weight=0.0) for rung, p in processes.items()]
-    model = Model(arm_inputs(), (candidate(None, (0,), rung=in_use), *rows))
+    processes = {structure: posterior(number) for number, structure in enumerate(others)}
+    rows = [candidate(p, (0,), structure=structure, weight=0.0) for structure, p in processes.items()]
+    model = Model(arm_inputs(), (candidate(None, (0,), structure=in_use), *rows))
     assert latents_of(model)[0].posterior is processes[expected or "identified+gp"]
 
 
 def test_of_a_group_each_command_has_its_own_rung() -> None:
     shared, alone = posterior(0), posterior(1)
     group = replace(candidate(shared, (0, 1, 2)), weights=np.array([1.0, 0.0, 1.0]))
-    model = Model(arm_inputs(), (group, candidate(alone, (1,), rung="linear+gp")))
+    model = Model(arm_inputs(), (group, candidate(alone, (1,), structure="linear+gp")))
     found = latents_of(model)
     assert [(latent.commands, latent.posterior) for latent in found] == [((0, 2), shared), ((1,), alone)]
 
 
 def test_a_command_without_any_process_is_refused() -> None:
-    model = Model(arm_inputs(), (candidate(posterior(), (0,)), candidate(None, (1,), rung="linear")))
+    model = Model(arm_inputs(), (candidate(posterior(), (0,)), candidate(None, (1,), structure="linear")))
     with pytest.raises(UsageError, match="command 1 has no process"):
         latents_of(model)
 

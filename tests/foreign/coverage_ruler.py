@@ -95,7 +95,7 @@ def ruler_of(
         urdf: its description. packages: folders in which its meshes are looked for.
         joints: k of them; all others are held at zero.
         ends: lower and upper (k,) limits. home: (k,).
-        ignored: pairs of links that are not looked at, as the robot file says. floor: its height, m.
+        ignored: pairs of links that are not verified, as the robot file says. floor: its height, m.
     """
     import coal
     import pinocchio as pin
@@ -141,7 +141,7 @@ def ruler_of(
 
 
 def ruler_of_campaign(lab: Path, urdf: Path, packages: Sequence[Path]) -> Ruler:
-    """Of the arm of a campaign folder: limits, home, floor and what is not looked at are its robot file's."""
+    """Of the arm of a campaign folder: limits, home, floor and what is not verified are its robot file's."""
     robot = tomllib.loads((lab / "robot.toml").read_text())
     ends = np.array([[axis["lower"], axis["upper"]] for axis in robot["axis"]]).T
     ignored = robot.get("collision", {}).get("ignore", ())

@@ -24,7 +24,7 @@ from flight_lab import learned_lab, run, table_of  # noqa: E402
 from rotorpy_vehicle import Airframe, Cascade, Geometric, fly  # noqa: E402
 
 from etude.campaign.record.folder import open_campaign  # noqa: E402
-from etude.campaign.record.stored_models import stored_model, told_samples  # noqa: E402
+from etude.campaign.record.stored_models import ingested_samples, stored_model  # noqa: E402
 from etude.models.change.evidence import Judged, judged  # noqa: E402
 from etude.types import Samples  # noqa: E402
 
@@ -58,7 +58,7 @@ def judgements(lab: Path) -> Iterator[tuple[int, Judged, Judged, Judged]]:
     """
     campaign = open_campaign(lab)
     for number in range(FIRST + 1, LAST + 1):
-        model, samples = stored_model(campaign, number - 1), told_samples(campaign, [number])
+        model, samples = stored_model(campaign, number - 1), ingested_samples(campaign, [number])
         with patch("etude.models.change.evidence.doubted", lambda variance, _: variance):
             trusted = judged(model, samples)
         yield number - 1, judged(model, samples), trusted, judged(model, scaled(samples))

@@ -194,7 +194,7 @@ def ask_c(walk: Walk, folder: Path) -> Asked:
         deviation[still],
         *moves,
         deviation[~still],
-        np.array([rung != "gp" for rung in model.chosen]),
+        np.array([structure != "gp" for structure in model.chosen]),
     )
 
 

@@ -73,7 +73,7 @@ def without_shapes(text: str) -> str:
     return ElementTree.tostring(tree, encoding="unicode")
 
 
-def mounted(name: str, folder: Path, rung: str) -> Mounted:
+def mounted(name: str, folder: Path, structure: str) -> Mounted:
     file, joints = FILES[name]
     path = Path(pin.__file__).resolve().parents[4] / "share" / "example-robot-data" / "robots" / file
     if not path.exists():
@@ -86,7 +86,13 @@ def mounted(name: str, folder: Path, rung: str) -> Mounted:
         robot.write(ROOM)
     settings = folder / "lab" / "campaign.toml"
     head, model = settings.read_text().split("[model]", 1)
-    told = {"rung": f'"{rung}"', "candidates": '["default"]', "points": 100, "fit_points": 60, "steps": 6}
+    told = {
+        "rung": f'"{structure}"',
+        "candidates": '["default"]',
+        "points": 100,
+        "fit_points": 60,
+        "steps": 6,
+    }
     for key, value in told.items():
         model, count = re.subn(rf"^{key} = [^#\n]*", f"{key} = {value} ", model, count=1, flags=re.MULTILINE)
         assert count == 1, key
@@ -176,7 +182,7 @@ def test_a_ur5_on_a_wall(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("rung", ["nominal", "nominal+gp", "identified", "identified+gp"])
+@pytest.mark.parametrize("structure", ["nominal", "nominal+gp", "identified", "identified+gp"])
 @pytest.mark.parametrize("name", FILES)
-def test_arms_on_a_wall(name: str, rung: str, tmp_path: Path) -> None:
-    require_one_answer(mounted(name, tmp_path, rung), tmp_path, 10.0 * SMALL)
+def test_arms_on_a_wall(name: str, structure: str, tmp_path: Path) -> None:
+    require_one_answer(mounted(name, tmp_path, structure), tmp_path, 10.0 * SMALL)

@@ -15,7 +15,7 @@ from small_arm import URDF, campaign_of_small_arm  # noqa: E402
 from etude.campaign.deployment.predict import predict  # noqa: E402
 from etude.campaign.ingest.tell import tell  # noqa: E402
 from etude.campaign.record.folder import Campaign  # noqa: E402
-from etude.campaign.record.stored_models import stored_log, told_samples  # noqa: E402
+from etude.campaign.record.stored_models import ingested_samples, stored_log  # noqa: E402
 
 CREEP = 0.03
 """Part of the top speed below which friction turns over."""
@@ -101,6 +101,6 @@ def test_slow_samples_teach_and_where_gears_stick_they_do_not(
     levels = np.random.default_rng(0).uniform(-1.0, 1.0, (len(log) // 100 + 1, 3))
     held = np.where(slow, levels.repeat(100, axis=0)[: len(log)], 0.0)
     stuck = log.put(log.channels["command"], log["command"] + 0.1 * lab.arm.torque * held)
-    own = told_samples(lab.campaign, [1])
+    own = ingested_samples(lab.campaign, [1])
     monkeypatch.setattr("etude.campaign.record.stored_models.stored_log", lambda *_: stuck)
-    assert own.moving.mean() > told_samples(lab.campaign, [1]).moving.mean() + 0.02
+    assert own.moving.mean() > ingested_samples(lab.campaign, [1]).moving.mean() + 0.02

@@ -40,7 +40,7 @@ def test_with_what_is_believed_the_motion_that_was_run_is_kept_with_room_to_spar
     assert b.proved_lower > -8.0
     assert b.proved_upper < 8.0
     assert (a.proved_lower, a.proved_upper) == (full[0].proved_lower, full[0].proved_upper)
-    assert any("deviations there count b" in sentence for sentence in held.not_looked_at)
+    assert any("deviations there count b" in sentence for sentence in held.not_verified)
     motion = limit.along(SWING, LOOK)
     room = BELIEVED_ROOM * (8.0 - np.abs(pendulum(motion)))
     assert np.min((room - held.spread(motion, SWING.duration, SELDOM))[:, 1]) == pytest.approx(0.0, abs=1e-12)

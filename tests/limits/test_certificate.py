@@ -62,7 +62,7 @@ def test_certificate_as_json() -> None:
     assert content["ok"] is True
     assert content["at_rest"] is True
     assert content["end_speed"] == 0.0
-    assert content["not_looked_at"] == list(ALL)
+    assert content["not_verified"] == list(ALL)
     for row in content["rows"]:
         assert row["tracking_margin"] == 0.0
         assert row["method"] == "Riesz bound from 64 samples per harmonic"
@@ -211,7 +211,7 @@ class Unseen:
     def prove(self, piece):
         nan = float("nan")
         return (
-            Proof("motor", "current", nan, 3.0, nan, nan, "no model", "not looked at"),
+            Proof("motor", "current", nan, 3.0, nan, nan, "no model", "not verified"),
             Proof("motor", "heat", -1.0, 1.0, -0.2, 0.4, "9 samples", "sampled"),
         )
 
@@ -219,7 +219,7 @@ class Unseen:
 def test_what_is_not_looked_at_is_a_row_and_no_failure() -> None:
     certificate = certify(example(), (*arm(), Unseen()))
     assert certificate.ok
-    assert [row.status for row in certificate.rows[-2:]] == ["not looked at", "sampled"]
+    assert [row.status for row in certificate.rows[-2:]] == ["not verified", "sampled"]
     assert np.isnan(slack(certificate.rows[-2]))
     assert certificate.worst.quantity != "current"
     sampled = replace(certificate.rows[-1], proved_upper=2.0)
@@ -240,7 +240,7 @@ class Warned:
 
 
 def test_a_file_says_what_its_certificate_does() -> None:
-    """Infinite ends and numbers of what was not looked at are null in the file, and come back."""
+    """Infinite ends and numbers of what was not verified are null in the file, and come back."""
     found = certify(example(), (*arm(), Unseen(), Warned()))
     content = valid(found.to_json())
     assert [one["code"] for one in content["warnings"]] == ["stated", "teaches_little"]

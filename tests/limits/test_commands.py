@@ -72,8 +72,8 @@ def test_rows_hold_what_a_hundred_times_as_many_samples_show() -> None:
 
 def test_a_certificate_says_that_commands_are_looked_at_and_what_is_left_open() -> None:
     found = certify(SWING, [replace(LIMIT, said=("Friction is not in it.",))])
-    assert COMMANDS not in found.not_looked_at
-    assert "Friction is not in it." in found.not_looked_at
+    assert COMMANDS not in found.not_verified
+    assert "Friction is not in it." in found.not_verified
     assert found.ok == bool(min(map(slack, found.rows)) >= 0.0)
     weak = replace(LIMIT, upper=np.full(2, 0.5), lower=-np.full(2, 0.5), _proofs={})
     assert not certify(SWING, [weak]).ok
@@ -200,7 +200,7 @@ def test_where_rest_at_home_is_beyond_it_nothing_is_looked_at_and_it_says_why() 
     assert isinstance(found, OpenCommands)
     certificate = certify(SWING, [found])
     assert not certificate.rows
-    assert "3.73 N m of b at rest at home" in " ".join(certificate.not_looked_at)
+    assert "3.73 N m of b at rest at home" in " ".join(certificate.not_verified)
     vague = replace(LIMIT, deviation=lambda motion: np.full((len(motion.t), 2), 2.1))
     assert vague.spread(SWING.motion(np.zeros(1)), 1.0).max() < 8.0
     assert isinstance(kept_at(vague, np.zeros(2)), OpenCommands), "a longer motion needs more deviations"

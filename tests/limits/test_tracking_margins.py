@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from etude.errors import UsageError
-from etude.limits.certificate import ALL, COLLISIONS, COMMANDS, TRACKING, WAY, in_words, not_looked_at
+from etude.limits.certificate import ALL, COLLISIONS, COMMANDS, TRACKING, WAY, in_words, not_verified
 from etude.limits.tracking import (
     CONFIDENCE,
     HIDDEN,
@@ -100,24 +100,24 @@ class Looking:
     """Stands in for a limit."""
 
     def __init__(self, *looks_at: str, left_out: tuple[str, ...] = ()) -> None:
-        self.looks_at, self.not_looked_at = looks_at, left_out
+        self.looks_at, self.not_verified = looks_at, left_out
 
 
 def test_what_is_looked_at_is_not_said() -> None:
     alone = PointToPoint(np.array([[0.0], [1.0]]), 1.0)
     back = PointToPoint(np.array([[1.0], [0.0]]), 1.0)
-    assert not_looked_at(alone, [], [row()]) == ALL
-    kept = not_looked_at(alone, [], [row(margin=0.1, confidence=0.95)], ["More."])
+    assert not_verified(alone, [], [row()]) == ALL
+    kept = not_verified(alone, [], [row(margin=0.1, confidence=0.95)], ["More."])
     assert TRACKING not in kept
     assert kept[-1] == "More."
-    assumed = not_looked_at(alone, [], [row(margin=0.1, confidence=0.0)])
+    assumed = not_verified(alone, [], [row(margin=0.1, confidence=0.0)])
     assert "assumed" in assumed[0]
-    assert "velocity" in not_looked_at(alone, [], [row(margin=0.1), row("velocity")])[0]
+    assert "velocity" in not_verified(alone, [], [row(margin=0.1), row("velocity")])[0]
     limits = [Looking(COMMANDS), Looking(COLLISIONS, left_out=("Cables.",))]
-    found = not_looked_at(alone, limits, [row()])  # type: ignore[arg-type]
+    found = not_verified(alone, limits, [row()])  # type: ignore[arg-type]
     assert COMMANDS not in found
     assert COLLISIONS not in found
     assert "Cables." in found
     there = Chain((("approach", back), ("segment", alone), ("return", back)))
-    assert WAY not in not_looked_at(there, [], [row()])
-    assert WAY in not_looked_at(Chain((("approach", back), ("segment", alone))), [], [row()])
+    assert WAY not in not_verified(there, [], [row()])
+    assert WAY in not_verified(Chain((("approach", back), ("segment", alone))), [], [row()])

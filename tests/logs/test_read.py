@@ -14,7 +14,7 @@ from etude.errors import DataError
 from etude.logs.cleaning.read import read_log
 from etude.logs.columns.units import Limits
 from etude.logs.readers.log_file import log_bytes, write_log
-from etude.logs.readers.registry import with_rest_told
+from etude.logs.readers.registry import with_rest_reported
 from etude.types import Log
 
 LOG = make_log()
@@ -235,7 +235,7 @@ def test_a_first_row_that_lacks_cells_is_a_row_like_others(separator: str, tmp_p
 def left_of(t: list[float]) -> str:
     """What is said of the rest of a log with these times that was cut."""
     log = Log(np.array(t), {}, {}, "run.csv", ("The log was cut.",))
-    return with_rest_told(log).repairs[0].removeprefix("The log was cut.").strip()
+    return with_rest_reported(log).repairs[0].removeprefix("The log was cut.").strip()
 
 
 def test_what_is_left_is_told_in_seconds_whatever_single_stamps_say() -> None:

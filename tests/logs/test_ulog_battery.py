@@ -65,7 +65,7 @@ def test_the_voltage_of_every_flight_becomes_an_input(tmp_path: Path) -> None:
     for number, log in enumerate(logs):
         ends = USUAL + LOST * (0.5 - (number + np.array([0.0, 1.0])) / FLIGHTS)
         np.testing.assert_allclose(log["battery_voltage"][[0, -1], 0], ends, atol=0.01)
-    inputs = QuadrotorInputs().tuned(samples_of(logs))
+    inputs = QuadrotorInputs().fitted(samples_of(logs))
     assert inputs.volts == pytest.approx(USUAL, abs=0.05)
     assert inputs.columns[-1][0] == "battery_voltage"
 
@@ -76,4 +76,4 @@ def test_without_a_power_module_there_is_none(tmp_path: Path) -> None:
     assert not any("battery" in name for name in raw.values)
     logs = [read(flown(tmp_path / f"{number}.ulg", number, measured=number > 0)) for number in range(3)]
     assert ["battery_voltage" in log for log in logs] == [False, True, True]
-    assert QuadrotorInputs().tuned(samples_of(logs)).volts is None
+    assert QuadrotorInputs().fitted(samples_of(logs)).volts is None

@@ -13,7 +13,7 @@ from etude.models.config import ModelConfig
 from etude.models.data.cross_validation import fold_numbers
 from etude.models.data.fit import Folds, fit_data, in_order, rows_of, units_of
 from etude.models.model import LearnedModel
-from etude.models.selection.model_selection import Ladder, train_ladder
+from etude.models.selection.model_selection import ModelSelection, select_structures
 from etude.protocols import FitData
 from etude.types import Array, Channel, Column, Log, Samples, joined_samples
 
@@ -63,7 +63,7 @@ class Inputs:
         steps = [np.tanh(log["qd"] / self.v0)] if self.v0 else []
         return np.concatenate([log["q"], log["qd"], log["qdd"], *steps], axis=1)
 
-    def tuned(self, samples: Samples) -> Inputs:
+    def fitted(self, samples: Samples) -> Inputs:
         return self
 
     def arrays(self) -> dict[str, Array]:
@@ -174,20 +174,20 @@ def commanded(samples: Samples, command: Array) -> Samples:
     return replace(samples, log=samples.log.put(CHANNELS["command"], command))
 
 
-def ladder(
+def selection(
     samples: Samples, config: ModelConfig = SMALL, previous: LearnedModel | None = None, **changes: Any
-) -> Ladder:
+) -> ModelSelection:
     """The ladder of the robot; `changes` of inputs, physics, limit, seed."""
     inputs = changes.get("inputs", Inputs())
     physics, limit = changes.get("physics", PHYSICS), changes.get("limit", LIMIT)
     rng = np.random.default_rng(changes.get("seed", 0))
-    return train_ladder(samples, inputs, physics, limit, config, rng, previous)
+    return select_structures(samples, inputs, physics, limit, config, rng, previous)
 
 
 def train(
     samples: Samples, config: ModelConfig = SMALL, previous: LearnedModel | None = None
 ) -> LearnedModel:
-    return ladder(samples, config, previous).model
+    return selection(samples, config, previous).model
 
 
 def fit_of(

@@ -9,7 +9,7 @@ import numpy as np
 from etude.campaign.record.config import preset_config
 from etude.models.config import ModelConfig
 from etude.models.model import LearnedModel
-from etude.models.selection.model_selection import train_ladder
+from etude.models.selection.model_selection import select_structures
 from etude.types import Log, Samples, joined_samples
 from etude_arm.kind import KIND
 from etude_arm.spec import ArmSpec, Axis
@@ -43,8 +43,8 @@ def trained(config: ModelConfig = SMALL, count: int = 2) -> LearnedModel:
     """A model of that many motions."""
     samples = joined_samples([trajectory(group) for group in range(count)])
     inputs, limit = KIND.inputs(SPEC, CONFIG), KIND.limit(SPEC)
-    return train_ladder(samples, inputs, {}, limit, config, np.random.default_rng(0)).model
+    return select_structures(samples, inputs, {}, limit, config, np.random.default_rng(0)).model
 
 
-def of_rung(rung: str, **changes: object) -> ModelConfig:
-    return replace(SMALL, rung=rung, **changes)  # type: ignore[arg-type]
+def of_structure(structure: str, **changes: object) -> ModelConfig:
+    return replace(SMALL, rung=structure, **changes)  # type: ignore[arg-type]

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from learning_examples import LIMIT, NAMES, PHYSICS, SMALL, Inputs, ladder, trajectories, trajectory
+from learning_examples import LIMIT, NAMES, PHYSICS, SMALL, Inputs, selection, trajectories, trajectory
 
 from etude.errors import UsageError
 from etude.models.config import ModelConfig
@@ -23,7 +23,7 @@ from etude.models.selection.ensemble import (
     weighed,
     work_sign,
 )
-from etude.models.selection.model_selection import train_ladder
+from etude.models.selection.model_selection import select_structures
 from etude.models.selection.structures import LearnedStructure
 from etude.models.store import model_bytes, model_of
 
@@ -32,7 +32,7 @@ BOTH = replace(SMALL, candidates=("default", "gip_lin"))
 
 @pytest.fixture(scope="module")
 def averaged():
-    return ladder(trajectories(2), BOTH)
+    return selection(trajectories(2), BOTH)
 
 
 def test_weights_go_with_the_density_of_what_all_predicted() -> None:
@@ -56,7 +56,7 @@ def test_the_variance_holds_the_disagreement() -> None:
 
 def test_the_model_predicts_the_average_and_every_weight_is_worth_keeping(averaged) -> None:
     model, new = averaged.model, trajectory(9)
-    use = [c for c in model.candidates if c.rung == "gp"]
+    use = [c for c in model.candidates if c.structure == "gp"]
     assert {c.name for c in use} == {"default", "gip_lin"}
     for j in range(2):
         assert sum(c.weights[0] for c in use if c.commands == (j,)) == pytest.approx(1.0)
@@ -78,7 +78,7 @@ def test_where_no_candidate_predicted_anything_the_default_stays_in_use() -> Non
     """Of two logs one in which nothing moves: neither can be predicted from the other."""
     data = trajectories(2)
     still = replace(data, moving=data.moving & (data.group == data.group[0])[:, None])
-    model = ladder(still, BOTH).model
+    model = selection(still, BOTH).model
     assert set(model.chosen) == {"gp"}
     assert (model.prior_deviation > 0.0).all()
 
@@ -97,15 +97,15 @@ def test_a_rung_that_was_not_chosen_keeps_its_shares_and_is_stored(averaged) -> 
     for mine, theirs in zip(model.predict(new), again.predict(new), strict=True):
         np.testing.assert_array_equal(mine, theirs)
     assert [c.name for c in again.candidates] == [c.name for c in model.candidates]
-    every = model.of_rung("gp")
+    every = model.of_structure("gp")
     for one, other in zip(every.candidates, model.candidates, strict=True):
         np.testing.assert_array_equal(one.weights, share_of(other))
 
 
 def test_the_default_alone_is_what_it_was() -> None:
     data, new = trajectories(2), trajectory(9).log
-    plain = ladder(data, SMALL).model.predict(new)
-    found = ladder(data, BOTH).model
+    plain = selection(data, SMALL).model.predict(new)
+    found = selection(data, BOTH).model
     alone = replace(
         found,
         candidates=tuple(
@@ -117,7 +117,7 @@ def test_the_default_alone_is_what_it_was() -> None:
 
 
 def test_many_samples_need_no_prior_of_mechanics() -> None:
-    found = ladder(
+    found = selection(
         trajectories(2), replace(BOTH, fit_points=250, points=250, fit_spacing_s=0.0, steps=1)
     ).model
     assert {c.name for c in found.candidates} == {"default"}
@@ -185,7 +185,7 @@ def test_candidates_are_compared_by_all_that_the_default_held_out(
         qd = np.where((np.arange(len(data))[:, None] + [0, 20]) % 40 < 5, 0.0, data.log["qd"])
         data = replace(data, log=data.log.put(data.log.channels["qd"], qd), moving=qd != 0.0)
     config = replace(SMALL, candidates=("default", name), points=40, fit_points=30, steps=2)
-    train_ladder(data, inputs, {}, LIMIT, config, np.random.default_rng(0))
+    select_structures(data, inputs, {}, LIMIT, config, np.random.default_rng(0))
     assert {part.candidate.name for part, _, _ in seen} == {"default", name}
     for part, compared, told in seen:
         (j,) = part.candidate.commands

@@ -1,4 +1,4 @@
-"""What remains at rest, of every rung of the ladder and of the Lagrangian priors."""
+"""What remains at rest, of every structure of the ladder and of the Lagrangian priors."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from learning_examples import LIMIT, NAMES, PHYSICS, SMALL, Inputs, ladder, trajectories
+from learning_examples import LIMIT, NAMES, PHYSICS, SMALL, Inputs, selection, trajectories
 
 from etude.errors import UsageError
 from etude.models.data.cross_validation import fold_numbers
@@ -40,19 +40,19 @@ def together() -> LearnedModel:
 
 
 def test_of_every_rung() -> None:
-    model = ladder(SAMPLES, replace(SMALL, rung="auto")).model
-    assert len(model.rungs) >= 5
-    for rung in model.rungs:
-        own = model.of_rung(rung)
-        np.testing.assert_allclose(own.gravity(Q), resting(own), rtol=1e-9, err_msg=rung)
+    model = selection(SAMPLES, replace(SMALL, rung="auto")).model
+    assert len(model.structures) >= 5
+    for structure in model.structures:
+        own = model.of_structure(structure)
+        np.testing.assert_allclose(own.gravity(Q), resting(own), rtol=1e-9, err_msg=structure)
     identified = PHYSICS["identified"](SAMPLES)
     wanted = 8.0 * np.cos(Q[:, 0]) + 1.2 * np.cos(Q.sum(axis=1))
-    found = model.of_rung("identified").gravity(Q)[:, 0]
+    found = model.of_structure("identified").gravity(Q)[:, 0]
     np.testing.assert_allclose(found, wanted + identified.weights[2, 0], atol=0.5)
 
 
 def test_of_a_lagrangian_prior_for_each_command() -> None:
-    model = ladder(SAMPLES, replace(SMALL, kernel="gip_lin")).model
+    model = selection(SAMPLES, replace(SMALL, kernel="gip_lin")).model
     np.testing.assert_allclose(model.gravity(Q), resting(model), rtol=1e-9)
     wanted = 8.0 * np.cos(Q[:, 0]) + 1.2 * np.cos(Q.sum(axis=1)) + 0.5 * np.sin(8.0 * Q[:, 0])
     assert np.std(model.gravity(Q)[:, 0] - wanted) < 0.5 * np.std(wanted)
@@ -92,6 +92,6 @@ def test_poses_that_are_none_are_refused(together) -> None:
 
 def test_plain_arrays_of_a_moving_robot_are_taken_at_rest_too() -> None:
     """qd and qdd are rates of q by their names."""
-    model = ladder(SAMPLES, replace(SMALL, rung="auto")).model
+    model = selection(SAMPLES, replace(SMALL, rung="auto")).model
     moving = {"q": Q, "qd": np.sin(Q), "qdd": 3.0 * np.cos(Q)}
     np.testing.assert_allclose(model.static(moving), model.gravity(Q), rtol=1e-9)

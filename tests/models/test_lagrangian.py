@@ -66,15 +66,15 @@ class TestSuiteOfTheLastJoint(KernelSuite):
 @pytest.mark.parametrize("k", [0, 1])
 def test_reference_values_and_gradients_in_the_inputs(k: int) -> None:
     kernel = Lagrangian(TURNING, k)
-    value, pull = kernel.cross(ALONE[k], X, Z)
+    value, vjp = kernel.cross(ALONE[k], X, Z)
     assert value[0, 0] == pytest.approx(VALUES[k, k], rel=1e-11)
     assert kernel.diagonal(ALONE[k], X)[0] == pytest.approx(AT_X[k, k], rel=1e-12)
-    np.testing.assert_allclose(pull(np.ones((1, 1)))[0], IN_X[k], rtol=2e-10)
+    np.testing.assert_allclose(vjp(np.ones((1, 1)))[0], IN_X[k], rtol=2e-10)
 
 
 def test_reference_gradient_in_the_hyperparameters() -> None:
-    pull = Lagrangian(TURNING, 0).gram(THETA, np.vstack([X, Z]))[1]
-    np.testing.assert_allclose(pull(np.array([[0.0, 0.0], [1.0, 0.0]])), IN_THETA, rtol=2e-10)
+    vjp = Lagrangian(TURNING, 0).gram(THETA, np.vstack([X, Z]))[1]
+    np.testing.assert_allclose(vjp(np.array([[0.0, 0.0], [1.0, 0.0]])), IN_THETA, rtol=2e-10)
 
 
 def test_reference_values_with_a_slide() -> None:
@@ -102,12 +102,12 @@ def test_strips_and_their_ends_hold_the_same_numbers() -> None:
     own, rng = joints(3, slides=(2,)), np.random.default_rng(1)
     kernel, theta = alone(own, random_parameters(own), 1)
     inputs, G = rng.normal(size=(67, 9)), rng.normal(size=(67, 67))
-    whole, pull = kernel.cross(theta, inputs, inputs)
+    whole, vjp = kernel.cross(theta, inputs, inputs)
     one = np.array([[kernel.value(theta, x[None], z[None])[0, 0] for z in inputs[60:]] for x in inputs[:5]])
     np.testing.assert_allclose(whole[:5, 60:], one, rtol=1e-11, atol=1e-13)
     np.testing.assert_allclose(kernel.gram(theta, inputs)[0], whole, rtol=1e-11, atol=1e-13)
     apart = sum(kernel.input_gradient(theta, inputs, inputs[i : i + 1], G[:, i : i + 1]) for i in range(67))
-    np.testing.assert_allclose(pull(G), apart, rtol=1e-10, atol=1e-11)
+    np.testing.assert_allclose(vjp(G), apart, rtol=1e-10, atol=1e-11)
 
 
 def test_factors_that_vanish_do_no_harm() -> None:

@@ -70,7 +70,7 @@ def test_what_was_left_out_comes_back_and_damage_is_told(tmp_path: Path) -> None
     again = read_residuals(path)
     for name in ("rows", "group", "error", "variance", "physics"):
         np.testing.assert_array_equal(getattr(again, name), getattr(kept, name))
-    assert again.rung == "linear"
+    assert again.structure == "linear"
     assert again.to_bytes() == kept.to_bytes()
     path.write_bytes(path.read_bytes()[:-9])
     with pytest.raises(DataError, match="cannot be read"):

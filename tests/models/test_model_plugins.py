@@ -49,14 +49,14 @@ class Mine:
         return self.own.initial(half_range, scale)
 
     def gram(self, theta, X):
-        K, pull = self.own.gram(theta, X)
+        K, vjp = self.own.gram(theta, X)
         if self.fault == "nan":
             K = K * np.nan
         if self.fault == "shape":
             K = K[:-1]
         if self.fault == "asymmetric":
             K = K + np.diag(np.ones(len(K)))
-        return K if self.fault == "pair" else (K, pull)
+        return K if self.fault == "pair" else (K, vjp)
 
     def cross(self, theta, X, Z):
         if self.fault == "fails":
@@ -232,10 +232,10 @@ class Wrong:
 
 
 def test_broken_physics_are_named() -> None:
-    from learning_examples import ladder
+    from learning_examples import selection
 
     with pytest.raises(UsageError, match="identified physics gives no numbers, or shape"):
-        ladder(trajectories(2), replace(SMALL, rung="identified"), physics={"identified": Wrong()})
+        selection(trajectories(2), replace(SMALL, rung="identified"), physics={"identified": Wrong()})
 
 
 def test_a_plugin_that_is_gone_is_said_when_a_model_is_read(tmp_path, monkeypatch) -> None:

@@ -1,4 +1,4 @@
-"""The ladder: its rungs, what is held out, what is chosen, and that order and repetition do not matter."""
+"""Model selection: structures, what is held out, what is chosen; order and repetition do not matter."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ from learning_examples import (
     TOGETHER,
     Inputs,
     commanded,
-    ladder,
     posteriors,
+    selection,
     train,
     trajectories,
     trajectory,
 )
 
 from etude.errors import DataError, UsageError
-from etude.models.config import RUNGS, ModelConfig
+from etude.models.config import STRUCTURES, ModelConfig
 from etude.models.gp.exact import ExactGP
 from etude.models.gp.shared_exact import condition_shared
 from etude.models.score import prediction_score
@@ -41,7 +41,7 @@ def data() -> Samples:
 
 @pytest.fixture(scope="module")
 def full(data):
-    return ladder(data, AUTO)
+    return selection(data, AUTO)
 
 
 def same(mine, theirs) -> None:
@@ -58,14 +58,14 @@ def test_a_new_motion_is_predicted_with_honest_variances(config: ModelConfig, da
     assert np.all(result.coverage > 0.85)
 
 
-@pytest.mark.parametrize("rung", RUNGS)
+@pytest.mark.parametrize("structure", STRUCTURES)
 @BOTH
-def test_every_rung_can_be_asked_for_by_name(rung: str, config: ModelConfig, data) -> None:
-    model = train(data, replace(config, rung=rung))
+def test_every_rung_can_be_asked_for_by_name(structure: str, config: ModelConfig, data) -> None:
+    model = train(data, replace(config, rung=structure))
     mean, variance = model.posterior(trajectory(9).log)
     told, seen = model.predict(data.log).mean, model.posterior(data.log)[0]
     np.testing.assert_allclose(told, seen, atol=0.01 * np.ptp(data.command))  # trusted where it was trained
-    assert model.chosen == (rung, rung)
+    assert model.chosen == (structure, structure)
     assert np.isfinite(mean).all()
     assert (variance > 0.0).all()
     assert (model.prior_deviation > 0.0).all()
@@ -75,8 +75,8 @@ def test_every_rung_can_be_asked_for_by_name(rung: str, config: ModelConfig, dat
 
 def test_physics_helps_and_the_process_learns_what_it_lacks(full) -> None:
     new = trajectory(9)
-    means = {rung: full.model.of_rung(rung).mean(new.log) for rung in full.errors}
-    error = {rung: np.mean((mean - new.command)[new.moving] ** 2) for rung, mean in means.items()}
+    means = {structure: full.model.of_structure(structure).mean(new.log) for structure in full.errors}
+    error = {structure: np.mean((mean - new.command)[new.moving] ** 2) for structure, mean in means.items()}
     ripple = 0.5**2 / 2 + NOISE**2
     assert error["identified"] < 2.0 * ripple
     assert error["identified+gp"] < ripple
@@ -86,22 +86,24 @@ def test_physics_helps_and_the_process_learns_what_it_lacks(full) -> None:
 
 
 def test_without_physics_process_and_linear_regression_compete(data) -> None:
-    found = ladder(data, AUTO, physics={})
+    found = selection(data, AUTO, physics={})
     assert set(found.errors) == {"gp", "linear"}
     assert found.chosen == ("gp", "gp")
     assert found.model.warnings == ()
-    assert set(OFFERED) < set(RUNGS)
+    assert set(OFFERED) < set(STRUCTURES)
     with pytest.raises(UsageError, match="no identified physics"):
-        ladder(data, replace(SMALL, rung="identified"), physics={})
+        selection(data, replace(SMALL, rung="identified"), physics={})
 
 
-@pytest.mark.parametrize("rung", ["gp", "identified+gp"])
+@pytest.mark.parametrize("structure", ["gp", "identified+gp"])
 @BOTH
-def test_held_out_is_conditioning_without_the_fold_and_its_physics(rung, config, data) -> None:
-    found = ladder(data, replace(config, rung=rung))
-    held, model = found.held_out[rung], found.model
+def test_held_out_is_conditioning_without_the_fold_and_its_physics(structure, config, data) -> None:
+    found = selection(data, replace(config, rung=structure))
+    held, model = found.held_out[structure], found.model
     own, rest = data.group == 1, data.group != 1
-    mean = PHYSICS["identified"](data.take(rest)).predict(data.log) if rung != "gp" else 0.0 * data.command
+    mean = (
+        PHYSICS["identified"](data.take(rest)).predict(data.log) if structure != "gp" else 0.0 * data.command
+    )
     X = Inputs().of_log(data.log)
     for candidate in [c for c in model.candidates if c.weights.any()]:
         group = list(candidate.commands)
@@ -118,10 +120,10 @@ def test_held_out_is_conditioning_without_the_fold_and_its_physics(rung, config,
 
 def test_linear_regression_and_physics_never_see_what_they_are_scored_on(data, full) -> None:
     spoiled = commanded(data, data.command + 100.0 * (data.group == 1)[:, None])
-    again = ladder(spoiled, AUTO)
+    again = selection(spoiled, AUTO)
     own = data.group == 1
-    for rung in ("linear", "identified"):
-        before, after = full.held_out[rung].error[own], again.held_out[rung].error[own]
+    for structure in ("linear", "identified"):
+        before, after = full.held_out[structure].error[own], again.held_out[structure].error[own]
         kept = np.isfinite(before) & np.isfinite(after)
         np.testing.assert_allclose(after[kept], before[kept] + 100.0, rtol=1e-9)
 
@@ -132,7 +134,7 @@ def test_variances_are_multiplied_by_what_held_out_motion_shows_and_never_shrunk
     data = trajectories(4)
     jump = commanded(data, data.command + np.where(data.group % 2 == 0, 6.0, -6.0)[:, None])
     for own in (data, jump):
-        found = ladder(own, config)
+        found = selection(own, config)
         held = found.held_out["gp"]
         kept = np.isfinite(held.error)
         z2 = [np.mean(held.error[k, j] ** 2 / held.variance[k, j]) for j, k in enumerate(kept.T)]
@@ -154,9 +156,9 @@ def test_what_the_masks_hide_changes_nothing(data) -> None:
     for config in (SMALL, replace(SMALL, rung="identified+gp"), TOGETHER):
         same(train(spoiled, config).predict(new), train(data, config).predict(new))
     unusable = replace(spoiled, usable=data.moving)
-    for rung in ("linear", "linear+gp"):
-        once = train(replace(data, usable=data.moving), replace(SMALL, rung=rung)).predict(new)
-        same(train(unusable, replace(SMALL, rung=rung)).predict(new), once)
+    for structure in ("linear", "linear+gp"):
+        once = train(replace(data, usable=data.moving), replace(SMALL, rung=structure)).predict(new)
+        same(train(unusable, replace(SMALL, rung=structure)).predict(new), once)
 
 
 @BOTH
@@ -172,7 +174,7 @@ def test_order_of_telling_and_telling_twice_change_nothing(config, data) -> None
 
 @BOTH
 def test_the_unit_of_the_command_does_not_matter(config, data) -> None:
-    found = ladder(commanded(data, 1000.0 * data.command), config, limit=1000.0 * LIMIT).model
+    found = selection(commanded(data, 1000.0 * data.command), config, limit=1000.0 * LIMIT).model
     new, model = trajectory(9).log, train(data, config)
     (mean, variance), (scaled, spread) = model.predict(new), found.predict(new)
     np.testing.assert_allclose(scaled / 1000.0, mean, rtol=1e-3, atol=1e-2)
@@ -182,32 +184,39 @@ def test_the_unit_of_the_command_does_not_matter(config, data) -> None:
 def test_prequential_scores_are_of_motion_that_no_rung_has_seen(full) -> None:
     new = trajectory(3)
     scores = prequential(full.model, new, trajectories(3))
-    assert set(scores) == set(full.model.rungs)
-    expected = prediction_score(new, *full.model.of_rung("gp").predict(new.log), trajectories(3))
+    assert set(scores) == set(full.model.structures)
+    expected = prediction_score(new, *full.model.of_structure("gp").predict(new.log), trajectories(3))
     np.testing.assert_array_equal(scores["gp"].nmse, expected.nmse)
     assert (scores["gp"].msll < -1.0).all()
-    with pytest.raises(UsageError, match="no rung 'nothing'"):
-        full.model.of_rung("nothing")
+    with pytest.raises(UsageError, match="no structure 'nothing'"):
+        full.model.of_structure("nothing")
 
 
 def test_training_goes_on_from_the_rungs_of_the_last_model(data, full) -> None:
-    again = ladder(trajectories(4), replace(AUTO, steps=0), full.model)
-    for rung in ("gp", "identified+gp"):
-        pairs = zip(posteriors(full.model.of_rung(rung)), posteriors(again.model.of_rung(rung)), strict=True)
+    again = selection(trajectories(4), replace(AUTO, steps=0), full.model)
+    for structure in ("gp", "identified+gp"):
+        pairs = zip(
+            posteriors(full.model.of_structure(structure)),
+            posteriors(again.model.of_structure(structure)),
+            strict=True,
+        )
         for old, new in pairs:
             np.testing.assert_array_equal(new.theta, old.theta)
             assert new.noise_variance == pytest.approx(old.noise_variance, rel=1e-3)
-    other = ladder(trajectories(4), replace(AUTO, steps=0, kernel="ard_se"), full.model)
-    assert posteriors(other.model.of_rung("gp"))[0].kernel != posteriors(full.model.of_rung("gp"))[0].kernel
+    other = selection(trajectories(4), replace(AUTO, steps=0, kernel="ard_se"), full.model)
+    assert (
+        posteriors(other.model.of_structure("gp"))[0].kernel
+        != posteriors(full.model.of_structure("gp"))[0].kernel
+    )
 
 
 def test_one_trajectory_keeps_physics_where_a_process_is_not_surely_better(full) -> None:
-    one = ladder(trajectory(0), replace(AUTO, process_from=2))
+    one = selection(trajectory(0), replace(AUTO, process_from=2))
     assert set(one.chosen) == {"identified"}
     assert not one.model.calibrated
-    loose = ladder(trajectory(0), AUTO)
+    loose = selection(trajectory(0), AUTO)
     assert set(loose.chosen) <= {"identified", "identified+gp", "gp"}
-    tiny = ladder(trajectory(0, seconds=3.0), AUTO)
+    tiny = selection(trajectory(0, seconds=3.0), AUTO)
     assert np.isfinite(tiny.model.predict(full.model.inputs and trajectory(9).log)[0]).all()
 
 
@@ -235,7 +244,7 @@ def test_several_starts_are_no_less_likely(data) -> None:
 
 
 def test_student_t_is_fitted_to_the_held_out_errors(data) -> None:
-    found = ladder(data, replace(TOGETHER, student_t=True))
+    found = selection(data, replace(TOGETHER, student_t=True))
     assert found.model.student is not None
     assert 0.3 < found.model.student.scale < 2.0
     assert train(data).student is None
@@ -245,8 +254,8 @@ def test_student_t_is_fitted_to_the_held_out_errors(data) -> None:
 def test_a_command_that_never_changes_stays(config, data) -> None:
     command = data.command.copy()
     command[:, 1] = 0.25
-    for rung in ("auto", "gp"):
-        model = train(commanded(data, command), replace(config, rung=rung))
+    for structure in ("auto", "gp"):
+        model = train(commanded(data, command), replace(config, rung=structure))
         mean, variance = model.predict(trajectory(9).log)
         np.testing.assert_allclose(mean[:, 1], 0.25, atol=1e-9)
         assert (variance > 0.0).all()
@@ -256,24 +265,26 @@ def test_static_is_the_part_at_rest_and_safe_the_part_of_physics(full) -> None:
     new = trajectory(9).log
     still = replace(new, values={**new.values, "qd": 0.0 * new["qd"], "qdd": 0.0 * new["qdd"]})
     physics = PHYSICS["identified"](trajectories(3))
-    model = full.model.of_rung("identified")
+    model = full.model.of_structure("identified")
     np.testing.assert_allclose(model.static(new), physics.predict(still), rtol=1e-9)
     np.testing.assert_allclose(model.safe(new), physics.predict(new), rtol=1e-9)
-    gp = full.model.of_rung("gp")
+    gp = full.model.of_structure("gp")
     np.testing.assert_allclose(gp.static(new), gp.mean(still), rtol=1e-9)
     np.testing.assert_allclose(gp.safe(new), physics.predict(new), rtol=1e-9)  # those learned beside it
-    gp = replace(gp, candidates=tuple(c for c in gp.candidates if c.rung == "gp"))
+    gp = replace(gp, candidates=tuple(c for c in gp.candidates if c.structure == "gp"))
     levels = gp.safe(new)
     assert np.all(levels == levels[0])  # without physics a level, between 0 and the mean of training
-    offset = np.concatenate([c.units[0] for c in gp.candidates if c.rung == "gp"])
+    offset = np.concatenate([c.units[0] for c in gp.candidates if c.structure == "gp"])
     assert np.all((levels[0] / offset > 0.0) & (levels[0] / offset < 1.0))
-    np.testing.assert_allclose(full.model.of_rung("identified+gp").safe(new), physics.predict(new), rtol=1e-9)
+    np.testing.assert_allclose(
+        full.model.of_structure("identified+gp").safe(new), physics.predict(new), rtol=1e-9
+    )
 
 
 def test_an_axis_that_moved_in_one_trajectory_only_cannot_be_held_out(data) -> None:
     moving = data.moving.copy()
     moving[data.group != 1, 1] = False
-    found = ladder(replace(data, moving=moving), AUTO)
+    found = selection(replace(data, moving=moving), AUTO)
     assert np.isnan(found.errors["gp"][1])
     assert np.isfinite(found.errors["gp"][0])
     assert np.isfinite(found.model.predict(trajectory(9).log)[1]).all()
@@ -282,23 +293,23 @@ def test_an_axis_that_moved_in_one_trajectory_only_cannot_be_held_out(data) -> N
 
 def test_what_cannot_be_trained_is_refused(data) -> None:
     with pytest.raises(DataError, match="hardly moves"):
-        ladder(replace(data, moving=np.zeros_like(data.moving)))
+        selection(replace(data, moving=np.zeros_like(data.moving)))
     with pytest.raises(UsageError, match="2 commands, the robot's limits"):
-        ladder(data, limit=np.ones(3))
+        selection(data, limit=np.ones(3))
     with pytest.raises(DataError, match="no sample"):
-        ladder(data.take(np.zeros(len(data), dtype=bool)))
+        selection(data.take(np.zeros(len(data), dtype=bool)))
     with pytest.raises(DataError, match="NaN"):
-        ladder(commanded(data, data.command * np.nan))
+        selection(commanded(data, data.command * np.nan))
     with pytest.raises(DataError, match="lack an input"):
-        ladder(replace(data, log=data.log.without("qdd")))
+        selection(replace(data, log=data.log.without("qdd")))
     with pytest.raises(UsageError, match="needs the command's own position and its friction"):
-        ladder(data, inputs=Inputs(v0=0.0))
+        selection(data, inputs=Inputs(v0=0.0))
 
 
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"rung": "magic"}, "rung must be one of"),
+        ({"rung": "magic"}, "structure must be one of"),
         ({"choose_by": "luck"}, "choose_by must be one of"),
         ({"kernel": "rbf"}, "kernel must be one of"),
         ({"process": "magic"}, "process must be one of exact, fitc"),

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from online_examples import CHANNELS, LIMITS, of_rung, trained
+from online_examples import CHANNELS, LIMITS, of_structure, trained
 
 from etude.errors import DataError, UsageError
 from etude.models.model import LearnedModel
@@ -298,7 +298,7 @@ def test_a_command_on_no_coordinate_is_judged_by_what_the_controller_says() -> N
 
 
 def trained_once() -> LearnedModel:
-    return trained(of_rung("gp"), count=1)
+    return trained(of_structure("gp"), count=1)
 
 
 def test_ranges_name_the_channel_and_a_step_is_impossible_once() -> None:

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from online_examples import CHANNELS, LIMITS, SMALL, SPEC, of_rung, trained
+from online_examples import CHANNELS, LIMITS, SMALL, SPEC, of_structure, trained
 
 from etude.errors import DataError, UsageError
 from etude.models.model import LearnedModel
@@ -218,9 +218,9 @@ def test_a_rate_that_is_measured_is_not_made_again(model) -> None:
 
 def test_physics_alone_are_what_a_learner_beside_them_is_held_against(model) -> None:
     """The regression drives; the process beside it learns, and is no part of the frozen model."""
-    whole = trained(of_rung("linear"))
+    whole = trained(of_structure("linear"))
     assert set(whole.chosen) == {"linear"}
-    assert set(whole.rungs) == {"linear", "linear+gp"}
+    assert set(whole.structures) == {"linear", "linear+gp"}
     online = started(whole)
     np.testing.assert_allclose(online.command(3.0, planned(3.0))[0], frozen(whole, 3.0))
     x, _ = whole.inputs.step(planned(3.0), None)
@@ -233,7 +233,7 @@ def test_physics_alone_are_what_a_learner_beside_them_is_held_against(model) -> 
 
 def test_models_that_cannot_go_on_and_other_limits_are_refused(model) -> None:
     with pytest.raises(UsageError, match="process = 'exact' or a dictionary"):
-        started(trained(of_rung("gp", process="vfe", basis=15, steps=2), count=1))
+        started(trained(of_structure("gp", process="vfe", basis=15, steps=2), count=1))
     limits = (-np.ones(3), np.ones(3))
     with pytest.raises(UsageError, match="the model has 2 commands"):
         OnlineModel(model, SPEC.channels(), None, limits, CONFIG, RATE, np.random.default_rng(0))

@@ -14,8 +14,8 @@ from learning_examples import (
     TOGETHER,
     Inputs,
     fit_of,
-    ladder,
     posteriors,
+    selection,
     train,
 )
 from learning_examples import trajectories as longer
@@ -159,7 +159,7 @@ def test_update_carries_the_spectral_points_and_reinitialise_draws_them(name, fi
         np.testing.assert_array_equal(now.theta, old.theta)
         assert now.points.shape == (12, old.points.shape[1])
     config = replace(ML, process=name, steps=0, schedule="reinitialise")
-    anew = ladder(trajectories(3), config, firsts[name], seed=5).model
+    anew = selection(trajectories(3), config, firsts[name], seed=5).model
     assert np.abs(posteriors(anew)[0].points - before[0].points).max() > 0.1
 
 

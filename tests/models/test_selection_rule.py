@@ -7,11 +7,11 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from learning_examples import PHYSICS, SMALL, commanded, ladder, trajectories, trajectory
+from learning_examples import PHYSICS, SMALL, commanded, selection, trajectories, trajectory
 
 from etude.codes import Warn
 from etude.models.selection.linear import linear_inputs, linear_weights
-from etude.models.selection.model_selection import Ladder
+from etude.models.selection.model_selection import ModelSelection
 from etude.models.selection.selection_rule import _choice, _reference
 from etude.types import Samples, joined_samples
 
@@ -36,11 +36,11 @@ def drifting(count: int = 3, beyond: float = 0.0, size: float = 1.0) -> Samples:
     return joined_samples(parts)
 
 
-def chosen(data: Samples, config=AUTO) -> Ladder:
-    return ladder(data, config, physics={})
+def chosen(data: Samples, config=AUTO) -> ModelSelection:
+    return selection(data, config, physics={})
 
 
-def ratios(found: Ladder, data: Samples, test: Samples) -> np.ndarray:
+def ratios(found: ModelSelection, data: Samples, test: Samples) -> np.ndarray:
     """Squared error over that of linear regression, per command."""
     inputs = found.model.inputs
     L, at = (linear_inputs(inputs, inputs.of_log(own.log)) for own in (data, test))
@@ -112,21 +112,21 @@ def test_each_command_has_the_rung_that_is_best_for_it() -> None:
     exact = PHYSICS["identified"](data).predict(data.log)
     noise = 0.2 * np.random.default_rng(0).normal(size=len(data))
     mixed = commanded(data, np.column_stack([exact[:, 0] + noise, data.command[:, 1]]))
-    found = ladder(mixed, AUTO)
+    found = selection(mixed, AUTO)
     assert found.chosen == ("identified", "identified+gp")
     new = trajectory(9)
-    for j, rung in enumerate(found.chosen):
-        expected = found.model.of_rung(rung).predict(new.log)
+    for j, structure in enumerate(found.chosen):
+        expected = found.model.of_structure(structure).predict(new.log)
         for mine, theirs in zip(found.model.predict(new.log), expected, strict=True):
             np.testing.assert_array_equal(mine[:, j], theirs[:, j])
 
 
 def test_the_choice_is_no_worse_than_the_best_for_all_commands_together() -> None:
-    found = ladder(trajectories(3), AUTO)
-    chosen_error = sum(found.errors[rung][j] for j, rung in enumerate(found.chosen))
+    found = selection(trajectories(3), AUTO)
+    chosen_error = sum(found.errors[structure][j] for j, structure in enumerate(found.chosen))
     spread = trajectories(3).command.var(axis=0)
     best = min(float(np.mean(error / spread)) for error in found.errors.values())
-    own = np.mean([found.errors[rung][j] / spread[j] for j, rung in enumerate(found.chosen)])
+    own = np.mean([found.errors[structure][j] / spread[j] for j, structure in enumerate(found.chosen)])
     assert own <= best + 1e-12
     assert np.isfinite(chosen_error)
 
@@ -147,13 +147,13 @@ def test_every_asks_for_a_win_on_each_held_out_motion() -> None:
 
 def test_physics_stand_until_a_rung_wins_everywhere() -> None:
     trained = [["identified", "identified+gp", "gp"]] * 2
-    for worst, rung in ((0.9, "identified+gp"), (1.1, "identified")):
+    for worst, structure in ((0.9, "identified+gp"), (1.1, "identified")):
         votes = {
             "identified": np.ones((3, 2)),
             "identified+gp": np.array([[0.2, 0.3], [0.2, 0.3], [worst, worst]]),
             "gp": np.array([[0.1, 0.1], [0.1, 0.1], [3.0, 3.0]]),
         }
         config = replace(AUTO, replace="every")
-        assert _reference(SimpleNamespace(config=config, trajectories=3), trained, votes) == rung  # type: ignore[arg-type]
+        assert _reference(SimpleNamespace(config=config, trajectories=3), trained, votes) == structure  # type: ignore[arg-type]
     best = _reference(SimpleNamespace(config=AUTO, trajectories=3), trained, votes)  # type: ignore[arg-type]
     assert best == "identified+gp"

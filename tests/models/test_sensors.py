@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from etude.models.change.diagnosis import SLOW, STUCK_S, Cause, ExpectedCommands, cause, stuck
-from etude.models.change.evidence import block_sizes, manner
+from etude.models.change.diagnosis import FROZEN_S, SLOW, Cause, ExpectedCommands, cause, stuck
+from etude.models.change.evidence import block_sizes, drift_onset
 from etude.types import Array, Channel, Log, Samples
 
 RNG = np.random.default_rng(4)
@@ -89,7 +89,7 @@ class TestStuck:
         assert found is not None
         assert found[0] == 2
         # a joint that turns round stands for a sample, and the count begins again
-        assert STUCK_S <= T[found[1]] - T[100] <= 2.0 * STUCK_S
+        assert FROZEN_S <= T[found[1]] - T[100] <= 2.0 * FROZEN_S
 
     def test_a_short_hold_is_not(self) -> None:
         held = command(Q)
@@ -102,7 +102,7 @@ class TestStuck:
         found = stuck(samples(command(Q), held, Q))
         assert found is not None
         assert found[0] == 0
-        assert T[found[1]] >= T[150] + STUCK_S
+        assert T[found[1]] >= T[150] + FROZEN_S
         assert stuck(samples(command(Q), held, held)) is None
         assert stuck(samples(command(Q), held)) is None
 
@@ -115,12 +115,12 @@ class TestManner:
 
     @pytest.mark.parametrize("seed", range(5))
     def test_a_step_is_no_drift_and_a_ramp_is_no_step(self, seed: int) -> None:
-        assert manner(self.logs(np.array([1.0, 1.0, 5.0, 5.0]), seed)) == "at once"
-        assert manner(self.logs(np.array([1.2, 2.3, 3.4, 4.5, 5.6]), seed)) == "little by little"
-        assert manner(self.logs(np.array([5.6, 4.5, 3.4, 2.3, 1.2]), seed)) == "at once"
+        assert drift_onset(self.logs(np.array([1.0, 1.0, 5.0, 5.0]), seed)) == "at once"
+        assert drift_onset(self.logs(np.array([1.2, 2.3, 3.4, 4.5, 5.6]), seed)) == "little by little"
+        assert drift_onset(self.logs(np.array([5.6, 4.5, 3.4, 2.3, 1.2]), seed)) == "at once"
 
     def test_two_logs_tell_nothing(self) -> None:
-        assert manner(self.logs(np.array([1.0, 5.0]), 0)) == "cannot tell"
+        assert drift_onset(self.logs(np.array([1.0, 5.0]), 0)) == "cannot tell"
 
     def test_blocks_of_ten_seconds(self) -> None:
         t = np.arange(0.0, 25.0, 1.0)

@@ -28,7 +28,7 @@ X = np.abs(np.random.default_rng(0).normal(size=(6, 2)))
 
 
 def test_it_is_on_the_diagonal_alone() -> None:
-    K, pull = KERNEL.gram(THETA, X)
+    K, vjp = KERNEL.gram(THETA, X)
     expected = np.exp(0.8) * X[:, 1] ** 2
     np.testing.assert_allclose(K, np.diag(expected))
     np.testing.assert_allclose(KERNEL.diagonal(THETA, X), expected)
@@ -36,7 +36,7 @@ def test_it_is_on_the_diagonal_alone() -> None:
     G = np.random.default_rng(1).normal(size=(6, 6))
     step = 1e-6
     ends = [np.sum(G * KERNEL.gram(THETA + s, X)[0]) for s in (step, -step)]
-    np.testing.assert_allclose(pull(G), (ends[0] - ends[1]) / (2.0 * step), rtol=1e-7)
+    np.testing.assert_allclose(vjp(G), (ends[0] - ends[1]) / (2.0 * step), rtol=1e-7)
     g, bent = G[0], X.copy()
     bent[2, 1] += step
     slope = (g @ (KERNEL.diagonal(THETA, bent) - KERNEL.diagonal(THETA, X))) / step

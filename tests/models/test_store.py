@@ -10,10 +10,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from learning_examples import PHYSICS, SMALL, TOGETHER, Inputs, ladder, train, trajectories, trajectory
+from learning_examples import PHYSICS, SMALL, TOGETHER, Inputs, selection, train, trajectories, trajectory
 
 from etude.errors import DataError
-from etude.models.config import RUNGS, ModelConfig
+from etude.models.config import STRUCTURES, ModelConfig
 from etude.models.model import LearnedModel
 from etude.models.store import WORDS, load_model, model_bytes, save_model
 
@@ -36,13 +36,13 @@ def same(mine: LearnedModel, other: LearnedModel) -> None:
 
 @pytest.fixture(scope="module")
 def full() -> LearnedModel:
-    return ladder(trajectories(2), AUTO).model
+    return selection(trajectories(2), AUTO).model
 
 
-@pytest.mark.parametrize("rung", RUNGS)
+@pytest.mark.parametrize("structure", STRUCTURES)
 @pytest.mark.parametrize("config", [SMALL, TOGETHER], ids=["separate", "together"])
-def test_a_stored_model_predicts_the_same_bits(rung: str, config: ModelConfig, tmp_path) -> None:
-    model = train(trajectories(2), replace(config, rung=rung, steps=4))
+def test_a_stored_model_predicts_the_same_bits(structure: str, config: ModelConfig, tmp_path) -> None:
+    model = train(trajectories(2), replace(config, rung=structure, steps=4))
     save_model(tmp_path / "model.npz", model)
     same(loaded(tmp_path / "model.npz"), model)
 
@@ -50,15 +50,15 @@ def test_a_stored_model_predicts_the_same_bits(rung: str, config: ModelConfig, t
 def test_every_rung_comes_back_with_all_that_is_known(full, tmp_path) -> None:
     save_model(tmp_path / "model.npz", full)
     again = loaded(tmp_path / "model.npz")
-    assert again.rungs == full.rungs
+    assert again.structures == full.structures
     assert again.chosen == full.chosen
     assert (again.commands, again.calibrated, again.student) == (full.commands, full.calibrated, full.student)
     assert (again.warnings, again.member) == (full.warnings, full.member)
     assert again.inputs == full.inputs
     np.testing.assert_array_equal(again.worth(), full.worth())
     np.testing.assert_array_equal(again.ranges, full.ranges)
-    for rung in full.rungs:
-        same(again.of_rung(rung), full.of_rung(rung))
+    for structure in full.structures:
+        same(again.of_structure(structure), full.of_structure(structure))
     assert [own for _, own in again.latents()] == [own for _, own in full.latents()]
 
 
@@ -66,17 +66,17 @@ def test_storing_twice_gives_the_same_bytes_and_shared_arrays_are_there_once(ful
     data = model_bytes(full)
     save_model(tmp_path / "model.npz", full)
     assert model_bytes(loaded(tmp_path / "model.npz")) == data
-    together = model_bytes(ladder(trajectories(2), replace(TOGETHER, rung="auto")).model)
+    together = model_bytes(selection(trajectories(2), replace(TOGETHER, rung="auto")).model)
     with np.load(io.BytesIO(together)) as file:
         inputs = [name for name in file if file[name].shape == (SMALL.points, 8)]
-        assert len(inputs) == 1  # two commands, two rungs, two forms without a process: one X
+        assert len(inputs) == 1  # two commands, two structures, two forms without a process: one X
     assert len(together) < len(data)
 
 
 def test_training_goes_on_from_a_stored_model_as_from_the_one_in_memory(full, tmp_path) -> None:
     save_model(tmp_path / "model.npz", full)
     kept, stored = (
-        ladder(trajectories(3), AUTO, start).model for start in (full, loaded(tmp_path / "model.npz"))
+        selection(trajectories(3), AUTO, start).model for start in (full, loaded(tmp_path / "model.npz"))
     )
     same(stored, kept)
 

@@ -30,7 +30,7 @@ from etude.report.scene import Path as Flown
 from etude.report.scene import SceneBox, project, room_of, scene
 from etude.report.sections import paths
 from etude.report.sections.paths import DRAWING, Gone, equal_limits, shades
-from etude.report.sections.prediction import Z95, Forecast, forecast, newest_forecast
+from etude.report.sections.prediction import Z95, ExpectedError, expected_error, newest_expected_error
 from etude.storage import sha256_of
 from etude.types import Channel, Log, Samples
 
@@ -132,7 +132,7 @@ def test_two_flights_are_not_calibrated_and_the_page_says_so(page: Page) -> None
 
 def test_the_band_that_is_drawn_is_counted_right(flown: Path, page: Page) -> None:
     record = read_record(flown)
-    found = newest_forecast(record)
+    found = newest_expected_error(record)
     assert found is not None
     assert f"after round {ROUNDS}" in found[0]
     said = found[1]
@@ -157,9 +157,9 @@ def test_no_flight_is_coloured_by_a_model_that_had_learned_it(
         models[id(model)] = (number_, model)
         return model
 
-    def noted(record: object, model: object, log: Log) -> Forecast:
+    def noted(record: object, model: object, log: Log) -> ExpectedError:
         said.append((models[id(model)][0], log.source))
-        return forecast(record, model, log)  # type: ignore[arg-type]
+        return expected_error(record, model, log)  # type: ignore[arg-type]
 
     monkeypatch.setattr(type(record), "model", remembered)
     monkeypatch.setattr(paths, "forecast", noted)
@@ -178,7 +178,7 @@ def test_bright_is_where_the_deviation_is_large() -> None:
     every = np.ones((50, 1), dtype=np.bool_)
     samples = Samples(log, np.zeros(50, dtype=np.int64), every, every)
     deviation = np.where(t < 5.0, 0.01, 0.1)[:, None]
-    said = Forecast(samples, np.zeros((50, 1)), deviation, place)
+    said = ExpectedError(samples, np.zeros((50, 1)), deviation, place)
     source = paths._scene(Gone("f", Flown(t, place), said), ROOM, (0.01, 0.1), "V")
     strokes = re.findall(r"stroke:(#\w{6})", source)
     rgb = np.array([[int(s[i : i + 2], 16) for i in (1, 3, 5)] for s in strokes], dtype=float)
@@ -259,7 +259,7 @@ def test_every_proof_of_every_certificate_is_in_the_page(flown: Path, page: Page
         for row in certificate["rows"]:
             words = f"{row['proved_lower']:.4g} … {row['proved_upper']:.4g}".replace("-", "−")
             assert words in page.text
-        for sentence in certificate["not_looked_at"]:
+        for sentence in certificate["not_verified"]:
             assert sentence in page.text
 
 
@@ -284,15 +284,15 @@ def test_every_rung_of_the_ladder_has_its_curve(flown: Path, page: Page) -> None
     assert page.text
     trained = read_record(flown).state.trained[-1].trained
     assert trained is not None
-    for title, rungs in (
+    for title, structures in (
         ("On told logs left out", trained.held_out_mae),
         ("On each new log", trained.models),
     ):
         (svg,) = panels(flown, title)
         words = [text.text for text in svg.iter("text")]
-        assert len(rungs) >= 4
-        for rung in rungs:
-            assert curves.rung_name(rung) in words
+        assert len(structures) >= 4
+        for structure in structures:
+            assert curves.structure_name(structure) in words
 
 
 def test_a_real_vehicle_has_held_out_scores_and_its_newest_flight(copy: Path) -> None:

@@ -54,10 +54,10 @@ def kernel_suite(wrong: Any) -> KernelSuite:
 
 
 def _gram_off(k: Any, theta: Any, X: Any) -> Any:
-    K, pull = k.gram(theta, X)
+    K, vjp = k.gram(theta, X)
     K = K.copy(order="F")
     K[0, 1] *= 1.01
-    return K, pull
+    return K, vjp
 
 
 KERNELS: dict[str, Any] = {
@@ -161,7 +161,7 @@ def _faster(m: Any) -> Any:
 
 FAMILIES: dict[str, Callable[[Any], Any]] = {
     "pull of the velocity lost": lambda f: Twin(
-        f, pull=lambda o, p, t, G: o.pull(p, t, G * np.array([1.0, 0.0, 1.0])[:, None, None])
+        f, vjp=lambda o, p, t, G: o.vjp(p, t, G * np.array([1.0, 0.0, 1.0])[:, None, None])
     ),
     "velocity a little off": lambda f: Twin(
         f,
@@ -285,18 +285,18 @@ INPUTS: dict[str, Callable[[Any], Any]] = {
     "pull of the friction lost": lambda i: Twin(
         i,
         plan=lambda o, m, k=None: replace(
-            (p := o.plan(m, k)), pull=lambda X, g: p.pull(np.where(np.arange(X.shape[1]) < 12, X, 0.0), g)
+            (p := o.plan(m, k)), vjp=lambda X, g: p.vjp(np.where(np.arange(X.shape[1]) < 12, X, 0.0), g)
         ),
     ),
     "pull of the memory lost": lambda i: Twin(
         i,
         plan=lambda o, m, k=None: replace(
-            (p := o.plan(m, k)), pull=lambda X, g: p.pull(np.where(np.arange(X.shape[1]) < 24, X, 0.0), g)
+            (p := o.plan(m, k)), vjp=lambda X, g: p.vjp(np.where(np.arange(X.shape[1]) < 24, X, 0.0), g)
         ),
     ),
     "pull of the gains lost": lambda i: Twin(
         replace(i, stick_velocity=np.full(4, 0.1)),
-        plan=lambda o, m, k=None: replace((p := o.plan(m, k)), pull=lambda X, g: p.pull(X, np.zeros_like(g))),
+        plan=lambda o, m, k=None: replace((p := o.plan(m, k)), vjp=lambda X, g: p.vjp(X, np.zeros_like(g))),
     ),
     "a column short": lambda i: Twin(i, columns=property(lambda o: o.columns[1:])),
     "a column of no channel": lambda i: Twin(

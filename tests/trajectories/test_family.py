@@ -36,7 +36,7 @@ def test_the_pull_is_the_gradient(family: FourierFamily) -> None:
     p, weights = rng.standard_normal(family.size), rng.standard_normal((3, 31, 3))
     still = family.motion(np.zeros(family.size), t, 3).orders
     numeric = [np.sum(weights * (family.motion(d, t, 3).orders - still)) for d in np.eye(family.size)]
-    np.testing.assert_allclose(family.pull(p, t, weights), numeric, rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(family.vjp(p, t, weights), numeric, rtol=1e-9, atol=1e-9)
 
 
 @EVERY

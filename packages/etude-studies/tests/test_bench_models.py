@@ -14,7 +14,7 @@ from scipy.stats import norm
 from etude.cli.study import Bench
 from etude.errors import UsageError
 from etude.models.config import ModelConfig
-from etude.models.selection.model_selection import Ladder
+from etude.models.selection.model_selection import ModelSelection
 from etude_studies import (
     arm_accuracy,
     bench_models,
@@ -57,7 +57,7 @@ def third_passes(cell: Cell, rules: dict) -> dict[str, Outcome]:
 WHOLE = World.learned
 
 
-def few_steps(self: World, samples: Any, model: ModelConfig, *more: Any, **how: Any) -> Ladder:
+def few_steps(self: World, samples: Any, model: ModelConfig, *more: Any, **how: Any) -> ModelSelection:
     """A training of the real logs that is short; what it is worth is tested with them."""
     brief = replace(model, steps=4, fit_points=60, points=200, candidates=("default",))
     return WHOLE(self, samples, brief, *more, **how)

@@ -11,7 +11,7 @@ from etude_studies.flight_margins import FLIGHTS, MANNERS, ROBOTS, _away, summar
 
 def campaign(manner: str, seed: int, part: float, error: float) -> dict[str, object]:
     flight = {"of margin": part, "away": part, "extent": 5.0, "speed": 1.0, "errors": {"uniform": error}}
-    return {"robot": ROBOTS[0], "manner": manner, "seed": seed, "flights": [flight] * FLIGHTS}
+    return {"robot": ROBOTS[0], "onset": manner, "seed": seed, "flights": [flight] * FLIGHTS}
 
 
 def test_the_tables_count_flights_beyond_their_margin_and_pair_seeds() -> None:

@@ -1,4 +1,4 @@
-"""A vehicle as the studies fly it: the noise asked for, the room asked for, each rung's own tails."""
+"""A vehicle as the studies fly it: the noise asked for, the room asked for, each structure's own tails."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ def test_flights_are_of_the_vehicle_asked_for() -> None:
 def test_each_rung_has_the_tails_of_its_own_errors() -> None:
     flights, rng = Flights.of("quadrotor", "low"), np.random.default_rng(0)
     samples = flights.world.samples(*flights.flown(flights.drawn(rng, 2), rng))
-    ladder = flights.world.learned(samples, flights.world.config.model, rng)
-    found = models_by_rung(ladder)
-    assert set(found) == set(ladder.model.rungs) >= {"gp", "identified", "nominal", "linear"}
+    selection = flights.world.learned(samples, flights.world.config.model, rng)
+    found = models_by_rung(selection)
+    assert set(found) == set(selection.model.structures) >= {"gp", "identified", "nominal", "linear"}
     for rung, model in found.items():
         assert model.chosen == (rung,) * 4
         assert model.student is not None
-    (common,) = set(ladder.chosen)
-    assert found[common].student == ladder.model.student
+    (common,) = set(selection.chosen)
+    assert found[common].student == selection.model.student
     assert found["gp"].student != found["linear"].student

@@ -21,7 +21,7 @@ CONFIG = OnlineConfig("variance", size=100, window_s=0.2, hold_s=0.2)
 
 @pytest.fixture(scope="module")
 def flights() -> tuple[dict[str, LearnedModel], Log]:
-    """Models of one flight, by rung, and the rows of another, of other manoeuvres."""
+    """Models of one flight, by structure, and the rows of another, of other manoeuvres."""
     logs = [WORLD.read(FOLDER / f"{name}.csv") for name in ("log10_thrust", "log15_roll_pitch")]
     samples = WORLD.samples(*logs)
     known = samples.take(samples.group == 0)

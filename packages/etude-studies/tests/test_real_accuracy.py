@@ -13,7 +13,7 @@ from etude.errors import DataError, UsageError
 from etude.models.config import ModelConfig
 from etude.models.data.cross_validation import split_blocks
 from etude.models.score import figures
-from etude.models.selection.model_selection import Ladder
+from etude.models.selection.model_selection import ModelSelection
 from etude.types import Samples
 from etude_studies import real_accuracy, real_logs
 from etude_studies.external_logs import panda_log, sarcos_samples
@@ -35,7 +35,9 @@ def brief(monkeypatch: pytest.MonkeyPatch) -> None:
     """Trainings that take no time; what the whole ones are worth is measured by the bench."""
     learned = World.learned
 
-    def few_steps(self: World, samples: Samples, model: ModelConfig, *more: Any, **how: Any) -> Ladder:
+    def few_steps(
+        self: World, samples: Samples, model: ModelConfig, *more: Any, **how: Any
+    ) -> ModelSelection:
         short = replace(model, steps=8, fit_points=100, points=200, candidates=("default",))
         return learned(self, samples, short, *more, **how)
 
@@ -190,8 +192,8 @@ def test_a_panda_log_is_read_and_damaged_ones_refused(tmp_path) -> None:
 @pytest.mark.usefixtures("brief")
 def test_outputs_that_linear_regression_predicts_better_are_said(monkeypatch, capsys, tx40) -> None:
     class Warned:
-        def __init__(self, ladder) -> None:
-            self.model = replace(ladder.model, warnings=("joint_1: a line is better.",))
+        def __init__(self, selection) -> None:
+            self.model = replace(selection.model, warnings=("joint_1: a line is better.",))
 
     learned = World.learned
     monkeypatch.setattr(World, "learned", lambda *a, **options: Warned(learned(*a, **options)))

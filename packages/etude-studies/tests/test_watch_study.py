@@ -10,7 +10,7 @@ import pytest
 from etude.errors import UsageError
 from etude.types import Channel, Log, Motion
 from etude_studies.bench_watch import run as bench
-from etude_studies.broken_sensors import ENCODER, FAULTS, GAIN, OFFSET, STUCK_S, broken
+from etude_studies.broken_sensors import ENCODER, FAULTS, FROZEN_S, GAIN, OFFSET, broken
 from etude_studies.crazypad import LEAD_IN, MOTORS, STATES, samples_of
 from etude_studies.watch_recovery import BACK, PASS_S, WINDOW_S, _back
 from etude_studies.watch_rows import WAYS, rows_of
@@ -88,7 +88,7 @@ def test_broken_sensors_do_what_they_say() -> None:
     # the measured position follows the plan, so the true one, whose command it is, is behind
     np.testing.assert_allclose(logs["encoder"]["q"][:, 1], true, atol=1e-12)
     np.testing.assert_allclose(logs["encoder"]["command"][:, 1], true - ENCODER, atol=1e-12)
-    late = logs["stuck"].t >= STUCK_S
+    late = logs["stuck"].t >= FROZEN_S
     assert np.ptp(logs["stuck"]["command"][late, 1]) == 0.0
     np.testing.assert_allclose(logs["stuck"]["command"][~late, 1], true[~late])
 

@@ -23,7 +23,7 @@ from etude.campaign.record.rounds import (
     robot_seconds,
 )
 from etude.campaign.record.stored_files import stored_trajectory
-from etude.campaign.record.stored_models import SIMULATED, newest_model, only_rung, real_logs
+from etude.campaign.record.stored_models import SIMULATED, newest_model, only_structure, real_logs
 from etude.errors import DataError, UsageError
 from etude.logs.readers.log_file import write_log
 from etude.progress import counted, part
@@ -44,7 +44,7 @@ that one of many may take more out of the motion than its friction puts in."""
 ASKING = 0.3
 """About the part that a design takes of its round; the rest is learning."""
 IDENTIFIED, RIGID_BODY = "identified", "rigid_body"
-"""The rung that a careful user has today, and what it is called as a baseline."""
+"""The structure that a careful user has today, and what it is called as a baseline."""
 
 ONLINE = "online"
 """The learned model that goes on learning in the test, as a baseline."""
@@ -119,18 +119,21 @@ class Loop:
         how: How = {"accept": CERTAIN, "control": _control(beside)}
         try:
             with part(1.0 - ASKING):
-                told = tell(campaign, path, number=number, changed=self.answer, say=say, **how)
+                ingested = tell(campaign, path, number=number, changed=self.answer, say=say, **how)
         except DataError as refused:  # it broke off: what a person would give up too
             say(f"Trajectory {number} is given up: {refused.fact}.")
             abandon(campaign, number)
             return None
-        if told.foreign:  # it broke off, and teaches that far
-            say(f"Trajectory {number} is given up: less than half of it was run, which log {told.number} is.")
+        if ingested.foreign:  # it broke off, and teaches that far
+            say(
+                f"Trajectory {number} is given up: less than half of it was run, "
+                f"which log {ingested.number} is."
+            )
             abandon(campaign, number)
-        if told.held:
-            for found in told.findings:
-                say(f"Log {told.number} is not learned yet: {found.sentence}. {found.step}")
-        return told.number
+        if ingested.held:
+            for found in ingested.findings:
+                say(f"Log {ingested.number} is not learned yet: {found.sentence}. {found.step}")
+        return ingested.number
 
     def _asked(self, say: Say) -> tuple[int, Controller | None]:
         """The next trajectory, and what it is run with beside the feedback: what its margins are of."""
@@ -161,7 +164,7 @@ class Loop:
         kind, spec, config = campaign.kind, campaign.spec, campaign.config
         model = newest_model(campaign, campaign.state())
         errors, unit = self.evaluate(number, same(kind.controller(spec, config, model)))
-        identified = only_rung(model, IDENTIFIED)
+        identified = only_structure(model, IDENTIFIED)
         if identified is not None:
             self.evaluate(number, same(kind.controller(spec, config, identified)), RIGID_BODY)
         if self.online is not None:
@@ -320,13 +323,13 @@ def simulate_confirmation(
     """
     from etude.campaign.evaluate.confirm import ask_to_confirm
     from etude.campaign.record.confirmation import RUNS, confirmed
-    from etude.campaign.record.deployed_model import model_in_use
+    from etude.campaign.record.deployed_model import deployed_model
 
     loop = Loop.of(campaign, engine, change or {}, None)
     number = ask_to_confirm(campaign, say=say).number
     kind, spec, config = campaign.kind, campaign.spec, campaign.config
     alone = next(iter(loop.baselines.values()), None)
-    learned = kind.controller(spec, config, model_in_use(campaign).model)
+    learned = kind.controller(spec, config, deployed_model(campaign).model)
     for run, controller in zip(RUNS, (alone, learned), strict=True):
         say(f"Running trajectory {number} on the simulated {campaign.name}, {run} the feedforward.")
         rng = np.random.default_rng([campaign.state().seed, number, RUN_STREAM])

@@ -23,11 +23,11 @@ from etude.campaign.record.stored_models import (
     MODEL,
     body_of,
     check_model,
+    ingested_samples,
     known_groups,
     label,
     stored_log,
     stored_model,
-    told_samples,
 )
 from etude.codes import Notice, Warn, stated
 from etude.design.latents import latents_of
@@ -38,7 +38,12 @@ from etude.models.model import LearnedModel
 from etude.models.protocols import HasKernel, SupportsFirstUse
 from etude.models.score import PredictionScore, prediction_score
 from etude.models.selection.linear import LinearPhysics
-from etude.models.selection.model_selection import Ladder, prequential, residuals_of, train_ladder
+from etude.models.selection.model_selection import (
+    ModelSelection,
+    prequential,
+    residuals_of,
+    select_structures,
+)
 from etude.models.store import save_model
 from etude.progress import part
 from etude.protocols import Candidate, Inputs
@@ -138,7 +143,7 @@ def with_forecast(
 
     forecast_deviation: root mean square error expected at the reference states, calibrated;
     latent_deviation, noise_deviation: of the process, uncalibrated, and of its noise;
-    moved: largest change of a logarithmic length scale since the model before, in the same rungs, or null.
+    moved: largest change of a log lengthscale since the model before, in the same structures, or null.
     """
     rng = np.random.default_rng([state.seed, REFERENCE_STREAM])
     motions = typical_motions(campaign, rng, MOTIONS)
@@ -173,8 +178,8 @@ def expected_variance(model: LearnedModel, command: int, X: Array) -> float:
 def _moved(model: LearnedModel, before: LearnedModel) -> float | None:
     """Largest |change| of a logarithmic length scale over all commands; None if kernels differ or lack."""
     moves = []
-    for command, rung in enumerate(model.chosen):
-        now, then = (_posterior(m.candidates, rung, command) for m in (model, before))
+    for command, structure in enumerate(model.chosen):
+        now, then = (_posterior(m.candidates, structure, command) for m in (model, before))
         if not (isinstance(now, HasKernel) and isinstance(then, HasKernel)):
             return None
         if now.theta.shape != then.theta.shape:
@@ -185,10 +190,14 @@ def _moved(model: LearnedModel, before: LearnedModel) -> float | None:
     return max(moves, default=None)
 
 
-def _posterior(candidates: tuple[Candidate, ...], rung: str, command: int) -> Any:
-    """The process of a command in that rung, if there is one."""
+def _posterior(candidates: tuple[Candidate, ...], structure: str, command: int) -> Any:
+    """The process of a command in that structure, if there is one."""
     for candidate in candidates:
-        if candidate.rung == rung and command in candidate.commands and candidate.process is not None:
+        if (
+            candidate.structure == structure
+            and command in candidate.commands
+            and candidate.process is not None
+        ):
             place = candidate.commands.index(command)
             for posterior, places in candidate.process.latents():
                 if place in places:
@@ -204,41 +213,41 @@ def learn_log(campaign: Campaign, state: State, number: int) -> TrainingOutcome:
     trained = [r for r in state.trained if r.number != number]
     waiting = [r.number for r in state.pending if r.number < number]
     logs = [*(r.number for r in state.learned if r.number not in (number, *waiting)), *waiting, number]
-    samples = told_samples(campaign, logs)
+    samples = ingested_samples(campaign, logs)
     kind, spec, config = campaign.kind, campaign.spec, campaign.config
-    inputs = kind.inputs(spec, config).tuned(samples)
+    inputs = kind.inputs(spec, config).fitted(samples)
     before = _comparable(campaign, trained, inputs)
     rng = np.random.default_rng([state.seed, number, TRAIN_STREAM])
     physics, limit = kind.physics(spec, config), kind.limit(spec)
     # nothing scores the first log before it is learned, and a log of another motion may be unlike all others:
     # blocks of these are held out, and predicted from the rest
-    told = state.rounds[number].told
-    foreign = told is not None and told.foreign
+    ingested = state.rounds[number].ingested
+    foreign = ingested is not None and ingested.foreign
     blocks = foreign or not trained
     with part(0.5 if blocks else 1.0):
         held = _held(campaign, samples)
-        ladder = train_ladder(samples, inputs, physics, limit, config.model, rng, before, held)
+        selection = select_structures(samples, inputs, physics, limit, config.model, rng, before, held)
     path = campaign.model_folder(number) / MODEL
-    save_model(path, ladder.model)
+    save_model(path, selection.model)
     left_out = campaign.model_folder(number) / LEFT_OUT
-    write_atomic(left_out, residuals_of(ladder).to_bytes())
-    learned = [r.told for r in state.told if r.told and r.number in logs]
+    write_atomic(left_out, residuals_of(selection).to_bytes())
+    learned = [r.ingested for r in state.ingested if r.ingested and r.number in logs]
     fact = Trained(
         logs=tuple(logs),
         models=_scores(before, inputs, samples, known_groups(campaign, logs[: -1 - len(waiting)])),
-        held_out_mae=_left_out(ladder),
+        held_out_mae=_left_out(selection),
         predicted_by=trained[-1].trained.chosen if trained and trained[-1].trained else None,
-        chosen=label(ladder.chosen),
-        rungs=tuple(ladder.chosen),
-        calibrated=ladder.model.calibrated,
+        chosen=label(selection.chosen),
+        rungs=tuple(selection.chosen),
+        calibrated=selection.model.calibrated,
         unmoved=tuple(np.array(campaign.command.parts)[held].tolist()),
         robot_seconds=float(sum(one.robot_seconds for one in learned)),
         recipe=tuple(_said(campaign, logs, samples)),
-        inputs={name: np.asarray(a).tolist() for name, a in ladder.model.inputs.arrays().items()},
-        warnings=(*_notes(ladder.model.inputs), *ladder.model.warnings),
+        inputs={name: np.asarray(a).tolist() for name, a in selection.model.inputs.arrays().items()},
+        warnings=(*_notes(selection.model.inputs), *selection.model.warnings),
         body=body_of(campaign),
     )
-    fact = with_forecast(fact, ladder.model, before, campaign, state)
+    fact = with_forecast(fact, selection.model, before, campaign, state)
     if blocks:
         with part(0.5):
             fact = _with_blocks(fact, campaign, number, rng, 0.0 if foreign else GAP_S)
@@ -270,7 +279,7 @@ def _comparable(campaign: Campaign, trained: Sequence[Round], inputs: Inputs) ->
 def _scores(
     before: LearnedModel | None, inputs: Inputs, samples: Samples, known: int
 ) -> dict[str, PrequentialScore]:
-    """Each rung of the earlier model on all but the `known` first groups, and what every rung has to beat."""
+    """Each structure of the earlier model on all but the `known` first groups, and what each has to beat."""
     newest = samples.group >= known
     if not newest.any():  # logs that repeat others are no new motion
         return {}
@@ -283,13 +292,13 @@ def _scores(
     if not newest.all():  # fitted to the earlier logs alone
         mean = LinearPhysics(inputs)(samples.take(~newest))
         found[LINEAR] = prediction_score(new, mean.predict(new.log))
-    return {rung: _plain(one) for rung, one in found.items()}
+    return {structure: _plain(one) for structure, one in found.items()}
 
 
 def _said(campaign: Campaign, logs: Sequence[int], samples: Samples) -> list[str]:
     """What the recipe found and did, beside the repairs of each log: the lag of motors, for example."""
-    told = {sentence for n in logs for sentence in stored_log(campaign, n).repairs}
-    return [sentence for sentence in samples.log.repairs if sentence not in told]
+    ingested = {sentence for n in logs for sentence in stored_log(campaign, n).repairs}
+    return [sentence for sentence in samples.log.repairs if sentence not in ingested]
 
 
 def _plain(found: PredictionScore) -> PrequentialScore:
@@ -305,9 +314,11 @@ def _plain(found: PredictionScore) -> PrequentialScore:
     )
 
 
-def _left_out(ladder: Ladder) -> dict[str, float | None]:
-    """Mean absolute error of each rung on logs that it had not seen, over the commands; null if unknown."""
-    errors = {rung: float(np.mean(held.errors("absolute"))) for rung, held in ladder.held_out.items()}
+def _left_out(selection: ModelSelection) -> dict[str, float | None]:
+    """Mean absolute error of each structure on logs that it had not seen, over commands; null if unknown."""
+    errors = {
+        structure: float(np.mean(held.errors("absolute"))) for structure, held in selection.held_out.items()
+    }
     return dict(zip(errors, jsonable(list(errors.values())), strict=True))
 
 
@@ -316,7 +327,7 @@ def _with_blocks(
 ) -> Trained:
     """The training with the scores of a log's blocks; of one that cannot be learned alone with a warning."""
     try:
-        return replace(fact, held_out=_held_out(campaign, told_samples(campaign, [number]), rng, gap_s))
+        return replace(fact, held_out=_held_out(campaign, ingested_samples(campaign, [number]), rng, gap_s))
     except DataError as error:
         why = f"{error.fact} ({error.where})" if error.where else error.fact
         warning = Notice(Warn.NO_BLOCKS, {"log": number, "why": why})
@@ -324,18 +335,22 @@ def _with_blocks(
 
 
 def _held_out(campaign: Campaign, log: Samples, rng: np.random.Generator, gap_s: float) -> BlockScores:
-    """nMSE per command on held-out blocks of one log, of each rung and of linear regression."""
+    """nMSE per command on held-out blocks of one log, of each structure and of linear regression."""
     kind, spec, config = campaign.kind, campaign.spec, campaign.config
     train, test = split_blocks(log, gap_s)
-    inputs = kind.inputs(spec, config).tuned(train)
-    ladder = train_ladder(train, inputs, kind.physics(spec, config), kind.limit(spec), config.model, rng)
-    scores = prequential(ladder.model, test)
-    if label(ladder.chosen) == MIXED:
-        scores[MIXED] = prediction_score(test, *ladder.model.posterior(test.log))
-    nmse = {rung: jsonable(found.nmse) for rung, found in scores.items() if rung != LINEAR}
-    linear = LinearPhysics(ladder.model.inputs)(train).predict(test.log)
+    inputs = kind.inputs(spec, config).fitted(train)
+    selection = select_structures(
+        train, inputs, kind.physics(spec, config), kind.limit(spec), config.model, rng
+    )
+    scores = prequential(selection.model, test)
+    if label(selection.chosen) == MIXED:
+        scores[MIXED] = prediction_score(test, *selection.model.posterior(test.log))
+    nmse = {structure: jsonable(found.nmse) for structure, found in scores.items() if structure != LINEAR}
+    linear = LinearPhysics(selection.model.inputs)(train).predict(test.log)
     beside = prediction_score(test, linear)
     nmse["linear regression"] = jsonable(beside.nmse)
-    every = {rung: jsonable(found.usable.nmse) for rung, found in scores.items() if rung != LINEAR}
+    every = {
+        structure: jsonable(found.usable.nmse) for structure, found in scores.items() if structure != LINEAR
+    }
     every["linear regression"] = jsonable(beside.usable.nmse)
-    return BlockScores(tuple(held_out_blocks()), BLOCKS, label(ladder.chosen), nmse, every)
+    return BlockScores(tuple(held_out_blocks()), BLOCKS, label(selection.chosen), nmse, every)

@@ -67,7 +67,7 @@ class Ask(Common):
 
         campaign = opened(self.folder)
         found = self._found(campaign, say)
-        unseen, slowly = _unseen(found), self.speed == 100 and _assumed(found.certificate)
+        unverified, slowly = _unverified(found), self.speed == 100 and _assumed(found.certificate)
         files = [str(found.folder / name) for name in (*FILES, *((FEEDFORWARD,) if self.confirm else ()))]
         lines = [
             *(f"! {notice}" for notice in found.certificate.warnings),
@@ -79,8 +79,8 @@ class Ask(Common):
             *_control(found.certificate),
             f"Proved for all times{_sampled(found.certificate)}; {_ends(found.certificate)}.",
             *_to_confirm(campaign.spec),
-            "Not looked at:",
-            *(f"  - {sentence}" for sentence in unseen),
+            "Not verified:",
+            *(f"  - {sentence}" for sentence in unverified),
             "Written:",
             *(f"  {name}" for name in files),
             *([] if found.way is None else _way(found.way)),
@@ -102,8 +102,8 @@ class Ask(Common):
             "way": [] if found.way is None else [str(path) for path in found.way.files],
             "renewed": _renewed(found),
             "to_confirm": to_confirm(campaign.spec),
-            "not_looked_at": unseen,
-            "warnings": [one.told() for one in found.certificate.warnings],
+            "not_verified": unverified,
+            "warnings": [one.facts() for one in found.certificate.warnings],
             "swept": as_facts(found.swept),
         }
         return Outcome("\n".join(lines), data)
@@ -157,11 +157,11 @@ def _renewed(found: Proposal) -> list[str]:
     return [*own, *(sentence for one in found.exported for sentence in one.renewed)]
 
 
-def _unseen(found: Proposal) -> list[str]:
+def _unverified(found: Proposal) -> list[str]:
     """What nobody looked at; the way is proved where it was asked for."""
     from etude.limits.certificate import WAY
 
-    return [one for one in found.certificate.not_looked_at if found.way is None or one != WAY]
+    return [one for one in found.certificate.not_verified if found.way is None or one != WAY]
 
 
 def _way(way: Approached) -> list[str]:
@@ -252,9 +252,9 @@ def _ends(certificate: Certificate) -> str:
 
 def _exported(one: ExportedMotion) -> list[str]:
     """The files, and what is proved of what their receiver plays."""
-    missing = [row for row in one.certificate.rows if row.status == "not looked at"]
+    missing = [row for row in one.certificate.rows if row.status == "not verified"]
     but = (
-        f"; not looked at: {', '.join(row.quantity for row in missing)} ({missing[0].method})"
+        f"; not verified: {', '.join(row.quantity for row in missing)} ({missing[0].method})"
         if missing
         else ""
     )

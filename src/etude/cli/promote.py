@@ -41,7 +41,7 @@ class Promote(Common):
         data = asdict(found) | {"decisions": [one.decision for one in found.compared]}
         lines = _lines(found, campaign.command.parts)
         left = affected(campaign, campaign.state())
-        data |= {"refused": [one.told() for one in found.refused]}
+        data |= {"refused": [one.facts() for one in found.refused]}
         data |= {"known_faults": [asdict(one) for one in left]}
         lines += faults([asdict(one) | {"sentence": one.sentence} for one in left])
         if found.promoted:
@@ -162,7 +162,7 @@ def _data(found: Watched) -> dict[str, Any]:
         ],
         "changed": found.changed,
         "kind": found.kind,
-        "manner": found.manner,
+        "onset": found.drift_onset,
         "sentence": found.sentence,
         "proposal": None
         if made is None

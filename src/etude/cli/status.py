@@ -17,7 +17,7 @@ BASES = {
     "nominal": "physics of the description",
     "linear": "linear regression on this log",
 }
-"""What a rung's mean is, in words."""
+"""What a structure's mean is, in words."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -35,21 +35,21 @@ class Status(Common):
 
 def _lines(found: Mapping[str, Any]) -> list[str]:
     lines = [
-        *_news(found),
+        *_alerts(found),
         f"{found['robot']} ({', '.join(found['axes'])}), preset {found['preset']}, seed {found['seed']}",
         *_trajectories(found),
         *_held_out(found),
         *_prequential(found),
         *_in_words(found),
     ]
-    lines += [*_model_in_use(found), *_confirmed(found)]
+    lines += [*_deployed_model(found), *_confirmed(found)]
     if found["calibration_factor"] is not None:
         factor = found["calibration_factor"]
         lines.append(f"Calibration factor {factor:.2f} (held-out z^2 of the last logs; 1 is right).")
     if found["forecast_fraction"] is not None:
         fraction = found["forecast_fraction"]
         told = f"{100 * fraction:.2g} %" if fraction < 1.0 else "as large as the limit, or larger"
-        lines.append(f"Forecast command error: {told} {'of the limit ' * (fraction < 1.0)}(worst axis).")
+        lines.append(f"Expected command error: {told} {'of the limit ' * (fraction < 1.0)}(worst axis).")
     if found["next_gain"] is not None:
         lines.append(
             f"The next trajectory is to remove {100 * found['next_gain']:.0f} % of the variance left."
@@ -76,10 +76,10 @@ def faults(found: Sequence[Mapping[str, str]]) -> list[str]:
     return [f"UNSAFE [{one['code']}]: {one['sentence']}Make it again: {one['command']}" for one in found]
 
 
-def _news(found: Mapping[str, Any]) -> list[str]:
+def _alerts(found: Mapping[str, Any]) -> list[str]:
     """What is bad, and what to do, before any figure."""
     lights = {"red": "RED", "yellow": "Look"}
-    return [f"{lights[n['light']]}: {n['sentence']}. {n['step']}".rstrip() for n in found["news"]]
+    return [f"{lights[n['light']]}: {n['sentence']}. {n['step']}".rstrip() for n in found["alerts"]]
 
 
 def _trajectories(found: Mapping[str, Any]) -> list[str]:
@@ -113,18 +113,18 @@ def _held_out(found: Mapping[str, Any]) -> list[str]:
 
 def _in_words(found: Mapping[str, Any]) -> list[str]:
     """After the first log: what each output's model is made of, where."""
-    rungs = found["rungs"]
-    if not rungs or found["prequential"]:
+    structures = found["rungs"]
+    if not structures or found["prequential"]:
         return []
     own = {
-        rung: [o for o, r in zip(found["outputs"], rungs, strict=True) if r == rung]
-        for rung in dict.fromkeys(rungs)
+        structure: [o for o, r in zip(found["outputs"], structures, strict=True) if r == structure]
+        for structure in dict.fromkeys(structures)
     }
-    return [f"{', '.join(outputs)}: {_made_of(rung)}." for rung, outputs in own.items()]
+    return [f"{', '.join(outputs)}: {_made_of(structure)}." for structure, outputs in own.items()]
 
 
-def _made_of(rung: str) -> str:
-    base, plus, _ = rung.partition("+")
+def _made_of(structure: str) -> str:
+    base, plus, _ = structure.partition("+")
     physics = BASES.get(base, f"{base} physics")
     if base == "gp":
         return "the process alone, where the log went; outside what was visited it knows nothing"
@@ -146,7 +146,7 @@ def _prequential(found: Mapping[str, Any]) -> list[str]:
     ]
 
 
-def _model_in_use(found: Mapping[str, Any]) -> list[str]:
+def _deployed_model(found: Mapping[str, Any]) -> list[str]:
     used = found["in_use"]
     if used is None:
         return []
@@ -182,11 +182,13 @@ def _standing(found: Mapping[str, Any], moving: Mapping[str, Any], every: Mappin
 
 
 def _in_use(found: Mapping[str, Any]) -> str:
-    """The rung of all outputs, or of each."""
-    rungs = found["rungs"] or [found["chosen"]]
-    if len(set(rungs)) == 1:
-        return str(rungs[0])
-    return ", ".join(f"{output} {rung}" for output, rung in zip(found["outputs"], rungs, strict=True))
+    """The structure of all outputs, or of each."""
+    structures = found["rungs"] or [found["chosen"]]
+    if len(set(structures)) == 1:
+        return str(structures[0])
+    return ", ".join(
+        f"{output} {structure}" for output, structure in zip(found["outputs"], structures, strict=True)
+    )
 
 
 def _by_output(found: Mapping[str, Any], scores: Mapping[str, Any]) -> str:

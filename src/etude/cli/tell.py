@@ -11,7 +11,7 @@ import tyro
 from etude.cli.outcome import Common, Folder, Outcome, Say, code_of, opened
 
 if TYPE_CHECKING:
-    from etude.campaign.ingest.ingest_many import ToldFile, ToldMany
+    from etude.campaign.ingest.ingest_many import IngestedFile, IngestedMany
     from etude.campaign.ingest.ingest_result import Told
 
 
@@ -80,9 +80,9 @@ class Tell(Common):
         data = {
             "files": [_file(file) for file in many.files],
             "learned": many.learned,
-            "warnings": [one.told() for one in many.warnings],
+            "warnings": [one.facts() for one in many.warnings],
         }
-        held = any(file.told is not None and file.told.held for file in many.files)
+        held = any(file.ingested is not None and file.ingested.held for file in many.files)
         code = code_of(changed=held, refused=bool(many.refused))
         return Outcome("\n".join([*_table(many), following]), data, code)
 
@@ -114,11 +114,11 @@ def _learned(numbers: tuple[int, ...]) -> list[str]:
     return [f"Learned: {', '.join(map(str, numbers))}."] if numbers else []
 
 
-def _table(many: ToldMany) -> list[str]:
+def _table(many: IngestedMany) -> list[str]:
     width = max((len(file.path.name) for file in many.files), default=0)
     lines = [f"{file.path.name.ljust(width)}  {file.sentence}" for file in many.files]
     for file in many.files:
-        told = file.told
+        told = file.ingested
         lines += [f"{file.path.name}: {sentence}" for sentence in (told.repairs if told else ())]
         lines += [f"{file.path.name}: {sentence}" for sentence in (_held(told) if told else ())]
         if file.refused is not None and file.refused.next_step:
@@ -135,7 +135,7 @@ def _data(found: Told) -> dict[str, Any]:
         "foreign": found.foreign,
         "repairs": found.repairs,
         "learned": found.learned,
-        "warnings": [one.told() for one in found.warnings],
+        "warnings": [one.facts() for one in found.warnings],
         "held": found.held,
         "aside": found.aside,
         "run": found.run,
@@ -144,11 +144,11 @@ def _data(found: Told) -> dict[str, Any]:
     }
 
 
-def _file(file: ToldFile) -> dict[str, Any]:
+def _file(file: IngestedFile) -> dict[str, Any]:
     refused = None
     if file.refused is not None:
         error = file.refused
         refused = {"fact": error.fact, "where": error.where, "next_step": error.next_step}
-    told = {} if file.told is None else _data(file.told)
+    told = {} if file.ingested is None else _data(file.ingested)
     own = {name: value for name, value in told.items() if name not in ("learned", "warnings")}
     return {"path": str(file.path), "outcome": file.sentence, "refused": refused, **own}

@@ -27,7 +27,7 @@ from etude.types import Array, Channel, Log, Motion
 STEM = "trajectory"
 COEFFICIENTS, TABLE, CERTIFICATE = f"{STEM}.json", f"{STEM}.csv", "certificate.json"
 SPEEDS = (25, 50, 100)
-"""Per cent: the ladder on which a motion is tried for the first time."""
+"""Per cent: the speeds at which a motion is tried for the first time."""
 PLANNED = "_des"
 """Ends the names of channels of a plan; in a table of set-points all are planned, so there it is left out."""
 SHORT = {
@@ -84,7 +84,7 @@ def render(
     spec: Any,
     config: Any,
     limits: Sequence[Limit],
-    unheld: Sequence[str] = (),
+    unenforced: Sequence[str] = (),
     stem: str = STEM,
     control: str = "",
     swept: Sequence[Mapping[str, Any]] = (),
@@ -96,7 +96,7 @@ def render(
         trajectory: what to run.
         kind, spec, config: of the robot; the table holds the plans of its inputs.
         limits: what may not be exceeded.
-        unheld: sentences for the certificate, what this robot is known not to hold.
+        unenforced: sentences for the certificate, what this robot is known not to hold.
         stem: of the files' names; of another than `STEM` it is the way there or back.
         control: that the margins of tracking are of, in words.
         swept: of each axis what the motion sweeps, see `campaign.visited`.
@@ -107,7 +107,7 @@ def render(
     """
     coefficients = trajectory.to_json().encode()
     written = from_json(coefficients)
-    certificate = require_certified(written, limits, unheld, way=stem != STEM, control=control)
+    certificate = require_certified(written, limits, unenforced, way=stem != STEM, control=control)
     certificate = replace(certificate, warnings=(*warned, *certificate.warnings))
     inputs = kind.inputs(spec, config)
     table = csv_bytes(written, inputs, table_rate(spec))

@@ -53,7 +53,7 @@ class Drawn:
         """What a search has made of it (P,), drawn home until its limits hold, and grown where that is worth
         something.
         """
-        p = kept.drawn_home(self.family, self.standing, p, quickly=True)
+        p = kept.shrink_to_home(self.family, self.standing, p, quickly=True)
         return replace(self, p=kept.grown(self.family, self.standing, p, worth))
 
 
@@ -110,7 +110,7 @@ class Source:
             points, home = sample(rng, feasible, len(places)), feasible.centre
             kept = NonconvexLimits.of(self.limits, family, home)
             for place, p in zip(places, points, strict=True):
-                p = kept.drawn_home(family, home, p, FEW_HALVINGS, quickly=True)
+                p = kept.shrink_to_home(family, home, p, FEW_HALVINGS, quickly=True)
                 found[place] = Drawn(family, feasible, p)
         return [found[place] for place in range(count)]
 
@@ -239,7 +239,7 @@ class Region(Drawn):
 
     def allowed(self, kept: NonconvexLimits, p: Array, worth: Callable[[Array], float]) -> Drawn:  # noqa: ARG002
         """Drawn back to what is clear, and widened again: room that it has is worth having."""
-        p = kept.drawn_home(self.family, self.clear, p, FEW_HALVINGS, quickly=True)
+        p = kept.shrink_to_home(self.family, self.clear, p, FEW_HALVINGS, quickly=True)
         feasible = self.source.ordered(self.family)
         return replace(self, p=kept.widened(feasible, self.family, p, self.source.stand(self.family), AGAIN))
 
@@ -378,12 +378,12 @@ class Roamed:
     ) -> list[Array]:
         """Clear poses, every other one of the few that lie most in bins that were not visited."""
         poses, visited = self.roam.reach.poses, self.roam.visited
-        unseen = ~visited.bins(self.roam.total)
+        unvisited = ~visited.bins(self.roam.total)
         order = rng.permutation(len(poses))
         found: list[Array] = []
         some = order[: 8 * count]
-        news = np.array([(visited.counts(poses[i : i + 1]) * unseen).sum() for i in some])
-        most = iter(some[np.argsort(-news, kind="stable")].tolist())
+        gain = np.array([(visited.counts(poses[i : i + 1]) * unvisited).sum() for i in some])
+        most = iter(some[np.argsort(-gain, kind="stable")].tolist())
         any_ = iter(order[::-1].tolist())
         while len(found) < count:
             i = next(most if len(found) % 2 == 0 else any_, None)
@@ -416,7 +416,7 @@ class Roamed:
         family, start = curve.family, curve.start
         kept = self._kept(family, curve.p)
         try:
-            p = kept.drawn_home(family, start, curve.p, FEW_HALVINGS, quickly=True)
+            p = kept.shrink_to_home(family, start, curve.p, FEW_HALVINGS, quickly=True)
             p = kept.widened(self.ordered(family), family, p, self.stand(family), AGAIN)
             t = (
                 family.trajectory(p).duration

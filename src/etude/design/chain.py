@@ -20,7 +20,7 @@ from etude.protocols import Family, Inputs, Limit, Model, Physics, Trajectory
 from etude.trajectories.chain import chained
 from etude.types import Array
 
-Ways = Callable[[Trajectory, Array], tuple[Trajectory, Trajectory] | None]
+Approaches = Callable[[Trajectory, Array], tuple[Trajectory, Trajectory] | None]
 """Of a kind: (motion, pose) -> the way from the pose to its start, and from its end back."""
 
 HURRIED = (0.55, 0.65, 0.75, 0.85, 1.0)
@@ -68,7 +68,7 @@ def design_chain(
     tasks: Sequence[Trajectory] = (),
     *,
     count: int,
-    ways: Ways,
+    ways: Approaches,
     standing_in: Sequence[Trajectory] = (),
     given: Sequence[Trajectory] = (),
     rate: float = 0.0,
@@ -115,13 +115,13 @@ def design_chain(
     return DesignedChain(trajectory, tuple(found[i] for i in sorted(order[:kept])), count - kept)
 
 
-def reached(segment: Trajectory, ways: Ways, limits: Sequence[Limit], home: Array) -> bool:
+def reached(segment: Trajectory, ways: Approaches, limits: Sequence[Limit], home: Array) -> bool:
     """Whether the straight ways from home to a segment and back are proved: it can then always be linked."""
     found = ways(segment, home)
     return found is not None and all(certify(part, limits).ok for part in found)
 
 
-def near_to_near(segments: Sequence[Trajectory], ways: Ways, home: Array) -> list[int]:
+def near_to_near(segments: Sequence[Trajectory], ways: Approaches, home: Array) -> list[int]:
     """An order of the segments in which the ways between them are short: always the nearest next.
 
     What they teach together does not depend on their order; ways are robot time that teaches nothing.
@@ -139,7 +139,7 @@ def near_to_near(segments: Sequence[Trajectory], ways: Ways, home: Array) -> lis
 
 
 def linked(
-    segments: Sequence[Trajectory], ways: Ways, limits: Sequence[Limit], home: Array
+    segments: Sequence[Trajectory], ways: Approaches, limits: Sequence[Limit], home: Array
 ) -> tuple[Trajectory, int]:
     """The segments with certified links, and how many of them: it ends before one that no way leads to.
 
@@ -163,7 +163,7 @@ def cut_short(dropped: int) -> str:
 
 
 def _link(
-    before: Trajectory, after: Trajectory, ways: Ways, limits: Sequence[Limit], home: Array
+    before: Trajectory, after: Trajectory, ways: Approaches, limits: Sequence[Limit], home: Array
 ) -> tuple[Trajectory, ...] | None:
     end = before.motion(np.array([before.duration]), 1).orders[0, 0]
     straight, back, there = ways(after, end), ways(before, home), ways(after, home)

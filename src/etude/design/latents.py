@@ -42,8 +42,8 @@ class Latent:
 def latents_of(model: Model) -> tuple[Latent, ...]:
     """The model's latent functions, each command in one of them, in the order of their first commands.
 
-    A rung without a process does not say where the robot has not been, so such a command is seen through
-    another of its rungs.
+    A structure without a process does not say where the robot has not been, so such a command is seen through
+    another of its structures.
 
     Raises:
         UsageError: a command without any process.
@@ -158,22 +158,22 @@ def fast_posterior(posterior: Posterior, count: int) -> Posterior:
 def _chosen(model: Model) -> dict[int, int]:
     """The place of the candidate with a process through which each command is seen.
 
-    The default's of the rung in use; if that has no process, the same rung with one, then the identified one,
-    then the first.
+    The default's of the structure in use; if that has no process, the same structure with one, then the
+    identified one, then the first.
     """
     places: dict[int, int] = {}
     for command in sorted({j for candidate in model.candidates for j in candidate.commands}):
         own = [(i, c) for i, c in enumerate(model.candidates) if command in c.commands]
-        in_use = max(own, key=lambda pair: _weight(pair[1], command))[1].rung
+        in_use = max(own, key=lambda pair: _weight(pair[1], command))[1].structure
         ranked = [
-            (c.rung == in_use, c.rung == f"{in_use}+gp", c.rung == "identified+gp", -i)
+            (c.structure == in_use, c.structure == f"{in_use}+gp", c.structure == "identified+gp", -i)
             for i, c in own
             if c.process is not None
         ]
         if not ranked:
             raise UsageError(
                 f"command {command} has no process, so nothing says what is not known of it",
-                next_step="Learn with a rung that has one, as model.rung = 'auto' does.",
+                next_step="Learn with a structure that has one, as model.rung = 'auto' does.",
             )
         places[command] = -max(ranked)[-1]
     return places

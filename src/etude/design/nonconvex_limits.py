@@ -76,7 +76,7 @@ class NonconvexLimits:
             found = limit.penalty(motion)
             if found is not None:
                 total, gradient = total + found[0], gradient + found[1]
-        return total, family.pull(p, self.times, gradient)
+        return total, family.vjp(p, self.times, gradient)
 
     def weight(self, candidates: Iterable[tuple[Family, Array]]) -> float:
         """What a penalty counts for, in values of the criterion: typical candidates lose all of theirs.
@@ -97,7 +97,7 @@ class NonconvexLimits:
         """
         return _hold(self.limits, family, p, quickly)
 
-    def drawn_home(
+    def shrink_to_home(
         self, family: Family, home: Array, p: Array, halvings: int = HALVINGS, *, quickly: bool = False
     ) -> Array:
         """The parameters (P,), or the first on the way to `home` (P,) at which the limits are proved.
@@ -207,13 +207,13 @@ class NonconvexLimits:
         """The parameters (P,), drawn to `home` (P,) until all limits are proved: quick words mostly hold.
 
         Raises:
-            UnsafeTrajectoryError: as `drawn_home`.
+            UnsafeTrajectoryError: as `shrink_to_home`.
         """
         for _ in range(SHRINKINGS if self.limits else 0):
             if self.proved(family, p):
                 return p
             p = home + SHRUNK * (p - home)
-        return self.drawn_home(family, home, p)
+        return self.shrink_to_home(family, home, p)
 
 
 def _stretched(
@@ -245,7 +245,7 @@ def _hold(limits: Sequence[Limit], family: Family, p: Array, quickly: bool) -> b
 def _holds(limit: Limit, piece: Trajectory, quickly: bool) -> bool:
     if quickly and isinstance(limit, SupportsFastCheck):
         return limit.keeps(piece)
-    return all(slack(row) >= 0.0 for row in limit.prove(piece) if row.status != "not looked at")
+    return all(slack(row) >= 0.0 for row in limit.prove(piece) if row.status != "not verified")
 
 
 @dataclass(frozen=True, eq=False)

@@ -53,8 +53,8 @@ class Objective:
         planned = self.planned(p)
         gains = gains_of(self.commands, planned.gains)
         value, in_X, in_gains = evaluate(self.criterion, self.outputs, planned.X, gains)
-        in_motion = planned.pull(in_X, pull_gains(self.commands, planned.gains, in_gains))
-        return value, self.family.pull(p, self.times, in_motion)
+        in_motion = planned.vjp(in_X, vjp_gains(self.commands, planned.gains, in_gains))
+        return value, self.family.vjp(p, self.times, in_motion)
 
 
 def gains_of(commands: Sequence[tuple[int, ...]], gains: Array) -> Array:
@@ -67,7 +67,7 @@ def gains_of(commands: Sequence[tuple[int, ...]], gains: Array) -> Array:
     )
 
 
-def pull_gains(commands: Sequence[tuple[int, ...]], gains: Array, in_latents: Array) -> Array:
+def vjp_gains(commands: Sequence[tuple[int, ...]], gains: Array, in_latents: Array) -> Array:
     """Gradient (T, J) in the commands' gains from that in the latent functions' (T, L).
 
     Where all gains are 0 it is 0: a criterion is even in the gain.

@@ -50,16 +50,16 @@ COMMANDS = "Whether the drives can give the forces that the motion needs."
 SPEED = "How fast the tool and the links move through space."
 LOAD = "What the robot carries beyond its description."
 ALL = (TRACKING, COLLISIONS, WAY, COMMANDS, SPEED, LOAD)
-"""What is not looked at where no limit looks at it."""
+"""What is not verified where no limit looks at it."""
 HELD = ("position", "velocity", "radius", "speed", "tool position", "tool radius", "tool speed", "link speed")
 """Quantities of which tracking keeps a margin; clearance says itself what tracking takes."""
 
 
-def not_looked_at(
+def not_verified(
     trajectory: Trajectory,
     limits: Sequence[Limit],
     rows: Sequence[Proof],
-    unheld: Sequence[str] = (),
+    unenforced: Sequence[str] = (),
     *,
     way: bool = False,
 ) -> tuple[str, ...]:
@@ -67,10 +67,10 @@ def not_looked_at(
 
     Args:
         trajectory: with an approach and a return among its pieces the way was looked at.
-        limits: one says by `looks_at` which of `ALL` it looks at, and by `not_looked_at` what it leaves out
+        limits: one says by `looks_at` which of `ALL` it looks at, and by `not_verified` what it leaves out
             of these.
         rows: their proofs: of some a margin is kept for tracking.
-        unheld: what else the robot is known not to hold.
+        unenforced: what else the robot is known not to hold.
         way: whether the trajectory is the way itself, to a motion's start or back.
     """
     labels = {label for _, label, _ in trajectory.pieces()}
@@ -78,16 +78,16 @@ def not_looked_at(
     for limit in limits:
         if isinstance(limit, SupportsCoverage):
             for topic in limit.looks_at:
-                said[topic] = (*said.get(topic, ()), *limit.not_looked_at)
+                said[topic] = (*said.get(topic, ()), *limit.not_verified)
     if way or {"approach", "return"} <= labels:
         said[WAY] = ()
     found = [one for topic in ALL for one in said.get(topic, (topic,))]
-    return (*found, *unheld)
+    return (*found, *unenforced)
 
 
 def _of_tracking(rows: Sequence[Proof]) -> tuple[str, ...]:
     """Nothing where every margin was measured; else of which quantities none was kept, or it is assumed."""
-    own = [row for row in rows if row.quantity in HELD and row.status != "not looked at"]
+    own = [row for row in rows if row.quantity in HELD and row.status != "not verified"]
     without = list(dict.fromkeys(row.quantity for row in own if row.tracking_margin == 0.0))
     assumed = list(
         dict.fromkeys(row.quantity for row in own if row.tracking_margin > 0.0 and row.confidence == 0.0)
@@ -153,7 +153,7 @@ class Certificate:
         rows: one proof per axis and quantity.
         end_speed: largest speed at an end of a piece as a fraction of its limit.
         rest_needed: whether rest at the ends is one of the limits; a flight may start in motion.
-        not_looked_at: sentences, what nobody proved.
+        not_verified: sentences, what nobody proved.
         warnings: what comes first: what the motion asks beyond a limit that is not held.
         notes: sentences on what the file holds beside the motion that is proved.
     """
@@ -161,7 +161,7 @@ class Certificate:
     rows: tuple[Proof, ...]
     end_speed: float
     rest_needed: bool = True
-    not_looked_at: tuple[str, ...] = ALL
+    not_verified: tuple[str, ...] = ALL
     warnings: tuple[Notice, ...] = ()
     notes: tuple[str, ...] = ()
 
@@ -173,7 +173,7 @@ class Certificate:
     @property
     def seen(self) -> tuple[Proof, ...]:
         """The rows that were looked at."""
-        return tuple(row for row in self.rows if row.status != "not looked at")
+        return tuple(row for row in self.rows if row.status != "not verified")
 
     @property
     def failed(self) -> tuple[Proof, ...]:
@@ -203,9 +203,9 @@ class Certificate:
             "end_speed": self.end_speed,
             "rest_needed": self.rest_needed,
             "rows": [_row(row) for row in self.rows],
-            "not_looked_at": list(self.not_looked_at),
+            "not_verified": list(self.not_verified),
         }
-        content |= {"warnings": [one.told() for one in self.warnings]} if self.warnings else {}
+        content |= {"warnings": [one.facts() for one in self.warnings]} if self.warnings else {}
         content |= {"notes": list(self.notes)} if self.notes else {}
         return json.dumps(content, indent=1, allow_nan=False) + "\n"
 
@@ -213,7 +213,7 @@ class Certificate:
 def certify(
     trajectory: Trajectory,
     limits: Sequence[Limit],
-    unheld: Sequence[str] = (),
+    unenforced: Sequence[str] = (),
     *,
     way: bool = False,
     control: str = "",
@@ -226,7 +226,7 @@ def certify(
 
     Args:
         trajectory: what to prove. limits: of the robot.
-        unheld: sentences, what this robot is known not to hold.
+        unenforced: sentences, what this robot is known not to hold.
         way: whether it is the way to a motion's start, or back.
         control: that the margins of tracking are of, in words; "": nobody said.
         partial: a limit that can prove nothing of this curve has a row that says so, instead of a UsageError.
@@ -246,19 +246,19 @@ def certify(
     rest = any(isinstance(limit, SupportsOrder) and limit.rest for limit in limits)
     ends = [_end_speeds(piece, limits, partial) for _, _, piece in pieces]
     end_speed = max(map(max, ends)) if rest else max(ends[0][0], ends[-1][1])
-    unseen = not_looked_at(trajectory, limits, rows, unheld, way=way)
-    return Certificate(rows, end_speed, rest, unseen, _warnings(trajectory, limits))
+    unverified = not_verified(trajectory, limits, rows, unenforced, way=way)
+    return Certificate(rows, end_speed, rest, unverified, _warnings(trajectory, limits))
 
 
 def rows_of(limit: Limit, piece: Trajectory, *, partial: bool) -> Sequence[Proof]:
-    """What a limit proves of a piece; partial: one row, "not looked at", with the reason, if it can not."""
+    """What a limit proves of a piece; partial: one row, "not verified", with the reason, if it can not."""
     try:
         return limit.prove(piece)
     except UsageError as problem:
         if not partial:
             raise
         nan = math.nan
-        return [Proof("all", limit.name, nan, nan, nan, nan, problem.fact, "not looked at")]
+        return [Proof("all", limit.name, nan, nan, nan, nan, problem.fact, "not verified")]
 
 
 def _warnings(trajectory: Trajectory, limits: Sequence[Limit]) -> tuple[Notice, ...]:
@@ -284,7 +284,7 @@ def certify_bytes(data: bytes | str, limits: Sequence[Limit]) -> Certificate:
 def require_certified(
     trajectory: Trajectory,
     limits: Sequence[Limit],
-    unheld: Sequence[str] = (),
+    unenforced: Sequence[str] = (),
     *,
     way: bool = False,
     control: str = "",
@@ -294,7 +294,7 @@ def require_certified(
     Raises:
         UnsafeTrajectoryError: names the axis, the quantity, the limit and the proved value.
     """
-    certificate = certify(trajectory, limits, unheld, way=way, control=control)
+    certificate = certify(trajectory, limits, unenforced, way=way, control=control)
     if certificate.ok:
         return certificate
     if not certificate.failed:
@@ -368,8 +368,8 @@ def _of_version_1(row: dict[str, Any]) -> dict[str, Any]:
 
 
 def _read(row: dict[str, Any]) -> dict[str, Any]:
-    """The row with numbers where JSON has none; of what was not looked at NaN."""
-    none = NAN if row["status"] == "not looked at" else ENDS
+    """The row with numbers where JSON has none; of what was not verified NaN."""
+    none = NAN if row["status"] == "not verified" else ENDS
     return {**row, **{name: value for name, value in none.items() if row[name] is None}}
 
 

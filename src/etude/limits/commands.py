@@ -93,7 +93,7 @@ class CommandLimit:
         return self.quantity
 
     @property
-    def not_looked_at(self) -> tuple[str, ...]:
+    def not_verified(self) -> tuple[str, ...]:
         """What is left open."""
         return self.said
 
@@ -377,7 +377,7 @@ class OpenCommands:
     """Commands that nobody can look at, and why: a limit without rows, which says so on the certificate.
 
     Attributes:
-        said: sentences for the list of what is not looked at.
+        said: sentences for the list of what is not verified.
         limit: the one that even rest does not keep.
         refused: why no motion may be asked for, and what to do; "" where a person knows that a limit is not
             real, or a log has shown it.
@@ -390,7 +390,7 @@ class OpenCommands:
     name: str = "commands"
 
     @property
-    def not_looked_at(self) -> tuple[str, ...]:
+    def not_verified(self) -> tuple[str, ...]:
         """The reason."""
         return self.said
 

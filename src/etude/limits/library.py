@@ -282,7 +282,7 @@ class NormLimit(Convex):
         shift: (len(axes),) added before the size is taken, gravity for thrust; empty for none.
         axis: whose size it is, as in the certificate.
         margin, margins, rest: see `AxisLimit`; of several axes, the size of their margins.
-        looks_at, not_looked_at: what else is looked at with it, see `abilities.SupportsCoverage`.
+        looks_at, not_verified: what else is looked at with it, see `abilities.SupportsCoverage`.
     """
 
     quantity: str
@@ -296,7 +296,7 @@ class NormLimit(Convex):
     margins: Margins = field(default_factory=dict)
     rest: bool = False
     looks_at: tuple[str, ...] = ()
-    not_looked_at: tuple[str, ...] = ()
+    not_verified: tuple[str, ...] = ()
 
     @property
     def _shift(self) -> Array:

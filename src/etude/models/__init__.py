@@ -1,4 +1,4 @@
-"""What was learned: one ladder of rungs for every kind of robot, its members, scores and store."""
+"""What was learned: structures for every kind of robot, their members, scores and store."""
 
 from typing import TYPE_CHECKING
 
@@ -7,8 +7,8 @@ from etude._runtime.lazy import face
 if TYPE_CHECKING:
     from etude.models.change.change_detection import first_alarm
     from etude.models.change.diagnosis import SENSOR, Cause
-    from etude.models.change.evidence import Judged, judged, manner
-    from etude.models.config import USUAL_COMMANDS, ModelConfig, Rung
+    from etude.models.change.evidence import Judged, drift_onset, judged
+    from etude.models.config import USUAL_COMMANDS, ModelConfig, Structure
     from etude.models.data.cross_validation import (
         COUNT,
         EVERY,
@@ -39,7 +39,7 @@ if TYPE_CHECKING:
         while_any_moves,
     )
     from etude.models.selection.linear import LinearPhysics, linear_inputs
-    from etude.models.selection.model_selection import Ladder, train_ladder
+    from etude.models.selection.model_selection import ModelSelection, select_structures
     from etude.models.student_t import fit_student
     from etude.models.trust import trusted
 
@@ -60,18 +60,19 @@ __all__ = [
     "Form",
     "Judged",
     "Kernel",
-    "Ladder",
     "LearnedModel",
     "Linear",
     "LinearPhysics",
     "ModelConfig",
+    "ModelSelection",
     "PointMean",
     "Posteriors",
-    "Rung",
     "SquaredExponential",
+    "Structure",
     "Teaching",
     "ard_se",
     "block_masks",
+    "drift_onset",
     "figures",
     "first_alarm",
     "fit",
@@ -82,17 +83,16 @@ __all__ = [
     "initial_inducing",
     "judged",
     "linear_inputs",
-    "manner",
     "minimize",
     "near",
     "posterior_given",
     "prediction_score",
     "restored",
     "score_trajectories",
+    "select_structures",
     "split_blocks",
     "structured",
     "taught",
-    "train_ladder",
     "trained_process",
     "trusted",
     "while_any_moves",

@@ -9,8 +9,8 @@ from typing import Literal
 from etude import plugins
 from etude.errors import UsageError
 
-Rung = Literal["nominal", "identified", "linear", "gp", "nominal+gp", "identified+gp", "linear+gp"]
-RUNGS: tuple[Rung, ...] = (
+Structure = Literal["nominal", "identified", "linear", "gp", "nominal+gp", "identified+gp", "linear+gp"]
+STRUCTURES: tuple[Structure, ...] = (
     "nominal",
     "identified",
     "linear",
@@ -48,13 +48,13 @@ class ModelConfig:
     """How samples become a model. The defaults are the arms'; each kind's presets lay its own over them.
 
     Attributes:
-        rung: one of `RUNGS`, or "auto": the ladder trains what the robot allows and chooses for each command.
+        rung: one of `STRUCTURES`, or "auto": what the robot allows is trained, and chosen for each command.
         choose_by: held-out error by which it chooses: mean "squared" or mean "absolute" error, each
             trajectory with one vote.
-        replace: what a rung must show to replace one that is better for all commands: "chance", it predicts
-            the folds better by more than these scatter; or "every", it predicts each of them better, and
-            physics stand until some rung does.
-        process_from: trajectories from which rungs with a process compete with physics; stretches of one
+        replace: what a structure must show to replace one that is better for all commands: "chance", it
+            predicts the folds better by more than these scatter; or "every", it predicts each of them
+            better, and physics stand until some structure does.
+        process_from: trajectories from which structures with a process compete with physics; stretches of one
             trajectory are no new trajectories, and flatter processes.
         kernel: "structured" (posture, friction, linear and remainder), "ard_se" (thesis 2.3), or a plug-in.
         sharing: "separate": a process for each command; "shared": one kernel and one noise for all.
@@ -69,7 +69,7 @@ class ModelConfig:
         fit_spacing_s: the latter are at least this far apart: nearer ones repeat each other, and the
             likelihood then takes their agreement for precision. With an arm's kernels an eightieth of what
             the trajectories last, where that is less.
-        candidates: beside "default", processes that are averaged with it in its rung: names in
+        candidates: beside "default", processes that are averaged with it in its structure: names in
             `ensemble.CANDIDATES`. Only with the structured kernel, exact processes and several folds.
         steps, method: length and method of the training: iterations of "lbfgs"; of "minimize" line searches
             or, if negative, evaluations of the likelihood (see `training.fit`).
@@ -94,7 +94,7 @@ class ModelConfig:
         student_t: fit the tails of the held-out errors, for the reported density.
     """
 
-    rung: Rung | Literal["auto"] = "auto"
+    rung: Structure | Literal["auto"] = "auto"
     choose_by: Literal["squared", "absolute"] = "squared"
     process_from: int = 1
     kernel: str = "structured"
@@ -121,7 +121,7 @@ class ModelConfig:
     replace: Literal["chance", "every"] = "chance"
 
     def __post_init__(self) -> None:
-        _one_of("rung", self.rung, (*RUNGS, "auto"))
+        _one_of("rung", self.rung, (*STRUCTURES, "auto"))
         _one_of("choose_by", self.choose_by, ("squared", "absolute"))
         _one_of("replace", self.replace, ("chance", "every"))
         _one_of("sharing", self.sharing, ("separate", "shared"))

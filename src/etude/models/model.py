@@ -127,8 +127,8 @@ class LearnedModel:
 
     Attributes:
         inputs: of all processes, with the facts that the samples told.
-        candidates: every rung that was trained, group by group, the default's first; for the commands that a
-            rung was chosen for the weights of its candidates add up to 1, and are 0 elsewhere. Those of
+        candidates: every structure that was trained, group by group, the default's first; for commands that a
+            structure was chosen for the weights of its candidates add up to 1, and are 0 elsewhere. Those of
             physics and linear regression alone have a process too, which says nothing but where the robot
             has not been.
         commands: names of the J commands.
@@ -155,32 +155,34 @@ class LearnedModel:
     warnings: tuple[Notice, ...] = ()
 
     @property
-    def rungs(self) -> tuple[str, ...]:
-        """Names of the rungs that were trained, each once."""
-        return tuple(dict.fromkeys(candidate.rung for candidate in self.candidates))
+    def structures(self) -> tuple[str, ...]:
+        """Names of the structures that were trained, each once."""
+        return tuple(dict.fromkeys(candidate.structure for candidate in self.candidates))
 
     @property
     def chosen(self) -> tuple[str, ...]:
-        """The rung of each command."""
+        """The structure of each command."""
         found = ["" for _ in self.commands]
         for candidate in self.candidates:
             for place, j in enumerate(candidate.commands):
                 if candidate.weights[place] > 0.0:
-                    found[j] = candidate.rung
+                    found[j] = candidate.structure
         return tuple(found)
 
-    def of_rung(self, rung: str) -> LearnedModel:
-        """The same model with one rung for all commands.
+    def of_structure(self, structure: str) -> LearnedModel:
+        """The same model with one structure for all commands.
 
         Raises:
-            UsageError: the rung was not trained for all commands.
+            UsageError: the structure was not trained for all commands.
         """
-        found = tuple(replace(c, weights=share_of(c) * float(c.rung == rung)) for c in self.candidates)
-        told = {j for c in found if c.rung == rung for j in c.commands}
+        found = tuple(
+            replace(c, weights=share_of(c) * float(c.structure == structure)) for c in self.candidates
+        )
+        told = {j for c in found if c.structure == structure for j in c.commands}
         if len(told) < len(self.commands):
             raise UsageError(
-                f"the model has no rung {rung!r} for every command",
-                next_step=f"It has {', '.join(self.rungs)}.",
+                f"the model has no structure {structure!r} for every command",
+                next_step=f"It has {', '.join(self.structures)}.",
             )
         return replace(self, candidates=found, warnings=())
 
@@ -215,14 +217,14 @@ class LearnedModel:
         return np.asarray(np.sqrt(variance))
 
     def latents(self) -> Sequence[tuple[Posterior, tuple[int, ...]]]:
-        """What a design sees: a posterior for each command, the default's of the rung in use."""
+        """What a design sees: a posterior for each command, the default's of the structure in use."""
         found, chosen = [], self.chosen
         for candidate in self.candidates:
             if candidate.process is None or name_of(candidate) != "default":
                 continue
             for posterior, places in candidate.process.latents():
                 own = [candidate.commands[p] for p in places]
-                used = tuple(j for j in own if chosen[j] == candidate.rung)
+                used = tuple(j for j in own if chosen[j] == candidate.structure)
                 found += [(posterior, used)] if used else []
         return found
 
@@ -231,9 +233,11 @@ class LearnedModel:
         return self.independence
 
     def __repr__(self) -> str:
-        rungs = ", ".join(f"{name}: {rung}" for name, rung in zip(self.commands, self.chosen, strict=True))
+        structures = ", ".join(
+            f"{name}: {structure}" for name, structure in zip(self.commands, self.chosen, strict=True)
+        )
         known = "calibrated" if self.calibrated else "not calibrated yet"
-        return f"LearnedModel of {len(self.commands)} commands, {known} ({rungs})"
+        return f"LearnedModel of {len(self.commands)} commands, {known} ({structures})"
 
     def predict(self, log: Any, *, fade: bool = True) -> Prediction:
         """What to command (n, J), and its variance (n, J), which includes noise and calibration.
@@ -370,7 +374,7 @@ class LearnedModel:
         return self._faded(average, variance - noise, means)
 
     def gravity(self, q: Any) -> Array:
-        """The same (n, J) in poses q (n, J), rad or m; with or without physics, of every rung.
+        """The same (n, J) in poses q (n, J), rad or m; with or without physics, of every structure.
 
         Raises:
             UsageError: q has another shape, or the inputs hold no position for each command.

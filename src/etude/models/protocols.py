@@ -17,11 +17,11 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class EnsembleMember(Candidate):
-    """A candidate with its place among those of its rung.
+    """A candidate with its place among those of its structure.
 
     Attributes:
         name: "default", or one of `ensemble.CANDIDATES`.
-        share: (m,) weight within the rung, whatever rung a command has; None: 1, there is no other.
+        share: (m,) weight within the structure, whatever structure a command has; None: 1, there is no other.
         error: (m,) mean absolute error on motion held out, command units; None where nobody kept it.
     """
 
@@ -31,13 +31,13 @@ class EnsembleMember(Candidate):
 
 
 def share_of(candidate: Candidate) -> Array:
-    """(m,) weight of a candidate within its rung."""
+    """(m,) weight of a candidate within its structure."""
     share = candidate.share if isinstance(candidate, EnsembleMember) else None
     return np.ones(len(candidate.commands)) if share is None else share
 
 
 def name_of(candidate: Candidate) -> str:
-    """Its place among those of its rung."""
+    """Its place among those of its structure."""
     return candidate.name if isinstance(candidate, EnsembleMember) else "default"
 
 

@@ -44,7 +44,7 @@ def load_model(
 
     Args:
         inputs_of: from the arrays that `Inputs.arrays` gave to the inputs: `inputs.restore` of the kind's.
-        physics: the kind's, by rung; restore the means.
+        physics: the kind's, by structure; restore the means.
 
     Raises:
         DataError: no model there, or a damaged or foreign one. UsageError: a plug-in that it needs is
@@ -152,13 +152,13 @@ def _candidate_words(
     if isinstance(candidate, EnsembleMember) and candidate.error is not None:
         shelf.put(f"{prefix}/error", candidate.error)
     words: dict[str, Any] = {
-        "rung": candidate.rung,
+        "rung": candidate.structure,
         "commands": candidate.commands,
         "mean": None,
         "name": name_of(candidate),
     }
     if candidate.mean is not None:
-        base = candidate.rung.removesuffix("+gp")
+        base = candidate.structure.removesuffix("+gp")
         words["mean"] = means.setdefault(id(candidate.mean), base)
         shelf.put_all(f"mean/{base}", candidate.mean.arrays())
     own = candidate.process
@@ -189,8 +189,8 @@ def _candidate(
             raise ValueError(f"the robot has no {base} physics")
         means[base] = physics[base].restore(_under(arrays, f"mean/{base}"))
     if number is not None and number not in processes:
-        recipe = CANDIDATES.get(words.get("name", "default"))
-        own_member = member if recipe is None else recipe.process
+        member_config = CANDIDATES.get(words.get("name", "default"))
+        own_member = member if member_config is None else member_config.process
         processes[number] = member_named(own_member).restore(_under(arrays, f"p{number}"))
     process: Any = None if number is None else processes[number]
     if words["silent"]:
@@ -198,7 +198,7 @@ def _candidate(
         numbers = (own["calibration"], own["least"], own["prior"])
         process = Silent(process, *numbers, grows=bool(own["grows"]))
     return EnsembleMember(
-        rung=words["rung"],
+        structure=words["rung"],
         commands=tuple(words["commands"]),
         weights=arrays[f"{prefix}/weights"],
         mean=None if base is None else means[base],

@@ -14,7 +14,7 @@ from etude.report.markup import Html, element, join, paragraph
 from etude.report.record import Record, read_record
 from etude.report.sections.headline import headline
 from etude.report.sections.learning import learning
-from etude.report.sections.model_scores import calibration, ladder
+from etude.report.sections.model_scores import calibration, selection
 from etude.report.sections.motion import motion
 from etude.report.sections.paths import paths
 from etude.report.sections.prediction import prediction
@@ -34,7 +34,7 @@ SECTIONS = (
     prediction,
     uncertainty,
     calibration,
-    ladder,
+    selection,
     trajectories,
     repairs,
     provenance,
@@ -52,7 +52,7 @@ CONTENTS = {
     "prediction": "predicted against measured",
     "uncertainty": "uncertainty",
     "calibration": "calibration",
-    "ladder": "model ladder",
+    "structures": "model selection",
     "trajectories": "trajectories and proofs",
     "repairs": "repairs",
     "provenance": "provenance",

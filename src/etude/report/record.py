@@ -189,7 +189,7 @@ def _log(path: Path) -> Log:
     return read_log_file(path)
 
 
-RUNGS = {
+STRUCTURES = {
     "gp": "GP",
     "identified": "identified physics",
     "identified+gp": "identified physics + GP",
@@ -200,10 +200,10 @@ RUNGS = {
 }
 
 
-def rung_name(rung: object) -> str:
-    """A rung of the ladder in words; several, as "gp, identified", one for each command, likewise."""
-    parts = [part.strip() for part in str(rung).split(",")]
-    return ", ".join(RUNGS.get(part, part) for part in parts)
+def structure_name(structure: object) -> str:
+    """A structure in words; several, as "gp, identified", one for each command, likewise."""
+    parts = [part.strip() for part in str(structure).split(",")]
+    return ", ".join(STRUCTURES.get(part, part) for part in parts)
 
 
 @dataclass(frozen=True)
@@ -290,32 +290,34 @@ def robot_seconds(record: Record) -> float:
     return max(spent, default=0.0)
 
 
-def chosen_rung(trained: Trained | None) -> str | None:
-    """The rung that was in use after this training; several, joined, where commands differ."""
+def chosen_structure(trained: Trained | None) -> str | None:
+    """The structure that was in use after this training; several, joined, where commands differ."""
     return trained.chosen if trained else None
 
 
 Quantity = Literal["nmse", "z2", "coverage", "msll", "nmse_all", "z2_all", "coverage_all"]
 
 
-def score(trained: Trained | None, rung: str | None, quantity: Quantity) -> Array | None:
-    """(J,) prequential score of one rung in one training; None if no command has one."""
-    values = getattr(trained.score_of(rung or ""), quantity) if trained else ()
+def score(trained: Trained | None, structure: str | None, quantity: Quantity) -> Array | None:
+    """(J,) prequential score of one structure in one training; None if no command has one."""
+    values = getattr(trained.score_of(structure or ""), quantity) if trained else ()
     table = _numbers(values)
     return table if np.isfinite(table).any() else None
 
 
 def held_out(trained: Trained | None) -> dict[str, Array]:
-    """(J,) nMSE on held-out blocks of one log for each rung that was scored so; empty if none was."""
+    """(J,) nMSE on held-out blocks of one log for each structure that was scored so; empty if none was."""
     blocks = trained.held_out.nmse if trained and trained.held_out else {}
-    scores = {rung: _numbers(values) for rung, values in blocks.items()}
-    return {rung: values for rung, values in scores.items() if np.isfinite(values).any()}
+    scores = {structure: _numbers(values) for structure, values in blocks.items()}
+    return {structure: values for structure, values in scores.items() if np.isfinite(values).any()}
 
 
 def _numbers(values: Figures) -> Array:
     return np.array([np.nan if v is None else v for v in values])
 
 
-def scored_rungs(record: Record) -> tuple[str, ...]:
-    """Every rung with scores anywhere in the journal."""
-    return tuple(dict.fromkeys(rung for r in record.state.trained if r.trained for rung in r.trained.models))
+def scored_structures(record: Record) -> tuple[str, ...]:
+    """Every structure with scores anywhere in the journal."""
+    return tuple(
+        dict.fromkeys(structure for r in record.state.trained if r.trained for structure in r.trained.models)
+    )

@@ -207,8 +207,8 @@ class KernelSuite:
     def test_pulls_can_be_called_twice(self) -> None:
         kernel, X, theta = self.kernel, self.inputs(5, 10), self.theta
         G = np.random.default_rng(11).normal(size=(5, 5))
-        for _, pull in (kernel.gram(theta, X), kernel.cross(theta, X, X)):
-            same(pull(G), pull(G), "a pull called twice")
+        for _, vjp in (kernel.gram(theta, X), kernel.cross(theta, X, X)):
+            same(vjp(G), vjp(G), "a pull called twice")
 
     def test_wrong_theta_is_refused(self) -> None:
         for theta in (np.zeros(self.kernel.size + 1), np.full(self.kernel.size, np.nan)):

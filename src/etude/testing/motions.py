@@ -63,7 +63,7 @@ class FamilySuite:
         t = self.times(family.trajectory(p), 9)
         G = np.random.default_rng(4).standard_normal(family.motion(p, t, self.orders).orders.shape)
         expected = central(lambda x: float(np.sum(G * family.motion(x, t, self.orders).orders)), p)
-        close(family.pull(p, t, G), expected, 1e-7, "pull")
+        close(family.vjp(p, t, G), expected, 1e-7, "pull")
 
     def test_rows_agree_with_bound(self) -> None:
         family, p = self.draw(5)

@@ -125,7 +125,7 @@ class InputsSuite:
             again = here.inputs.plan(Motion(motion.t, orders))
             return float(np.sum(in_X * again.X) + np.sum(in_gains * again.gains))
 
-        pulled = planned.pull(in_X, in_gains)
+        pulled = planned.vjp(in_X, in_gains)
         assert pulled.shape == motion.orders.shape, "pull has the shape of the motion"
         close(pulled, central(value, motion.orders, 1e-5), 1e-5, "pull")
 
@@ -147,7 +147,7 @@ class PhysicsSuite:
         return world(self.kind, self.robot)
 
     def means(self) -> dict[str, Mean]:
-        """Every rung of physics, fitted to a simulated run."""
+        """Every structure of physics, fitted to a simulated run."""
         here = self.world
         samples = samples_of(here, 1)
         return {name: physics(samples) for name, physics in self.kind.physics(here.spec, here.config).items()}

@@ -141,7 +141,7 @@ class FourierFamily:
         """Position and derivatives (O, T, k) of the member p (P,) at times t (T,) s."""
         return Motion(t, self._rows_at(t, orders) @ self.coefficients(p))
 
-    def pull(self, p: Array, t: Array, gradient: Array) -> Array:  # noqa: ARG002  linear: p does not matter
+    def vjp(self, p: Array, t: Array, gradient: Array) -> Array:  # noqa: ARG002  linear: p does not matter
         """(P,) gradient in the parameters of sum(gradient * orders); gradient (O, T, k)."""
         rows = self._rows_at(t, len(gradient))
         in_table = np.einsum("otc,otj->cj", rows, gradient, optimize=True)

@@ -17,7 +17,7 @@ from etude.errors import UsageError
 from etude.types import Array
 from etude_arm.clearance.clear_pose import box_about, clearest
 from etude_arm.clearance.distances import TOLERANCE, Gap, Gaps
-from etude_arm.clearance.hull_reduction import stand_ins
+from etude_arm.clearance.hull_reduction import hull_proxies
 from etude_arm.clearance.pairs import gaps_of
 from etude_arm.clearance.surroundings import Search, Surroundings
 from etude_arm.loading.loaded_model import Loaded
@@ -41,7 +41,7 @@ OVERLAP_POSES = 64
 
 
 @dataclass(frozen=True, eq=False)
-class Settled:
+class ClearanceDefaults:
     """A robot among its surroundings, with nothing left open.
 
     Attributes:
@@ -87,7 +87,7 @@ def _places(model_file: Path) -> list[Path]:
 
 def settled(
     loaded: Loaded, lower: Array, upper: Array, around: Surroundings, leave: Pairs = frozenset()
-) -> Settled:
+) -> ClearanceDefaults:
     """Pairs that overlap by construction left out and named, a clear home, and a box about it.
 
     Args:
@@ -110,13 +110,13 @@ def settled(
     touching = _touching(gaps, home, leave, given=around.search is not None and bool(around.search.lower))
     confirm += _sentences(touching, "overlap at home")
     gaps, around = _without(loaded, gaps, around, touching)
-    if found := stand_ins(gaps, home):
+    if found := hull_proxies(gaps, home):
         gaps = gaps_of(loaded, lower, upper, around, found)
     if around.search is None or not around.search.lower:
         low, high = box_about(gaps, home, around.collision.margin, rng) if gaps.list else (lower, upper)
         inside = np.ceil(low * ROUND) / ROUND, np.floor(high * ROUND) / ROUND
         around = replace(around, search=Search(*(tuple(ends.tolist()) for ends in (home, *inside))))
-    return Settled(gaps, around, tuple(confirm))
+    return ClearanceDefaults(gaps, around, tuple(confirm))
 
 
 def _overlaps(gaps: Gaps, rng: np.random.Generator) -> Array:
@@ -174,4 +174,4 @@ def _without(
 
 def _sentences(gaps: list[Gap], why: str) -> list[str]:
     texts = dict.fromkeys(gap.text for gap in gaps)
-    return [f"The shapes of {text} {why}: their distance is not looked at." for text in texts]
+    return [f"The shapes of {text} {why}: their distance is not verified." for text in texts]

@@ -118,7 +118,7 @@ ROOM_FACTOR = 4.0
 """A gap that is narrower at home than so many times what stand-ins would take of it keeps its shapes."""
 
 
-def stand_ins(gaps: Gaps, home: Array) -> dict[str, Fewer]:
+def hull_proxies(gaps: Gaps, home: Array) -> dict[str, Fewer]:
     """By the names of shapes what stands for them, in m in the frame that the model file gives their meshes.
 
     Args:

@@ -253,7 +253,7 @@ class Clearance:
         margin: m to keep; neighbours may keep less, see `kept`.
         lower, upper: (k,) the box.
         margins: of tracking, by form of motion.
-        not_looked_at: sentences, what this limit leaves out.
+        not_verified: sentences, what this limit leaves out.
     """
 
     gaps: Gaps
@@ -263,7 +263,7 @@ class Clearance:
     lower: Array
     upper: Array
     margins: Margins = field(default_factory=dict)
-    not_looked_at: tuple[str, ...] = ()
+    not_verified: tuple[str, ...] = ()
     looks_at: tuple[str, ...] = (COLLISIONS,)
     name: str = "clearance"
     _proofs: dict[str, tuple[Proof, ...]] = field(default_factory=dict, repr=False)

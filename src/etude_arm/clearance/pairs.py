@@ -26,21 +26,21 @@ NONE: Mapping[str, Fewer] = MappingProxyType({})
 
 
 def gaps_of(
-    loaded: Loaded, lower: Array, upper: Array, around: Surroundings, stand_ins: Mapping[str, Fewer] = NONE
+    loaded: Loaded, lower: Array, upper: Array, around: Surroundings, hull_proxies: Mapping[str, Fewer] = NONE
 ) -> Gaps:
     """Every distance that is looked at.
 
     Args:
         loaded: the robot. lower, upper: (k,) limits of its joints.
         around: what stands around, and what is ignored.
-        stand_ins: by the names of shapes of meshes what is looked at in their place.
+        hull_proxies: by the names of shapes of meshes what is looked at in their place.
 
     Raises:
         UsageError: MuJoCo refuses the model, it has other joints, or nothing has a name in `ignore`.
     """
     spec = _spec(loaded, around)
-    put(spec, stand_ins)
-    grown = {name: one.radius for name, one in stand_ins.items()}
+    put(spec, hull_proxies)
+    grown = {name: one.radius for name, one in hull_proxies.items()}
     skeleton = skeleton_of(_compiled(spec, loaded), loaded.joints, lower, upper, grown)
     _check_names(skeleton, around)
     ignored = {frozenset(pair) for pair in around.collision.ignore}

@@ -11,7 +11,7 @@ import math
 import numpy as np
 
 from etude.types import Array, Margins, Mask, Proof, Reachable
-from etude_arm.clearance.defaults import Pairs, Settled, disabled, settled
+from etude_arm.clearance.defaults import ClearanceDefaults, Pairs, disabled, settled
 from etude_arm.clearance.distances import TOLERANCE
 from etude_arm.clearance.hull_reduction import said
 from etude_arm.clearance.limit import Clearance
@@ -25,7 +25,7 @@ from etude_arm.spec import ArmSpec
 
 PLANE = f"A plane of the model file is left out{ADD_FLOOR}"
 _reachable: dict[str, Reachable] = {}
-_known: dict[str, tuple[Loaded, Settled, dict[str, tuple[Proof, ...]]]] = {}
+_known: dict[str, tuple[Loaded, ClearanceDefaults, dict[str, tuple[Proof, ...]]]] = {}
 
 
 def clearance_of(spec: ArmSpec, margins: Margins) -> Clearance | None:
@@ -43,11 +43,13 @@ def clearance_of(spec: ArmSpec, margins: Margins) -> Clearance | None:
     out = [
         f"The distance of {a} and {b}, which the file excludes." for a, b in excluded_links(skeleton, loaded)
     ]
-    unseen = (*out, *beside_base(skeleton), *said(skeleton), *not_looked_at(loaded, complete.around))
+    unverified = (*out, *beside_base(skeleton), *said(skeleton), *not_verified(loaded, complete.around))
     margin = complete.around.collision.margin
     # proofs without tracking margins are remembered beyond one limit: a command asks for its limits often
     known = {} if margins else proofs
-    return Clearance(complete.gaps, spec.names, home, margin, lower, upper, margins, unseen, _proofs=known)
+    return Clearance(
+        complete.gaps, spec.names, home, margin, lower, upper, margins, unverified, _proofs=known
+    )
 
 
 def search_of(spec: ArmSpec) -> tuple[Array, Array, Array]:
@@ -152,7 +154,7 @@ def completed(
     return found.around, (*confirm, *found.confirm)
 
 
-def not_looked_at(loaded: Loaded, around: Surroundings) -> tuple[str, ...]:
+def not_verified(loaded: Loaded, around: Surroundings) -> tuple[str, ...]:
     """Sentences: what the clearance of this robot leaves out."""
     ignored = [f"The distance of {one} and {other}." for one, other in around.collision.ignore]
     given = any((around.floor, around.box, around.wall, around.room, around.column))
@@ -160,7 +162,7 @@ def not_looked_at(loaded: Loaded, around: Surroundings) -> tuple[str, ...]:
     unknown = (
         others if given else "What stands around the robot: no floor, box or wall is given. Cables, people."
     )
-    return (*ignored, *(sentence[0].upper() + sentence[1:] + "." for sentence in loaded.unseen), unknown)
+    return (*ignored, *(sentence[0].upper() + sentence[1:] + "." for sentence in loaded.unverified), unknown)
 
 
 def beside_base(skeleton: Skeleton) -> tuple[str, ...]:
@@ -173,12 +175,12 @@ def beside_base(skeleton: Skeleton) -> tuple[str, ...]:
     return (f"The distance of {', '.join(first)} from what is fixed to the base: {', '.join(fixed)}.",)
 
 
-def _of(spec: ArmSpec) -> tuple[Loaded, Settled, dict[str, tuple[Proof, ...]]] | None:
+def _of(spec: ArmSpec) -> tuple[Loaded, ClearanceDefaults, dict[str, tuple[Proof, ...]]] | None:
     if spec.model_file is None or not spec.around.collision.look:
         return None
     file = spec.model_file
 
-    def made() -> tuple[Loaded, Settled, dict[str, tuple[Proof, ...]]]:
+    def made() -> tuple[Loaded, ClearanceDefaults, dict[str, tuple[Proof, ...]]]:
         loaded = load_arm(spec)
         return loaded, settled(loaded, spec.lower, spec.upper, spec.around, disabled(file)), {}
 

@@ -52,7 +52,7 @@ class Collision:
 
     Attributes:
         margin: m, kept beyond what tracking needs; half of a pair's distance at home if that is less.
-        ignore: pairs of links, as in the model file, whose distance is not looked at.
+        ignore: pairs of links, as in the model file, whose distance is not verified.
         boxed: shapes of the model file, "link#k", that do not count: boxes of the robot file stand for them.
         look: False: no distance is.
     """

@@ -55,7 +55,7 @@ def all_keep(
 ) -> bool:
     """Whether distances less their share (n,) of what `lost` says are all at least `sought` (n,).
 
-    Arguments as there. The same answer for less: what by its reach alone keeps enough is not looked at, and
+    Arguments as there. The same answer for less: what by its reach alone keeps enough is not verified, and
     the first gap that does not keep it ends the search.
     """
     most = gaps.reach @ error

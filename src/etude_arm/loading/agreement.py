@@ -101,9 +101,9 @@ def _base(model: mujoco.MjModel, frame: Array, expected: Expected) -> Iterator[s
     base = frame[first] @ np.linalg.inv(expected.frame[first]) @ expected.base
     if not alike(base, expected.base):
         yield f"the base is {apart(base, expected.base)} where it should be"
-    pull, wanted = base[:3, :3].T @ _gravity(model), expected.base[:3, :3].T @ expected.gravity
-    if np.abs(pull - wanted).max() > TURN * max(float(np.linalg.norm(wanted)), 1.0):
-        yield f"gravity in the frame of the base is {_text(pull)} m/s^2, to be {_text(wanted)}"
+    vjp, wanted = base[:3, :3].T @ _gravity(model), expected.base[:3, :3].T @ expected.gravity
+    if np.abs(vjp - wanted).max() > TURN * max(float(np.linalg.norm(wanted)), 1.0):
+        yield f"gravity in the frame of the base is {_text(vjp)} m/s^2, to be {_text(wanted)}"
 
 
 def _gravity(model: mujoco.MjModel) -> Array:

@@ -142,7 +142,7 @@ class Additions:
     mounting: Mounting | None = None
     carried: tuple[tuple[str, Attached], ...] = ()
 
-    def unseen(self) -> tuple[str, ...]:
+    def unverified(self) -> tuple[str, ...]:
         """What a certificate does not look at."""
         none = [name for name, one in self.carried if one.shape == "none"]
         return tuple(f"the shape of the {name}: none is given" for name in none)

@@ -83,9 +83,9 @@ class Expected:
         found = np.zeros(len(self.joints))
         for j, (axis, anchor) in enumerate(zip(self.axis, self.anchor, strict=True)):
             for i in np.flatnonzero(self.moves[:, j]):
-                pull = self.mass[i] * self.gravity
-                lever = np.cross(self.centre[i] - anchor, pull)
-                found[j] -= axis @ (pull if self.slides[j] else lever)
+                vjp = self.mass[i] * self.gravity
+                lever = np.cross(self.centre[i] - anchor, vjp)
+                found[j] -= axis @ (vjp if self.slides[j] else lever)
         return found
 
 

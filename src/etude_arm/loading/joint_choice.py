@@ -25,7 +25,7 @@ class Choice:
     joints: tuple[str, ...]
     held: Mapping[str, float]
     notes: tuple[str, ...] = ()
-    unseen: tuple[str, ...] = ()
+    unverified: tuple[str, ...] = ()
 
 
 SHORTEST_STROKE = 0.1
@@ -108,7 +108,7 @@ def described(limbs: Sequence[Moving], after: Mapping[str, list[Moving]]) -> str
 
 
 def no_arm(found: Sequence[Moving], where: str) -> UsageError:
-    """Says what moves, what of it was not looked at, and how to choose it all the same."""
+    """Says what moves, what of it was not verified, and how to choose it all the same."""
     if not found:
         return UsageError(
             "no arm: nothing in the file moves",
@@ -139,17 +139,17 @@ def choose(
         UsageError: no arm or several, a name that is no moving joint, a position outside its joint's range.
     """
     joints = _only_arm(found, where) if wanted is None else _named(found, wanted, where)
-    held, unseen = _held(found, joints, given, where)
+    held, unverified = _held(found, joints, given, where)
     notes = [
         f"{sentence[0].upper()}{sentence[1:]}: clearances and torques of what it carries are wrong."
-        for sentence in unseen
+        for sentence in unverified
     ]
     if wanted is None:
         notes += _left(found, held) + _perhaps_finger(found, joints)
     if held:
         stays = ", ".join(f"{name} at {at:.4g}" for name, at in held.items())
-        unseen = [f"held joints are taken to stay where they are: {stays}", *unseen]
-    return Choice(joints, held, tuple(notes), tuple(unseen))
+        unverified = [f"held joints are taken to stay where they are: {stays}", *unverified]
+    return Choice(joints, held, tuple(notes), tuple(unverified))
 
 
 def _left(found: Sequence[Moving], held: Mapping[str, float]) -> list[str]:
@@ -283,13 +283,13 @@ def _held(
     for name, at in given.items():
         _check_given(joints[name], at, chosen, where)
     stand = {name: given.get(name, min(max(0.0, one.lower), one.upper)) for name, one in joints.items()}
-    unseen = []
+    unverified = []
     for name, joint in joints.items():
         if joint.leader in joints and name not in given:
             stand[name] = joint.factor * stand[joint.leader] + joint.offset
             if joint.leader in chosen:
-                unseen.append(f"joint '{name}' follows '{joint.leader}' (<mimic>), here it stands still")
-    return {name: stand[name] for name in joints if name not in chosen}, unseen
+                unverified.append(f"joint '{name}' follows '{joint.leader}' (<mimic>), here it stands still")
+    return {name: stand[name] for name in joints if name not in chosen}, unverified
 
 
 def _check_given(joint: Moving, at: float, chosen: Sequence[str], where: str) -> None:

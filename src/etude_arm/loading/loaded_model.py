@@ -51,7 +51,7 @@ class Loaded:
     joints: tuple[str, ...]
     held: Mapping[str, float] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
-    unseen: tuple[str, ...] = ()
+    unverified: tuple[str, ...] = ()
     excluded: tuple[tuple[str, str], ...] = ()
     planes: tuple[Wall, ...] = ()
     beside: Mapping[str, str] = field(default_factory=dict)

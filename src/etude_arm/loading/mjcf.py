@@ -163,8 +163,8 @@ def notes_of(model: mujoco.MjModel, choice: Choice) -> tuple[str, ...]:
             "The file switches gravity off: torques here have none. Correct its <option> unless that is so."
         )
     elif np.abs(model.opt.gravity - DOWN).max() > CLOSE:
-        pull = ", ".join(f"{x:g}" for x in model.opt.gravity)
-        notes.append(f"Gravity in the file is ({pull}) m/s^2, not 9.81 downwards along z: is that so?")
+        vjp = ", ".join(f"{x:g}" for x in model.opt.gravity)
+        notes.append(f"Gravity in the file is ({vjp}) m/s^2, not 9.81 downwards along z: is that so?")
     light = [name_of(model, b) for b in range(1, model.nbody) if model.body_gravcomp[b] and not off]
     moved = [name for name in light if part_of(model, choice, model.body(name).id)] if light else []
     if moved:
@@ -194,7 +194,7 @@ def _idle(model: mujoco.MjModel, choice: Choice) -> list[str]:
     return idle if len(idle) < len(choice.joints) else []
 
 
-def unseen_of(model: mujoco.MjModel, choice: Choice) -> tuple[str, ...]:
+def unverified_of(model: mujoco.MjModel, choice: Choice) -> tuple[str, ...]:
     """What a certificate does not look at: stops over several joints, and ties between them."""
     tied = {int(end) for k in np.flatnonzero(model.eq_active0) if model.eq_type[k] == TENDON for end in
             (model.eq_obj1id[k], model.eq_obj2id[k])}  # fmt: skip
@@ -238,11 +238,19 @@ def load_mjcf(
     bodies = [body for _, body in _lying(model)]
     stays = [f"'{body}' lies free and is taken to stay where the file puts it" for body in bodies]
     base = f"the base is taken to be fixed{loose}"
-    unseen = (base, *stays, *choice.unseen, *lost, *unseen_of(model, choice), *new.unseen, *added.unseen())
+    unverified = (
+        base,
+        *stays,
+        *choice.unverified,
+        *lost,
+        *unverified_of(model, choice),
+        *new.unverified,
+        *added.unverified(),
+    )
     lying = [f"Bodies that lie free are taken to stay where the file puts them: {', '.join(bodies)}."]
     notes = (*choice.notes, *(lying if bodies else ()), *found.notes, *notes_of(model, choice), *new.notes)
     room = {"planes": planes_of(model), "beside": beside(model, choice, new.shapes)}
-    head = (new.xml, new.assets, choice.joints, choice.held, notes, unseen, new.excluded)
+    head = (new.xml, new.assets, choice.joints, choice.held, notes, unverified, new.excluded)
     expected = mjcf_expected(model, choice, added)
     return Loaded(*head, **room, source=str(path), added=new.added, expected=expected)  # type: ignore[arg-type]
 

@@ -142,7 +142,7 @@ BESIDE = -1
 
 
 def shapes_of_bodies(
-    model: mujoco.MjModel, choice: Choice, unseen: list[str]
+    model: mujoco.MjModel, choice: Choice, unverified: list[str]
 ) -> tuple[dict[int, list[int]], tuple[str, ...]]:
     """Geoms to keep by body: those that collide; of a part without any, all. Of bodies beside the robot only
     those that collide, but where nothing in the file does.
@@ -165,7 +165,7 @@ def shapes_of_bodies(
         if part > 0 and geoms and not solid:
             drawn.append(name_of(model, part))
         if part > 0 and not geoms:
-            unseen.append(f"the shape of body '{name_of(model, part)}': the file has none")
+            unverified.append(f"the shape of body '{name_of(model, part)}': the file has none")
         moving = [b for b in bodies if model.body_weldid[b]]  # what never moves is the room's: mjcf_beside
         if any(int(model.geom_type[g]) == PLANE for b in moving for g in geoms_of(model, b)):
             notes.append(f"A plane that body '{name_of(model, part)}' carries is left out: it has no end.")

@@ -34,7 +34,7 @@ class Written:
     xml: str
     assets: Mapping[str, bytes]
     notes: tuple[str, ...]
-    unseen: tuple[str, ...]
+    unverified: tuple[str, ...]
     excluded: tuple[tuple[str, str], ...]
     shapes: Mapping[str, int]
     added: Mapping[str, str]
@@ -48,7 +48,7 @@ class _Writer:
     choice: Choice
     assets: dict[str, bytes] = field(default_factory=dict)
     names: dict[int, list[str]] = field(default_factory=dict)  # geoms by the body that has them
-    unseen: list[str] = field(default_factory=list)
+    unverified: list[str] = field(default_factory=list)
 
     def body(self, parent: ET.Element, b: int, shapes: Mapping[int, Sequence[int]]) -> ET.Element:
         m = self.model
@@ -244,7 +244,7 @@ def written(model: mujoco.MjModel, choice: Choice, drives: bool, added: Addition
     asset, world = ET.SubElement(root, "asset"), ET.SubElement(root, "worldbody")
     if added.mounting is not None:
         world = mounted(world, added.mounting)
-    shapes, notes = shapes_of_bodies(model, choice, writer.unseen)
+    shapes, notes = shapes_of_bodies(model, choice, writer.unverified)
     elements = {0: world}
     writer.geoms(world, 0, shapes.get(0, ()))
     for b in range(1, model.nbody):
@@ -260,7 +260,7 @@ def written(model: mujoco.MjModel, choice: Choice, drives: bool, added: Addition
     xml = ET.tostring(root, encoding="unicode")
     names = {name: g for b, own in writer.names.items() for name, g in zip(own, shapes[b], strict=True)}
     excluded = _excluded(model, writer.names)
-    return Written(xml, writer.assets, notes, tuple(writer.unseen), excluded, names, carried)
+    return Written(xml, writer.assets, notes, tuple(writer.unverified), excluded, names, carried)
 
 
 def _carrier(model: mujoco.MjModel, choice: Choice, what: str, one: Attached) -> int:

@@ -20,7 +20,7 @@ REACH = 1.0
 """m: distances beyond do not matter."""
 
 
-CROWDED_SHARE = 0.5
+OVERLAP_SHARE = 0.5
 """Share from which a pair leaves motions little room."""
 Crowds = Mapping[tuple[str, str], float]
 """Pairs of links -> share of poses in which shapes of theirs overlap."""
@@ -50,7 +50,7 @@ def crowds(loaded: Loaded, lower: Array, upper: Array) -> Crowds:
     return found
 
 
-def crowded_links(found: Crowds) -> set[str]:
+def links_that_overlap(found: Crowds) -> set[str]:
     """Links of pairs that overlap in more than OFTEN of the poses."""
     return {link for pair, share in found.items() if share > OFTEN for link in pair}
 
@@ -60,7 +60,7 @@ def hemmed_in(found: Crowds, ignored: Collection[tuple[str, str]]) -> tuple[str,
     left = {
         pair: share
         for pair, share in found.items()
-        if share > CROWDED_SHARE and not {pair, pair[::-1]} & set(ignored)
+        if share > OVERLAP_SHARE and not {pair, pair[::-1]} & set(ignored)
     }
     if not left:
         return ()

@@ -41,14 +41,14 @@ DEEPEST = 20
 def packed(
     path: Path,
     mesh_roots: Sequence[Path] = (),
-    crowded: Collection[str] = (),
+    overlapping: Collection[str] = (),
     notes: list[str] | None = None,
 ) -> tuple[bytes, dict[str, bytes]]:
     """The model file's bytes, and the mesh files that they name, by their path relative to it.
 
     A URDF keeps everything but its pictures; its meshes become their convex hulls, bent ones of the links in
-    `crowded` several; see `slabs`. An MJCF keeps everything, includes in their places, and gets slabs beside
-    the bent ones. What is missing stays missing. A file without meshes and includes is copied byte
+    `overlapping` several; see `slabs`. An MJCF keeps everything, includes in their places, and gets slabs
+    beside the bent ones. What is missing stays missing. A file without meshes and includes is copied byte
     by byte. What a person should confirm of that is added to `notes`.
 
     Raises:
@@ -57,7 +57,7 @@ def packed(
     data = path.read_bytes()
     root = parsed(path)
     if root.tag == "robot":
-        meshes = _packed_urdf(root, path, mesh_roots, crowded)
+        meshes = _packed_urdf(root, path, mesh_roots, overlapping)
         changed = bool(meshes)
     else:
         if attached := root.find(".//asset/model") is not None:
@@ -65,13 +65,13 @@ def packed(
         includes = attached or root.find(".//include") is not None
         if includes:
             _expand(root, path.parent, 0)
-        meshes = _packed_mjcf(root, path, crowded, [] if notes is None else notes)
+        meshes = _packed_mjcf(root, path, overlapping, [] if notes is None else notes)
         changed = includes or bool(meshes)
     return (bytes(ET.tostring(root, encoding="utf-8")) if changed else data), meshes
 
 
 def _packed_urdf(
-    root: ET.Element, path: Path, mesh_roots: Sequence[Path], crowded: Collection[str]
+    root: ET.Element, path: Path, mesh_roots: Sequence[Path], overlapping: Collection[str]
 ) -> dict[str, bytes]:
     """Replaces meshes by hulls; pictures stay where no collision shape does."""
     meshes: dict[str, bytes] = {}
@@ -79,7 +79,7 @@ def _packed_urdf(
     paths = MeshPaths(path, mesh_roots, named)
     for link in root.findall("link"):
         solid, drawn = link.findall("collision"), link.findall("visual")
-        cut = link.get("name") in crowded
+        cut = link.get("name") in overlapping
         kept = [_pack_shape(link, shape, paths, meshes, cut) for shape in solid]
         for picture in drawn:
             if kept and all(kept):
@@ -143,7 +143,7 @@ def _with_attached(path: Path) -> ET.Element:
 
 
 def _packed_mjcf(
-    root: ET.Element, path: Path, crowded: Collection[str], notes: list[str]
+    root: ET.Element, path: Path, overlapping: Collection[str], notes: list[str]
 ) -> dict[str, bytes]:
     """Meshes under names of their own, beside the file, and slabs of bent ones."""
     meshes: dict[str, bytes] = {}
@@ -158,7 +158,7 @@ def _packed_mjcf(
         name = f"{MESHES}/{len(meshes)}_{file.name}"
         meshes[name] = file.read_bytes()
         mesh.set("file", name)
-    meshes |= _slabs(root, path, crowded, notes)
+    meshes |= _slabs(root, path, overlapping, notes)
     for one in root.findall("compiler") if meshes else ():
         for key in ("meshdir", "assetdir"):
             one.attrib.pop(key, None)
@@ -183,13 +183,13 @@ class Slabs:
     files: dict[str, bytes] = field(default_factory=dict)
     drawn: list[str] = field(default_factory=list)
 
-    def add(self, crowded: Collection[str]) -> None:
-        """Slabs of the bodies in `crowded`.
+    def add(self, overlapping: Collection[str]) -> None:
+        """Slabs of the bodies in `overlapping`.
 
         The whole mesh stays for what it weighs, and collides no more. A body whose geoms are not those of the
         file (copied by <replicate>, or without their mesh) stays as it is.
         """
-        for body in [one for one in self.root.iter("body") if one.get("name") in crowded]:
+        for body in [one for one in self.root.iter("body") if one.get("name") in overlapping]:
             written, name = list(_geoms(body)), body.get("name", "")
             own = geoms_of(self.model, self.model.body(name).id)
             if len(written) == len(own):
@@ -262,13 +262,13 @@ def _beyond(points: Array, others: Array) -> float:
     return float((hull(points)[0] @ normals.T - np.einsum("fi,fi->f", a, normals)).max())
 
 
-def _slabs(root: ET.Element, path: Path, crowded: Collection[str], notes: list[str]) -> dict[str, bytes]:
-    if not crowded:
+def _slabs(root: ET.Element, path: Path, overlapping: Collection[str], notes: list[str]) -> dict[str, bytes]:
+    if not overlapping:
         return {}
     from etude_arm.loading.mjcf_compiled import compiled
 
     found = Slabs(root, compiled(path).model, MESHES)
-    found.add(crowded)
+    found.add(overlapping)
     notes += [DRAWN.format(", ".join(found.drawn))] if found.drawn else []
     return found.files
 

@@ -65,7 +65,7 @@ class Shapes:
     elements: Mapping[str, Sequence[ET.Element]]
     assets: Mapping[str, bytes]
     notes: tuple[str, ...] = ()
-    unseen: tuple[str, ...] = ()
+    unverified: tuple[str, ...] = ()
 
 
 NO_SHAPES = Shapes({}, {})
@@ -118,15 +118,15 @@ def shapes_of(tree: UrdfTree, joints: Sequence[str], path: Path, mesh_roots: Seq
     meshes = _Meshes(path, MeshPaths(path, mesh_roots, named))
     elements: dict[str, list[ET.Element]] = {}
     notes: list[str] = []
-    unseen: list[str] = []
+    unverified: list[str] = []
     drawn: list[str] = []
     for cluster in tree.clusters(joints):
         solid = any(tree.links[name].find("collision") is not None for name in cluster)
         for name in cluster:
-            elements[name] = _of_link(tree, name, "collision" if solid else "visual", meshes, unseen)
+            elements[name] = _of_link(tree, name, "collision" if solid else "visual", meshes, unverified)
         shaped = [name for name in cluster if elements[name]]
         drawn += [] if solid else shaped
-        unseen += [] if shaped else [f"the shape of link '{cluster[0]}': the file has none"]
+        unverified += [] if shaped else [f"the shape of link '{cluster[0]}': the file has none"]
     if drawn:
         notes.append(f"What is drawn of {', '.join(drawn)} is taken as shape: there is none for collisions.")
     notes += meshes.paths.notes
@@ -139,14 +139,16 @@ def shapes_of(tree: UrdfTree, joints: Sequence[str], path: Path, mesh_roots: Seq
     if meshes.empty:
         names = ", ".join(dict.fromkeys(meshes.empty))
         notes.append(f"Meshes are empty: {names}. Has the link no shape? Else export them anew.")
-    return Shapes(elements, meshes.assets, tuple(notes), tuple(unseen))
+    return Shapes(elements, meshes.assets, tuple(notes), tuple(unverified))
 
 
-def _of_link(tree: UrdfTree, link: str, kind: str, meshes: _Meshes, unseen: list[str]) -> list[ET.Element]:
+def _of_link(
+    tree: UrdfTree, link: str, kind: str, meshes: _Meshes, unverified: list[str]
+) -> list[ET.Element]:
     """The new <collision> elements of one link, of its <collision> or <visual> elements."""
     found: list[ET.Element] = []
     for shape in tree.links[link].findall(kind):
-        found += _of_shape(shape, link, meshes) or _stand_in(tree, link, kind, meshes, unseen)
+        found += _of_shape(shape, link, meshes) or _stand_in(tree, link, kind, meshes, unverified)
     for k, element in enumerate(found):
         element.set("name", f"{link}#{k}")
     return found
@@ -199,7 +201,9 @@ def _of_shape(shape: ET.Element, link: str, meshes: _Meshes) -> list[ET.Element]
     return [new] if asset else []
 
 
-def _stand_in(tree: UrdfTree, link: str, kind: str, meshes: _Meshes, unseen: list[str]) -> list[ET.Element]:
+def _stand_in(
+    tree: UrdfTree, link: str, kind: str, meshes: _Meshes, unverified: list[str]
+) -> list[ET.Element]:
     """What is drawn of a link whose collision mesh is missing or empty; else a capsule to the next joint, a
     guess.
     """
@@ -209,14 +213,14 @@ def _stand_in(tree: UrdfTree, link: str, kind: str, meshes: _Meshes, unseen: lis
             new for shape in tree.links[link].findall("visual") for new in _of_shape(shape, link, meshes)
         ]
         if drawn:
-            unseen.append(f"the shape of link '{link}': {lack}, what is drawn was taken")
+            unverified.append(f"the shape of link '{link}': {lack}, what is drawn was taken")
             return drawn
     ends = [_offset(joint) for joint in tree.joints if parent(joint) == link]
     end = max(ends, key=lambda at: float(at @ at), default=np.zeros(3))
     if not end.any():  # the last link: nothing says how far it reaches
-        unseen.append(f"the shape of link '{link}': {lack}, and nothing was taken in its place")
+        unverified.append(f"the shape of link '{link}': {lack}, and nothing was taken in its place")
         return []
-    unseen.append(f"the shape of link '{link}': {lack}, a capsule was guessed")
+    unverified.append(f"the shape of link '{link}': {lack}, a capsule was guessed")
     return [_capsule(end)]
 
 
@@ -339,14 +343,14 @@ def load_urdf(
     carried = add_to_urdf(new, tree, choice.joints, added, bodies)
     xml = ET.tostring(new, encoding="unicode")
     notes = (*choice.notes, *masses.notes, *shapes.notes)
-    unseen = (*_base(tree), *choice.unseen, *shapes.unseen, *added.unseen())
+    unverified = (*_base(tree), *choice.unverified, *shapes.unverified, *added.unverified())
     return Loaded(
         xml,
         shapes.assets,
         choice.joints,
         choice.held,
         notes,
-        unseen,
+        unverified,
         source=str(path),
         links={body: link for link, body in bodies.items() if body != link},
         added=carried,

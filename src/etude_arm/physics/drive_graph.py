@@ -77,8 +77,8 @@ def _site(tree: KinematicTree, motion: BodyMotion, body: int, point: Operand) ->
     path[tree.path(body)] = 1.0
     axes, anchors = (part.swapped(1, 0, 2) for part in (motion.axis, motion.anchor))
     jacobian = path * ((1.0 - slides) * cross(axes, position.widened(1) - anchors) + slides * axes)
-    pull = acceleration + cross(alpha, arm) + cross(omega, swing)
-    return Site(position, velocity + swing, pull, jacobian)
+    vjp = acceleration + cross(alpha, arm) + cross(omega, swing)
+    return Site(position, velocity + swing, vjp, jacobian)
 
 
 def _segment(first: Site, second: Site) -> tuple[Value, Value, Value]:

@@ -1,4 +1,4 @@
-"""The rungs of physics: the rigid body of the model file, nominal or identified, as means over logs."""
+"""The structures of physics: the rigid body of the model file, nominal or identified, as means over logs."""
 
 from __future__ import annotations
 
@@ -117,7 +117,7 @@ class ArmPhysics:
         if geometry is None:
             raise UsageError(
                 f"robot '{self.spec.name}' has no model_file, so it has no physics to learn from",
-                next_step="Add a URDF or MJCF to the robot file, or choose the rung gp.",
+                next_step="Add a URDF or MJCF to the robot file, or choose the structure gp.",
             )
         return geometry
 
@@ -203,7 +203,7 @@ def remembered_of(log: Log) -> Array | None:
 
 
 def physics_of(spec: ArmSpec, friction_fraction: float, desired: bool) -> dict[str, ArmPhysics]:
-    """The rungs that the robot allows: none without a model file with masses, "nominal" only for forces."""
+    """The structures that the robot allows: none without a file with masses, "nominal" only for forces."""
     if not has_masses(spec):
         return {}
     fraction = friction_fraction or FRICTION_FRACTION

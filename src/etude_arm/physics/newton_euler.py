@@ -50,10 +50,10 @@ def _wrenches(tree: KinematicTree, motion: BodyMotion) -> tuple[Array, Array]:
     turn, omega, alpha = motion.rotation, motion.omega, motion.alpha
     mass, lever = tree.nominal[:, 0], np.einsum("bnij,bj->bni", turn, tree.nominal[:, 1:4])
     inertia = tree.nominal[:, 4:][:, _PLACES]
-    pull = motion.acceleration - tree.gravity
+    vjp = motion.acceleration - tree.gravity
     swing = cross(alpha, lever) + cross(omega, cross(omega, lever))
     spin = _turned(turn, inertia, alpha) + cross(omega, _turned(turn, inertia, omega))
-    return mass[:, None, None] * pull + swing, spin + cross(lever, pull)
+    return mass[:, None, None] * vjp + swing, spin + cross(lever, vjp)
 
 
 def _turned(turn: Array, inertia: Array, vector: Array) -> Array:

@@ -103,10 +103,10 @@ class ReferenceRegressor:
     def _rows(self, q: Array, qd: Array, qd_r: Array, qdd_r: Array) -> Array:
         """(UNITS + J, J, P + E) regressors at the states named above."""
         dof = len(q)
-        rate, pull = np.zeros((2, UNITS + dof, dof))
+        rate, vjp = np.zeros((2, UNITS + dof, dof))
         rate[AT_REFERENCE], rate[AT_DIFFERENCE], rate[RUBBING] = 0.5 * (qd + qd_r), 0.5 * (qd - qd_r), qd_r
-        pull[AT_REFERENCE], pull[UNITS:] = qdd_r, np.eye(dof)
+        vjp[AT_REFERENCE], vjp[UNITS:] = qdd_r, np.eye(dof)
         tree, drives = self.physics.geometry.tree, self.physics.geometry.drives
-        motion = np.tile(q, (UNITS + dof, 1)), rate, pull
+        motion = np.tile(q, (UNITS + dof, 1)), rate, vjp
         rigid, extra = command_regressors(tree, drives, self.physics.friction_velocity, *motion)
         return np.concatenate([rigid, extra], axis=2)

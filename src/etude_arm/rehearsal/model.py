@@ -178,8 +178,8 @@ class RehearsedRun:
             share = loop.velocity_filter
             self._rate = self._rate + share * ((q - self._before) * self._made.spec.rate - self._rate)
         self._before = q
-        pull = made.kp * (inputs.q_des[k] - q) + made.kd * (inputs.qd_des[k] - self._rate)
-        feedback = pull / made.gain
+        vjp = made.kp * (inputs.q_des[k] - q) + made.kd * (inputs.qd_des[k] - self._rate)
+        feedback = vjp / made.gain
         limit = self._made.spec.command
         command = np.clip(_whole(feedback + inputs.tau_ff[k], self._made.spec), -limit, limit)
         held = self._delayed(np.tile(command * made.gain, (inputs.substeps, 1)))
@@ -213,10 +213,10 @@ def _servo(made: Motors, controls: Array, q: Array, qd: Array) -> Array:
     The integrator is implicit: damping acts with the speed at a step's end, but for a torque at its limit.
     """
     wanted, speed, ahead = np.split(controls, 3, axis=1)
-    pull = made.kp * (wanted - q[:-1]) + ahead
-    begun = pull + made.kd * (speed - qd[:-1])
+    vjp = made.kp * (wanted - q[:-1]) + ahead
+    begun = vjp + made.kd * (speed - qd[:-1])
     held = np.clip(begun, -made.torque, made.torque)
-    return np.where(held == begun, pull + made.kd * (speed - qd[1:]), held)
+    return np.where(held == begun, vjp + made.kd * (speed - qd[1:]), held)
 
 
 def _between(inputs: LoopInputs, timestep: float) -> tuple[Array, Array, Array]:

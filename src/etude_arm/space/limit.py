@@ -89,7 +89,7 @@ class SpaceLimit:
     _proofs: dict[str, tuple[Proof, ...]] = field(default_factory=dict, repr=False)
 
     @property
-    def not_looked_at(self) -> tuple[str, ...]:
+    def not_verified(self) -> tuple[str, ...]:
         """Of the two speeds, the one without a limit."""
         speeds = {"tool": self.table.speed, "links": self.table.link_speed}
         return tuple(

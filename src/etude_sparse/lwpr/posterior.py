@@ -122,8 +122,8 @@ class LWPRPosterior:
         return bound * self.signal_variance / (bound + self.signal_variance)
 
     def _mean_slope(self, local: _Local, total: Array, mean: Array) -> Array:
-        pull = self._weight_slope(local, local.w * (local.y - mean))
-        return np.asarray((pull + np.einsum("kt,kd->td", local.w, self.slope)) / total[:, None])
+        vjp = self._weight_slope(local, local.w * (local.y - mean))
+        return np.asarray((vjp + np.einsum("kt,kd->td", local.w, self.slope)) / total[:, None])
 
     def _weight_slope(self, local: _Local, G: Array) -> Array:
         """sum_k G_k d log w_k / dx, (T, D)."""

@@ -94,7 +94,7 @@ def test_inertia_is_symmetric_and_its_rate_less_twice_coriolis_is_skew() -> None
 
 def followed(controller, offset: float, ticks: int, fed_back: bool = True):
     """The ideal arm under the controller: true weights, s and Lyapunov function of each tick, last error."""
-    true, pull = REGRESSOR.weights(true_model()), controller.law.adaptation.bandwidth
+    true, vjp = REGRESSOR.weights(true_model()), controller.law.adaptation.bandwidth
     step, omega = 1.0 / FAST.rate, np.array([1.3, 2.1, 1.7, 1.9])
     q, qd = HOME + offset, 0.05 * omega
     energy = []
@@ -108,7 +108,7 @@ def followed(controller, offset: float, ticks: int, fed_back: bool = True):
             ]
         )
         rows = dict(zip(("q_des", "qd_des", "qdd_des"), plan, strict=True))
-        behind = plan[1] - qd + pull * (plan[0] - q)
+        behind = plan[1] - qd + vjp * (plan[0] - q)
         wrong = controller.weights - true
         energy.append(
             0.5 * behind @ inertia(q, true) @ behind

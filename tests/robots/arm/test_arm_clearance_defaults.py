@@ -9,7 +9,7 @@ import pytest
 from clearance_examples import NAMES, PLANAR, REACH, planar
 
 from etude.errors import UsageError
-from etude_arm.clearance.defaults import Settled, disabled, settled
+from etude_arm.clearance.defaults import ClearanceDefaults, disabled, settled
 from etude_arm.clearance.surroundings import Box, Collision, Floor, Room, Search, Surroundings
 from etude_arm.loading.loaded_model import Loaded
 
@@ -17,11 +17,11 @@ LIMIT = np.full(3, REACH)
 FLOOR = Surroundings(floor=Floor(0.0))
 
 
-def complete(around: Surroundings = FLOOR, xml: str = PLANAR, **given: object) -> Settled:
+def complete(around: Surroundings = FLOOR, xml: str = PLANAR, **given: object) -> ClearanceDefaults:
     return settled(Loaded(xml, {}, NAMES), -LIMIT, LIMIT, around, **given)  # type: ignore[arg-type]
 
 
-def names(found: Settled) -> set[str]:
+def names(found: ClearanceDefaults) -> set[str]:
     return {gap.text for gap in found.gaps.list}
 
 
@@ -74,7 +74,7 @@ def test_a_home_that_is_given_stays_and_has_a_box() -> None:
 def test_shapes_that_always_overlap_are_left_out_and_named() -> None:
     fat = PLANAR.replace('type="box" size=".1 .1 .1"', 'type="box" size=".6 .6 .6"')  # holds the elbow
     found = complete(Surroundings(), fat)
-    assert any("base and fore" in sentence and "not looked at" in sentence for sentence in found.confirm)
+    assert any("base and fore" in sentence and "not verified" in sentence for sentence in found.confirm)
     assert ("base", "fore") in found.around.collision.ignore
     assert "base and fore" not in names(found)
 
@@ -103,7 +103,7 @@ def test_a_turning_foot_may_touch_the_floor() -> None:
     turning = PLANAR.replace('<joint name="j1"/>', '<joint name="j1" axis="0 0 1"/>')
     found = complete(around, turning)
     assert found.confirm == (
-        "The shapes of upper and floor overlap at home: their distance is not looked at.",
+        "The shapes of upper and floor overlap at home: their distance is not verified.",
     )
     with pytest.raises(
         UsageError, match="upper and floor overlap"

@@ -15,7 +15,7 @@ from scipy.spatial import ConvexHull
 
 from etude.trajectories.fourier import FourierTrajectory
 from etude_arm.clearance.distances import CUTOFF, TOLERANCE, Gaps
-from etude_arm.clearance.hull_reduction import MANY, ROOM_FACTOR, Fewer, fewer, stand_ins, to_triangles
+from etude_arm.clearance.hull_reduction import MANY, ROOM_FACTOR, Fewer, fewer, hull_proxies, to_triangles
 from etude_arm.clearance.limit import Clearance
 from etude_arm.clearance.pairs import gaps_of
 from etude_arm.clearance.robot_clearance import clearance_of
@@ -58,7 +58,7 @@ def both(around: Surroundings = AROUND) -> tuple[Gaps, Gaps]:
     """Of the shapes as they are, and of what stands for them."""
     robot = loaded()
     exact = gaps_of(robot, -LIMIT, LIMIT, around)
-    return exact, gaps_of(robot, -LIMIT, LIMIT, around, stand_ins(exact, np.zeros(3)))
+    return exact, gaps_of(robot, -LIMIT, LIMIT, around, hull_proxies(exact, np.zeros(3)))
 
 
 def from_hull(point: np.ndarray, corners: np.ndarray) -> float:
@@ -165,7 +165,7 @@ def test_few_points_stay_as_they_are() -> None:
 
 def test_shapes_that_are_close_at_home_stay_as_they_are() -> None:
     exact = both()[0]
-    whole = stand_ins(exact, np.zeros(3))
+    whole = hull_proxies(exact, np.zeros(3))
     assert set(whole) == {"base#0", "fore#0", "hand#0"}
     near = next(i for i, gap in enumerate(exact.list) if gap.names == ("base", "hand"))
     taken = sum(whole[f"{link}#0"].radius for link in ("base", "hand"))
@@ -173,7 +173,7 @@ def test_shapes_that_are_close_at_home_stay_as_they_are() -> None:
     distances = exact.of_poses(poses)
     others = np.delete(distances, near, axis=1).min(axis=1) > 0.05
     close = others & (distances[:, near] > 0.0) & (distances[:, near] < 0.9 * ROOM_FACTOR * taken)
-    assert set(stand_ins(exact, poses[np.flatnonzero(close)[0]])) == {"fore#0"}
+    assert set(hull_proxies(exact, poses[np.flatnonzero(close)[0]])) == {"fore#0"}
 
 
 def test_what_is_proved_of_stand_ins_the_shapes_keep() -> None:
@@ -201,7 +201,7 @@ def test_the_certificate_names_them_and_says_by_how_much(tmp_path: Path) -> None
     around = replace(AROUND, search=Search((0.0, 0.0, 0.0)))
     limit = clearance_of(ArmSpec("round", axes, "N m", 100.0, tmp_path / "round.xml", around=around), {})
     assert isinstance(limit, Clearance)
-    (said,) = (sentence for sentence in limit.not_looked_at if "fewer points" in sentence)
+    (said,) = (sentence for sentence in limit.not_verified if "fewer points" in sentence)
     most = 1e3 * max(shape.grown for shape in limit.gaps.skeleton.shapes)
     up_to = float(said.split(" mm")[0].split()[-1])
     assert most <= up_to < most + 0.1
@@ -211,5 +211,5 @@ def test_the_certificate_names_them_and_says_by_how_much(tmp_path: Path) -> None
 def test_without_stand_ins_nothing_is_said() -> None:
     robot = Loaded(XML, {"egg.obj": loaded().assets["nut.obj"], "nut.obj": loaded().assets["nut.obj"]}, NAMES)
     gaps = gaps_of(robot, -LIMIT, LIMIT, replace(AROUND, collision=Collision(margin=0.02)))
-    assert stand_ins(gaps, np.zeros(3)) == {}
+    assert hull_proxies(gaps, np.zeros(3)) == {}
     assert isinstance(fewer(gaps.skeleton.shapes[0].points), Fewer)

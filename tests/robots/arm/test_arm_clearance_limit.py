@@ -120,11 +120,11 @@ def test_tracking_takes_its_part_and_says_so() -> None:
 
 
 def test_the_certificate_names_pair_and_time_and_says_what_is_left_out() -> None:
-    limit = replace(LIMIT, not_looked_at=("Cables.",), _proofs={}, _words={})
+    limit = replace(LIMIT, not_verified=("Cables.",), _proofs={}, _words={})
     certificate = certify(swing(0.5), [limit])
-    assert "Cables." in certificate.not_looked_at
-    assert not any("Collisions" in sentence for sentence in certificate.not_looked_at)
-    assert any("Collisions" in sentence for sentence in certify(swing(0.5), []).not_looked_at)
+    assert "Cables." in certificate.not_verified
+    assert not any("Collisions" in sentence for sentence in certificate.not_verified)
+    assert any("Collisions" in sentence for sentence in certify(swing(0.5), []).not_verified)
     assert 0.0 < utilization(certificate.rows[0]) < 1.0
     rows = json.loads(certificate.to_json(), parse_constant=pytest.fail)["rows"]
     assert {row["upper"] for row in rows} == {None}

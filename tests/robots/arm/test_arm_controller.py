@@ -10,7 +10,7 @@ from arm_examples import Swing, simulated
 
 from etude.errors import NumericalError, UsageError
 from etude.models.config import ModelConfig
-from etude.models.selection.model_selection import train_ladder
+from etude.models.selection.model_selection import select_structures
 from etude.models.trust import trusted
 from etude.types import Log, Motion
 from etude_arm.controller import ModelController, PerfectController
@@ -86,7 +86,7 @@ def test_a_learned_model_halves_the_error_of_feedback_alone_and_the_exact_invers
     samples = samples_of(robot.spec, ArmData(), [log], [np.zeros(len(log), dtype=np.int64)])
     config = ModelConfig(rung="gp", points=200, fit_points=80, steps=15, calibrate=False)
     inputs = ArmInputs.of(robot.spec, 0.02)
-    model = train_ladder(samples, inputs, {}, robot.spec.command, config, np.random.default_rng(1)).model
+    model = select_structures(samples, inputs, {}, robot.spec.command, config, np.random.default_rng(1)).model
     learned = ModelController(model, robot.spec)
     runs = [robot.run(swing, c, np.random.default_rng(2)) for c in (None, learned, PerfectController(robot))]
     pd, with_model, exact = (robot.error(run)[0].mean() for run in runs)

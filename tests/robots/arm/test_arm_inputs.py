@@ -67,7 +67,7 @@ def test_pull_is_the_complex_step_derivative(seed: int, friction: bool) -> None:
     inputs = replace(FRICTION if friction else THESIS, stick_velocity=np.array([0.3, 0.0]))
     m, rng = motion(seed, 5), np.random.default_rng(seed)
     in_X, in_gains = rng.normal(size=(5, len(inputs.columns))), rng.normal(size=(5, 2))
-    pulled = inputs.plan(m).pull(in_X, in_gains)
+    pulled = inputs.plan(m).vjp(in_X, in_gains)
     assert pulled.shape == m.orders.shape
     for place in np.ndindex(m.orders.shape):
         bent = m.orders.astype(complex)
@@ -94,10 +94,10 @@ def test_tuning_takes_the_top_speed_of_what_stood_and_is_stored() -> None:
     m = motion(3)
     moving = np.abs(m.orders[1]) >= [0.4, 0.0]
     samples = Samples(FRICTION.states(m), np.zeros(40, dtype=np.int64), np.ones_like(moving), moving)
-    tuned = FRICTION.tuned(samples)
-    assert tuned.stick_velocity[0] == np.abs(m.orders[1, ~moving[:, 0], 0]).max()
-    assert tuned.stick_velocity[1] == 0.0
-    np.testing.assert_array_equal(FRICTION.restore(tuned.arrays()).stick_velocity, tuned.stick_velocity)
+    fitted = FRICTION.fitted(samples)
+    assert fitted.stick_velocity[0] == np.abs(m.orders[1, ~moving[:, 0], 0]).max()
+    assert fitted.stick_velocity[1] == 0.0
+    np.testing.assert_array_equal(FRICTION.restore(fitted.arrays()).stick_velocity, fitted.stick_velocity)
     np.testing.assert_array_equal(FRICTION.plan(m).gains, 1.0)
 
 

@@ -135,7 +135,7 @@ def test_pull_is_the_gradient_in_the_whole_motion() -> None:
     m, keep, rng = motion(12), np.array([1, 5, 11]), np.random.default_rng(2)
     planned = INPUTS.plan(m, keep)
     in_X = rng.normal(size=planned.X.shape)
-    found = planned.pull(in_X, np.zeros((3, 2)))
+    found = planned.vjp(in_X, np.zeros((3, 2)))
     assert found.shape == m.orders.shape
     for place in [(0, 3, 0), (0, 5, 1), (1, 5, 0), (1, 11, 1), (2, 1, 0), (0, 0, 0)]:
         ends = []
@@ -182,8 +182,8 @@ def test_memory_is_that_of_the_whole_log_before_thinning() -> None:
     play = np.array(found.log.channels["q"].quantum)
     whole = remembered(log["q"], play, SPEC.presliding(0.01))[:, 0]
     np.testing.assert_array_equal(found.log[MEMORY], whole[np.searchsorted(T, found.t - 1e-6)])
-    tuned = ArmInputs.of(SPEC, 0.02, presliding=0.01).tuned(found)
-    np.testing.assert_array_equal(tuned.play, play)
+    fitted = ArmInputs.of(SPEC, 0.02, presliding=0.01).fitted(found)
+    np.testing.assert_array_equal(fitted.play, play)
 
 
 def test_resolution_is_that_of_noise_or_of_the_step() -> None:

@@ -42,7 +42,7 @@ def written(folder: Path, geoms: str) -> Path:
 
 def models(path: Path, notes: list[str]) -> tuple[mujoco.MjModel, mujoco.MjModel]:
     """The file's, and that of its copy with slabs."""
-    data, meshes = packed(path, crowded=["a"], notes=notes)
+    data, meshes = packed(path, overlapping=["a"], notes=notes)
     copy = path.parent / "copy" / "robot.xml"
     for name, content in {copy.name: data, **meshes}.items():
         (copy.parent / name).parent.mkdir(parents=True, exist_ok=True)

@@ -189,7 +189,7 @@ def test_a_table_of_a_urdf_is_part_of_the_base_and_what_that_leaves_out_is_said(
     assert clearance is not None
     assert {gap.text for gap in clearance.gaps.list} >= {"table and fore", "foot and fore"}
     assert "table and upper" not in {gap.text for gap in clearance.gaps.list}
-    assert "The distance of upper from what is fixed to the base: table, foot." in clearance.not_looked_at
+    assert "The distance of upper from what is fixed to the base: table, foot." in clearance.not_verified
 
 
 def test_a_floor_that_is_added_answers_the_line_that_asks_for_it(tmp_path: Path) -> None:
@@ -224,5 +224,5 @@ def test_links_that_an_mjcf_excludes_are_named_on_the_certificate(tmp_path: Path
     described(tmp_path, CELL.replace("</mujoco>", f"<contact>{pairs}</contact></mujoco>"))
     clearance = clearance_of(read_robot(tmp_path / ROBOT_FILE), {})
     assert clearance is not None
-    out = [sentence for sentence in clearance.not_looked_at if "excludes" in sentence]
+    out = [sentence for sentence in clearance.not_verified if "excludes" in sentence]
     assert out == ["The distance of turret and fore, which the file excludes."]

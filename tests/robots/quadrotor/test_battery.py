@@ -33,16 +33,18 @@ def drained(count: int = 4, effect: float = 1.0) -> Samples:
 
 def test_a_voltage_that_helps_is_one_more_input() -> None:
     samples = drained()
-    tuned = QuadrotorInputs().tuned(samples)
-    assert tuned.volts == pytest.approx(USUAL, abs=2e-3)
-    X = tuned.of_log(samples.log)
+    fitted = QuadrotorInputs().fitted(samples)
+    assert fitted.volts == pytest.approx(USUAL, abs=2e-3)
+    X = fitted.of_log(samples.log)
     np.testing.assert_array_equal(X[:, :-1], QuadrotorInputs().of_log(samples.log))
     np.testing.assert_array_equal(X[:, -1], samples.log["battery_voltage"][:, 0])
-    assert tuned.columns[-1] == ("battery_voltage", "pack", "V", "")
+    assert fitted.columns[-1] == ("battery_voltage", "pack", "V", "")
     assert (
-        tuned.restore(tuned.arrays()).volts == QuadrotorInputs().restore(tuned.arrays()).volts == tuned.volts
+        fitted.restore(fitted.arrays()).volts
+        == QuadrotorInputs().restore(fitted.arrays()).volts
+        == fitted.volts
     )
-    assert QuadrotorInputs(battery_voltage=False).tuned(samples).volts is None
+    assert QuadrotorInputs(battery_voltage=False).fitted(samples).volts is None
 
 
 @pytest.mark.parametrize(
@@ -58,7 +60,7 @@ def test_a_voltage_that_helps_is_one_more_input() -> None:
 def test_else_the_model_is_as_before(samples: Samples) -> None:
     """Inputs, what is stored of them and plans are those of flights without a voltage."""
     plain = replace(samples, log=samples.log.without("battery_voltage"))
-    found, before = (QuadrotorInputs().tuned(each) for each in (samples, plain))
+    found, before = (QuadrotorInputs().fitted(each) for each in (samples, plain))
     assert usual_voltage(samples) is None
     assert found == before
     assert list(found.arrays()) == list(before.arrays())
@@ -85,8 +87,8 @@ def test_plans_and_logs_that_do_not_say_it_have_the_usual_voltage() -> None:
 def test_the_voltage_has_no_part_in_the_way_back() -> None:
     plain, inputs = QuadrotorInputs(), replace(QuadrotorInputs(), volts=USUAL)
     G = np.random.default_rng(2).standard_normal((9, 14))
-    pull = inputs.plan(motion()).pull(G, np.zeros((9, 4)))
-    np.testing.assert_array_equal(pull, plain.plan(motion()).pull(G[:, :-1], np.zeros((9, 4))))
+    vjp = inputs.plan(motion()).vjp(G, np.zeros((9, 4)))
+    np.testing.assert_array_equal(vjp, plain.plan(motion()).vjp(G[:, :-1], np.zeros((9, 4))))
 
 
 def test_a_flight_that_does_not_say_it_leaves_none_with_it() -> None:

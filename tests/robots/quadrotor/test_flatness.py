@@ -43,8 +43,8 @@ def test_newton_holds_with_the_drag_given(drag) -> None:
     flat = flown(np.linspace(0.0, 12.0, 200), drag)
     R, m = flat.R_world_body, flat.motion
     thrust = flat.thrust[:, None] * R[:, :, 2]
-    pull = np.einsum("tij,j,tkj,tk->ti", R, np.array(drag), R, m.orders[1])
-    np.testing.assert_allclose(thrust - pull - [0.0, 0.0, GRAVITY], m.orders[2], atol=1e-12)
+    vjp = np.einsum("tij,j,tkj,tk->ti", R, np.array(drag), R, m.orders[1])
+    np.testing.assert_allclose(thrust - vjp - [0.0, 0.0, GRAVITY], m.orders[2], atol=1e-12)
 
 
 @EVERY_DRAG
@@ -124,7 +124,7 @@ def test_pull_is_the_derivative_of_any_function_of_the_states(seed: int, drag) -
         states = flat_motion(Motion(motion.t, orders), drag, check=False).states
         return sum(float(np.sum(weights[name] * part)) for name, part in states.items())
 
-    pulled = flat_motion(motion, drag, check=False).pull(weights)
+    pulled = flat_motion(motion, drag, check=False).vjp(weights)
     for order in range(6):
         direction, h = np.zeros(motion.orders.shape), 1e-5
         direction[order] = rng.standard_normal((7, 3))
@@ -137,7 +137,7 @@ def test_a_state_that_is_missing_counts_as_zero() -> None:
     flat = flown(np.linspace(0.0, 12.0, 5), DRAGS[2])
     whole = {name: np.zeros_like(part) for name, part in flat.states.items()}
     whole["rates"] += 1.0
-    np.testing.assert_array_equal(flat.pull({"rates": whole["rates"]}), flat.pull(whole))
+    np.testing.assert_array_equal(flat.vjp({"rates": whole["rates"]}), flat.vjp(whole))
 
 
 @pytest.mark.parametrize(

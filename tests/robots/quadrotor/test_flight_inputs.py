@@ -67,7 +67,7 @@ def test_pull_is_the_gradient_through_flatness(inputs: QuadrotorInputs, keep) ->
     planned, rng = motion(1, orders=6), np.random.default_rng(2)
     found = inputs.plan(planned, keep)
     weights = rng.standard_normal(found.X.shape)
-    pulled = found.pull(weights, np.zeros_like(found.gains))
+    pulled = found.vjp(weights, np.zeros_like(found.gains))
     assert pulled.shape == planned.orders.shape
 
     def value(orders: np.ndarray) -> float:
@@ -110,7 +110,7 @@ def test_a_missing_quantity_names_the_option() -> None:
             QuadrotorInputs(acceleration="kinematic").of_log(log.without(name))
         assert option in refused.value.next_step
     with pytest.raises(UsageError):
-        QuadrotorInputs().plan(motion()).pull(np.zeros((9, 12)), np.zeros((9, 4)))
+        QuadrotorInputs().plan(motion()).vjp(np.zeros((9, 12)), np.zeros((9, 4)))
     with pytest.raises(UsageError):
         QuadrotorInputs(acceleration="world")  # type: ignore[arg-type]
 
@@ -121,15 +121,15 @@ def test_flights_teach_the_drag_and_tell_what_they_lack() -> None:
     force = log["specific_force"].copy()
     force[:, :2] = -log["body_velocity"][:, :2] * [0.5, 0.7]
     dragged = samples_of(log.put(log.channels["specific_force"], force), samples.group)
-    tuned = FlightData().inputs().tuned(dragged)
-    np.testing.assert_allclose(tuned.drag, [0.5, 0.7, 0.0], atol=1e-12)
-    assert tuned.notes == ()
+    fitted = FlightData().inputs().fitted(dragged)
+    np.testing.assert_allclose(fitted.drag, [0.5, 0.7, 0.0], atol=1e-12)
+    assert fitted.notes == ()
     bare = samples_of(dragged.log.without("altitude", "body_velocity"), samples.group)
-    poorer = FlightData().inputs().tuned(bare)
+    poorer = FlightData().inputs().fitted(bare)
     assert poorer.parts == ("specific_force", "rates", "angular_acceleration")
     assert poorer.drag == (0.0, 0.0, 0.0)
     assert poorer.notes == (Notice(Warn.INPUTS_MISSING, {"inputs": ("altitude", "body velocity")}),)
-    for one in (tuned, poorer):
+    for one in (fitted, poorer):
         again = FlightData().inputs().restore(one.arrays())
         assert again == one
     assert again.lateral is None

@@ -56,7 +56,7 @@ def test_a_flight_starts_and_ends_on_the_ground_at_rest_within_three_quarters_of
     certificate = certify(whole, allowed)
     assert certificate.ok
     assert certificate.at_rest
-    assert WAY not in certificate.not_looked_at
+    assert WAY not in certificate.not_verified
     assert whole.duration <= 45.0
     ends = whole.motion(np.array([0.0, whole.duration]), 4).orders
     np.testing.assert_allclose(ends[0], [pose, pose], atol=1e-9)

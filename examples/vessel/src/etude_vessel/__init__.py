@@ -84,13 +84,13 @@ class VesselInputs:
         kept = slice(None) if keep is None else keep
         X, v = self.of_log(self.states(motion)), motion.orders[1]
 
-        def pull(in_X: Array, in_gains: Array) -> Array:
+        def vjp(in_X: Array, in_gains: Array) -> Array:
             out = np.zeros_like(motion.orders)
             out[:3, kept] = in_X[:, :6].reshape(-1, 3, 2).swapaxes(0, 1)
             out[1, kept] += 2.0 * np.abs(v[kept]) * in_X[:, 6:8]
             return out
 
-        return types.Planned(X[kept], np.ones((len(X[kept]), 2)), pull)
+        return types.Planned(X[kept], np.ones((len(X[kept]), 2)), vjp)
 
     def step(self, row: Row, memory: Array | None) -> tuple[Array, Array]:
         return self.of_log(_row(0.0, row))[0], np.zeros(0)
@@ -98,7 +98,7 @@ class VesselInputs:
     def rates(self, motion: Motion) -> None:
         return None
 
-    def tuned(self, samples: Samples) -> VesselInputs:
+    def fitted(self, samples: Samples) -> VesselInputs:
         return self
 
     def arrays(self) -> Mapping[str, Array]:
@@ -138,7 +138,7 @@ class Identified:
     """Mass, linear drag and a constant by least squares."""
 
     def __call__(self, samples: Samples | None) -> VesselMean:
-        assert samples is not None  # only a nominal rung is asked without
+        assert samples is not None  # only a nominal structure is asked without
         log, weights = samples.log, np.zeros((3, 2))
         for j in range(2):
             A = np.column_stack([log["acceleration"][:, j], log["velocity"][:, j], np.ones(len(log))])

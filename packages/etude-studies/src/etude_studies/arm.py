@@ -23,7 +23,7 @@ from etude.campaign import (
     simulate,
 )
 from etude.errors import UsageError
-from etude.models import Rung
+from etude.models import Structure
 from etude.storage import write_atomic
 from etude_studies.arm_rows import arm_rows
 from etude_studies.engines.each import each
@@ -43,7 +43,7 @@ class Cell:
     """
 
     robot: str
-    rung: Rung | Literal["auto"]
+    rung: Structure | Literal["auto"]
     seed: int
 
     @property
@@ -51,7 +51,7 @@ class Cell:
         return f"{self.robot}_{self.rung}_{self.seed:04d}"
 
 
-ARMS: tuple[tuple[str, Rung | Literal["auto"]], ...] = (
+ARMS: tuple[tuple[str, Structure | Literal["auto"]], ...] = (
     ("arm4", "gp"),
     ("arm4", "identified+gp"),
     ("arm4_rough", "gp"),
@@ -93,7 +93,7 @@ def run_one(cell: Cell, folder: Path) -> Cell:
     return cell
 
 
-def _of_rung(config: CampaignConfig, rung: Rung | Literal["auto"]) -> CampaignConfig:
+def _of_rung(config: CampaignConfig, rung: Structure | Literal["auto"]) -> CampaignConfig:
     return replace(config, model=replace(config.model, rung=rung))
 
 

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from etude.errors import UsageError
-from etude.models import Judged, ModelConfig, judged, train_ladder
+from etude.models import Judged, ModelConfig, judged, select_structures
 from etude.types import joined_samples
 from etude_studies.crazypad import MOTORS, NORMAL, Flight, Inputs, flights
 from etude_studies.rows import Row, rows_json, table
@@ -49,7 +49,7 @@ def of_machine(own: Sequence[Flight], seed: int) -> list[tuple[str, Judged]]:
         return []
     samples = joined_samples([f.samples for f in known])
     rng, limit = np.random.default_rng(seed), np.ones(len(MOTORS))
-    model = train_ladder(samples, Inputs(), {}, limit, MODEL, rng).model  # type: ignore[arg-type]
+    model = select_structures(samples, Inputs(), {}, limit, MODEL, rng).model  # type: ignore[arg-type]
     return [(f.condition, judged(model, f.samples)) for f in own if f not in known]
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from etude.protocols import Trajectory
 from etude.types import Array, Log, Motion
 
-OFFSET, GAIN, ENCODER, STUCK_S = 0.15, 1.4, 0.1, 20.0
+OFFSET, GAIN, ENCODER, FROZEN_S = 0.15, 1.4, 0.1, 20.0
 """Part of the command's range; times; rad; s at which a sensor gets stuck."""
 FAULTS = ("offset", "gain", "encoder", "stuck")
 
@@ -53,6 +53,6 @@ def broken(
     elif fault == "gain":
         command[:, joint] *= GAIN
     else:
-        after = log.t >= STUCK_S
+        after = log.t >= FROZEN_S
         command[after, joint] = command[np.argmax(after), joint]
     return log.put(log.channels["command"], command)

@@ -64,7 +64,7 @@ def _all_teach(config: CampaignConfig) -> CampaignConfig:
 
 def collected(campaign: Campaign) -> float:
     """Largest position error of any joint in the motions from the second on, degrees."""
-    told = [r.told.tracked for r in campaign.state().told[1:] if r.told]
+    told = [r.ingested.tracked for r in campaign.state().ingested[1:] if r.ingested]
     return float(
         np.degrees(
             max(np.max(np.array(table[0], dtype=float)) for by_form in told for table in by_form.values())

@@ -40,7 +40,7 @@ class Outcome:
     Attributes:
         group: (n,) number of each sample's flight.
         command: set-points as the model sees them. raw: at the same times as they were recorded.
-        mean, variance: of the rung that the ladder chose. latent: the variance that its processes have before
+        mean, variance: of the chosen structure. latent: the variance that its processes have before
             calibration and noise. linear: linear regression. rigid: the rigid-body map.
         lag: s by which the flights were corrected. chosen: kind of the model.
     """

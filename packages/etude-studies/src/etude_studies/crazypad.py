@@ -53,7 +53,7 @@ class Inputs:
     def of_log(self, log: Log) -> Array:
         return log["state"]
 
-    def tuned(self, samples: Samples) -> Inputs:  # noqa: ARG002
+    def fitted(self, samples: Samples) -> Inputs:  # noqa: ARG002
         return self
 
     def arrays(self) -> dict[str, Array]:

@@ -10,7 +10,7 @@ from typing import Any, Literal
 import numpy as np
 
 from etude.design import MOTIONS, Source, design_chain, linked, prior_latents
-from etude.models import LearnedModel, Rung
+from etude.models import LearnedModel, Structure
 from etude.protocols import Controller, Trajectory
 from etude.trajectories import segment_starts
 from etude.types import Array, Log, Samples
@@ -23,12 +23,12 @@ JUDGED = 6
 
 @dataclass(frozen=True, eq=False)
 class Arm:
-    """A simulated arm. made: it runs a motion; rungs: what is trained, in the words of `model.rung`."""
+    """A simulated arm. made: it runs a motion; structures: what is trained, in the words of `model.rung`."""
 
     name: str
     world: World
     made: Any
-    rungs: tuple[Rung | Literal["auto"], ...]
+    rungs: tuple[Structure | Literal["auto"], ...]
 
     @property
     def limits(self) -> Any:
@@ -115,10 +115,10 @@ class Arm:
     def learned(
         self,
         runs: Sequence[tuple[Trajectory, Log]],
-        rung: Rung | Literal["auto"],
+        rung: Structure | Literal["auto"],
         rng: np.random.Generator,
     ) -> LearnedModel:
-        """The model of that rung; "auto": as the ladder chooses, with everything that is averaged."""
+        """The model of that structure; "auto": as the ladder chooses, with everything that is averaged."""
         own = replace(self.world.config.model, rung=rung)
         config = own if rung == "auto" else replace(own, candidates=("default",))
         return self.world.learned(self.samples(runs), config, rng).model

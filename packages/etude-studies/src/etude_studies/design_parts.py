@@ -35,7 +35,7 @@ def run_of(arm: Arm, motion: Trajectory, seed: int, number: int) -> Run:
 
 
 def judged(arm: Arm, runs: list[Run], name: str, seed: int, tests: list[Trajectory]) -> Cell:
-    """Error of each rung after those recordings, by name."""
+    """Error of each structure after those recordings, by name."""
     found = {}
     for rung in arm.rungs:
         model = arm.learned(runs, rung, stream(seed, FIT))

@@ -146,8 +146,8 @@ def _controllers(
     nominal = nominal_inverse(flights.robot.vehicle.vehicle)
     for count in learned_from:
         model = world.learned(world.samples(*logs[:count]), world.config.model, rng).model
-        process = model.of_rung("gp")
-        rungs = {"": model, "_gp": process, "_residual": model.of_rung("identified+gp")}
+        process = model.of_structure("gp")
+        rungs = {"": model, "_gp": process, "_residual": model.of_structure("identified+gp")}
         for name, own in rungs.items():
             found[f"learned{name}_{count}"] = world.kind.controller(world.spec, world.config, own)
         assert isinstance(model.inputs, QuadrotorInputs)

@@ -141,7 +141,7 @@ def summary(rows: Sequence[Facts]) -> str:
 
 
 def _of(rows: Sequence[Facts], robot: str, manner: str) -> dict[int, Facts]:
-    return {row["seed"]: row for row in rows if (row["robot"], row["manner"]) == (robot, manner)}
+    return {row["seed"]: row for row in rows if (row["robot"], row["onset"]) == (robot, manner)}
 
 
 def _flights(rows: Mapping[int, Facts]) -> int:
@@ -167,7 +167,7 @@ def _ratio(pair: Sequence[Sequence[float]]) -> str:
 def main(path: Path, first: int, seeds: int, flights: int = FLIGHTS) -> None:
     """Runs what FILE lacks, and prints the tables."""
     done = [json.loads(line) for line in path.read_text().splitlines()] if path.exists() else []
-    known = {(row["robot"], row["manner"], row["seed"]) for row in done}
+    known = {(row["robot"], row["onset"], row["seed"]) for row in done}
     cases = [Case(*one) for one in product(ROBOTS, MANNERS, range(first, first + seeds))]
     with path.open("a") as file:
         for case in cases:

@@ -79,9 +79,9 @@ def _taught(
     flights, campaign = world.flights, world.flights.world
     logs, flown = (last.logs, last.parameters) if last else ((), ())
     logs = (*logs, *flights.flown([flights.family.trajectory(parameters)], rng))
-    previous = last.ladder.model if last else None
-    ladder = campaign.learned(campaign.samples(*logs), world.config(every_kind=every_kind), rng, previous)
-    return Round(logs, ladder, (*flown, parameters))
+    previous = last.selection.model if last else None
+    selection = campaign.learned(campaign.samples(*logs), world.config(every_kind=every_kind), rng, previous)
+    return Round(logs, selection, (*flown, parameters))
 
 
 def next_flight(
@@ -122,7 +122,7 @@ def cell_measures(
 
     Returns:
         `measured[arm][flights]`: `tests[set][kind][figure]`, `reference` deviations in V, and the `chosen`
-        rung; `speed[arm]`: mean speed of each flight, m/s; `cpu_s`.
+        structure; `speed[arm]`: mean speed of each flight, m/s; `cpu_s`.
     """
     began, world = time.process_time(), World.of(preset, effort.points)
     tests = flown_tests(world, seed, extremes, effort)

@@ -10,7 +10,7 @@ import numpy as np
 
 from etude.campaign import label
 from etude.design import reference_states
-from etude.models import ExactGP, ExactPosterior, Ladder, LearnedModel, score_trajectories
+from etude.models import ExactGP, ExactPosterior, LearnedModel, ModelSelection, score_trajectories
 from etude.protocols import Trajectory
 from etude.types import Array, Log, Samples
 from etude_studies.flight_orders_world import World
@@ -30,13 +30,13 @@ class Round:
     """
 
     logs: tuple[Log, ...]
-    ladder: Ladder
+    selection: ModelSelection
     parameters: tuple[Array, ...]
 
     @property
     def process(self) -> LearnedModel:
         """The process on the commands: it chooses the flights, whichever model is in use."""
-        return self.ladder.model.of_rung("gp")
+        return self.selection.model.of_structure("gp")
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,13 +63,13 @@ class Judge:
 
     def measures(self, last: Round, tests: Mapping[str, Samples]) -> dict[str, Any]:
         """Figures of every kind on every test set, and deviations over the reference states."""
-        models = {**models_by_rung(last.ladder), "ladder": last.ladder.model}
+        models = {**models_by_rung(last.selection), "ladder": last.selection.model}
         scores = {
             name: {kind: _figures(model, test) for kind, model in models.items()}
             for name, test in tests.items()
         }
         reference = {"latent": self.latent(last), "latent_common": self.latent_common(last)}
-        return {"tests": scores, "reference": reference, "chosen": label(last.ladder.chosen)}
+        return {"tests": scores, "reference": reference, "chosen": label(last.selection.chosen)}
 
     def latent(self, last: Round) -> float:
         """Mean predicted deviation of the process in use, without noise, V."""

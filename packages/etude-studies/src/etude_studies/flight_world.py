@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from etude.limits import FeasibleSet, boundary, timid, uniform
-from etude.models import Ladder, LearnedModel, fit_student
+from etude.models import LearnedModel, ModelSelection, fit_student
 from etude.protocols import Family, Limit, Trajectory
 from etude.types import Array, Log
 from etude_quadrotor import SimulatedFlights
@@ -81,14 +81,14 @@ class Flights:
         return [self.robot.test(flight, None, rng) for flight in flights]
 
 
-def models_by_rung(ladder: Ladder) -> dict[str, LearnedModel]:
-    """A model of each rung for all commands, with the tails of its own held-out errors."""
+def models_by_rung(selection: ModelSelection) -> dict[str, LearnedModel]:
+    """A model of each structure for all commands, with the tails of its own held-out errors."""
     found = {}
-    for rung in ladder.model.rungs:
-        model, held = ladder.model.of_rung(rung), ladder.held_out[rung]
+    for rung in selection.model.structures:
+        model, held = selection.model.of_structure(rung), selection.held_out[rung]
         scale = np.ones(len(model.commands))
         for candidate in model.candidates:
-            if candidate.rung == rung:
+            if candidate.structure == rung:
                 scale[list(candidate.commands)] = candidate.calibration
         ratio = held.error / np.sqrt(scale * held.variance)
         student = None if model.student is None else fit_student(ratio[np.isfinite(ratio)])

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from etude.design import Design, design
-from etude.models import Ladder
+from etude.models import ModelSelection
 from etude.progress import counted
 from etude.storage import write_atomic
 from etude_studies.rows import Row, mean_rows, rows_json, table
@@ -69,31 +69,31 @@ def measured(world: World, seed: int) -> dict[str, float]:
     run_cpu = (time.process_time() - began) / LOGS
     samples = world.samples(*logs)
     began = time.process_time()
-    ladder = world.learned(samples, world.config.model, rng)
+    selection = world.learned(samples, world.config.model, rng)
     training_cpu = time.process_time() - began
-    found = designed(world, ladder, seed)
+    found = designed(world, selection, seed)
     return {
         "training_cpu": training_cpu,
         "design_cpu": float(found.seconds),
         "run_cpu": run_cpu,
-        **errors(world, ladder, seed),
+        **errors(world, selection, seed),
     }
 
 
-def designed(world: World, ladder: Ladder, seed: int) -> Design:
+def designed(world: World, selection: ModelSelection, seed: int) -> Design:
     """The motion after those that the model has learned."""
-    kind, spec, config, model = world.kind, world.spec, world.config, ladder.model
+    kind, spec, config, model = world.kind, world.spec, world.config, selection.model
     place = kind.family(spec, config), kind.limits(spec, config, None, {}), kind.home(spec)
     options: dict[str, Any] = {"rate": float(spec.rate), "physics": kind.physics(spec, config)}
     rng = np.random.default_rng([seed, 2])
     return design(*place, model.inputs, model, config.design, rng, **options)
 
 
-def errors(world: World, ladder: Ladder, seed: int) -> dict[str, float]:
+def errors(world: World, selection: ModelSelection, seed: int) -> dict[str, float]:
     """Mean tracking error of a test motion, deg, under each controller."""
     kind, spec, config, robot = world.kind, world.spec, world.config, world.robot
     motion = kind.tests(spec, config, np.random.default_rng([seed, 3]))[TEST]
-    by_rung = {"identified": ladder.model.of_rung("identified"), "learned": ladder.model}
+    by_rung = {"identified": selection.model.of_structure("identified"), "learned": selection.model}
     controllers = {
         **kind.baselines(spec, config),
         **{name: kind.controller(spec, config, model) for name, model in by_rung.items()},

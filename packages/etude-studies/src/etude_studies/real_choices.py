@@ -147,14 +147,14 @@ def left_out(choice: Choice, log: Log, world: World) -> LeftOut:
 def predicted(choice: Choice, world: World, train: Samples, test: Samples) -> Array:
     """Commands (n, J) of the test by the process of that choice."""
     config = replace(world.alone, **{"rung": "gp", **choice.model})
-    ladder = world.learned(train, config, np.random.default_rng(SEED), body=False)
-    found = ladder.model.mean(test.log)
+    selection = world.learned(train, config, np.random.default_rng(SEED), body=False)
+    found = selection.model.mean(test.log)
     if not choice.other:
         return found
     other = world.learned(
         train, replace(config, kernel=choice.other), np.random.default_rng(SEED), body=False
     )
-    return np.where(other.errors["gp"] < ladder.errors["gp"], other.model.mean(test.log), found)
+    return np.where(other.errors["gp"] < selection.errors["gp"], other.model.mean(test.log), found)
 
 
 def stacked_errors(process: Sequence[Array], linear: Sequence[Array]) -> Array:

@@ -76,21 +76,21 @@ def splits(log: Log, world: World) -> Iterator[tuple[str, Samples, Samples]]:
 def default(world: World, train: Samples, test: Samples) -> Array:
     """Today's kernel, without other candidates."""
     config = replace(world.alone, rung="gp")
-    ladder = world.learned(train, config, np.random.default_rng(SEED), body=False)
-    return ladder.model.mean(test.log)
+    selection = world.learned(train, config, np.random.default_rng(SEED), body=False)
+    return selection.model.mean(test.log)
 
 
 def gip_lin(world: World, train: Samples, test: Samples) -> Array:
     """Each command with a Lagrangian prior of its own, and friction."""
     config = replace(world.alone, rung="gp", kernel="gip_lin", steps=30, fit_points=FIT_POINTS)
-    ladder = world.learned(train, config, np.random.default_rng(SEED), body=False)
-    return ladder.model.mean(test.log)
+    selection = world.learned(train, config, np.random.default_rng(SEED), body=False)
+    return selection.model.mean(test.log)
 
 
 def all_together(world: World, train: Samples, test: Samples) -> Array:
     """One energy for all commands, and friction of each."""
     config = replace(world.alone, steps=60, fit_points=FIT_POINTS)
-    inputs = world.inputs(config).tuned(train)
+    inputs = world.inputs(config).fitted(train)
     fold = fold_numbers(train, config.stretch_s)
     names = train.log.channels["command"].parts
     limit = world.kind.limit(world.spec)

@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from etude.models import Judged, LearnedModel, judged, manner
+from etude.models import Judged, LearnedModel, drift_onset, judged
 from etude.storage import write_atomic
 from etude.types import Log, Samples
 from etude_studies.broken_sensors import FAULTS, broken
@@ -90,7 +90,7 @@ def several_runs(robot: str, seed: int) -> dict[str, Any]:
     found = {"robot": robot}
     for name, factors in (("growing", GROWING), ("sudden", SUDDEN)):
         runs: list[Log] = [plant.run(world.motion(rng), rng, {"friction": f}) for f in factors]
-        found[name] = manner([judged(model, world.samples(log)).sizes for log in runs])
+        found[name] = drift_onset([judged(model, world.samples(log)).sizes for log in runs])
     return found
 
 

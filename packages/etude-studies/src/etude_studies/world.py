@@ -14,7 +14,7 @@ from etude.campaign import CampaignConfig, find_robot, preset_config
 from etude.errors import UsageError
 from etude.limits import FeasibleSet, scaled
 from etude.logs import read_log
-from etude.models import Ladder, LearnedModel, ModelConfig, train_ladder
+from etude.models import LearnedModel, ModelConfig, ModelSelection, select_structures
 from etude.protocols import Inputs, Kind, Robot, Trajectory
 from etude.types import Array, Log, Samples
 
@@ -87,14 +87,14 @@ class World:
         previous: LearnedModel | None = None,
         *,
         body: bool = True,
-    ) -> Ladder:
+    ) -> ModelSelection:
         """The ladder of these samples, trained on from the `previous` model; with `body` False, as if nobody
         had described the robot's.
         """
         kind, spec, config = self.kind, self.spec, self.config
         physics = kind.physics(spec, config) if body else {}
         inputs, limit = self.inputs(model), kind.limit(spec)
-        return train_ladder(samples, inputs, physics, limit, model, rng, previous)
+        return select_structures(samples, inputs, physics, limit, model, rng, previous)
 
     @property
     def command_limits(self) -> tuple[Array, Array]:

@@ -12,13 +12,13 @@ from typing import Any
 from etude import __version__, plugins
 from etude._runtime.options import MODEL_HASH
 from etude.abilities import SupportsNeeds
-from etude.campaign.propose.constraints import kept_now, kept_under
+from etude.campaign.propose.constraints import constraints_now, constraints_under
 from etude.campaign.record.controls import LEARNED
-from etude.campaign.record.deployed_model import model_in_use
+from etude.campaign.record.deployed_model import deployed_model
 from etude.campaign.record.events import Created, Exported
 from etude.campaign.record.folder import ROBOT, Campaign, open_campaign
 from etude.campaign.record.stored_files import EXPORTS, MARK, require_description, stored_trajectory
-from etude.campaign.record.stored_models import stored_log, told_samples
+from etude.campaign.record.stored_models import ingested_samples, stored_log
 from etude.deploy.trajectory_target import Bounded
 from etude.errors import EtudeError, UsageError
 from etude.progress import counted, part
@@ -75,7 +75,7 @@ def _given(campaign: Campaign, motion: str | Path | Trajectory) -> Bounded:
                 next_step="Name a trajectory.json: those in proposals/NUMBER hold the motion's coefficients, "
                 "tables (CSV) do not.",
             ) from None
-    kept = kept_now(campaign, campaign.state(), LEARNED)
+    kept = constraints_now(campaign, campaign.state(), LEARNED)
     return Bounded(motion, kept.limits_as_played(campaign, motion), kept.control)
 
 
@@ -88,7 +88,7 @@ def _proposed(campaign: Campaign) -> Bounded:
         )
     newest = asked[-1]
     motion = stored_trajectory(campaign, newest.number)
-    kept = kept_under(campaign, newest.number, LEARNED)
+    kept = constraints_under(campaign, newest.number, LEARNED)
     return Bounded(motion, kept.limits_as_played(campaign, motion, described=True), kept.control)
 
 
@@ -100,7 +100,7 @@ def supplied(campaign: Campaign, needs: Sequence[str], given: Mapping[str, Any])
     """
     known: Mapping[str, Callable[[], Any]] = {
         "config": lambda: campaign.config,
-        "logs": lambda: told_logs(campaign),
+        "logs": lambda: ingested_logs(campaign),
         "samples": lambda: all_samples(campaign),
         "description": lambda: description(campaign),
         "motion": lambda: bounded_motion(campaign, given.get("motion")),
@@ -108,14 +108,14 @@ def supplied(campaign: Campaign, needs: Sequence[str], given: Mapping[str, Any])
     return {name: known[name]() for name in counted(needs)}
 
 
-def told_logs(campaign: Campaign) -> list[Log]:
+def ingested_logs(campaign: Campaign) -> list[Log]:
     """The logs that the newest model was learned from."""
     return [stored_log(campaign, number) for number in counted(_numbers(campaign))]
 
 
 def all_samples(campaign: Campaign) -> Samples:
     """The samples that the newest model was learned from."""
-    return told_samples(campaign, _numbers(campaign))
+    return ingested_samples(campaign, _numbers(campaign))
 
 
 def description(campaign: Campaign) -> Mapping[str, bytes]:
@@ -149,7 +149,7 @@ def export(
     """
     campaign = campaign if isinstance(campaign, Campaign) else open_campaign(Path(campaign))
     target: Target = plugins.load(GROUP, to)
-    used = model_in_use(campaign)
+    used = deployed_model(campaign)
     with part(GATHERING):
         needed = supplied(campaign, target.needs if isinstance(target, SupportsNeeds) else (), options)
     options |= {**needed, MODEL_HASH: used.sha256}

@@ -13,16 +13,16 @@ from etude.campaign.ingest.ingest_result import read
 from etude.campaign.ingest.questions import Answers, LogQuestions, answers_of
 from etude.campaign.ingest.robot_changed import CAUSES, KINDS
 from etude.campaign.propose.ask import Proposal, ask
-from etude.campaign.record.deployed_model import InUse, model_in_use
+from etude.campaign.record.deployed_model import DeployedModel, deployed_model
 from etude.campaign.record.folder import Campaign, Say
 from etude.errors import DataError, UnsafeTrajectoryError, UsageError
 from etude.logs.columns.units import start_at_zero
 from etude.models.change.diagnosis import Cause
-from etude.models.change.evidence import Judged, Manner, judged, manner
+from etude.models.change.evidence import DriftOnset, Judged, drift_onset, judged
 from etude.types import Samples
 
 Verdict = Literal["unchanged", "changed", "refused"]
-MANNERS: dict[Manner, str] = {
+DRIFT_ONSETS: dict[DriftOnset, str] = {
     "at once": "It came at once.",
     "little by little": "It is a drift: the errors grow from log to log.",
     "cannot tell": "",
@@ -68,10 +68,10 @@ class Watched:
         no_proposal: why there is none although the robot has changed.
     """
 
-    used: InUse
+    used: DeployedModel
     logs: tuple[WatchedLog, ...]
     kind: str
-    manner: Manner
+    drift_onset: DriftOnset
     sentence: str
     proposal: Proposal | None = None
     no_proposal: str = ""
@@ -112,21 +112,21 @@ def watch(
     if not paths:
         raise UsageError("there is no log to watch", next_step="Name one or more files.")
     answers = answers_of(campaign.state(), accept, repair)
-    used = model_in_use(campaign)
+    used = deployed_model(campaign)
     say(used.sentence)
     found = tuple(_one(campaign, used, path, degrees, answers) for path in paths)
     changed = [one for one in found if one.verdict == "changed"]
     if not changed:
         return Watched(used, found, "", "cannot tell", _quiet(found))
-    kind, how = _kind(changed), manner([one.found.sizes for one in found if one.found is not None])
+    kind, how = _kind(changed), drift_onset([one.found.sizes for one in found if one.found is not None])
     worst = next(one for one in changed if one.kind == kind) if kind != "unknown" else changed[0]
     cause = worst.cause if kind != "unknown" else "unknown"
-    sentence = f"The robot has changed: {CAUSES[cause]}. {MANNERS[how]}".rstrip()
+    sentence = f"The robot has changed: {CAUSES[cause]}. {DRIFT_ONSETS[how]}".rstrip()
     watched = Watched(used, found, kind, how, sentence)
     return _with_proposal(campaign, watched, say) if propose else watched
 
 
-def _one(campaign: Campaign, used: InUse, path: Path, degrees: bool, answers: Answers) -> WatchedLog:
+def _one(campaign: Campaign, used: DeployedModel, path: Path, degrees: bool, answers: Answers) -> WatchedLog:
     try:
         asked = LogQuestions(campaign.kind, campaign.spec, answers)
         log = start_at_zero(read(campaign, path, degrees=degrees, asked=asked))

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from etude.campaign.record.deployed_model import model_in_use
+from etude.campaign.record.deployed_model import deployed_model
 from etude.campaign.record.folder import Campaign, Say, open_campaign
 from etude.deploy.trajectory_files import csv_bytes, table_rate
 from etude.errors import DataError, UsageError
@@ -54,7 +54,7 @@ def predict(
         UsageError: nothing learned yet, or no such file. DataError: it is no motion of this robot.
     """
     campaign = campaign if isinstance(campaign, Campaign) else open_campaign(Path(campaign))
-    used = model_in_use(campaign)
+    used = deployed_model(campaign)
     say(used.sentence)
     model = used.model
     if not isinstance(motion, Log):

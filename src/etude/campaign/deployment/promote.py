@@ -13,7 +13,7 @@ from etude.campaign.record.events import Promoted, RolledBack
 from etude.campaign.record.folder import Campaign, Say
 from etude.campaign.record.journal import jsonable
 from etude.campaign.record.state import State
-from etude.campaign.record.stored_models import LEFT_OUT, MODEL, check_model, groups_of, told_samples
+from etude.campaign.record.stored_models import LEFT_OUT, MODEL, check_model, groups_of, ingested_samples
 from etude.codes import Notice, Phrase, Refusal
 from etude.errors import DataError, UsageError
 from etude.models.data.fit import in_order
@@ -37,7 +37,7 @@ WORDS = {
     "linear": "linear regression",
     CONSTANT: "a constant command",
 }
-"""What stands for physics alone, or for what there was before these, by rung."""
+"""What stands for physics alone, or for what there was before these, by structure."""
 
 
 @dataclass(frozen=True)
@@ -136,7 +136,7 @@ def _judged(campaign: Campaign, state: State, number: int, digest: str, force: b
         found = [_with_physics(left_out)]
         if state.promoted:
             say("Comparing with the model in use.")
-            found.append(_with_model_in_use(campaign, state, left_out))
+            found.append(_with_deployed_model(campaign, state, left_out))
     except (DataError, UsageError) as error:
         if not force:
             raise
@@ -154,22 +154,22 @@ def _judged(campaign: Campaign, state: State, number: int, digest: str, force: b
 def _with_physics(left_out: CrossValidationResiduals) -> Compared:
     segments = np.unique(left_out.group).tolist()
     both = (by_segment(e, left_out.group, segments) for e in (left_out.error, left_out.physics))
-    return compared(WORDS[left_out.rung], *both)
+    return compared(WORDS[left_out.structure], *both)
 
 
-def _with_model_in_use(campaign: Campaign, state: State, left_out: CrossValidationResiduals) -> Compared:
+def _with_deployed_model(campaign: Campaign, state: State, left_out: CrossValidationResiduals) -> Compared:
     """On the segments of logs that the model in use was not trained on."""
     number, promoted = state.promoted[-1]
     before = promoted_model(campaign, number, promoted)
     logs = _newest_logs(state)
-    samples = in_order(told_samples(campaign, logs)).take(left_out.rows)
+    samples = in_order(ingested_samples(campaign, logs)).take(left_out.rows)
     if not np.array_equal(samples.group, left_out.group):
         raise DataError(
             "the logs give other samples than when they were learned",
             where=str(campaign.path),
             next_step="campaign.toml was edited since: tell another log, and all are learned again.",
         )
-    fresh = _unseen(campaign, state, logs, set(promoted.logs))
+    fresh = _fresh_logs(campaign, state, logs, set(promoted.logs))
     error = _errors(before, samples)
     # of the same samples, or the pair would not be one
     both = np.isfinite(left_out.error) & np.isfinite(error)
@@ -185,14 +185,14 @@ def _errors(model: LearnedModel, samples: Samples) -> Array:
         raise DataError(f"the logs lack an input of the model in use ({error.args[0]})") from error
 
 
-def _unseen(campaign: Campaign, state: State, logs: Sequence[int], known: set[str]) -> list[int]:
+def _fresh_logs(campaign: Campaign, state: State, logs: Sequence[int], known: set[str]) -> list[int]:
     """Segments of which no part is in a log that the model in use learned."""
     groups = groups_of(campaign, logs)
     seen = {
         group
         for number, own in groups.items()
         for _, group in own
-        if (told := state.rounds[number].told) is not None and told.sha256 in known
+        if (told := state.rounds[number].ingested) is not None and told.sha256 in known
     }
     return sorted({group for own in groups.values() for _, group in own} - seen)
 
@@ -205,7 +205,7 @@ def _newest_logs(state: State) -> Sequence[int]:
 def _learned_logs(state: State) -> tuple[str, ...]:
     """Hashes of the logs in the newest model."""
     logs = _newest_logs(state)
-    return tuple(sorted(r.told.sha256 for r in state.told if r.told and r.number in logs))
+    return tuple(sorted(r.ingested.sha256 for r in state.ingested if r.ingested and r.number in logs))
 
 
 def _reasons(found: Sequence[Compared]) -> list[Notice]:

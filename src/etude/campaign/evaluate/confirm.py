@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from etude.campaign.propose.ask import Proposal, present
-from etude.campaign.propose.constraints import Constraints, kept_now, kept_then
+from etude.campaign.propose.constraints import Constraints, constraints_now, constraints_then
 from etude.campaign.propose.export import export, require_formats
 from etude.campaign.propose.motions import from_rest, typical_motions
 from etude.campaign.record.confirmation import FEEDFORWARD, left_over, trained_speeds
@@ -75,11 +75,11 @@ def _asked(campaign: Campaign, new: bool, formats: Sequence[str], effort: bool, 
     open_ones = [r for r in state.confirmations if len(r.runs) < 2]
     if open_ones and not new:
         number, made = open_ones[-1].number, None
-        kept = kept_then(campaign.round(number).asked)
+        constraints = constraints_then(campaign.round(number).asked)
     else:
-        number, kept = state.next_number, kept_now(campaign, state, FEEDBACK, LEARNED)
-        made = _propose(campaign, state, number, kept, say)
-    found = present(campaign, number, kept, made, FULL, lambda files: _fed(campaign, number, files))
+        number, constraints = state.next_number, constraints_now(campaign, state, FEEDBACK, LEARNED)
+        made = _propose(campaign, state, number, constraints, say)
+    found = present(campaign, number, constraints, made, FULL, lambda files: _fed(campaign, number, files))
     motion = stored_trajectory(campaign, number)
     written = [
         export(campaign, number, motion, found.folder, name, effort=effort, drag=effort) for name in formats
@@ -105,13 +105,13 @@ def _fed(campaign: Campaign, number: int, files: TrajectoryFiles) -> dict[Path, 
 
 
 def _propose(
-    campaign: Campaign, state: State, number: int, kept: Constraints, say: Say
+    campaign: Campaign, state: State, number: int, constraints: Constraints, say: Say
 ) -> tuple[TrajectoryFiles, str]:
     """Files of the motion, committed, and how it was found."""
     used = model_to_command(campaign, state)
     say(used.sentence)
     seed = [state.seed, number, CONFIRM_STREAM]
-    files, status = _drawn(campaign, np.random.default_rng(seed), kept)
+    files, status = _drawn(campaign, np.random.default_rng(seed), constraints)
     folder = campaign.proposal(number)
     table = folder / FEEDFORWARD
     write_atomic(table, feedforward_bytes(campaign, files, used.model))
@@ -123,25 +123,31 @@ def _propose(
         active_limits=tuple(files.certificate.active()),
         model_sha256=used.sha256,
     )
-    asked = _with_forecast(kept.of(files.trajectory).recorded(asked), campaign, used.model, files.trajectory)
+    asked = _with_forecast(
+        constraints.of(files.trajectory).recorded(asked), campaign, used.model, files.trajectory
+    )
     campaign.commit(asked, number, [*files.write(folder), table])
     return files, status
 
 
-def _drawn(campaign: Campaign, rng: np.random.Generator, kept: Constraints) -> tuple[TrajectoryFiles, str]:
+def _drawn(
+    campaign: Campaign, rng: np.random.Generator, constraints: Constraints
+) -> tuple[TrajectoryFiles, str]:
     """The first motion drawn as tests are that is certified; else a random one inside the limits."""
-    limits = kept.limits(campaign)
+    limits = constraints.limits(campaign)
     require_possible(limits)
     for motion, speed in _candidates(campaign, rng):
         slower = motion if speed == FULL else motion.slowed(FULL / speed)
         try:
-            files = _rendered(campaign, from_rest(campaign, slower, limits), limits, kept)
+            files = _rendered(campaign, from_rest(campaign, slower, limits), limits, constraints)
         except UnsafeTrajectoryError:
             continue
         slow = "" if speed == FULL else f", at {speed} % of its speed"
         return files, f"to confirm: drawn as the tests are{slow}, never trained on"
     motion = from_rest(campaign, typical_motions(campaign, rng, 1, limits, grown=True)[0], limits)
-    return _rendered(campaign, motion, limits, kept), "to confirm: random inside the limits, never trained on"
+    return _rendered(
+        campaign, motion, limits, constraints
+    ), "to confirm: random inside the limits, never trained on"
 
 
 def _candidates(campaign: Campaign, rng: np.random.Generator) -> Iterator[tuple[Trajectory, int]]:
@@ -151,11 +157,11 @@ def _candidates(campaign: Campaign, rng: np.random.Generator) -> Iterator[tuple[
 
 
 def _rendered(
-    campaign: Campaign, motion: Trajectory, limits: Sequence[Limit], kept: Constraints
+    campaign: Campaign, motion: Trajectory, limits: Sequence[Limit], constraints: Constraints
 ) -> TrajectoryFiles:
-    own = kept.of(motion)
+    own = constraints.of(motion)
     return render(
-        motion, campaign.kind, campaign.spec, campaign.config, limits, own.unheld, control=own.control
+        motion, campaign.kind, campaign.spec, campaign.config, limits, own.unenforced, control=own.control
     )
 
 

@@ -6,7 +6,7 @@ from dataclasses import asdict
 from typing import Any
 
 from etude.campaign.evaluate.stopping import calibration_factor, judge, seen_by_the_rule
-from etude.campaign.record.alerts import bad_news
+from etude.campaign.record.alerts import campaign_alerts
 from etude.campaign.record.confirmation import confirmed
 from etude.campaign.record.events import plain
 from etude.campaign.record.folder import Campaign
@@ -19,10 +19,11 @@ from etude.campaign.record.stored_files import edited, proved_otherwise
 def status(campaign: Campaign) -> dict[str, Any]:
     """The campaign's standing as JSON values.
 
-    Keys: news (alerts, red ones first; see `codes`), kind, robot, axes, outputs, preset, seed,
+    Keys: alerts (red ones first; see `codes`), kind, robot, axes, outputs, preset, seed,
     trajectories (one entry per number), robot_seconds, prequential (newest scores of each model before it
-    learned the newest log), chosen, rungs (of each output), calibration_factor, forecast_fraction, next_gain,
-    choice (by which part the design of the newest proposal left less variance than the median random motion),
+    learned the newest log), chosen, rungs (structure of each output), calibration_factor,
+    forecast_fraction, next_gain, choice (by which part the design of the newest proposal left less variance
+    than the median random motion),
     held_out (of the newest log without proposal), in_use (the promoted model, null if there is none),
     confirmed (tracking errors of the motions that confirm), known_faults (what earlier versions left, and is
     not to be used: code, what, path, command), proved_otherwise (open proposals that were proved
@@ -34,11 +35,11 @@ def status(campaign: Campaign) -> dict[str, Any]:
     state = campaign.state()
     evidence = seen_by_the_rule(campaign, state)
     verdict = judge(evidence, campaign.config.stop)
-    news = bad_news(state, campaign.command.parts, len(campaign.axes))
+    alerts = campaign_alerts(state, campaign.command.parts, len(campaign.axes))
     trained = state.trained
     newest = state.newest
     return {
-        "news": [notice.told() for notice in news],
+        "alerts": [notice.facts() for notice in alerts],
         "folder": str(campaign.path),
         "kind": campaign.kind.name,
         "robot": campaign.name,
@@ -60,13 +61,13 @@ def status(campaign: Campaign) -> dict[str, Any]:
         "held_out": _held_out(state),
         "in_use": _in_use(state),
         "confirmed": [confirmed(campaign, one) for one in state.confirmations],
-        "verdict": verdict.told(),
+        "verdict": verdict.facts(),
         "known_faults": [asdict(one) | {"sentence": one.sentence} for one in affected(campaign, state)],
         "proved_otherwise": [
-            one.told() for one in proved_otherwise(campaign, [r.number for r in state.proposals])
+            one.facts() for one in proved_otherwise(campaign, [r.number for r in state.proposals])
         ],
-        "edited": [one.told() for one in edited(campaign, events)],
-        "problems": [one.told() for one in damaged_files(campaign.path, events)],
+        "edited": [one.facts() for one in edited(campaign, events)],
+        "problems": [one.facts() for one in damaged_files(campaign.path, events)],
     }
 
 
@@ -80,13 +81,13 @@ def _in_use(state: State) -> dict[str, Any] | None:
 
 
 def _trajectory(round_: Round) -> dict[str, Any]:
-    told, trained = round_.told, round_.trained
+    ingested, trained = round_.ingested, round_.trained
     return {
         "number": round_.number,
         "standing": _standing(round_),
         "foreign": round_.asked is None,
-        "robot_seconds": told.robot_seconds if told else None,
-        "source": told.source if told else None,
+        "robot_seconds": ingested.robot_seconds if ingested else None,
+        "source": ingested.source if ingested else None,
         "chosen": trained.chosen if trained else None,
     }
 
@@ -96,7 +97,7 @@ def _standing(round_: Round) -> str:
         return "abandoned"
     if round_.confirms:
         return f"confirms, {len(round_.runs)} of 2 runs"
-    if round_.told is None:
+    if round_.ingested is None:
         return "open" if round_.asked is not None else "taken back"
     if round_.aside:
         return "set aside"

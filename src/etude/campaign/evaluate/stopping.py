@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from etude.campaign.record.alerts import LEAST_COVERAGE, bad_news, coverages
+from etude.campaign.record.alerts import LEAST_COVERAGE, campaign_alerts, coverages
 from etude.campaign.record.config import StopConfig
 from etude.campaign.record.folder import Campaign
 from etude.campaign.record.state import Round, State
@@ -106,9 +106,9 @@ class Verdict:
             return f"{self.said.sentence}."
         return f"{self.said.sentence}, but {self.harm.sentence}."
 
-    def told(self) -> dict[str, Any]:
+    def facts(self) -> dict[str, Any]:
         """For `--json`."""
-        harm = None if self.harm is None else self.harm.told()
+        harm = None if self.harm is None else self.harm.facts()
         own = {"stop": self.stop, "rule": self.rule, "reason": self.reason, "usable": self.usable}
         return {**self.said.to_json(), **own, "harm": harm}
 
@@ -210,8 +210,8 @@ def seen_by_the_rule(campaign: Campaign, state: State, next_gain: float | None =
     gains[len(trained)] = next_gain if next_gain is not None else gains.get(len(trained))
     minutes = (campaign.config.duration + campaign.config.stop.setup_s) / 60.0
     found = [_evidence(campaign, trained[: i + 1], gains.get(i + 1), minutes) for i in range(len(trained))]
-    news = bad_news(state, campaign.command.parts, len(campaign.axes))
-    red = tuple(notice for notice in news if notice.light == "red")
+    alerts = campaign_alerts(state, campaign.command.parts, len(campaign.axes))
+    red = tuple(notice for notice in alerts if notice.light == "red")
     return [*found[:-1], replace(found[-1], red=red)] if found else []
 
 

@@ -17,29 +17,35 @@ from etude.errors import DataError, UsageError
 
 
 @dataclass(frozen=True)
-class ToldFile:
+class IngestedFile:
     """What became of one of several files: `told`, or the error for which it was refused."""
 
     path: Path
-    told: Told | None
+    ingested: Told | None
     refused: DataError | None = None
 
     @property
     def sentence(self) -> str:
         """For a table."""
-        if self.told is None:
+        if self.ingested is None:
             assert self.refused is not None
             return f"refused: {self.refused.fact}"
-        if self.told.run:
-            return f"run {self.told.run} the feedforward of {self.told.number}, not learned"
-        first = "told before" if self.told.repeated else "foreign" if self.told.foreign else "answered"
-        number = f"{first} {self.told.number}" if first == "answered" else f"{first}, as {self.told.number}"
-        aside = "; set aside" if self.told.aside else ""
-        return number + ("; waits for an answer" if self.told.held else aside)
+        if self.ingested.run:
+            return f"run {self.ingested.run} the feedforward of {self.ingested.number}, not learned"
+        first = (
+            "told before" if self.ingested.repeated else "foreign" if self.ingested.foreign else "answered"
+        )
+        number = (
+            f"{first} {self.ingested.number}"
+            if first == "answered"
+            else f"{first}, as {self.ingested.number}"
+        )
+        aside = "; set aside" if self.ingested.aside else ""
+        return number + ("; waits for an answer" if self.ingested.held else aside)
 
 
 @dataclass(frozen=True)
-class ToldMany:
+class IngestedMany:
     """What became of several files.
 
     Attributes:
@@ -48,13 +54,13 @@ class ToldMany:
         warnings: what that training has to say.
     """
 
-    files: tuple[ToldFile, ...]
+    files: tuple[IngestedFile, ...]
     learned: tuple[int, ...]
     warnings: tuple[Notice, ...]
 
     @property
-    def refused(self) -> tuple[ToldFile, ...]:
-        return tuple(file for file in self.files if file.told is None)
+    def refused(self) -> tuple[IngestedFile, ...]:
+        return tuple(file for file in self.files if file.ingested is None)
 
 
 @overload
@@ -80,7 +86,7 @@ def tell(
     learner: Learner | None = None,
     say: Say = lambda _: None,
     **how: Unpack[How],
-) -> ToldMany: ...
+) -> IngestedMany: ...
 
 
 def tell(
@@ -92,7 +98,7 @@ def tell(
     learner: Learner | None = None,
     say: Say = lambda _: None,
     **how: Unpack[How],
-) -> Told | ToldMany:
+) -> Told | IngestedMany:
     """Stores a log, or several, and learns them: `campaign.tell.tell` and `tell_many`, by what is given."""
     if isinstance(path, str | Path):
         return tell_one(
@@ -118,7 +124,7 @@ def tell_many(
     learner: Learner | None = None,
     say: Say = lambda _: None,
     **how: Unpack[How],
-) -> ToldMany:
+) -> IngestedMany:
     """Stores every log that can be used, then learns all of them at once.
 
     Files are taken in the order of their names, and what fits no open proposal is looked at again once others
@@ -132,33 +138,33 @@ def tell_many(
     """
     with campaign.writing():
         found = _taken(campaign, paths, how, say)
-        places = [i for i, file in enumerate(found) if file.told is not None]
-        told = [file.told for file in found if file.told is not None]
+        places = [i for i, file in enumerate(found) if file.ingested is not None]
+        ingested = [file.ingested for file in found if file.ingested is not None]
         before = {r.number for r in campaign.state().learned}
-        for place, one in zip(places, finished(campaign, told, changed, learner, say), strict=True):
-            found[place] = replace(found[place], told=one)
+        for place, one in zip(places, finished(campaign, ingested, changed, learner, say), strict=True):
+            found[place] = replace(found[place], ingested=one)
         state = campaign.state()
     learned = tuple(r.number for r in state.learned if r.number not in before)
-    return ToldMany(tuple(found), learned, newest_warnings(campaign, state))
+    return IngestedMany(tuple(found), learned, newest_warnings(campaign, state))
 
 
-def _taken(campaign: Campaign, paths: Sequence[Path], how: How, say: Say) -> list[ToldFile]:
+def _taken(campaign: Campaign, paths: Sequence[Path], how: How, say: Say) -> list[IngestedFile]:
     """Every file, stored or refused, in the order in which they were given."""
-    found: dict[Path, ToldFile] = {}
+    found: dict[Path, IngestedFile] = {}
     left = sorted(set(paths), key=lambda path: (path.name, str(path)))
     while left:
         open_before, refused = len(campaign.state().proposals), []
         for path in left:
             found[path] = _one(campaign, path, how)
             say(f"{path.name}: {found[path].sentence}.")
-            refused += [path] if found[path].told is None else []
+            refused += [path] if found[path].ingested is None else []
         # what fitted none of several open proposals may answer none at all
         left = refused if len(campaign.state().proposals) < open_before else []
     return [found[path] for path in dict.fromkeys(paths)]
 
 
-def _one(campaign: Campaign, path: Path, how: How) -> ToldFile:
+def _one(campaign: Campaign, path: Path, how: How) -> IngestedFile:
     try:
-        return ToldFile(path, take(campaign, path, **how))
+        return IngestedFile(path, take(campaign, path, **how))
     except DataError as error:
-        return ToldFile(path, None, error)
+        return IngestedFile(path, None, error)

@@ -27,7 +27,7 @@ from etude.logs.columns.matching import match_columns
 from etude.logs.columns.units import Limits, check_lengths, from_degrees, read_time
 from etude.logs.columns.vocabulary import COMMANDS, PREFIXES, is_time, normal, split_suffix, split_unit
 from etude.logs.config import LogConfig
-from etude.logs.readers.registry import cut_sentences, end_findings, read_raw, with_rest_told
+from etude.logs.readers.registry import cut_sentences, end_findings, read_raw, with_rest_reported
 from etude.protocols import Kind
 from etude.types import Array, Channel, Finding, Log
 
@@ -212,7 +212,7 @@ def _read(path: Path, known: _KnownRobot, topics: Sequence[str]) -> tuple[Log, s
     names = [name for name in raw.values if not is_time(name)]
     channels, values = ({n: part[n] for n in names} for part in (raw.channels, raw.values))
     log = Log(t, channels, values, path.name, (*raw.repairs, *said))  # type: ignore[arg-type]
-    return with_rest_told(log), set()
+    return with_rest_reported(log), set()
 
 
 def _checked(log: Log, known: _KnownRobot, stated: set[str]) -> Inspected:

@@ -69,7 +69,7 @@ def answers_of(state: State, accept: Sequence[str], repair: Sequence[str]) -> An
                 f"there is no check '{check}'", where=flag, next_step=f"Known: {', '.join(known)}."
             )
     rounds = sorted(state.rounds.values(), key=lambda r: -r.number)  # the newest answer counts
-    before = tuple(own for r in rounds if r.told and not r.abandoned for own in r.told.answers)
+    before = tuple(own for r in rounds if r.ingested and not r.abandoned for own in r.ingested.answers)
     return Answers(tuple(accept), tuple(repair), before)
 
 

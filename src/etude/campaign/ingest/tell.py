@@ -76,25 +76,25 @@ def tell(
         UsageError: there is no such proposal, it has a log already, or there is no such check.
     """
     with campaign.writing():
-        told = take(campaign, Path(path), number, **how)
-        return finished(campaign, [told], changed, learner, say)[0]
+        ingested = take(campaign, Path(path), number, **how)
+        return finished(campaign, [ingested], changed, learner, say)[0]
 
 
 def finished(
-    campaign: Campaign, told: Sequence[Told], changed: str, learner: Learner | None, say: Say
+    campaign: Campaign, ingested: Sequence[Told], changed: str, learner: Learner | None, say: Say
 ) -> list[Told]:
     """The same logs after the answer was recorded and one training. The caller holds the lock."""
     if changed:
-        answer(campaign, campaign.state(), changed, [one.number for one in told])
+        answer(campaign, campaign.state(), changed, [one.number for one in ingested])
     done = tuple(learn_pending(campaign, learner, say))
-    if told or done:
+    if ingested or done:
         take_up(campaign)
     state = campaign.state()
     held, warnings = {r.number for r in state.held}, newest_warnings(campaign, state)
     aside = {number for number, r in state.rounds.items() if r.aside}
     return [
         replace(one, learned=done, warnings=warnings, held=one.number in held, aside=one.number in aside)
-        for one in told
+        for one in ingested
     ]
 
 
@@ -117,7 +117,7 @@ def check_asked(state: State, number: int) -> None:
             f"trajectory {number} confirms, nothing is learned from it",
             next_step="Say which run its log is of: --confirm without, or --confirm with.",
         )
-    if found.told is not None and not found.abandoned:
+    if found.ingested is not None and not found.abandoned:
         raise UsageError(
             f"trajectory {number} has a log already",
             next_step=f"To replace it: etude untell FOLDER {number}, then tell again.",
@@ -151,7 +151,7 @@ def repeated(campaign: Campaign, state: State, number: int, log: Log) -> tuple[i
     if own is None:
         return None
     found: list[tuple[float, int]] = []
-    for other in state.told:
+    for other in state.ingested:
         known = None if other.number == number else _stored_states(campaign, other.number)
         if known is not None and known.shape[1] == own.shape[1]:
             found.append((share_within(own, known), other.number))
@@ -215,7 +215,7 @@ def take(campaign: Campaign, path: Path, number: int | None = None, **how: Unpac
     known = state.round_of_log(digest)
     if known is not None:
         check_same_number(known, number, path)
-        before = known.told
+        before = known.ingested
         repairs, findings = (before.repairs, before.findings) if before else ((), ())
         return Told(known.number, True, known.asked is None, repairs, (), findings=findings)
     control = how.get("control", "")
@@ -353,16 +353,16 @@ def untell(
     """
     with campaign.writing():
         before = campaign.round(number)
-        if before.told is None and not before.untold:
+        if before.ingested is None and not before.untold:
             raise UsageError(
                 f"no log of trajectory {number} was told",
                 where=str(campaign.path),
                 next_step=f"To give the trajectory up: etude abandon {campaign.path} {number}.",
             )
-        if before.told is not None:
-            campaign.commit(Untold(sha256=before.told.sha256), number)
+        if before.ingested is not None:
+            campaign.commit(Untold(sha256=before.ingested.sha256), number)
         learn_pending(campaign, learner, say)
-        return before.told is not None
+        return before.ingested is not None
 
 
 def abandon(
@@ -378,6 +378,6 @@ def abandon(
     with campaign.writing():
         before = campaign.round(number)
         if not before.abandoned:
-            campaign.commit(Abandoned(had_log=before.told is not None), number)
+            campaign.commit(Abandoned(had_log=before.ingested is not None), number)
         learn_pending(campaign, learner, say)
         return not before.abandoned

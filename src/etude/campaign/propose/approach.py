@@ -13,12 +13,12 @@ import numpy as np
 
 from etude.abilities import SupportsOrder, SupportsPoses
 from etude.campaign.propose.constraints import Constraints
-from etude.campaign.propose.motions import ways_of
+from etude.campaign.propose.motions import approaches_of
 from etude.campaign.record.events import Exported
 from etude.campaign.record.folder import Campaign
 from etude.campaign.record.stored_files import settle
 from etude.deploy.trajectory_files import TrajectoryFiles, column_names, render
-from etude.design.chain import Ways
+from etude.design.chain import Approaches
 from etude.errors import UnsafeTrajectoryError, UsageError
 from etude.limits.certificate import Certificate, certify, require_certified
 from etude.limits.lead_ins import leads, with_leads
@@ -56,7 +56,7 @@ class Approached:
 
 
 def approached(
-    campaign: Campaign, number: int, motion: Trajectory, folder: Path, start: str, kept: Constraints
+    campaign: Campaign, number: int, motion: Trajectory, folder: Path, start: str, constraints: Constraints
 ) -> Approached:
     """Writes the way from `start` to the motion and back, and anew where it is another by now.
 
@@ -72,9 +72,9 @@ def approached(
         UnsafeTrajectoryError: no way is proved, straight or by home; nothing is written.
     """
     try:
-        pose, found, made = prepared(campaign, motion, start, kept)
+        pose, found, made = prepared(campaign, motion, start, constraints)
     except UnsafeTrajectoryError as problem:
-        require_pose(campaign, start, kept, problem, f"; proposal {number} stays open")
+        require_pose(campaign, start, constraints, problem, f"; proposal {number} stays open")
         raise UnsafeTrajectoryError(
             f"no way from there to proposal {number} is proved, which stays open: {problem.fact}",
             where=problem.where,
@@ -108,7 +108,7 @@ class There:
 
 
 def there_and_back(
-    motion: Trajectory, pose: Array, ways: Ways, limits: Sequence[Limit], home: Array
+    motion: Trajectory, pose: Array, ways: Approaches, limits: Sequence[Limit], home: Array
 ) -> There | None:
     """Straight ways, or by home where these are not proved; None from kinds that know none.
 
@@ -206,7 +206,7 @@ def pose_inside(campaign: Campaign, start: str) -> Array:
 def require_pose(
     campaign: Campaign,
     start: str,
-    kept: Constraints,
+    constraints: Constraints,
     problem: UnsafeTrajectoryError,
     beside: str = "",
 ) -> None:
@@ -217,7 +217,7 @@ def require_pose(
     still = np.zeros((2, 2, len(pose)))
     still[0] = pose
     hold = Splined(np.array([0.0, 1.0]), still)
-    for limit in kept.limits(campaign):
+    for limit in constraints.limits(campaign):
         rows = limit.prove(hold) if isinstance(limit, SupportsOrder) and limit.order == 0 else ()
         for row in rows:
             low, high = row.lower - row.tracking_margin, row.upper + row.tracking_margin
@@ -235,12 +235,12 @@ def require_pose(
 
 
 def prepared(
-    campaign: Campaign, motion: Trajectory, start: str, kept: Constraints
+    campaign: Campaign, motion: Trajectory, start: str, constraints: Constraints
 ) -> tuple[Array, There, dict[str, TrajectoryFiles]]:
     """The pose, the way from it and back, its files by stem; writes nothing. Errors as `approached`."""
-    kind, spec, limits = campaign.kind, campaign.spec, kept.limits(campaign)
+    kind, spec, limits = campaign.kind, campaign.spec, constraints.limits(campaign)
     pose = pose_inside(campaign, start)
-    found = there_and_back(motion, pose, ways_of(campaign), limits, kind.home(spec))
+    found = there_and_back(motion, pose, approaches_of(campaign), limits, kind.home(spec))
     if found is None:
         raise UsageError(
             f"robots of the kind '{kind.name}' know no way to a motion's start",
@@ -250,7 +250,9 @@ def prepared(
     parts = {"approach": found.approach, "return": found.back}
     parts |= {} if found.whole is None else {"trajectory": found.whole}
     made = {
-        stem: render(part, kind, spec, campaign.config, limits, kept.unheld, stem, kept.control)
+        stem: render(
+            part, kind, spec, campaign.config, limits, constraints.unenforced, stem, constraints.control
+        )
         for stem, part in parts.items()
     }
     return pose, found, made

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from etude.campaign.evaluate.stopping import judge, seen_by_the_rule
-from etude.campaign.propose.constraints import Constraints, kept_now, kept_then
+from etude.campaign.propose.constraints import Constraints, constraints_now, constraints_then
 from etude.campaign.propose.proposal import Swept, as_facts, proposed, swept, teaches_little
 from etude.campaign.record.controls import require_learned, require_same, required
 from etude.campaign.record.events import Asked, Exported
@@ -123,16 +123,16 @@ def ask(
         state = campaign.state()
         if state.proposals and not new:
             number, made = state.proposals[-1].number, None
-            kept = kept_then(campaign.round(number).asked)
+            constraints = constraints_then(campaign.round(number).asked)
             require_same(control, campaign.round(number).asked, number)
         else:
             require_learned(under, state)
-            number, kept = state.next_number, kept_now(campaign, state, under)
+            number, constraints = state.next_number, constraints_now(campaign, state, under)
             check = _way_check(campaign, start, speed)
-            made = _propose(campaign, state, number, kept, motions, tasks, go_on, say, check)
-        found = present(campaign, number, kept, made, speed)
+            made = _propose(campaign, state, number, constraints, motions, tasks, go_on, say, check)
+        found = present(campaign, number, constraints, made, speed)
         motion = stored_trajectory(campaign, number, speed)
-        way = _way(campaign, number, motion, found, start, kept) if start else None
+        way = _way(campaign, number, motion, found, start, constraints) if start else None
         whole = (motion, found.folder) if way is None or way.whole is None else (way.whole, way.folder)
         exported = _exported(campaign, number, whole, formats, effort)
         take_up(campaign)
@@ -170,11 +170,11 @@ def _way(
     motion: Trajectory,
     found: Proposal,
     start: str,
-    kept: Constraints,
+    constraints: Constraints,
 ) -> Approached:
     from etude.campaign.propose.approach import approached
 
-    return approached(campaign, number, motion, found.folder, start, kept)
+    return approached(campaign, number, motion, found.folder, start, constraints)
 
 
 def _way_check(campaign: Campaign, start: str, speed: int) -> Callable[[Trajectory, Constraints], None]:
@@ -185,9 +185,9 @@ def _way_check(campaign: Campaign, start: str, speed: int) -> Callable[[Trajecto
 
     pose_inside(campaign, start)
 
-    def check(motion: Trajectory, kept: Constraints) -> None:
+    def check(motion: Trajectory, constraints: Constraints) -> None:
         try:
-            prepared(campaign, motion if speed == FULL else at_speed(motion, speed), start, kept)
+            prepared(campaign, motion if speed == FULL else at_speed(motion, speed), start, constraints)
         except UnsafeTrajectoryError as problem:
             raise UnsafeTrajectoryError(
                 f"no way from there to the motion that would be asked is proved: {problem.fact}",
@@ -222,7 +222,7 @@ def _propose(
     campaign: Campaign,
     state: State,
     number: int,
-    kept: Constraints,
+    constraints: Constraints,
     motions: Sequence[Trajectory],
     tasks: Path | None,
     go_on: bool,
@@ -234,17 +234,17 @@ def _propose(
         _check_stop(campaign, state, None)
     seed = [state.seed, number, ASK_STREAM]
     rng = np.random.default_rng(seed)
-    kept = kept.using(newest_model(campaign, state)) if state.trained else kept
-    limits = kept.limits(campaign)
+    constraints = constraints.using(newest_model(campaign, state)) if state.trained else constraints
+    limits = constraints.limits(campaign)
     require_possible(limits)
     trajectory, found = proposed(
-        campaign, kept.model(campaign), rng, motions, _open(campaign, state), limits, say
+        campaign, constraints.model(campaign), rng, motions, _open(campaign, state), limits, say
     )
     if not go_on:
         _check_stop(campaign, state, found.gain)
-    kept = kept.of(trajectory)
-    files = _files(campaign, trajectory, limits, kept)
-    check(files.trajectory, kept)
+    constraints = constraints.of(trajectory)
+    files = _files(campaign, trajectory, limits, constraints)
+    check(files.trajectory, constraints)
     written = files.write(campaign.proposal(number))
     if tasks is not None:
         copy = campaign.proposal(number) / f"tasks{tasks.suffix}"
@@ -252,27 +252,35 @@ def _propose(
         written.append(copy)
     at_limit = tuple(files.certificate.active())
     asked = replace(found, active_limits=at_limit, seed=tuple(seed), learned=len(state.trained))
-    campaign.commit(kept.recorded(asked), number, written)
+    campaign.commit(constraints.recorded(asked), number, written)
     return files, asked.status
 
 
 def _files(
-    campaign: Campaign, trajectory: Trajectory, limits: Sequence[Limit], kept: Constraints
+    campaign: Campaign, trajectory: Trajectory, limits: Sequence[Limit], constraints: Constraints
 ) -> TrajectoryFiles:
     kind, spec, config = campaign.kind, campaign.spec, campaign.config
     rows = swept(campaign, trajectory, limits)
     own = as_facts(rows), teaches_little(rows)
     return render(
-        trajectory, kind, spec, config, limits, kept.unheld, control=kept.control, swept=own[0], warned=own[1]
+        trajectory,
+        kind,
+        spec,
+        config,
+        limits,
+        constraints.unenforced,
+        control=constraints.control,
+        swept=own[0],
+        warned=own[1],
     )
 
 
-def _again(campaign: Campaign, trajectory: Trajectory, kept: Constraints) -> TrajectoryFiles:
+def _again(campaign: Campaign, trajectory: Trajectory, constraints: Constraints) -> TrajectoryFiles:
     """A proposal that is open already; of the description alone if campaign.toml allows less by now."""
     try:
-        return _files(campaign, trajectory, kept.limits(campaign), kept)
+        return _files(campaign, trajectory, constraints.limits(campaign), constraints)
     except UnsafeTrajectoryError:
-        return _files(campaign, trajectory, kept.limits(campaign, described=True), kept)
+        return _files(campaign, trajectory, constraints.limits(campaign, described=True), constraints)
 
 
 def _outside_now(campaign: Campaign, number: int, problem: UnsafeTrajectoryError) -> UnsafeTrajectoryError:
@@ -305,7 +313,7 @@ def _check_stop(campaign: Campaign, state: State, gain: float | None) -> None:
 def present(
     campaign: Campaign,
     number: int,
-    kept: Constraints,
+    constraints: Constraints,
     made: tuple[TrajectoryFiles, str] | None,
     speed: int,
     beside: Beside = lambda _: {},
@@ -328,11 +336,11 @@ def present(
         motion = at_speed(full, speed) if speed != FULL else full
         if made is None:
             try:
-                files = _again(campaign, motion, kept)
+                files = _again(campaign, motion, constraints)
             except UnsafeTrajectoryError as problem:
                 raise _outside_now(campaign, number, problem) from None
         else:
-            files = _files(campaign, motion, kept.limits(campaign), kept.of(full))
+            files = _files(campaign, motion, constraints.limits(campaign), constraints.of(full))
         if speed == FULL:  # what waits for its log stays what it is, to the byte
             own = stored_bytes(campaign, folder / COEFFICIENTS, advice)
             files = replace(files, coefficients=own)
@@ -342,7 +350,7 @@ def present(
         _check(campaign, [name for name in asked.files if name not in settled], advice)
         renewed = settle(campaign, number, contents, Exported(speed=speed), advice)
     status = "asked for before, still open" if made is None else made[1]
-    rows = swept(campaign, files.trajectory, kept.limits(campaign))
+    rows = swept(campaign, files.trajectory, constraints.limits(campaign))
     found = files.certificate, files.trajectory.duration, made is not None, status
     return Proposal(number, folder, *found, renewed=renewed, swept=rows)
 

@@ -35,14 +35,14 @@ class Constraints:
 
     Attributes:
         margins: by form of motion.
-        unheld: sentences: margins that would have left no room, and accelerations.
+        unenforced: sentences: margins that would have left no room, and accelerations.
         by_form: the same sentences, by the form of motion that they are about.
         number: of the round whose model says what drives must give; None before any log.
         controls: that the margins are of; none of proposals that are older than this.
     """
 
     margins: Margins
-    unheld: tuple[str, ...] = ()
+    unenforced: tuple[str, ...] = ()
     by_form: Mapping[str, tuple[str, ...]] | None = None
     number: int | None = None
     controls: tuple[str, ...] = ()
@@ -92,8 +92,8 @@ class Constraints:
         if self.number is None or self.model(campaign) is None:
             return None
         with contextlib.suppress(UsageError):
-            told = campaign.round(self.number).told
-            if told is not None and not told.foreign and told.speed == FULL:
+            ingested = campaign.round(self.number).ingested
+            if ingested is not None and not ingested.foreign and ingested.speed == FULL:
                 return stored_trajectory(campaign, self.number)
         return None
 
@@ -101,7 +101,7 @@ class Constraints:
         """With the sentences about this motion, one piece after the other."""
         forms = dict.fromkeys(piece.form for _, _, piece in trajectory.pieces())
         own = [sentence for form in forms for sentence in (self.by_form or {}).get(form, ())]
-        return replace(self, unheld=tuple(dict.fromkeys(own)), _limits=self._limits, _models=self._models)
+        return replace(self, unenforced=tuple(dict.fromkeys(own)), _limits=self._limits, _models=self._models)
 
     def margins_of_chain(self, trajectory: Trajectory) -> Margins:
         """With one for the whole of a chain, the least of its pieces': a receiver knows no pieces."""
@@ -120,16 +120,18 @@ class Constraints:
     def recorded(self, fact: C) -> C:
         """The event with what is kept; no margins where nothing is."""
         margins = {form: (as_rows(table), as_rows(sure)) for form, (table, sure) in self.margins.items()}
-        unheld = self.unheld if margins else ()
-        return replace(fact, model=self.number, controls=self.controls, margins=margins, unheld=unheld)
+        unenforced = self.unenforced if margins else ()
+        return replace(
+            fact, model=self.number, controls=self.controls, margins=margins, unenforced=unenforced
+        )
 
 
-def kept_then(asked: Constrained | None) -> Constraints:
+def constraints_then(asked: Constrained | None) -> Constraints:
     """What was kept when a proposal was made; nothing of proposals that are older than margins."""
     if asked is None:
         return Constraints({})
     margins = {form: (as_table(table), as_table(sure)) for form, (table, sure) in asked.margins.items()}
-    return Constraints(margins, asked.unheld, number=asked.model, controls=asked.controls)
+    return Constraints(margins, asked.unenforced, number=asked.model, controls=asked.controls)
 
 
 def as_rows(table: Array | float) -> Table:
@@ -152,7 +154,7 @@ IN_WORDS = {"fourier": "Fourier motions", "moves": "moves from pose to pose"}
 QUANTITIES = ("position", "velocity")
 
 
-def kept_now(campaign: Campaign, state: State, *controls: str) -> Constraints:
+def constraints_now(campaign: Campaign, state: State, *controls: str) -> Constraints:
     """What is kept of the limits of a motion that is asked for now.
 
     Args:
@@ -175,7 +177,9 @@ def _under(
 ) -> tuple[dict[str, tuple[Array, Array]], dict[str, tuple[str, ...]]]:
     """Margins, and the sentences about them, by form, of motions under one control."""
     errors, ranges = seen_errors(state, control), ranges_of(campaign)
-    forms = list(dict.fromkeys([*SINGLE, *(form for r in state.told if r.told for form in r.told.tracked)]))
+    forms = list(
+        dict.fromkeys([*SINGLE, *(form for r in state.ingested if r.ingested for form in r.ingested.tracked)])
+    )
     wanted = _meeting(margins_of(campaign.config.tracking, ranges, errors, forms, _known(campaign)), errors)
     young = {form for form, own in errors.items() if control == LEARNED and len(own) < SETTLED}
     margins, by_form = {}, {}
@@ -201,7 +205,7 @@ def _largest(pairs: Sequence[tuple[Array, Array]]) -> tuple[Array, Array]:
     return most, np.where(tables == most, sure, np.inf).min(axis=0, initial=1.0)
 
 
-def kept_under(campaign: Campaign, number: int, control: str) -> Constraints:
+def constraints_under(campaign: Campaign, number: int, control: str) -> Constraints:
     """What is kept of a proposal that is run under that control, asked for it or not.
 
     Where it was asked for another one, and not written for this one yet, what logs of this one have told by
@@ -209,37 +213,39 @@ def kept_under(campaign: Campaign, number: int, control: str) -> Constraints:
     """
     asked = campaign.round(number).asked
     if not asked_under(asked) or control in asked_under(asked):
-        return kept_then(asked)
+        return constraints_then(asked)
     written = [e.fact for e in campaign.events() if e.number == number]
     for fact in reversed(written):
         if isinstance(fact, Exported) and fact.controls == (control,):
-            return kept_then(fact)
+            return constraints_then(fact)
     if seen_errors(campaign.state(), control):
-        return kept_now(campaign, campaign.state(), control)
-    kept = kept_then(asked)
+        return constraints_now(campaign, campaign.state(), control)
+    kept = constraints_then(asked)
     assumed = {form: (table, np.full_like(table, ASSUMED)) for form, (table, _) in kept.margins.items()}
     return replace(kept, margins=assumed, controls=(control,), _limits={})
 
 
 def with_tracking_errors(
-    campaign: Campaign, number: int, log: Log, trajectory: Trajectory, told: Ingested, control: str
+    campaign: Campaign, number: int, log: Log, trajectory: Trajectory, ingested: Ingested, control: str
 ) -> Ingested:
     """The log of a proposal with its control, if it is known (`run_under`), and the largest errors by form;
     none of a run below full speed, which errs less.
     """
-    told = replace(told, control=run_under(campaign, number, control))
-    if told.speed != FULL:
-        return told
+    ingested = replace(ingested, control=run_under(campaign, number, control))
+    if ingested.speed != FULL:
+        return ingested
     found = tracked(log, trajectory, campaign.kind.path)
     start = None if found.start is None else (found.start.until, as_rows(found.start.errors))
-    return replace(told, tracked={form: as_rows(table) for form, table in found.errors.items()}, start=start)
+    return replace(
+        ingested, tracked={form: as_rows(table) for form, table in found.errors.items()}, start=start
+    )
 
 
-def start_in_words(campaign: Campaign, told: Ingested | None) -> str:
+def start_in_words(campaign: Campaign, ingested: Ingested | None) -> str:
     """A sentence about the start transient of a log, which is in no margin; "" without one."""
-    if told is None or told.start is None:
+    if ingested is None or ingested.start is None:
         return ""
-    until, errors = told.start
+    until, errors = ingested.start
     units, table = campaign.channel(campaign.kind.path).units, as_table(errors)
     rows = zip(campaign.axes, units, table[0], table[1], strict=True)
     text = ", ".join(f"{axis} by {e:.3g} {unit} and {v:.3g} {unit}/s" for axis, unit, e, v in rows)
@@ -249,18 +255,22 @@ def start_in_words(campaign: Campaign, told: Ingested | None) -> str:
 def seen_errors(state: State, control: str) -> dict[str, list[Array]]:
     """By form, the largest errors (orders, k) of each log of that control that is used, oldest first."""
     found: dict[str, list[Array]] = {}
-    for one in sorted(state.told, key=lambda r: r.told_at):
-        if one.told is not None and speaks_of(one.told, control):
-            for form, table in one.told.tracked.items():
+    for one in sorted(state.ingested, key=lambda r: r.ingested_at):
+        if one.ingested is not None and speaks_of(one.ingested, control):
+            for form, table in one.ingested.tracked.items():
                 found.setdefault(form, []).append(as_table(table))
     return found
 
 
 def _last_start(campaign: Campaign, state: State, control: str) -> tuple[str, ...]:
     """What the newest log of that control that began with a transient says of it."""
-    own = [r for r in state.told if r.told and speaks_of(r.told, control) and r.told.start is not None]
-    newest = max(own, key=lambda r: r.told_at, default=None)
-    return () if newest is None else (start_in_words(campaign, newest.told),)
+    own = [
+        r
+        for r in state.ingested
+        if r.ingested and speaks_of(r.ingested, control) and r.ingested.start is not None
+    ]
+    newest = max(own, key=lambda r: r.ingested_at, default=None)
+    return () if newest is None else (start_in_words(campaign, newest.ingested),)
 
 
 def ranges_of(campaign: Campaign) -> Ranges:

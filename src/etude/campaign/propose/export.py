@@ -9,9 +9,9 @@ from pathlib import Path
 
 from etude import plugins
 from etude.abilities import SupportsCollecting
-from etude.campaign.propose.constraints import kept_under
+from etude.campaign.propose.constraints import constraints_under
 from etude.campaign.record.controls import FEEDBACK, LEARNED, asked_under
-from etude.campaign.record.deployed_model import model_in_use, model_to_command
+from etude.campaign.record.deployed_model import deployed_model, model_to_command
 from etude.campaign.record.events import Exported
 from etude.campaign.record.folder import Campaign
 from etude.campaign.record.stored_files import settle
@@ -82,13 +82,13 @@ def export(
     what = _with_effort(campaign, trajectory) if effort else trajectory
     what = _accelerated(campaign, what) if drag else what
     own = asked_under(campaign.round(number).asked)
-    kept = kept_under(campaign, number, LEARNED if effort else next(iter(own), FEEDBACK))
-    limits = kept.limits_as_played(campaign, trajectory)
-    files, certificate = played(exporter, what, campaign.kind, campaign.spec, limits, kept.control)
+    constraints = constraints_under(campaign, number, LEARNED if effort else next(iter(own), FEEDBACK))
+    limits = constraints.limits_as_played(campaign, trajectory)
+    files, certificate = played(exporter, what, campaign.kind, campaign.spec, limits, constraints.control)
     place = folder / (f"{name}_effort" if effort else name)
     contents = {**files, CERTIFICATE: _proof(certificate)}
     fact = Exported(format=name, effort=effort)
-    fact = fact if kept.controls == own else kept.recorded(fact)
+    fact = fact if constraints.controls == own else constraints.recorded(fact)
     written = {place / file: data for file, data in contents.items()}
     renewed = settle(campaign, number, written, fact)
     return ExportedMotion(name, tuple(written), certificate, renewed)
@@ -110,7 +110,7 @@ def _accelerated(campaign: Campaign, what: Trajectory | Commanded) -> Trajectory
     kind = campaign.kind
     if not isinstance(kind, SupportsCollecting) or not campaign.state().trained:
         return what  # a kind that lacks it collects under feedback alone
-    used = model_in_use(campaign)
+    used = deployed_model(campaign)
     if of_another_body(campaign, used.number):
         return what  # the drag of another vehicle
     model = used.model

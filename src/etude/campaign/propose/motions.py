@@ -20,7 +20,7 @@ from etude.trajectories.json_text import from_json
 from etude.types import Array, Channel, Motion
 
 if TYPE_CHECKING:
-    from etude.design.chain import Ways
+    from etude.design.chain import Approaches
 
 
 def typical_motions(
@@ -74,7 +74,7 @@ def segments_of(campaign: Campaign, family: Family) -> int:
     if count == 1:
         return 1
     home = campaign.kind.home(campaign.spec)
-    return count if ways_of(campaign)(segment, home) is not None else 1
+    return count if approaches_of(campaign)(segment, home) is not None else 1
 
 
 def from_rest(campaign: Campaign, motion: Trajectory, limits: Sequence[Limit]) -> Trajectory:
@@ -90,7 +90,7 @@ def from_rest(campaign: Campaign, motion: Trajectory, limits: Sequence[Limit]) -
     return at_rest(motion, limits) if wanted else motion
 
 
-def ways_of(campaign: Campaign) -> Ways:
+def approaches_of(campaign: Campaign) -> Approaches:
     """The kind's ways to a motion and back."""
     return lambda motion, pose: campaign.kind.ways(campaign.spec, motion, pose)
 
@@ -133,7 +133,7 @@ class RecordedMotion:
         raise UsageError("a recorded motion is not proved", next_step="Use it as a task only.")
 
     def slowed(self, factor: float) -> Trajectory:  # noqa: ARG002
-        raise UsageError("a recorded motion has no speed ladder", next_step="Use it as a task only.")
+        raise UsageError("a recorded motion has no slower copies", next_step="Use it as a task only.")
 
     def to_json(self) -> str:
         raise UsageError("a recorded motion is not stored", next_step="Use it as a task only.")

@@ -10,7 +10,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from etude.abilities import SupportsBlocking, SupportsReachable
-from etude.campaign.propose.motions import from_rest, reference_motions, segments_of, typical_motions, ways_of
+from etude.campaign.propose.motions import (
+    approaches_of,
+    from_rest,
+    reference_motions,
+    segments_of,
+    typical_motions,
+)
 from etude.campaign.record.events import Asked
 from etude.campaign.record.folder import Campaign, Say
 from etude.campaign.record.stored_files import FULL, stored_trajectory
@@ -47,7 +53,7 @@ def proposed(
 ) -> tuple[Trajectory, Asked]:
     """The next recording, and how it was found.
 
-    Before any log tasks are not looked at: a motion for them alone leaves the rest of the robot unknown.
+    Before any log tasks are not verified: a motion for them alone leaves the rest of the robot unknown.
 
     Args:
         model: the newest, None before any log.
@@ -90,7 +96,7 @@ def _random(
     count = segments_of(campaign, family)
     motions = typical_motions(campaign, rng, count, limits, grown=True)
     home = campaign.kind.home(campaign.spec)
-    trajectory, kept = linked(motions, ways_of(campaign), limits, home)
+    trajectory, kept = linked(motions, approaches_of(campaign), limits, home)
     several = f"{kept} segments, " if kept > 1 else ""
     status = f"{several}{FIRST[campaign.config.design.sampler]}: nothing has been learned yet"
     return trajectory, Asked(status=status + cut_short(count - kept))
@@ -201,15 +207,15 @@ def visited_by(campaign: Campaign, reach: Reachable) -> Visited:
     from etude.design.candidates import Visited
 
     found = Visited.nothing(reach)
-    for told in campaign.state().told:
-        if told.asked is not None and not (told.told and told.told.foreign):
+    for ingested in campaign.state().ingested:
+        if ingested.asked is not None and not (ingested.ingested and ingested.ingested.foreign):
             with contextlib.suppress(UsageError):
-                found = found.adding([stored_trajectory(campaign, told.number, FULL)])
+                found = found.adding([stored_trajectory(campaign, ingested.number, FULL)])
             continue
         with contextlib.suppress(UsageError):
             from etude.logs.readers.log_file import read_log_file
 
-            log = read_log_file(campaign.run_file(told.number))
+            log = read_log_file(campaign.run_file(ingested.number))
             found = found.adding_poses(log[campaign.kind.path], float(np.ptp(log.t)))
     return found
 
@@ -238,7 +244,7 @@ def _designed(
         rng,
         tasks,
         count=segments_of(campaign, family),
-        ways=ways_of(campaign),
+        ways=approaches_of(campaign),
         standing_in=reference_motions(campaign, rng) if mixed else (),
         given=open_ones,
         rate=float(spec.rate),

@@ -24,7 +24,7 @@ FEEDBACK = ("pd", "pid")
 """Simulated baselines without any model."""
 
 
-def bad_news(state: State, outputs: Sequence[str], axes: int) -> tuple[Notice, ...]:
+def campaign_alerts(state: State, outputs: Sequence[str], axes: int) -> tuple[Notice, ...]:
     """What the user should know before any figure, red lights first; empty if nothing is wrong.
 
     Args:
@@ -39,8 +39,8 @@ def bad_news(state: State, outputs: Sequence[str], axes: int) -> tuple[Notice, .
 def _of_logs(state: State) -> list[Notice]:
     """What was found when logs were told that are used or wait; a changed robot only until it is answered."""
     found = []
-    for r in state.told:
-        for finding in r.told.findings if r.told else ():
+    for r in state.ingested:
+        for finding in r.ingested.findings if r.ingested else ():
             if finding.light not in ("red", "yellow") or (finding.check == CHANGED and not r.held):
                 continue
             fields = {"log": r.number, "check": finding.check, "found": finding.sentence.rstrip(".")}
@@ -146,8 +146,8 @@ def _then(r: Round) -> str | None:
     return r.trained.in_use if r.trained else None
 
 
-def _scores(r: Round, rung: str | None) -> PrequentialScore:
-    return r.trained.score_of(rung or "") if r.trained else PrequentialScore()
+def _scores(r: Round, structure: str | None) -> PrequentialScore:
+    return r.trained.score_of(structure or "") if r.trained else PrequentialScore()
 
 
 def _named(outputs: Sequence[str], values: Sequence[Any], told: Any, others: Sequence[Any]) -> list[str]:

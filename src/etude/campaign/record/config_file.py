@@ -112,7 +112,7 @@ COMMENTS: dict[str, dict[str, str]] = {
     "model": {
         "rung": '"gp", "linear", "identified", "identified+gp", ...; "auto": what predicts each command best',
         "choose_by": '"squared" or "absolute" held-out error decides',
-        "replace": 'a rung replaces another if better by more than "chance", or on "every" held-out motion',
+        "replace": 'a structure replaces another if better by "chance", or on "every" held-out motion',
         "process_from": "logs from which processes compete with physics alone",
         "kernel": '"structured", or "ard_se", as the thesis; or a plug-in',
         "sharing": '"separate" processes of the commands, or one kernel "shared" by all',

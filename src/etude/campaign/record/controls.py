@@ -79,9 +79,9 @@ def run_under(campaign: Campaign, number: int, given: str) -> str:
     return own[0] if len(own) == 1 else ""
 
 
-def speaks_of(told: Ingested, control: str) -> bool:
+def speaks_of(ingested: Ingested, control: str) -> bool:
     """Whether a log tells of motions under that control; one whose control is unknown tells of each."""
-    return told.control in ("", control)
+    return ingested.control in ("", control)
 
 
 def in_words(controls: Sequence[str]) -> str:

@@ -21,7 +21,7 @@ FOLDER = "promoted"
 
 
 @dataclass(frozen=True, eq=False)
-class InUse:
+class DeployedModel:
     """What leaves for the robot.
 
     Attributes:
@@ -40,7 +40,7 @@ class InUse:
     sentence: str
 
 
-def model_in_use(campaign: Campaign, state: State | None = None) -> InUse:
+def deployed_model(campaign: Campaign, state: State | None = None) -> DeployedModel:
     """The promoted model; the newest one, and a sentence that says so, where nothing was promoted yet.
 
     Raises:
@@ -54,17 +54,17 @@ def model_in_use(campaign: Campaign, state: State | None = None) -> InUse:
         path = campaign.model_folder(number) / MODEL
         digest = sha256_of(path)
         said = f"Nothing was promoted yet: the newest model is used, of log {number} ({digest[:12]})."
-        return InUse(model, number, path, digest, False, said + of_another_body(campaign, number))
+        return DeployedModel(model, number, path, digest, False, said + of_another_body(campaign, number))
     number, promoted = state.promoted[-1]
     said = f"The promoted model is used, of log {number} ({promoted.sha256[:12]})."
     model, path = promoted_model(campaign, number, promoted), pinned(campaign, promoted.sha256)
     said += of_another_body(campaign, number)
-    return InUse(model, number, path, promoted.sha256, True, said)
+    return DeployedModel(model, number, path, promoted.sha256, True, said)
 
 
-def model_to_command(campaign: Campaign, state: State | None = None) -> InUse:
+def model_to_command(campaign: Campaign, state: State | None = None) -> DeployedModel:
     """The same, whose commands the robot gets with a motion. UsageError: it was learned of another body."""
-    used = model_in_use(campaign, state)
+    used = deployed_model(campaign, state)
     if other := of_another_body(campaign, used.number):
         raise UsageError("the model that commands come from is of another robot", next_step=other.strip())
     return used
@@ -80,7 +80,7 @@ def model_of_sha256(campaign: Campaign, digest: str) -> LearnedModel | None:
 
 
 def promoted_model(campaign: Campaign, number: int, promoted: Promoted) -> LearnedModel:
-    """The model of a promotion, of log `number`, from its own copy of the file. Errors as `model_in_use`."""
+    """The model of a promotion, of log `number`, from its copy of the file. Errors as `deployed_model`."""
     check_pinned(campaign, number, promoted)
     return read_stored(campaign, pinned(campaign, promoted.sha256))
 

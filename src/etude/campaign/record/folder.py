@@ -56,7 +56,8 @@ class Campaign:
     def __repr__(self) -> str:
         state = self.state()
         return (
-            f"Campaign {self.path.name!r} of {self.name} ({self.kind.name}): {len(state.told)} logs told, "
+            f"Campaign {self.path.name!r} of {self.name} ({self.kind.name}): "
+            f"{len(state.ingested)} logs told, "
             f"{len(state.learned)} learned, {len(state.proposals)} proposals open"
         )
 

@@ -125,7 +125,7 @@ def _models(campaign: Campaign, state: State, of_robot: Sequence[str]) -> Iterat
     trained = [e for e in events if isinstance(e.fact, Trained) and state.trained]
     if trained and _is_before(trained[-1], MOUNTING):
         number = trained[-1].number
-        told = state.rounds[number].told if number in state.rounds else None
+        told = state.rounds[number].ingested if number in state.rounds else None
         log = told.source if told is not None else "LOG"
         again = f"etude untell {path} {number}, then etude tell {path} {log}"
         yield Affected(MOUNTING, f"the model of log {number}", f"models/{number:04d}", again)

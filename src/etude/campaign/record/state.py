@@ -31,7 +31,7 @@ class Round:
     Attributes:
         number: 1, 2, ...
         asked: its proposal, or None for a foreign log.
-        told: its log, or None while it is awaited. told_at: when the log was told, ISO 8601.
+        told: its log, or None while it is awaited. ingested_at: when the log was told, ISO 8601.
         trained: the training that ended with its log; None until trained. Logs that were told together are
             learned together: the last of them has the training. order: of that training, from 1; 0: none.
         learned_with: number of the round whose training took this log in; None if that is its own, or none.
@@ -44,8 +44,8 @@ class Round:
 
     number: int
     asked: Asked | None = None
-    told: Ingested | None = None
-    told_at: str = ""
+    ingested: Ingested | None = None
+    ingested_at: str = ""
     trained: Trained | None = None
     order: int = 0
     learned_with: int | None = None
@@ -68,7 +68,7 @@ class Round:
     @property
     def open(self) -> bool:
         """Asked for, and its log is still awaited."""
-        return self.asked is not None and self.told is None and not self.abandoned and not self.confirms
+        return self.asked is not None and self.ingested is None and not self.abandoned and not self.confirms
 
 
 @dataclass(frozen=True)
@@ -91,12 +91,12 @@ class State:
     events: int = 0
 
     @property
-    def told(self) -> list[Round]:
+    def ingested(self) -> list[Round]:
         """Rounds with a log that is used, by number."""
         return [
             r
             for _, r in sorted(self.rounds.items())
-            if r.told is not None and not r.abandoned and not r.aside
+            if r.ingested is not None and not r.abandoned and not r.aside
         ]
 
     @property
@@ -114,7 +114,7 @@ class State:
     @property
     def robot_seconds(self) -> float:
         """Recorded motion of all logs that are used, s."""
-        return float(sum(r.told.robot_seconds for r in self.told if r.told))
+        return float(sum(r.ingested.robot_seconds for r in self.ingested if r.ingested))
 
     @property
     def learned(self) -> list[Round]:
@@ -128,12 +128,12 @@ class State:
     @property
     def held(self) -> list[Round]:
         """Rounds whose log waits for the answer to whether the robot has changed."""
-        return [r for r in self.told if r.held]
+        return [r for r in self.ingested if r.held]
 
     @property
     def pending(self) -> list[Round]:
         """Rounds with a log that no model has learned yet, and that waits for no answer."""
-        return [r for r in self.told if not r.learned and not r.held]
+        return [r for r in self.ingested if not r.learned and not r.held]
 
     @property
     def proposals(self) -> list[Round]:
@@ -151,8 +151,8 @@ class State:
 
     def round_of_log(self, sha256: str) -> Round | None:
         """The round that this log answered already, by the hash of the original file."""
-        known = (r for _, r in sorted(self.rounds.items()) if r.told and not r.abandoned)
-        return next((r for r in known if r.told and r.told.sha256 == sha256), None)
+        known = (r for _, r in sorted(self.rounds.items()) if r.ingested and not r.abandoned)
+        return next((r for r in known if r.ingested and r.ingested.sha256 == sha256), None)
 
 
 def replay(events: Iterable[Event]) -> State:
@@ -197,9 +197,9 @@ def _next(old: Round, event: Event, order: int) -> Round:
             return replace(old, asked=fact)
         case Ingested() as fact:
             runs, held = old.runs, _is_held(fact)
-            return Round(old.number, old.asked, fact, told_at=event.time, held=held, runs=runs)
+            return Round(old.number, old.asked, fact, ingested_at=event.time, held=held, runs=runs)
         case Untold():
-            return replace(old, told=None, untold=True, aside=False, held=False)
+            return replace(old, ingested=None, untold=True, aside=False, held=False)
         case Trained() as fact:
             return replace(old, trained=fact, order=order, learned_with=None)
         case Abandoned():
@@ -209,9 +209,9 @@ def _next(old: Round, event: Event, order: int) -> Round:
     return old
 
 
-def _is_held(told: Ingested) -> bool:
+def _is_held(ingested: Ingested) -> bool:
     """Whether the log was told with the finding that the robot has changed."""
-    return any(f.check == CHANGED and f.light == "red" for f in told.findings)
+    return any(f.check == CHANGED and f.light == "red" for f in ingested.findings)
 
 
 def _taken_in(state: State, number: int, together: Iterable[int]) -> State:

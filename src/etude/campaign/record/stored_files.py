@@ -104,8 +104,8 @@ def require_runs(campaign: Campaign, numbers: Sequence[int]) -> None:
 
 def run_advice(campaign: Campaign, number: int) -> str:
     """What to do where the stored log of that number is not the one that was told."""
-    told = campaign.state().rounds[number].told
-    log = told.source if told is not None else "LOG"
+    ingested = campaign.state().rounds[number].ingested
+    log = ingested.source if ingested is not None else "LOG"
     return (
         f"Do not learn from it. {RESTORE[:-1]}, or take the log back and tell the original again: "
         f"etude untell {campaign.path} {number}, then etude tell {campaign.path} {log}."

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 MODEL, LEFT_OUT = "model.npz", "left_out.npz"
 LINEAR, MIXED = "linear", "mixed"
-"""What every rung has to beat, and what is said where commands were given different rungs."""
+"""What every structure has to beat, and what is said where commands were given different structures."""
 
 
 def load_model(folder: str | Path) -> LearnedModel:
@@ -119,10 +119,10 @@ def read_stored(campaign: Campaign, path: Path) -> LearnedModel:
         return read_model(path, kind.inputs(spec, config).restore, kind.physics(spec, config))
 
 
-def only_rung(model: LearnedModel, rung: str) -> LearnedModel | None:
-    """The model with that rung for all commands; None if it was not trained for all."""
+def only_structure(model: LearnedModel, structure: str) -> LearnedModel | None:
+    """The model with that structure for all commands; None if it was not trained for all."""
     try:
-        return model.of_rung(rung)
+        return model.of_structure(structure)
     except UsageError:
         return None
 
@@ -144,8 +144,8 @@ def of_another_body(campaign: Campaign, number: int) -> str:
             body, file = event.fact.body, event.robot_sha256
     if body == body_of(campaign) if body else file in ("", campaign.robot_sha256):
         return ""
-    told = campaign.state().rounds[number].told
-    log = told.source if told is not None else "LOG"
+    ingested = campaign.state().rounds[number].ingested
+    log = ingested.source if ingested is not None else "LOG"
     return (
         f" robot.toml changed since log {number} was learned, so its physics are others. "
         "Where the robot itself changed, tell its next log with --changed new. "
@@ -154,9 +154,9 @@ def of_another_body(campaign: Campaign, number: int) -> str:
     )
 
 
-def label(rungs: Sequence[str]) -> str:
-    """One word for the rungs of all commands."""
-    return rungs[0] if len(set(rungs)) == 1 else MIXED
+def label(structures: Sequence[str]) -> str:
+    """One word for the structures of all commands."""
+    return structures[0] if len(set(structures)) == 1 else MIXED
 
 
 def is_learned(state: State) -> bool:
@@ -164,7 +164,7 @@ def is_learned(state: State) -> bool:
     return not state.pending
 
 
-def told_samples(campaign: Campaign, numbers: Sequence[int]) -> Samples:
+def ingested_samples(campaign: Campaign, numbers: Sequence[int]) -> Samples:
     """The samples of stored logs; each segment is a group, in the order of `numbers` and of time.
 
     A log that repeats another of them is in that one's groups: it is no new evidence of how well a new motion
@@ -183,9 +183,9 @@ def groups_of(campaign: Campaign, numbers: Sequence[int]) -> dict[int, list[tupl
     rounds, count = campaign.state().rounds, 0
     found: dict[int, list[tuple[float, int]]] = {}
     for number in numbers:
-        told = rounds[number].told
-        starts = told.segments if told else (0.0,)
-        repeats = found.get(told.repeats) if told and told.repeats is not None else None
+        ingested = rounds[number].ingested
+        starts = ingested.segments if ingested else (0.0,)
+        repeats = found.get(ingested.repeats) if ingested and ingested.repeats is not None else None
         last = 0 if repeats is None else len(repeats) - 1
         found[number] = [
             (start, count + i if repeats is None else repeats[min(i, last)][1])
@@ -206,12 +206,12 @@ SIMULATED = "simulated"
 
 def simulated_logs(campaign: Campaign, state: State) -> list[Round]:
     """Rounds in use whose log came out of `etude simulate`, by number."""
-    return [r for r in state.told if _left(campaign, r)]
+    return [r for r in state.ingested if _left(campaign, r)]
 
 
 def real_logs(campaign: Campaign, state: State) -> list[Round]:
     """Rounds in use whose log came from elsewhere, by number."""
-    return [r for r in state.told if not _left(campaign, r)]
+    return [r for r in state.ingested if not _left(campaign, r)]
 
 
 def mixed(campaign: Campaign, state: State) -> tuple[Notice, ...]:

@@ -202,7 +202,7 @@ def _process(candidate: Candidate, prefix: str, processes: dict[str, Code], know
         except UnwritableError as error:
             raise UsageError(
                 f"{error} cannot be exported to C: nobody wrote its C code",
-                where=f"rung {candidate.rung} of {', '.join(map(str, candidate.commands))}",
+                where=f"structure {candidate.structure} of {', '.join(map(str, candidate.commands))}",
                 next_step=LEARN_OTHERWISE,
             ) from error
         processes[name] = _written(code, f"the process {type(process).__name__}", LEARN_OTHERWISE)

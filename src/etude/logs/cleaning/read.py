@@ -21,7 +21,7 @@ from etude.logs.columns.units import Limits, check_lengths, from_degrees, read_t
 from etude.logs.columns.vocabulary import is_time
 from etude.logs.config import LogConfig
 from etude.logs.readers.log_file import is_log_file, read_log_file
-from etude.logs.readers.registry import cut_sentences, file_head, read_raw, with_rest_told
+from etude.logs.readers.registry import cut_sentences, file_head, read_raw, with_rest_reported
 from etude.types import Array, Channel, Log
 
 LEAST_ROWS = 50  # fewer say nothing of a motion
@@ -181,7 +181,7 @@ def _recorded(
         repairs=tuple(repairs),
     )
     stated = {name for name, columns in matching.channels.items() if any(c.stated for c in columns)}
-    return with_rest_told(log), stated
+    return with_rest_reported(log), stated
 
 
 def _matched(raw: Log, channels: Sequence[Channel], where: str) -> Matching:

@@ -229,7 +229,7 @@ def cut_sentences(log: Log) -> tuple[str, ...]:
     return tuple(sentence for sentence in log.repairs if WAS_CUT in sentence)
 
 
-def with_rest_told(log: Log) -> Log:
+def with_rest_reported(log: Log) -> Log:
     """The log; of one that was cut its sentence also says how many seconds are left.
 
     Args:

@@ -144,7 +144,7 @@ def _top(velocity: Array) -> float:
     return max(float(np.abs(velocity).max(initial=0.0)), np.finfo(float).tiny)
 
 
-STUCK_S = 3.0
+FROZEN_S = 3.0
 """s of motion without any change."""
 SAME = 1e-9
 """Of the largest value, within which two samples are the same."""
@@ -177,7 +177,7 @@ def _first(t: Array, values: Array, use: Mask, plan: Array | None = None) -> tup
         begin = None
         for i, held in enumerate(same.tolist(), start=1):
             begin = (i - 1 if begin is None else begin) if held else None
-            if begin is None or t[i] - t[begin] < STUCK_S:
+            if begin is None or t[i] - t[begin] < FROZEN_S:
                 continue
             if plan is None or np.ptp(plan[begin : i + 1, j]) > GOES_ON * np.ptp(plan[:, j]):
                 earliest = (j, i) if earliest is None or i < earliest[1] else earliest

@@ -114,10 +114,10 @@ LEAST_LOGS = 3
 SMOOTHER = 0.7
 """Most that a ramp may leave of what a step leaves, to be believed."""
 
-Manner = Literal["at once", "little by little", "cannot tell"]
+DriftOnset = Literal["at once", "little by little", "cannot tell"]
 
 
-def manner(sizes: Sequence[Array]) -> Manner:
+def drift_onset(sizes: Sequence[Array]) -> DriftOnset:
     """How a change came.
 
     Args:

@@ -100,8 +100,8 @@ class Base:
         return HeldOut(error, np.broadcast_to(variance, error.shape), folds.fold)
 
 
-def fitted_base(folds: Folds, rung: str, physics: Physics) -> Base:
-    """The mean of a rung, and those that have not seen one fold each.
+def fitted_base(folds: Folds, structure: str, physics: Physics) -> Base:
+    """The mean of a structure, and those that have not seen one fold each.
 
     Where a fold alone moved an axis, the mean without it is that of all samples.
 
@@ -109,17 +109,17 @@ def fitted_base(folds: Folds, rung: str, physics: Physics) -> Base:
         UsageError: a mean that answers in the wrong shape, or with no numbers.
     """
     samples = folds.samples
-    if rung == "nominal":
+    if structure == "nominal":
         mean = physics(None)
-        whole = _checked(rung, mean, samples)
+        whole = _checked(structure, mean, samples)
         return Base(mean, whole, dict.fromkeys(folds.numbers, whole))
     mean = physics(samples)
-    whole = _checked(rung, mean, samples)
+    whole = _checked(structure, mean, samples)
     if len(folds.numbers) == 1:
         return Base(mean, whole, {folds.numbers[0]: whole})
     without_each = physics.without if isinstance(physics, SupportsWithout) else partial(_without, physics)
     found = without_each(samples, folds.fold)
-    without = {number: _numbers(rung, predicted, samples) for number, predicted in found.items()}
+    without = {number: _numbers(structure, predicted, samples) for number, predicted in found.items()}
     return Base(mean, whole, {number: without.get(number, whole) for number in folds.numbers})
 
 
@@ -132,15 +132,15 @@ def _without(physics: Physics, samples: Samples, fold: Index) -> dict[int, Array
     return found
 
 
-def _checked(rung: str, mean: Mean, samples: Samples) -> Array:
-    return _numbers(rung, mean.predict(samples.log), samples)
+def _checked(structure: str, mean: Mean, samples: Samples) -> Array:
+    return _numbers(structure, mean.predict(samples.log), samples)
 
 
-def _numbers(rung: str, said: Array, samples: Samples) -> Array:
+def _numbers(structure: str, said: Array, samples: Samples) -> Array:
     predicted = np.asarray(said, dtype=float)
     if predicted.shape != samples.command.shape or not np.isfinite(predicted).all():
         raise UsageError(
-            f"the {rung} physics gives no numbers, or shape {predicted.shape} for commands of shape "
+            f"the {structure} physics gives no numbers, or shape {predicted.shape} for commands of shape "
             f"{samples.command.shape}",
             next_step="Ask whoever wrote the kind of robot.",
         )

@@ -32,7 +32,7 @@ joints. Where logs are too short for `fit_spacing_s`, samples for these are take
 
 @dataclass(frozen=True, eq=False)
 class Folds:
-    """What all rungs of one round learn from.
+    """What all structures of one round learn from.
 
     Attributes:
         samples: by trajectory and time, each once. inputs: of all processes. X: (n, D) of the samples.

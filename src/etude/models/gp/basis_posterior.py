@@ -40,8 +40,8 @@ class BasisPosterior:
     def factors(self, X: Array) -> CovarianceFactors:
         """What covariances and gradients at X (T, D) share; keep it for inputs that stay."""
         X = self._inputs(X)
-        K, pull = self.kernel.cross(self.theta, X, self.basis)
-        return CovarianceFactors.of(self.kernel, self.theta, self.half, X, K, pull)
+        K, vjp = self.kernel.cross(self.theta, X, self.basis)
+        return CovarianceFactors.of(self.kernel, self.theta, self.half, X, K, vjp)
 
     def predict(self, X: Array) -> tuple[Array, Array]:
         """Mean (T,) and latent variance (T,) at X (T, D)."""
@@ -71,8 +71,8 @@ class BasisPosterior:
     def mean_gradient(self, X: Array) -> Array:
         """Gradient (T, D) of the mean at each row of X."""
         X = self._inputs(X)
-        _, pull = self.kernel.cross(self.theta, X, self.basis)
-        return pull(np.broadcast_to(self.weights, (len(X), len(self.basis))))
+        _, vjp = self.kernel.cross(self.theta, X, self.basis)
+        return vjp(np.broadcast_to(self.weights, (len(X), len(self.basis))))
 
     def _inputs(self, X: Array) -> Array:
         X = np.asarray(X, dtype=float)

@@ -13,7 +13,7 @@ from etude.models.gp.kernel_algebra import Against
 from etude.models.gp.kernels import Kernel
 from etude.types import Array
 
-Pull = Callable[[Array], Array]
+VJP = Callable[[Array], Array]
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,16 +36,16 @@ class CovarianceFactors:
     X: Array
     K: Array
     V: Array
-    pull: Pull
-    _read: dict[int, tuple[CovarianceFactors | None, Array, Pull]] = field(default_factory=dict, repr=False)
+    vjp: VJP
+    _read: dict[int, tuple[CovarianceFactors | None, Array, VJP]] = field(default_factory=dict, repr=False)
 
     @classmethod
     def of(
-        cls, kernel: Kernel, theta: Array, L_inverse: Array, X: Array, K: Array, pull: Pull
+        cls, kernel: Kernel, theta: Array, L_inverse: Array, X: Array, K: Array, vjp: VJP
     ) -> CovarianceFactors:
         """The factors from the prior covariance K (T, n) with the training inputs and its pull-back."""
         V = dtrmm(1.0, L_inverse, K.T, lower=1).T
-        return cls(kernel, theta, L_inverse, X, K, V, pull)
+        return cls(kernel, theta, L_inverse, X, K, V, vjp)
 
     @cached_property
     def against(self) -> Against:
@@ -65,14 +65,14 @@ class CovarianceFactors:
             return np.asarray(prior - self.V @ self.V.T)
         return np.asarray(prior - self.V @ other.V.T)
 
-    def _prior(self, other: CovarianceFactors) -> tuple[Array, Pull]:
+    def _prior(self, other: CovarianceFactors) -> tuple[Array, VJP]:
         if id(other) not in self._read:
             # another set is kept with its entry, so that its id cannot pass to a third; itself is not: in a
             # circle of references the matrices would wait for the garbage collector
             kept = None if other is self else other
             self._read[id(other)] = (kept, *other.against(self.X))
-        _, prior, pull = self._read[id(other)]
-        return prior, pull
+        _, prior, vjp = self._read[id(other)]
+        return prior, vjp
 
     def gradient(
         self,
@@ -94,7 +94,7 @@ class CovarianceFactors:
         """
         gradient = np.zeros_like(self.X)
         if variance is not None or own is not None or cross is not None:
-            gradient += self.pull(self._back(variance, own, cross))
+            gradient += self.vjp(self._back(variance, own, cross))
         if variance is not None:
             gradient += self.kernel.diagonal_gradient(self.theta, self.X, variance)
         if own is not None:
@@ -104,7 +104,7 @@ class CovarianceFactors:
         if reduction is not None:
             other, A, B = reduction
             through_own = A @ B.T
-            gradient += self.pull(self._reduction_back(other, A, B, through_own))
+            gradient += self.vjp(self._reduction_back(other, A, B, through_own))
             gradient += 2.0 * (self._prior(other)[1](A) - self._prior(self)[1](through_own))
         return gradient
 

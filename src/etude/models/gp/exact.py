@@ -81,10 +81,10 @@ class ExactGP:
             return self._likelihood(X, y)
 
     def _likelihood(self, X: Array, y: Array) -> tuple[float, Array]:
-        K, pull = self.kernel.gram_lower(self.theta, X)
+        K, vjp = self.kernel.gram_lower(self.theta, X)
         found = solved(K, self.noise_variance, y)
         value = -0.5 * (found.square + found.log_det + len(y) * np.log(2.0 * np.pi))
-        in_theta, in_noise = found.slopes(pull)
+        in_theta, in_noise = found.slopes(vjp)
         return float(value), -np.append(in_theta, 2.0 * np.exp(2.0 * self.log_noise) * in_noise)
 
     def condition(self, X: Array, y: Array) -> ExactPosterior:
@@ -158,8 +158,8 @@ class ExactPosterior:
     def factors(self, X: Array) -> CovarianceFactors:
         """What covariances and gradients at X (T, D) share; keep it for inputs that stay."""
         X = self._inputs(X)
-        K, pull = self._against(X)
-        return CovarianceFactors.of(self.kernel, self.theta, self.L_inverse, X, K, pull)
+        K, vjp = self._against(X)
+        return CovarianceFactors.of(self.kernel, self.theta, self.L_inverse, X, K, vjp)
 
     def predict(self, X: Array) -> tuple[Array, Array]:
         """Mean (T,) and latent variance (T,), thesis (2.5) and (2.6)."""
@@ -214,8 +214,8 @@ class ExactPosterior:
     def mean_gradient(self, X: Array) -> Array:
         """Gradient (T, D) of the mean at each row of X."""
         X = self._inputs(X)
-        _, pull = self.kernel.cross(self.theta, X, self.X)
-        return pull(np.broadcast_to(self.alpha, (len(X), len(self.X))))
+        _, vjp = self.kernel.cross(self.theta, X, self.X)
+        return vjp(np.broadcast_to(self.alpha, (len(X), len(self.X))))
 
     @cached_property
     def inverse(self) -> Array:

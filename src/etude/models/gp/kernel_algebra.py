@@ -20,8 +20,8 @@ from etude.errors import UsageError
 from etude.models.gp.cholesky import combined
 from etude.types import Array
 
-Pull = Callable[[Array], Array]
-Against = Callable[[Array], tuple[Array, Pull]]
+VJP = Callable[[Array], Array]
+Against = Callable[[Array], tuple[Array, VJP]]
 Of = Callable[[Array], Array]
 Role = Literal["amplitude", "length", "slope"]
 
@@ -46,13 +46,13 @@ class Kernel(ABC):
         """Start value of theta (P,) for inputs of half range (D,) and outputs of deviation `scale`."""
 
     @abstractmethod
-    def gram(self, theta: Array, X: Array) -> tuple[Array, Pull]:
+    def gram(self, theta: Array, X: Array) -> tuple[Array, VJP]:
         """k(X, X) (n, n), Fortran order, and the map G (n, n) -> d sum(G * k(X, X)) / d theta (P,).
 
         G need not be symmetric: a lower triangle with the halves folded together does.
         """
 
-    def gram_lower(self, theta: Array, X: Array) -> tuple[Array, Pull]:
+    def gram_lower(self, theta: Array, X: Array) -> tuple[Array, VJP]:
         """`gram` for whoever reads its lower half alone, as a Cholesky factor does; nobody writes into it.
 
         Above the diagonal the matrix may hold anything, and G is zero there.
@@ -60,7 +60,7 @@ class Kernel(ABC):
         return self.gram(theta, X)
 
     @abstractmethod
-    def cross(self, theta: Array, X: Array, Z: Array) -> tuple[Array, Pull]:
+    def cross(self, theta: Array, X: Array, Z: Array) -> tuple[Array, VJP]:
         """k(X, Z) (n, m), C order, and the map G (n, m) -> d sum(G * k(X, Z)) / dX (n, D), Z held fixed."""
 
     @abstractmethod
@@ -200,31 +200,31 @@ class Sum(_Composite):
         share = scale / np.sqrt(len(self.parts))
         return np.concatenate([part.initial(half_range, share) for part in self.parts])
 
-    def gram(self, theta: Array, X: Array) -> tuple[Array, Pull]:
+    def gram(self, theta: Array, X: Array) -> tuple[Array, VJP]:
         pairs = [part.gram(own, X) for part, own in self.shares(theta)]
 
-        def pull(G: Array) -> Array:
-            return np.concatenate([pull_part(G) for _, pull_part in pairs])
+        def vjp(G: Array) -> Array:
+            return np.concatenate([vjp_part(G) for _, vjp_part in pairs])
 
-        return total([K for K, _ in pairs]), pull
+        return total([K for K, _ in pairs]), vjp
 
-    def gram_lower(self, theta: Array, X: Array) -> tuple[Array, Pull]:
+    def gram_lower(self, theta: Array, X: Array) -> tuple[Array, VJP]:
         pairs = [part.gram_lower(own, X) for part, own in self.shares(theta)]
 
-        def pull(G: Array) -> Array:
-            return np.concatenate([pull_part(G) for _, pull_part in pairs])
+        def vjp(G: Array) -> Array:
+            return np.concatenate([vjp_part(G) for _, vjp_part in pairs])
 
-        return joined_lower(np.add, [K for K, _ in pairs]), pull
+        return joined_lower(np.add, [K for K, _ in pairs]), vjp
 
-    def cross(self, theta: Array, X: Array, Z: Array) -> tuple[Array, Pull]:
+    def cross(self, theta: Array, X: Array, Z: Array) -> tuple[Array, VJP]:
         return self.against(theta, Z)(X)
 
     def against(self, theta: Array, Z: Array) -> Against:
         parts = [part.against(own, Z) for part, own in self.shares(theta)]
 
-        def crossed(X: Array) -> tuple[Array, Pull]:
+        def crossed(X: Array) -> tuple[Array, VJP]:
             pairs = [part(X) for part in parts]
-            return total([K for K, _ in pairs]), lambda G: total([pull(G) for _, pull in pairs])
+            return total([K for K, _ in pairs]), lambda G: total([vjp(G) for _, vjp in pairs])
 
         return crossed
 
@@ -261,39 +261,39 @@ class Product(_Composite):
             [first.initial(half_range, scale), *(part.initial(half_range, 1.0) for part in others)]
         )
 
-    def gram(self, theta: Array, X: Array) -> tuple[Array, Pull]:
+    def gram(self, theta: Array, X: Array) -> tuple[Array, VJP]:
         pairs = [part.gram(own, X) for part, own in self.shares(theta)]
         values = [K for K, _ in pairs]
 
-        def pull(G: Array) -> Array:
+        def vjp(G: Array) -> Array:
             return np.concatenate([pairs[i][1](G * product(values, without=i)) for i in range(len(pairs))])
 
-        return product(values), pull
+        return product(values), vjp
 
-    def gram_lower(self, theta: Array, X: Array) -> tuple[Array, Pull]:
+    def gram_lower(self, theta: Array, X: Array) -> tuple[Array, VJP]:
         pairs = [part.gram_lower(own, X) for part, own in self.shares(theta)]
         values = [K for K, _ in pairs]
 
-        def pull(G: Array) -> Array:
-            parts = [pull(weighted_lower(G, values, without=i)) for i, (_, pull) in enumerate(pairs)]
+        def vjp(G: Array) -> Array:
+            parts = [vjp(weighted_lower(G, values, without=i)) for i, (_, vjp) in enumerate(pairs)]
             return np.concatenate(parts)
 
-        return joined_lower(np.multiply, values), pull
+        return joined_lower(np.multiply, values), vjp
 
-    def cross(self, theta: Array, X: Array, Z: Array) -> tuple[Array, Pull]:
+    def cross(self, theta: Array, X: Array, Z: Array) -> tuple[Array, VJP]:
         return self.against(theta, Z)(X)
 
     def against(self, theta: Array, Z: Array) -> Against:
         parts = [part.against(own, Z) for part, own in self.shares(theta)]
 
-        def crossed(X: Array) -> tuple[Array, Pull]:
+        def crossed(X: Array) -> tuple[Array, VJP]:
             pairs = [part(X) for part in parts]
             values = [K for K, _ in pairs]
 
-            def pull(G: Array) -> Array:
+            def vjp(G: Array) -> Array:
                 return total([pairs[i][1](G * product(values, without=i)) for i in range(len(pairs))])
 
-            return product(values), pull
+            return product(values), vjp
 
         return crossed
 

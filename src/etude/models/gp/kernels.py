@@ -10,7 +10,7 @@ import numpy as np
 
 from etude.errors import UsageError
 from etude.models.gp import cholesky
-from etude.models.gp.kernel_algebra import Against, Kernel, Of, Product, Pull, Role, Sum
+from etude.models.gp.kernel_algebra import VJP, Against, Kernel, Of, Product, Role, Sum
 from etude.types import Array, Column
 
 OWN_SHARE = 0.25
@@ -87,30 +87,30 @@ class SquaredExponential(Kernel):
         theta = self.check(theta)
         return (0.0, np.exp(theta)) if self.unit else (float(theta[0]), np.exp(theta[1:]))
 
-    def gram(self, theta: Array, X: Array) -> tuple[Array, Pull]:
+    def gram(self, theta: Array, X: Array) -> tuple[Array, VJP]:
         log_s0, lengths = self._split(theta)
         own = active(X, self.dims)
         U = (own - own.mean(axis=0)) / lengths
         K = _scaled_exponential(U, U, log_s0).T  # symmetric: its transposed view is itself in Fortran order
         np.fill_diagonal(K, np.exp(2.0 * log_s0))
 
-        def pull(G: Array) -> Array:
+        def vjp(G: Array) -> Array:
             TU, columns = _weighted_sums(G, K, with_ones(U))
             return self._slopes(U, TU, columns)
 
-        return K, pull
+        return K, vjp
 
-    def gram_lower(self, theta: Array, X: Array) -> tuple[Array, Pull]:
+    def gram_lower(self, theta: Array, X: Array) -> tuple[Array, VJP]:
         log_s0, lengths = self._split(theta)
         own = active(X, self.dims)
         U = (own - own.mean(axis=0)) / lengths
         left, right = _both_sides(U, log_s0)
         K = cholesky.exponentials(left, right, 2.0 * log_s0)
 
-        def pull(G: Array) -> Array:
+        def vjp(G: Array) -> Array:
             return self._slopes(U, *cholesky.weighted_sums(G, K, left))
 
-        return K, pull
+        return K, vjp
 
     def _slopes(self, U: Array, products: Array, others: Array) -> Array:
         """Of T = G * K: T [U, ..., 1] or its transposed's, and the sums of T along the other side."""
@@ -119,7 +119,7 @@ class SquaredExponential(Kernel):
         along = (sums + others) @ (U * U) - 2.0 * np.einsum("nd,nd->d", U, TU)
         return along if self.unit else np.concatenate([[2.0 * sums.sum()], along])
 
-    def cross(self, theta: Array, X: Array, Z: Array) -> tuple[Array, Pull]:
+    def cross(self, theta: Array, X: Array, Z: Array) -> tuple[Array, VJP]:
         return self.against(theta, Z)(X)
 
     def values(self, theta: Array, Z: Array) -> Of:
@@ -136,17 +136,17 @@ class SquaredExponential(Kernel):
         V = (fixed - centre) / lengths
         right, beside = _right(V), with_ones(V)
 
-        def crossed(X: Array) -> tuple[Array, Pull]:
+        def crossed(X: Array) -> tuple[Array, VJP]:
             U = (active(X, self.dims) - centre) / lengths
             K = _exponential(_left(U, log_s0), right, log_s0)
 
-            def pull(G: Array) -> Array:
+            def vjp(G: Array) -> Array:
                 GV = (G * K) @ beside
                 out = np.zeros(X.shape)
                 out[:, places(self.dims)] = (GV[:, :-1] - GV[:, -1:] * U) / lengths  # -(u - v)/ℓ k
                 return out
 
-            return K, pull
+            return K, vjp
 
         return crossed
 
@@ -229,36 +229,36 @@ class Linear(Kernel):
         slopes: Array = np.log(scale / half_range[list(self.dims)] / np.sqrt(len(self.dims)))
         return slopes
 
-    def gram(self, theta: Array, X: Array) -> tuple[Array, Pull]:
+    def gram(self, theta: Array, X: Array) -> tuple[Array, VJP]:
         A = active(X, self.dims) * np.exp(self.check(theta))
 
-        def pull(G: Array) -> Array:
+        def vjp(G: Array) -> Array:
             GA = G @ A
             return np.asarray(2.0 * np.einsum("nd,nd->d", A, GA))
 
-        return (A @ A.T).T, pull
+        return (A @ A.T).T, vjp
 
-    def gram_lower(self, theta: Array, X: Array) -> tuple[Array, Pull]:
+    def gram_lower(self, theta: Array, X: Array) -> tuple[Array, VJP]:
         A = active(X, self.dims) * np.exp(self.check(theta))
 
-        def pull(G: Array) -> Array:
+        def vjp(G: Array) -> Array:
             return np.asarray(2.0 * np.einsum("nd,nd->d", A, cholesky.transposed_times(G, A)))
 
-        return cholesky.squared(A), pull
+        return cholesky.squared(A), vjp
 
-    def cross(self, theta: Array, X: Array, Z: Array) -> tuple[Array, Pull]:
+    def cross(self, theta: Array, X: Array, Z: Array) -> tuple[Array, VJP]:
         return self.against(theta, Z)(X)
 
     def against(self, theta: Array, Z: Array) -> Against:
         weighted = active(Z, self.dims) * np.exp(2.0 * self.check(theta))
 
-        def crossed(X: Array) -> tuple[Array, Pull]:
-            def pull(G: Array) -> Array:
+        def crossed(X: Array) -> tuple[Array, VJP]:
+            def vjp(G: Array) -> Array:
                 out = np.zeros(X.shape)
                 out[:, places(self.dims)] = G @ weighted
                 return out
 
-            return active(X, self.dims) @ weighted.T, pull
+            return active(X, self.dims) @ weighted.T, vjp
 
         return crossed
 
@@ -298,7 +298,7 @@ def structured(columns: Sequence[Column], commands: tuple[str, ...]) -> Kernel:
     q are the columns of the first channel; joint j is the part with the command's name; friction columns have
     an op. Gravity and transmission depend on the posture; cogging and friction on the joint's own position,
     often over a short distance, so these two terms start from a short length: one sweep of the joint teaches
-    them for all postures. Inputs of joints at rest (`AT_REST`) are not looked at. Viscous, inertial and
+    them for all postures. Inputs of joints at rest (`AT_REST`) are not verified. Viscous, inertial and
     friction terms are linear, and a remainder sees everything.
 
     Raises:
@@ -361,15 +361,15 @@ class RestNoise(Kernel):
     def initial(self, half_range: Array, scale: float) -> Array:  # noqa: ARG002
         return np.array([np.log(scale)])
 
-    def gram(self, theta: Array, X: Array) -> tuple[Array, Pull]:
+    def gram(self, theta: Array, X: Array) -> tuple[Array, VJP]:
         own = self.diagonal(theta, X)
 
-        def pull(G: Array) -> Array:
+        def vjp(G: Array) -> Array:
             return np.array([2.0 * float(G.diagonal() @ own)])
 
-        return np.asfortranarray(np.diag(own)), pull
+        return np.asfortranarray(np.diag(own)), vjp
 
-    def cross(self, theta: Array, X: Array, Z: Array) -> tuple[Array, Pull]:
+    def cross(self, theta: Array, X: Array, Z: Array) -> tuple[Array, VJP]:
         self.check(theta)
         return np.zeros((len(X), len(Z))), lambda _: np.zeros(X.shape)
 

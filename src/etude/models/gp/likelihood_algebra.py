@@ -43,7 +43,7 @@ from scipy import LowLevelCallable
 
 from etude._runtime.scipy_parts import dpotrf, dpotri, dpotrs, dsyrk, loaded
 from etude.models.gp.cholesky import copied, diagonal_of, with_jitter
-from etude.models.gp.kernel_algebra import Pull
+from etude.models.gp.kernel_algebra import VJP
 from etude.types import Array
 
 BLOCK = 96
@@ -141,12 +141,12 @@ class Solved:
     log_det: float
     weights: Array
 
-    def slopes(self, pull: Pull) -> tuple[Array, float]:
+    def slopes(self, vjp: VJP) -> tuple[Array, float]:
         """Minus the slopes of log p(Y) in theta (P,) and in the noise variance; uses the weights up."""
         diagonal = np.einsum("ii->i", self.weights)
         in_noise = 0.5 * float(diagonal.sum())
         diagonal *= 0.5  # half the weights, their upper half folded onto the lower one
-        return pull(self.weights), in_noise
+        return vjp(self.weights), in_noise
 
 
 def solved(K: Array, noise_variance: float, Y: Array) -> Solved:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from etude.errors import NumericalError, UsageError
-from etude.models.gp.kernel_algebra import Kernel, Product, Pull, Role, Sum
+from etude.models.gp.kernel_algebra import VJP, Kernel, Product, Role, Sum
 from etude.models.gp.kernels import Linear, RestNoise, SquaredExponential
 from etude.types import Array, Column
 
@@ -68,10 +68,10 @@ class PluginKernel(Kernel):
         half_range = 0.5 * np.ptp(X, axis=0)
         try:
             theta = self.initial(np.where(half_range > 0.0, half_range, 1.0), 1.0)
-            K, pull = self.gram(theta, X)
-            C, pull_inputs = self.cross(theta, X, X[:1])
-            pull(np.ones_like(K))
-            pull_inputs(np.ones_like(C))
+            K, vjp = self.gram(theta, X)
+            C, vjp_inputs = self.cross(theta, X, X[:1])
+            vjp(np.ones_like(K))
+            vjp_inputs(np.ones_like(C))
             same = np.allclose(K.diagonal(), self.diagonal(theta, X), rtol=1e-6)
             same = same and np.allclose(K[:, :1], C, rtol=1e-6, atol=1e-9 * float(np.abs(K).max()))
             self.diagonal_gradient(theta, X, np.ones(len(X)))
@@ -95,20 +95,20 @@ class PluginKernel(Kernel):
     def initial(self, half_range: Array, scale: float) -> Array:
         return self._sound("initial", self.own.initial(half_range, scale), (self.size,))
 
-    def gram(self, theta: Array, X: Array) -> tuple[Array, Pull]:
-        K, pull = self._pair("gram", self.own.gram(self.check(theta), X), (len(X), len(X)))
+    def gram(self, theta: Array, X: Array) -> tuple[Array, VJP]:
+        K, vjp = self._pair("gram", self.own.gram(self.check(theta), X), (len(X), len(X)))
 
         def checked(G: Array) -> Array:
             # a likelihood's weights have gaps between their columns, which a plug-in need not expect
-            return self._sound("gram", pull(np.asfortranarray(G)), (self.size,))
+            return self._sound("gram", vjp(np.asfortranarray(G)), (self.size,))
 
         return np.asfortranarray(K), checked
 
-    def cross(self, theta: Array, X: Array, Z: Array) -> tuple[Array, Pull]:
-        K, pull = self._pair("cross", self.own.cross(self.check(theta), X, Z), (len(X), len(Z)))
+    def cross(self, theta: Array, X: Array, Z: Array) -> tuple[Array, VJP]:
+        K, vjp = self._pair("cross", self.own.cross(self.check(theta), X, Z), (len(X), len(Z)))
 
         def checked(G: Array) -> Array:
-            return self._sound("cross", pull(G), X.shape)
+            return self._sound("cross", vjp(G), X.shape)
 
         return np.ascontiguousarray(K), checked
 
@@ -119,7 +119,7 @@ class PluginKernel(Kernel):
         found = self.own.diagonal_gradient(self.check(theta), X, g)
         return self._sound("diagonal_gradient", found, X.shape)
 
-    def _pair(self, what: str, found: Any, shape: tuple[int, ...]) -> tuple[Array, Pull]:
+    def _pair(self, what: str, found: Any, shape: tuple[int, ...]) -> tuple[Array, VJP]:
         if not isinstance(found, tuple) or len(found) != 2 or not callable(found[1]):
             raise UsageError(
                 f"{what} of the kernel {self.plugin!r} must give a matrix and its pull-back", next_step=_ASK

@@ -28,10 +28,10 @@ def shared_likelihood(gp: ExactGP, X: Array, Y: Array) -> tuple[float, Array]:
     X, Y = _matrix(X, Y)
     n, m = Y.shape
     with threads_for(n):
-        K, pull = gp.kernel.gram_lower(gp.theta, X)
+        K, vjp = gp.kernel.gram_lower(gp.theta, X)
         found = solved(K, gp.noise_variance, Y)
         value = -0.5 * (found.square + m * (found.log_det + n * np.log(2.0 * np.pi)))
-        in_theta, in_noise = found.slopes(pull)
+        in_theta, in_noise = found.slopes(vjp)
         return value, -np.append(in_theta, 2.0 * np.exp(2.0 * gp.log_noise) * in_noise)
 
 

@@ -44,7 +44,7 @@ class MemberConfig:
 
     Attributes:
         kernel: name in the group etude.kernels. process: name of the member.
-        rungs: in which it takes part.
+        structures: in which it takes part.
         together: all commands in one process; else each by itself.
         standing: samples of standing joints teach too, while another moves.
         fit_points, steps, points: at most, of the configuration's; 0: these.
@@ -53,7 +53,7 @@ class MemberConfig:
 
     kernel: str
     process: str = "exact"
-    rungs: tuple[str, ...] = ("gp",)
+    structures: tuple[str, ...] = ("gp",)
     together: bool = False
     standing: bool = False
     fit_points: int = 0
@@ -100,7 +100,7 @@ def _conserves(folds: Folds, rows: Sequence[Rows]) -> bool:
 
 
 CANDIDATES: dict[str, MemberConfig] = {
-    "standing": MemberConfig("standing", rungs=("gp", "identified+gp"), standing=True, offered=_rests),
+    "standing": MemberConfig("standing", structures=("gp", "identified+gp"), standing=True, offered=_rests),
     "gip_lin": MemberConfig("gip_lin", fit_points=110, offered=_few),
     "all_lin": MemberConfig(
         "ard_se", "all_lin", together=True, fit_points=110, steps=60, points=300, offered=_conserves
@@ -127,7 +127,7 @@ def beside_default(
     rng: np.random.Generator,
     previous: LearnedModel | None,
 ) -> tuple[list[LearnedStructure], dict[str, str]]:
-    """The candidates that `model.candidates` names and the data are good for, in every rung of theirs; and by
+    """The candidates that `model.candidates` names and the data suffice for, in every structure of theirs. By
     name why others cannot be loaded: a broken package takes no model from anybody.
     """
     found: list[LearnedStructure] = []
@@ -135,18 +135,22 @@ def beside_default(
     if not folds.config.averages or len(folds.numbers) < 2:
         return found, broken
     for name in counted(folds.config.candidates, lambda name: COSTS.get(name, 1.0)):
-        recipe = CANDIDATES.get(name)
-        for rung in counted(() if recipe is None else recipe.rungs):
-            own = [group[rung] for group in groups if rung in group]
-            if recipe is None or not own or not recipe.offered(folds, [learned.rows for learned in own]):
+        member_config = CANDIDATES.get(name)
+        for structure in counted(() if member_config is None else member_config.structures):
+            own = [group[structure] for group in groups if structure in group]
+            if (
+                member_config is None
+                or not own
+                or not member_config.offered(folds, [learned.rows for learned in own])
+            ):
                 continue
-            if fault := recipe.fault():
+            if fault := member_config.fault():
                 broken[name] = fault
                 continue
             every = tuple(j for learned in own for j in learned.candidate.commands)
-            for commands in counted([every] if recipe.together else [(j,) for j in every]):
+            for commands in counted([every] if member_config.together else [(j,) for j in every]):
                 learned = _learned(
-                    folds, commands, name, rung, bases.get(rung.removesuffix("+gp")), rng, previous
+                    folds, commands, name, structure, bases.get(structure.removesuffix("+gp")), rng, previous
                 )
                 found.append(learned)
     return found, broken
@@ -156,21 +160,21 @@ def _learned(
     folds: Folds,
     group: tuple[int, ...],
     name: str,
-    rung: str,
+    structure: str,
     base: Base | None,
     rng: np.random.Generator,
     previous: LearnedModel | None,
 ) -> LearnedStructure:
-    recipe = CANDIDATES[name]
+    member_config = CANDIDATES[name]
     samples = folds.samples
-    if recipe.standing:
+    if member_config.standing:
         samples = replace(samples, moving=samples.moving | resting(folds))
-    own = replace(folds, samples=samples, config=recipe.config(folds.config))
-    rows = rows_of(own, group, rng, any_of=recipe.together)
-    if recipe.standing:  # at rest little is told of the motion, so those samples come on top
+    own = replace(folds, samples=samples, config=member_config.config(folds.config))
+    rows = rows_of(own, group, rng, any_of=member_config.together)
+    if member_config.standing:  # at rest little is told of the motion, so those samples come on top
         rows = _beside(rows_of(replace(own, samples=folds.samples), group, rng), rows, folds, group)
-    start = earlier_of(previous, rung, group, folds, name)
-    learned = with_process(own, group, rows, rung, base, start, rng)
+    start = earlier_of(previous, structure, group, folds, name)
+    learned = with_process(own, group, rows, structure, base, start, rng)
     return replace(learned, candidate=replace(learned.candidate, name=name))
 
 
@@ -230,10 +234,10 @@ LEAST_WEIGHT = 0.02
 
 @dataclass(frozen=True, eq=False)
 class Average:
-    """A rung with all its candidates.
+    """A structure with all its candidates.
 
     Attributes:
-        parts: the default's of each group first. shares: of each its (m,) weights within the rung.
+        parts: the default's of each group first. shares: of each its (m,) weights within the structure.
         held: what the average says of the samples held out, calibration included.
     """
 
@@ -245,7 +249,7 @@ class Average:
 def averaged(
     folds: Folds, defaults: Sequence[LearnedStructure], others: Sequence[LearnedStructure], base: Base | None
 ) -> Average:
-    """The candidates of a rung, weighed for each command by their density over what all of them predicted."""
+    """The candidates of a structure, weighed for each command by their density over what all predicted."""
     parts, J = [*defaults, *others], len(folds.commands)
     use = _compared(defaults, (len(folds.X), J))
     told = [everywhere(folds, part, base, use) for part in parts]
@@ -297,7 +301,7 @@ def mixed(errors: Array, variances: Array, weights: Array) -> tuple[Array, Array
 
 
 def _compared(defaults: Sequence[LearnedStructure], shape: tuple[int, int]) -> Mask:
-    """(n, J) the samples on which rungs are compared: those that the defaults were conditioned on."""
+    """(n, J) the samples on which structures are compared: those that the defaults were conditioned on."""
     use = np.zeros(shape, dtype=np.bool_)
     for part in defaults:
         use[:, list(part.candidate.commands)] = np.isfinite(part.held.error)
@@ -310,10 +314,10 @@ def averages(
     others: Sequence[LearnedStructure],
     bases: Mapping[str, Base],
 ) -> dict[str, Average]:
-    """By rung that has other candidates, its average."""
+    """By structure that has other candidates, its average."""
     found = {}
-    for rung in dict.fromkeys(other.candidate.rung for other in others):
-        defaults = [group[rung] for group in groups if rung in group]
-        beside = [other for other in others if other.candidate.rung == rung]
-        found[rung] = averaged(folds, defaults, beside, bases.get(rung.removesuffix("+gp")))
+    for structure in dict.fromkeys(other.candidate.structure for other in others):
+        defaults = [group[structure] for group in groups if structure in group]
+        beside = [other for other in others if other.candidate.structure == structure]
+        found[structure] = averaged(folds, defaults, beside, bases.get(structure.removesuffix("+gp")))
     return found

@@ -38,7 +38,7 @@ class Means:
 
 def is_physical(candidate: Candidate) -> bool:
     """Whether its mean is physics."""
-    return candidate.rung.removesuffix("+gp") in PHYSICAL
+    return candidate.structure.removesuffix("+gp") in PHYSICAL
 
 
 def physics_behind(candidate: Candidate, candidates: Sequence[Candidate], believed: bool) -> Mean | None:
@@ -57,7 +57,7 @@ def physics_behind(candidate: Candidate, candidates: Sequence[Candidate], believ
     """
     if is_physical(candidate):
         return candidate.mean
-    beside = {c.rung: c.mean for c in candidates if c.rung in PHYSICAL}
+    beside = {c.structure: c.mean for c in candidates if c.structure in PHYSICAL}
     first, second = ("identified", "nominal") if believed else ("nominal", "identified")
     return beside.get(first, beside.get(second))
 

@@ -1,12 +1,13 @@
-"""The ladder: every rung that a robot allows, and for each command the one that predicts new motion best.
+"""Model selection: every structure that a robot allows, and of each command the best on new motion.
 
-A rung is a mean function (none, linear regression, identified or nominal physics), with a process on what it
-leaves or without. A process can be worse than linear regression: it returns to its mean outside the data,
+A structure is a mean function (none, linear regression, identified or nominal physics), with a process on
+what it leaves or without. A process can be worse than linear regression. Outside the data it returns to its
+mean,
 where a linear trend goes on, and it can diverge where its hyperparameters were taught by too few samples. So
-linear regression is a rung like the others.
+linear regression is a structure like the others.
 
 Physics are fitted without the segment and the process is conditioned without it. The few hyperparameters of
-the process, and which rung is used, were chosen with all segments.
+the process, and which structure is used, were chosen with all segments.
 """
 
 from __future__ import annotations
@@ -45,23 +46,23 @@ from etude.storage import DAMAGE, arrays_of
 from etude.types import Array, Index, Mask, Samples
 
 OFFERED = ("gp", "identified+gp", "identified", "nominal", "linear", "linear+gp")
-"""Rungs of rung = "auto", as far as there are physics for them; of equally good ones the first is taken."""
+"""Structures of rung = "auto", as far as there are physics for them; of equal ones the first counts."""
 LEAST_CALIBRATED = 4
 """Trajectories from which held-out ones tell how wrong a new one will be; with fewer a model is
 uncalibrated."""
-RUNGS = 0.3
-"""About the part of the time that the rungs take; the rest is that of the candidates beside them."""
+STRUCTURES = 0.3
+"""About the part of the time that the structures take; the rest is that of the candidates beside them."""
 
 
 @dataclass(frozen=True, eq=False)
-class Ladder:
-    """All trained rungs and the choice among them.
+class ModelSelection:
+    """All trained structures and the choice among them.
 
     Attributes:
-        model: with every rung, weighted by the choice.
-        errors: by rung, (J,) held-out error that decided; "linear" is there even if it was not offered.
-        held_out: by rung, what it says of each sample without having seen its trajectory.
-        scores: by rung, of the same.
+        model: with every structure, weighted by the choice.
+        errors: by structure, (J,) held-out error that decided; "linear" is there even if it was not offered.
+        held_out: by structure, what it says of each sample without having seen its trajectory.
+        scores: by structure, of the same.
         left_out: of the choice, the same as `held_out`, its variances calibrated.
         samples: those that it is of, in their order.
     """
@@ -75,11 +76,11 @@ class Ladder:
 
     @property
     def chosen(self) -> tuple[str, ...]:
-        """The rung of each command."""
+        """The structure of each command."""
         return self.model.chosen
 
 
-def train_ladder(
+def select_structures(
     samples: Samples,
     inputs: Inputs,
     physics: Mapping[str, Physics],
@@ -88,56 +89,57 @@ def train_ladder(
     rng: np.random.Generator,
     previous: LearnedModel | None = None,
     held: Mask | None = None,
-) -> Ladder:
-    """Trains every rung that `config` and the robot allow, and chooses for each command.
+) -> ModelSelection:
+    """Trains every structure that `config` and the robot allow, and chooses for each command.
 
     Args:
         samples: of one or more trajectories, in any order.
         inputs: the robot's; what the samples tell of them is set first.
-        physics: of the robot, by rung: "identified", "nominal". "linear" may be overridden.
+        physics: of the robot, by structure: "identified", "nominal". "linear" may be overridden.
         limit: (J,) of the commands, the scale of a noise floor.
         rng: draws the offsets of the thinning.
-        previous: an earlier model; training goes on from its rungs, as `config.schedule` says.
+        previous: an earlier model; training goes on from its structures, as `config.schedule` says.
         held: (J,) commands of coordinates that no log has moved, which are not believed; None: none.
 
     Raises:
-        UsageError: a rung without its physics, a plug-in that does not work, limits of another robot.
+        UsageError: a structure without its physics, a plug-in that does not work, limits of another robot.
         DataError: no sample, an input that the samples lack, or an axis that never moved.
     """
     folds = _folds(samples, inputs, limit, config, held)
     offered = _offered(config, physics)
     known = {"linear": LinearPhysics(folds.inputs), **physics}
-    names = dict.fromkeys(["linear", *(base_of(rung) for rung in offered)])
+    names = dict.fromkeys(["linear", *(base_of(structure) for structure in offered)])
     bases = {name: fitted_base(folds, name, known[name]) for name in names if name}
     baseline = bases["linear"].held_out(folds)
     groups = []
-    with part(RUNGS):
+    with part(STRUCTURES):
         for group in counted(folds.groups):
             rows = rows_of(folds, group, rng)
             groups.append(_train_group(folds, group, rows, offered, bases, rng, previous))
-    with part(1.0 - RUNGS):
+    with part(1.0 - STRUCTURES):
         more, broken = beside_default(folds, groups, bases, rng, previous)
-    ladder = _assembled(folds, groups, averages(folds, groups, more, bases), baseline)
+    selection = _assembled(folds, groups, averages(folds, groups, more, bases), baseline)
     off = stated([f"The candidate {name} takes no part: {why}" for name, why in broken.items()])
-    return replace(ladder, model=replace(ladder.model, warnings=(*off, *ladder.model.warnings)))
+    return replace(selection, model=replace(selection.model, warnings=(*off, *selection.model.warnings)))
 
 
 def prequential(
     model: LearnedModel, new: Samples, trained: Samples | None = None
 ) -> dict[str, PredictionScore]:
-    """Score of each rung of an earlier model on motion that it has not seen.
+    """Score of each structure of an earlier model on motion that it has not seen.
 
     Args:
         trained: what it had seen, for the log loss.
     """
-    complete = [rung for rung in model.rungs if _covers(model, rung)]
+    complete = [structure for structure in model.structures if _covers(model, structure)]
     return {
-        rung: prediction_score(new, *model.of_rung(rung).posterior(new.log), trained) for rung in complete
+        structure: prediction_score(new, *model.of_structure(structure).posterior(new.log), trained)
+        for structure in complete
     }
 
 
-def _covers(model: LearnedModel, rung: str) -> bool:
-    return {j for c in model.candidates if c.rung == rung for j in c.commands} == set(
+def _covers(model: LearnedModel, structure: str) -> bool:
+    return {j for c in model.candidates if c.structure == structure for j in c.commands} == set(
         range(len(model.commands))
     )
 
@@ -157,7 +159,7 @@ def _folds(
         )
     if not np.isfinite(samples.command[samples.usable]).all():
         raise DataError("training data contain NaN or infinite values", next_step="Repair the log first.")
-    inputs = inputs.tuned(samples)
+    inputs = inputs.fitted(samples)
     try:
         X = np.asarray(inputs.of_log(samples.log), dtype=float)
     except KeyError as error:
@@ -174,9 +176,9 @@ def _folds(
 
 
 def _offered(config: ModelConfig, physics: Mapping[str, Physics]) -> list[str]:
-    """The rungs to train; those of one name alone bring the process that designs see."""
+    """The structures to train; those of one name alone bring the process that designs see."""
     there = ("", "linear", *physics)
-    possible = [rung for rung in OFFERED if base_of(rung) in there]
+    possible = [structure for structure in OFFERED if base_of(structure) in there]
     if config.rung == "auto":
         return possible
     if base_of(config.rung) not in there:
@@ -197,29 +199,31 @@ def _train_group(
     rng: np.random.Generator,
     previous: LearnedModel | None,
 ) -> dict[str, LearnedStructure]:
-    """Every rung of a group, the first the one that is taken if nothing was held out."""
+    """Every structure of a group, the first the one that is taken if nothing was held out."""
     auto = folds.config.rung == "auto"
     found: dict[str, LearnedStructure] = {}
 
-    def process(rung: str) -> LearnedStructure:
-        base = bases.get(base_of(rung))
-        start = earlier_of(previous, rung, group, folds)
-        return with_process(folds, group, rows, rung, base, start, rng)
+    def process(structure: str) -> LearnedStructure:
+        base = bases.get(base_of(structure))
+        start = earlier_of(previous, structure, group, folds)
+        return with_process(folds, group, rows, structure, base, start, rng)
 
     late = ["linear+gp"] if auto else []
-    for rung in [rung for rung in offered if rung.endswith("gp") and rung not in late]:
-        found[rung] = process(rung)
+    for structure in [
+        structure for structure in offered if structure.endswith("gp") and structure not in late
+    ]:
+        found[structure] = process(structure)
     if auto and _loses(folds, group, rows, found, bases):
         found["linear+gp"] = process("linear+gp")
-    for rung in [rung for rung in offered if not rung.endswith("gp")]:
-        twins = (f"{rung}+gp", *(() if rung == "linear" else ("identified+gp",)), "gp")
+    for structure in [structure for structure in offered if not structure.endswith("gp")]:
+        twins = (f"{structure}+gp", *(() if structure == "linear" else ("identified+gp",)), "gp")
         twin = next((twin for twin in twins if twin in found), None)
         if twin is None:
-            twin = f"{rung}+gp"
+            twin = f"{structure}+gp"
             found[twin] = process(twin)
-        found[rung] = alone(folds, group, rows, rung, bases[rung], found[twin].candidate)
-    order = [rung for rung in (*offered, *found) if rung in found]
-    return {rung: found[rung] for rung in dict.fromkeys(order)}
+        found[structure] = alone(folds, group, rows, structure, bases[structure], found[twin].candidate)
+    order = [structure for structure in (*offered, *found) if structure in found]
+    return {structure: found[structure] for structure in dict.fromkeys(order)}
 
 
 def _loses(
@@ -232,10 +236,10 @@ def _loses(
     """Whether linear regression predicts a command of the group better than everything else."""
     if folds.trajectories < TRAJECTORIES:
         return False
-    held = {rung: learned.held for rung, learned in found.items()}
+    held = {structure: learned.held for structure, learned in found.items()}
     for name, base in bases.items():
         held[name] = rows_only(base.held_out(folds), group, rows)
-    errors = {rung: own.errors(folds.config.choose_by) for rung, own in held.items()}
+    errors = {structure: own.errors(folds.config.choose_by) for structure, own in held.items()}
     best = np.fmin.reduce([error for name, error in errors.items() if name != "linear"])
     return bool(np.any(errors["linear"] < best))
 
@@ -245,12 +249,12 @@ def _assembled(
     groups: Sequence[Mapping[str, LearnedStructure]],
     averaged: Mapping[str, Average],
     baseline: HeldOut,
-) -> Ladder:
+) -> ModelSelection:
     """The model of all groups, with the choice for each command."""
     config, samples, pairs = folds.config, folds.samples, list(zip(folds.groups, groups, strict=True))
     held, calibrated = _joined(folds, pairs)
-    held |= {rung: average.held for rung, average in averaged.items()}
-    calibrated |= {rung: average.held.variance for rung, average in averaged.items()}
+    held |= {structure: average.held for structure, average in averaged.items()}
+    calibrated |= {structure: average.held.variance for structure, average in averaged.items()}
     kept = np.any([np.isfinite(own.error) for own in held.values()], axis=0)
     held.setdefault("linear", baseline.at(kept))
     trained = [list(own) for j in range(len(folds.commands)) for group, own in pairs if j in group]
@@ -261,8 +265,8 @@ def _assembled(
     for average in averaged.values():
         parts |= {id(own): (own, share) for own, share in zip(average.parts, average.shares, strict=True)}
     candidates = [_weighed(own.candidate, share, chosen) for own, share in parts.values()]
-    error = np.column_stack([held[rung].error[:, j] for j, rung in enumerate(chosen)])
-    spread = np.column_stack([calibrated[rung][:, j] for j, rung in enumerate(chosen)])
+    error = np.column_stack([held[structure].error[:, j] for j, structure in enumerate(chosen)])
+    spread = np.column_stack([calibrated[structure][:, j] for j, structure in enumerate(chosen)])
     use = samples.usable & samples.moving
     z = np.where(use, error / np.sqrt(spread), np.nan)
     freedom = tails(z)
@@ -279,35 +283,35 @@ def _assembled(
         student=_student(error, spread) if config.student_t else None,
         warnings=(*notes(folds), *warnings_of(folds, trained, chosen, held)),
     )
-    errors = {rung: own.errors(config.choose_by) for rung, own in held.items()}
+    errors = {structure: own.errors(config.choose_by) for structure, own in held.items()}
     trivial = trivial_prediction(folds.samples)
     scores = {
-        rung: _score(folds.samples, own.error, calibrated.get(rung, own.variance), trivial)
-        for rung, own in held.items()
+        structure: _score(folds.samples, own.error, calibrated.get(structure, own.variance), trivial)
+        for structure, own in held.items()
     }
-    return Ladder(model, errors, held, scores, HeldOut(error, spread, folds.fold), samples)
+    return ModelSelection(model, errors, held, scores, HeldOut(error, spread, folds.fold), samples)
 
 
 def _weighed(candidate: EnsembleMember, share: Array, chosen: Sequence[str]) -> EnsembleMember:
-    """With its part of the answer of the commands that were given its rung."""
-    weights = share * np.array([float(chosen[j] == candidate.rung) for j in candidate.commands])
+    """With its part of the answer of the commands that were given its structure."""
+    weights = share * np.array([float(chosen[j] == candidate.structure) for j in candidate.commands])
     return replace(candidate, weights=weights, share=share)
 
 
 def _joined(
     folds: Folds, pairs: Sequence[tuple[tuple[int, ...], Mapping[str, LearnedStructure]]]
 ) -> tuple[dict[str, HeldOut], dict[str, Array]]:
-    """By rung, what it says of all commands, and its calibrated variances; NaN where it was not trained."""
+    """By structure, what it says of all commands, with calibrated variances; NaN where it was not trained."""
     held: dict[str, HeldOut] = {}
     calibrated: dict[str, Array] = {}
-    for rung in dict.fromkeys(rung for _, own in pairs for rung in own):
+    for structure in dict.fromkeys(structure for _, own in pairs for structure in own):
         error, variance, spread = (np.full_like(folds.samples.command, np.nan) for _ in range(3))
         for group, own in pairs:
-            if rung in own:
-                columns, found = list(group), own[rung]
+            if structure in own:
+                columns, found = list(group), own[structure]
                 error[:, columns], variance[:, columns] = found.held.error, found.held.variance
                 spread[:, columns] = found.candidate.calibration * found.held.variance
-        held[rung], calibrated[rung] = HeldOut(error, variance, folds.fold), spread
+        held[structure], calibrated[structure] = HeldOut(error, variance, folds.fold), spread
     return held, calibrated
 
 
@@ -324,7 +328,7 @@ def _student(error: Array, variance: Array) -> StudentT | None:
 
 
 PHYSICS = ("identified", "nominal", "linear")
-"""Rungs that stand for physics alone, the first that a robot has."""
+"""Structures that stand for physics alone, the first that a robot has."""
 CONSTANT = "constant"
 """What stands for it where a model is no more than that: a command that does not depend on the motion."""
 
@@ -348,7 +352,7 @@ class CrossValidationResiduals:
     error: Array
     variance: Array
     physics: Array
-    rung: str
+    structure: str
 
     def to_bytes(self) -> bytes:
         """The file."""
@@ -357,23 +361,23 @@ class CrossValidationResiduals:
         return file.getvalue()
 
 
-def residuals_of(ladder: Ladder) -> CrossValidationResiduals:
+def residuals_of(selection: ModelSelection) -> CrossValidationResiduals:
     """Those samples of a training of which something was said."""
-    found = ladder.left_out
-    rung, physics = _before(ladder)
+    found = selection.left_out
+    structure, physics = _before(selection)
     rows = np.flatnonzero(np.isfinite(found.error).any(axis=1))
     own = found.error[rows], found.variance[rows]
-    return CrossValidationResiduals(rows, ladder.samples.group[rows], *own, physics[rows], rung)
+    return CrossValidationResiduals(rows, selection.samples.group[rows], *own, physics[rows], structure)
 
 
-def _before(ladder: Ladder) -> tuple[str, Array]:
+def _before(selection: ModelSelection) -> tuple[str, Array]:
     """What the choice is compared with, and its errors (n, J): a model is not held against itself."""
-    first = next(name for name in PHYSICS if name in ladder.held_out)
-    for rung in dict.fromkeys((first, "nominal")):
-        held = ladder.held_out.get(rung)
-        if held is not None and not np.array_equal(held.error, ladder.left_out.error, equal_nan=True):
-            return rung, held.error
-    command, fold, error = ladder.samples.command, ladder.left_out.fold, ladder.left_out.error
+    first = next(name for name in PHYSICS if name in selection.held_out)
+    for structure in dict.fromkeys((first, "nominal")):
+        held = selection.held_out.get(structure)
+        if held is not None and not np.array_equal(held.error, selection.left_out.error, equal_nan=True):
+            return structure, held.error
+    command, fold, error = selection.samples.command, selection.left_out.fold, selection.left_out.error
     known = np.where(np.isfinite(error), command, np.nan)
     left = np.full_like(known, np.nan)
     for number in np.unique(fold):

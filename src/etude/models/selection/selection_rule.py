@@ -18,7 +18,7 @@ TRAJECTORIES = 2
 are no evidence: they are all near each other, and a regression that fits them best may err without bound on
 the next motion."""
 CHANCE = 1.0
-"""Standard errors by which a rung must predict the folds better to replace the one that is best for all
+"""Standard errors by which a structure must predict the folds better to replace the one that is best for all
 commands together. Of 48 rounds of two simulated arms the least error alone erred up to 40 times as much on
 new motion with one trajectory, and 1.2 to 1.5 times with two or three."""
 ROUNDING = 1e-20
@@ -26,11 +26,11 @@ ROUNDING = 1e-20
 
 
 def choices(folds: Folds, trained: Sequence[Sequence[str]], held: Mapping[str, HeldOut]) -> tuple[str, ...]:
-    """The rung of each command.
+    """The structure of each command.
 
     Args:
-        trained: for each command its rungs; of equally good ones the first is taken.
-        held: by rung, the samples held out; the same for all.
+        trained: for each command its structures; of equally good ones the first is taken.
+        held: by structure, the samples held out; the same for all.
     """
     config, command = folds.config, folds.samples.command
     if config.rung != "auto":
@@ -38,39 +38,43 @@ def choices(folds: Folds, trained: Sequence[Sequence[str]], held: Mapping[str, H
     power = 1 if config.choose_by == "absolute" else 2
     rounding = (np.sqrt(ROUNDING) * np.sqrt(np.mean(command**2, axis=0))) ** power
     spread = np.maximum(command.std(axis=0) ** power, np.maximum(rounding, np.finfo(float).tiny))
-    votes = {rung: own.votes(config.choose_by) for rung, own in held.items()}
-    reference = _reference(folds, trained, {rung: own / spread for rung, own in votes.items()})
+    votes = {structure: own.votes(config.choose_by) for structure, own in held.items()}
+    reference = _reference(folds, trained, {structure: own / spread for structure, own in votes.items()})
     return tuple(
         _choice(
-            {rung: votes[rung][:, j] for rung in _competing(folds, rungs)},
+            {structure: votes[structure][:, j] for structure in _competing(folds, structures)},
             reference,
             float(rounding[j]),
             config.replace,
         )
-        for j, rungs in enumerate(trained)
+        for j, structures in enumerate(trained)
     )
 
 
 def _reference(folds: Folds, trained: Sequence[Sequence[str]], votes: Mapping[str, Array]) -> str:
-    """The rung that is best for all commands together; of a single trajectory the best physics, if any."""
-    common = [r for r in _competing(folds, trained[0]) if all(r in rungs for rungs in trained)]
-    physics = [rung for rung in common if rung in PHYSICAL]
-    relative = {rung: fold_mean(np.array([fold_mean(own) for own in votes[rung].T])) for rung in common}
+    """The structure that is best for all commands together; of one trajectory the best physics, if any."""
+    common = [r for r in _competing(folds, trained[0]) if all(r in structures for structures in trained)]
+    physics = [structure for structure in common if structure in PHYSICAL]
+    relative = {
+        structure: fold_mean(np.array([fold_mean(own) for own in votes[structure].T])) for structure in common
+    }
     if folds.config.replace == "every" and physics:
-        best = _least({rung: relative[rung] for rung in physics}, 0.0)
-        together = {rung: np.array([fold_mean(fold) for fold in votes[rung]]) for rung in common}
-        winners = [rung for rung in common if _on_every_fold(together[rung], together[best])]
-        return _least({rung: relative[rung] for rung in (best, *winners)}, 0.0)
+        best = _least({structure: relative[structure] for structure in physics}, 0.0)
+        together = {
+            structure: np.array([fold_mean(fold) for fold in votes[structure]]) for structure in common
+        }
+        winners = [structure for structure in common if _on_every_fold(together[structure], together[best])]
+        return _least({structure: relative[structure] for structure in (best, *winners)}, 0.0)
     if physics and folds.trajectories < TRAJECTORIES:
-        relative = {rung: relative[rung] for rung in physics}
+        relative = {structure: relative[structure] for structure in physics}
     return _least(relative, 0.0)
 
 
 def _choice(votes: Mapping[str, Array], reference: str, rounding: float, replace: str) -> str:
-    """The rung with the least error of the folds (F,) among those that may replace the reference."""
+    """The structure with the least error of the folds (F,) among those that may replace the reference."""
     wins = _on_every_fold if replace == "every" else _beyond_chance
-    better = [rung for rung, own in votes.items() if wins(own, votes[reference])]
-    return _least({rung: fold_mean(votes[rung]) for rung in (reference, *better)}, rounding)
+    better = [structure for structure, own in votes.items() if wins(own, votes[reference])]
+    return _least({structure: fold_mean(votes[structure]) for structure in (reference, *better)}, rounding)
 
 
 def _beyond_chance(own: Array, reference: Array) -> bool:
@@ -88,23 +92,25 @@ def _on_every_fold(own: Array, reference: Array) -> bool:
     return len(difference) >= 2 and bool(np.all(difference < 0.0))
 
 
-def _competing(folds: Folds, rungs: Sequence[str]) -> list[str]:
-    """Those of the rungs that may be chosen, as few trajectories say little."""
+def _competing(folds: Folds, structures: Sequence[str]) -> list[str]:
+    """Those of the structures that may be chosen, as few trajectories say little."""
     if folds.trajectories >= TRAJECTORIES:
-        found = list(rungs)
+        found = list(structures)
     else:
-        found = [rung for rung in rungs if not rung.startswith("linear")]
-    physics = [rung for rung in found if rung in PHYSICAL]
+        found = [structure for structure in structures if not structure.startswith("linear")]
+    physics = [structure for structure in found if structure in PHYSICAL]
     return physics if physics and folds.trajectories < folds.config.process_from else found
 
 
 def _least(errors: Mapping[str, float], rounding: float) -> str:
-    """The rung with the least error; the first of those that are as good, or if nothing was held out."""
-    rungs = list(errors)
-    best = rungs[0]
-    for rung in rungs[1:]:
-        if errors[rung] < errors[best] - rounding or np.isnan(errors[best]) > np.isnan(errors[rung]):
-            best = rung
+    """The structure with the least error; the first of those that are as good, or if nothing was held out."""
+    structures = list(errors)
+    best = structures[0]
+    for structure in structures[1:]:
+        if errors[structure] < errors[best] - rounding or np.isnan(errors[best]) > np.isnan(
+            errors[structure]
+        ):
+            best = structure
     return best
 
 
@@ -113,25 +119,25 @@ def warnings_of(
 ) -> tuple[Notice, ...]:
     """A notice for each command of which linear regression predicts more than a process by itself."""
     found = []
-    squared = {rung: own.errors("squared") for rung, own in held.items()}
-    for j, (rungs, rung) in enumerate(zip(trained, chosen, strict=True)):
-        rival = "gp" if rung.startswith("linear") and "gp" in rungs else rung
+    squared = {structure: own.errors("squared") for structure, own in held.items()}
+    for j, (structures, structure) in enumerate(zip(trained, chosen, strict=True)):
+        rival = "gp" if structure.startswith("linear") and "gp" in structures else structure
         if not rival.endswith("gp") or rival == "linear+gp":
             continue
         error, linear = squared[rival][j], squared["linear"][j]
         if not error > linear + ROUNDING * float(np.mean(folds.samples.command[:, j] ** 2)):
             continue
         ratio = float(np.sqrt(error / max(linear, np.finfo(float).tiny)))
-        code, step = _outcome(folds, rung)
+        code, step = _outcome(folds, structure)
         found.append(Notice(code, {"command": folds.commands[j], "ratio": ratio}, step))
     return tuple(found)
 
 
-def _outcome(folds: Folds, rung: str) -> tuple[Warn, NextStep | None]:
+def _outcome(folds: Folds, structure: str) -> tuple[Warn, NextStep | None]:
     """What was done about a process that errs more, and what to do."""
-    if rung == "linear":
+    if structure == "linear":
         return Warn.LINEAR_ALONE, None
-    if rung == "linear+gp":
+    if structure == "linear+gp":
         return Warn.LINEAR_BELOW, None
     if folds.trajectories < TRAJECTORIES:
         return Warn.ONE_TRAJECTORY, NextStep.TELL_ANOTHER

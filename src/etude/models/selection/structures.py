@@ -17,20 +17,20 @@ from etude.protocols import Candidate
 
 @dataclass(frozen=True, eq=False)
 class LearnedStructure:
-    """A rung of one group of commands, and what it says of samples held out."""
+    """A structure of one group of commands, and what it says of samples held out."""
 
     candidate: EnsembleMember
     held: HeldOut
     rows: Rows
 
 
-def base_of(rung: str) -> str:
-    """Name of a rung's mean function; "" for a process on the commands themselves."""
-    return "" if rung == "gp" else rung.removesuffix("+gp")
+def base_of(structure: str) -> str:
+    """Name of a structure's mean function; "" for a process on the commands themselves."""
+    return "" if structure == "gp" else structure.removesuffix("+gp")
 
 
 def rows_only(held: HeldOut, group: tuple[int, ...], rows: Rows) -> HeldOut:
-    """The commands of a group at the samples kept, so that all rungs are compared on the same."""
+    """The commands of a group at the samples kept, so that all structures are compared on the same."""
     own = list(group)
     use = np.zeros((len(held.error), len(own)), dtype=np.bool_)
     use[rows.kept] = True
@@ -38,9 +38,9 @@ def rows_only(held: HeldOut, group: tuple[int, ...], rows: Rows) -> HeldOut:
 
 
 def earlier_of(
-    previous: LearnedModel | None, rung: str, group: tuple[int, ...], folds: Folds, name: str = "default"
+    previous: LearnedModel | None, structure: str, group: tuple[int, ...], folds: Folds, name: str = "default"
 ) -> Candidate | None:
-    """Last round's candidate of the same rung, name and commands, if it had the same inputs.
+    """Last round's candidate of the same structure, name and commands, if it had the same inputs.
 
     None too where there are too few trajectories to go on from fewer.
     """
@@ -48,7 +48,7 @@ def earlier_of(
         return None
     if folds.trajectories < folds.config.warm_from:
         return None
-    own = [c for c in previous.candidates if c.rung == rung and c.commands == group]
+    own = [c for c in previous.candidates if c.structure == structure and c.commands == group]
     return next((c for c in own if name_of(c) == name), None)
 
 
@@ -56,7 +56,7 @@ def with_process(
     folds: Folds,
     group: tuple[int, ...],
     rows: Rows,
-    rung: str,
+    structure: str,
     base: Base | None,
     earlier: Candidate | None,
     rng: np.random.Generator,
@@ -86,7 +86,7 @@ def with_process(
             mean = None if base is None else base.mean
             error = held.errors("absolute")
             candidate = EnsembleMember(
-                rung, group, np.zeros(len(group)), mean, process, units, scale, error=error
+                structure, group, np.zeros(len(group)), mean, process, units, scale, error=error
             )
             found, best = LearnedStructure(candidate, held, rows), density
         if held_fast:  # the noise is held too
@@ -98,22 +98,22 @@ def with_process(
 
 
 def alone(
-    folds: Folds, group: tuple[int, ...], rows: Rows, rung: str, base: Base, twin: Candidate
+    folds: Folds, group: tuple[int, ...], rows: Rows, structure: str, base: Base, twin: Candidate
 ) -> LearnedStructure:
     """A mean function by itself; the process of `twin` says where the robot has not been."""
     own, process, factor = list(group), twin.process, twin.units[1]
     assert process is not None
     held = base.held_out(folds)
     prior = process.signal_variance + process.noise_variance
-    if rung == "linear":  # all that there is to explain
+    if structure == "linear":  # all that there is to explain
         command = folds.samples.command[rows.moving][:, own]
         prior = np.maximum(prior, command.var(axis=0) / factor**2)
     least = held.variance[0, own] / factor**2
-    silent = Silent(process, twin.calibration, least, prior, grows=rung == "linear")
+    silent = Silent(process, twin.calibration, least, prior, grows=structure == "linear")
     nothing, ones = np.zeros(len(own)), np.ones(len(own))
     units = np.stack([nothing, factor])
     return LearnedStructure(
-        EnsembleMember(rung, group, nothing, base.mean, silent, units, ones),
+        EnsembleMember(structure, group, nothing, base.mean, silent, units, ones),
         rows_only(held, group, rows),
         rows,
     )

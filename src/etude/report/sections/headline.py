@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from etude.campaign.record.alerts import bad_news
+from etude.campaign.record.alerts import campaign_alerts
 from etude.codes import Notice
 from etude.report.markup import (
     Baseline,
@@ -24,11 +24,11 @@ from etude.report.record import (
     Evaluation,
     Record,
     Test,
-    chosen_rung,
+    chosen_structure,
     held_out,
     robot_seconds,
-    rung_name,
     score,
+    structure_name,
     tests,
 )
 from etude.types import Array
@@ -42,18 +42,18 @@ LARGEST = 1000.0
 def headline(record: Record) -> Html:
     """Bad news first, each with what to do; then plain sentences and four large numbers."""
     if not record.state.trained:
-        return join([*_news(record), _untrained(record)])
+        return join([*_alerts(record), _untrained(record)])
     learned = [test for test in tests(record) if test.learned]
     if learned:
         first = paragraph(tracking_sentence(record, learned[0]), class_="lead")
         parts = [first, *map(_other_test, learned[1:]), _cards(record, learned[0])]
-        return join([*_news(record), *parts])
-    return join([*_news(record), _prequential(record)])
+        return join([*_alerts(record), *parts])
+    return join([*_alerts(record), _prequential(record)])
 
 
-def _news(record: Record) -> list[Html]:
+def _alerts(record: Record) -> list[Html]:
     """One paragraph for each alert, red ones first."""
-    found = bad_news(record.state, record.outputs, len(record.names))
+    found = campaign_alerts(record.state, record.outputs, len(record.names))
     return [_told(notice) for notice in found]
 
 
@@ -66,7 +66,7 @@ def _told(notice: Notice) -> Html:
 def tracking_sentence(record: Record, test: Test) -> str:
     """What the learned controller reaches on one test, beside what there was before and what is possible."""
     now = test.learned[-1]
-    count = sum(1 for r in record.state.told if r.number <= now.number) or now.number
+    count = sum(1 for r in record.state.ingested if r.number <= now.number) or now.number
     start = (
         f"After {_count(count)} ({duration(now.seconds)} of robot time) the robot follows "
         f"{test_name(test.name)} that it was never trained on with a mean error of {now.text}."
@@ -133,7 +133,7 @@ def _card(style: str, value: str, label: str) -> Html:
 def _untrained(record: Record) -> Html:
     asked = [r for r in record.state.rounds.values() if r.asked]
     have = "has" if len(asked) == 1 else "have"
-    if record.state.told:
+    if record.state.ingested:
         return missing("Logs have been told, and no model has been trained from them yet.")
     if asked:
         return missing(
@@ -143,23 +143,23 @@ def _untrained(record: Record) -> Html:
     return missing("Nothing has been asked yet. `etude ask` writes the first trajectory.")
 
 
-def _held_out(record: Record, rung: str | None) -> tuple[Array | None, Array | None]:
+def _held_out(record: Record, structure: str | None) -> tuple[Array | None, Array | None]:
     """(dof,) nMSE of the model in use and of linear regression: on a new log, else on held-out blocks."""
     last = record.state.trained[-1].trained
-    error, linear = score(last, rung, "nmse"), score(last, "linear", "nmse")
+    error, linear = score(last, structure, "nmse"), score(last, "linear", "nmse")
     if error is not None:
         return error, linear
     newest = next((b for r in reversed(record.state.trained) if (b := held_out(r.trained))), {})
-    return newest.get(str(rung)), newest.get("linear regression")
+    return newest.get(str(structure)), newest.get("linear regression")
 
 
 def _prequential(record: Record) -> Html:
     last = record.state.trained[-1].trained
-    rung = chosen_rung(last)
-    name, outputs = rung_name(rung), "mean over commands"
-    error, linear = _held_out(record, rung)
+    structure = chosen_structure(last)
+    name, outputs = structure_name(structure), "mean over commands"
+    error, linear = _held_out(record, structure)
     seconds = robot_seconds(record)
-    count = len(record.state.learned) or len(record.state.told)
+    count = len(record.state.learned) or len(record.state.ingested)
     logs = f"{count} {'log' if count == 1 else 'logs'} ({duration(seconds)} of robot time)"
     cards = [_card("", duration(seconds), "of robot time in all")]
     if error is None:

@@ -21,11 +21,11 @@ from etude.report.record import (
     Evaluation,
     Record,
     Test,
-    chosen_rung,
+    chosen_structure,
     held_out,
-    rung_name,
     score,
-    scored_rungs,
+    scored_structures,
+    structure_name,
     tests,
 )
 from etude.report.scales import Axis
@@ -55,9 +55,13 @@ def learning(record: Record) -> Html:
     found = [test for test in tests(record) if test.learned or test.baselines]
     if found:
         return section("learning", title, *_simulated(found, record.names))
-    rungs = scored_rungs(record)
+    structures = scored_structures(record)
     parts = _blocks(record)
-    if any(score(r.trained, rung, "nmse") is not None for r in record.state.trained for rung in rungs):
+    if any(
+        score(r.trained, structure, "nmse") is not None
+        for r in record.state.trained
+        for structure in structures
+    ):
         parts = _prequential(record, record.outputs) + parts
     nothing = missing("No evaluation yet: there is neither a simulated test nor a held-out score.")
     return section("learning", title, *(parts or [nothing]))
@@ -139,7 +143,9 @@ def _blocks(record: Record) -> list[Html]:
         "learned the others were scored on the blocks held out. nMSE is the mean squared error over "
         "the command's variance: 0 is perfect, 1 is no better than the mean."
     )
-    rows = [[rung_name(rung), float(np.nanmean(v)), *map(float, v)] for rung, v in scores.items()]
+    rows = [
+        [structure_name(structure), float(np.nanmean(v)), *map(float, v)] for structure, v in scores.items()
+    ]
     chosen = list(scores).index(blocks.chosen) if blocks.chosen in scores else None
     return [text, table(["model", "mean", *record.outputs], rows, highlight=chosen)]
 
@@ -152,10 +158,10 @@ def _prequential(record: Record, names: tuple[str, ...]) -> list[Html]:
     )
     panels = [_joint_scores(record, j, name) for j, name in enumerate(names)]
     last = record.state.trained[-1].trained
-    rungs = [k for k in scored_rungs(record) if score(last, k, "nmse") is not None]
-    rows = [[rung_name(k), *map(float, score(last, k, "nmse"))] for k in rungs]  # type: ignore[arg-type]
-    chosen = chosen_rung(last)
-    marked = rungs.index(chosen) if chosen in rungs else None
+    structures = [k for k in scored_structures(record) if score(last, k, "nmse") is not None]
+    rows = [[structure_name(k), *map(float, score(last, k, "nmse"))] for k in structures]  # type: ignore[arg-type]
+    chosen = chosen_structure(last)
+    marked = structures.index(chosen) if chosen in structures else None
     return [
         text,
         grid(panels),
@@ -166,16 +172,16 @@ def _prequential(record: Record, names: tuple[str, ...]) -> list[Html]:
 
 def _joint_scores(record: Record, joint: int, name: str) -> Html:
     marks: list[Mark] = []
-    for index, rung in enumerate(scored_rungs(record)):
+    for index, structure in enumerate(scored_structures(record)):
         points = [
             (r.number, s[joint])
             for r in record.state.trained
-            if (s := score(r.trained, rung, "nmse")) is not None
+            if (s := score(r.trained, structure, "nmse")) is not None
         ]
         if points:
             x, y = np.array(points, dtype=float).T
-            style = "c5 dash" if rung == "linear" else joint_style((0, 2, 3, 5)[index % 4])
-            marks.append(Line(x, y, rung_name(rung), style, markers=True))
+            style = "c5 dash" if structure == "linear" else joint_style((0, 2, 3, 5)[index % 4])
+            marks.append(Line(x, y, structure_name(structure), style, markers=True))
     last = float(record.state.trained[-1].number)
     axes = Axis("round", limits=(0.5, last + 0.5), whole=True), Axis("held-out nMSE (1)", log=True)
     return panel(name, *axes, marks, size=(560, 300))

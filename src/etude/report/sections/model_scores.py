@@ -9,39 +9,43 @@ import numpy as np
 from etude.campaign.record.events import Trained
 from etude.campaign.record.state import Round
 from etude.report.markup import Html, element, grid, missing, paragraph, section, table
-from etude.report.record import Quantity, Record, chosen_rung, rung_name, score, scored_rungs
+from etude.report.record import Quantity, Record, chosen_structure, score, scored_structures, structure_name
 from etude.report.scales import Axis
 from etude.report.sections.learning import joint_style
 from etude.report.svg import Band, Level, Line, Mark, Points, panel
 from etude.types import Array
 
 Series = dict[str, dict[int, Array | None]]
-"""By rung of model and number of the log."""
+"""By structure of model and number of the log."""
 
 
-def ladder(record: Record) -> Html:
-    """Scores of every rung of the model ladder on the newest held-out data, the chosen one in bold."""
-    title = "Model ladder"
+def selection(record: Record) -> Html:
+    """Scores of every structure on the newest held-out data, the chosen one in bold."""
+    title = "Model selection"
     scored = [r for r in record.state.trained if r.trained and r.trained.models]
     if not scored:
-        return section("ladder", title, missing("No model has been scored yet."))
-    return section("ladder", title, *_newest(record, scored[-1]), *_by_round(record))
+        return section("structures", title, missing("No model has been scored yet."))
+    return section("structures", title, *_newest(record, scored[-1]), *_by_round(record))
 
 
 def _newest(record: Record, last: Round) -> list[Html]:
-    chosen = chosen_rung(last.trained)
-    rungs = [rung for rung in scored_rungs(record) if score(last.trained, rung, "nmse") is not None]
-    rows = [[rung_name(rung), *_rung(last.trained, rung)] for rung in rungs]
+    chosen = chosen_structure(last.trained)
+    structures = [
+        structure
+        for structure in scored_structures(record)
+        if score(last.trained, structure, "nmse") is not None
+    ]
+    rows = [[structure_name(structure), *_structure(last.trained, structure)] for structure in structures]
     names = (f"nMSE {name}" for name in record.outputs)
     header = ["model", "nMSE, mean", *names, "nMSE with standing joints, mean", "z², mean", "coverage, mean"]
     text = paragraph(
         f"Scored on log {last.number} before it was learned. nMSE is the mean squared error over the "
         "variance of the command where its joint moves, beside it where any joint does; lower is better; GP "
         "is the Gaussian process. In use now: ",
-        element("b", rung_name(chosen)),
+        element("b", structure_name(chosen)),
         ".",
     )
-    return [text, table(header, rows, rungs.index(chosen) if chosen in rungs else None)]
+    return [text, table(header, rows, structures.index(chosen) if chosen in structures else None)]
 
 
 Z2 = (0.5, 2.5)
@@ -108,9 +112,9 @@ def _early(record: Record) -> list[Html]:
 
 
 def in_use(trained: Trained | None, quantity: Quantity) -> Array | None:
-    """The score of the model in use when the log came, or of the nearest rung that has one."""
-    rungs = [*trained.models, trained.chosen, trained.predicted_by] if trained else []
-    scores = (score(trained, rung, quantity) for rung in reversed(rungs) if rung)
+    """The score of the model in use when the log came, or of the nearest structure that has one."""
+    structures = [*trained.models, trained.chosen, trained.predicted_by] if trained else []
+    scores = (score(trained, structure, quantity) for structure in reversed(structures) if structure)
     return next((found for found in scores if found is not None), None)
 
 
@@ -153,36 +157,43 @@ def _verdict(record: Record) -> str:
 
 
 def _by_round(record: Record) -> list[Html]:
-    """Every rung of model over the rounds; rings are around the rungs in use."""
+    """Every structure of model over the rounds; rings are around the structures in use."""
     text = paragraph(
         "On the left every model on each new log before learning it; the ring is around the one in use when "
         "the log came. On the right every model's error on told logs, each left out in turn: from two "
         "logs on the least chooses the one in use, in the ring; before, physics alone compete."
     )
     rounds, unit = record.state.trained, record.unit or "1"
-    seen = {rung: {r.number: score(r.trained, rung, "nmse") for r in rounds} for rung in scored_rungs(record)}
+    seen = {
+        structure: {r.number: score(r.trained, structure, "nmse") for r in rounds}
+        for structure in scored_structures(record)
+    }
     used = {r.number: in_use(r.trained, "nmse") for r in rounds}
-    left = {rung: {r.number: left_out(r.trained).get(rung) for r in rounds} for rung in seen}
-    chosen = {r.number: left_out(r.trained).get(chosen_rung(r.trained) or "") for r in rounds}
+    left = {structure: {r.number: left_out(r.trained).get(structure) for r in rounds} for structure in seen}
+    chosen = {r.number: left_out(r.trained).get(chosen_structure(r.trained) or "") for r in rounds}
     panels = [
-        _rungs(record, "On each new log", "nMSE, mean over commands (1)", seen, used),
-        _rungs(record, "On told logs left out", f"mean error ({unit})", left, chosen),
+        _structures(record, "On each new log", "nMSE, mean over commands (1)", seen, used),
+        _structures(record, "On told logs left out", f"mean error ({unit})", left, chosen),
     ]
     return [text, grid(panels)]
 
 
 def left_out(trained: Trained | None) -> dict[str, Array]:
-    """(1,) mean absolute error of each rung on logs left out, command units."""
+    """(1,) mean absolute error of each structure on logs left out, command units."""
     errors = trained.held_out_mae if trained else {}
-    return {rung: np.array([float(e)]) for rung, e in errors.items() if e is not None and np.isfinite(e)}
+    return {
+        structure: np.array([float(e)]) for structure, e in errors.items() if e is not None and np.isfinite(e)
+    }
 
 
-def _rungs(record: Record, title: str, axis: str, values: Series, ringed: dict[int, Array | None]) -> Html:
+def _structures(
+    record: Record, title: str, axis: str, values: Series, ringed: dict[int, Array | None]
+) -> Html:
     marks: list[Mark] = []
-    for index, (rung, scores) in enumerate(values.items()):
+    for index, (structure, scores) in enumerate(values.items()):
         x, y = _means(scores)
-        style = "c7 dash" if rung == "linear" else joint_style(index)
-        marks += [Line(x, y, rung_name(rung), style, markers=True)] if len(x) else []
+        style = "c7 dash" if structure == "linear" else joint_style(index)
+        marks += [Line(x, y, structure_name(structure), style, markers=True)] if len(x) else []
     marks.append(Points(*_means(ringed), label="in use", style="ring", radius=8.0))
     logs = Axis("log", limits=(0.5, max(r.number for r in record.state.trained) + 0.5), whole=True)
     return panel(title, logs, Axis(axis, log=True), marks)
@@ -194,12 +205,12 @@ def _means(scores: dict[int, Array | None]) -> tuple[Array, Array]:
     return np.array(list(found), dtype=float), np.array(list(found.values()))
 
 
-def _rung(trained: Trained | None, rung: str) -> list[object]:
+def _structure(trained: Trained | None, structure: str) -> list[object]:
     def mean(quantity: Quantity) -> float:
-        values = score(trained, rung, quantity)
+        values = score(trained, structure, quantity)
         return float("nan") if values is None else float(np.nanmean(values))
 
-    nmse = score(trained, rung, "nmse")
+    nmse = score(trained, structure, "nmse")
     return [
         mean("nmse"),
         *(map(float, nmse) if nmse is not None else ()),

@@ -13,7 +13,7 @@ from etude.report.png import VIRIDIS, colour_bar
 from etude.report.record import Record, tests
 from etude.report.scales import Axis
 from etude.report.scene import Path, SceneBox, room_of, scene
-from etude.report.sections.prediction import Forecast, forecast
+from etude.report.sections.prediction import ExpectedError, expected_error
 from etude.report.svg import Line, Mark, panel
 from etude.types import Array, Log
 
@@ -28,7 +28,7 @@ class Gone:
 
     title: str
     path: Path
-    said: Forecast | None
+    said: ExpectedError | None
 
 
 SIZE = (400, 320)  # px
@@ -119,7 +119,7 @@ def _trained(record: Record) -> list[Gone]:
         if log is None or places is None:
             continue
         model = record.model(before.number) if before else None
-        said = forecast(record, model, log) if model else None
+        said = expected_error(record, model, log) if model else None
         found.append(Gone(f"Motion {now.number}", Path(log.t, places), said))
     return found
 
@@ -134,7 +134,7 @@ def _tested(record: Record) -> list[Gone]:
             continue
         event, log = run
         model = record.model(event.number or 0)
-        said = forecast(record, model, log) if model else None
+        said = expected_error(record, model, log) if model else None
         title = f"{test_title(test.name).capitalize()}, after round {event.number}"
         return [Gone(title, Path(log.t, places), said)]
     return []

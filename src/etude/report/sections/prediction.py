@@ -23,7 +23,7 @@ SIZE = (560, 260)  # px
 
 
 @dataclass(frozen=True, eq=False)
-class Forecast:
+class ExpectedError:
     """A log at the model's rate, beside what a model says of it.
 
     Attributes:
@@ -51,7 +51,7 @@ class Forecast:
         return np.asarray(self.deviation.mean(axis=1))
 
 
-def forecast(record: Record, model: Model, log: Log) -> Forecast:
+def expected_error(record: Record, model: Model, log: Log) -> ExpectedError:
     """What `model` predicts for a log.
 
     Raises:
@@ -66,19 +66,19 @@ def forecast(record: Record, model: Model, log: Log) -> Forecast:
     path = None
     if places is not None:
         path = np.stack([np.interp(samples.t, log.t, column) for column in places.T], axis=1)
-    return Forecast(samples, mean, np.sqrt(np.maximum(variance, 0.0)), path)
+    return ExpectedError(samples, mean, np.sqrt(np.maximum(variance, 0.0)), path)
 
 
-def newest_forecast(record: Record) -> tuple[str, Forecast] | None:
+def newest_expected_error(record: Record) -> tuple[str, ExpectedError] | None:
     """Of the newest run of the first test, by the model in it; else of the newest log, by the one before.
 
     Raises:
-        EtudeError: as `forecast`.
+        EtudeError: as `expected_error`.
     """
     return _tested(record) or _told(record)
 
 
-def _tested(record: Record) -> tuple[str, Forecast] | None:
+def _tested(record: Record) -> tuple[str, ExpectedError] | None:
     for test in tests(record)[:1]:
         run = record.test_run("", test.name)
         model = record.model(run[0].number or 0) if run else None
@@ -87,11 +87,11 @@ def _tested(record: Record) -> tuple[str, Forecast] | None:
                 f"The newest run of {test_name(test.name)}, after round {run[0].number}, by the model "
                 "in use then, which never learned from it."
             )
-            return sentence, forecast(record, model, run[1])
+            return sentence, expected_error(record, model, run[1])
     return None
 
 
-def _told(record: Record) -> tuple[str, Forecast] | None:
+def _told(record: Record) -> tuple[str, ExpectedError] | None:
     trained = record.state.trained
     if len(trained) < 2:
         return None
@@ -99,13 +99,13 @@ def _told(record: Record) -> tuple[str, Forecast] | None:
     if model is None or log is None:
         return None
     sentence = f"Log {trained[-1].number}, predicted by the model learned from the logs before it."
-    return sentence, forecast(record, model, log)
+    return sentence, expected_error(record, model, log)
 
 
 def prediction(record: Record) -> Html:
     """Two panels per command: measured and predicted with the 95 % band, and their difference in it."""
     try:
-        found = newest_forecast(record)
+        found = newest_expected_error(record)
     except EtudeError as error:
         return section("prediction", TITLE, missing(f"The prediction could not be made: {error}"))
     if found is None:
@@ -128,7 +128,7 @@ def prediction(record: Record) -> Html:
     return section("prediction", TITLE, text, grid(panels))
 
 
-def command_panels(said: Forecast, j: int, name: str, unit: str) -> tuple[Html, Html]:
+def command_panels(said: ExpectedError, j: int, name: str, unit: str) -> tuple[Html, Html]:
     """One command over time: measured, predicted and the band; and the error of the prediction."""
     stretches = _moving(said.samples.moving[:, j])
     measured, expected, half = said.command[:, j], said.mean[:, j], Z95 * said.deviation[:, j]

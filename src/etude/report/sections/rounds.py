@@ -22,7 +22,7 @@ from etude.report.markup import (
     table,
     with_unit,
 )
-from etude.report.record import Evaluation, Record, Test, chosen_rung, rung_name, tests
+from etude.report.record import Evaluation, Record, Test, chosen_structure, structure_name, tests
 
 COSTS = ("round", "robot time", "robot time so far")
 GAINS = ("error before", "error after", "change", "gained per robot minute")
@@ -53,10 +53,10 @@ def _rows(record: Record, test: Test | None) -> list[list[str]]:
         cost = _seconds(entry, spent)
         spent += cost
         after = errors.get(entry.number)
-        costs = [f"{entry.number}", duration(cost) if entry.told else "–", duration(spent)]
+        costs = [f"{entry.number}", duration(cost) if entry.ingested else "–", duration(spent)]
         gains = _gains(before, after, cost) if test else []
-        rung = chosen_rung(entry.trained)
-        rows.append([*costs, *gains, rung_name(rung) if rung else _state(entry)])
+        structure = chosen_structure(entry.trained)
+        rows.append([*costs, *gains, structure_name(structure) if structure else _state(entry)])
         before = after or before
     return rows
 
@@ -75,8 +75,8 @@ def _in_order(record: Record) -> list[Round]:
 
 def _seconds(entry: Round, spent: float) -> float:
     """Robot time of one round: as told, else from the running total."""
-    if entry.told:
-        return entry.told.robot_seconds
+    if entry.ingested:
+        return entry.ingested.robot_seconds
     return max(0.0, entry.trained.robot_seconds - spent) if entry.trained else 0.0
 
 
@@ -92,7 +92,7 @@ def _gains(before: Evaluation | None, after: Evaluation | None, cost: float) -> 
 
 
 def _state(entry: Round) -> str:
-    if entry.abandoned and not entry.told:
+    if entry.abandoned and not entry.ingested:
         return "abandoned"
     if entry.confirms:
         return "confirms, never learned"
@@ -104,7 +104,7 @@ def _state(entry: Round) -> str:
         return "set aside"
     if entry.held:
         return "waits: has the robot changed?"
-    return "told, not learned yet" if entry.told else "waiting for its log"
+    return "told, not learned yet" if entry.ingested else "waiting for its log"
 
 
 TITLE = "Proof on the robot: without and with the feedforward"
@@ -150,10 +150,10 @@ def _figure(value: float | tuple[float, float] | None) -> str:
 def repairs(record: Record) -> Html:
     """What was changed in each log while reading it; nothing is repaired in silence."""
     title = "Repairs made on the logs"
-    told = record.state.told
+    told = record.state.ingested
     if not told:
         return section("repairs", title, missing("No log has come back yet."))
-    rows = [[f"{r.number}", sentence] for r in told if r.told for sentence in r.told.repairs]
+    rows = [[f"{r.number}", sentence] for r in told if r.ingested for sentence in r.ingested.repairs]
     if not rows:
         return section("repairs", title, paragraph(f"None: {len(told)} logs were used as they came."))
     return section("repairs", title, table(["log", "repair"], rows))

@@ -27,12 +27,12 @@ def tracking(record: Record) -> Html:
         runs = (record.test_run(name) for name in FEEDBACK)
         alone = next((run[1] for run in runs if run is not None), None)
     else:
-        told = [n for n, r in sorted(record.state.rounds.items()) if r.told is not None]
+        told = [n for n, r in sorted(record.state.rounds.items()) if r.ingested is not None]
         readable = ((n, found) for n in reversed(told) if (found := record.log(n)) is not None)
-        newest, told_log = next(readable, (0, None))
-        if told_log is None:
+        newest, ingested_log = next(readable, (0, None))
+        if ingested_log is None:
             return section("tracking", TITLE, missing("No log that can be read has come back yet."))
-        words, log, alone = f"The newest log, number {newest}.", told_log, None
+        words, log, alone = f"The newest log, number {newest}.", ingested_log, None
     run = TrackedRun(record, log, alone)
     text = paragraph(f"{words} {run.reading()}")
     return section("tracking", TITLE, text, *run.absent(), *run.grids(), *views(record, log, alone))

@@ -144,7 +144,7 @@ def distance_panel(rows: Sequence[Proof], measured: Array, t: Array) -> Html:
 
 def limit_panel(limit: Limit, trajectory: Trajectory, t: Array) -> Html | None:
     """What one limit measures along a motion, over time, each row as a fraction of its limit."""
-    rows = [row for row in limit.prove(trajectory.pieces()[0][2]) if row.status != "not looked at"]
+    rows = [row for row in limit.prove(trajectory.pieces()[0][2]) if row.status != "not verified"]
     measured = limit.of_motion(trajectory.motion(t, 4))
     if not rows or measured.shape[1] != len(rows):
         return None
@@ -174,7 +174,7 @@ def fractions(title: str, t: Array, values: Array, names: tuple[str, ...], *, si
 def _verdict(certificate: Facts | None) -> str:
     if not certificate:
         return ""
-    uses = [_use(row) for row in certificate["rows"] if row["status"] != "not looked at"]
+    uses = [_use(row) for row in certificate["rows"] if row["status"] != "not verified"]
     if not certificate.get("ok"):
         return " · NOT proved inside its limits"
     rest = "; starts and ends at rest" if certificate.get("at_rest") else ""
@@ -191,7 +191,7 @@ def _use(row: Facts) -> float:
 
 def _proofs(record: Record, certificate: Facts) -> Html:
     """One row per axis, one column per quantity; how it was proved stands below, once, and what was not."""
-    every = [row for row in certificate["rows"] if row["status"] != "not looked at"]
+    every = [row for row in certificate["rows"] if row["status"] != "not verified"]
     rows = [row for row in every if row["upper"] != math.inf]
     axes, quantities = (list(dict.fromkeys(row[key] for row in rows)) for key in ("axis", "quantity"))
     # pieces of a chain may have rows of their own: the tightest is shown
@@ -204,10 +204,10 @@ def _proofs(record: Record, certificate: Facts) -> Html:
     found = *distances(every), *_swept(certificate)
     proved = table(header, body), *found, paragraph(f"Method: {methods}.", class_="soft")
     parts = [*warnings, *proved]
-    unseen = [str(sentence) for sentence in certificate.get("not_looked_at", ())]
-    unseen += [_unseen(row) for row in certificate["rows"] if row["status"] == "not looked at"]
-    if unseen:
-        parts.append(missing(f"Not looked at by anyone: {' '.join(unseen)}"))
+    unverified = [str(sentence) for sentence in certificate.get("not_verified", ())]
+    unverified += [_unseen(row) for row in certificate["rows"] if row["status"] == "not verified"]
+    if unverified:
+        parts.append(missing(f"Not verified by anyone: {' '.join(unverified)}"))
     return join(parts)
 
 

@@ -17,8 +17,8 @@ REVERSAL_SHARE = 0.2
 NEAR_S = 1.0
 """Around a maximum or minimum of the desired motion."""
 REST = 1e-3
-"""rad/s, below which a joint rests. MOVES: above which it should move. STUCK_S: for how long it rests."""
-MOVES, STUCK_S = 0.02, 0.3
+"""rad/s, below which a joint rests. MOVES: above which it should move. FROZEN_S: for how long it rests."""
+MOVES, FROZEN_S = 0.02, 0.3
 NEIGHBOURS = 500
 """Samples of each side at which distances are taken."""
 
@@ -117,7 +117,7 @@ def excursions(wanted: Array, actual: Array, turns: list[Index], rate: float) ->
 
 def stuck(actual: Array, speed: Array, turns: list[Index], rate: float) -> Array:
     """(J,) share of reversals within a second of which the joint rests for 0.3 s although it should move."""
-    near, least = round(NEAR_S * rate), round(STUCK_S * rate)
+    near, least = round(NEAR_S * rate), round(FROZEN_S * rate)
     rests = (np.abs(np.gradient(actual, 1.0 / rate, axis=0)) < REST) & (np.abs(speed) > MOVES)
     return np.array(
         [

@@ -84,11 +84,11 @@ def _length_rows(
 
 
 def _processes(model: LearnedModel) -> Iterator[tuple[str, Posterior, float]]:
-    """Command, posterior and factor of the default's processes of one command each, of the rungs in use."""
+    """Command, posterior and factor of the default's processes of one command each, of structures in use."""
     for candidate in model.candidates:
         if len(candidate.commands) > 1 or candidate.process is None:
             continue
         (j,), latents = candidate.commands, candidate.process.latents()
-        own = candidate.rung == model.chosen[j] and getattr(candidate, "name", "default") == "default"
+        own = candidate.structure == model.chosen[j] and getattr(candidate, "name", "default") == "default"
         if latents and own:
             yield model.commands[j], latents[0][0], float(candidate.units[1, 0])

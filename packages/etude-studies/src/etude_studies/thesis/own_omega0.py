@@ -91,13 +91,13 @@ class JointByJointFamily:
         own = [family.motion(p, t, orders).orders[:, :, j] for j, family in enumerate(self.families)]
         return Motion(t, np.stack(own, axis=2))
 
-    def pull(self, p: Array, t: Array, gradient: Array) -> Array:
+    def vjp(self, p: Array, t: Array, gradient: Array) -> Array:
         """(P,) gradient in the parameters of sum(gradient * orders); gradient (O, T, k)."""
         found = np.zeros(self.size)
         for j, family in enumerate(self.families):
             own = np.zeros_like(gradient)
             own[:, :, j] = gradient[:, :, j]
-            found += family.pull(p, t, own)
+            found += family.vjp(p, t, own)
         return found
 
     def rows(self, order: int, degree: int = 1) -> tuple[Array, Array, float]:
