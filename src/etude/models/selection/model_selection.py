@@ -2,9 +2,8 @@
 
 A structure is a mean function (none, linear regression, identified or nominal physics), with a process on
 what it leaves or without. A process can be worse than linear regression. Outside the data it returns to its
-mean,
-where a linear trend goes on, and it can diverge where its hyperparameters were taught by too few samples. So
-linear regression is a structure like the others.
+mean, where a linear trend goes on, and it can diverge where its hyperparameters were taught by too few samples.
+So linear regression is a structure like the others.
 
 Physics are fitted without the segment and the process is conditioned without it. The few hyperparameters of
 the process, and which structure is used, were chosen with all segments.
