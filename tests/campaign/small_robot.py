@@ -52,7 +52,7 @@ reference_points = 30
 def stub_learner(campaign: Campaign, state: State, number: int) -> TrainingOutcome:
     """Stores one small file and scores nothing; the forecast improves with each log."""
     path = campaign.model_folder(number) / "model.json"
-    write_atomic(path, f'{{"logs": {[r.number for r in state.told]}}}'.encode())
+    write_atomic(path, f'{{"logs": {[r.number for r in state.ingested]}}}'.encode())
     deviation = 20.0 * 0.5 ** (1 + len(state.trained)), 10.0 * 0.5 ** (1 + len(state.trained))
     learned = Trained(
         models={"gp": PrequentialScore(nmse=(0.1, 0.2), z2=(1.0, 1.0), coverage=(0.95, 0.95))},

@@ -39,7 +39,7 @@ def arm(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Campaign:
     """Learning and designing cost nothing, and the model says nothing."""
 
     def learn(campaign: Campaign, state: Any, number: int) -> TrainingOutcome:
-        return TrainingOutcome([], Trained(chosen="gp", structures=("gp",) * 4, robot_seconds=8.0 * number))
+        return TrainingOutcome([], Trained(chosen="gp", rungs=("gp",) * 4, robot_seconds=8.0 * number))
 
     def again(campaign: Campaign, _: Any, rng: np.random.Generator, *rest: Any) -> Any:
         *_, limits, _ = rest
@@ -52,7 +52,7 @@ def arm(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Campaign:
     monkeypatch.setattr(asking, "proposed", again)
     monkeypatch.setattr(asking, "newest_model", lambda *_: None)
     monkeypatch.setattr(module, "newest_model", lambda *_: None)
-    monkeypatch.setattr(module, "only_rung", lambda *_: None)
+    monkeypatch.setattr(module, "only_structure", lambda *_: None)
     monkeypatch.setattr(arm_motions, "MOVES", 1)
     path = create_campaign(tmp_path / "lab", "arm4", seed=4)[0].path
     (path / "campaign.toml").write_text(CONFIG)

@@ -36,7 +36,7 @@ def lab(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Campaign:
     """A campaign of a robot that exists, where learning costs nothing."""
 
     def learn(campaign: Campaign, state: Any, number: int) -> TrainingOutcome:
-        return TrainingOutcome([], Trained(chosen="gp", structures=("gp",) * 2, robot_seconds=8.0))
+        return TrainingOutcome([], Trained(chosen="gp", rungs=("gp",) * 2, robot_seconds=8.0))
 
     monkeypatch.setattr(learning, "learn_log", learn)
     (tmp_path / "made.urdf").write_text(ROBOT)

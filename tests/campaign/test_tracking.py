@@ -139,7 +139,7 @@ def test_without_margins_nothing_is_kept_or_stored(tmp_path: Path) -> None:
     ask(lab)
     asked = lab.state().rounds[1].asked
     assert asked is not None
-    assert (asked.margins, asked.unenforced) == ({}, ())
+    assert (asked.margins, asked.unheld) == ({}, ())
     assert all(row["tracking_margin"] == 0.0 for row in rows(lab, 1, "velocity"))
     assert constraints_then(Asked(status="")).margins == {}
     assert constraints_then(None).margins == {}
@@ -152,7 +152,10 @@ def test_a_flight_keeps_its_owners_room_unless_logs_show_more(tmp_path: Path) ->
         """The row of x after logs with these errors."""
         rounds = {
             i: Round(
-                i, told=fact("told", sha256="", tracked={"fourier": [[size, 0.0, 0.0], [0.1] * 3, [0.0] * 3]})
+                i,
+                ingested=fact(
+                    "told", sha256="", tracked={"fourier": [[size, 0.0, 0.0], [0.1] * 3, [0.0] * 3]}
+                ),
             )
             for i, size in enumerate(largest, 1)
         }

@@ -129,7 +129,7 @@ def test_an_empty_mesh_is_a_warning_and_its_link_is_not_looked_at(
     for file in (tmp_path / "arm.urdf", lab / "robot_model.urdf"):
         assert (
             "the shape of link 'l3': its mesh is empty, and nothing was taken in its place"
-            in load(file).unseen
+            in load(file).unverified
         )
 
 

@@ -150,7 +150,7 @@ def test_rows_without_times_say_that_they_count_by_themselves(learned: Path) -> 
 @pytest.fixture(scope="module")
 def exact(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Physics of the model file, which is that of the robot, with a process beside it."""
-    return lab(tmp_path_factory.mktemp("exact"), ideal=True, structure="nominal+gp", candidates=["default"])
+    return lab(tmp_path_factory.mktemp("exact"), ideal=True, rung="nominal+gp", candidates=["default"])
 
 
 def test_gravity_is_right_at_every_legal_pose(exact: Path, tmp_path: Path) -> None:

@@ -89,8 +89,8 @@ def test_half_an_ability_is_refused_with_its_protocol() -> None:
     class Old:
         looks_at = ("Collisions",)
 
-    with pytest.raises(UsageError, match="has looks_at and lacks not_looked_at") as refused:
+    with pytest.raises(UsageError, match="has looks_at and lacks not_verified") as refused:
         require_whole(Old(), "Limit", "[[limit]] my_limits:old")
     assert "etude.abilities.SupportsCoverage" in refused.value.next_step
     require_whole(object(), "Limit", "nothing of any ability")
-    assert members(abilities.SupportsCoverage) == ("looks_at", "not_looked_at")
+    assert members(abilities.SupportsCoverage) == ("looks_at", "not_verified")

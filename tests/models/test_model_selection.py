@@ -309,7 +309,7 @@ def test_what_cannot_be_trained_is_refused(data) -> None:
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"rung": "magic"}, "structure must be one of"),
+        ({"rung": "magic"}, "rung must be one of"),
         ({"choose_by": "luck"}, "choose_by must be one of"),
         ({"kernel": "rbf"}, "kernel must be one of"),
         ({"process": "magic"}, "process must be one of exact, fitc"),

@@ -162,7 +162,7 @@ def test_no_flight_is_coloured_by_a_model_that_had_learned_it(
         return expected_error(record, model, log)  # type: ignore[arg-type]
 
     monkeypatch.setattr(type(record), "model", remembered)
-    monkeypatch.setattr(paths, "forecast", noted)
+    monkeypatch.setattr(paths, "expected_error", noted)
     source = paths.paths(record)
     assert [number_ for number_, _ in said] == [1, ROUNDS]
     assert said[0][1] == "0002.parquet"

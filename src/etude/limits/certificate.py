@@ -350,6 +350,8 @@ def facts_of(data: bytes | str) -> dict[str, Any]:
     version = value.setdefault("version", 1)
     if version not in (1, VERSION):
         raise ValueError(f"a certificate of version {version}")
+    if version == 1:
+        value["not_verified"] = value.pop("not_looked_at", [])
     value["rows"] = [_read(row if version == VERSION else _of_version_1(row)) for row in rows]
     return value
 
@@ -357,6 +359,8 @@ def facts_of(data: bytes | str) -> dict[str, Any]:
 def _of_version_1(row: dict[str, Any]) -> dict[str, Any]:
     """The row with the keys of this version; the earliest certificates know no tracking."""
     own = {name: value for name, value in row.items() if name != "margin"}
+    if own.get("status") == "not looked at":
+        own["status"] = "not verified"
     return {
         "status": "proved",
         "tracking_margin": 0.0,

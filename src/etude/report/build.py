@@ -52,7 +52,7 @@ CONTENTS = {
     "prediction": "predicted against measured",
     "uncertainty": "uncertainty",
     "calibration": "calibration",
-    "structures": "model selection",
+    "selection": "model selection",
     "trajectories": "trajectories and proofs",
     "repairs": "repairs",
     "provenance": "provenance",

@@ -178,7 +178,7 @@ def test_floating_bases_and_absent_models_are_refused(tmp_path: Path, urdf: Path
     with pytest.raises(UsageError, match="base is not fixed: joint 'base' is free"):
         spec_from_model(path)
     held = replace(spec, axes=(replace(spec.axes[0], name="arm"),), model_file=path)
-    assert any("although 'base' leaves it free" in sentence for sentence in load_arm(held).unseen)
+    assert any("although 'base' leaves it free" in sentence for sentence in load_arm(held).unverified)
     with pytest.raises(UsageError, match="has no model_file"):
         load_arm(replace(spec, model_file=None))
     with pytest.raises(UsageError, match="there is no model file"):

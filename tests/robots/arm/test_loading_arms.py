@@ -96,7 +96,7 @@ def check(arm: Arm) -> None:
     assert model.nbody == model.njnt + 1  # every part that moves is one body
     assert all("#" in name for name in names)
     assert len(set(names)) == len(names)
-    assert not any("missing" in sentence or "guessed" in sentence for sentence in loaded.unseen)
+    assert not any("missing" in sentence or "guessed" in sentence for sentence in loaded.unverified)
     assert np.all(np.isfinite(data.qfrc_bias))
     repairs = sum("repaired" in note for note in loaded.notes)
     counts = f"{model.njnt} joints, {model.ngeom:3d} shapes, {len(loaded.assets):2d} of them meshes"

@@ -90,7 +90,7 @@ def test_a_base_on_the_ceiling_turns_gravity_round(spec: ArmSpec) -> None:
 def test_without_a_shape_nobody_looked_at_it(spec: ArmSpec) -> None:
     assert (
         "the shape of the tool: none is given"
-        in load_arm(replace(spec, tool=Attached(mass=1.0, inertia=(0.1, 0.1, 0.1, 0.0, 0.0, 0.0)))).unseen
+        in load_arm(replace(spec, tool=Attached(mass=1.0, inertia=(0.1, 0.1, 0.1, 0.0, 0.0, 0.0)))).unverified
     )
     with pytest.raises(UsageError, match=r"there is no (link|body) 'flange'"):
         load_arm(replace(spec, tool=replace(LOAD, link="flange")))

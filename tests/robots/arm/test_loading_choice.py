@@ -133,7 +133,7 @@ def test_held_joints_stand_at_zero_or_next_to_it_or_where_they_are_told() -> Non
         chosen(found, ["a?"], a1=0.0)
     with pytest.raises(UsageError, match="no moving joint knee"):
         chosen(found, ["a?"], knee=0.0)
-    assert any("up at 0.2" in sentence for sentence in chosen(found, ["a?"]).unseen)
+    assert any("up at 0.2" in sentence for sentence in chosen(found, ["a?"]).unverified)
 
 
 def test_followers_go_with_their_leader_and_one_of_an_axis_is_not_looked_at() -> None:
@@ -141,11 +141,11 @@ def test_followers_go_with_their_leader_and_one_of_an_axis_is_not_looked_at() ->
     other = Moving("other", "a3", 0.0, 0.04, slides=True, leader="finger", factor=-2.0, offset=0.01)
     found = chosen([*ARM, finger, other], ["a?"], finger=0.03)
     assert found.held == {"finger": 0.03, "other": pytest.approx(-0.05)}
-    assert not any("follows" in sentence for sentence in found.unseen)
+    assert not any("follows" in sentence for sentence in found.unverified)
     parallel = Moving("bar", "a1", leader="a2", factor=-1.0, offset=0.3)
     found = chosen([*ARM, parallel])
     assert found.held == {"bar": 0.3}
-    assert any("'bar' follows 'a2'" in sentence for sentence in found.unseen)
+    assert any("'bar' follows 'a2'" in sentence for sentence in found.unverified)
 
 
 def test_a_follower_of_the_arm_is_to_be_confirmed_for_it_stands_still() -> None:

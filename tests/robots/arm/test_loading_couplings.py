@@ -62,8 +62,8 @@ def test_what_is_no_loop_of_the_arm_loads(tmp_path: Path, equality: str, joints:
     )
     loaded = load(arm(tmp_path, scene=scene, more=f"<equality>{equality}</equality>"), joints)
     assert loaded.joints == (tuple(joints) if joints else ("one", "two", "three"))
-    assert "'cube' lies free and is taken to stay where the file puts it" in loaded.unseen
-    assert loaded.unseen[0] == "the base is taken to be fixed"
+    assert "'cube' lies free and is taken to stay where the file puts it" in loaded.unverified
+    assert loaded.unverified[0] == "the base is taken to be fixed"
 
 
 def test_the_joints_before_a_loop_are_proposed_and_load(tmp_path: Path) -> None:
@@ -78,11 +78,11 @@ def test_a_free_robot_is_no_object_beside_one(tmp_path: Path) -> None:
     path.write_text(path.read_text().replace('<body name="base">', '<body name="base"><freejoint name="f"/>'))
     with pytest.raises(UsageError, match="base is not fixed: joint 'f' is free"):
         load(path)
-    assert "although 'f' leaves it free" in load(path, ["one", "two"]).unseen[0]
+    assert "although 'f' leaves it free" in load(path, ["one", "two"]).unverified[0]
     path.write_text(path.read_text().replace('<freejoint name="f"/>', "<freejoint/>"))
     with pytest.raises(UsageError, match="base is not fixed: joint 'base_joint' is free"):
         load(path)
-    assert "although 'base_joint' leaves it free" in load(path, ["one", "two"]).unseen[0]
+    assert "although 'base_joint' leaves it free" in load(path, ["one", "two"]).unverified[0]
 
 
 @pytest.mark.parametrize(
@@ -125,9 +125,9 @@ def test_springs_and_stops_of_tendons_are_said(tmp_path: Path) -> None:
     more = f'<tendon><fixed name="t" stiffness="9" limited="true" range="-1 1">{fixed}</fixed></tendon>'
     loaded = load(arm(tmp_path, more=more))
     assert "The springs of tendons are left out: t." in loaded.notes
-    assert "the limits of tendons over several joints: t" in loaded.unseen
+    assert "the limits of tendons over several joints: t" in loaded.unverified
     assert not any(
-        "tendon" in one for one in (*load(arm(tmp_path, more=more), ["one"]).unseen, *loaded.joints)
+        "tendon" in one for one in (*load(arm(tmp_path, more=more), ["one"]).unverified, *loaded.joints)
     )
 
 

@@ -106,7 +106,7 @@ def test_a_mesh_that_is_gone_takes_its_shape_along_and_is_said(tmp_path: Path) -
     asset = '<asset><mesh name="x" file="gone.stl"/></asset>'
     path.write_text(f"<mujoco>{asset}<worldbody>{bodies.format(geoms)}</worldbody></mujoco>")
     loaded = load(path, ["j"])
-    assert "the shape of body 'a': its mesh is missing" in loaded.unseen
+    assert "the shape of body 'a': its mesh is missing" in loaded.unverified
     assert loaded.model().ngeom == 1
 
 

@@ -43,7 +43,7 @@ def lengths(path: Path, *roots: Path) -> tuple[list[float], str]:
     model = loaded.model()
     found = {model.geom(g).name: 2.0 * float(max(model.geom_aabb[g, 3:])) for g in range(model.ngeom)}
     return [round(found.get(f"{name}#0", 0.0), 6) for name in ("base", "one", "two")], " ".join(
-        (*loaded.notes, *loaded.unseen)
+        (*loaded.notes, *loaded.unverified)
     )
 
 

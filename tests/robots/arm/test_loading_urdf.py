@@ -45,7 +45,7 @@ def test_the_arm_is_chosen_shaped_named_and_fused(urdf: Path) -> None:
     assert names == {"base#0": "world", "upper#0": "upper", "fore#0": "fore", **hand}
     np.testing.assert_allclose(model.body("hand").mass, 0.7)
     assert loaded.source == str(urdf)
-    assert loaded.unseen[0] == "the base 'base' is taken to be fixed"
+    assert loaded.unverified[0] == "the base 'base' is taken to be fixed"
 
 
 def test_a_mesh_is_its_hull_to_scale_where_the_file_puts_it(urdf: Path) -> None:
@@ -128,7 +128,8 @@ def test_a_floating_base_is_fixed_only_if_joints_are_named(urdf: Path) -> None:
     urdf.write_text(robot().replace('name="shoulder" type="revolute"', 'name="shoulder" type="floating"'))
     loaded = load(urdf, ["elbow", "wrist"])
     assert (
-        loaded.unseen[0] == "the base 'base' is taken to be fixed although 'shoulder' is floating or planar"
+        loaded.unverified[0]
+        == "the base 'base' is taken to be fixed although 'shoulder' is floating or planar"
     )
 
 
@@ -200,11 +201,11 @@ def test_a_missing_mesh_is_replaced_by_what_is_drawn_and_then_by_a_guess(urdf: P
     (urdf.parents[1] / "meshes/cube.obj").unlink()
     loaded = load(urdf)
     assert any("package://arm/meshes/cube.obj" in n and "--mesh-root" in n for n in loaded.notes)
-    assert any("'upper': its mesh is missing, what is drawn" in sentence for sentence in loaded.unseen)
+    assert any("'upper': its mesh is missing, what is drawn" in sentence for sentence in loaded.unverified)
     assert loaded.model().geom("upper#0").type == mujoco.mjtGeom.mjGEOM_BOX
     urdf.write_text(robot().replace(f"<visual><geometry>{BOX}</geometry></visual>", ""))
     loaded = load(urdf)
-    assert any("'upper': its mesh is missing, a capsule was guessed" in s for s in loaded.unseen)
+    assert any("'upper': its mesh is missing, a capsule was guessed" in s for s in loaded.unverified)
     model, data = state(loaded)
     geom, way = data.geom("upper#0"), data.body("fore").xpos - data.body("upper").xpos
     assert model.geom("upper#0").type == mujoco.mjtGeom.mjGEOM_CAPSULE
@@ -219,7 +220,7 @@ def test_what_is_drawn_counts_where_a_moving_part_has_no_collision_shape(urdf: P
     assert any("What is drawn of upper is taken as shape" in note for note in loaded.notes)
     drawn = f"<visual><geometry>{BOX}</geometry></visual>"
     urdf.write_text(robot().replace(shape, "").replace(drawn, ""))
-    assert "the shape of link 'upper': the file has none" in load(urdf).unseen
+    assert "the shape of link 'upper': the file has none" in load(urdf).unverified
 
 
 def test_sensor_shells_of_a_part_that_has_shapes_are_left_out(urdf: Path) -> None:
@@ -301,7 +302,7 @@ def test_a_world_that_is_not_described_is_what_drakes_files_weld_their_base_to(u
     welded = load(urdf)
     assert welded.joints == bare.joints
     np.testing.assert_array_equal(welded.model().body_mass, bare.model().body_mass)
-    assert any("base 'world' is taken to be fixed" in sentence for sentence in welded.unseen)
+    assert any("base 'world' is taken to be fixed" in sentence for sentence in welded.unverified)
 
 
 def test_of_a_base_that_is_free_an_example_says_how_to_choose(urdf: Path) -> None:

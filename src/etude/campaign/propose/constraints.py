@@ -121,9 +121,7 @@ class Constraints:
         """The event with what is kept; no margins where nothing is."""
         margins = {form: (as_rows(table), as_rows(sure)) for form, (table, sure) in self.margins.items()}
         unenforced = self.unenforced if margins else ()
-        return replace(
-            fact, model=self.number, controls=self.controls, margins=margins, unenforced=unenforced
-        )
+        return replace(fact, model=self.number, controls=self.controls, margins=margins, unheld=unenforced)
 
 
 def constraints_then(asked: Constrained | None) -> Constraints:
@@ -131,7 +129,7 @@ def constraints_then(asked: Constrained | None) -> Constraints:
     if asked is None:
         return Constraints({})
     margins = {form: (as_table(table), as_table(sure)) for form, (table, sure) in asked.margins.items()}
-    return Constraints(margins, asked.unenforced, number=asked.model, controls=asked.controls)
+    return Constraints(margins, asked.unheld, number=asked.model, controls=asked.controls)
 
 
 def as_rows(table: Array | float) -> Table:

@@ -70,13 +70,13 @@ class Constrained(Fact):
     Attributes:
         model: number of the round whose model bounds the commands; None before any log.
         controls: that the motion may run under; () if unknown.
-        margins: tracking margins. unenforced: sentences about what the margins do not hold.
+        margins: tracking margins. unheld: sentences about what the margins do not hold.
     """
 
     model: int | None = None
     controls: tuple[str, ...] = ()
     margins: Margins = field(default_factory=dict)
-    unenforced: tuple[str, ...] = ()
+    unheld: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -2,8 +2,8 @@
 
 A structure is a mean function (none, linear regression, identified or nominal physics), with a process on
 what it leaves or without. A process can be worse than linear regression. Outside the data it returns to its
-mean, where a linear trend goes on, and it can diverge where its hyperparameters were taught by too few samples.
-So linear regression is a structure like the others.
+mean, where a linear trend goes on. It can diverge where too few samples taught its hyperparameters. So
+linear regression is a structure like the others.
 
 Physics are fitted without the segment and the process is conditioned without it. The few hyperparameters of
 the process, and which structure is used, were chosen with all segments.
@@ -332,6 +332,10 @@ CONSTANT = "constant"
 """What stands for it where a model is no more than that: a command that does not depend on the motion."""
 
 
+KEYS = {"structure": "rung"}
+"""Keys of the file, where they have another name than the field."""
+
+
 @dataclass(frozen=True, eq=False)
 class CrossValidationResiduals:
     """Errors of n samples, NaN where a command was not predicted.
@@ -343,7 +347,7 @@ class CrossValidationResiduals:
         variance: (n, J) predicted, noise and calibration included.
         physics: (n, J) error of physics alone; of a model that is no more than these, of what there was
             before: the model file's physics, else a constant command.
-        rung: what stands for physics: one of `PHYSICS`, or `CONSTANT`.
+        structure: what stands for physics: one of `PHYSICS`, or `CONSTANT`.
     """
 
     rows: Index
@@ -356,7 +360,7 @@ class CrossValidationResiduals:
     def to_bytes(self) -> bytes:
         """The file."""
         file = io.BytesIO()
-        np.savez_compressed(file, **vars(self))
+        np.savez_compressed(file, **{KEYS.get(name, name): value for name, value in vars(self).items()})
         return file.getvalue()
 
 
@@ -394,7 +398,9 @@ def read_residuals(path: Path) -> CrossValidationResiduals:
     """
     try:
         found = arrays_of(path.read_bytes())
-        return CrossValidationResiduals(**{**found, "rung": str(found["rung"])})
+        names = {key: name for name, key in KEYS.items()}
+        own = {names.get(key, key): value for key, value in found.items()}
+        return CrossValidationResiduals(**{**own, "structure": str(own["structure"])})
     except DAMAGE as error:
         raise DataError(
             f"what was held out cannot be read ({error})",

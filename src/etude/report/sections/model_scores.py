@@ -24,8 +24,8 @@ def selection(record: Record) -> Html:
     title = "Model selection"
     scored = [r for r in record.state.trained if r.trained and r.trained.models]
     if not scored:
-        return section("structures", title, missing("No model has been scored yet."))
-    return section("structures", title, *_newest(record, scored[-1]), *_by_round(record))
+        return section("selection", title, missing("No model has been scored yet."))
+    return section("selection", title, *_newest(record, scored[-1]), *_by_round(record))
 
 
 def _newest(record: Record, last: Round) -> list[Html]:
