@@ -56,7 +56,7 @@ def limits(spec: ArmSpec, margins: Margins, model: Model | None = None) -> tuple
         *(() if commands is None else (commands,)),
         *(() if space is None else (space,)),
         *(() if clearance is None else (clearance,)),
-        *made_limits(spec.limits, spec, model, margins),
+        *made_limits(spec.limits, spec, model, margins, spec.names),
     )
 
 

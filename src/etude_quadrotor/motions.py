@@ -217,7 +217,7 @@ def limits(
     tilts = [tilt for tilt in (spec.tilt, config.tilt) if tilt is not None]
     if tilts:
         found.append(TiltLimit(min(tilts), GRAVITY))
-    return (*found, *made_limits(spec.limits, spec, model, margins))
+    return (*found, *made_limits(spec.limits, spec, model, margins, AXES))
 
 
 def _late(spec: QuadrotorSpec, config: FlightConfig, margins: Margins) -> float:

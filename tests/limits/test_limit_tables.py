@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import re
+import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -17,7 +19,7 @@ from etude.limits import LipschitzLimit
 from etude.limits.limit_tables import made_limits
 from etude.limits.lipschitz import extremes
 from etude.plugins import _given
-from etude.protocols import Limit
+from etude.protocols import Limit, Trajectory
 from etude.testing import LimitSuite
 from etude.trajectories import FourierConfig, FourierFamily
 from etude_arm import KIND as ARM
@@ -182,3 +184,119 @@ def test_tracking_takes_a_margin_by_the_slopes() -> None:
 def test_ends_that_say_nothing_are_refused(ends) -> None:
     with pytest.raises(UsageError, match="the limit of sum runs from"):
         LipschitzLimit("sum", "all", lambda q: q.sum(axis=1), np.ones(2), *ends)
+
+
+def reached(**given: Any) -> LipschitzLimit:
+    """Of the first two of three coordinates, with the slopes [0.7, 0.3, 0]."""
+    own = {"slopes": np.array([0.7, 0.3, 0.0]), "lower": -5.0, "upper": 5.0, **given}
+    return LipschitzLimit("reach", "tool", lambda q: 0.7 * np.sin(q[:, 0]) - 0.3 * q[:, 1], **own)
+
+
+class TestReached(LimitSuite):
+    family, home = FourierFamily.of(FourierConfig(), axes=3), np.zeros(3)
+    limit = reached()
+
+
+def said_by_the_suite(wrong: LipschitzLimit) -> AssertionError | None:
+    try:
+        type("Suite", (TestReached,), {"limit": wrong})().test_slopes_bound_the_function()
+    except AssertionError as error:
+        return error
+    return None
+
+
+def a_motion(scale: float = 1.0) -> Trajectory:
+    family = TestReached.family.drawn(np.random.default_rng(0))
+    return family.trajectory(scale * np.random.default_rng(1).standard_normal(family.size))
+
+
+@pytest.mark.parametrize("scale", [0.0, 1e-12, 1e-6, 1.0, 1e3])
+def test_right_slopes_are_taken(scale: float) -> None:
+    assert reached().prove(a_motion(scale))
+
+
+@pytest.mark.parametrize("slopes", [[0.7, 0.3], [0.7, 0.3, 0.0, 0.0]])
+def test_slopes_of_another_number_than_the_coordinates_are_refused(slopes: list[float]) -> None:
+    limit, motion = reached(slopes=np.array(slopes)), a_motion()
+    margins = {"fourier": (np.full((3, 3), 0.01), 0.9)}
+    poses = motion.motion(np.zeros(1), 1).orders[0]
+    for ask in (
+        lambda: limit.prove(motion),
+        lambda: limit.keeps(motion),
+        lambda: limit.strayed(poses, 0.1 * poses),
+        lambda: limit.blocked("fourier", poses[0]),
+        lambda: reached(slopes=np.array(slopes), margins=margins).prove(motion),
+        lambda: reached(slopes=np.array(slopes), coordinates=("a", "b", "c")),
+    ):
+        with pytest.raises(UsageError, match=f"{len(slopes)} slopes, and the pose has 3 coordinates"):
+            ask()
+    assert said_by_the_suite(limit) is not None
+
+
+@pytest.mark.parametrize(
+    ("slopes", "axis", "needed"),
+    [
+        ([0.02, 0.3, 0.0], "first", 0.7),
+        ([0.7, 0.01, 0.0], "second", 0.3),
+        ([0.6, 0.3, 0.0], "first", 0.7),
+        ([0.0, 0.3, 0.7], "first", 0.7),
+    ],
+)
+def test_a_slope_that_is_too_small_is_refused(slopes: list[float], axis: str, needed: float) -> None:
+    limit = reached(slopes=np.array(slopes), coordinates=("first", "second", "third"))
+    with pytest.raises(UsageError, match=f"the slope of reach in {axis} is 0") as caught:
+        limit.prove(a_motion())
+    found = re.search(r"is (\S+), and at least (\S+) is needed", str(caught.value))
+    assert found
+    assert float(found[1]) in slopes
+    assert 0.97 * needed <= float(found[2]) <= needed * (1.0 + 1e-6)
+    assert said_by_the_suite(limit) is not None
+
+
+def test_a_slope_that_is_steep_in_places_only_is_found_near_by() -> None:
+    """Far pairs see little of it: the function is steep and small."""
+    ripple = lambda q: 0.003 * np.sin(1000.0 * q[:, 0])  # noqa: E731
+    limit = LipschitzLimit("ripple", "all", ripple, np.full(3, 2.0), -1.0, 1.0)
+    with pytest.raises(UsageError, match="the slope of ripple in coordinate 1 is 2, and at least"):
+        limit.prove(a_motion())
+
+
+@pytest.mark.parametrize("slopes", [[0.7, -0.3, 0.0], [0.7, np.nan, 0.0], [np.inf, 0.3, 0.0], [[0.7, 0.3]]])
+def test_slopes_that_are_no_bounds_are_refused(slopes: list[float]) -> None:
+    with pytest.raises(UsageError, match="negative or no number"):
+        reached(slopes=np.array(slopes))
+
+
+@pytest.mark.parametrize("given", [{"order": 1}, {"order": 2}, {"rest": True}])
+def test_what_it_cannot_prove_is_refused(given: dict[str, Any]) -> None:
+    with pytest.raises(UsageError, match="the limit of reach has order"):
+        reached(**given)
+
+
+def test_wrong_slopes_in_a_table_name_the_joint(place, capsys) -> None:
+    path, right = place / "arm.toml", "reach = [0.75, 0.65, 0.4, 0.1]"
+    text = path.read_text()
+    for wrong, said in (
+        ("reach = [0.75, 0.65, 0.4]", "3 slopes, and the pose has 4 coordinates"),
+        ("reach = [0.75, 0.02, 0.4, 0.1]", "slope of height in shoulder is 0.02, and at least"),
+    ):
+        path.write_text(text.replace(right, wrong))
+        folder = f"lab{len(wrong)}"
+        assert 2 in {cli.main(["init", folder, "--robot", "arm.toml", "--trust"]), cli.main(["ask", folder])}
+        told = " ".join(capsys.readouterr().err.split())
+        assert said in told
+        assert "my_limits:plane" in told
+        assert not list(Path(folder).glob("proposals/0*"))
+
+
+def test_a_function_that_fails_is_named_as_a_plug_in(place, capsys) -> None:
+    code = place / "my_limits.py"
+    code.write_text(code.read_text().replace("lambda p: p @ unit", "lambda p: p @ unit[:2]"))
+    sys.modules.pop("my_limits", None)
+    assert cli.main(["init", "quad", "--robot", "quad.toml", "--trust"]) == 0
+    assert cli.main(["ask", "quad"]) == 2
+    said = " ".join(capsys.readouterr().err.split())
+    assert "function of the limit of wall failed: ValueError" in said
+    assert "my_limits:wall" in said
+    assert "bug" not in said
+    assert "Traceback" not in said

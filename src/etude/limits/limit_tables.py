@@ -12,7 +12,7 @@ from __future__ import annotations
 import inspect
 import typing
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from etude import plugins
@@ -48,10 +48,18 @@ def read_limits(tables: Sequence[Mapping[str, Any]], where: str) -> tuple[LimitT
 
 
 def made_limits(
-    tables: Sequence[LimitTable], spec: Any, model: Model | None, margins: Margins
+    tables: Sequence[LimitTable],
+    spec: Any,
+    model: Model | None,
+    margins: Margins,
+    coordinates: Sequence[str] = (),
 ) -> tuple[Limit, ...]:
-    """The limits of one robot. Arguments as of `Kind.limits`. UsageError names a plug-in that fails."""
-    return tuple(_made(table, spec, model, margins) for table in tables)
+    """The limits of one robot. Arguments as of `Kind.limits`; coordinates: names of its pose's, for messages.
+
+    Raises:
+        UsageError: names a plug-in that fails, or slopes that are not as many as the coordinates.
+    """
+    return tuple(_made(table, spec, model, margins, tuple(coordinates)) for table in tables)
 
 
 def _read(table: Mapping[str, Any], where: str) -> LimitTable:
@@ -76,7 +84,11 @@ def _read(table: Mapping[str, Any], where: str) -> LimitTable:
     return LimitTable(name, values, make)
 
 
-def _made(table: LimitTable, spec: Any, model: Model | None, margins: Margins) -> Limit:
+def _made(
+    table: LimitTable, spec: Any, model: Model | None, margins: Margins, coordinates: tuple[str, ...]
+) -> Limit:
+    from etude.limits.lipschitz import LipschitzLimit  # robot files are read without it
+
     where, mend = f"[[limit]] {table.kind}", "Correct its table in robot.toml, or the plug-in."
     try:
         found = table.make(spec, model, margins, **table.parameters)
@@ -86,4 +98,4 @@ def _made(table: LimitTable, spec: Any, model: Model | None, margins: Margins) -
         fact = f"this limit cannot be made: {type(error).__name__}: {error}"
         raise UsageError(fact, where=where, next_step=mend) from error
     required: Limit = plugins.required(found, Limit, where)
-    return required
+    return replace(required, coordinates=coordinates) if isinstance(required, LipschitzLimit) else required

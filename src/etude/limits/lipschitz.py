@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from etude.errors import UsageError
+from etude.errors import EtudeError, UsageError
 from etude.limits.certificate import memoized
 from etude.limits.library import STRAYS, STRAYS_HOW, bound_of, tracked
 from etude.protocols import Family, Trajectory
@@ -26,6 +26,10 @@ TOLERANCE = 0.003
 """Part of the limit's width by which a proof may exceed what is reached."""
 HALVINGS = 24
 """Of an interval: after that its bound is taken as it is."""
+POSES, STEPS = 64, (1e-3, 1.0)
+"""At which slopes are checked, and the largest moves of a coordinate there, in parts of its range."""
+ROUNDING = 1e-9
+"""Part of the function's size that a change may exceed its bound by."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,11 +42,13 @@ class LipschitzLimit:
         quantity: "height", "distance to the wall", ...; the certificate calls it so.
         axis: what it is of, "tool" or "vehicle".
         function: poses (T, k) of the path -> (T,) its values.
-        slopes: (k,) bounds of |d function / d pose|, valid in all poses within the other limits.
+        slopes: (k,) bounds of |d function / d pose|, valid between the ends of a motion's coordinates.
         lower, upper: ends, in the unit of the function; of a distance `lower` is above zero, and `upper` may
             be infinite.
         margins: of tracking, by form of motion; each coordinate's error counts by its slope.
         drawn: what a drawing shows of it.
+        order, rest: of the pose, and it asks for no rest: nothing else is proved.
+        coordinates: (k,) names of the pose's coordinates, for messages; `made_limits` gives them.
     """
 
     quantity: str
@@ -55,6 +61,7 @@ class LipschitzLimit:
     drawn: tuple[Thing, ...] = ()
     order: int = 0
     rest: bool = False
+    coordinates: tuple[str, ...] = ()
     _proofs: dict[str, Proof] = field(default_factory=dict, repr=False)
 
     def __post_init__(self) -> None:
@@ -64,11 +71,20 @@ class LipschitzLimit:
                 f"the limit of {self.quantity} runs from {self.lower:g} to {self.upper:g}",
                 next_step="State two numbers, the lower first; a distance above zero needs no upper one.",
             )
-        if not np.all(np.isfinite(self.slopes) & (np.asarray(self.slopes) >= 0.0)):
+        slopes = np.asarray(self.slopes, dtype=float)
+        if slopes.ndim != 1 or not np.all(np.isfinite(slopes) & (slopes >= 0.0)):
             raise UsageError(
-                f"a slope of {self.quantity} is negative or no number",
+                f"the slopes of {self.quantity} are {slopes.tolist()}: one is negative or no number",
                 next_step="State the largest |df/dq| of each coordinate, 0 where it does not count.",
             )
+        if self.order != 0 or self.rest:
+            raise UsageError(
+                f"the limit of {self.quantity} has order {self.order} and rest {self.rest}",
+                next_step="LipschitzLimit proves functions of the pose alone: order 0, rest False. "
+                "A limit on speeds or commands is a class with the methods of etude.protocols.Limit.",
+            )
+        if self.coordinates:
+            self._check_size(len(self.coordinates))
 
     @property
     def name(self) -> str:
@@ -127,24 +143,64 @@ class LipschitzLimit:
         return lambda poses: self._inside(poses, form)
 
     def _inside(self, poses: Array, form: str) -> bool:
-        low, high, _, _ = self.inner(form)
         values = self._values(poses)
+        low, high, _, _ = self.inner(form)
         return bool(np.all((values >= low) & (values <= high)))
 
     def _values(self, poses: Array) -> Array:
-        values = np.asarray(self.function(poses), dtype=float)
+        self._check_size(poses.shape[1])
+        try:
+            values = np.asarray(self.function(poses), dtype=float)
+        except EtudeError:
+            raise
+        except Exception as error:
+            raise UsageError(
+                f"the function of the limit of {self.quantity} failed: {type(error).__name__}: {error}",
+                where=self._source,
+                next_step="Repair the plug-in: its function takes poses (T, k) and gives T numbers.",
+            ) from error
         if values.shape != (len(poses),) or not np.isfinite(values).all():
             raise UsageError(
                 f"the limit of {self.quantity} gives {values.shape} for poses {poses.shape}, or not numbers",
+                where=self._source,
                 next_step="Its function takes poses (T, k) and gives T finite numbers.",
             )
         return values
 
+    @property
+    def _source(self) -> str:
+        """The plug-in's function."""
+        own = self.function if hasattr(self.function, "__qualname__") else type(self.function)
+        return f"{own.__module__}:{own.__qualname__}"
+
+    def _check_size(self, size: int) -> None:
+        if len(self.slopes) != size:
+            raise UsageError(
+                f"the limit of {self.quantity} has {len(self.slopes)} slopes, and the pose has {size} "
+                "coordinates",
+                where=self._source,
+                next_step="State the largest |df/dq| of each coordinate, 0 where it does not count.",
+            )
+
+    def _check_slopes(self, poses: Array) -> None:
+        """UsageError: a slope is too small somewhere between the ends of poses (T, k)."""
+        needed = needed_slopes(self._values, poses.min(axis=0), poses.max(axis=0))
+        for j in np.flatnonzero(needed > self.slopes):
+            axis = self.coordinates[j] if self.coordinates else f"coordinate {j + 1}"
+            raise UsageError(
+                f"the slope of {self.quantity} in {axis} is {self.slopes[j]:g}, and at least "
+                f"{needed[j]:.3g} is needed",
+                where=self._source,
+                next_step="State the largest |df/dq| of each coordinate: with less, nothing is proved.",
+            )
+
     def _row(self, piece: Trajectory) -> Proof:
+        t = np.linspace(0.0, piece.duration, max(2, math.ceil(piece.duration / FIRST_STEP)) + 1)
+        poses = piece.motion(t, 1).orders[0]
+        values = self._values(poses)
+        self._check_slopes(poses)
         low, high, margin, confidence = self.inner(piece.form)
         rate = self._rate(piece)
-        t = np.linspace(0.0, piece.duration, max(2, math.ceil(piece.duration / FIRST_STEP)) + 1)
-        values = self._values(piece.motion(t, 1).orders[0])
         width = self.upper - self.lower
         tolerance = TOLERANCE * (width if math.isfinite(width) else float(np.ptp(values)))
 
@@ -173,6 +229,30 @@ class LipschitzLimit:
         if not math.isfinite(rate):
             raise UsageError(f"nothing bounds the speed of this curve, nor then its {self.quantity}")
         return rate
+
+
+def needed_slopes(values: Callable[[Array], Array], lower: Array, upper: Array) -> Array:
+    """(k,) the steepest change seen in each coordinate, at random pairs of poses that differ in it alone.
+
+    Rounding is taken off.
+
+    Args:
+        values: poses (T, k) -> (T,). lower, upper: (k,) ends of the poses.
+    """
+    rng, k = np.random.default_rng(0), len(lower)
+    width = upper - lower
+    first = np.tile(rng.uniform(lower, upper, (POSES, k)), (len(STEPS), 1))
+    at_first = values(first)
+    slack = ROUNDING * (1.0 + np.abs(at_first).max())
+    found = np.zeros(k)
+    for j in np.flatnonzero(width > 0.0):
+        second = first.copy()
+        reach = np.repeat(STEPS, POSES) * width[j]
+        second[:, j] = np.clip(second[:, j] + rng.uniform(-reach, reach), lower[j], upper[j])
+        step = np.abs(second[:, j] - first[:, j])
+        change = np.abs(values(second) - at_first) - slack
+        found[j] = np.max(change / np.where(step > 0.0, step, np.inf), initial=0.0)
+    return found
 
 
 def extremes(

@@ -7,6 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from etude.limits.lipschitz import LipschitzLimit
 from etude.plugins import required
 from etude.protocols import Family, Limit, Trajectory
 from etude.testing.differences import central, close, same
@@ -113,6 +114,8 @@ class FamilySuite:
         return family.trajectory(p)
 
 
+PAIRS = 2_000
+"""Pairs of poses, at each of three distances, at which slopes are held against the function."""
 PERIODS = 20_001
 """Instants at which a proof is held against what the limit measures."""
 SLACK = 0.03
@@ -172,6 +175,29 @@ class LimitSuite:
             assert row.proved_upper <= values.max() + SLACK * size, f"the proof of {name} is loose"
             least = -values.max() if row.proved_lower == -row.proved_upper else values.min()  # of a size
             assert row.proved_lower >= least - SLACK * size, f"the proof of {name} is loose"
+
+    def test_slopes_bound_the_function(self) -> None:
+        """|h(q') - h(q)| <= sum_j slopes_j |q'_j - q_j| at random pairs of poses, near and far."""
+        if not isinstance(self.limit, LipschitzLimit):
+            return
+        rng, slopes = np.random.default_rng(0), np.asarray(self.limit.slopes, dtype=float)
+        family, p = self._edge(0, 1.0)
+        trajectory = family.trajectory(p)
+        path = trajectory.motion(np.linspace(0.0, trajectory.duration, PAIRS), 1).orders[0]
+        assert slopes.shape == path.shape[1:], f"{len(slopes)} slopes, {path.shape[1]} coordinates"
+        lower, upper = path.min(axis=0), path.max(axis=0)
+        for part in (1e-3, 0.1, 1.0):
+            poses = rng.uniform(lower, upper, path.shape)
+            turned = rng.uniform(-1.0, 1.0, path.shape) * (rng.uniform(size=path.shape) < 0.5)
+            moved = np.clip(poses + part * (upper - lower) * turned, lower, upper)
+            first, second = (self.limit.function(x) for x in (poses, moved))
+            bound = np.abs(moved - poses) @ slopes
+            excess = np.abs(second - first) - bound - 1e-9 * (1.0 + np.abs(first).max())
+            worst = int(np.argmax(excess))
+            assert excess[worst] <= 0.0, (
+                f"from {poses[worst]} to {moved[worst]} the value changes by more than {bound[worst]:.3g}: "
+                "a slope is too small"
+            )
 
     def test_the_penalty_has_its_gradient(self) -> None:
         family, p = self._edge(0, 1.05)

@@ -256,7 +256,7 @@ class VesselKind:
             AxisLimit("position", 0, AXES, np.array(spec.lower), np.array(spec.upper)),
             AxisLimit("velocity", 1, AXES, np.full(2, -spec.speed), np.full(2, spec.speed), rest=True),
             AxisLimit("acceleration", 2, AXES, np.full(2, -spec.acceleration), np.full(2, spec.acceleration)),
-            *made_limits(spec.limits, spec, model, margins),
+            *made_limits(spec.limits, spec, model, margins, AXES),
         )
 
     def ways(self, spec: VesselSpec, motion: Trajectory, pose: Array) -> None:
