@@ -9,7 +9,8 @@ import pytest
 
 from etude import plugins
 from etude.campaign.create import find_robot
-from etude.errors import UsageError
+from etude.errors import DataError, UsageError
+from etude.logs.readers.registry import read_raw
 
 VESSEL = """
 class KIND:
@@ -143,3 +144,35 @@ def test_a_module_that_is_not_found_is_told_apart_from_what_it_lacks(tmp_path, m
 def test_an_unknown_name_is_answered_with_the_nearest() -> None:
     with pytest.raises(UsageError, match="Did you mean quadrotor"):
         plugins.load("etude.robots", "quadroter")
+
+
+READER = """
+class ReadBarlog:
+    def recognises(self, path, head):
+        return path.suffix == ".barlog"
+
+    def __call__(self, path, topics=()):
+        return {}
+"""
+
+
+def test_a_reader_that_is_named_by_its_class(installed, tmp_path) -> None:  # type: ignore[no-untyped-def]
+    installed("bar", "[etude.readers]\nbarlog = bar_module:ReadBarlog\n", READER)
+    said = r"barlog is a class; name an instance: barlog = ReadBarlog\(\)"
+    with pytest.raises(UsageError, match=said):
+        plugins.load("etude.readers", "barlog")
+    (row,) = [p for p in plugins.listed(tried=True) if p.name == "barlog"]
+    assert row.problem == "barlog is a class; name an instance: barlog = ReadBarlog()"
+    path = tmp_path / "run.barlog"
+    path.write_text("1 2 3")
+    start = r"there is no reader for '\.barlog' files; the reader barlog cannot be asked: "
+    with pytest.raises(DataError, match=start + said) as caught:
+        read_raw(path)
+    assert "ulog" in caught.value.next_step
+    assert "barlog" not in caught.value.next_step
+
+
+def test_a_factory_may_be_a_class(installed) -> None:  # type: ignore[no-untyped-def]
+    code = "class Made:\n    def __init__(self, columns, commands): ...\n"
+    installed("made", "[etude.kernels]\nmade = made_module:Made\n", code)
+    assert plugins.load("etude.kernels", "made").__name__ == "Made"

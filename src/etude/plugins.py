@@ -244,6 +244,12 @@ def _of_group(group: str, name: str, found: Any) -> Any:
     wanted = f"it has no {', '.join(missing)}" if missing else ""
     if not missing and shape.arguments is not None and not _takes(found, shape):
         wanted = f"it is not called with ({', '.join(shape.arguments)})"
+    if wanted and inspect.isclass(found) and any("__call__" in vars(kind) for kind in found.__mro__):
+        raise UsageError(
+            f"{name} is a class; name an instance: {name.split(':')[-1]} = {found.__name__}()",
+            where=f"{group}, {found.__module__}",
+            next_step="Write that line into its module, and name what it makes.",
+        )
     if wanted:
         raise UsageError(
             f"{name} is not {shape.words}: {wanted}",

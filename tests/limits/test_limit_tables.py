@@ -97,7 +97,12 @@ def test_a_limit_that_no_motion_keeps_refuses_every_proposal(place, capsys) -> N
     assert cli.main(["init", "lab", "--robot", "arm.toml", "--trust"]) == 0
     assert cli.main(["ask", "lab"]) != 0
     said = " ".join(capsys.readouterr().err.split())
-    assert "does not keep the limits height" in said
+    found = re.search(r"limits: height of tool is (\S+), limit (\S+) with a tracking margin of (\S+),", said)
+    assert found
+    value, limit, margin = map(float, found.groups())
+    assert value < 1.9 == pytest.approx(limit - margin, abs=1e-3)
+    assert "torque" not in said
+    assert "`home` of [search] in robot.toml" in said
     assert not list(Path("lab/proposals").glob("0*"))
 
 

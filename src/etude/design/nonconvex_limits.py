@@ -10,11 +10,11 @@ import numpy as np
 from etude.abilities import SupportsFastCheck, SupportsOrders
 from etude.design.objective import Objective
 from etude.errors import UnsafeTrajectoryError
-from etude.limits.certificate import slack
+from etude.limits.certificate import slack, tracked_in_words
 from etude.limits.feasible import Block, FeasibleSet
 from etude.protocols import Family, Limit, Trajectory
 from etude.trajectories.extremes import USABLE_PART
-from etude.types import Array
+from etude.types import Array, Proof
 
 INSTANTS = 400
 """Evenly over a motion, at which penalties are asked for."""
@@ -126,12 +126,7 @@ class NonconvexLimits:
                 else:
                     outside = middle
             if inside == 0.0 and not _hold(asked, family, home, quickly):
-                names = ", ".join(limit.name for limit in self.limits)
-                raise UnsafeTrajectoryError(
-                    f"standing still at home does not keep the limits {names}",
-                    where=names,
-                    next_step="Choose another home, or widen the limits.",
-                )
+                raise _home_outside(asked, family, home, quickly)
             p = np.asarray(home + inside * (p - home))
         return p
 
@@ -240,6 +235,30 @@ def _orders(limits: Sequence[Limit]) -> int:
 def _hold(limits: Sequence[Limit], family: Family, p: Array, quickly: bool) -> bool:
     pieces = [piece for _, _, piece in family.trajectory(p).pieces()] if limits else []
     return all(_holds(limit, piece, quickly) for limit in limits for piece in pieces)
+
+
+def _home_outside(
+    limits: Sequence[Limit], family: Family, home: Array, quickly: bool
+) -> UnsafeTrajectoryError:
+    """Says which of the limits standing still at home (P,) breaks, and by how much."""
+    broken = [limit for limit in limits if not _hold((limit,), family, home, quickly)]
+    pieces = [piece for _, _, piece in family.trajectory(home).pieces()]
+    rows = [row for limit in broken for piece in pieces for row in limit.prove(piece) if slack(row) < 0.0]
+    facts = dict.fromkeys(_beyond(row) for row in rows)
+    return UnsafeTrajectoryError(
+        f"standing still at home does not keep the limits: {'; '.join(facts)}",
+        where=", ".join(limit.name for limit in broken),
+        next_step="Widen the limits, or choose another home: of an arm it is `home` of [search] in "
+        "robot.toml, of a vehicle the middle of its room.",
+    )
+
+
+def _beyond(row: Proof) -> str:
+    """A row that is not kept: the value that breaks it, and what is allowed."""
+    above = row.upper - row.proved_upper <= row.proved_lower - row.lower
+    value, end = (row.proved_upper, row.upper) if above else (row.proved_lower, row.lower)
+    kept = f" with a tracking margin of {tracked_in_words(row)}" if row.tracking_margin else ""
+    return f"{row.quantity} of {row.axis} is {value:.4g}, limit {end:.4g}{kept}"
 
 
 def _holds(limit: Limit, piece: Trajectory, quickly: bool) -> bool:

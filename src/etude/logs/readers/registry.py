@@ -70,7 +70,7 @@ def read_raw(path: Path, topics: Sequence[str] = ()) -> Log:
 def _of_folder(path: Path) -> str:
     """The reader of a folder that is one log; "" for any other folder."""
     names = (name for name in plugins.names(GROUP) if name not in BY_SUFFIX_ALONE)
-    return next((name for name in names if _recognises(name, path, b"")), "")
+    return next((name for name in names if _recognises(name, path, b"", {})), "")
 
 
 def file_head(path: Path) -> bytes:
@@ -100,30 +100,38 @@ def _reader_of(path: Path, head: bytes) -> str:
     if built_in is not None:
         return built_in
     brought = [name for name in plugins.names(GROUP) if name not in BY_SUFFIX_ALONE]
+    broken: dict[str, str] = {}
     for name in brought:
-        if _recognises(name, path, head):
+        if _recognises(name, path, head, broken):
             return name
     if path.suffix.lower() in TABLES and b"\0" not in head:
         return "csv"
     if path.name == "metadata.yaml":
         step = "Tell the folder that it lies in."
         raise DataError("this belongs to a bag", where=str(path), next_step=step)
+    told = "".join(f"; the reader {name} cannot be asked: {why}" for name, why in broken.items())
     raise DataError(
-        f"there is no reader for '{path.suffix}' files",
+        f"there is no reader for '{path.suffix}' files{told}",
         where=str(path),
         next_step=INSTEAD.get(
             path.suffix.lower(),
             f"Write it as CSV or Parquet, a column for each signal. Read are {', '.join(READERS)}, and "
-            f"by what is in them logs of {', '.join(brought)}.",
+            f"by what is in them logs of {', '.join(name for name in brought if name not in broken)}.",
         ),
     )
 
 
-def _recognises(name: str, path: Path, head: bytes) -> bool:
-    """Whether that reader takes the file; one that is broken takes none, and harms no other."""
+def _recognises(name: str, path: Path, head: bytes, broken: dict[str, str]) -> bool:
+    """Whether that reader takes the file; one that is broken takes none, and harms no other.
+
+    broken: name -> why a reader cannot be asked; added to.
+    """
     try:
         return bool(plugins.load(GROUP, name).recognises(path, head))
-    except Exception:
+    except Exception as problem:
+        broken[name] = (
+            problem.fact if isinstance(problem, EtudeError) else f"{type(problem).__name__}: {problem}"
+        )
         return False
 
 
