@@ -152,6 +152,13 @@ def test_what_makes_no_limit_is_named_with_the_protocol(place) -> None:
         made_limits(spec.limits, spec, None, {})
 
 
+def test_python_is_told_how_to_trust_a_robot_file(place) -> None:
+    with pytest.raises(UsageError, match="in Python, trust=True") as caught:
+        etude.load_robot(place / "arm.toml")
+    assert "--robot" in caught.value.next_step
+    assert etude.load_robot(place / "arm.toml", trust=True).limits
+
+
 def test_a_copied_folder_is_not_trusted(place) -> None:
     cli.main(["init", "lab", "--robot", "arm.toml", "--trust"])
     _given.clear()

@@ -128,9 +128,8 @@ def reading(path: Path, *, trust: bool = False) -> Iterator[None]:
     if trust:
         yield
         return
-    with named_in(
-        path, path, sha256_of(path), f"etude init FOLDER --robot {path} --trust; in Python, trust=True"
-    ):
+    command = f"etude init FOLDER --robot {path} --trust; in Python, trust=True"
+    with named_in(path, path, sha256_of(path), command):
         yield
 
 
