@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from types import FunctionType
 
 import numpy as np
 
@@ -170,7 +171,7 @@ class LipschitzLimit:
     @property
     def _source(self) -> str:
         """The plug-in's function."""
-        own = self.function if hasattr(self.function, "__qualname__") else type(self.function)
+        own = self.function if isinstance(self.function, FunctionType) else type(self.function)
         return f"{own.__module__}:{own.__qualname__}"
 
     def _check_size(self, size: int) -> None:
