@@ -15,8 +15,7 @@ import pytest
 
 import etude
 from etude import cli
-from etude.campaign.record.folder import open_campaign
-from etude.campaign.record.stored_files import stored_trajectory
+from etude.campaign import open_campaign, stored_trajectory
 from etude.campaign.training import TrainingOutcome
 from etude.cli import parse
 from etude.errors import UnsafeTrajectoryError

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from etude.campaign.record.folder import open_campaign
+from etude.campaign import open_campaign
 from etude.cli import demonstration as demo
 from etude.cli.demo import Demo
 from etude.cli.parse import command

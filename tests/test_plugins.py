@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from etude import plugins
-from etude.campaign.create import find_robot
+from etude.campaign import find_robot
 from etude.errors import DataError, UsageError
 from etude.logs.readers.registry import read_raw
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from small_robot import make_campaign
 
-from etude.campaign.record.folder import Campaign
+from etude.campaign import Campaign
 
 
 @pytest.fixture

@@ -19,10 +19,9 @@ from typing import Any
 import numpy as np
 
 from etude import cli
-from etude.campaign.create import create_campaign
+from etude.campaign import Campaign, create_campaign
 from etude.campaign.propose.motions import typical_motions
 from etude.campaign.record.events import Asked
-from etude.campaign.record.folder import Campaign
 from etude.campaign.record.journal import read_events
 from etude.campaign.record.state import replay
 from etude.cli import entrance

@@ -16,12 +16,12 @@ import numpy as np
 from small_robot import make_campaign, stub_learner
 
 from etude import storage
+from etude.campaign import Campaign
 from etude.campaign.ingest import tell as telling
 from etude.campaign.ingest.tell import abandon
 from etude.campaign.propose import ask as asking
 from etude.campaign.propose.motions import typical_motions
 from etude.campaign.record.events import Asked
-from etude.campaign.record.folder import Campaign
 from etude.campaign.record.journal import damaged_files, read_events
 from etude.types import Log
 

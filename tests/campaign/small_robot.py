@@ -6,10 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
-from etude.campaign.create import create_campaign
+from etude.campaign import Campaign, create_campaign
 from etude.campaign.propose.motions import typical_motions
 from etude.campaign.record.events import PrequentialScore, Trained
-from etude.campaign.record.folder import Campaign
 from etude.campaign.record.state import State
 from etude.campaign.training import TrainingOutcome
 from etude.protocols import Trajectory
@@ -67,7 +66,7 @@ def stub_learner(campaign: Campaign, state: State, number: int) -> TrainingOutco
 
 def make_campaign(folder: Path, seed: int = 5, config: str = SHORT) -> Campaign:
     """A campaign of 12 s trajectories for the pair."""
-    from etude.campaign.record.folder import open_campaign
+    from etude.campaign import open_campaign
 
     folder.mkdir(parents=True, exist_ok=True)
     robot = folder / "pair.toml"

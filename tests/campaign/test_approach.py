@@ -10,19 +10,17 @@ import numpy as np
 import pytest
 from small_robot import make_campaign, stub_learner, write_log
 
+from etude.campaign import Campaign, stored_trajectory
 from etude.campaign.ingest.tell import tell
 from etude.campaign.propose.approach import pose_of
 from etude.campaign.propose.ask import ask
-from etude.campaign.record.folder import Campaign
-from etude.campaign.record.stored_files import stored_trajectory
 from etude.cli import main
 from etude.errors import UnsafeTrajectoryError, UsageError
-from etude.limits.certificate import WAY, certify
-from etude.limits.library import AxisLimit
+from etude.limits import AxisLimit, certify
+from etude.limits.certificate import WAY
 from etude.plugins import load
 from etude.protocols import Trajectory
-from etude.trajectories.fourier import FourierTrajectory
-from etude.trajectories.json_text import from_json
+from etude.trajectories import FourierTrajectory, from_json
 from etude.types import Array
 
 RANDOM = '[trajectory]\nduration = 12.0\n[data]\ncutoff_hz = 5.0\n[design]\nfirst = "random"\n'
@@ -139,8 +137,8 @@ def test_the_last_row_of_a_table_is_a_pose(lab: Campaign, tmp_path: Path) -> Non
 def test_where_the_straight_way_is_barred_it_goes_by_home_or_not_at_all() -> None:
     """What is barred: the middle of x while y is low; home is above it."""
     from etude.campaign.propose.approach import there_and_back
+    from etude_arm import ArmSpec, Axis
     from etude_arm.motions import ways
-    from etude_arm.spec import ArmSpec, Axis
 
     spec = ArmSpec("pair", tuple(Axis(n, -1.0, 1.0, 1.0, 2.0, 1.0) for n in "xy"), "N m", 50.0)
     motion = FourierTrajectory(np.array([[0.8, -0.8], [0.0, 0.0], [0.0, 0.0]]), 1.0, 5.0)

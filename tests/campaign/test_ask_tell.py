@@ -10,16 +10,14 @@ from typing import Any
 import pytest
 from small_robot import ROBOT, make_campaign, random_motion, stub_learner, write_log
 
-from etude.campaign.create import create_campaign
+from etude.campaign import Campaign, create_campaign, open_campaign, stored_trajectory
 from etude.campaign.ingest.ingest_result import Told
 from etude.campaign.ingest.tell import abandon, tell
 from etude.campaign.propose.ask import ask
 from etude.campaign.record.events import Asked
-from etude.campaign.record.folder import Campaign, open_campaign
 from etude.campaign.record.journal import damaged_files
-from etude.campaign.record.stored_files import stored_trajectory
 from etude.errors import DataError, UnsafeTrajectoryError, UsageError
-from etude.limits.certificate import certify
+from etude.limits import certify
 
 
 def told(campaign: Campaign, log: Path, **options: object) -> Told:

@@ -11,7 +11,7 @@ from small_robot import make_campaign, random_motion, stub_learner
 from etude.campaign.deployment.model_export import bounded_motion
 from etude.campaign.propose.ask import ask
 from etude.errors import UsageError
-from etude.limits.certificate import certify
+from etude.limits import certify
 
 
 def test_the_newest_proposal_or_a_file(tmp_path: Path) -> None:

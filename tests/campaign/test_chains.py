@@ -9,11 +9,10 @@ import pytest
 from small_robot import make_campaign, random_motion, stub_learner, write_log
 
 from certificate_schema import valid
+from etude.campaign import Campaign, stored_trajectory
 from etude.campaign.ingest.tell import tell
 from etude.campaign.propose.ask import ask
 from etude.campaign.propose.motions import reference_motions, segments_of
-from etude.campaign.record.folder import Campaign
-from etude.campaign.record.stored_files import stored_trajectory
 from etude.campaign.record.stored_models import ingested_samples
 from etude.limits.certificate import certify_bytes
 from etude.protocols import Trajectory

@@ -8,10 +8,11 @@ from pathlib import Path
 import pytest
 
 from etude import plugins
-from etude.campaign.record.config import SECTIONS, CampaignConfig, preset_config
-from etude.campaign.record.config_file import COMMENTS, ConfigFile, config_text, load_config, parse_config
+from etude.campaign import CampaignConfig, config_text, load_config, preset_config
+from etude.campaign.record.config import SECTIONS
+from etude.campaign.record.config_file import COMMENTS, ConfigFile, parse_config
 from etude.errors import UsageError
-from etude.trajectories.family import FourierConfig
+from etude.trajectories import FourierConfig
 
 KINDS = {name: plugins.load("etude.robots", name) for name in ("arm", "quadrotor")}
 NAMES = [(kind, name) for kind, found in KINDS.items() for name in found.presets]

@@ -10,6 +10,7 @@ import pytest
 from small_robot import make_campaign, write_log
 
 from certificate_schema import valid
+from etude.campaign import FEEDBACK, LEARNED, Campaign, open_campaign, simulate, stored_trajectory
 from etude.campaign.evaluate.confirm import ask_to_confirm
 from etude.campaign.ingest.tell import tell, untell
 from etude.campaign.propose.ask import ask
@@ -20,12 +21,9 @@ from etude.campaign.propose.constraints import (
     seen_errors,
 )
 from etude.campaign.propose.export import export
-from etude.campaign.record.controls import FEEDBACK, FILE, IN_WORDS, LEARNED, asked_under, required
+from etude.campaign.record.controls import FILE, IN_WORDS, asked_under, required
 from etude.campaign.record.events import Asked, Exported, Ingested
-from etude.campaign.record.folder import Campaign, open_campaign
 from etude.campaign.record.state import Round, State
-from etude.campaign.record.stored_files import stored_trajectory
-from etude.campaign.simulation import simulate
 from etude.errors import UsageError
 from etude.limits.tracking import HIDDEN
 from etude.types import Array
@@ -231,7 +229,7 @@ def test_without_margins_nothing_is_said_of_controls(tmp_path: Path) -> None:
 
 def test_a_simulated_robot_is_run_under_what_its_margins_are_of(tmp_path: Path) -> None:
     """Vehicles lean against the drag from the second flight on; an open proposal is flown as it was asked."""
-    from etude.campaign.create import create_campaign
+    from etude.campaign import create_campaign
 
     sky, _ = create_campaign(tmp_path / "sky", "quadrotor", seed=4)
     text = (sky.path / "campaign.toml").read_text()

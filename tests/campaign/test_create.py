@@ -9,7 +9,8 @@ import pytest
 from small_robot import ROBOT
 
 from etude import plugins
-from etude.campaign.create import create_campaign, find_robot, load_robot
+from etude.campaign import create_campaign, find_robot
+from etude.campaign.create import load_robot
 from etude.campaign.record.events import Created
 from etude.errors import UsageError
 

@@ -16,17 +16,14 @@ from small_robot import make_campaign, write_log
 from test_learning import CONFIG as LEARNING
 
 from etude import cli, storage
-from etude.campaign.create import create_campaign
+from etude.campaign import Campaign, create_campaign, newest_model, open_campaign, stored_trajectory
 from etude.campaign.ingest.tell import tell
 from etude.campaign.propose.ask import ask
-from etude.campaign.record.folder import Campaign, open_campaign
-from etude.campaign.record.stored_files import stored_trajectory
-from etude.campaign.record.stored_models import MODEL, newest_model
+from etude.campaign.record.stored_models import MODEL
 from etude.codes import Notice, Warn
 from etude.errors import DataError, UsageError
-from etude.models import store
-from etude.models.model import LearnedModel
-from etude.trajectories.json_text import from_json
+from etude.models import LearnedModel, store
+from etude.trajectories import from_json
 
 CONFIG = LEARNING.replace("[model]", '[model]\ncandidates = ["default"]')
 GARBAGE = bytes(np.random.default_rng(0).integers(0, 256, 600, dtype=np.uint8)) + b"\n"

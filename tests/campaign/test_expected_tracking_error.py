@@ -8,16 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from etude.campaign.record.confirmation import (
-    HALF_NORMAL,
-    SPREAD,
-    errors,
-    left_over,
-    moving,
-    shared_lag,
-    trained_speeds,
-    without_it,
-)
+from etude.campaign import errors, left_over, moving, trained_speeds, without_it
+from etude.campaign.record.confirmation import HALF_NORMAL, SPREAD, shared_lag
 from etude.types import Array, Channel, Log, Motion
 
 CHANNELS = {"q": Channel("q", ("a", "b", "c"), ("rad",) * 3)}

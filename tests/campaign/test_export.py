@@ -10,9 +10,9 @@ import pytest
 from small_robot import make_campaign, stub_learner
 
 from etude import plugins
+from etude.campaign import Campaign
 from etude.campaign.propose.ask import ask
 from etude.campaign.record.events import Exported
-from etude.campaign.record.folder import Campaign
 from etude.errors import UsageError
 
 

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 from certificate_schema import valid
+from etude.campaign import Campaign, open_campaign
 from etude.campaign.ingest.ingest_result import read
-from etude.campaign.record.folder import Campaign, open_campaign
 from etude.campaign.record.stored_models import ingested_samples, load_model
 from etude.cli import main
 from etude.codes import Warn
-from etude.logs.readers.log_file import write_log
+from etude.logs import write_log
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "crazyflie"
 QUICK = {

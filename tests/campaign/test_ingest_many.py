@@ -12,16 +12,15 @@ from typing import Any
 import pytest
 from small_robot import make_campaign, random_motion, stub_learner, write_log
 
+from etude.campaign import Campaign, open_campaign, stored_trajectory
 from etude.campaign.evaluate.status import status
 from etude.campaign.ingest.ingest_many import IngestedMany, tell
 from etude.campaign.ingest.ingest_result import Told
 from etude.campaign.ingest.tell import abandon, untell
 from etude.campaign.propose.ask import ask
 from etude.campaign.record.events import to_json
-from etude.campaign.record.folder import Campaign, open_campaign
 from etude.campaign.record.journal import damaged_files
 from etude.campaign.record.state import replay
-from etude.campaign.record.stored_files import stored_trajectory
 from etude.cli import main
 from etude.errors import DataError, UsageError
 

@@ -14,12 +14,10 @@ import pytest
 from small_robot import make_campaign, stub_learner, write_log
 
 from etude import storage
-from etude.campaign.create import create_campaign
+from etude.campaign import Campaign, create_campaign, open_campaign, stored_trajectory
 from etude.campaign.ingest.tell import tell
 from etude.campaign.propose.ask import ask
-from etude.campaign.record.folder import Campaign, open_campaign
 from etude.campaign.record.journal import damaged_files
-from etude.campaign.record.stored_files import stored_trajectory
 from etude.errors import EtudeError, UsageError
 
 HERE = Path(__file__).parent

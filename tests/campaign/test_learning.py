@@ -10,14 +10,13 @@ import numpy as np
 import pytest
 from small_robot import command_of, make_campaign, random_motion, write_log
 
+from etude.campaign import Campaign, label, newest_model, stored_trajectory
 from etude.campaign import training as learning
 from etude.campaign.evaluate.status import status
 from etude.campaign.evaluate.stopping import calibration_factor, seen_by_the_rule
 from etude.campaign.ingest.tell import tell
 from etude.campaign.propose.ask import ask
-from etude.campaign.record.folder import Campaign
-from etude.campaign.record.stored_files import stored_trajectory
-from etude.campaign.record.stored_models import MIXED, ingested_samples, label, newest_model
+from etude.campaign.record.stored_models import MIXED, ingested_samples
 from etude.codes import Warn
 from etude.errors import DataError, StopRuleReached
 
@@ -128,7 +127,7 @@ def test_the_same_facts_ask_and_learn_the_same(learned: Campaign, tmp_path: Path
     """Two copies of a campaign design the same trajectory, to the last bit."""
     import shutil
 
-    from etude.campaign.record.folder import open_campaign
+    from etude.campaign import open_campaign
 
     texts = []
     for name in ("a", "b"):
@@ -142,7 +141,7 @@ def test_the_same_facts_ask_and_learn_the_same(learned: Campaign, tmp_path: Path
 def test_the_gain_of_the_designed_trajectory_can_stop(learned: Campaign, tmp_path: Path) -> None:
     import shutil
 
-    from etude.campaign.record.folder import open_campaign
+    from etude.campaign import open_campaign
 
     shutil.copytree(learned.path, tmp_path / "lab")
     path = tmp_path / "lab" / "campaign.toml"

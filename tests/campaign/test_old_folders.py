@@ -14,11 +14,11 @@ from pathlib import Path
 
 import pytest
 
+from etude.campaign import open_campaign
 from etude.campaign.evaluate.status import status
 from etude.campaign.ingest.ingest_many import tell
 from etude.campaign.propose.ask import ask
 from etude.campaign.record.events import FACTS, Evaluated, from_json, plain, to_json
-from etude.campaign.record.folder import open_campaign
 from etude.campaign.record.stored_models import load_model
 
 FIXTURES = Path(__file__).parent / "fixtures"

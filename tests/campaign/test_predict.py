@@ -17,7 +17,7 @@ from etude.campaign.deployment.model_export import export, given
 from etude.campaign.record.stored_files import MARK
 from etude.cli import main
 from etude.errors import EtudeError, UsageError
-from etude.trajectories.json_text import from_json
+from etude.trajectories import from_json
 from etude.types import Delivered
 
 

@@ -12,6 +12,7 @@ from small_robot import command_of, make_campaign, random_motion, write_log
 from test_changed_robot import CHANGES, write_changed
 from test_learning import CONFIG
 
+from etude.campaign import Campaign, newest_model, open_campaign, stored_trajectory
 from etude.campaign.deployment.monitor import watch
 from etude.campaign.deployment.predict import check_table, predict, write_table
 from etude.campaign.deployment.promote import promote, rollback
@@ -21,18 +22,15 @@ from etude.campaign.ingest.ingest_many import tell
 from etude.campaign.record.confirmation import SPREAD
 from etude.campaign.record.deployed_model import deployed_model, pinned
 from etude.campaign.record.events import Promoted
-from etude.campaign.record.folder import Campaign, open_campaign
 from etude.campaign.record.journal import read_events
-from etude.campaign.record.stored_files import stored_trajectory
-from etude.campaign.record.stored_models import newest_model
 from etude.cli import main
 from etude.codes import Refusal
 from etude.errors import DataError, UsageError
 from etude.progress import watched
-from etude.report.markup import number
+from etude.report import number
 from etude.report.record import read_record
 from etude.report.sections.rounds import confirmation
-from etude.trajectories.moves import PointToPoint
+from etude.trajectories import PointToPoint
 from etude.types import Motion
 
 

@@ -6,20 +6,17 @@ import numpy as np
 import pytest
 
 from certificate_schema import valid
+from etude.campaign import create_campaign, open_campaign, simulate, stored_trajectory
 from etude.campaign import simulation as simulating
-from etude.campaign.create import create_campaign
 from etude.campaign.evaluate.status import status
 from etude.campaign.ingest.tell import tell
 from etude.campaign.propose.ask import ask
 from etude.campaign.record.controls import asked_under
-from etude.campaign.record.folder import open_campaign
-from etude.campaign.record.stored_files import stored_trajectory
 from etude.campaign.record.stored_models import ingested_samples, load_model
-from etude.campaign.simulation import simulate
 from etude.errors import DataError, UsageError
-from etude.limits.certificate import certify
-from etude.logs.readers.log_file import read_log_file, write_log
-from etude.models.selection.linear import LinearPhysics
+from etude.limits import certify
+from etude.logs import read_log_file, write_log
+from etude.models import LinearPhysics
 
 QUICK = {
     "duration = 15.0": "duration = 12.0",

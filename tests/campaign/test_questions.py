@@ -10,13 +10,13 @@ import pytest
 from small_robot import random_motion, stub_learner, write_log
 
 import etude
+from etude.campaign import Campaign
 from etude.campaign.ingest.ingest_result import Told
 from etude.campaign.ingest.ingest_result import read as read_told
 from etude.campaign.ingest.tell import tell
-from etude.campaign.record.folder import Campaign
 from etude.cli import main
 from etude.errors import DataError, UsageError
-from etude.logs.readers.log_file import read_log_file
+from etude.logs import read_log_file
 
 
 def told(campaign: Campaign, path: Path, **answers: tuple[str, ...]) -> Told:

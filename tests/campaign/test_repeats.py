@@ -10,19 +10,18 @@ import numpy as np
 import pytest
 from small_robot import make_campaign, random_motion, stub_learner, write_log
 
+from etude.campaign import Campaign, open_campaign, stored_trajectory
 from etude.campaign.evaluate.status import status
 from etude.campaign.ingest.ingest_result import Told
 from etude.campaign.ingest.tell import CHECK, planned_states, share_within, tell
 from etude.campaign.propose.ask import ask
 from etude.campaign.record.events import Asked, Exported
-from etude.campaign.record.folder import Campaign, open_campaign
-from etude.campaign.record.stored_files import stored_trajectory
 from etude.campaign.record.stored_models import ingested_samples
 from etude.campaign.training import _scores
 from etude.cli.status import _lines as lines
-from etude.logs.readers.log_file import read_log_file
+from etude.logs import read_log_file
 from etude.protocols import Trajectory
-from etude.trajectories.json_text import from_json
+from etude.trajectories import from_json
 
 QUICK = "[design]\nfirst = 'random'\ncandidates = 4\nrefine = 0\npoints = 20\nreference_points = 30\n"
 CONFIG = "[trajectory]\nduration = 12.0\n[data]\ncutoff_hz = 5.0\n" + QUICK

@@ -10,22 +10,20 @@ import polars as pl
 import pytest
 
 from etude import plugins
+from etude.campaign import Campaign, create_campaign, open_campaign, simulate
 from etude.campaign import simulation as module
+from etude.campaign import test_motions as motions_of
 from etude.campaign import training as learning
-from etude.campaign.create import create_campaign
 from etude.campaign.ingest import tell as telling
 from etude.campaign.ingest.ingest_many import tell
 from etude.campaign.propose import ask as asking
 from etude.campaign.propose.motions import typical_motions
 from etude.campaign.record.events import Asked, Trained
-from etude.campaign.record.folder import Campaign, open_campaign
 from etude.campaign.record.state import CHANGED
-from etude.campaign.simulation import simulate
-from etude.campaign.simulation import test_motions as motions_of
 from etude.campaign.training import TrainingOutcome
 from etude.cli import main
 from etude.errors import UsageError
-from etude.limits.certificate import certify
+from etude.limits import certify
 from etude.protocols import Controller, Model
 from etude.types import Finding
 from etude_arm import motions as arm_motions

@@ -9,6 +9,7 @@ import pytest
 from small_robot import make_campaign
 
 from certificate_schema import valid
+from etude.campaign import stored_trajectory
 from etude.campaign.propose.ask import ask
 from etude.campaign.propose.proposal import (
     NO_TIME,
@@ -19,12 +20,11 @@ from etude.campaign.propose.proposal import (
     teaches_little,
     visited_by,
 )
-from etude.campaign.record.stored_files import stored_trajectory
 from etude.cli.ask import Ask
 from etude.codes import Warn
 from etude.protocols import Trajectory
 from etude.report.build import build_report
-from etude.trajectories.fourier import FourierTrajectory
+from etude.trajectories import FourierTrajectory
 
 QUICK = "[design]\ncandidates = 4\nrefine = 1\nsteps = 3\npoints = 20\nreference_points = 30\n"
 CONFIG = "[trajectory]\nduration = 30.0\n" + QUICK

@@ -6,7 +6,7 @@ import re
 from pathlib import Path
 
 from etude import plugins
-from etude.campaign.record.config import CampaignConfig, preset_config
+from etude.campaign import CampaignConfig, preset_config
 from etude.campaign.record.config_file import parse_config
 
 PAGE = (Path(__file__).parents[2] / "docs" / "thesis_settings.md").read_text(encoding="utf-8")

@@ -26,7 +26,7 @@ sys.path[:0] = [str(Path(__file__).parents[1] / "logs")]
 from log_examples import CHANNELS, FLIGHT_RATE, JOINTS, LIMITS, RATE, Sines, make_log, vector
 
 from etude.errors import EtudeError
-from etude.logs.cleaning.read import read_log
+from etude.logs import read_log
 from etude.types import Channel
 
 TOKENS = (b",", b"\n", b'"', b"nan", b"1e308", b"[", b"\0", b"\xff", b"#", b"9" * 400, b"\t", b"t", b"")

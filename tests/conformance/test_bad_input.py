@@ -11,20 +11,13 @@ import pytest
 
 from etude import plugins
 from etude.errors import DataError, EtudeError, NumericalError, UsageError
-from etude.models.config import ModelConfig
+from etude.models import ExactGP, LearnedModel, ModelConfig, SquaredExponential, select_structures
 from etude.models.gp.bayesian_linear import BayesianLinear
 from etude.models.gp.cholesky import JitterWarning, factorise
-from etude.models.gp.exact import ExactGP
 from etude.models.gp.inducing import InducingGP
-from etude.models.gp.kernels import SquaredExponential
 from etude.models.members import member_named
-from etude.models.model import LearnedModel
-from etude.models.selection.model_selection import select_structures
 from etude.types import Array, Channel, Column, Log, Samples
-from etude_sparse.dictionary import DictionaryConfig, DictionaryGP
-from etude_sparse.downsampling import DownsampledGP
-from etude_sparse.sogp import SOGP
-from etude_sparse.sparse_spectrum import SparseSpectrumGP
+from etude_sparse import SOGP, DictionaryConfig, DictionaryGP, DownsampledGP, SparseSpectrumGP
 
 MEMBERS = {name: member_named(name) for name in plugins.BUILT_IN["etude.models"] if name != "all_lin"}
 """Those that learn commands one by one."""

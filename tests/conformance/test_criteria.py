@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from etude import plugins
+from etude.design import Criterion, Output, Score, evaluate
 from etude.design.config import GROUP
-from etude.design.criteria import Criterion, Output, Score, criterion_named, evaluate, needs_of, value_of
+from etude.design.criteria import criterion_named, needs_of, value_of
 from etude.design.score import PlainBatch
 from etude.errors import UsageError
-from etude.models.gp.exact import ExactGP
-from etude.models.gp.kernels import structured
+from etude.models import ExactGP, structured
 from etude.protocols import Posterior
 from etude.testing import CriterionSuite
 

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
+from etude.campaign import open_campaign
 from etude.campaign.deployment.model_export import bounded_motion
-from etude.campaign.record.folder import open_campaign
 from etude.cli import main
 from etude.errors import UsageError
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from etude.errors import UsageError
-from etude.models.gp.kernels import Kernel, Linear, SquaredExponential, structured
+from etude.models import Kernel, Linear, SquaredExponential, structured
 from etude_lagrangian.joints import Joints
 from etude_lagrangian.kernel import Lagrangian, gip_lin
 

@@ -15,14 +15,13 @@ import polars as pl
 import pytest
 
 from etude import cli
-from etude.campaign.create import create_campaign
+from etude.campaign import Campaign, create_campaign, open_campaign
 from etude.campaign.evaluate.status import status
 from etude.campaign.ingest.tell import tell
 from etude.campaign.propose.ask import ask
-from etude.campaign.record.folder import Campaign, open_campaign
 from etude.campaign.record.journal import chained
 from etude.campaign.record.known_faults import FAULTS
-from etude.trajectories.json_text import from_json
+from etude.trajectories import from_json
 
 URDF = """<robot name="two">
 <link name="ROOT"/>

@@ -11,15 +11,13 @@ import pytest
 from etude.deploy.feedforward import Commanded
 from etude.deploy.playback_certificate import certify_played, played
 from etude.errors import UnsafeTrajectoryError
-from etude.limits.certificate import Certificate, slack
-from etude.limits.feasible import FeasibleSet
+from etude.limits import AxisLimit, Certificate, FeasibleSet, boundary
+from etude.limits.certificate import slack
 from etude.limits.lead_ins import at_rest
-from etude.limits.library import AxisLimit
-from etude.limits.samplers import boundary
 from etude.protocols import Limit
 from etude.types import Array
+from etude_quadrotor import KIND
 from etude_quadrotor.export.offboard import NED, OFFBOARD
-from etude_quadrotor.kind import KIND
 from etude_quadrotor.motions import FlightConfig, flight_family, home, limits
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "foreign"))

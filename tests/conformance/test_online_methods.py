@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from etude.errors import DataError, UsageError
-from etude.models.gp.exact import ExactGP, ExactPosterior
-from etude.models.gp.kernels import SquaredExponential, structured
-from etude_online.learner import OnlineConfig, OnlineOutput
+from etude.models import ExactGP, ExactPosterior, SquaredExponential, structured
+from etude_online import OnlineConfig
+from etude_online.learner import OnlineOutput
 from etude_online.methods import METHODS, begin
 
 D = 8

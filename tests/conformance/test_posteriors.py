@@ -11,20 +11,14 @@ import numpy as np
 import pytest
 
 from etude.errors import UsageError
+from etude.models import ExactGP, Form, Kernel, SquaredExponential, structured
 from etude.models.gp.bayesian_linear import BayesianLinear
-from etude.models.gp.exact import ExactGP
-from etude.models.gp.inducing import Form, InducingGP
-from etude.models.gp.kernels import Kernel, SquaredExponential, structured
+from etude.models.gp.inducing import InducingGP
 from etude.models.gp.shared_exact import condition_shared
 from etude.protocols import Posterior
 from etude_lagrangian.kernel import gip_lin
-from etude_sparse.dictionary import DictionaryConfig, DictionaryGP
-from etude_sparse.downsampling import DownsampledGP
+from etude_sparse import LWPR, SOGP, DictionaryConfig, DictionaryGP, DownsampledGP, LocalGP, SparseSpectrumGP
 from etude_sparse.incremental_spectrum import IncrementalSpectrum
-from etude_sparse.local import LocalGP
-from etude_sparse.lwpr.regression import LWPR
-from etude_sparse.sogp import SOGP
-from etude_sparse.sparse_spectrum import SparseSpectrumGP
 
 D = 8
 COLUMNS = [

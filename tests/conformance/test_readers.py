@@ -15,7 +15,7 @@ import pytest
 from damage import damaged
 
 from etude.errors import DataError
-from etude.logs.cleaning.read import read_log
+from etude.logs import read_log
 from etude.logs.readers.registry import READERS, read_csv, read_parquet, read_raw
 from etude.testing import ReaderSuite
 from etude.types import Channel

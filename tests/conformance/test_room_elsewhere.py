@@ -9,10 +9,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from etude.limits.certificate import certify
-from etude.limits.feasible import FeasibleSet
-from etude.limits.samplers import uniform
-from etude_quadrotor.kind import KIND
+from etude.limits import FeasibleSet, certify, uniform
+from etude_quadrotor import KIND
 from etude_quadrotor.motions import FlightConfig
 
 ROBOT = Path(__file__).parents[2] / "examples" / "px4" / "px4_quad.toml"

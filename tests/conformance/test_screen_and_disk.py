@@ -21,23 +21,22 @@ import polars as pl
 import pytest
 
 from etude import cli, plugins
-from etude.campaign.create import create_campaign
+from etude.campaign import Campaign, create_campaign, open_campaign
 from etude.campaign.deployment.predict import predict
 from etude.campaign.deployment.promote import promote
 from etude.campaign.evaluate.status import status
 from etude.campaign.ingest.tell import tell
 from etude.campaign.propose.ask import Proposal, ask
 from etude.campaign.propose.constraints import Constraints, constraints_then
-from etude.campaign.record.folder import Campaign, open_campaign
 from etude.campaign.record.journal import damaged_files, read_events
 from etude.codes import Notice, OfFile
 from etude.deploy.playback_certificate import certify_played
 from etude.errors import EtudeError, UnsafeTrajectoryError, UsageError
-from etude.limits.certificate import Certificate, certify
+from etude.limits import Certificate, certify
 from etude.protocols import Trajectory
 from etude.report.build import render
 from etude.report.record import read_record
-from etude.trajectories.json_text import from_json
+from etude.trajectories import from_json
 
 URDF = """<robot name="two">
 <link name="base"/>

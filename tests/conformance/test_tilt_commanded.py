@@ -9,12 +9,10 @@ import pytest
 
 from etude.deploy.feedforward import Commanded, within_tilt
 from etude.deploy.playback_certificate import certify_played
-from etude.limits.certificate import certify
-from etude.limits.feasible import FeasibleSet
+from etude.limits import FeasibleSet, boundary, certify
 from etude.limits.lead_ins import at_rest
-from etude.limits.samplers import boundary
+from etude_quadrotor import KIND
 from etude_quadrotor.export.offboard import NED, OFFBOARD
-from etude_quadrotor.kind import KIND
 from etude_quadrotor.motions import FlightConfig, flight_family, home, limits
 
 ROBOT = Path(__file__).parents[2] / "examples" / "px4" / "px4_quad.toml"

@@ -7,16 +7,10 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from etude.limits.certificate import certify
-from etude.limits.feasible import FeasibleSet
-from etude.limits.library import AxisLimit
-from etude.limits.samplers import scaled
+from etude.limits import AxisLimit, FeasibleSet, certify, scaled
+from etude.trajectories import FourierConfig, FourierFamily, PointToPoint, Splined, from_json, random_moves
 from etude.trajectories.chain import chained
 from etude.trajectories.extremes import riesz_range
-from etude.trajectories.family import FourierConfig, FourierFamily
-from etude.trajectories.json_text import from_json
-from etude.trajectories.moves import PointToPoint, random_moves
-from etude.trajectories.splined import Splined
 
 NAMES = ("a", "b")
 LOWER, UPPER = np.array([-1.0, 0.1]), np.array([0.5, 2.0])

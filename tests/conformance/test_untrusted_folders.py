@@ -14,11 +14,9 @@ import numpy as np
 import pytest
 
 from etude import cli, plugins
-from etude.campaign.create import create_campaign
-from etude.campaign.record.folder import open_campaign
+from etude.campaign import create_campaign, open_campaign
 from etude.errors import EtudeError, UsageError
-from etude.models import store
-from etude.models.gp.kernels import SquaredExponential
+from etude.models import SquaredExponential, store
 from etude.toml_tables import toml_value
 
 CANARY = "canary_in_the_folder"

@@ -15,14 +15,13 @@ import pytest
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
-from etude.campaign.create import create_campaign
+from etude.campaign import Campaign, create_campaign
 from etude.campaign.deployment.predict import write_table
-from etude.campaign.record.folder import Campaign
 from etude.deploy.trajectory_files import csv_bytes, read_table
 from etude.errors import UsageError
 from etude.logs.cleaning.read import matched_log
 from etude.logs.readers.cells import FORMULA, header_row, restored, text_cell
-from etude.trajectories.moves import PointToPoint
+from etude.trajectories import PointToPoint
 from etude.types import Channel, Log
 
 ROBOT = """name = "pair"

@@ -8,10 +8,9 @@ from typing import Any
 import numpy as np
 
 from etude import plugins
-from etude.models.config import ModelConfig
-from etude.models.gp.kernels import Kernel, SquaredExponential, ard_se, standing, structured
+from etude.models import Kernel, LearnedModel, ModelConfig, SquaredExponential, ard_se, structured
+from etude.models.gp.kernels import standing
 from etude.models.members import member_named
-from etude.models.model import LearnedModel
 from etude.models.process import Silent
 from etude.protocols import Candidate, FitData
 from etude.types import Array, Log, Samples
@@ -178,7 +177,7 @@ def quadrotor_model(
     name: str, *, physics: str = "identified", points: int = 40, spec: Any = None
 ) -> LearnedModel:
     """A process on what physics leave, for all commands at once."""
-    from etude_quadrotor.inputs import QuadrotorInputs
+    from etude_quadrotor import QuadrotorInputs
 
     spec = spec or quadrotor_spec(name)
     inputs = QuadrotorInputs()

@@ -24,17 +24,14 @@ from c_models import (
 )
 
 from compilers import FAST, STRICT, run, tool
-from etude.deploy.c99.header import CForm
+from etude.deploy import CForm, c_files
 from etude.deploy.c99.plan import identifier, identifiers
 from etude.deploy.c99.self_test import answered, golden
 from etude.deploy.c99.source import numbers, prelude
-from etude.deploy.c99.target import C99, c_files, single
+from etude.deploy.c99.target import C99, single
 from etude.errors import UsageError
-from etude.models.gp.exact import posterior_given
-from etude.models.gp.kernels import SquaredExponential
+from etude.models import LearnedModel, Posteriors, SquaredExponential, posterior_given
 from etude.models.gp.plugin_kernel import PluginKernel
-from etude.models.model import LearnedModel
-from etude.models.process import Posteriors
 from etude.protocols import Candidate
 from etude.types import Delivered
 from etude_quadrotor.physics.linear_inverse import identify_linear
@@ -366,9 +363,8 @@ def test_the_cmake_file_builds_the_library_and_runs_its_test(model: LearnedModel
 @pytest.mark.slow
 def test_in_the_loop_it_tracks_like_the_model(tmp_path: Path) -> None:
     """A model learned from the simulated arm, in the loop as C (-ffast-math) and as Python."""
-    from etude.campaign.create import create_campaign
+    from etude.campaign import create_campaign, simulate
     from etude.campaign.record.stored_models import load_model
-    from etude.campaign.simulation import simulate
 
     campaign, _ = create_campaign(tmp_path / "lab", "arm4", seed=1)
     list(simulate(campaign, rounds=1))

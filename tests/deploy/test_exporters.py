@@ -17,10 +17,10 @@ from etude.deploy.exporters.knots import grid_of
 from etude.deploy.feedforward import Commanded
 from etude.deploy.playback_certificate import certify_played
 from etude.errors import UnsafeTrajectoryError, UsageError
-from etude.limits.library import AxisLimit
+from etude.limits import AxisLimit
 from etude.testing import ExporterSuite
 from etude.testing.world import World, world
-from etude.trajectories.moves import PointToPoint
+from etude.trajectories import PointToPoint
 from etude_quadrotor.export.poly4d import PIECES
 
 ARM, VEHICLE = (plugins.load("etude.robots", name) for name in ("arm", "quadrotor"))
@@ -68,7 +68,7 @@ def moves(axes: int, speed: float = 1.0, reach: float = 1.0) -> PointToPoint:
 
 def spec(*names: str) -> Any:
     """A robot of joints with these names."""
-    from etude_arm.spec import ArmSpec, Axis
+    from etude_arm import ArmSpec, Axis
 
     axes = tuple(Axis(name, -2.0, 2.0, 3.0, 30.0, 5.0) for name in names)
     return ArmSpec("named", axes, "N m", 100.0)

@@ -15,7 +15,7 @@ from etude.deploy.c99.plan import planned
 from etude.deploy.model_states import log_of
 from etude.errors import UsageError
 from etude.types import Array, Motion
-from etude_quadrotor.controller import FlightFeedforward
+from etude_quadrotor import FlightFeedforward
 from etude_quadrotor.export.autopilot import CRAZYFLIE, PX4
 from etude_quadrotor.flatness import flat_motion
 from etude_quadrotor.physics.drag import _fitted

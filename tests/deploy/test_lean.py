@@ -14,7 +14,7 @@ from c_models import QUADROTOR, quadrotor_model
 from compilers import run, tool
 from etude.deploy.c99.target import C99
 from etude.types import Array, Motion
-from etude_quadrotor.controller import FlightFeedforward
+from etude_quadrotor import FlightFeedforward
 from etude_quadrotor.physics.drag import _fitted
 
 ROOT = Path(__file__).parents[2]

@@ -12,15 +12,13 @@ import numpy as np
 import pytest
 
 from etude import plugins
-from etude.campaign.record.config import preset_config
+from etude.campaign import preset_config
 from etude.errors import DataError, UsageError
-from etude.models.config import ModelConfig
-from etude.models.selection.model_selection import select_structures
+from etude.models import ModelConfig, select_structures
 from etude.progress import watched
-from etude_online import online_folder
-from etude_online.learner import OnlineConfig
+from etude_online import OnlineConfig, online_folder, open_online
 from etude_online.online_folder import HASHES, ONLINE, OnlineOptions, write
-from etude_online.runtime import Deployed, open_online
+from etude_online.runtime import Deployed
 
 KIND = plugins.load("etude.robots", "arm")
 PATH = KIND.built_in()["arm4"]

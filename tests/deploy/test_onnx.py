@@ -20,19 +20,13 @@ from c_models import (
     quadrotor_spec,
 )
 
-from etude.deploy.c99.header import CForm
-from etude.deploy.c99.target import c_files
+from etude.deploy import CForm, c_files, parts_of, taken_by, written
 from etude.deploy.onnx import target
-from etude.deploy.onnx.model_graph import parts_of, written
-from etude.deploy.onnx.target import ONNX, in_turn, taken_by
+from etude.deploy.onnx.target import ONNX, in_turn
 from etude.errors import EtudeError, UsageError
+from etude.models import LearnedModel, LinearPhysics, Posteriors, SquaredExponential, posterior_given
 from etude.models.data.as_log import followed
-from etude.models.gp.exact import posterior_given
-from etude.models.gp.kernels import SquaredExponential
 from etude.models.gp.plugin_kernel import PluginKernel
-from etude.models.model import LearnedModel
-from etude.models.process import Posteriors
-from etude.models.selection.linear import LinearPhysics
 from etude.types import Array, Log
 
 for library in ("onnx", "onnxruntime"):
@@ -54,7 +48,7 @@ def mixed() -> LearnedModel:
 
 
 def fitted(model: LearnedModel, log: Any) -> Array:
-    from etude.models.selection.linear import linear_inputs
+    from etude.models import linear_inputs
 
     X = linear_inputs(model.inputs, model.inputs.of_log(log))
     return np.asarray(np.linalg.lstsq(X, 0.2 * log["command"], rcond=None)[0])

@@ -24,12 +24,13 @@ from etude.deploy.trajectory_files import (
     render,
     table_rate,
 )
-from etude.design.candidates import Source
+from etude.design import Source
 from etude.errors import UnsafeTrajectoryError, UsageError
-from etude.limits.certificate import COLLISIONS, certify
-from etude.models.config import ModelConfig
+from etude.limits import certify
+from etude.limits.certificate import COLLISIONS
+from etude.models import ModelConfig
 from etude.protocols import Kind, Limit, Trajectory
-from etude.trajectories.json_text import from_json
+from etude.trajectories import from_json
 from etude.types import Channel
 
 ROBOT = """\

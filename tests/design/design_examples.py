@@ -9,22 +9,18 @@ from functools import cache
 
 import numpy as np
 
-from etude.models.gp.exact import ExactGP
-from etude.models.gp.kernels import SquaredExponential, structured
+from etude.models import ExactGP, SquaredExponential, structured
 from etude.protocols import Candidate, Inputs, Limit, Posterior
-from etude.trajectories.family import FourierConfig, FourierFamily
-from etude.trajectories.moves import PointToPoint
-from etude_arm import motions
+from etude.trajectories import FourierConfig, FourierFamily, PointToPoint
+from etude_arm import ArmSpec, Axis, motions
 from etude_arm.inputs import ArmInputs
 from etude_arm.physics.base_regressor import BaseRegressor, base_regressors
 from etude_arm.physics.kinematics import KinematicTree
 from etude_arm.physics.rigid_body import RigidBodyModel
 from etude_arm.physics.transmission import joint_drives
-from etude_arm.spec import ArmSpec, Axis
+from etude_quadrotor import QuadrotorInputs, QuadrotorSpec
 from etude_quadrotor import motions as room
-from etude_quadrotor.inputs import QuadrotorInputs
 from etude_quadrotor.motions import FlightConfig
-from etude_quadrotor.spec import QuadrotorSpec
 
 V0 = np.array([0.05, 0.05])
 ARM_FAMILIES = {

@@ -10,11 +10,9 @@ import pytest
 
 from etude.design.candidates import BINS, SLOW, Region, Roam, Roamed, Visited
 from etude.design.chain import near_to_near
-from etude.limits.library import AxisLimit
+from etude.limits import AxisLimit
 from etude.protocols import Family, Trajectory
-from etude.trajectories.family import FourierConfig, FourierFamily
-from etude.trajectories.fourier import FourierTrajectory
-from etude.trajectories.moves import PointToPoint
+from etude.trajectories import FourierConfig, FourierFamily, FourierTrajectory, PointToPoint
 from etude.types import Array, Cone, Motion, Proof, Reachable
 
 NAMES = ("x", "y")

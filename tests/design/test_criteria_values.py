@@ -9,10 +9,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from etude.design.criteria import LOG_FLOOR, Output, Reduction, ivr, log_ivr, mean_variance, value_of
+from etude.design import Output, ivr, mean_variance
+from etude.design.criteria import LOG_FLOOR, Reduction, log_ivr, value_of
 from etude.design.score import batch_of
-from etude.models.gp.exact import ExactGP, ExactPosterior
-from etude.models.gp.kernels import SquaredExponential
+from etude.models import ExactGP, ExactPosterior, SquaredExponential
 
 ONE = np.ones
 

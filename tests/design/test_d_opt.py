@@ -21,12 +21,12 @@ from design_examples import (
 )
 
 from etude import plugins
-from etude.design.config import GROUP, DesignConfig
-from etude.design.criteria import Output, criterion_named, d_opt, evaluate, info_gain, needs_of, value_of
+from etude.design import Design, DesignConfig, Output, design, evaluate
+from etude.design.config import GROUP
+from etude.design.criteria import criterion_named, d_opt, info_gain, needs_of, value_of
 from etude.design.latents import Latent, latents_of, of_parameters
-from etude.design.solve import Design, design
 from etude.errors import UsageError
-from etude.limits.certificate import certify
+from etude.limits import certify
 from etude_arm.physics.base_parameters import base_directions, parameter_scale, spread_states
 from etude_arm.physics.rigid_body import command_regressors
 

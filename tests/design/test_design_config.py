@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import pytest
 
-from etude.design.config import DesignConfig
+from etude.design import DesignConfig
 from etude.errors import UsageError
 
 

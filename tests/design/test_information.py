@@ -10,22 +10,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from etude import plugins
+from etude.design import Output, evaluate
 from etude.design.config import GROUP
-from etude.design.criteria import (
-    Entropy,
-    Output,
-    criterion_named,
-    evaluate,
-    info_gain,
-    mi_region,
-    needs_of,
-    sum_log,
-    value_of,
-)
+from etude.design.criteria import Entropy, criterion_named, info_gain, mi_region, needs_of, sum_log, value_of
 from etude.design.score import RESOLUTION, batch_of
 from etude.errors import UsageError
-from etude.models.gp.exact import ExactGP
-from etude.models.gp.kernels import SquaredExponential
+from etude.models import ExactGP, SquaredExponential
 
 SEEDS = given(st.integers(0, 10**6))
 MANY = settings(max_examples=25, deadline=None)

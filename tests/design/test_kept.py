@@ -17,11 +17,10 @@ from design_examples import (
     differences,
 )
 
-from etude.design.config import DesignConfig
+from etude.design import Design, DesignConfig, design
 from etude.design.nonconvex_limits import NonconvexLimits
-from etude.design.solve import Design, design
 from etude.errors import UnsafeTrajectoryError
-from etude.limits.certificate import certify
+from etude.limits import certify
 from etude.protocols import Family, Trajectory
 from etude.types import Cone, Motion, Proof
 

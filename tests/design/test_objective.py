@@ -18,10 +18,11 @@ from design_examples import (
 )
 
 from etude import plugins
+from etude.design import Objective, Output
 from etude.design.config import GROUP
-from etude.design.criteria import Output, criterion_named
+from etude.design.criteria import criterion_named
 from etude.design.latents import latents_of, planned
-from etude.design.objective import Objective, gains_of, instants, vjp_gains
+from etude.design.objective import gains_of, instants, vjp_gains
 from etude.types import Motion, Planned
 
 NAMES = tuple(plugins.BUILT_IN[GROUP])
@@ -118,9 +119,8 @@ class Remembering:
 def test_inputs_that_remember_see_the_whole_motion() -> None:
     from design_examples import Model, candidate
 
-    from etude.models.gp.exact import ExactGP
-    from etude.models.gp.kernels import SquaredExponential
-    from etude.trajectories.family import FourierConfig, FourierFamily
+    from etude.models import ExactGP, SquaredExponential
+    from etude.trajectories import FourierConfig, FourierFamily
 
     rng, kernel = np.random.default_rng(0), SquaredExponential((0, 1))
     gp = ExactGP(kernel, kernel.initial(np.array([1.0, 30.0]), 1.0), np.log(0.1))

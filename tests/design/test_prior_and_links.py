@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 from design_examples import arm_family, arm_home, arm_inputs, arm_limits, arm_point, arm_spec
 
-from etude.design.chain import cut_short, linked
-from etude.design.latents import NOISE, SIGNAL, prior_latents
-from etude.limits.certificate import certify
-from etude.models.config import ModelConfig
+from etude.design import linked, prior_latents
+from etude.design.chain import cut_short
+from etude.design.latents import NOISE, SIGNAL
+from etude.limits import certify
+from etude.models import ModelConfig
 from etude.types import Motion
 from etude_arm import motions
 

@@ -12,9 +12,9 @@ from design_examples import (
     moves,
 )
 
-from etude.design.objective import reference_states
+from etude.design import reference_states
 from etude.errors import UsageError
-from etude.trajectories.moves import PointToPoint
+from etude.trajectories import PointToPoint
 
 STICK = 0.05
 ONE_EACH = [(0,), (1,)]

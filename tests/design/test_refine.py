@@ -20,15 +20,14 @@ from design_examples import (
 from scipy.optimize import linprog
 
 from etude import plugins
-from etude.design.candidates import Drawn, Source
+from etude.design import Objective, Output, Source, refine
+from etude.design.candidates import Drawn
 from etude.design.config import GROUP
-from etude.design.criteria import Output, criterion_named
+from etude.design.criteria import criterion_named
 from etude.design.latents import latents_of, planned
-from etude.design.objective import Objective, instants
-from etude.design.solve import Search, refine
-from etude.limits.certificate import certify
-from etude.limits.feasible import FeasibleSet
-from etude.limits.samplers import boundary, uniform
+from etude.design.objective import instants
+from etude.design.solve import Search
+from etude.limits import FeasibleSet, boundary, certify, uniform
 
 EVERY = pytest.mark.parametrize("criterion", [n for n in plugins.BUILT_IN[GROUP] if n != "d_opt"])
 KINDS = pytest.mark.parametrize("kind", ["nullspace", "ramp, omega0 drawn", "flight", "flight at rest"])

@@ -20,14 +20,13 @@ from design_examples import (
 )
 
 from etude import plugins
-from etude.design.config import GROUP, DesignConfig
+from etude.design import Design, DesignConfig, Score, design
+from etude.design.config import GROUP
 from etude.design.latents import latents_of
-from etude.design.score import Score
-from etude.design.solve import Design, design
 from etude.errors import UnsafeTrajectoryError, UsageError
 from etude.limits.certificate import certify_bytes
-from etude.models.gp.exact import ExactGP
-from etude.trajectories.moves import PointToPoint
+from etude.models import ExactGP
+from etude.trajectories import PointToPoint
 
 ARM = DesignConfig(candidates=4, refine=2, steps=6, points=25, reference_points=30, random_share=0.0)
 FLIGHT = DesignConfig(
@@ -107,7 +106,7 @@ def test_under_tilt_thrust_and_cylinder() -> None:
 
 
 def test_the_result_is_inside_the_set_to_the_last_bit() -> None:
-    from etude.limits.feasible import FeasibleSet
+    from etude.limits import FeasibleSet
 
     for found, limits, home in (
         (arm("ramp, omega0 drawn"), arm_limits(), arm_home()),

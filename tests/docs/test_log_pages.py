@@ -13,7 +13,7 @@ import pytest
 from test_docs import ROOT, blocks
 
 import etude
-from etude.campaign.record.config_file import CONFIG
+from etude.campaign import CONFIG
 from etude_quadrotor.logs.usd_card import HEADERS
 
 

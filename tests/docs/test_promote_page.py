@@ -8,7 +8,7 @@ import pytest
 from test_docs import ROOT
 from test_log_pages import lines
 
-from etude.campaign.record.folder import open_campaign
+from etude.campaign import open_campaign
 from etude.cli import main
 
 PAGE = ROOT / "docs" / "promote_watch.md"

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from rotorpy_vehicle import NED, Airframe, Cascade, Flight, G, Geometric, fly
 
 from etude.cli import main
-from etude.trajectories.fourier import FourierTrajectory
+from etude.trajectories import FourierTrajectory
 
 Array = NDArray[np.float64]
 

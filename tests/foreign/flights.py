@@ -14,23 +14,19 @@ import numpy as np
 from numpy.typing import NDArray
 from px4_cascade import Body, fly, padded
 
-from etude.campaign.create import create_campaign
+from etude.campaign import Campaign, create_campaign, open_campaign
 from etude.campaign.ingest.tell import tell
 from etude.campaign.propose.approach import there_and_back
 from etude.campaign.propose.ask import ask
-from etude.campaign.record.folder import Campaign, open_campaign
 from etude.deploy.playback_certificate import certify_played
-from etude.limits.certificate import Certificate, certify
-from etude.limits.feasible import FeasibleSet
+from etude.limits import Certificate, FeasibleSet, Ranges, boundary, certify, margins_of, scaled, uniform
 from etude.limits.lead_ins import at_rest
-from etude.limits.samplers import boundary, scaled, uniform
-from etude.limits.tracking import Ranges, TrackingConfig, margins_of
+from etude.limits.tracking import TrackingConfig
 from etude.protocols import Trajectory
-from etude.trajectories.json_text import from_json
+from etude.trajectories import from_json
+from etude_quadrotor import KIND, QuadrotorSpec
 from etude_quadrotor.export.offboard import NED, OFFBOARD
-from etude_quadrotor.kind import KIND
 from etude_quadrotor.motions import FlightConfig, flight_family, home, limits, ways
-from etude_quadrotor.spec import QuadrotorSpec
 
 Array = NDArray[np.float64]
 BEFORE, AFTER, RATE = 10.0, 10.0, 50.0

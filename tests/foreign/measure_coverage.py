@@ -27,7 +27,7 @@ from typing import Any
 import numpy as np
 from coverage_ruler import ruler_of_campaign, swept
 
-from etude.trajectories.json_text import from_json
+from etude.trajectories import from_json
 
 ARMS: dict[str, tuple[str, tuple[str, ...]]] = {
     "ur5": ("ur_description/urdf/ur5_robot.urdf", ()),

@@ -32,7 +32,7 @@ from flight_lab import (  # noqa: E402
 from onboard import onboard  # noqa: E402
 from rotorpy_vehicle import Airframe, Cascade, Flight, Geometric, exact_acceleration, fly  # noqa: E402
 
-from etude.trajectories.fourier import FourierTrajectory  # noqa: E402
+from etude.trajectories import FourierTrajectory  # noqa: E402
 
 SEEDS, FLIGHTS = (0, 1, 2), 2
 MOTIONS = ("eight", "loops", "random")

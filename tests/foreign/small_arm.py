@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from etude.campaign.create import create_campaign
-from etude.campaign.record.folder import Campaign, open_campaign
+from etude.campaign import Campaign, create_campaign, open_campaign
 
 LINK = """<link name="{name}"><inertial><origin xyz="{x} 0 {z}"/><mass value="{mass}"/>
 <inertia ixx="{i}" iyy="{i}" izz="{i}" ixy="0" ixz="0" iyz="0"/></inertial></link>"""

@@ -22,12 +22,12 @@ from small_arm import URDF, campaign_of_small_arm  # noqa: E402
 from trajectory_controller import Parameters, message_of, play  # noqa: E402
 
 from compilers import tool  # noqa: E402
+from etude.campaign import Campaign  # noqa: E402
 from etude.campaign.deployment.model_export import export  # noqa: E402
 from etude.campaign.deployment.predict import predict  # noqa: E402
 from etude.campaign.ingest.tell import tell  # noqa: E402
 from etude.campaign.propose.ask import ask  # noqa: E402
-from etude.campaign.record.folder import Campaign  # noqa: E402
-from etude.trajectories.json_text import from_json  # noqa: E402
+from etude.trajectories import from_json  # noqa: E402
 
 GAIN = 0.6
 """Part of the tracking error under feedback and the file's gravity that the learned command may leave."""

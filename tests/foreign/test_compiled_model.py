@@ -12,6 +12,7 @@ import pytest
 from numpy.typing import NDArray
 
 from etude.errors import UnsafeModelError
+from etude_arm import ArmSpec
 from etude_arm.clearance.distances import CUTOFF
 from etude_arm.clearance.pairs import gaps_of
 from etude_arm.clearance.surroundings import Box, Collision, Floor, Surroundings
@@ -24,7 +25,6 @@ from etude_arm.physics.geometry import read_geometry
 from etude_arm.physics.kinematics import body_motion
 from etude_arm.physics.newton_euler import nominal_commands
 from etude_arm.rehearsal.robot import rehearsed
-from etude_arm.spec import ArmSpec
 
 PACKAGE = "cmeel.prefix/share/example-robot-data/robots"
 ARMS = {

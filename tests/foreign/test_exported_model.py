@@ -28,7 +28,7 @@ from pinocchio_arm import run as play
 
 import etude
 from etude.types import Motion
-from etude_online.runtime import open_online
+from etude_online import open_online
 
 pytestmark = pytest.mark.filterwarnings("error")
 UNTRAINED = 4

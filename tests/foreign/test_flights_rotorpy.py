@@ -15,7 +15,7 @@ from onboard import onboard
 from rotorpy_vehicle import Airframe, Array, Cascade, Geometric, fly
 
 from etude import plugins
-from etude.trajectories.json_text import from_json
+from etude.trajectories import from_json
 
 FRAME = Airframe(curve=1.0)
 

@@ -20,7 +20,7 @@ from pinocchio_arm import Array, pin  # noqa: E402
 
 import etude  # noqa: E402
 from etude.cli import main  # noqa: E402
-from etude_online.runtime import open_online  # noqa: E402
+from etude_online import open_online  # noqa: E402
 
 WALL = (0.0, np.pi / 2, 0.3)
 """Roll, pitch and yaw of the base."""

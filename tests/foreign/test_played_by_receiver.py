@@ -14,8 +14,8 @@ from trajectory_controller import Parameters, Played, message_of, play
 
 from certificate_schema import valid
 from etude import plugins
+from etude.campaign import Campaign
 from etude.campaign.propose.ask import Proposal, ask
-from etude.campaign.record.folder import Campaign
 
 pytestmark = pytest.mark.filterwarnings("error")
 NAMES = [name for name in plugins.names("etude.exporters") if name not in FLOWN]

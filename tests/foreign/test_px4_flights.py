@@ -13,7 +13,7 @@ import pytest
 from flights import RATE, Planned, asked, left, planned, proposed, robot_file, vehicle
 from px4_cascade import Body, fly, padded
 
-from etude.campaign.record.folder import open_campaign
+from etude.campaign import open_campaign
 from etude.logs.alignment.tracking_errors import tracked
 from etude.types import Channel, Log
 from etude_quadrotor.export.offboard import NED

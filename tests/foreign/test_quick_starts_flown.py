@@ -11,9 +11,9 @@ import pytest
 from flights import AFTER, BEFORE, RATE, rows_of
 from px4_cascade import fly, padded
 
-from etude.campaign.record.folder import open_campaign
+from etude.campaign import open_campaign
 from etude.cli import main
-from etude.trajectories.json_text import from_json
+from etude.trajectories import from_json
 from etude_quadrotor.export.offboard import NED
 from etude_quadrotor.export.poly4d import POLY4D
 

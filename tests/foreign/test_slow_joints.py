@@ -12,9 +12,9 @@ plant = pytest.importorskip("pinocchio_arm", reason="pinocchio has no wheel for 
 
 from small_arm import URDF, campaign_of_small_arm  # noqa: E402
 
+from etude.campaign import Campaign  # noqa: E402
 from etude.campaign.deployment.predict import predict  # noqa: E402
 from etude.campaign.ingest.tell import tell  # noqa: E402
-from etude.campaign.record.folder import Campaign  # noqa: E402
 from etude.campaign.record.stored_models import ingested_samples, stored_log  # noqa: E402
 
 CREEP = 0.03

@@ -18,7 +18,6 @@ SOURCE = Path(__file__).parents[2] / "src"
 FIRST_FILE = 400
 """Lines of `protocols`: read in ten minutes."""
 FOREIGN = {
-    "etude/_runtime/scipy_parts.py": "SciPy's extension modules, whose functions differ between versions",
     "etude/plugins.py": "typing's mark of a protocol",
     "etude/design/score.py": "name and module of a criterion, which may be any callable",
     "etude/logs/readers/ros_messages.py": "messages of ROS, made from their definitions",

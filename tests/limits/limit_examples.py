@@ -6,10 +6,9 @@ import math
 
 import numpy as np
 
-from etude.limits.feasible import FeasibleSet
-from etude.limits.library import AxisLimit, NormLimit, TiltLimit
+from etude.limits import AxisLimit, FeasibleSet, NormLimit, TiltLimit
 from etude.protocols import Limit
-from etude.trajectories.family import FourierConfig, FourierFamily
+from etude.trajectories import FourierConfig, FourierFamily
 
 GRAVITY = 9.81
 LEAST_LIFT = 0.3

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from etude.limits.feasible import Block, FeasibleSet
-from etude.limits.samplers import uniform
+from etude.limits import FeasibleSet, uniform
+from etude.limits.feasible import Block
 from etude.types import Cone
 
 

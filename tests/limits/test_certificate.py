@@ -10,21 +10,17 @@ from limit_examples import ARM_CONFIGS, arm, feasible_arm, flights, middle, room
 from certificate_schema import valid
 from etude.codes import Notice, Warn
 from etude.errors import UnsafeTrajectoryError
+from etude.limits import AxisLimit, Certificate, NormLimit, certify, scaled
 from etude.limits.certificate import (
     ALL,
     VERSION,
-    Certificate,
-    certify,
     certify_bytes,
     facts_of,
     require_certified,
     slack,
     utilization,
 )
-from etude.limits.library import AxisLimit, NormLimit
-from etude.limits.samplers import scaled
-from etude.trajectories.fourier import FourierTrajectory
-from etude.trajectories.moves import PointToPoint, random_moves
+from etude.trajectories import FourierTrajectory, PointToPoint, random_moves
 from etude.types import Proof
 
 

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from etude.errors import UsageError
-from etude.limits.certificate import COMMANDS, certify, slack
+from etude.limits import certify
+from etude.limits.certificate import COMMANDS, slack
 from etude.limits.commands import (
     AMPLE,
     CLOSE,
@@ -22,8 +23,7 @@ from etude.limits.commands import (
     by_model,
     kept_at,
 )
-from etude.trajectories.fourier import FourierTrajectory
-from etude.trajectories.splined import Splined
+from etude.trajectories import FourierTrajectory, Splined
 from etude.types import Array, Motion
 
 NAMES = ("a", "b")

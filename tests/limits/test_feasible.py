@@ -5,11 +5,10 @@ import pytest
 from limit_examples import ARM_CONFIGS, arm, feasible_arm, flights, middle, room
 
 from etude.errors import UnsafeTrajectoryError
-from etude.limits.certificate import certify, require_certified
-from etude.limits.feasible import FeasibleSet, check_room, still_at
-from etude.limits.library import AxisLimit, NormLimit
-from etude.limits.samplers import boundary, uniform
-from etude.trajectories.family import FourierConfig, FourierFamily
+from etude.limits import AxisLimit, FeasibleSet, NormLimit, boundary, certify, uniform
+from etude.limits.certificate import require_certified
+from etude.limits.feasible import check_room, still_at
+from etude.trajectories import FourierConfig, FourierFamily
 
 EVERY_ARM = pytest.mark.parametrize("config", ARM_CONFIGS.values(), ids=ARM_CONFIGS.keys())
 

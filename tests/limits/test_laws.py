@@ -6,12 +6,9 @@ import numpy as np
 import pytest
 from limit_examples import ARM_CONFIGS, FLIGHTS, GRAVITY, ROOMS, arm, flights, middle, room
 
-from etude.limits.certificate import certify, certify_bytes, slack, utilization
-from etude.limits.feasible import FeasibleSet
-from etude.limits.library import AxisLimit, NormLimit, TiltLimit
-from etude.limits.samplers import boundary, scaled, uniform
-from etude.trajectories.family import FourierConfig, FourierFamily
-from etude.trajectories.fourier import FourierTrajectory
+from etude.limits import AxisLimit, FeasibleSet, NormLimit, TiltLimit, boundary, certify, scaled, uniform
+from etude.limits.certificate import certify_bytes, slack, utilization
+from etude.trajectories import FourierConfig, FourierFamily, FourierTrajectory
 from etude.types import Motion
 
 EVERY_ARM = pytest.mark.parametrize("config", ARM_CONFIGS.values(), ids=ARM_CONFIGS.keys())

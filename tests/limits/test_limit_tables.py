@@ -15,8 +15,7 @@ from certificate_schema import valid
 from etude import cli
 from etude.abilities import SupportsBlocking, SupportsBoxes, SupportsDrawing
 from etude.errors import UsageError
-from etude.limits import LipschitzLimit
-from etude.limits.limit_tables import made_limits
+from etude.limits import LipschitzLimit, made_limits
 from etude.limits.lipschitz import extremes
 from etude.plugins import _given
 from etude.protocols import Limit, Trajectory

@@ -8,12 +8,8 @@ import numpy as np
 import pytest
 from limit_examples import GRAVITY, flights, room
 
-from etude.limits.certificate import certify
-from etude.limits.feasible import FeasibleSet
-from etude.limits.library import AxisLimit
-from etude.trajectories.family import FourierConfig, FourierFamily
-from etude.trajectories.fourier import FourierTrajectory
-from etude.trajectories.moves import PointToPoint
+from etude.limits import AxisLimit, FeasibleSet, certify
+from etude.trajectories import FourierConfig, FourierFamily, FourierTrajectory, PointToPoint
 
 NAMES = ("a", "b")
 ARM = (

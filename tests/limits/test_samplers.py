@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 from limit_examples import ARM_CONFIGS, ROOMS, arm, feasible_arm, flights, middle, room
 
-from etude.limits.certificate import certify
-from etude.limits.feasible import FeasibleSet
-from etude.limits.samplers import SAMPLERS, amplitude, boundary, scaled, timid, uniform
+from etude.limits import SAMPLERS, FeasibleSet, boundary, certify, scaled, timid, uniform
+from etude.limits.samplers import amplitude
 
 EVERY_ARM = pytest.mark.parametrize("config", ARM_CONFIGS.values(), ids=ARM_CONFIGS.keys())
 

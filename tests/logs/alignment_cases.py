@@ -9,7 +9,7 @@ from robot_limits import ROBOTS, Robot
 
 from etude.errors import DataError
 from etude.logs.alignment.alignment import align
-from etude.trajectories.fourier import FourierTrajectory
+from etude.trajectories import FourierTrajectory
 from etude.types import Array, Log
 
 TEN = (

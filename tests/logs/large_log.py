@@ -31,7 +31,7 @@ def write(path: Path, digits: int) -> None:
 
 def read(path: Path) -> int:
     """Rows of the log."""
-    from etude.logs.cleaning.read import read_log
+    from etude.logs import read_log
     from etude.types import Channel
 
     channels = (

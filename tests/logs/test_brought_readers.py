@@ -10,8 +10,7 @@ from log_examples import CHANNELS, JOINTS, LIMITS, RATE, make_log
 
 from etude import plugins
 from etude.errors import DataError
-from etude.logs.cleaning.read import read_log
-from etude.logs.readers.frames import raw_log
+from etude.logs import raw_log, read_log
 from etude.types import Channel, Log
 
 LOG = make_log()

@@ -11,7 +11,7 @@ from log_examples import CHANNELS, JOINTS, LIMITS, RATE, make_log
 
 from etude.campaign.ingest.inspection import guessed_channels
 from etude.errors import DataError
-from etude.logs.cleaning.read import read_log
+from etude.logs import read_log
 from etude.logs.columns.headers import doubles, plain
 from etude.logs.columns.matching import match_columns
 from etude.types import Log

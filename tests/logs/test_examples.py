@@ -14,8 +14,8 @@ import pytest
 from log_examples import FLIGHT_CHANNELS, FLIGHT_RATE, joint_channels
 
 from etude.errors import DataError
-from etude.logs.cleaning.filters import command_lag, differentiated, median_rate, smooth, uniform
-from etude.logs.cleaning.read import read_log
+from etude.logs import median_rate, read_log, smooth
+from etude.logs.cleaning.filters import command_lag, differentiated, uniform
 from etude.logs.columns.units import Limits
 from etude.types import Array, Channel, Log
 

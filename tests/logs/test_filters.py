@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from etude.errors import DataError
+from etude.logs import without_lag
 from etude.logs.cleaning.filters import (
     command_lag,
     differentiated,
@@ -19,7 +20,6 @@ from etude.logs.cleaning.filters import (
     thinned,
     trimmed,
     uniform,
-    without_lag,
 )
 from etude.types import Channel, Log
 

@@ -7,7 +7,7 @@ import pytest
 from log_examples import FLIGHT_CHANNELS, FLIGHT_LIMITS, FLIGHT_RATE, MOTORS
 
 from etude.errors import DataError
-from etude.logs.cleaning.read import read_log
+from etude.logs import read_log
 from etude.logs.columns.vocabulary import GRAVITY
 
 RATE, COUNT = 100.0, 600

@@ -11,7 +11,8 @@ import pytest
 from log_examples import FLIGHT_CHANNELS, joint_channels
 
 from etude.errors import DataError
-from etude.logs.readers.log_file import is_log_file, log_bytes, read_log_file, write_log
+from etude.logs import read_log_file, write_log
+from etude.logs.readers.log_file import is_log_file, log_bytes
 from etude.types import Channel, Log
 
 RNG = np.random.default_rng(0)

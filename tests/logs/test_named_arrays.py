@@ -11,7 +11,7 @@ import pytest
 from log_examples import CHANNELS, JOINTS, LIMITS, RATE, make_log
 
 from etude.errors import DataError
-from etude.logs.cleaning.read import read_log
+from etude.logs import read_log
 from etude.types import Log
 
 LOG = make_log()

@@ -11,9 +11,9 @@ import pytest
 from log_examples import CHANNELS, JOINTS, LIMITS, MOTION, RATE, columns_of, make_log, with_values, write_csv
 
 from etude.errors import DataError
-from etude.logs.cleaning.read import read_log
+from etude.logs import read_log, write_log
 from etude.logs.columns.units import Limits
-from etude.logs.readers.log_file import log_bytes, write_log
+from etude.logs.readers.log_file import log_bytes
 from etude.logs.readers.registry import with_rest_reported
 from etude.types import Log
 

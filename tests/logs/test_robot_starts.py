@@ -13,7 +13,7 @@ from robot_limits import ROBOTS, Robot
 from etude.errors import DataError
 from etude.logs.alignment.alignment import align
 from etude.protocols import Trajectory
-from etude.trajectories.family import FourierConfig
+from etude.trajectories import FourierConfig
 from etude.types import Log
 
 LAG = 0.12

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from log_examples import CHANNELS, JOINTS, LIMITS, MOTION, at, make_log, with_values
 
 from etude.errors import DataError
+from etude.logs import clean_log
 from etude.logs.cleaning.filters import segments
-from etude.logs.cleaning.read import clean_log
 from etude.logs.cleaning.repairs import increasing_rows
 from etude.logs.columns.units import start_at_zero
 from etude.types import Channel, Log

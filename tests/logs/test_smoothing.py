@@ -9,14 +9,13 @@ from hypothesis import strategies as st
 from log_examples import make_log
 from scipy.signal import butter, sosfiltfilt
 
+from etude.logs import median_rate, smooth
 from etude.logs.cleaning.smoothing import (
     auto_cutoff,
-    median_rate,
     motion_bands,
     quick_length,
     resample,
     segments,
-    smooth,
     uniform_grid,
 )
 

@@ -10,7 +10,7 @@ import pytest
 from log_examples import CHANNELS, JOINTS, LIMITS, RATE, make_log
 
 from etude.errors import DataError
-from etude.logs.cleaning.read import read_log
+from etude.logs import read_log
 from etude.logs.readers.csv_tables import BLOCK
 from etude.logs.readers.registry import read_raw
 from etude.types import Log

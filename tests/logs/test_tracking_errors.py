@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from etude.logs.alignment.tracking_errors import largest_errors, tracked
+from etude.logs import largest_errors
+from etude.logs.alignment.tracking_errors import tracked
+from etude.trajectories import FourierTrajectory, PointToPoint
 from etude.trajectories.chain import Chain
-from etude.trajectories.fourier import FourierTrajectory
-from etude.trajectories.moves import PointToPoint
 from etude.types import Channel, Log
 
 Q = Channel("q", ("a", "b"), ("rad", "rad"))

@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from etude.campaign.create import find_robot
-from etude.logs.cleaning.read import read_log
+from etude.campaign import find_robot
+from etude.logs import read_log
 from etude.logs.readers.registry import read_raw
 from etude.types import Index, Log, Samples
-from etude_quadrotor.inputs import QuadrotorInputs
+from etude_quadrotor import QuadrotorInputs
 from etude_quadrotor.preprocessing import FlightData, flight_samples
 
 pytest.importorskip("pyulog", reason="PX4 logs need the extra 'px4'")

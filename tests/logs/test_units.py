@@ -21,12 +21,11 @@ from log_examples import (
 )
 
 from etude.errors import DataError
+from etude.logs import raw_log, read_log
 from etude.logs.cleaning.ranges import check_positions
-from etude.logs.cleaning.read import read_log
 from etude.logs.columns.matching import match_columns
 from etude.logs.columns.units import from_degrees, read_time, time_factor
 from etude.logs.columns.vocabulary import UNITS
-from etude.logs.readers.frames import raw_log
 from etude.types import Array, Channel, Log
 
 DEGREE = math.pi / 180.0

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from etude.models.gp.kernels import Kernel, structured
+from etude.models import Kernel, structured
 
 
 def structured_kernel(dof: int, axis: int, frictions: int = 1) -> Kernel:

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from etude.models.gp.exact import ExactGP
-from etude.models.gp.kernels import SquaredExponential
-from etude_sparse.dictionary import DictionaryConfig
+from etude.models import ExactGP, SquaredExponential
+from etude_sparse import DictionaryConfig
 
 
 def process(inputs: int, noise_variance: float, length: float = 2.0) -> ExactGP:

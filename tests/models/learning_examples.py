@@ -9,11 +9,8 @@ from typing import Any
 import numpy as np
 
 from etude.errors import DataError
-from etude.models.config import ModelConfig
-from etude.models.data.cross_validation import fold_numbers
-from etude.models.data.fit import Folds, fit_data, in_order, rows_of, units_of
-from etude.models.model import LearnedModel
-from etude.models.selection.model_selection import ModelSelection, select_structures
+from etude.models import Folds, LearnedModel, ModelConfig, ModelSelection, fold_numbers, select_structures
+from etude.models.data.fit import fit_data, in_order, rows_of, units_of
 from etude.protocols import FitData
 from etude.types import Array, Channel, Column, Log, Samples, joined_samples
 

@@ -6,13 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from etude.campaign.record.config import preset_config
-from etude.models.config import ModelConfig
-from etude.models.model import LearnedModel
-from etude.models.selection.model_selection import select_structures
+from etude.campaign import preset_config
+from etude.models import LearnedModel, ModelConfig, select_structures
 from etude.types import Log, Samples, joined_samples
-from etude_arm.kind import KIND
-from etude_arm.spec import ArmSpec, Axis
+from etude_arm import KIND, ArmSpec, Axis
 
 SPEC = ArmSpec("pendulum", tuple(Axis(name, -2.0, 2.0, 2.0, 4.0, 40.0) for name in "ab"), "A", 100.0)
 CHANNELS = {channel.name: channel for channel in SPEC.channels()}

@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 from etude.errors import DataError, NumericalError, UsageError
+from etude.models import ExactGP, Linear
 from etude.models.gp.bayesian_linear import BayesianLinear
-from etude.models.gp.exact import ExactGP
-from etude.models.gp.kernels import Linear
 
 
 class Columns:

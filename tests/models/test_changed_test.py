@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from scipy.stats import norm, t
 
+from etude.models import first_alarm
 from etude.models.change.change_detection import (
     ALARM,
     FREEDOM,
     KAPPA2,
     MOST_FREEDOM,
     evidence,
-    first_alarm,
     independence,
     scores,
     tails,

@@ -10,10 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from etude.errors import DataError, UsageError
-from etude.models.gp.exact import ExactGP
-from etude.models.gp.kernels import SquaredExponential
-from etude_sparse import dictionary_stream
-from etude_sparse.dictionary import DictionaryConfig, DictionaryGP
+from etude.models import ExactGP, SquaredExponential
+from etude_sparse import DictionaryConfig, DictionaryGP, dictionary_stream
 
 D = 4
 

@@ -8,10 +8,8 @@ from arm_kernel import structured_kernel
 from dictionary_examples import motion, outputs, process
 
 from etude.errors import DataError, NumericalError, UsageError
-from etude.models.gp.exact import ExactGP
-from etude.models.gp.kernels import Linear
-from etude_sparse.dictionary import DictionaryConfig, DictionaryGP
-from etude_sparse.dictionary_stream import DictionaryStream
+from etude.models import ExactGP, Linear
+from etude_sparse import DictionaryConfig, DictionaryGP, DictionaryStream
 
 D = 4
 RULES = {

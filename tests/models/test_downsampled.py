@@ -7,7 +7,7 @@ import pytest
 from dictionary_examples import motion, outputs, process
 
 from etude.errors import DataError, UsageError
-from etude_sparse.downsampling import DownsampledGP
+from etude_sparse import DownsampledGP
 
 
 def test_the_process_on_what_is_kept() -> None:

@@ -9,8 +9,7 @@ import pytest
 from learning_examples import LIMIT, NAMES, PHYSICS, SMALL, Inputs, selection, trajectories, trajectory
 
 from etude.errors import UsageError
-from etude.models.config import ModelConfig
-from etude.models.data.fit import Folds
+from etude.models import Folds, ModelConfig, select_structures
 from etude.models.protocols import share_of
 from etude.models.selection import ensemble
 from etude.models.selection.ensemble import (
@@ -23,7 +22,6 @@ from etude.models.selection.ensemble import (
     weighed,
     work_sign,
 )
-from etude.models.selection.model_selection import select_structures
 from etude.models.selection.structures import LearnedStructure
 from etude.models.store import model_bytes, model_of
 

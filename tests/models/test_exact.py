@@ -11,9 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from etude.errors import DataError, NumericalError, UsageError
+from etude.models import ExactGP, SquaredExponential
 from etude.models.gp.cholesky import JitterWarning, factorise
-from etude.models.gp.exact import ExactGP
-from etude.models.gp.kernels import SquaredExponential
 
 D = 8
 KERNEL = structured_kernel(2, 0)

@@ -9,7 +9,7 @@ import pytest
 
 from etude.errors import DataError
 from etude.types import Channel, Log
-from etude_online.guard_effort import feedback_of
+from etude_online import feedback_of
 
 RATE, SUBSTEPS, WEIGHT, FRICTION = 100.0, 10, 8.0, 2.0
 KP, KD = 250.0, 12.0

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from etude.models.gp.exact import ExactGP, ExactPosterior
-from etude.models.gp.kernels import SquaredExponential
+from etude.models import ExactGP, ExactPosterior, SquaredExponential
 
 X = np.linspace(0.0, 1.0, 5)[:, None]
 Y = np.sin(3.0 * X[:, 0])

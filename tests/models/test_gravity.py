@@ -9,14 +9,12 @@ import pytest
 from learning_examples import LIMIT, NAMES, PHYSICS, SMALL, Inputs, selection, trajectories
 
 from etude.errors import UsageError
-from etude.models.data.cross_validation import fold_numbers
-from etude.models.data.fit import Folds
-from etude.models.model import LearnedModel
+from etude.models import Folds, LearnedModel, fold_numbers
 from etude.models.store import load_model, save_model
 from etude.protocols import Candidate
-from etude_lagrangian.member import all_lin, data_together
+from etude_lagrangian import all_lin, data_together
+from etude_online import OnlineConfig
 from etude_online.command import learning_command
-from etude_online.learner import OnlineConfig
 
 Q = np.random.default_rng(0).uniform(-0.7, 0.7, (6, 2))
 SAMPLES = trajectories(2)

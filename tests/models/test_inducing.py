@@ -11,10 +11,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from etude.errors import DataError, NumericalError, UsageError
+from etude.models import ExactGP, SquaredExponential
 from etude.models.gp.cholesky import JitterWarning
-from etude.models.gp.exact import ExactGP
 from etude.models.gp.inducing import InducingGP
-from etude.models.gp.kernels import SquaredExponential
 
 D = 8
 KERNELS = {"ard": SquaredExponential(tuple(range(D))), "structured": structured_kernel(2, 0)}

@@ -7,8 +7,8 @@ import pytest
 from arm_kernel import structured_kernel
 
 from etude.errors import DataError, UsageError
-from etude.models.gp.inducing_training import fit_inducing, greedy_points, initial_inducing
-from etude.models.gp.kernels import SquaredExponential
+from etude.models import SquaredExponential, fit_inducing, initial_inducing
+from etude.models.gp.inducing_training import greedy_points
 from etude.models.gp.training import Prior, weak_prior
 
 FORMS = pytest.mark.parametrize("form", ["vfe", "fitc"])

@@ -9,7 +9,7 @@ import pytest
 from learning_examples import LIMIT, SMALL, train, trajectories, trajectory
 
 from etude.codes import Warn
-from etude.models.score import prediction_score
+from etude.models import prediction_score
 from etude.models.selection.selection_rule import DOUBT
 from etude.models.trust import trust
 from etude.types import Samples

@@ -7,8 +7,7 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from etude.models.change.evidence import judged
-from etude.models.model import LearnedModel
+from etude.models import LearnedModel, judged
 from etude.types import Channel, Log, Samples
 
 UNITS = ("rad", "rad")

@@ -7,7 +7,8 @@ import pytest
 from arm_kernel import structured_kernel
 
 from etude.errors import UsageError
-from etude.models.gp.kernels import OWN_SHARE, Linear, Product, SquaredExponential, Sum
+from etude.models import Linear, SquaredExponential
+from etude.models.gp.kernels import OWN_SHARE, Product, Sum
 
 
 def test_squared_exponential_is_its_formula() -> None:

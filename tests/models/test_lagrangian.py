@@ -22,15 +22,13 @@ from lagrangian_examples import (
 )
 
 from etude.errors import UsageError
+from etude.models import ExactGP, PointMean, structured
 from etude.models.forms import kernel_of, kernel_words
-from etude.models.gp.exact import ExactGP
-from etude.models.gp.kernels import structured
-from etude.models.gp.single_point import PointMean
-from etude.testing.models import KernelSuite
+from etude.testing import KernelSuite
 from etude_lagrangian.joints import Joints, joints_of
 from etude_lagrangian.kernel import Lagrangian, gip_lin
 from etude_lagrangian.parameters import Parameters
-from etude_sparse.dictionary import DictionaryConfig, DictionaryGP
+from etude_sparse import DictionaryConfig, DictionaryGP
 
 PARTS = ("base", "lift", "wrist")
 COLUMNS = tuple(

@@ -6,9 +6,8 @@ from types import SimpleNamespace
 
 from etude import plugins
 from etude.models.protocols import SupportsFirstUse
-from etude_lagrangian import all_outputs
+from etude_lagrangian import all_lin, all_outputs
 from etude_lagrangian.kernel import SENTENCE, gip_lin
-from etude_lagrangian.member import all_lin
 
 
 class Sweep:

@@ -24,14 +24,14 @@ from lagrangian_examples import (
 )
 
 from etude.errors import DataError, UsageError
-from etude.models.config import ModelConfig
-from etude.models.gp.kernels import Linear, structured
+from etude.models import Linear, ModelConfig, structured
 from etude.protocols import FitData
+from etude.testing import ProcessSuite
 from etude.testing.differences import central
-from etude.testing.models import ProcessSuite
+from etude_lagrangian import all_lin
 from etude_lagrangian.joints import Joints
 from etude_lagrangian.likelihood import JointHyperparameters, initial_hyperparameters, joint_likelihood
-from etude_lagrangian.member import AllOutputs, all_lin
+from etude_lagrangian.member import AllOutputs
 from etude_lagrangian.prior import JointPrior
 
 NOTHING = -400.0

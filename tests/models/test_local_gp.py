@@ -11,10 +11,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from etude.errors import DataError, UsageError
+from etude.models import ExactGP, Linear, SquaredExponential
 from etude.models.forms import posterior_arrays, posterior_of, posterior_words
-from etude.models.gp.exact import ExactGP
-from etude.models.gp.kernels import Linear, SquaredExponential
-from etude_sparse.local import OVERFLOW, LocalGP, fitting_reach, kernel_lengths, partition
+from etude_sparse import LocalGP
+from etude_sparse.local import OVERFLOW, fitting_reach, kernel_lengths, partition
 
 D = 3
 GP = ExactGP(SquaredExponential(tuple(range(D))), np.log([1.2, 0.7, 0.9, 0.8]), np.log(0.2), 0.1)

@@ -10,10 +10,10 @@ from lwpr_examples import PlainField, cross_in
 
 from etude.errors import DataError, UsageError
 from etude.models.forms import posterior_arrays, posterior_of, posterior_words
+from etude_sparse import LWPR
 from etude_sparse.lwpr import fields as fields_module
 from etude_sparse.lwpr import updates
 from etude_sparse.lwpr.fields import NEIGHBOURS, ReceptiveFields, initial_metric
-from etude_sparse.lwpr.regression import LWPR
 
 PAPER = LWPR(metric=50.0 / 3.0, generate=0.2, add=0.5)
 """As for the paper's example: D = 50 for inputs in [-1, 1], whose variance is 1/3."""

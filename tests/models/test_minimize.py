@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from etude.errors import NumericalError, UsageError
-from etude.models.gp.minimize import _between, _Probe, minimize
+from etude.models import minimize
+from etude.models.gp.minimize import _between, _Probe
 
 
 def rosenbrock(x: np.ndarray) -> tuple[float, np.ndarray]:

@@ -22,10 +22,9 @@ from learning_examples import (
 )
 
 from etude.errors import DataError, UsageError
-from etude.models.config import STRUCTURES, ModelConfig
-from etude.models.gp.exact import ExactGP
+from etude.models import ExactGP, ModelConfig, prediction_score
+from etude.models.config import STRUCTURES
 from etude.models.gp.shared_exact import condition_shared
-from etude.models.score import prediction_score
 from etude.models.selection.ensemble import CANDIDATES
 from etude.models.selection.model_selection import OFFERED, prequential
 from etude.types import Samples, joined_samples

@@ -12,14 +12,13 @@ from hypothesis import strategies as st
 from online_examples import CHANNELS, LIMITS, of_structure, trained
 
 from etude.errors import DataError, UsageError
-from etude.models.model import LearnedModel
+from etude.models import LearnedModel
 from etude.types import Log, Motion
+from etude_online import OnlineConfig, OnlineModel, feedback_of
 from etude_online.guard import AUTHORITY, Hedge
-from etude_online.guard_effort import FeedbackLaw, ToldFeedback, decision_ticks, feedback_of
+from etude_online.guard_effort import FeedbackLaw, ToldFeedback, decision_ticks
 from etude_online.guard_gate import Gate, Ranges
-from etude_online.learner import OnlineConfig
 from etude_online.methods import METHODS
-from etude_online.model import OnlineModel
 from etude_online.row_samples import OwnClock
 from etude_online.state import state_bytes, state_of
 

@@ -9,11 +9,10 @@ import pytest
 from online_examples import CHANNELS, LIMITS, SMALL, SPEC, of_structure, trained
 
 from etude.errors import DataError, UsageError
-from etude.models.model import LearnedModel
+from etude.models import LearnedModel
 from etude.models.selection.linear import LinearMean
 from etude.types import Channel, Log, Motion
-from etude_online.learner import OnlineConfig
-from etude_online.model import OnlineModel
+from etude_online import OnlineConfig, OnlineModel
 
 RATE = 100.0
 CONFIG = OnlineConfig("variance", size=40)

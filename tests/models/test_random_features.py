@@ -9,8 +9,7 @@ import pytest
 from arm_kernel import structured_kernel
 
 from etude.errors import UsageError
-from etude.models.gp.exact import ExactGP
-from etude.models.gp.kernels import Linear, SquaredExponential
+from etude.models import ExactGP, Linear, SquaredExponential
 from etude_sparse.incremental_spectrum import IncrementalSpectrum
 from etude_sparse.random_features import PER_INPUT, FeatureProcess, random_features
 

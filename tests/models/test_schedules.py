@@ -21,17 +21,14 @@ from learning_examples import (
 from learning_examples import trajectories as longer
 
 from etude import plugins
-from etude.models.config import SCHEDULES, SPECTRAL, ModelConfig
-from etude.models.data.fit import on_schedule, trained_process
-from etude.models.gp.exact import ExactGP
-from etude.models.gp.training import fit, initial_gp
+from etude.models import ExactGP, LearnedModel, ModelConfig, Posteriors, fit, initial_gp, trained_process
+from etude.models.config import SCHEDULES, SPECTRAL
+from etude.models.data.fit import on_schedule
 from etude.models.members import member_named
-from etude.models.model import LearnedModel
-from etude.models.process import Posteriors
 from etude.models.protocols import HasKernel
 from etude.models.store import load_model, save_model
 from etude.protocols import FitData
-from etude_sparse.dictionary import DictionaryConfig, DictionaryGP
+from etude_sparse import DictionaryConfig, DictionaryGP
 
 MEMBERS = {name: member_named(name) for name in plugins.BUILT_IN["etude.models"] if name != "all_lin"}
 """Those that learn commands one by one."""

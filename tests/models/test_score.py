@@ -11,9 +11,15 @@ from scipy.stats import norm
 from scipy.stats import t as student
 
 from etude.errors import DataError, UsageError
-from etude.models.gp.exact import ExactGP, ExactPosterior
-from etude.models.gp.kernels import SquaredExponential
-from etude.models.score import figures, inflation, prediction_score, score_trajectories, trivial_prediction
+from etude.models import (
+    ExactGP,
+    ExactPosterior,
+    SquaredExponential,
+    figures,
+    prediction_score,
+    score_trajectories,
+)
+from etude.models.score import inflation, trivial_prediction
 from etude.models.student_t import StudentT
 
 

@@ -10,8 +10,8 @@ import pytest
 from learning_examples import PHYSICS, SMALL, commanded, selection, trajectories, trajectory
 
 from etude.codes import Warn
-from etude.models.selection.linear import linear_inputs, linear_weights
-from etude.models.selection.model_selection import ModelSelection
+from etude.models import ModelSelection, linear_inputs
+from etude.models.selection.linear import linear_weights
 from etude.models.selection.selection_rule import _choice, _reference
 from etude.types import Samples, joined_samples
 

@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from etude.models.change.diagnosis import FROZEN_S, SLOW, Cause, ExpectedCommands, cause, stuck
-from etude.models.change.evidence import block_sizes, drift_onset
+from etude.models import Cause, drift_onset
+from etude.models.change.diagnosis import FROZEN_S, SLOW, ExpectedCommands, cause, stuck
+from etude.models.change.evidence import block_sizes
 from etude.types import Array, Channel, Log, Samples
 
 RNG = np.random.default_rng(4)

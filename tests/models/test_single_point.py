@@ -7,10 +7,9 @@ import pytest
 from arm_kernel import structured_kernel
 
 from etude.errors import UsageError
-from etude.models.gp.exact import ExactGP, ExactPosterior
-from etude.models.gp.kernels import Linear, SquaredExponential
-from etude.models.gp.single_point import PointMean, _exponential
-from etude_sparse.dictionary import DictionaryConfig, DictionaryGP
+from etude.models import ExactGP, ExactPosterior, Linear, PointMean, SquaredExponential
+from etude.models.gp.single_point import _exponential
+from etude_sparse import DictionaryConfig, DictionaryGP
 
 D = 5
 

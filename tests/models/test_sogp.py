@@ -9,9 +9,9 @@ import pytest
 from arm_kernel import structured_kernel
 
 from etude.errors import DataError, NumericalError, UsageError
-from etude.models.gp.exact import ExactGP
-from etude.models.gp.kernels import SquaredExponential
-from etude_sparse.sogp import SOGP, OnlineProcess
+from etude.models import ExactGP, SquaredExponential
+from etude_sparse import SOGP
+from etude_sparse.sogp import OnlineProcess
 
 D = 3
 KERNEL = SquaredExponential(tuple(range(D)))

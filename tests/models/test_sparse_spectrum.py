@@ -11,12 +11,11 @@ from hypothesis import strategies as st
 from scipy.stats import multivariate_normal
 
 from etude.errors import DataError, NumericalError, UsageError
+from etude.models import ExactGP, SquaredExponential
 from etude.models.data.cross_validation import contiguous_blocks
 from etude.models.gp.cholesky import JitterWarning
-from etude.models.gp.exact import ExactGP
-from etude.models.gp.kernels import SquaredExponential
-from etude_sparse.sparse_spectrum import SparseSpectrumGP
-from etude_sparse.spectral_posterior import SparseSpectrumPosterior, SpectralFeatures, cosine_sine
+from etude_sparse import SparseSpectrumGP, SpectralFeatures
+from etude_sparse.spectral_posterior import SparseSpectrumPosterior, cosine_sine
 
 GOLDEN_X = np.linspace(0.0, 1.0, 5)[:, None]
 GOLDEN = SparseSpectrumGP(np.array([[0.7], [1.9], [3.1]]), np.log([np.sqrt(1.5), 1.0]), np.log(0.1))

@@ -8,9 +8,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from etude import plugins
-from etude.design.criteria import Output, criterion_named, evaluate, value_of
+from etude.design import Output, evaluate
+from etude.design.criteria import criterion_named, value_of
 from etude.design.score import PlainBatch
-from etude_sparse.sparse_spectrum import SparseSpectrumGP
+from etude_sparse import SparseSpectrumGP
 
 CRITERIA = list(plugins.BUILT_IN["etude.criteria"])
 

@@ -8,13 +8,8 @@ import pytest
 import etude_sparse.sparse_spectrum_training as module
 from etude.errors import DataError, UsageError
 from etude.models.gp.training import Prior
-from etude_sparse.sparse_spectrum import SparseSpectrumGP
-from etude_sparse.sparse_spectrum_training import (
-    fit_sparse_spectrum,
-    held_out_error,
-    initial_sparse_spectrum,
-    redrawn,
-)
+from etude_sparse import SparseSpectrumGP, fit_sparse_spectrum, initial_sparse_spectrum
+from etude_sparse.sparse_spectrum_training import held_out_error, redrawn
 
 METHODS = pytest.mark.parametrize("method", ["lbfgs", "minimize"])
 

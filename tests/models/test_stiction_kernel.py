@@ -9,12 +9,10 @@ import numpy as np
 import pytest
 
 from etude.errors import UsageError
+from etude.models import ExactGP, LearnedModel, Posteriors, SquaredExponential, structured
 from etude.models.forms import kernel_of, kernel_words
-from etude.models.gp.exact import ExactGP
-from etude.models.gp.kernels import RestNoise, SquaredExponential, standing, structured
+from etude.models.gp.kernels import RestNoise, standing
 from etude.models.gp.single_point import PointCovariances
-from etude.models.model import LearnedModel
-from etude.models.process import Posteriors
 from etude.models.protocols import EnsembleMember
 from etude.types import Log
 

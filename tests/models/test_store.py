@@ -13,8 +13,8 @@ import pytest
 from learning_examples import PHYSICS, SMALL, TOGETHER, Inputs, selection, train, trajectories, trajectory
 
 from etude.errors import DataError
-from etude.models.config import STRUCTURES, ModelConfig
-from etude.models.model import LearnedModel
+from etude.models import LearnedModel, ModelConfig
+from etude.models.config import STRUCTURES
 from etude.models.store import WORDS, load_model, model_bytes, save_model
 
 AUTO = replace(SMALL, rung="auto", student_t=True)

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from scipy.stats import t
 
-from etude.models.student_t import StudentT, fit_student
+from etude.models import fit_student
+from etude.models.student_t import StudentT
 
 
 def test_its_density_is_scipys() -> None:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from etude.models.trust import REACH, TRUSTED, UNKNOWN, familiar, smoothstep, trust, trusted
+from etude.models import trusted
+from etude.models.trust import REACH, TRUSTED, UNKNOWN, familiar, smoothstep, trust
 
 
 def test_trust_falls_smoothly_from_one_to_nothing() -> None:

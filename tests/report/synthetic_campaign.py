@@ -10,19 +10,14 @@ from pathlib import Path
 
 import numpy as np
 
-from etude.campaign.record.config import preset_config
-from etude.campaign.record.config_file import config_text
-from etude.limits.certificate import certify
-from etude.limits.feasible import FeasibleSet
-from etude.limits.samplers import uniform
-from etude.logs.readers.log_file import write_log
+from etude.campaign import config_text, preset_config
+from etude.limits import FeasibleSet, certify, uniform
+from etude.logs import write_log
 from etude.storage import write_atomic
-from etude.trajectories.family import FourierConfig, FourierFamily
-from etude.trajectories.fourier import FourierTrajectory
+from etude.trajectories import FourierConfig, FourierFamily, FourierTrajectory
 from etude.types import Log
+from etude_arm import KIND, ArmSpec, Axis
 from etude_arm.inputs import ArmInputs
-from etude_arm.kind import KIND
-from etude_arm.spec import ArmSpec, Axis
 from journal_facts import commit
 
 SECONDS = 20.0

@@ -14,7 +14,7 @@ from synthetic_campaign import write_campaign
 from etude.errors import UsageError
 from etude.report.animation import FRAMES, HOLD, SECONDS, main, of_campaign
 from etude.report.record import read_record
-from etude_arm.kind import KIND
+from etude_arm import KIND
 
 ROUNDS = 3
 SVG = "{http://www.w3.org/2000/svg}"

@@ -13,11 +13,12 @@ from hypothesis import strategies as st
 from synthetic_campaign import decode_png, write_campaign
 
 from etude.errors import UsageError
-from etude.report.markup import duration, element, number, table, with_unit
+from etude.report import Axis, Line, Scale, element, fitted_scale, number, panel, table, thinned, tick_text
+from etude.report.markup import duration, with_unit
 from etude.report.pictures import main, write_picture
 from etude.report.png import STOPS, colours, png_address
-from etude.report.scales import Axis, Scale, fitted_scale, linear_ticks, log_ticks, tick_text
-from etude.report.svg import Area, Band, Image, Level, Line, Points, panel, thinned
+from etude.report.scales import linear_ticks, log_ticks
+from etude.report.svg import Area, Band, Image, Level, Points
 
 finite = st.floats(-1e6, 1e6, allow_nan=False)
 

@@ -20,11 +20,12 @@ from synthetic_campaign import write_campaign
 
 from chromium import chromium, complaints
 from etude import cli
+from etude.campaign import open_campaign
 from etude.campaign.ingest.tell import abandon
-from etude.campaign.record.folder import open_campaign
 from etude.errors import UsageError
+from etude.report import Pages, digest_of
 from etude.report.build import live_report
-from etude.report.live import HOST, MOST, PORT, Pages, digest_of, server
+from etude.report.live import HOST, MOST, PORT, server
 
 
 @contextmanager

@@ -20,7 +20,7 @@ from etude.report.record import read_record
 from etude.report.scene import camera_of, project
 from etude.report.sections.motion import SIZE, beyond, cut, frames, motion, room_around, stage
 from etude.types import Figure, Thing
-from etude_arm.kind import KIND
+from etude_arm import KIND
 
 AROUND = """
 [mounting]

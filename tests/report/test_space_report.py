@@ -13,16 +13,14 @@ import numpy as np
 import pytest
 from page import Page
 
-from etude.campaign.create import create_campaign
+from etude.campaign import create_campaign, open_campaign, simulate, stored_model
 from etude.campaign.propose.ask import ask
 from etude.campaign.record.events import to_json
-from etude.campaign.record.folder import open_campaign
 from etude.campaign.record.journal import chained, read_events
-from etude.campaign.record.stored_models import stored_model
-from etude.campaign.simulation import simulate
+from etude.report import number
 from etude.report import record as curves
 from etude.report.build import CONTENTS, build_report
-from etude.report.markup import duration, number, with_unit
+from etude.report.markup import duration, with_unit
 from etude.report.pictures import write_picture
 from etude.report.png import VIRIDIS
 from etude.report.record import read_record
@@ -302,7 +300,7 @@ def test_a_real_vehicle_has_held_out_scores_and_its_newest_flight(copy: Path) ->
 
 
 def test_a_log_without_positions_says_so(copy: Path) -> None:
-    from etude.logs.readers.log_file import read_log_file, write_log
+    from etude.logs import read_log_file, write_log
 
     for number_ in (1, 2):
         path = copy / "runs" / f"{number_:04d}.parquet"

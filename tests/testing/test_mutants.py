@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 from mutants import Twin, first_row_off, laws, log_off, noticed
 
-from etude.design.score import Score
-from etude.models.gp.kernels import SquaredExponential
+from etude.design import Score
+from etude.models import SquaredExponential
 from etude.testing import (
     CriterionSuite,
     FamilySuite,
@@ -27,7 +27,7 @@ from etude.testing import (
 )
 from etude.testing.world import World, world
 from etude.types import Cone, Proof
-from etude_arm.kind import KIND
+from etude_arm import KIND
 
 ARM = "arm4"
 
@@ -106,7 +106,7 @@ def criterion_suite(wrong: Callable[..., Score], averages: bool = True) -> Crite
 
 
 def right(output: Any, batch: Any, gain: Any) -> Score:
-    from etude.design.criteria import mean_variance
+    from etude.design import mean_variance
 
     return mean_variance(output, batch, gain)
 

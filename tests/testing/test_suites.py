@@ -19,8 +19,8 @@ from etude.logs.readers.registry import read_csv, read_parquet
 from etude.models.members import member_named
 from etude.protocols import FitData, Kind, Trajectory
 from etude.testing import CriterionSuite, ExporterSuite, KernelSuite, ProcessSuite, ReaderSuite
-from etude.trajectories.json_text import from_json
-from etude_arm.kind import KIND
+from etude.trajectories import from_json
+from etude_arm import KIND
 
 MEMBERS = {name: member_named(name) for name in plugins.BUILT_IN["etude.models"] if name != "all_lin"}
 """Those that learn commands one by one."""

@@ -9,12 +9,10 @@ import numpy as np
 import pytest
 
 from etude.errors import UsageError
-from etude.limits.certificate import certify, certify_bytes
-from etude.limits.library import AxisLimit
-from etude.trajectories.chain import Chain, chained, segment_starts
-from etude.trajectories.fourier import FourierTrajectory
-from etude.trajectories.json_text import from_json
-from etude.trajectories.moves import PointToPoint
+from etude.limits import AxisLimit, certify
+from etude.limits.certificate import certify_bytes
+from etude.trajectories import FourierTrajectory, PointToPoint, from_json, segment_starts
+from etude.trajectories.chain import Chain, chained
 
 
 def swing(middle: float, size: float = 1.0) -> FourierTrajectory:

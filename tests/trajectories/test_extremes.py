@@ -8,8 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from etude.errors import UsageError
+from etude.trajectories import FourierTrajectory
 from etude.trajectories.extremes import OVERSAMPLING, exact_range, grid, riesz_range
-from etude.trajectories.fourier import FourierTrajectory, series
+from etude.trajectories.fourier import series
 
 
 def test_closed_forms() -> None:

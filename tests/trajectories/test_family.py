@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from etude.errors import UsageError
-from etude.trajectories.family import FourierConfig, FourierFamily, suited_to
-from etude.trajectories.json_text import from_json
+from etude.trajectories import FourierConfig, FourierFamily, from_json
+from etude.trajectories.family import suited_to
 
 CONFIGS = {
     "null space": FourierConfig(),

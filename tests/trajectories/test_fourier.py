@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from etude.errors import UsageError
-from etude.trajectories.fourier import FourierTrajectory, rest_nullspace, series
-from etude.trajectories.json_text import from_json
+from etude.trajectories import FourierTrajectory, from_json
+from etude.trajectories.fourier import rest_nullspace, series
 
 
 def example(seed: int = 0, harmonics: int = 4, dof: int = 2, ramp: float = 0.0) -> FourierTrajectory:

@@ -5,12 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from etude.limits.certificate import certify
+from etude.limits import AxisLimit, NormLimit, certify
 from etude.limits.lead_ins import at_rest, can_lead, lead_in, lead_out, moves_at
-from etude.limits.library import AxisLimit, NormLimit
-from etude.trajectories.chain import Chain, segment_starts
-from etude.trajectories.fourier import FourierTrajectory
-from etude.trajectories.json_text import from_json
+from etude.trajectories import FourierTrajectory, from_json, segment_starts
+from etude.trajectories.chain import Chain
 
 
 def flight(seed: int, duration: float = 15.0) -> FourierTrajectory:

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from etude.errors import UsageError
-from etude.trajectories.json_text import from_json
-from etude.trajectories.moves import PointToPoint, random_moves
+from etude.trajectories import PointToPoint, from_json, random_moves
 
 LOWER, UPPER = np.array([-2.0, 0.1, -0.4]), np.array([0.5, 0.2, 4.0])
 SPEED, BEND = np.array([0.3, 2.0, 9.0]), np.array([5.0, 0.2, 1.0])

@@ -7,8 +7,7 @@ import pytest
 from scipy.interpolate import BPoly, CubicHermiteSpline
 
 from etude.errors import UsageError
-from etude.trajectories.fourier import FourierTrajectory
-from etude.trajectories.splined import Splined
+from etude.trajectories import FourierTrajectory, Splined
 
 T = np.array([0.0, 0.3, 0.7, 1.5, 1.6])
 POINTS = np.random.default_rng(4).normal(size=(4, 5, 2))

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from etude import plugins
-from etude.campaign.ingest.questions import Answers, LogQuestions
-from etude.campaign.record.config import preset_config
+from etude.campaign import Answers, LogQuestions, preset_config
 from etude.logs.checks.plausibility import jump_finding
 from etude.logs.cleaning.smoothing import segments
 from etude.types import Array, Channel, Finding, Log

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from made_motion import CHANNELS, LIMITS, QD, RATE, TOP, Q, moved
 
-from etude.logs.checks.plausibility import judge_motion
+from etude.logs import judge_motion
 from etude.types import Array, Finding, Log
 
 REACH = {**LIMITS, "q": (np.full(3, -3.0), np.full(3, 3.0))}

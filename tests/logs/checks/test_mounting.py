@@ -9,7 +9,7 @@ import pytest
 from made_motion import COMMAND, DRY, INERTIA, VISCOUS, moved
 
 from etude.campaign.ingest.inspection import inspect
-from etude.logs.checks.filtered_motion import seen
+from etude.logs import seen
 from etude.types import Array, Finding
 from etude_arm.log_checks import mounting_finding
 

@@ -11,9 +11,10 @@ from made_motion import CHANNELS, COMMAND, GRAVITY, LIMITS, QD, RATE, Q, command
 from scipy.optimize import linear_sum_assignment
 
 from etude.errors import UsageError
+from etude.logs import judge_motion
 from etude.logs.checks import command_columns
 from etude.logs.checks import velocities as rates
-from etude.logs.checks.plausibility import REPAIRS, commanded, judge_commands, judge_motion, repaired
+from etude.logs.checks.plausibility import REPAIRS, commanded, judge_commands, repaired
 from etude.types import Array, Finding, Log
 
 

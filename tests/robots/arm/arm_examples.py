@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from etude.types import Motion
-from etude_arm.kind import KIND
+from etude_arm import KIND
 from etude_arm.plant import compiled, mujoco_engine
 from etude_arm.plant.parameters import ArmParameters
 from etude_arm.plant.robot import ArmRobot, simulated_robot

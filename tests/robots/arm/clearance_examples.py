@@ -6,12 +6,12 @@ from pathlib import Path
 
 import numpy as np
 
+from etude_arm import ArmSpec, Axis
 from etude_arm.clearance.distances import Gaps
 from etude_arm.clearance.limit import Clearance
 from etude_arm.clearance.pairs import gaps_of
 from etude_arm.clearance.surroundings import Surroundings
 from etude_arm.loading.loaded_model import Loaded
-from etude_arm.spec import ArmSpec, Axis
 
 REACH = 2.8
 NAMES = ("j1", "j2", "j3")

@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 
 from etude.types import Array, Motion
+from etude_arm import ArmSpec, Axis
 from etude_arm.plant.feedback_loop import control_times
 from etude_arm.plant.trace import LoopInputs
 from etude_arm.rehearsal.overlay import MotorTable, Simulate
 from etude_arm.rehearsal.robot import RehearsedRobot, rehearsed
-from etude_arm.spec import ArmSpec, Axis
 
 GRAVITY = 9.81
 LINK = '<link name="{0}"><inertial><origin xyz="{1} 0 0"/><mass value="{2}"/>{3}</inertial></link>'

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from etude.types import Log, Samples
-from etude_arm.spec import ArmSpec, Axis
+from etude_arm import ArmSpec, Axis
 
 NAMES = ("turn", "slide", "tilt", "reach", "lone")
 

@@ -6,10 +6,10 @@ from pathlib import Path
 
 from loading_examples import bullet_robot, example_robot
 
-from etude.campaign.create import RobotPart, create_campaign
-from etude.campaign.record.folder import Campaign, open_campaign
+from etude.campaign import Campaign, create_campaign, open_campaign
+from etude.campaign.create import RobotPart
+from etude_arm import ArmSpec
 from etude_arm.model_file import spec_from_model
-from etude_arm.spec import ArmSpec
 
 FILES: dict[str, tuple[str, tuple[str, ...]]] = {
     "panda": ("panda_description/urdf/panda.urdf", ()),

@@ -9,15 +9,8 @@ import pytest
 from arm_examples import Swing, simulated
 
 from etude.errors import UsageError
-from etude_arm.adaptive_control import (
-    CRAIG_HSU_SASTRY,
-    SLOTINE_LI,
-    Adaptation,
-    Tracking,
-    craig_hsu_sastry,
-    dominant,
-    slotine_li,
-)
+from etude_arm import craig_hsu_sastry, slotine_li
+from etude_arm.adaptive_control import CRAIG_HSU_SASTRY, SLOTINE_LI, Adaptation, Tracking, dominant
 from etude_arm.physics.mean import ArmPhysics
 from etude_arm.physics.reference_regressor import ReferenceRegressor
 from etude_arm.physics.regressor import nominal_parameters

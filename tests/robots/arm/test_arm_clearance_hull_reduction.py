@@ -13,7 +13,8 @@ from hypothesis import strategies as st
 from scipy.optimize import nnls
 from scipy.spatial import ConvexHull
 
-from etude.trajectories.fourier import FourierTrajectory
+from etude.trajectories import FourierTrajectory
+from etude_arm import ArmSpec, Axis
 from etude_arm.clearance.distances import CUTOFF, TOLERANCE, Gaps
 from etude_arm.clearance.hull_reduction import MANY, ROOM_FACTOR, Fewer, fewer, hull_proxies, to_triangles
 from etude_arm.clearance.limit import Clearance
@@ -22,7 +23,6 @@ from etude_arm.clearance.robot_clearance import clearance_of
 from etude_arm.clearance.surroundings import Collision, Column, Floor, Search, Surroundings
 from etude_arm.loading.hulls import hull, obj_text
 from etude_arm.loading.loaded_model import Loaded
-from etude_arm.spec import ArmSpec, Axis
 
 NAMES = ("j1", "j2", "j3")
 LIMIT = np.full(3, 2.5)

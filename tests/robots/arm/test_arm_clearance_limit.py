@@ -12,20 +12,19 @@ import pytest
 from clearance_examples import NAMES, PLANAR, clearance, planar, planar_spec
 
 from etude.codes import Warn
-from etude.design.candidates import Source
+from etude.design import Source
 from etude.design.nonconvex_limits import NonconvexLimits
 from etude.errors import UnsafeTrajectoryError, UsageError
-from etude.limits.certificate import certify, in_words, place_of, require_certified, slack, utilization
-from etude.trajectories.family import FourierConfig
-from etude.trajectories.fourier import FourierTrajectory
-from etude.trajectories.moves import PointToPoint
+from etude.limits import certify
+from etude.limits.certificate import in_words, place_of, require_certified, slack, utilization
+from etude.trajectories import FourierConfig, FourierTrajectory, PointToPoint
 from etude.types import Motion
+from etude_arm import KIND
 from etude_arm.clearance.distances import TOLERANCE
 from etude_arm.clearance.limit import TAKEN
 from etude_arm.clearance.robot_clearance import clearance_of, search_of
 from etude_arm.clearance.surroundings import Box, Collision, Floor, Room, Search, Surroundings, Wall
 from etude_arm.description import describe
-from etude_arm.kind import KIND
 from etude_arm.motions import family, limits
 from etude_arm.motions import tests as motions_of_tests
 from etude_arm.robot_file import parse_robot, robot_to_toml

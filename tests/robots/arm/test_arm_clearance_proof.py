@@ -12,9 +12,7 @@ from hypothesis import strategies as st
 
 from etude.limits.certificate import slack
 from etude.protocols import Trajectory
-from etude.trajectories.fourier import FourierTrajectory
-from etude.trajectories.moves import PointToPoint
-from etude.trajectories.splined import Splined
+from etude.trajectories import FourierTrajectory, PointToPoint, Splined
 from etude.types import Array, Motion, Proof
 from etude_arm.clearance.distances import CUTOFF
 from etude_arm.clearance.limit import MOST_EVALUATIONS, Clearance, nearest

@@ -16,23 +16,19 @@ import numpy as np
 import pytest
 from loading_examples import bullet_robot, example_robot
 
-from etude.design.config import DesignConfig
-from etude.design.solve import design
-from etude.limits.certificate import certify
-from etude.models.gp.exact import ExactGP
-from etude.models.gp.kernels import structured
+from etude.design import DesignConfig, design
+from etude.limits import certify
+from etude.models import ExactGP, structured
 from etude.protocols import Candidate, Posterior
-from etude.trajectories.family import FourierConfig
-from etude.trajectories.fourier import FourierTrajectory
+from etude.trajectories import FourierConfig, FourierTrajectory
 from etude.types import Array
+from etude_arm import KIND, ArmSpec
 from etude_arm.clearance.limit import Clearance
 from etude_arm.clearance.robot_clearance import search_of
 from etude_arm.clearance.surroundings import Surroundings
 from etude_arm.description import describe
 from etude_arm.inputs import ArmInputs
-from etude_arm.kind import KIND
 from etude_arm.motions import family, limits
-from etude_arm.spec import ArmSpec
 
 pytestmark = pytest.mark.slow
 SECONDS = 60.0

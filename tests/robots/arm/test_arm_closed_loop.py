@@ -10,7 +10,7 @@ from arm_examples import Swing, simulated
 
 from etude.errors import DataError, UsageError
 from etude.types import Log, Motion
-from etude_arm.controller import PerfectController
+from etude_arm import PerfectController
 from etude_arm.plant.feedback_loop import control_times
 from etude_arm.plant.robot import ArmRobot
 

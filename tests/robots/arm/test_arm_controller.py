@@ -9,14 +9,12 @@ import pytest
 from arm_examples import Swing, simulated
 
 from etude.errors import NumericalError, UsageError
-from etude.models.config import ModelConfig
-from etude.models.selection.model_selection import select_structures
-from etude.models.trust import trusted
+from etude.models import ModelConfig, select_structures, trusted
 from etude.types import Log, Motion
-from etude_arm.controller import ModelController, PerfectController
+from etude_arm import ArmSpec, Axis, PerfectController
+from etude_arm.controller import ModelController
 from etude_arm.inputs import ArmInputs
 from etude_arm.preprocessing import ArmData, samples_of
-from etude_arm.spec import ArmSpec, Axis
 
 AXES = tuple(Axis(n, -1, 1, 1, 1, c) for n, c in (("a", 100.0), ("b", 5.0)))
 SPEC = ArmSpec("two", AXES, "N m", 100.0)

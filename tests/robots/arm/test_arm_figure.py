@@ -12,8 +12,8 @@ from rehearsal_examples import ARM, spec_of
 from robots_of_others import robot_of
 
 from etude.types import Figure, Thing
+from etude_arm import KIND
 from etude_arm.clearance.surroundings import Box, Column, Floor, Room, Surroundings, Wall
-from etude_arm.kind import KIND
 from etude_arm.loading.attachments import Attached, Mounting
 from etude_arm.loading.load import load_arm
 

@@ -8,17 +8,12 @@ import numpy as np
 import pytest
 
 from etude.errors import UsageError
-from etude.limits.certificate import certify
-from etude.limits.feasible import FeasibleSet
-from etude.limits.samplers import scaled
-from etude.trajectories.family import FourierConfig
-from etude.trajectories.json_text import from_json
-from etude.trajectories.moves import PointToPoint
-from etude_arm import motions
+from etude.limits import FeasibleSet, certify, scaled
+from etude.trajectories import FourierConfig, PointToPoint, from_json
+from etude_arm import ArmSpec, Axis, motions
 from etude_arm.checks import check_spec
 from etude_arm.motions import family, limits, ways
 from etude_arm.robot_file import parse_robot, robot_to_toml
-from etude_arm.spec import ArmSpec, Axis
 
 TIGHT = 0.6
 SPEC = ArmSpec(

@@ -11,14 +11,11 @@ import numpy as np
 import pytest
 
 from etude.errors import UsageError
-from etude.limits.certificate import certify
-from etude.limits.feasible import FeasibleSet
-from etude.limits.samplers import scaled
-from etude.trajectories.family import FourierConfig
-from etude_arm.kind import KIND
+from etude.limits import FeasibleSet, certify, scaled
+from etude.trajectories import FourierConfig
+from etude_arm import KIND, ArmSpec, Axis
 from etude_arm.preprocessing import ArmData
 from etude_arm.robot_file import parse_robot
-from etude_arm.spec import ArmSpec, Axis
 
 SPEC = KIND.spec(KIND.built_in()["arm4"])
 

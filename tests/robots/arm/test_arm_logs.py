@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from etude.logs.cleaning.read import read_log
-from etude_arm.kind import KIND
+from etude.logs import read_log
+from etude_arm import KIND
 from etude_arm.preprocessing import ArmData, samples_of
 
 EXAMPLES = Path(__file__).parents[3] / "examples"

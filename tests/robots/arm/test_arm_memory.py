@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 
 from etude.types import Log, Motion
+from etude_arm import ArmSpec, Axis
 from etude_arm.inputs import ArmInputs
 from etude_arm.memory import pulled, remembered
 from etude_arm.preprocessing import PLAY, ArmData, resolution, samples_of, standing
-from etude_arm.spec import MEMORY, ArmSpec, Axis
+from etude_arm.spec import MEMORY
 
 SPEC = ArmSpec(
     "arm", (Axis("a", -2.0, 2.0, 2.0, 8.0, 90.0), Axis("b", -2.0, 2.0, 2.0, 8.0, 90.0, "m")), "N m", 100.0

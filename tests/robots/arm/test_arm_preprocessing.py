@@ -12,9 +12,8 @@ from numpy.typing import NDArray
 from etude.errors import DataError, UsageError
 from etude.logs.cleaning.filters import duration
 from etude.types import Log, Samples
-from etude_arm.kind import KIND
+from etude_arm import KIND, ArmSpec, Axis
 from etude_arm.preprocessing import ArmData, samples_of
-from etude_arm.spec import ArmSpec, Axis
 
 Array = NDArray[np.float64]
 SPEC = ArmSpec("arm", tuple(Axis(n, -2.0, 2.0, 2.0, 8.0, 90.0) for n in ("a", "b")), "N m", 100.0)

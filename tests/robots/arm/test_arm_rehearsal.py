@@ -10,7 +10,7 @@ import pytest
 from rehearsal_examples import ABOUT, ARM, GRAVITY, LEVER, TABLE, Waves, loop_inputs, made, motor, still
 
 from etude.types import Array
-from etude_arm.controller import PerfectController
+from etude_arm import PerfectController
 from etude_arm.plant.trace import LoopInputs, Trace
 from etude_arm.rehearsal.robot import RehearsedRobot
 

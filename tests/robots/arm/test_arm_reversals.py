@@ -10,9 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from etude.types import Array, Log, Mask, Samples
-from etude_arm.kind import KIND
+from etude_arm import KIND, ArmSpec, Axis
 from etude_arm.preprocessing import ArmData, near_reversals, samples_of, spared
-from etude_arm.spec import ArmSpec, Axis
 
 SPEC = ArmSpec("arm", tuple(Axis(n, -2.0, 2.0, 2.0, 8.0, 90.0) for n in ("a", "b")), "N m", 100.0)
 CHANNELS = {channel.name: channel for channel in SPEC.channels()}

@@ -9,9 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from etude.errors import UsageError
-from etude_arm.kind import KIND
+from etude_arm import KIND, ArmSpec, Axis
 from etude_arm.robot_file import parse_robot, read_robot, robot_to_toml
-from etude_arm.spec import ArmSpec, Axis
 
 TEXT = """name = "arm"
 command_unit = "N m"

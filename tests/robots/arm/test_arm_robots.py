@@ -10,8 +10,7 @@ from arm_examples import ENGINES, simulated
 
 from etude.errors import UsageError
 from etude.types import Motion
-from etude_arm.controller import PerfectController
-from etude_arm.kind import KIND
+from etude_arm import KIND, PerfectController
 from etude_arm.plant.parameters import plant_names
 from etude_arm.plant.robot import ArmRobot, simulated_robot
 

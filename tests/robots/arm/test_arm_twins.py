@@ -9,8 +9,7 @@ from arm_examples import MIDDLE, Sines, open_loop, simulated
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from etude_arm.controller import PerfectController
-from etude_arm.kind import KIND
+from etude_arm import KIND, PerfectController
 from etude_arm.plant import compiled, mujoco_engine
 from etude_arm.plant.parameters import load_parameters
 

@@ -13,18 +13,19 @@ from robots_of_others import robot_of
 from test_loading_arms import ARMS, Arm
 
 import etude
-from etude.campaign.create import RobotPart, create_campaign
+from etude.campaign import create_campaign
+from etude.campaign.create import RobotPart
 from etude.campaign.propose.ask import ask
 from etude.cli import main
 from etude.codes import Warn
 from etude.errors import UnsafeTrajectoryError
 from etude.limits.certificate import require_certified
 from etude.protocols import Trajectory
-from etude.trajectories.moves import PointToPoint
+from etude.trajectories import PointToPoint
+from etude_arm import ArmSpec
 from etude_arm.command_limits import NO_MOTION, commands_of
 from etude_arm.description import sentences, weight_of
 from etude_arm.model_file import spec_from_model
-from etude_arm.spec import ArmSpec
 
 LEVEL = GRAVITY * 3.0 * 0.3
 """N m that hold the lever level, where it stands at home."""

@@ -16,31 +16,23 @@ import numpy as np
 import pytest
 from robots_of_others import FILES, robot_of
 
-from etude.campaign.create import find_robot
-from etude.campaign.record.config import preset_config
-from etude.design.chain import linked
-from etude.design.config import DesignConfig
-from etude.design.latents import prior_latents
-from etude.design.solve import design
-from etude.limits.certificate import certify
-from etude.limits.feasible import FeasibleSet
-from etude.limits.samplers import boundary, scaled, uniform
+from etude.campaign import find_robot, preset_config
+from etude.design import DesignConfig, design, linked, prior_latents
+from etude.limits import FeasibleSet, boundary, certify, scaled, uniform
 from etude.protocols import Family, Limit, Trajectory
+from etude.trajectories import FourierConfig, FourierTrajectory
 from etude.trajectories.extremes import OVERSAMPLING
-from etude.trajectories.family import FourierConfig
-from etude.trajectories.fourier import FourierTrajectory
 from etude.types import Array, Motion
-from etude_arm.kind import KIND
+from etude_arm import KIND, ArmSpec
 from etude_arm.motions import family as arm_family
 from etude_arm.motions import limits as arm_limits
 from etude_arm.motions import ways as arm_ways
 from etude_arm.space.table import Cartesian
-from etude_arm.spec import ArmSpec
+from etude_quadrotor import QuadrotorSpec
 from etude_quadrotor.motions import FlightConfig, flight_family
 from etude_quadrotor.motions import home as flight_home
 from etude_quadrotor.motions import limits as flight_limits
 from etude_quadrotor.motions import ways as flight_ways
-from etude_quadrotor.spec import QuadrotorSpec
 
 HARMONICS, DURATION, DENSER = 5, 20.0, 100
 CHUNK = 1000

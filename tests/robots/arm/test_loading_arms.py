@@ -11,7 +11,7 @@ import pytest
 from loading_examples import bullet_robot, example_robot
 
 from etude.errors import UsageError
-from etude_arm.kind import KIND
+from etude_arm import KIND
 from etude_arm.loading.load import load
 
 

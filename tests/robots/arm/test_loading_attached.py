@@ -11,11 +11,11 @@ import pytest
 from loading_examples import write
 
 from etude.errors import UsageError
+from etude_arm import ArmSpec
 from etude_arm.loading.attachments import Attached, Mounting
 from etude_arm.loading.load import load_arm
 from etude_arm.model_file import spec_from_model
 from etude_arm.robot_file import parse_robot, robot_to_toml
-from etude_arm.spec import ArmSpec
 
 MJCF = """<mujoco><worldbody><body name="a" pos="0 0 .2"><joint name="one" axis="0 1 0" range="-1 1"/>
   <geom size=".1" mass="1"/><body name="b" pos=".5 0 0"><joint name="two" axis="0 1 0" range="-1 1"/>

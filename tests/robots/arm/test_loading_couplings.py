@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from etude.errors import UsageError
-from etude_arm.kind import KIND
+from etude_arm import KIND
 from etude_arm.loading.load import load, load_arm
 from etude_arm.loading.pack import packed
 

@@ -11,7 +11,7 @@ import pytest
 from loading_examples import ARM, BOX, CUBE, INERTIAL, LIMIT, MESH, joint, link, robot, write
 
 from etude.errors import UsageError
-from etude_arm.kind import KIND
+from etude_arm import KIND
 from etude_arm.loading.inertia import SMALLEST, possible
 from etude_arm.loading.load import load
 from etude_arm.loading.loaded_model import Loaded

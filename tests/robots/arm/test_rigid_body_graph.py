@@ -12,8 +12,8 @@ import pytest
 from rigid_examples import AWKWARD, NAMES, awkward_spec, smooth_motion
 
 from etude._runtime.operators import Value
+from etude.deploy import session
 from etude.deploy.onnx.model_graph import Graph
-from etude.deploy.onnx.target import session
 from etude.types import Array, Log
 from etude_arm.inputs import ArmInputs
 from etude_arm.memory import remembered

@@ -11,17 +11,16 @@ import pytest
 from clearance_examples import planar_spec, random_chain
 
 from etude.errors import UsageError
-from etude.limits.certificate import SPEED, certify
-from etude.trajectories.fourier import FourierTrajectory
-from etude.trajectories.moves import PointToPoint
-from etude.trajectories.splined import Splined
+from etude.limits import certify
+from etude.limits.certificate import SPEED
+from etude.trajectories import FourierTrajectory, PointToPoint, Splined
+from etude_arm import ArmSpec, Axis
 from etude_arm.clearance.skeleton import bent
 from etude_arm.loading.load import load_arm
 from etude_arm.motions import limits
 from etude_arm.robot_file import parse_robot, robot_to_toml
 from etude_arm.space.limit import SpaceLimit, space_of
 from etude_arm.space.table import Cartesian
-from etude_arm.spec import ArmSpec, Axis
 
 ALL = Cartesian(
     (0.02, 0.0, 0.01),

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from etude.types import Array, Log, Samples
+from etude_quadrotor import QuadrotorSpec
 from etude_quadrotor.channels import STATES, command
 from etude_quadrotor.physics.vehicle_inverse import VehicleInverse
-from etude_quadrotor.spec import QuadrotorSpec
 from etude_quadrotor.vehicle import GRAVITY, Vehicle
 
 VEHICLE = Vehicle(

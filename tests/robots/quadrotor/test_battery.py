@@ -10,9 +10,9 @@ from inverse_flights import SPEC, flights, flown
 from test_flight_inputs import motion
 
 from etude.types import Array, Log, Samples
+from etude_quadrotor import QuadrotorInputs
 from etude_quadrotor.battery import slow_voltage, usual_voltage
 from etude_quadrotor.channels import BATTERY, command
-from etude_quadrotor.inputs import QuadrotorInputs
 from etude_quadrotor.preprocessing import FlightData, flight_samples
 
 USUAL = 3.8

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from etude.errors import UnsafeTrajectoryError, UsageError
-from etude.trajectories.fourier import FourierTrajectory
+from etude.trajectories import FourierTrajectory
 from etude.types import Motion
 from etude_quadrotor.flatness import FlatMotion, flat_motion, roll_pitch_yaw
 from etude_quadrotor.vehicle import GRAVITY

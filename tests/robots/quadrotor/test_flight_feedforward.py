@@ -9,27 +9,28 @@ import numpy as np
 import pytest
 
 from etude.errors import DataError, NumericalError, UsageError
-from etude.limits.feasible import FeasibleSet
-from etude.limits.samplers import uniform
+from etude.limits import FeasibleSet, uniform
 from etude.protocols import Candidate, Trajectory
 from etude.types import Array, Log, Motion
+from etude_quadrotor import (
+    KIND,
+    FlightFeedforward,
+    GatedVoltages,
+    QuadrotorInputs,
+    flight_plan,
+    nominal_inverse,
+)
 from etude_quadrotor.channels import POSITION, POSITION_DES
 from etude_quadrotor.controller import (
     LARGEST_CORRECTION,
     PID_ALONE,
-    FlightFeedforward,
-    GatedVoltages,
     LinearDrag,
-    flight_plan,
     learned,
     states_of,
     thrust_voltage,
 )
 from etude_quadrotor.flatness import flat_motion
-from etude_quadrotor.inputs import QuadrotorInputs
-from etude_quadrotor.kind import KIND
 from etude_quadrotor.motions import FlightConfig, flight_family, home, limits
-from etude_quadrotor.physics.vehicle_inverse import nominal_inverse
 from etude_quadrotor.plant.registry import simulated_vehicle
 from etude_quadrotor.preprocessing import FlightData
 from etude_quadrotor.vehicle import GRAVITY

@@ -8,10 +8,10 @@ from inverse_flights import SPEC, flights, random_log, samples_of
 
 from etude.codes import Notice, Warn
 from etude.errors import DataError, UnsafeTrajectoryError, UsageError
-from etude.trajectories.fourier import FourierTrajectory
+from etude.trajectories import FourierTrajectory
 from etude.types import Motion
+from etude_quadrotor import QuadrotorInputs
 from etude_quadrotor.flatness import VECTORS
-from etude_quadrotor.inputs import QuadrotorInputs
 from etude_quadrotor.preprocessing import FlightData
 
 ALL = [

@@ -9,12 +9,11 @@ import pytest
 from numpy.typing import NDArray
 
 from etude.errors import DataError, UsageError
-from etude_quadrotor.kind import KIND
+from etude_quadrotor import KIND, Disturbance
 from etude_quadrotor.plant.parameters import DATA, load_flight_parameters
 from etude_quadrotor.plant.plan import plan_on_grid
 from etude_quadrotor.plant.registry import PLANTS, simulated_vehicle
 from etude_quadrotor.plant.robot import flight_log
-from etude_quadrotor.plant.simulated import Disturbance
 
 Array = NDArray[np.float64]
 

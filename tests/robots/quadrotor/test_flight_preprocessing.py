@@ -10,10 +10,10 @@ from inverse_flights import SPEC, flown, log_with
 
 from etude.errors import DataError, UsageError
 from etude.types import Array, Log, Samples
+from etude_quadrotor import common_lag, with_states
 from etude_quadrotor.channels import ATTITUDE, ORIENTATION, POSITION, POSITION_DES, VELOCITY, command
 from etude_quadrotor.log_checks import findings
-from etude_quadrotor.preprocessing import FlightData, common_lag, flight_samples
-from etude_quadrotor.recorder import with_states
+from etude_quadrotor.preprocessing import FlightData, flight_samples
 from etude_quadrotor.vehicle import GRAVITY
 
 MIX = np.random.default_rng(3).normal(size=(9, 4))

@@ -11,17 +11,12 @@ import numpy as np
 import pytest
 
 from etude.errors import UnsafeTrajectoryError, UsageError
-from etude.limits.certificate import certify
-from etude.limits.feasible import FeasibleSet
-from etude.limits.samplers import boundary
-from etude.testing.kind import KindSuite
-from etude.testing.robot import InputsSuite, PhysicsSuite, RobotSuite
-from etude.trajectories.fourier import FourierTrajectory
-from etude_quadrotor.inputs import QuadrotorInputs
-from etude_quadrotor.kind import KIND
+from etude.limits import FeasibleSet, boundary, certify
+from etude.testing import InputsSuite, KindSuite, PhysicsSuite, RobotSuite
+from etude.trajectories import FourierTrajectory
+from etude_quadrotor import KIND, QuadrotorInputs, QuadrotorSpec
 from etude_quadrotor.motions import FlightConfig, flight_family
 from etude_quadrotor.preprocessing import FlightData
-from etude_quadrotor.spec import QuadrotorSpec
 
 SPEC: QuadrotorSpec = KIND.spec(KIND.built_in()["quadrotor"])
 PELICAN: QuadrotorSpec = KIND.spec(KIND.built_in()["pelican"])
@@ -153,7 +148,7 @@ def test_the_family_of_the_thesis() -> None:
 
 
 def test_presets_lay_known_keys_over_the_defaults() -> None:
-    from etude.campaign.record.config import preset_config
+    from etude.campaign import preset_config
 
     default, thesis = (preset_config(KIND, name) for name in ("default", "thesis"))
     assert default.trajectory.start == "moving"

@@ -125,7 +125,7 @@ def test_preset_thesis_is_pinned() -> None:
 
 
 MODEL = (
-    "ModelConfig(structure='gp', choose_by='squared', process_from=1, kernel='ard_se', "
+    "ModelConfig(rung='gp', choose_by='squared', process_from=1, kernel='ard_se', "
     "sharing='separate', process='thesis_dictionary_error', points=500, inducing=0, basis=100, "
     "fit_points=500, "
     "fit_spacing_s=0.0, candidates=('default',), steps=25, warm_from=1, warm_steps=0, "

@@ -17,7 +17,7 @@ from etude.toml_tables import read_table
 
 @dataclass(frozen=True)
 class StopConfig:
-    """The stop rule (see `campaign.stopping`); each criterion can be switched off with 0.
+    """The stop rule (see `campaign.evaluate.stopping`); each criterion can be switched off with 0.
 
     Attributes:
         command_tolerance: forecast command error that is good enough, as a fraction of each axis's command

@@ -1,1 +1,1 @@
-"""Is this log plausible, and how well was it recorded? One module a test."""
+"""Is this log plausible, and how well was it recorded? `plausibility` runs the tests in their order."""

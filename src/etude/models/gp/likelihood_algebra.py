@@ -40,8 +40,9 @@ from typing import Any
 
 import numpy as np
 from scipy import LowLevelCallable
+from scipy.linalg import cython_blas, cython_lapack
 
-from etude._runtime.scipy_parts import dpotrf, dpotri, dpotrs, dsyrk, loaded
+from etude._runtime.scipy_parts import dpotrf, dpotri, dpotrs, dsyrk
 from etude.models.gp.cholesky import copied, diagonal_of, with_jitter
 from etude.models.gp.kernel_algebra import VJP
 from etude.types import Array
@@ -82,9 +83,6 @@ class Routines:
 @cache
 def routines() -> Routines | None:
     """They, or None if this SciPy's have other integers than C's `int`, as with a BLAS of 64 bits."""
-    cython_blas, cython_lapack = (
-        loaded(f"cython_{name}", f"scipy.linalg.cython_{name}") for name in ("blas", "lapack")
-    )
     found = [
         _routine(cython_blas, "dgemm", integers=6),
         _routine(cython_blas, "dsyrk", integers=4),
