@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import sys
 from pathlib import Path
 
@@ -10,7 +11,6 @@ import pytest
 from etude import plugins
 from etude.campaign import find_robot
 from etude.errors import DataError, UsageError
-from etude.logs.readers.registry import read_raw
 
 VESSEL = """
 class KIND:
@@ -167,7 +167,7 @@ def test_a_reader_that_is_named_by_its_class(installed, tmp_path) -> None:  # ty
     path.write_text("1 2 3")
     start = r"there is no reader for '\.barlog' files; the reader barlog cannot be asked: "
     with pytest.raises(DataError, match=start + said) as caught:
-        read_raw(path)
+        importlib.import_module("etude.logs.readers.registry").read_raw(path)
     assert "ulog" in caught.value.next_step
     assert "barlog" not in caught.value.next_step
 
