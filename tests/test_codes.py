@@ -47,7 +47,7 @@ def test_json_carries_code_fields_step_and_light() -> None:
         (Notice(Stop.LOGS_MISSING, {"logs": 2}), "2 more logs before a rule can fire"),
         (
             Notice(Stop.TOLERANCE, {"forecast": 0.0123, "goal": 0.02}),
-            "The forecast error is 1.2 % of the command limit, within 2 %",
+            "The expected command error is 1.2 % of the command limit, within 2 %",
         ),
         (
             Notice(Stop.OPEN, {"open": (WHERE, WHERE)}),

@@ -124,7 +124,7 @@ SENTENCES: Mapping[Code | NextStep, str] = {
     Alert.LOG_FINDING: "log {log}: {found}",
     Alert.NARROW_INTERVALS: "the model is surer than it is right: {where}, its 95 % intervals held "
     "{coverage}",
-    Alert.NEVER_MOVED: "{outputs}: it did not move in any log, so nothing was learned of it",
+    Alert.NEVER_MOVED: "{outputs}: it hardly moved in any log, so nothing is believed of it",
     Alert.CONSTANT_AS_GOOD: "{outputs}: {where}, a constant would have predicted as well",
     Alert.LINEAR_BETTER: "{outputs}: {where}, linear regression erred less than {structure}",
     Alert.WORSE_THAN_FEEDBACK: "test {test}: with the model the error is {error:.3g} {unit}, without it "
@@ -140,8 +140,8 @@ SENTENCES: Mapping[Code | NextStep, str] = {
     Warn.NO_BLOCKS: "No blocks of log {log} were held out, since alone it cannot be learned: {why}",
     Warn.TWO_ROBOTS: "log {simulated} was simulated, log {real} is of the robot itself: the model learns "
     "from two robots",
-    Warn.BEYOND_LIMITS: "Beyond the stated {quantity} limits, by {source}: {beyond}. Whether the drives can "
-    "give that nobody looked at",
+    Warn.BEYOND_LIMITS: "Beyond the stated {quantity} limits, by {source}: {beyond}. Not verified: whether "
+    "the drives can give that",
     Warn.HARDLY_MOVES: "Next to no motion is left: no joint goes through more than {part:.2g %} of its "
     "range. At home {pair} are {apart_mm:.2g} mm apart, too little for tracking errors and motion: give "
     "links that only seem to stand so close closer shapes, or [search] another home",
@@ -165,12 +165,12 @@ SENTENCES: Mapping[Code | NextStep, str] = {
     "are wanted",
     Stop.BUDGET_LOGS: "The budget of {logs} logs is used up",
     Stop.BUDGET_TIME: "The budget of {minutes:g} min of motion is used up",
-    Stop.TOLERANCE: "The forecast error is {forecast:.2g %} of the command limit, within {goal:g %}",
+    Stop.TOLERANCE: "The expected command error is {forecast:.2g %} of the command limit, within {goal:g %}",
     Stop.NOISE: "The variance left is below {fraction:g} of the noise variance on every axis",
     Stop.GAIN: "The next trajectory would remove less than {threshold:g %} of the variance left per minute "
     "of robot time",
-    Stop.DOUBTED: "The forecast error is {forecast:.2g %} of the command limit, within {goal:g %}, but "
-    "{doubt}",
+    Stop.DOUBTED: "The expected command error is {forecast:.2g %} of the command limit, within {goal:g %}, "
+    "but {doubt}",
     Stop.LOGS_MISSING: "{logs:|more log|more logs} before a rule can fire",
     Stop.OPEN: "No rule has fired: {open:; }",
     Phrase.PREDICTED: "on log {log}, predicted before it was learned",
@@ -184,7 +184,7 @@ SENTENCES: Mapping[Code | NextStep, str] = {
     "believed",
     Phrase.UNSETTLED: "the last log changed a length scale by a factor {factor:.1f}, so the model is not "
     "settled",
-    Phrase.OPEN_FORECAST: "forecast error {forecast:.2g %} of the command limit (goal {goal:g %})",
+    Phrase.OPEN_FORECAST: "expected command error {forecast:.2g %} of the command limit (goal {goal:g %})",
     Phrase.OPEN_GAIN: "{rate:.2g %} of the variance left per minute (threshold {threshold:g %})",
     Phrase.GAIN_UNKNOWN: "what the next one would add is known once it is designed",
     Phrase.NO_RULE: "no rule but the budget is switched on",

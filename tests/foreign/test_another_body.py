@@ -7,6 +7,7 @@ new body, and efforts of the old one do not leave.
 from __future__ import annotations
 
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -96,4 +97,26 @@ def test_other_edits_change_nothing(learned: Path, tmp_path: Path) -> None:
     robot.write_text(text.replace("velocity = 2.0", "velocity = 1.9"))
     assert robot.read_text() != text
     found = etude.ask(open_campaign(lab), new=True)
+    assert not any("robot.toml changed" in sentence for sentence in found.certificate.not_verified)
+
+
+def test_the_advice_for_a_wrong_description_can_be_followed(learned: Path, tmp_path: Path) -> None:
+    lab = edited(learned, tmp_path, PAYLOAD)
+    etude.untell(open_campaign(lab), 1)
+    etude.tell(open_campaign(lab), learned / "run.csv")
+    found = etude.ask(open_campaign(lab), new=True)
+    assert not any("robot.toml changed" in sentence for sentence in found.certificate.not_verified)
+
+
+def test_the_advice_for_a_changed_robot_can_be_followed(learned: Path, tmp_path: Path) -> None:
+    lab = edited(learned, tmp_path, PAYLOAD)
+    asked = etude.ask(open_campaign(lab), new=True)
+    arm = plant.arm_of_urdf(URDF, seed=5, wrong=1.0)
+    arm = replace(arm, true=loaded(arm))
+    run = plant.run(arm, plant.reference_of_table((asked.folder / "trajectory.csv").read_bytes(), arm.names))
+    (tmp_path / "run.csv").write_bytes(run.log())
+    etude.tell(open_campaign(lab), tmp_path / "run.csv", changed="new")
+    campaign = open_campaign(lab)
+    assert [r.number for r in campaign.state().learned] == [2]
+    found = etude.ask(campaign, new=True)
     assert not any("robot.toml changed" in sentence for sentence in found.certificate.not_verified)

@@ -29,6 +29,8 @@ FEEDFORWARD = "feedforward.csv"
 SLOWLY = "First slowly: the same with --speed 50; no log shows that its margins are enough."
 NEAREST = 6
 """Distances that are shown one by one; an arm has dozens."""
+DISTANCES = {"clearance": ("distances", "distance (m)", " m")}
+"""Quantities without an upper end whose unit is known: what many are, the head of their table, the unit."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -158,7 +160,7 @@ def _renewed(found: Proposal) -> list[str]:
 
 
 def _unverified(found: Proposal) -> list[str]:
-    """What nobody looked at; the way is proved where it was asked for."""
+    """What is not verified; the way is proved where it was asked for."""
     from etude.limits.certificate import WAY
 
     return [one for one in found.certificate.not_verified if found.way is None or one != WAY]
@@ -213,20 +215,25 @@ def _slack(rows: Sequence[Proof]) -> dict[str, float]:
 
 
 def _distances(rows: Sequence[Proof]) -> list[str]:
-    """The least distances, the nearest one by one."""
+    """What has no upper end, as distances have none: the least ones, each quantity by itself."""
+    names = dict.fromkeys(row.quantity for row in rows)
+    return [line for name in names for line in _least([row for row in rows if row.quantity == name])]
+
+
+def _least(rows: Sequence[Proof]) -> list[str]:
+    """Those of one quantity, the nearest one by one; the unit of an owner's own quantity is not known."""
     from etude.limits.certificate import place_of, utilization
 
     rows = sorted(rows, key=utilization, reverse=True)
+    name, head, unit = DISTANCES.get(rows[0].quantity, (f"{rows[0].quantity} rows", rows[0].quantity, ""))
     near = [[row.axis, f"{row.proved_lower:.4g}", f"{row.lower:.4g}"] for row in rows[:NEAREST]]
-    if not near:
-        return []
-    lines = [table(["distance (m) of", "proved at least", "to keep"], near)]
+    lines = [table([f"{head} of", "proved at least", "to keep"], near)]
     where = [f"  - {row.axis}: {place_of(row)}" for row in rows[:NEAREST] if place_of(row)]
     lines += ["Where they come nearest:", *where] if where else []
     rest = rows[NEAREST:]
     if rest:
         least = min(row.proved_lower for row in rest)
-        lines.append(f"{len(rest)} more distances, all at least {least:.4g} m.")
+        lines.append(f"{len(rest)} more {name}, all at least {least:.4g}{unit}.")
     return lines
 
 

@@ -111,13 +111,13 @@ def _under(rows: Sequence[Proof]) -> str:
 def in_words(row: Proof) -> str:
     """A row as a sentence: what is asked, how far tracking may leave it, and the limit of both together.
 
-    Of a distance tracking has been taken off already: what is said is what it leaves.
+    Without an upper end tracking is in one of the two numbers already: off a distance, or on the limit.
     """
     if row.upper == math.inf:
         taken = tracked_in_words(row)
         under = f" under {row.control}" if row.control else ""
-        after = f" after tracking{under} has taken {taken}" if taken else ""
-        return f"{row.proved_lower:.4g} is kept{after}, limit {row.lower:.4g}"
+        with_it = f" with tracking{under} of {taken}" if taken else ""
+        return f"{row.proved_lower:.4g} is kept{with_it}, limit {row.lower:.4g}"
     above = row.upper - row.proved_upper <= row.proved_lower - row.lower
     asked, limit = (row.proved_upper, row.upper) if above else (row.proved_lower, row.lower)
     beyond = row.tracking_margin if above else -row.tracking_margin

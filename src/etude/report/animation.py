@@ -13,17 +13,16 @@ from pathlib import Path
 
 import numpy as np
 
-from etude.abilities import SupportsFigure
 from etude.errors import UsageError
 from etude.protocols import Trajectory
 from etude.report.markup import Html, error_axis, test_title, text
-from etude.report.pictures import SIZE, alone
-from etude.report.record import Record, Test, read_record, tests
+from etude.report.pictures import SIZE, alone, learned_tests
+from etude.report.record import Record, Test, read_record
 from etude.report.scales import Axis, fitted_scale
-from etude.report.scene import Camera, camera_of, drawn_room, standing, things_of
+from etude.report.scene import Camera, camera_of, drawn_room, standing
 from etude.report.sections.learning import curve_marks
-from etude.report.sections.motion import room_around
-from etude.report.svg import panel, polyline
+from etude.report.sections.motion import figure_along, room_around, sticks
+from etude.report.svg import panel
 from etude.storage import write_atomic
 from etude.types import Array, Figure
 
@@ -39,13 +38,7 @@ def of_campaign(record: Record) -> Html:
     Raises:
         UsageError: no motion, no evaluation, or a robot that cannot be drawn.
     """
-    curves = [test for test in tests(record) if test.learned]
-    if not curves:
-        raise UsageError(
-            "this campaign has no evaluation to draw",
-            where=str(record.folder),
-            next_step="Only `etude simulate` and `etude demo` evaluate a controller.",
-        )
+    curves = learned_tests(record)
     rounds = min(len(curves[0].learned), sum(r.asked is not None for r in record.state.rounds.values()))
     figures = [_figure(record, number) for number in range(1, rounds + 1)]
     total = SECONDS * rounds + HOLD
@@ -54,12 +47,11 @@ def of_campaign(record: Record) -> Html:
 
 def _figure(record: Record, number: int) -> tuple[Trajectory, Figure]:
     """A motion and the robot along it. UsageError: no such motion, or none to draw."""
-    campaign, trajectory = record.campaign, record.trajectory(number)
-    if campaign is not None and trajectory is not None and isinstance(campaign.kind, SupportsFigure):
-        t = np.linspace(0.0, trajectory.duration, FRAMES)
-        found = campaign.kind.figure(campaign.spec, trajectory.motion(t, 1).orders[0])
-        if found is not None:
-            return trajectory, replace(found, things=(*found.things, *things_of(record.limits)))
+    trajectory = record.trajectory(number)
+    if trajectory is not None:
+        path = trajectory.motion(np.linspace(0.0, trajectory.duration, FRAMES), 1).orders[0]
+        if (found := figure_along(record, path)) is not None:
+            return trajectory, found
     raise UsageError(
         "this robot cannot be drawn",
         where=f"motion {number} of {record.folder}",
@@ -87,16 +79,11 @@ def _robot(motions: Sequence[tuple[Trajectory, Figure]], total: float) -> Html:
 
 def _moving(camera: Camera, figures: Sequence[Figure], total: float) -> str:
     """One path of sticks through the poses of all motions, which stands at its end until all begins again."""
-    poses = [_sticks(camera, figure, k) for figure in figures for k in range(len(figure.points))]
+    poses = [sticks(camera, figure, k) for figure in figures for k in range(len(figure.points))]
     times = [SECONDS * (m + k / (FRAMES - 1)) / total for m in range(len(figures)) for k in range(FRAMES)]
     values, keys = ";".join([*poses, poses[-1]]), ";".join(f"{time:.4f}" for time in [*times, 1.0])
     animate = _animate("d", values, keys, total)
     return f'<path class="limb c1" d="{poses[-1]}">{animate}</path>'
-
-
-def _sticks(camera: Camera, figure: Figure, k: int) -> str:
-    pixels = camera(figure.points[k])
-    return "".join(polyline(*pixels[list(pair)].T) for pair in figure.sticks.tolist())
 
 
 def _curves(test: Test, rounds: int, total: float) -> Html:

@@ -17,7 +17,7 @@ from etude.campaign.record.folder import Campaign
 from etude.errors import UsageError
 from etude.protocols import Trajectory
 from etude.report.markup import Html
-from etude.report.record import Record, read_record, score, tests
+from etude.report.record import Record, Test, read_record, score, tests
 from etude.report.scales import Axis, Scale
 from etude.report.sections.learning import joint_style, learning_panel
 from etude.report.svg import Line, Mark, panel, thinned
@@ -179,14 +179,19 @@ def learning_picture(record: Record) -> Html:
     Raises:
         UsageError: the campaign has no evaluation.
     """
-    drawn = [learning_panel(test) for test in tests(record) if test.learned][:2]
-    if not drawn:
+    return alone([learning_panel(test) for test in learned_tests(record)][:2])
+
+
+def learned_tests(record: Record) -> list[Test]:
+    """The tests of a learned controller. UsageError: there is none."""
+    found = [test for test in tests(record) if test.learned]
+    if not found:
         raise UsageError(
             "this campaign has no evaluation to draw",
             where=str(record.folder),
             next_step="Only `etude simulate` and `etude demo` evaluate a controller.",
         )
-    return alone(drawn)
+    return found
 
 
 def main(arguments: list[str]) -> None:

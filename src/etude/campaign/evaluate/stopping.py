@@ -1,7 +1,7 @@
 """When another trajectory is not worth its robot time: four rules, their evidence, and when not to trust
 them.
 
-Prequential score, calibration factor, forecast error and value of the next trajectory are the evidence.
+The evidence: prequential score, calibration factor, expected command error, value of the next trajectory.
 Training error and marginal likelihood are not: the one always falls, hyperparameters change the other.
 """
 
@@ -21,7 +21,7 @@ from etude.campaign.record.state import Round, State
 from etude.codes import Code, Notice, Phrase, Stop
 
 OVERCONFIDENT = 2.0
-"""Calibration factor above which a forecast error is not believed."""
+"""Calibration factor above which an expected command error is not believed."""
 STILL_CHANGING = 0.7
 """Largest move of a logarithmic length scale in one update for which the model counts as settled."""
 

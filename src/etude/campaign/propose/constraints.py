@@ -64,10 +64,10 @@ class Constraints:
         None before any log, where it is gone, or where it is of another body than is described now: it would
         prove the commands of a robot that is no more.
         """
-        if self.number is not None and of_another_body(campaign, self.number):
-            return None
         if self.number is not None and self.number not in self._models:
             self._models[self.number] = None
+            if of_another_body(campaign, self.number):
+                return None
             require_stored(campaign, self.number)
             with contextlib.suppress(UsageError, DataError):
                 self._models[self.number] = stored_model(campaign, self.number)
@@ -167,6 +167,7 @@ def constraints_now(campaign: Campaign, state: State, *controls: str) -> Constra
     if number is not None and (other := of_another_body(campaign, number)):
         sentence = f"Commands are those of the description alone.{other}"
         by_form = {form: (sentence, *own) for form, own in by_form.items()}
+        number = None
     return Constraints(margins, by_form=by_form, number=number, controls=controls)
 
 

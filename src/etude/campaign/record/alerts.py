@@ -88,7 +88,7 @@ def _of_blocks(state: State, outputs: Sequence[str]) -> list[Notice]:
 
 
 def _unmoved(state: State) -> list[str]:
-    """Outputs whose joints did not move in any log that was learned, as the newest training found."""
+    """Outputs whose joints were held in every log that was learned, as the newest training found."""
     return list(state.newest.unmoved) if state.newest else []
 
 

@@ -158,7 +158,7 @@ COMMENTS: dict[str, dict[str, str]] = {
         "most": "part of the way from home to a position limit that a margin may take at most",
     },
     "stop": {
-        "command_tolerance": "good enough: forecast error as a fraction of the command limit; 0: off",
+        "command_tolerance": "good enough: expected command error as a fraction of the command limit; 0: off",
         "noise_fraction": "stop when the variance left is below this fraction of the noise; 0: off",
         "gain_per_minute": "stop when less of the variance left goes per robot minute; 0: off",
         "setup_s": "s of robot time each trajectory costs besides its duration",

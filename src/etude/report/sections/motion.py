@@ -51,23 +51,30 @@ def motion(record: Record) -> Html:
     """One drawing; nothing for robots that cannot be drawn."""
     numbers = [n for n, r in sorted(record.state.rounds.items()) if r.asked is not None]
     trajectory = record.trajectory(numbers[-1]) if numbers else None
-    campaign = record.campaign
-    if trajectory is None or campaign is None or not isinstance(campaign.kind, SupportsFigure):
+    if trajectory is None:
         return Html("")
     t = frames(trajectory)
     path = trajectory.motion(t, 1).orders[0]
     if path.shape[1] != len(record.names):
         return Html("")
     try:
-        found = campaign.kind.figure(campaign.spec, path)
+        found = figure_along(record, path)
     except EtudeError as error:
         return section("motion", TITLE, missing(f"The robot cannot be drawn: {error}"))
     if found is None:
         return Html("")
-    found = replace(found, things=(*found.things, *things_of(record.limits)))
     words = "its tip" if len(found.tips) == 1 else "its tips"
     drawn = stage(f"Trajectory {numbers[-1]}", t, found)
     return section("motion", TITLE, paragraph(TEXT.format(tips=words)), paragraph(_of_things(found)), drawn)
+
+
+def figure_along(record: Record, path: Array) -> Figure | None:
+    """The robot along poses (T, k), with what stands around it; None where it cannot be drawn."""
+    campaign = record.campaign
+    if campaign is None or not isinstance(campaign.kind, SupportsFigure):
+        return None
+    found = campaign.kind.figure(campaign.spec, path)
+    return found and replace(found, things=(*found.things, *things_of(record.limits)))
 
 
 BEYOND = 0.5
@@ -202,12 +209,16 @@ def _way(camera: Camera, way: Array, floor: float) -> str:
 
 def _pose(camera: Camera, figure: Figure, k: int, style: str) -> str:
     """Sticks and joints at one time."""
+    return f'<path class="{style}" d="{sticks(camera, figure, k)}"/>'
+
+
+def sticks(camera: Camera, figure: Figure, k: int) -> str:
+    """The `d` of a path along the sticks at one time."""
     pixels = camera(figure.points[k])
-    line = "".join(
+    return "".join(
         f"M{pixels[a][0]:.1f} {pixels[a][1]:.1f}L{pixels[b][0]:.1f} {pixels[b][1]:.1f}"
         for a, b in figure.sticks.tolist()
     )
-    return f'<path class="{style}" d="{line}"/>'
 
 
 def _data(camera: Camera, t: Array, figure: Figure) -> str:

@@ -22,6 +22,7 @@ from etude.report.markup import (
     section,
     table,
     unit_sign,
+    with_unit,
 )
 from etude.report.record import Facts, Record
 from etude.report.scales import Axis
@@ -104,18 +105,29 @@ FARTHEST = 10.0
 """What is drawn of a distance, in parts of what is to be kept."""
 
 
+CLEARANCE = "clearance"
+"""The quantity of the rows that are distances, in m."""
+
+
 def use_of_distance(kept: float, proved: float) -> float:
     """The part of a distance that is to be kept anyway; 1 where it is touched."""
     return kept / proved if proved > 0.0 else math.inf
 
 
 def distances(rows: Sequence[Facts]) -> list[Html]:
-    """The nearest ones with where and when, from a certificate's rows; nothing if no row is a distance."""
+    """What has no upper end, as distances have none, from a certificate's rows, each quantity by itself."""
     own = [row for row in rows if row["upper"] == math.inf]
+    names = dict.fromkeys(row["quantity"] for row in own)
+    return [part for name in names for part in _least([row for row in own if row["quantity"] == name])]
+
+
+def _least(own: list[Facts]) -> list[Html]:
+    """Those of one quantity, the nearest with where and when; an owner's quantity has no known unit."""
     own.sort(key=lambda row: use_of_distance(row["lower"], row["proved_lower"]), reverse=True)
-    if not own:
-        return []
-    header = ["", "proved distance (m)", "to keep (m)", "nearest"]
+    quantity = own[0]["quantity"]
+    name, unit = ("distance", "m") if quantity == CLEARANCE else (quantity, "1")
+    in_unit = "" if unit == "1" else f" ({unit})"
+    header = ["", f"proved {name}{in_unit}", f"to keep{in_unit}", "nearest"]
     body = [
         [
             row["axis"],
@@ -127,7 +139,7 @@ def distances(rows: Sequence[Facts]) -> list[Html]:
     ]
     rest = own[NEAREST:]
     least = min((row["proved_lower"] for row in rest), default=0.0)
-    more = f"{len(rest)} more distances, all at least {number(least, 3)} m."
+    more = f"{len(rest)} more, all at least {with_unit(least, unit)}."
     return [table(header, body), *([paragraph(more, class_="soft")] if rest else [])]
 
 
