@@ -75,6 +75,9 @@ def test_the_plane_of_the_docs_goes_the_whole_way(place, capsys) -> None:
     assert cli.main(["init", "lab", "--robot", "arm.toml", "--trust"]) == 0
     assert block("toml", "[[limit]]").strip() in Path("lab/robot.toml").read_text()
     assert cli.main(["ask", "lab", "--from", "home", "--format", "ros2_csv"]) == 0
+    said = capsys.readouterr().out
+    assert re.search("height of +proved at least", said)
+    assert "distance (m)" not in said  # nobody stated the unit of an own function
     (row,) = certificate("lab")
     assert (row["axis"], row["status"]) == ("tool", "proved")
     assert row["proved_lower"] >= row["lower"] == pytest.approx(0.3 + row["tracking_margin"])
@@ -87,7 +90,9 @@ def test_the_plane_of_the_docs_goes_the_whole_way(place, capsys) -> None:
     for wanted in (Limit, SupportsBlocking, SupportsBoxes, SupportsDrawing):
         assert isinstance(limit, wanted)
     assert cli.main(["report", "lab"]) == 0
-    assert ">plane</text>" in Path("lab/report.html").read_text()
+    page = Path("lab/report.html").read_text()
+    assert ">plane</text>" in page
+    assert "proved height" in page
 
 
 def test_a_limit_that_no_motion_keeps_refuses_every_proposal(place, capsys) -> None:
