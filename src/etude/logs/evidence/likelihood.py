@@ -112,11 +112,12 @@ class Evidence:
 
 def least(one: Array, other: Array) -> Array:
     """(p,) the log odds of one to the other (p, c) that are least in magnitude, among the classes in which
-    either is within REACH of the best; 0 where these differ in sign.
+    either is within REACH of the best; 0 where these differ in sign. What has no say is FAR below the best.
     """
     size = np.maximum(one, other)
-    near = size > size.max(axis=1, keepdims=True) - REACH
-    odds = np.subtract(one, other, where=near, out=np.zeros_like(one))
+    best = size.max(axis=1, keepdims=True)
+    near = size > best - REACH
+    odds = np.where(np.isneginf(one), best - FAR, one) - np.where(np.isneginf(other), best - FAR, other)
     low = np.where(near, odds, np.inf).min(axis=1)
     high = np.where(near, odds, -np.inf).max(axis=1)
     return np.asarray(np.where(low > 0.0, low, np.where(high < 0.0, high, 0.0)))
@@ -145,7 +146,7 @@ def evidence_of(rows: Rows, own: Index, joints: Index, columns: Index, variants:
 
 @dataclass(frozen=True, eq=False)
 class _Fit:
-    """Of h points and p pairs: evidence (h, p) of any coefficients, mean (h, p, m), covariance (h, p, m, m)."""
+    """Of h points and p pairs: evidence (h, p), mean (h, p, m) and covariance (h, p, m, m), any signs."""
 
     evidence: Array
     mean: Array

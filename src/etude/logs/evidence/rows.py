@@ -87,9 +87,9 @@ def rows_of(
     found = []
     for i, log in pieces:
         delays = DELAYS if late is None or i in late else (0.0,) * len(DELAYS)
-        found.append(_filtered(log, path, body, rate, delays) | {"log": i})
-    which = np.concatenate([np.full(len(one["t"]), one["log"]) for one in found])
-    whole = {name: np.concatenate([one[name] for one in found]) for name in found[0] if name != "log"}
+        found.append(_filtered(log, path, body, rate, delays))
+    which = np.concatenate([np.full(len(one["t"]), i) for (i, _), one in zip(pieces, found, strict=True)])
+    whole = {name: np.concatenate([one[name] for one in found]) for name in found[0]}
     return Rows(
         t=whole["t"] + APART_S * which,
         log=which,
