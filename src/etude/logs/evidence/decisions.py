@@ -224,32 +224,32 @@ def _signs(judged: _Judged, fresh: Sequence[int], doubtful: bool) -> Decision | 
     )
 
 
+SHIFT = 2.0 * SURE  # log odds from which commands are shifted: those of a right simulated log reached 15
 LEAST_DELAY = 0.03  # s: real sensors have less without harm
 DELAY_PRIOR = 100.0  # 1/s: log prior that falls with a delay
 
 
 def _late(judged: _Judged, fresh: Sequence[int]) -> Decision | None:
     """Commands of the new logs before or behind the motion, alike in all joints."""
-    total = np.array([judged.variant(i).whole().sum() for i in range(len(DELAYS))])
-    total -= DELAY_PRIOR * np.abs(DELAYS)
+    whole = [judged.variant(i).whole() for i in range(len(DELAYS))]
+    total = np.sum(whole, axis=1) - DELAY_PRIOR * np.abs(DELAYS)
     long = np.abs(DELAYS) >= LEAST_DELAY
-    best = int(total.argmax())
-    odds = float(total[best] - total[~long].max())
-    if not long[best] or odds < SURE:
+    best, near = int(total.argmax()), int(np.where(long, -np.inf, total).argmax())
+    if not long[best]:
+        return None
+    sizes = [judged.variant(i).by_class() for i in (best, near)]
+    odds = float(least(*sizes).sum() + DELAY_PRIOR * (abs(DELAYS[near]) - abs(DELAYS[best])))
+    if odds < SHIFT:
         return None
     return judged.decision("note", check=DELAY, logs=tuple(fresh), by=(DELAYS[best],), odds=odds)
 
 
 PAIR, ANY_ORDER = 0.05, 0.005  # prior of one exchanged pair, of any other order
-INVERTED = float(np.log(0.03))  # log prior of an inverted column, where orders are compared
 
 
 def _gains(judged: _Judged) -> Array:
     """(m, m) how much better column k fits joint j than its own joint, by the least favourable class."""
-    crossed = judged.crossed
-    parts = [crossed.right, crossed.inverted + INVERTED, crossed.free + NEITHER]
-    size = np.asarray(logsumexp(parts, axis=0))
-    m = len(judged.own)
+    size, m = judged.crossed.by_class(), len(judged.own)
     own = np.tile(size[np.arange(m) * m + np.arange(m)], (m, 1))
     gains = least(size, own).reshape(m, m)
     np.fill_diagonal(gains, 0.0)

@@ -68,6 +68,7 @@ INERTIA, VISCOUS, COULOMB, TORQUE = range(4)  # regressors, in the order of thei
 TERMS = ((INERTIA, VISCOUS, COULOMB), (INERTIA,))  # friction may be none
 FRICTION = (VISCOUS, COULOMB)
 NEITHER = np.log(0.05)  # prior of a command that no sign explains
+INVERTED = np.log(0.03)  # prior of an inverted one, where orders and delays are compared
 BEST = 2  # points of a class whose orthants are computed
 FAR = 40.0  # nats below the best point: no say
 REACH = 25.0  # nats below the best class within which a class has a say
@@ -91,6 +92,11 @@ class Evidence:
         """(p,) of the column whatever its sign."""
         parts = [logsumexp(one, axis=1) for one in (self.right, self.inverted, self.free)]
         return np.asarray(logsumexp([parts[0], parts[1], parts[2] + NEITHER], axis=0))
+
+    def by_class(self) -> Array:
+        """(p, c) of the column whatever its sign, in each class; inverted ones have a prior of INVERTED."""
+        parts = [self.right, self.inverted + INVERTED, self.free + NEITHER]
+        return np.asarray(logsumexp(parts, axis=0))
 
     def strange(self) -> Mask:
         """(p,) where neither sign explains the column, which then has no say."""
