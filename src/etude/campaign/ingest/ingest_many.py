@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Unpack, overload
 
-from etude.campaign.ingest.ingest_result import How, Told
+from etude.campaign.ingest.ingest_result import How, Told, read_settled
+from etude.campaign.ingest.questions import Answers, LogQuestions, answers_of, body_of
 from etude.campaign.ingest.tell import finished, newest_warnings, take
 from etude.campaign.ingest.tell import tell as tell_one
+from etude.campaign.ingest.together import MOST_NEW, Survey, told_logs
 from etude.campaign.record.folder import Campaign, Say
 from etude.campaign.training import Learner
 from etude.codes import Notice
 from etude.errors import DataError, UsageError
+from etude.logs.readers.log_file import sha256_of_log
+from etude.types import Log
 
 
 @dataclass(frozen=True)
@@ -152,10 +157,11 @@ def _taken(campaign: Campaign, paths: Sequence[Path], how: How, say: Say) -> lis
     """Every file, stored or refused, in the order in which they were given."""
     found: dict[Path, IngestedFile] = {}
     left = sorted(set(paths), key=lambda path: (path.name, str(path)))
+    survey = surveyed(campaign, left, how) if len(left) > 1 else None
     while left:
         open_before, refused = len(campaign.state().proposals), []
         for path in left:
-            found[path] = _one(campaign, path, how)
+            found[path] = _one(campaign, path, how, survey)
             say(f"{path.name}: {found[path].sentence}.")
             refused += [path] if found[path].ingested is None else []
         # what fitted none of several open proposals may answer none at all
@@ -163,8 +169,36 @@ def _taken(campaign: Campaign, paths: Sequence[Path], how: How, say: Say) -> lis
     return [found[path] for path in dict.fromkeys(paths)]
 
 
-def _one(campaign: Campaign, path: Path, how: How) -> IngestedFile:
+def _one(campaign: Campaign, path: Path, how: How, survey: Survey | None) -> IngestedFile:
     try:
-        return IngestedFile(path, take(campaign, path, **how))
+        return IngestedFile(path, take(campaign, path, survey=survey, **how))
     except DataError as error:
         return IngestedFile(path, None, error)
+
+
+def surveyed(campaign: Campaign, paths: Sequence[Path], how: How) -> Survey | None:
+    """The new logs in these files, for their commands to be judged together; None where nothing is to be."""
+    if how.get("confirm") or not any(c.acts_on for c in campaign.channels):
+        return None
+    state = campaign.state()
+    answers = answers_of(state, how.get("accept", ()), how.get("repair", ()))
+    found: dict[Path, Log] = {}
+    for path in paths[:MOST_NEW]:
+        if state.round_of_log(sha256_of_log(path)) is None:
+            log = _prepared(campaign, path, how, answers)
+            found |= {} if log is None else {path: log}
+    body = body_of(campaign.kind, campaign.spec)
+    return Survey(found, told_logs(campaign, state), answers.to, body)
+
+
+def _prepared(campaign: Campaign, path: Path, how: How, answers: Answers) -> Log | None:
+    """The log in a file, its motion settled; None of one that is refused whatever its commands are."""
+    found: list[Log] = []
+
+    def settle(log: Log) -> Log:
+        found.append(LogQuestions(campaign.kind, campaign.spec, answers).prepared(log))
+        return found[0]
+
+    with contextlib.suppress(DataError):  # what is wrong is said when the file is taken
+        read_settled(campaign, path, settle, degrees=how.get("degrees", False), topics=how.get("topics", ()))
+    return found[0] if found else None

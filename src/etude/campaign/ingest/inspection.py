@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -12,11 +12,12 @@ import numpy as np
 
 from etude.campaign.create import find_robot, reading
 from etude.campaign.ingest.questions import Answers, LogQuestions, judged_commands
+from etude.campaign.ingest.together import told_logs
 from etude.campaign.record.config_file import CONFIG
 from etude.campaign.record.folder import Campaign, open_campaign
 from etude.errors import DataError, EtudeError
 from etude.logs.checks.filtered_motion import Seen, seen
-from etude.logs.checks.plausibility import judge_commands, judge_motion
+from etude.logs.checks.plausibility import judge_motion
 from etude.logs.checks.recording_quality import clock_findings, column_findings, motion_findings
 from etude.logs.cleaning import read as logs
 from etude.logs.cleaning.read import clean_log, matched_log
@@ -56,7 +57,9 @@ class Inspected:
 
 @dataclass(frozen=True)
 class _KnownRobot:
-    """What is known of the robot: described by its kind, or guessed from the headers; why: no channels."""
+    """What is known of the robot: described by its kind, or guessed from the headers; why: no channels; told:
+    by name, its logs so far.
+    """
 
     channels: Sequence[Channel]
     limits: Limits
@@ -66,6 +69,7 @@ class _KnownRobot:
     spec: Any = None
     config: LogConfig = field(default_factory=LogConfig)
     why: str = ""
+    told: Mapping[str, Log] = field(default_factory=dict)
 
 
 def inspect(
@@ -104,17 +108,18 @@ def mapping_of(path: Path, robot: str, topics: Sequence[str] = ()) -> str:
 
 
 def _described(robot: str) -> _KnownRobot:
-    config = LogConfig()
+    config, told = LogConfig(), {}
     if (Path(robot) / CONFIG).is_file():
         campaign = open_campaign(Path(robot))
         kind, spec, config = campaign.kind, campaign.spec, campaign.config.log
+        told = told_logs(campaign, campaign.state())
     else:
         kind, place = find_robot(robot)
         with reading(place):
             spec = kind.spec(place)
     expected = kind.expected(spec)
     return _KnownRobot(
-        tuple(kind.channels(spec)), expected.limits, expected.rate, kind.path, kind, spec, config
+        tuple(kind.channels(spec)), expected.limits, expected.rate, kind.path, kind, spec, config, told=told
     )
 
 
@@ -288,9 +293,7 @@ def _units(log: Log, stated: set[str]) -> tuple[Finding, ...]:
 
 
 def _commands(log: Log, known: _KnownRobot, motion: Seen | None) -> tuple[Finding, ...]:
-    if known.kind is None:
-        return judge_commands(log, motion=motion)
-    return judged_commands(known.kind, known.spec, log, motion)
+    return judged_commands(known.kind, known.spec, log, motion, known.told)
 
 
 def _own(log: Log, known: _KnownRobot) -> Sequence[Finding]:

@@ -16,8 +16,9 @@ import numpy as np
 
 from etude.campaign.ingest.confirmation_runs import check_no_confirmation, take_run
 from etude.campaign.ingest.ingest_result import How, Told, aligned_with, read
-from etude.campaign.ingest.questions import LogQuestions, answers_of
+from etude.campaign.ingest.questions import answers_of, questions_of
 from etude.campaign.ingest.robot_changed import answer, change_found
+from etude.campaign.ingest.together import Survey
 from etude.campaign.propose.constraints import start_in_words, with_tracking_errors
 from etude.campaign.record.controls import required
 from etude.campaign.record.events import Abandoned, Ingested, Untold
@@ -205,8 +206,18 @@ def warning(earlier: int, share: float) -> Finding:
     )
 
 
-def take(campaign: Campaign, path: Path, number: int | None = None, **how: Unpack[How]) -> Told:
-    """Stores the log in `path` and learns nothing. The caller holds the lock. Errors as `tell`."""
+def take(
+    campaign: Campaign,
+    path: Path,
+    number: int | None = None,
+    survey: Survey | None = None,
+    **how: Unpack[How],
+) -> Told:
+    """Stores the log in `path` and learns nothing. The caller holds the lock. Errors as `tell`.
+
+    Args:
+        survey: of the files that are told with it.
+    """
     digest = sha256_of_log(path)
     state = campaign.state()
     require_description(campaign)
@@ -221,7 +232,7 @@ def take(campaign: Campaign, path: Path, number: int | None = None, **how: Unpac
     control = how.get("control", "")
     required(control)
     answers = answers_of(state, how.get("accept", ()), how.get("repair", ()))
-    asked = LogQuestions(campaign.kind, campaign.spec, answers)
+    asked = questions_of(campaign, state, answers, None if survey is None else survey.of(path))
     log = read(campaign, path, degrees=how.get("degrees", False), topics=how.get("topics", ()), asked=asked)
     log, answered, speed = _identify(campaign, state, path, number, how.get("foreign", False), log)
     if answered is not None and not holds_enough(log, stored_trajectory(campaign, answered, speed).duration):

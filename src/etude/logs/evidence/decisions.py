@@ -7,7 +7,7 @@ logarithms against the logs as they are. What is decided is put right, and the l
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from math import comb, lgamma
 from typing import Literal
@@ -15,13 +15,15 @@ from typing import Literal
 import numpy as np
 from scipy.special import logsumexp
 
+from etude.logs.checks.plausibility import DELAY, SIGN, SWAPPED
+from etude.logs.checks.velocities import DIRECTION
 from etude.logs.evidence.likelihood import NEITHER, Evidence, evidence_of, least
 from etude.logs.evidence.rows import AS_LOGGED, DELAYS, Rows, rows_of
 from etude.protocols import Mean
 from etude.types import Array, Channel, Index, Log, Mask
 
 Level = Literal["certain", "ask", "note", "silent"]
-SIGN, SWAPPED, DIRECTION, DELAY, GRAVITY = "sign", "swapped", "direction", "delay", "gravity"
+GRAVITY = "gravity"
 SURE, ASK = float(np.log(1e6)), float(np.log(20.0))
 LEAST_ROWS, LEAST_HALF = 40, 20  # fewer tell nothing; of half the rows
 
@@ -39,7 +41,7 @@ class Decision:
         told: (k,) log odds of the right sign to the inverted one, of the commands as they are.
         moving, strange: (k,) joints that have a say, and those that no sign explains.
         why: "weight" of a sign that the model file's weight tells; "time" of one that reversed rows would
-            explain as well.
+            explain as well; "order" of one that is neither a pair nor the reversal, and is not named.
     """
 
     level: Level
@@ -97,6 +99,7 @@ def judge(
     *,
     fresh: Sequence[int] | None = None,
     force: bool = True,
+    accepted: Collection[str] = (),
 ) -> Decision:
     """The decision over all logs together.
 
@@ -105,6 +108,7 @@ def judge(
         body: what a model file says of the commands by itself; None without one.
         fresh: indices of the logs that are new; the others were judged before. None: all.
         force: whether commands are forces in SI, which may hold gravity.
+        accepted: checks of which nothing is said any more.
     """
     fresh = range(len(logs)) if fresh is None else fresh
     rows = rows_of(logs, path, body, groups_of(len(logs), fresh), fresh)
@@ -113,20 +117,19 @@ def judge(
         return Decision("silent", none, none > 0.0, none > 0.0)
     judged = _Judged.of(rows)
     timed = all(_with_velocities(logs[i], path) for i in fresh)
-    order, gain = order_of(judged)
-    turned = _signs(judged, fresh, doubtful=gain >= ASK)
-    some = turned if turned is not None and len(turned.logs) < len(logs) else None
-    for found in (
-        some,
-        _late(judged, fresh),
-        _exchanged(judged, logs, path, body, order, gain) if gain >= ASK else None,
-        None if timed else _reversed(judged, fresh),
-        turned,
-        _weights(judged, force, fresh),
-    ):
-        if found is not None:
-            return found
-    return judged.decision("silent")
+
+    def hypotheses() -> Iterator[Decision | None]:
+        order, gain = order_of(judged)
+        turned = _signs(judged, fresh, doubtful=gain >= ASK)
+        yield turned if turned is not None and len(turned.logs) < len(logs) else None
+        yield _late(judged, fresh)
+        yield _exchanged(judged, logs, path, body, order, gain) if gain >= ASK else None
+        yield None if timed else _reversed(judged, fresh)
+        yield turned
+        yield _weights(judged, force, fresh)
+
+    told = (found for found in hypotheses() if found is not None and found.check not in accepted)
+    return next(told, None) or judged.decision("silent")
 
 
 def _with_velocities(log: Log, path: Channel) -> bool:
@@ -139,11 +142,12 @@ def groups_of(count: int, fresh: Sequence[int]) -> list[tuple[int, ...]]:
         return []
     new = tuple(fresh)
     more = [new] if 1 < len(new) < count else []
-    return [*((i,) for i in range(count)), *more]
+    return [*((i,) for i in range(max(0, count - MOST_GROUPS), count)), *more]
 
 
 AS_IS, EACH = 0.9, 0.15  # prior of the logs as they are; of each joint's sign, where some are inverted
 ALL, SOME = 0.03, 0.07  # prior that all signs are inverted, or some, in all logs
+MOST_GROUPS = 12  # logs that may differ from the others, of the newest
 GROUP, OLD_GROUP = 0.02, 0.002  # in some logs alone; where those were judged before
 
 
@@ -199,14 +203,23 @@ def _signs(judged: _Judged, fresh: Sequence[int], doubtful: bool) -> Decision | 
     """The likeliest inverted signs and the logs that have them; None where the logs are right as they are.
 
     Of one log's commands negated, the evidence of right signs is that of this log inverted, the evidence of
-    inverted signs that of all the others.
+    inverted signs that of all the others. What the negation gains is that of the least favourable class, and
+    no more than what the sign is then known by: where no friction is told from a function of the place, one
+    log there and one back agree better with one of them negated.
     """
-    as_is, turned = judged.variant(AS_LOGGED).signs()
+    given = judged.variant(AS_LOGGED)
+    as_is, turned = given.signs()
+    whole, classes = np.maximum(as_is, turned), given.by_class()
     everyone = tuple(range(int(judged.rows.log.max()) + 1))
     found = {everyone: (turned, (ALL, SOME), AS_LOGGED)}
     for g, group in enumerate(judged.rows.groups):
         others, number = tuple(i for i in everyone if i not in group), len(DELAYS) + g
-        for logs, value in zip((group, others), judged.variant(number).signs(), strict=True):
+        negated = judged.variant(number)
+        right, inverted = negated.signs()
+        known = np.abs(right - inverted)
+        gain = np.clip(least(negated.by_class(), classes), -known, known)
+        gain += whole - np.maximum(right, inverted)
+        for logs, value in ((group, right + gain), (others, inverted + gain)):
             share = GROUP if set(logs) <= set(fresh) else OLD_GROUP
             found.setdefault(logs, (value, (share, share), number))
     values, priors, numbers = zip(*found.values(), strict=True)
@@ -283,7 +296,8 @@ def _exchanged(
     best = np.arange(len(judged.rows.parts))
     best[judged.own] = judged.own[order]
     by = tuple(best.astype(np.float64).tolist())
-    return judged.decision(level, check=SWAPPED, logs=tuple(range(len(logs))), by=by, odds=gain)
+    why = "" if usual else "order"
+    return judged.decision(level, check=SWAPPED, logs=tuple(range(len(logs))), by=by, odds=gain, why=why)
 
 
 def _half_gain(

@@ -8,10 +8,11 @@ behind a filter of 2 Hz says little more.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
+from etude.logs.checks.filtered_motion import goes_far, states_of
 from etude.logs.cleaning.smoothing import median_rate, quick_length, resample, segments, smooth, uniform_grid
 from etude.protocols import Mean
 from etude.types import Array, Channel, Index, Log, Mask
@@ -28,8 +29,6 @@ LEAST_S = 1.0  # s of a stretch that is looked at
 APART_S = 1e4  # s between logs: noise has no memory from one to the next
 DELAYS = (-0.04, -0.02, 0.0, 0.02, 0.04, 0.06, 0.1)  # s by which commands may be late
 AS_LOGGED = DELAYS.index(0.0)
-LEAST_WAY = 0.04  # rad or m: a joint that goes less far is shaken by others
-LEAST_SHARE, WIDEST = 0.03, 2.0  # of the widest way, which counts up to so many rad or m
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,8 +61,7 @@ class Rows:
     @property
     def moving(self) -> Mask:
         """(k,) joints that go far enough to have a say."""
-        way = np.ptp(self.q, axis=0)
-        return np.asarray(way > np.maximum(LEAST_WAY, LEAST_SHARE * min(float(way.max()), WIDEST)))
+        return goes_far(self.q)
 
 
 def rows_of(
@@ -134,7 +132,7 @@ def _filtered(
     top = np.abs(qd).max(axis=0) + np.finfo(float).tiny
     parts = {"qd": qd, "qdd": qdd, "friction": np.tanh(qd / (STEP_SPEED * top))}
     if body is not None:
-        states = _states(t, path, q, qd, qdd)
+        states = states_of(t, path, q, qd, qdd)
         parts |= {"torque": body.predict(states), "static": body.static(states)}
     asked = smooth(grid, resample(log.t, log[command.name], grid), cutoff, ORDER).value
     keep = _kept(t, rate)
@@ -147,11 +145,3 @@ def _kept(t: Array, rate: float) -> slice:
     step = float(t[-1] - t[0]) / (len(t) - 1)
     edge = int(EDGE_S / step)
     return slice(edge, len(t) - max(1, edge), max(1, round(1.0 / (rate * step))))
-
-
-def _states(t: Array, path: Channel, q: Array, qd: Array, qdd: Array) -> Log:
-    """The motion as a log, for a mean to predict commands of."""
-    log = Log(t, {}, {}, "seen").put(path, q)
-    for name, values in ((f"{path.name}d", qd), (f"{path.name}dd", qdd)):
-        log = log.put(replace(path, name=name), values)
-    return log
