@@ -6,8 +6,8 @@ import json
 from pathlib import Path
 from typing import Any
 
+from etude.campaign import FORMAT, Event, Fact, event_from_json
 from etude.campaign.record import journal
-from etude.campaign.record.events import FORMAT, Event, Fact, from_json
 
 
 def fact(event: str, **facts: Any) -> Fact:
@@ -20,7 +20,7 @@ def fact(event: str, **facts: Any) -> Fact:
         "config_sha256": "",
         "files": {},
     }
-    return from_json(json.dumps({**envelope, **facts})).fact
+    return event_from_json(json.dumps({**envelope, **facts})).fact
 
 
 def trained(**facts: Any) -> Fact:

@@ -15,8 +15,7 @@ import pytest
 
 import etude
 from etude import cli
-from etude.campaign import open_campaign, stored_trajectory
-from etude.campaign.training import TrainingOutcome
+from etude.campaign import TrainingOutcome, open_campaign, stored_trajectory
 from etude.cli import parse
 from etude.errors import UnsafeTrajectoryError
 from etude.storage import writer_lock

@@ -12,7 +12,8 @@ import pytest
 import etude
 from etude import cli
 from etude.cli import entrance
-from etude.logs.readers.extras import REQUIREMENTS, needed
+from etude.logs import needed
+from etude.logs.readers.extras import REQUIREMENTS
 
 ROOT = Path(__file__).parents[1]
 FROM_THE_INDEX = re.compile(

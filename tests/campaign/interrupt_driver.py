@@ -19,10 +19,8 @@ from typing import Any
 import numpy as np
 
 from etude import cli
-from etude.campaign import Campaign, create_campaign
-from etude.campaign.propose.motions import typical_motions
+from etude.campaign import Campaign, create_campaign, read_events, typical_motions
 from etude.campaign.record.events import Asked
-from etude.campaign.record.journal import read_events
 from etude.campaign.record.state import replay
 from etude.cli import entrance
 from etude.cli.entrance import INTERRUPTED

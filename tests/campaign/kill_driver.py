@@ -16,13 +16,11 @@ import numpy as np
 from small_robot import make_campaign, stub_learner
 
 from etude import storage
-from etude.campaign import Campaign
+from etude.campaign import Campaign, abandon, read_events, typical_motions
 from etude.campaign.ingest import tell as telling
-from etude.campaign.ingest.tell import abandon
 from etude.campaign.propose import ask as asking
-from etude.campaign.propose.motions import typical_motions
 from etude.campaign.record.events import Asked
-from etude.campaign.record.journal import damaged_files, read_events
+from etude.campaign.record.journal import damaged_files
 from etude.types import Log
 
 CONFIG = "[trajectory]\nduration = 5.0\n[data]\ncutoff_hz = 5.0\n"

@@ -10,14 +10,12 @@ import numpy as np
 import pytest
 from small_robot import make_campaign, stub_learner, write_log
 
+from etude import ask, tell
 from etude.campaign import Campaign, stored_trajectory
-from etude.campaign.ingest.tell import tell
 from etude.campaign.propose.approach import pose_of
-from etude.campaign.propose.ask import ask
 from etude.cli import main
 from etude.errors import UnsafeTrajectoryError, UsageError
-from etude.limits import AxisLimit, certify
-from etude.limits.certificate import WAY
+from etude.limits import WAY, AxisLimit, certify
 from etude.plugins import load
 from etude.protocols import Trajectory
 from etude.trajectories import FourierTrajectory, from_json
@@ -136,7 +134,7 @@ def test_the_last_row_of_a_table_is_a_pose(lab: Campaign, tmp_path: Path) -> Non
 
 def test_where_the_straight_way_is_barred_it_goes_by_home_or_not_at_all() -> None:
     """What is barred: the middle of x while y is low; home is above it."""
-    from etude.campaign.propose.approach import there_and_back
+    from etude.campaign import there_and_back
     from etude_arm import ArmSpec, Axis
     from etude_arm.motions import ways
 

@@ -10,10 +10,9 @@ from typing import Any
 import pytest
 from small_robot import ROBOT, make_campaign, random_motion, stub_learner, write_log
 
-from etude.campaign import Campaign, create_campaign, open_campaign, stored_trajectory
+from etude import ask, tell
+from etude.campaign import Campaign, abandon, create_campaign, open_campaign, stored_trajectory
 from etude.campaign.ingest.ingest_result import Told
-from etude.campaign.ingest.tell import abandon, tell
-from etude.campaign.propose.ask import ask
 from etude.campaign.record.events import Asked
 from etude.campaign.record.journal import damaged_files
 from etude.errors import DataError, UnsafeTrajectoryError, UsageError

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from small_robot import make_campaign, random_motion, stub_learner
 
+from etude import ask
 from etude.campaign.deployment.model_export import bounded_motion
-from etude.campaign.propose.ask import ask
 from etude.errors import UsageError
 from etude.limits import certify
 

@@ -9,14 +9,12 @@ import pytest
 from small_robot import make_campaign, random_motion, stub_learner, write_log
 
 from certificate_schema import valid
-from etude.campaign import Campaign, stored_trajectory
-from etude.campaign.ingest.tell import tell
-from etude.campaign.propose.ask import ask
+from etude import ask, tell
+from etude.campaign import Campaign, ingested_samples, stored_trajectory
 from etude.campaign.propose.motions import reference_motions, segments_of
-from etude.campaign.record.stored_models import ingested_samples
-from etude.limits.certificate import certify_bytes
+from etude.limits import certify_bytes
 from etude.protocols import Trajectory
-from etude.trajectories.chain import Chain
+from etude.trajectories import Chain
 
 QUICK = "[design]\ncandidates = 4\nrefine = 1\nsteps = 3\npoints = 20\nreference_points = 30\n"
 LONG = "[trajectory]\nduration = 30.0\n[data]\ncutoff_hz = 5.0\n" + QUICK

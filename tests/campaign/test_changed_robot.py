@@ -14,9 +14,8 @@ import pytest
 from small_robot import command_of, make_campaign, random_motion, write_log
 from test_learning import CONFIG
 
+from etude import status, tell
 from etude.campaign import Campaign, open_campaign
-from etude.campaign.evaluate.status import status
-from etude.campaign.ingest.ingest_many import tell
 from etude.cli import main
 from etude.errors import UsageError
 from etude.types import Array

@@ -10,10 +10,16 @@ import pytest
 from small_robot import make_campaign, write_log
 
 from certificate_schema import valid
-from etude.campaign import FEEDBACK, LEARNED, Campaign, open_campaign, simulate, stored_trajectory
-from etude.campaign.evaluate.confirm import ask_to_confirm
-from etude.campaign.ingest.tell import tell, untell
-from etude.campaign.propose.ask import ask
+from etude import ask, tell, untell
+from etude.campaign import (
+    FEEDBACK,
+    LEARNED,
+    Campaign,
+    ask_to_confirm,
+    open_campaign,
+    simulate,
+    stored_trajectory,
+)
 from etude.campaign.propose.constraints import (
     constraints_now,
     constraints_then,
@@ -25,7 +31,7 @@ from etude.campaign.record.controls import FILE, IN_WORDS, asked_under, required
 from etude.campaign.record.events import Asked, Exported, Ingested
 from etude.campaign.record.state import Round, State
 from etude.errors import UsageError
-from etude.limits.tracking import HIDDEN
+from etude.limits import HIDDEN
 from etude.types import Array
 
 RANDOM = '[trajectory]\nduration = 12.0\n[data]\ncutoff_hz = 5.0\n[design]\nfirst = "random"\n'

@@ -15,10 +15,8 @@ import pytest
 from small_robot import make_campaign, write_log
 from test_learning import CONFIG as LEARNING
 
-from etude import cli, storage
+from etude import ask, cli, storage, tell
 from etude.campaign import Campaign, create_campaign, newest_model, open_campaign, stored_trajectory
-from etude.campaign.ingest.tell import tell
-from etude.campaign.propose.ask import ask
 from etude.campaign.record.stored_models import MODEL
 from etude.codes import Notice, Warn
 from etude.errors import DataError, UsageError

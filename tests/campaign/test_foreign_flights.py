@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from certificate_schema import valid
-from etude.campaign import Campaign, open_campaign
+from etude import load_model
+from etude.campaign import Campaign, ingested_samples, open_campaign
 from etude.campaign.ingest.ingest_result import read
-from etude.campaign.record.stored_models import ingested_samples, load_model
 from etude.cli import main
 from etude.codes import Warn
 from etude.logs import write_log

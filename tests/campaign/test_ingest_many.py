@@ -12,13 +12,10 @@ from typing import Any
 import pytest
 from small_robot import make_campaign, random_motion, stub_learner, write_log
 
-from etude.campaign import Campaign, open_campaign, stored_trajectory
-from etude.campaign.evaluate.status import status
-from etude.campaign.ingest.ingest_many import IngestedMany, tell
+from etude import ask, status, tell, untell
+from etude.campaign import Campaign, abandon, event_to_json, open_campaign, stored_trajectory
+from etude.campaign.ingest.ingest_many import IngestedMany
 from etude.campaign.ingest.ingest_result import Told
-from etude.campaign.ingest.tell import abandon, untell
-from etude.campaign.propose.ask import ask
-from etude.campaign.record.events import to_json
 from etude.campaign.record.journal import damaged_files
 from etude.campaign.record.state import replay
 from etude.cli import main
@@ -93,7 +90,7 @@ def test_the_order_of_the_files_changes_nothing(
         shutil.copytree(campaign.path, copy)
         other = open_campaign(copy)
         many(other, list(order))
-        events = [to_json(replace(e, time="")) for e in other.events()]
+        events = [event_to_json(replace(e, time="")) for e in other.events()]
         told.add(tuple(events))
     assert len(told) == 1
 

@@ -13,10 +13,8 @@ from typing import Any
 import pytest
 from small_robot import make_campaign, stub_learner, write_log
 
-from etude import storage
+from etude import ask, storage, tell
 from etude.campaign import Campaign, create_campaign, open_campaign, stored_trajectory
-from etude.campaign.ingest.tell import tell
-from etude.campaign.propose.ask import ask
 from etude.campaign.record.journal import damaged_files
 from etude.errors import EtudeError, UsageError
 

@@ -10,13 +10,11 @@ import numpy as np
 import pytest
 from small_robot import command_of, make_campaign, random_motion, write_log
 
-from etude.campaign import Campaign, label, newest_model, stored_trajectory
+from etude import ask, status, tell
+from etude.campaign import Campaign, ingested_samples, label, newest_model, stored_trajectory
 from etude.campaign import training as learning
-from etude.campaign.evaluate.status import status
 from etude.campaign.evaluate.stopping import calibration_factor, seen_by_the_rule
-from etude.campaign.ingest.tell import tell
-from etude.campaign.propose.ask import ask
-from etude.campaign.record.stored_models import MIXED, ingested_samples
+from etude.campaign.record.stored_models import MIXED
 from etude.codes import Warn
 from etude.errors import DataError, StopRuleReached
 

@@ -14,12 +14,9 @@ from pathlib import Path
 
 import pytest
 
-from etude.campaign import open_campaign
-from etude.campaign.evaluate.status import status
-from etude.campaign.ingest.ingest_many import tell
-from etude.campaign.propose.ask import ask
-from etude.campaign.record.events import FACTS, Evaluated, from_json, plain, to_json
-from etude.campaign.record.stored_models import load_model
+from etude import ask, load_model, status, tell
+from etude.campaign import Evaluated, event_from_json, event_to_json, open_campaign
+from etude.campaign.record.events import FACTS, plain
 
 FIXTURES = Path(__file__).parent / "fixtures"
 
@@ -31,8 +28,8 @@ def lines(name: str) -> list[str]:
 @pytest.mark.parametrize("name", ["one_round", "every_event"])
 def test_no_fact_of_a_line_is_lost(name: str) -> None:
     for line in lines(name):
-        event, said = from_json(line), json.loads(line)
-        assert from_json(to_json(event)) == event
+        event, said = event_from_json(line), json.loads(line)
+        assert event_from_json(event_to_json(event)) == event
         own = {f.name: getattr(event.fact, f.name) for f in fields(event.fact)}
         held = json.loads(json.dumps(plain(asdict(event) | own | {"event": event.event})))
         if isinstance(event.fact, Evaluated):

@@ -12,8 +12,9 @@ import polars as pl
 import pytest
 
 import etude
+from etude import export
 from etude._runtime.options import taken
-from etude.campaign.deployment.model_export import export, given
+from etude.campaign.deployment.model_export import given
 from etude.campaign.record.stored_files import MARK
 from etude.cli import main
 from etude.errors import EtudeError, UsageError

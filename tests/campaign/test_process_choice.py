@@ -5,14 +5,11 @@ from __future__ import annotations
 import pytest
 from small_robot import make_campaign, random_motion, write_log
 
+from etude import ask, status, tell
 from etude.campaign import newest_model, stored_trajectory
-from etude.campaign.evaluate.status import status
-from etude.campaign.ingest.tell import tell
-from etude.campaign.propose.ask import ask
 from etude.campaign.record.config_file import parse_config
 from etude.errors import UsageError
-from etude.models import ExactPosterior
-from etude.models.gp.basis_posterior import BasisPosterior
+from etude.models import BasisPosterior, ExactPosterior
 from etude_sparse.local_posterior import LocalPosterior
 from etude_sparse.lwpr.posterior import LWPRPosterior
 from etude_sparse.spectral_posterior import SparseSpectrumPosterior

@@ -10,11 +10,10 @@ from small_robot import make_campaign, random_motion, write_log
 from test_foreign_flights import EXAMPLE, QUICK
 from test_learning import CONFIG
 
+from etude import promote, tell
 from etude.campaign import Campaign, create_campaign, open_campaign, simulate
-from etude.campaign.deployment.promote import promote
-from etude.campaign.ingest.ingest_many import tell
 from etude.campaign.record.stored_models import LEFT_OUT
-from etude.models.selection.model_selection import read_residuals
+from etude.models import read_residuals
 
 
 def configured(path: Path, changes: dict[str, str]) -> Campaign:

@@ -12,17 +12,20 @@ from small_robot import command_of, make_campaign, random_motion, write_log
 from test_changed_robot import CHANGES, write_changed
 from test_learning import CONFIG
 
-from etude.campaign import Campaign, newest_model, open_campaign, stored_trajectory
-from etude.campaign.deployment.monitor import watch
-from etude.campaign.deployment.predict import check_table, predict, write_table
-from etude.campaign.deployment.promote import promote, rollback
-from etude.campaign.evaluate.confirm import ask_to_confirm
-from etude.campaign.evaluate.status import status
-from etude.campaign.ingest.ingest_many import tell
+from etude import predict, promote, rollback, status, tell, watch
+from etude.campaign import (
+    Campaign,
+    ask_to_confirm,
+    newest_model,
+    open_campaign,
+    read_events,
+    stored_trajectory,
+    write_table,
+)
+from etude.campaign.deployment.predict import check_table
 from etude.campaign.record.confirmation import SPREAD
 from etude.campaign.record.deployed_model import deployed_model, pinned
 from etude.campaign.record.events import Promoted
-from etude.campaign.record.journal import read_events
 from etude.cli import main
 from etude.codes import Refusal
 from etude.errors import DataError, UsageError
@@ -157,9 +160,9 @@ def test_only_segments_that_the_model_in_use_has_not_learned_are_compared(
         "not decided against the model in use, of log 5: 1 segments that neither has seen, 4 are needed"
     )
     # of the same log: the ratio is that of two predictions that have not seen it, computed here anew
-    from etude.campaign.record.stored_models import LEFT_OUT, ingested_samples
-    from etude.models.data.fit import in_order
-    from etude.models.selection.model_selection import read_residuals
+    from etude.campaign import ingested_samples
+    from etude.campaign.record.stored_models import LEFT_OUT
+    from etude.models import in_order, read_residuals
 
     left_out = read_residuals(fresh.model_folder(6) / LEFT_OUT)
     own = left_out.group == left_out.group.max()

@@ -6,13 +6,10 @@ import numpy as np
 import pytest
 
 from certificate_schema import valid
-from etude.campaign import create_campaign, open_campaign, simulate, stored_trajectory
+from etude import ask, load_model, status, tell
+from etude.campaign import create_campaign, ingested_samples, open_campaign, simulate, stored_trajectory
 from etude.campaign import simulation as simulating
-from etude.campaign.evaluate.status import status
-from etude.campaign.ingest.tell import tell
-from etude.campaign.propose.ask import ask
 from etude.campaign.record.controls import asked_under
-from etude.campaign.record.stored_models import ingested_samples, load_model
 from etude.errors import DataError, UsageError
 from etude.limits import certify
 from etude.logs import read_log_file, write_log

@@ -10,13 +10,11 @@ import numpy as np
 import pytest
 from small_robot import make_campaign, random_motion, stub_learner, write_log
 
-from etude.campaign import Campaign, open_campaign, stored_trajectory
-from etude.campaign.evaluate.status import status
+from etude import ask, status, tell
+from etude.campaign import Campaign, ingested_samples, open_campaign, stored_trajectory
 from etude.campaign.ingest.ingest_result import Told
-from etude.campaign.ingest.tell import CHECK, planned_states, share_within, tell
-from etude.campaign.propose.ask import ask
+from etude.campaign.ingest.tell import CHECK, planned_states, share_within
 from etude.campaign.record.events import Asked, Exported
-from etude.campaign.record.stored_models import ingested_samples
 from etude.campaign.training import _scores
 from etude.cli.status import _lines as lines
 from etude.logs import read_log_file

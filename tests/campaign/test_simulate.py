@@ -9,18 +9,22 @@ import numpy as np
 import polars as pl
 import pytest
 
-from etude import plugins
-from etude.campaign import Campaign, create_campaign, open_campaign, simulate
+from etude import plugins, tell
+from etude.campaign import (
+    Campaign,
+    TrainingOutcome,
+    create_campaign,
+    open_campaign,
+    simulate,
+    typical_motions,
+)
 from etude.campaign import simulation as module
 from etude.campaign import test_motions as motions_of
 from etude.campaign import training as learning
 from etude.campaign.ingest import tell as telling
-from etude.campaign.ingest.ingest_many import tell
 from etude.campaign.propose import ask as asking
-from etude.campaign.propose.motions import typical_motions
 from etude.campaign.record.events import Asked, Trained
 from etude.campaign.record.state import CHANGED
-from etude.campaign.training import TrainingOutcome
 from etude.cli import main
 from etude.errors import UsageError
 from etude.limits import certify

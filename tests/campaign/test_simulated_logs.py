@@ -8,12 +8,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from etude.campaign import Campaign, create_campaign, simulate
+from etude import tell
+from etude.campaign import Campaign, TrainingOutcome, create_campaign, simulate
 from etude.campaign import training as learning
-from etude.campaign.ingest.tell import tell
 from etude.campaign.record.events import Trained
 from etude.campaign.record.stored_models import SIMULATED
-from etude.campaign.training import TrainingOutcome
 from etude.codes import Notice, Warn
 from etude.errors import UsageError
 

@@ -9,8 +9,8 @@ import pytest
 from small_robot import make_campaign
 
 from certificate_schema import valid
+from etude import ask
 from etude.campaign import stored_trajectory
-from etude.campaign.propose.ask import ask
 from etude.campaign.propose.proposal import (
     NO_TIME,
     Swept,
@@ -23,7 +23,7 @@ from etude.campaign.propose.proposal import (
 from etude.cli.ask import Ask
 from etude.codes import Warn
 from etude.protocols import Trajectory
-from etude.report.build import build_report
+from etude.report import build_report
 from etude.trajectories import FourierTrajectory
 
 QUICK = "[design]\ncandidates = 4\nrefine = 1\nsteps = 3\npoints = 20\nreference_points = 30\n"

@@ -10,15 +10,14 @@ import tyro
 from small_robot import make_campaign, write_log
 
 from certificate_schema import valid
+from etude import ask, tell
 from etude.campaign import Campaign, create_campaign, open_campaign, stored_trajectory
-from etude.campaign.ingest.tell import tell
-from etude.campaign.propose.ask import ask
 from etude.campaign.propose.constraints import constraints_now, constraints_then
 from etude.campaign.record.events import Asked
 from etude.campaign.record.state import Round, State
 from etude.cli.ask import Ask
 from etude.errors import UsageError
-from etude.limits.tracking import HIDDEN
+from etude.limits import HIDDEN
 from etude.trajectories import FourierTrajectory
 from etude.types import Proof
 from journal_facts import fact

@@ -8,12 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from etude.campaign import open_campaign
-from etude.campaign.propose.approach import there_and_back
+from etude.campaign import open_campaign, there_and_back
 from etude.cli import main
 from etude.limits import FeasibleSet, boundary, certify, scaled
-from etude_quadrotor import KIND
-from etude_quadrotor.motions import FlightConfig, flight_family, home, limits, ways
+from etude_quadrotor import KIND, FlightConfig, flight_family
+from etude_quadrotor.motions import home, limits, ways
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "campaign"))
 from small_robot import make_campaign

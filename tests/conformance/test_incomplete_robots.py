@@ -11,8 +11,8 @@ import pytest
 from etude import open_campaign
 from etude.cli import main
 from etude.errors import UsageError
+from etude.logs import Seen
 from etude.logs.checks.command_columns import scale_findings
-from etude.logs.checks.filtered_motion import Seen
 from etude_arm.loading.load import load
 
 LIMIT = '<limit lower="-1.2" upper="1.2" velocity="1" effort="50"/>'

@@ -14,12 +14,8 @@ import numpy as np
 import polars as pl
 import pytest
 
-from etude import cli
-from etude.campaign import Campaign, create_campaign, open_campaign
-from etude.campaign.evaluate.status import status
-from etude.campaign.ingest.tell import tell
-from etude.campaign.propose.ask import ask
-from etude.campaign.record.journal import chained
+from etude import ask, cli, status, tell
+from etude.campaign import Campaign, chained, create_campaign, open_campaign
 from etude.campaign.record.known_faults import FAULTS
 from etude.trajectories import from_json
 

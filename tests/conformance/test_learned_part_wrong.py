@@ -8,17 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from etude.deploy.feedforward import Commanded
-from etude.deploy.playback_certificate import certify_played, played
+from etude.deploy import Commanded, certify_played, played
 from etude.errors import UnsafeTrajectoryError
-from etude.limits import AxisLimit, Certificate, FeasibleSet, boundary
-from etude.limits.certificate import slack
-from etude.limits.lead_ins import at_rest
+from etude.limits import AxisLimit, Certificate, FeasibleSet, at_rest, boundary, slack
 from etude.protocols import Limit
 from etude.types import Array
-from etude_quadrotor import KIND
-from etude_quadrotor.export.offboard import NED, OFFBOARD
-from etude_quadrotor.motions import FlightConfig, flight_family, home, limits
+from etude_quadrotor import KIND, NED, OFFBOARD, FlightConfig, flight_family
+from etude_quadrotor.motions import home, limits
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "foreign"))
 from px4_cascade import fly, padded

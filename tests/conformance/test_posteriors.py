@@ -11,14 +11,20 @@ import numpy as np
 import pytest
 
 from etude.errors import UsageError
-from etude.models import ExactGP, Form, Kernel, SquaredExponential, structured
-from etude.models.gp.bayesian_linear import BayesianLinear
-from etude.models.gp.inducing import InducingGP
+from etude.models import BayesianLinear, ExactGP, Form, InducingGP, Kernel, SquaredExponential, structured
 from etude.models.gp.shared_exact import condition_shared
 from etude.protocols import Posterior
-from etude_lagrangian.kernel import gip_lin
-from etude_sparse import LWPR, SOGP, DictionaryConfig, DictionaryGP, DownsampledGP, LocalGP, SparseSpectrumGP
-from etude_sparse.incremental_spectrum import IncrementalSpectrum
+from etude_lagrangian import gip_lin
+from etude_sparse import (
+    LWPR,
+    SOGP,
+    DictionaryConfig,
+    DictionaryGP,
+    DownsampledGP,
+    IncrementalSpectrum,
+    LocalGP,
+    SparseSpectrumGP,
+)
 
 D = 8
 COLUMNS = [

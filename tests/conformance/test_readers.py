@@ -15,8 +15,8 @@ import pytest
 from damage import damaged
 
 from etude.errors import DataError
-from etude.logs import read_log
-from etude.logs.readers.registry import READERS, read_csv, read_parquet, read_raw
+from etude.logs import read_log, read_raw
+from etude.logs.readers.registry import READERS, read_csv, read_parquet
 from etude.testing import ReaderSuite
 from etude.types import Channel
 

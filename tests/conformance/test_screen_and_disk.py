@@ -20,17 +20,12 @@ import numpy as np
 import polars as pl
 import pytest
 
-from etude import cli, plugins
-from etude.campaign import Campaign, create_campaign, open_campaign
-from etude.campaign.deployment.predict import predict
-from etude.campaign.deployment.promote import promote
-from etude.campaign.evaluate.status import status
-from etude.campaign.ingest.tell import tell
-from etude.campaign.propose.ask import Proposal, ask
+from etude import ask, cli, plugins, predict, promote, status, tell
+from etude.campaign import Campaign, Proposal, create_campaign, open_campaign, read_events
 from etude.campaign.propose.constraints import Constraints, constraints_then
-from etude.campaign.record.journal import damaged_files, read_events
+from etude.campaign.record.journal import damaged_files
 from etude.codes import Notice, OfFile
-from etude.deploy.playback_certificate import certify_played
+from etude.deploy import certify_played
 from etude.errors import EtudeError, UnsafeTrajectoryError, UsageError
 from etude.limits import Certificate, certify
 from etude.protocols import Trajectory

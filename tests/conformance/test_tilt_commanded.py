@@ -7,13 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from etude.deploy.feedforward import Commanded, within_tilt
-from etude.deploy.playback_certificate import certify_played
-from etude.limits import FeasibleSet, boundary, certify
-from etude.limits.lead_ins import at_rest
-from etude_quadrotor import KIND
-from etude_quadrotor.export.offboard import NED, OFFBOARD
-from etude_quadrotor.motions import FlightConfig, flight_family, home, limits
+from etude.deploy import Commanded, certify_played
+from etude.deploy.feedforward import within_tilt
+from etude.limits import FeasibleSet, at_rest, boundary, certify
+from etude_quadrotor import KIND, NED, OFFBOARD, FlightConfig, flight_family
+from etude_quadrotor.motions import home, limits
 
 ROBOT = Path(__file__).parents[2] / "examples" / "px4" / "px4_quad.toml"
 TILT = np.deg2rad(20.0)

@@ -14,9 +14,9 @@ import polars as pl
 import pytest
 
 from etude.errors import DataError
+from etude.logs import read_raw
 from etude.logs.readers import memory_budget
 from etude.logs.readers.memory_budget import unpacked
-from etude.logs.readers.registry import read_raw
 from etude.storage import arrays_of, packed
 
 SMALL = 2**24

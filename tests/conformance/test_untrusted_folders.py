@@ -157,7 +157,7 @@ def test_where_no_list_can_be_kept_a_campaign_is_made_all_the_same(
 def test_a_model_of_a_strangers_names_code_in_vain(mine: Path, tmp_path: Path) -> None:
     """Its kernel's name stands in the file of the model; a whole journal beside it changes nothing."""
     words = {"type": "plugin", "name": f"{CANARY}:run", "columns": [], "commands": []}
-    from etude.models.forms import kernel_of
+    from etude.models import kernel_of
 
     with plugins.named_in(tmp_path / "model.npz", tmp_path, "", "etude status x --trust"):
         with pytest.raises(UsageError, match=f"{CANARY}:run"):

@@ -15,12 +15,11 @@ import pytest
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
-from etude.campaign import Campaign, create_campaign
-from etude.campaign.deployment.predict import write_table
-from etude.deploy.trajectory_files import csv_bytes, read_table
+from etude.campaign import Campaign, create_campaign, write_table
+from etude.deploy import csv_bytes, read_table
 from etude.errors import UsageError
-from etude.logs.cleaning.read import matched_log
-from etude.logs.readers.cells import FORMULA, header_row, restored, text_cell
+from etude.logs import header_row, matched_log, restored, text_cell
+from etude.logs.readers.cells import FORMULA
 from etude.trajectories import PointToPoint
 from etude.types import Channel, Log
 

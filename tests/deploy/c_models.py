@@ -8,16 +8,22 @@ from typing import Any
 import numpy as np
 
 from etude import plugins
-from etude.models import Kernel, LearnedModel, ModelConfig, SquaredExponential, ard_se, structured
+from etude.models import (
+    Kernel,
+    LearnedModel,
+    ModelConfig,
+    Silent,
+    SquaredExponential,
+    ard_se,
+    member_named,
+    structured,
+)
 from etude.models.gp.kernels import standing
-from etude.models.members import member_named
-from etude.models.process import Silent
 from etude.protocols import Candidate, FitData
 from etude.types import Array, Log, Samples
-from etude_arm.inputs import ArmInputs
-from etude_arm.physics.mean import ArmPhysics
+from etude_arm import ArmInputs, ArmPhysics
 from etude_arm.spec import TURNING, WAYS
-from etude_lagrangian.kernel import gip_lin
+from etude_lagrangian import gip_lin
 
 ARM: Any = plugins.load("etude.robots", "arm")
 QUADROTOR: Any = plugins.load("etude.robots", "quadrotor")

@@ -12,11 +12,11 @@ from c_models import arm_model
 
 from certificate_schema import valid
 from etude import plugins
+from etude.deploy import read_table
 from etude.deploy.exporters.knots import EFFORT_RATE
-from etude.deploy.trajectory_files import read_table
 from etude.deploy.trajectory_target import ALONG, Bounded
 from etude.errors import UnsafeTrajectoryError, UsageError
-from etude.testing.world import World, world
+from etude.testing import World, world
 
 MODEL = arm_model("exact", "ard_se", points=16)
 

@@ -30,8 +30,7 @@ from etude.deploy.c99.self_test import answered, golden
 from etude.deploy.c99.source import numbers, prelude
 from etude.deploy.c99.target import C99, single
 from etude.errors import UsageError
-from etude.models import LearnedModel, Posteriors, SquaredExponential, posterior_given
-from etude.models.gp.plugin_kernel import PluginKernel
+from etude.models import LearnedModel, PluginKernel, Posteriors, SquaredExponential, posterior_given
 from etude.protocols import Candidate
 from etude.types import Delivered
 from etude_quadrotor.physics.linear_inverse import identify_linear
@@ -363,8 +362,8 @@ def test_the_cmake_file_builds_the_library_and_runs_its_test(model: LearnedModel
 @pytest.mark.slow
 def test_in_the_loop_it_tracks_like_the_model(tmp_path: Path) -> None:
     """A model learned from the simulated arm, in the loop as C (-ffast-math) and as Python."""
+    from etude import load_model
     from etude.campaign import create_campaign, simulate
-    from etude.campaign.record.stored_models import load_model
 
     campaign, _ = create_campaign(tmp_path / "lab", "arm4", seed=1)
     list(simulate(campaign, rounds=1))

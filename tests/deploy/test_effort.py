@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from etude.campaign import create_campaign
-from etude.campaign.propose.motions import typical_motions
+from etude.campaign import create_campaign, typical_motions
 from etude.deploy.feedforward import effort
 from etude.protocols import Inputs
 from etude.types import Array, Log

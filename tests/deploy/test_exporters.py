@@ -12,14 +12,12 @@ import numpy as np
 import pytest
 
 from etude import plugins
+from etude.deploy import Commanded, certify_played
 from etude.deploy.exporters.joint_trajectory import _number
 from etude.deploy.exporters.knots import grid_of
-from etude.deploy.feedforward import Commanded
-from etude.deploy.playback_certificate import certify_played
 from etude.errors import UnsafeTrajectoryError, UsageError
 from etude.limits import AxisLimit
-from etude.testing import ExporterSuite
-from etude.testing.world import World, world
+from etude.testing import ExporterSuite, World, world
 from etude.trajectories import PointToPoint
 from etude_quadrotor.export.poly4d import PIECES
 

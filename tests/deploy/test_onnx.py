@@ -24,9 +24,15 @@ from etude.deploy import CForm, c_files, parts_of, taken_by, written
 from etude.deploy.onnx import target
 from etude.deploy.onnx.target import ONNX, in_turn
 from etude.errors import EtudeError, UsageError
-from etude.models import LearnedModel, LinearPhysics, Posteriors, SquaredExponential, posterior_given
-from etude.models.data.as_log import followed
-from etude.models.gp.plugin_kernel import PluginKernel
+from etude.models import (
+    LearnedModel,
+    LinearPhysics,
+    PluginKernel,
+    Posteriors,
+    SquaredExponential,
+    followed,
+    posterior_given,
+)
 from etude.types import Array, Log
 
 for library in ("onnx", "onnxruntime"):

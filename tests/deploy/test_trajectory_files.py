@@ -13,21 +13,19 @@ import pytest
 import etude.deploy.trajectory_files as module
 from certificate_schema import valid
 from etude import plugins
+from etude.deploy import csv_bytes, read_table
 from etude.deploy.trajectory_files import (
     SPEEDS,
     TrajectoryFiles,
     at_speed,
     column_names,
-    csv_bytes,
     lines,
-    read_table,
     render,
     table_rate,
 )
 from etude.design import Source
 from etude.errors import UnsafeTrajectoryError, UsageError
-from etude.limits import certify
-from etude.limits.certificate import COLLISIONS
+from etude.limits import COLLISIONS, certify
 from etude.models import ModelConfig
 from etude.protocols import Kind, Limit, Trajectory
 from etude.trajectories import from_json

@@ -12,15 +12,13 @@ import numpy as np
 from etude.models import ExactGP, SquaredExponential, structured
 from etude.protocols import Candidate, Inputs, Limit, Posterior
 from etude.trajectories import FourierConfig, FourierFamily, PointToPoint
-from etude_arm import ArmSpec, Axis, motions
-from etude_arm.inputs import ArmInputs
+from etude_arm import ArmInputs, ArmSpec, Axis, motions
 from etude_arm.physics.base_regressor import BaseRegressor, base_regressors
 from etude_arm.physics.kinematics import KinematicTree
 from etude_arm.physics.rigid_body import RigidBodyModel
 from etude_arm.physics.transmission import joint_drives
-from etude_quadrotor import QuadrotorInputs, QuadrotorSpec
+from etude_quadrotor import FlightConfig, QuadrotorInputs, QuadrotorSpec
 from etude_quadrotor import motions as room
-from etude_quadrotor.motions import FlightConfig
 
 V0 = np.array([0.05, 0.05])
 ARM_FAMILIES = {

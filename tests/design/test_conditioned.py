@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 from design_examples import arm_model, differences
 
+from etude.design import PlainBatch
 from etude.design.aim import Conditioned, given_planned
 from etude.design.latents import PlannedPosterior, latents_of
-from etude.design.score import PlainBatch, batch_of
+from etude.design.score import batch_of
 from etude.models import ExactGP
 
 RNG = np.random.default_rng(3)

@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from etude.design import Output, ivr, mean_variance
-from etude.design.criteria import LOG_FLOOR, Reduction, log_ivr, value_of
+from etude.design import Output, ivr, mean_variance, value_of
+from etude.design.criteria import LOG_FLOOR, Reduction, log_ivr
 from etude.design.score import batch_of
 from etude.models import ExactGP, ExactPosterior, SquaredExponential
 

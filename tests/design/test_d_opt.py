@@ -21,9 +21,9 @@ from design_examples import (
 )
 
 from etude import plugins
-from etude.design import Design, DesignConfig, Output, design, evaluate
+from etude.design import Design, DesignConfig, Output, criterion_named, design, evaluate, value_of
 from etude.design.config import GROUP
-from etude.design.criteria import criterion_named, d_opt, info_gain, needs_of, value_of
+from etude.design.criteria import d_opt, info_gain, needs_of
 from etude.design.latents import Latent, latents_of, of_parameters
 from etude.errors import UsageError
 from etude.limits import certify

@@ -17,8 +17,7 @@ from design_examples import (
     differences,
 )
 
-from etude.design import Design, DesignConfig, design
-from etude.design.nonconvex_limits import NonconvexLimits
+from etude.design import Design, DesignConfig, NonconvexLimits, design
 from etude.errors import UnsafeTrajectoryError
 from etude.limits import certify
 from etude.protocols import Family, Trajectory

@@ -18,9 +18,8 @@ from design_examples import (
 )
 
 from etude import plugins
-from etude.design import Objective, Output
+from etude.design import Objective, Output, criterion_named
 from etude.design.config import GROUP
-from etude.design.criteria import criterion_named
 from etude.design.latents import latents_of, planned
 from etude.design.objective import gains_of, instants, vjp_gains
 from etude.types import Motion, Planned

@@ -24,7 +24,7 @@ from etude.design import Design, DesignConfig, Score, design
 from etude.design.config import GROUP
 from etude.design.latents import latents_of
 from etude.errors import UnsafeTrajectoryError, UsageError
-from etude.limits.certificate import certify_bytes
+from etude.limits import certify_bytes
 from etude.models import ExactGP
 from etude.trajectories import PointToPoint
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from design_examples import Model, arm_inputs, arm_model, candidate, flight_model
 
-from etude.design import Output
-from etude.design.criteria import info_gain, value_of
+from etude.design import Output, value_of
+from etude.design.criteria import info_gain
 from etude.design.latents import PlannedPosterior, fast_posterior, latents_of, planned
 from etude.errors import UsageError
 

@@ -14,19 +14,25 @@ import numpy as np
 from numpy.typing import NDArray
 from px4_cascade import Body, fly, padded
 
-from etude.campaign import Campaign, create_campaign, open_campaign
-from etude.campaign.ingest.tell import tell
-from etude.campaign.propose.approach import there_and_back
-from etude.campaign.propose.ask import ask
-from etude.deploy.playback_certificate import certify_played
-from etude.limits import Certificate, FeasibleSet, Ranges, boundary, certify, margins_of, scaled, uniform
-from etude.limits.lead_ins import at_rest
-from etude.limits.tracking import TrackingConfig
+from etude import ask, tell
+from etude.campaign import Campaign, create_campaign, open_campaign, there_and_back
+from etude.deploy import certify_played
+from etude.limits import (
+    Certificate,
+    FeasibleSet,
+    Ranges,
+    TrackingConfig,
+    at_rest,
+    boundary,
+    certify,
+    margins_of,
+    scaled,
+    uniform,
+)
 from etude.protocols import Trajectory
 from etude.trajectories import from_json
-from etude_quadrotor import KIND, QuadrotorSpec
-from etude_quadrotor.export.offboard import NED, OFFBOARD
-from etude_quadrotor.motions import FlightConfig, flight_family, home, limits, ways
+from etude_quadrotor import KIND, NED, OFFBOARD, FlightConfig, QuadrotorSpec, flight_family
+from etude_quadrotor.motions import home, limits, ways
 
 Array = NDArray[np.float64]
 BEFORE, AFTER, RATE = 10.0, 10.0, 50.0

@@ -10,16 +10,18 @@ from limit_examples import ARM_CONFIGS, arm, feasible_arm, flights, middle, room
 from certificate_schema import valid
 from etude.codes import Notice, Warn
 from etude.errors import UnsafeTrajectoryError
-from etude.limits import AxisLimit, Certificate, NormLimit, certify, scaled
-from etude.limits.certificate import (
-    ALL,
-    VERSION,
+from etude.limits import (
+    AxisLimit,
+    Certificate,
+    NormLimit,
+    certify,
     certify_bytes,
-    facts_of,
     require_certified,
+    scaled,
     slack,
     utilization,
 )
+from etude.limits.certificate import ALL, VERSION, facts_of
 from etude.trajectories import FourierTrajectory, PointToPoint, random_moves
 from etude.types import Proof
 

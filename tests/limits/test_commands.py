@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from etude.errors import UsageError
-from etude.limits import certify
-from etude.limits.certificate import COMMANDS, slack
+from etude.limits import certify, slack
+from etude.limits.certificate import COMMANDS
 from etude.limits.commands import (
     AMPLE,
     CLOSE,

@@ -5,8 +5,7 @@ import pytest
 from limit_examples import ARM_CONFIGS, arm, feasible_arm, flights, middle, room
 
 from etude.errors import UnsafeTrajectoryError
-from etude.limits import AxisLimit, FeasibleSet, NormLimit, boundary, certify, uniform
-from etude.limits.certificate import require_certified
+from etude.limits import AxisLimit, FeasibleSet, NormLimit, boundary, certify, require_certified, uniform
 from etude.limits.feasible import check_room, still_at
 from etude.trajectories import FourierConfig, FourierFamily
 

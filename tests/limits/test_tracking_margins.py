@@ -6,11 +6,10 @@ import numpy as np
 import pytest
 
 from etude.errors import UsageError
-from etude.limits import Ranges, margins_of, within_room
-from etude.limits.certificate import ALL, COLLISIONS, COMMANDS, TRACKING, WAY, in_words, not_verified
-from etude.limits.tracking import CONFIDENCE, HIDDEN, TrackingConfig, factor, learned_table, start_table
-from etude.trajectories import PointToPoint
-from etude.trajectories.chain import Chain
+from etude.limits import COLLISIONS, HIDDEN, WAY, Ranges, TrackingConfig, in_words, margins_of, within_room
+from etude.limits.certificate import ALL, COMMANDS, TRACKING, not_verified
+from etude.limits.tracking import CONFIDENCE, factor, learned_table, start_table
+from etude.trajectories import Chain, PointToPoint
 from etude.types import Proof
 
 LOWER, UPPER, HOME = np.array([-2.0, 0.0]), np.array([2.0, 1.0]), np.array([0.0, 0.2])

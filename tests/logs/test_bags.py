@@ -13,9 +13,8 @@ import pytest
 from log_examples import CHANNELS, JOINTS, LIMITS, RATE
 
 from etude.errors import DataError, UsageError
-from etude.logs import read_log
+from etude.logs import read_log, read_raw
 from etude.logs.readers.log_file import bytes_of_log, sha256_of_log
-from etude.logs.readers.registry import read_raw
 from etude.logs.readers.ros_messages import CONTROLLER_STATE, LATER
 from etude.types import Log
 

@@ -8,11 +8,10 @@ import numpy as np
 import pytest
 
 from etude.errors import DataError
-from etude.logs import without_lag
+from etude.logs import duration, without_lag
 from etude.logs.cleaning.filters import (
     command_lag,
     differentiated,
-    duration,
     longest_stretch,
     sampled,
     saturated,

@@ -11,10 +11,9 @@ import pytest
 from log_examples import CHANNELS, JOINTS, LIMITS, RATE, make_log
 
 from etude.errors import DataError
-from etude.logs import raw_log, read_log
+from etude.logs import raw_log, read_log, read_raw
 from etude.logs.columns.mapping import LogConfig, mapped, mapping_text
 from etude.logs.columns.units import read_time
-from etude.logs.readers.registry import read_raw
 
 LOG = make_log()
 DEGREES = {f"q_{joint} [deg]": f"ActPos{k}" for k, joint in enumerate(JOINTS, 1)}

@@ -13,10 +13,9 @@ from log_examples import CHANNELS, JOINTS, LIMITS, RATE, make_log
 from scipy.io import loadmat, savemat
 
 from etude.errors import DataError
-from etude.logs import read_log
+from etude.logs import read_log, read_raw
 from etude.logs.readers.mat import is_mat4, variables, variables4
 from etude.logs.readers.memory_budget import MemoryBudget
-from etude.logs.readers.registry import read_raw
 from etude.types import Log
 
 LOG = make_log()

@@ -10,9 +10,8 @@ import pytest
 from log_examples import CHANNELS, JOINTS, LIMITS, RATE, make_log
 
 from etude.errors import DataError
-from etude.logs import read_log
+from etude.logs import read_log, read_raw
 from etude.logs.readers.csv_tables import BLOCK
-from etude.logs.readers.registry import read_raw
 from etude.types import Log
 
 LOG = make_log()

@@ -9,8 +9,8 @@ import pytest
 from log_examples import vector
 
 from etude.errors import DataError, UsageError
-from etude.logs import read_log
-from etude.logs.readers.registry import cut_sentences, read_raw
+from etude.logs import read_log, read_raw
+from etude.logs.readers.registry import cut_sentences
 from etude.types import Channel
 from etude_quadrotor.logs.ulog import turned
 

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from etude.campaign import find_robot
-from etude.logs import read_log
-from etude.logs.readers.registry import read_raw
+from etude.logs import read_log, read_raw
 from etude.types import Index, Log, Samples
 from etude_quadrotor import QuadrotorInputs
 from etude_quadrotor.preprocessing import FlightData, flight_samples

@@ -9,9 +9,17 @@ import pytest
 from learning_examples import LIMIT, NAMES, SMALL, Inputs, commanded, samples_of, trajectories, trajectory
 
 from etude.errors import DataError, UsageError
-from etude.models import Folds, LinearPhysics, block_masks, fold_numbers, split_blocks
-from etude.models.data.cross_validation import contiguous_blocks, held_out_blocks
-from etude.models.data.fit import in_order, rows_of, seconds_of, spread_points
+from etude.models import (
+    Folds,
+    LinearPhysics,
+    block_masks,
+    contiguous_blocks,
+    fold_numbers,
+    in_order,
+    split_blocks,
+)
+from etude.models.data.cross_validation import held_out_blocks
+from etude.models.data.fit import rows_of, seconds_of, spread_points
 from etude.models.selection.linear import at_rest
 from etude.types import Samples
 

@@ -7,8 +7,7 @@ from dataclasses import replace
 import numpy as np
 from learning_examples import PHYSICS, SMALL, Inputs, train, trajectories, trajectory
 
-from etude.models import ExactGP, FixedInducing, SquaredExponential
-from etude.models.gp.inducing import InducingGP
+from etude.models import ExactGP, FixedInducing, InducingGP, SquaredExponential
 from etude.models.gp.kernels import RestNoise
 from etude.models.gp.shared_exact import condition_shared
 from etude.models.store import model_bytes, model_of

@@ -9,8 +9,7 @@ import pytest
 from learning_examples import LIMIT, NAMES, PHYSICS, SMALL, Inputs, selection, trajectories
 
 from etude.errors import UsageError
-from etude.models import Folds, LearnedModel, fold_numbers
-from etude.models.store import load_model, save_model
+from etude.models import Folds, LearnedModel, fold_numbers, load_model, save_model
 from etude.protocols import Candidate
 from etude_lagrangian import all_lin, data_together
 from etude_online import OnlineConfig

@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 
 import etude_sparse.incremental_spectrum as module
 from etude.errors import DataError, UsageError
-from etude_sparse import SparseSpectrumGP
-from etude_sparse.incremental_spectrum import FADING, IncrementalSpectrum
+from etude_sparse import IncrementalSpectrum, SparseSpectrumGP
+from etude_sparse.incremental_spectrum import FADING
 
 
 def process(seed: int = 0, m: int = 8, D: int = 3) -> SparseSpectrumGP:

@@ -22,11 +22,10 @@ from lagrangian_examples import (
 )
 
 from etude.errors import UsageError
-from etude.models import ExactGP, PointMean, structured
-from etude.models.forms import kernel_of, kernel_words
+from etude.models import ExactGP, PointMean, kernel_of, kernel_words, structured
 from etude.testing import KernelSuite
-from etude_lagrangian.joints import Joints, joints_of
-from etude_lagrangian.kernel import Lagrangian, gip_lin
+from etude_lagrangian import Joints, Lagrangian, gip_lin
+from etude_lagrangian.joints import joints_of
 from etude_lagrangian.parameters import Parameters
 from etude_sparse import DictionaryConfig, DictionaryGP
 

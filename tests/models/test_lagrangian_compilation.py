@@ -5,9 +5,9 @@ from __future__ import annotations
 from types import SimpleNamespace
 
 from etude import plugins
-from etude.models.protocols import SupportsFirstUse
-from etude_lagrangian import all_lin, all_outputs
-from etude_lagrangian.kernel import SENTENCE, gip_lin
+from etude.models import SupportsFirstUse
+from etude_lagrangian import all_lin, all_outputs, gip_lin
+from etude_lagrangian.kernel import SENTENCE
 
 
 class Sweep:

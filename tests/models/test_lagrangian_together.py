@@ -28,8 +28,7 @@ from etude.models import Linear, ModelConfig, structured
 from etude.protocols import FitData
 from etude.testing import ProcessSuite
 from etude.testing.differences import central
-from etude_lagrangian import all_lin
-from etude_lagrangian.joints import Joints
+from etude_lagrangian import Joints, all_lin
 from etude_lagrangian.likelihood import JointHyperparameters, initial_hyperparameters, joint_likelihood
 from etude_lagrangian.member import AllOutputs
 from etude_lagrangian.prior import JointPrior

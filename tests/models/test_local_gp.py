@@ -11,8 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from etude.errors import DataError, UsageError
-from etude.models import ExactGP, Linear, SquaredExponential
-from etude.models.forms import posterior_arrays, posterior_of, posterior_words
+from etude.models import ExactGP, Linear, SquaredExponential, posterior_arrays, posterior_of, posterior_words
 from etude_sparse import LocalGP
 from etude_sparse.local import OVERFLOW, fitting_reach, kernel_lengths, partition
 

@@ -9,7 +9,7 @@ import pytest
 from lwpr_examples import PlainField, cross_in
 
 from etude.errors import DataError, UsageError
-from etude.models.forms import posterior_arrays, posterior_of, posterior_words
+from etude.models import posterior_arrays, posterior_of, posterior_words
 from etude_sparse import LWPR
 from etude_sparse.lwpr import fields as fields_module
 from etude_sparse.lwpr import updates

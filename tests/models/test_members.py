@@ -22,16 +22,13 @@ from learning_examples import (
 )
 
 from etude import plugins
-from etude.design import Output, evaluate
-from etude.design.criteria import criterion_named, value_of
+from etude.design import Output, criterion_named, evaluate, value_of
 from etude.errors import UsageError
-from etude.models import Posteriors, prediction_score
+from etude.models import Posteriors, load_model, member_named, prediction_score, save_model
 from etude.models.config import SPECTRAL
 from etude.models.data.fit import counted
 from etude.models.gp.shared_exact import condition_shared
-from etude.models.members import member_named
 from etude.models.protocols import HasKernel
-from etude.models.store import load_model, save_model
 
 MEMBERS = {name: member_named(name) for name in plugins.BUILT_IN["etude.models"] if name != "all_lin"}
 """Those that learn commands one by one."""

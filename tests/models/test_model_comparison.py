@@ -9,8 +9,9 @@ import pytest
 from scipy.stats import norm, ttest_1samp
 
 from etude.errors import DataError
+from etude.models import read_residuals
 from etude.models.score import LEAST_SEGMENTS, NARROW, WIDE, by_segment, compared, coverage, uncalibrated
-from etude.models.selection.model_selection import CrossValidationResiduals, read_residuals
+from etude.models.selection.model_selection import CrossValidationResiduals
 
 
 def test_the_interval_is_students_t_of_the_mean_log_ratio() -> None:

@@ -10,7 +10,7 @@ from arm_kernel import structured_kernel
 
 from etude.errors import UsageError
 from etude.models import ExactGP, Linear, SquaredExponential
-from etude_sparse.incremental_spectrum import IncrementalSpectrum
+from etude_sparse import IncrementalSpectrum
 from etude_sparse.random_features import PER_INPUT, FeatureProcess, random_features
 
 RNG = np.random.default_rng

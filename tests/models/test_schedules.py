@@ -21,12 +21,21 @@ from learning_examples import (
 from learning_examples import trajectories as longer
 
 from etude import plugins
-from etude.models import ExactGP, LearnedModel, ModelConfig, Posteriors, fit, initial_gp, trained_process
+from etude.models import (
+    ExactGP,
+    LearnedModel,
+    ModelConfig,
+    Posteriors,
+    fit,
+    initial_gp,
+    load_model,
+    member_named,
+    save_model,
+    trained_process,
+)
 from etude.models.config import SCHEDULES, SPECTRAL
 from etude.models.data.fit import on_schedule
-from etude.models.members import member_named
 from etude.models.protocols import HasKernel
-from etude.models.store import load_model, save_model
 from etude.protocols import FitData
 from etude_sparse import DictionaryConfig, DictionaryGP
 

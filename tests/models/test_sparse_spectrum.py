@@ -11,9 +11,7 @@ from hypothesis import strategies as st
 from scipy.stats import multivariate_normal
 
 from etude.errors import DataError, NumericalError, UsageError
-from etude.models import ExactGP, SquaredExponential
-from etude.models.data.cross_validation import contiguous_blocks
-from etude.models.gp.cholesky import JitterWarning
+from etude.models import ExactGP, JitterWarning, SquaredExponential, contiguous_blocks
 from etude_sparse import SparseSpectrumGP, SpectralFeatures
 from etude_sparse.spectral_posterior import SparseSpectrumPosterior, cosine_sine
 

@@ -7,7 +7,7 @@ import pytest
 
 import etude_sparse.sparse_spectrum_training as module
 from etude.errors import DataError, UsageError
-from etude.models.gp.training import Prior
+from etude.models import Prior
 from etude_sparse import SparseSpectrumGP, fit_sparse_spectrum, initial_sparse_spectrum
 from etude_sparse.sparse_spectrum_training import held_out_error, redrawn
 

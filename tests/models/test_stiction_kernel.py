@@ -9,8 +9,15 @@ import numpy as np
 import pytest
 
 from etude.errors import UsageError
-from etude.models import ExactGP, LearnedModel, Posteriors, SquaredExponential, structured
-from etude.models.forms import kernel_of, kernel_words
+from etude.models import (
+    ExactGP,
+    LearnedModel,
+    Posteriors,
+    SquaredExponential,
+    kernel_of,
+    kernel_words,
+    structured,
+)
 from etude.models.gp.kernels import RestNoise, standing
 from etude.models.gp.single_point import PointCovariances
 from etude.models.protocols import EnsembleMember

@@ -13,9 +13,9 @@ import pytest
 from learning_examples import PHYSICS, SMALL, TOGETHER, Inputs, selection, train, trajectories, trajectory
 
 from etude.errors import DataError
-from etude.models import LearnedModel, ModelConfig
+from etude.models import LearnedModel, ModelConfig, load_model, save_model
 from etude.models.config import STRUCTURES
-from etude.models.store import WORDS, load_model, model_bytes, save_model
+from etude.models.store import WORDS, model_bytes
 
 AUTO = replace(SMALL, rung="auto", student_t=True)
 

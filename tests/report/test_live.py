@@ -20,12 +20,11 @@ from synthetic_campaign import write_campaign
 
 from chromium import chromium, complaints
 from etude import cli
-from etude.campaign import open_campaign
-from etude.campaign.ingest.tell import abandon
+from etude.campaign import abandon, open_campaign
 from etude.errors import UsageError
-from etude.report import Pages, digest_of
+from etude.report import HOST, Pages, digest_of, server
 from etude.report.build import live_report
-from etude.report.live import HOST, MOST, PORT, server
+from etude.report.live import MOST, PORT
 
 
 @contextmanager

@@ -22,9 +22,9 @@ from synthetic_campaign import (
 
 from etude.errors import UsageError
 from etude.logs import read_log_file, write_log
-from etude.report import number
+from etude.report import build_report, number
 from etude.report import record as record_module
-from etude.report.build import CONTENTS, SECTIONS, build_report
+from etude.report.build import CONTENTS, SECTIONS
 from etude.report.record import read_record
 from etude.report.sections.uncertainty import deviation_maps, map_panel
 from etude.types import Log

@@ -15,7 +15,7 @@ import pytest
 from synthetic_campaign import write_campaign
 
 from chromium import chromium, complaints, open_page, overhang
-from etude.report.build import build_report
+from etude.report import build_report
 from etude.report.record import read_record
 from etude.report.scene import camera_of, project
 from etude.report.sections.motion import SIZE, beyond, cut, frames, motion, room_around, stage

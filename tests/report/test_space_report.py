@@ -13,13 +13,19 @@ import numpy as np
 import pytest
 from page import Page
 
-from etude.campaign import create_campaign, open_campaign, simulate, stored_model
-from etude.campaign.propose.ask import ask
-from etude.campaign.record.events import to_json
-from etude.campaign.record.journal import chained, read_events
-from etude.report import number
+from etude import ask
+from etude.campaign import (
+    chained,
+    create_campaign,
+    event_to_json,
+    open_campaign,
+    read_events,
+    simulate,
+    stored_model,
+)
+from etude.report import build_report, number
 from etude.report import record as curves
-from etude.report.build import CONTENTS, build_report
+from etude.report.build import CONTENTS
 from etude.report.markup import duration, with_unit
 from etude.report.pictures import write_picture
 from etude.report.png import VIRIDIS
@@ -83,7 +89,7 @@ def as_if_real(folder: Path) -> Path:
     for event in read_events(folder):
         if event.event != "evaluated":
             files = {name: sha256_of(folder / name) for name in event.files if (folder / name).is_file()}
-            lines.append(chained(to_json(replace(event, files={**event.files, **files})), lines))
+            lines.append(chained(event_to_json(replace(event, files={**event.files, **files})), lines))
     journal.write_text("\n".join(lines) + "\n")
     shutil.rmtree(folder / "tests")
     return folder

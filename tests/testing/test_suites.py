@@ -16,7 +16,7 @@ from mutants import Twin, laws, noticed
 from etude import plugins
 from etude.errors import DataError
 from etude.logs.readers.registry import read_csv, read_parquet
-from etude.models.members import member_named
+from etude.models import member_named
 from etude.protocols import FitData, Kind, Trajectory
 from etude.testing import CriterionSuite, ExporterSuite, KernelSuite, ProcessSuite, ReaderSuite
 from etude.trajectories import from_json

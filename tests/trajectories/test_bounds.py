@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from etude.trajectories import FourierTrajectory
-from etude.trajectories.extremes import riesz_range
+from etude.trajectories import FourierTrajectory, riesz_range
 from etude.trajectories.fourier import PEAK_BEND, PEAK_PRODUCT
 
 

@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from etude.errors import UsageError
-from etude.trajectories import FourierTrajectory
-from etude.trajectories.extremes import OVERSAMPLING, exact_range, grid, riesz_range
+from etude.trajectories import OVERSAMPLING, FourierTrajectory, riesz_range
+from etude.trajectories.extremes import exact_range, grid
 from etude.trajectories.fourier import series
 
 

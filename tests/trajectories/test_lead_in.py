@@ -5,10 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from etude.limits import AxisLimit, NormLimit, certify
-from etude.limits.lead_ins import at_rest, can_lead, lead_in, lead_out, moves_at
-from etude.trajectories import FourierTrajectory, from_json, segment_starts
-from etude.trajectories.chain import Chain
+from etude.limits import AxisLimit, NormLimit, at_rest, certify
+from etude.limits.lead_ins import can_lead, lead_in, lead_out, moves_at
+from etude.trajectories import Chain, FourierTrajectory, from_json, segment_starts
 
 
 def flight(seed: int, duration: float = 15.0) -> FourierTrajectory:

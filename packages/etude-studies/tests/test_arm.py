@@ -6,9 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from etude.campaign.record.config_file import load_config
-from etude.campaign.record.events import Evaluated
-from etude.campaign.record.folder import open_campaign
+from etude.campaign import Evaluated, load_config, open_campaign
 from etude.errors import UsageError
 from etude_studies import arm
 from etude_studies.arm import ARMS, Cell

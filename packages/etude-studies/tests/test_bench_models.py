@@ -13,8 +13,7 @@ from scipy.stats import norm
 
 from etude.cli.study import Bench
 from etude.errors import UsageError
-from etude.models.config import ModelConfig
-from etude.models.selection.model_selection import ModelSelection
+from etude.models import ModelConfig, ModelSelection
 from etude_studies import (
     arm_accuracy,
     bench_models,

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from etude.models.data.cross_validation import split_blocks
+from etude.models import split_blocks
 from etude.types import joined_samples
 from etude_studies import between_edges
 from etude_studies.between_edges import inside, log_rows, new_motion

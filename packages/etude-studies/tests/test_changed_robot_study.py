@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from etude.errors import UsageError
-from etude.models.change.evidence import Judged
+from etude.models import Judged
 from etude.types import Channel, Log, Samples
 from etude_studies.bench_changed import GAIN, larger, others, thirds
 from etude_studies.changed_robot import OTHERS, facts_of

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from etude.trajectories.moves import PointToPoint
-from etude_arm.controller import PerfectController
+from etude.trajectories import PointToPoint
+from etude_arm import PerfectController
 from etude_studies.closed_loops import CONTROLS, FORMS, ROBOTS, ROWS, RUNS, Case, cases, run_row, summary
 from etude_studies.seven_loop import seven_loop
 

@@ -7,7 +7,7 @@ import json
 import numpy as np
 import pytest
 
-from etude.models.data.cross_validation import block_masks
+from etude.models import block_masks
 from etude.types import Log
 from etude_studies import crazyflie
 from etude_studies import crazyflie_flights as study

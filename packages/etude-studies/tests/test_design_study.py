@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from etude.trajectories.chain import segment_starts
+from etude.trajectories import segment_starts
 from etude_studies import design, design_flights
 from etude_studies.design import cell, ratio_rows, rows_of, seconds_rows
 from etude_studies.design_arms import arm_of

@@ -2,8 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from etude.design.aim import design_objective
-from etude.design.config import DesignConfig
+from etude.design import DesignConfig, design_objective
 from etude_studies.flight_design_cost import Differenced, design_rows, known_flights
 from etude_studies.flight_world import THESIS_ROOM, Flights
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from etude.trajectories.fourier import FourierTrajectory
+from etude.trajectories import FourierTrajectory
 from etude.types import Channel, Log
 from etude_studies.flight_margins import FLIGHTS, MANNERS, ROBOTS, _away, summary
 

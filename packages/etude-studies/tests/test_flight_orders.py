@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from made_up_orders import made_up
 
-from etude.design.config import DesignConfig
+from etude.design import DesignConfig
 from etude.errors import UsageError
-from etude.trajectories.fourier import FourierTrajectory
+from etude.trajectories import FourierTrajectory
 from etude_studies import flight_orders
 from etude_studies.flight_orders import EXTREME_SEEDS, Cell, designed_flights, extreme_cell, ordinary_cell
 from etude_studies.flight_orders_cell import (

@@ -7,8 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from etude.models.gp.exact import ExactGP
-from etude.models.gp.kernels import SquaredExponential
+from etude.models import ExactGP, SquaredExponential
 from etude_studies.model_cost import held_bytes, predict_seconds
 from etude_studies.model_table import FIGURES, cells, show
 from etude_studies.rows import Row

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from etude.errors import UsageError
-from etude_online.learner import OnlineConfig
+from etude_online import OnlineConfig
 from etude_studies import online, online_rows
 from etude_studies.online import Cell, Outcome
 from etude_studies.world import World

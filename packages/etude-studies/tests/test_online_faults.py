@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from etude.models.config import ModelConfig
+from etude.models import ModelConfig
 from etude_studies import online_faults
 from etude_studies.faults import KINDS, NEVER, WIRES, Fault, FaultyWire, drawn
 from etude_studies.online_faults import Place, Stage, compared, faults_of, run_cell, stage, study_rows

@@ -8,10 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from etude.models.model import LearnedModel
+from etude.models import LearnedModel
 from etude.types import Log
-from etude_online.learner import OnlineConfig
-from etude_online.model import OnlineModel
+from etude_online import OnlineConfig, OnlineModel
 from etude_studies.world import World
 
 FOLDER = Path(__file__).parents[3] / "examples" / "crazyflie"

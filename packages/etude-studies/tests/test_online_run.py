@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 
 from etude.errors import UsageError
-from etude.models.config import ModelConfig
-from etude.models.model import LearnedModel
+from etude.models import LearnedModel, ModelConfig
 from etude.types import Motion
-from etude_online.learner import OnlineConfig
+from etude_online import OnlineConfig
 from etude_studies import online
 from etude_studies.online_run import OnlineRun, Repeated
 from etude_studies.world import World

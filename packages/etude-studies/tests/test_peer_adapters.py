@@ -9,9 +9,8 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from etude.models.gp.exact import ExactGP
-from etude.models.gp.kernels import SquaredExponential
-from etude_sparse.sparse_spectrum import SparseSpectrumGP
+from etude.models import ExactGP, SquaredExponential
+from etude_sparse import SparseSpectrumGP
 from etude_studies.bench_peers import TOLERANCE
 from etude_studies.peers.catalogue import EXACT, SPECTRUM, Peer
 from etude_studies.peers.running import PeerUnavailable, Running, here

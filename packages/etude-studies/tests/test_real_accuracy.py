@@ -10,10 +10,7 @@ import pytest
 
 from etude.cli.study import Bench
 from etude.errors import DataError, UsageError
-from etude.models.config import ModelConfig
-from etude.models.data.cross_validation import split_blocks
-from etude.models.score import figures
-from etude.models.selection.model_selection import ModelSelection
+from etude.models import ModelConfig, ModelSelection, figures, split_blocks
 from etude.types import Samples
 from etude_studies import real_accuracy, real_logs
 from etude_studies.external_logs import panda_log, sarcos_samples

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from etude.models.data.cross_validation import split_blocks
+from etude.models import split_blocks
 from etude_studies import real_between, real_draws
 from etude_studies.real_between import again, between_rows
 from etude_studies.real_logs import REAL_LOGS, arm_log

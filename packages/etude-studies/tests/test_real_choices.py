@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from etude.models.gp.kernels import structured
-from etude_arm.preprocessing import filter_cutoff
+from etude.models import structured
+from etude_arm import filter_cutoff
 from etude_studies import real_choices
 from etude_studies.real_choices import Choice, choice_rows, folds, left_out, predicted, stacked_errors
 from etude_studies.real_logs import REAL_LOGS, arm_log

@@ -7,7 +7,7 @@ import json
 import numpy as np
 import pytest
 
-from etude.models.gp.exact import ExactGP
+from etude.models import ExactGP
 from etude_studies import bench_gp, rows
 from etude_studies.rows import Row, rows_json
 

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from etude.testing.models import CriterionSuite, KernelSuite, ProcessSuite
     from etude.testing.motions import FamilySuite, LimitSuite
     from etude.testing.robot import InputsSuite, PhysicsSuite, RobotSuite
+    from etude.testing.robot_world import World, world
 
 __all__ = [
     "CriterionSuite",
@@ -35,5 +36,7 @@ __all__ = [
     "ProcessSuite",
     "ReaderSuite",
     "RobotSuite",
+    "World",
+    "world",
 ]
 __getattr__, __dir__ = face(__name__)

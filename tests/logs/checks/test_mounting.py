@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from made_motion import COMMAND, DRY, INERTIA, VISCOUS, moved
 
-from etude.campaign.ingest.inspection import inspect
+from etude.campaign import inspect
 from etude.logs import seen
 from etude.types import Array, Finding
 from etude_arm.log_checks import mounting_finding

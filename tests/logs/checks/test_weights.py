@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from made_motion import COMMAND, QD, Q
 
+from etude.logs import Seen
 from etude.logs.checks import command_columns
-from etude.logs.checks.filtered_motion import Seen
 from etude.logs.checks.plausibility import commanded, judge_commands
 from etude.types import Array, Log
 

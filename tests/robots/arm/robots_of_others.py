@@ -6,8 +6,7 @@ from pathlib import Path
 
 from loading_examples import bullet_robot, example_robot
 
-from etude.campaign import Campaign, create_campaign, open_campaign
-from etude.campaign.create import RobotPart
+from etude.campaign import Campaign, RobotPart, create_campaign, open_campaign
 from etude_arm import ArmSpec
 from etude_arm.model_file import spec_from_model
 

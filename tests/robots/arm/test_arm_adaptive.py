@@ -9,9 +9,8 @@ import pytest
 from arm_examples import Swing, simulated
 
 from etude.errors import UsageError
-from etude_arm import craig_hsu_sastry, slotine_li
+from etude_arm import ArmPhysics, craig_hsu_sastry, slotine_li
 from etude_arm.adaptive_control import CRAIG_HSU_SASTRY, SLOTINE_LI, Adaptation, Tracking, dominant
-from etude_arm.physics.mean import ArmPhysics
 from etude_arm.physics.reference_regressor import ReferenceRegressor
 from etude_arm.physics.regressor import nominal_parameters
 from etude_arm.physics.rigid_body import RigidBodyModel

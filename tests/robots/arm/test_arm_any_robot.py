@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from robots_of_others import FILES, campaign_of, file_of, robot_of
 
+from etude import status
 from etude.campaign import Campaign, simulate
-from etude.campaign.evaluate.status import status
 from etude.errors import UsageError
-from etude.report.build import build_report
+from etude.report import build_report
 from etude.testing import RobotSuite
 from etude.testing.kind import run_laws
 from etude_arm import KIND, motions

@@ -12,11 +12,9 @@ import pytest
 from clearance_examples import NAMES, PLANAR, clearance, planar, planar_spec
 
 from etude.codes import Warn
-from etude.design import Source
-from etude.design.nonconvex_limits import NonconvexLimits
+from etude.design import NonconvexLimits, Source
 from etude.errors import UnsafeTrajectoryError, UsageError
-from etude.limits import certify
-from etude.limits.certificate import in_words, place_of, require_certified, slack, utilization
+from etude.limits import certify, in_words, place_of, require_certified, slack, utilization
 from etude.trajectories import FourierConfig, FourierTrajectory, PointToPoint
 from etude.types import Motion
 from etude_arm import KIND

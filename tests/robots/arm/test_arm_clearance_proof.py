@@ -10,7 +10,7 @@ from clearance_examples import NAMES, REACH, clearance, planar
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from etude.limits.certificate import slack
+from etude.limits import slack
 from etude.protocols import Trajectory
 from etude.trajectories import FourierTrajectory, PointToPoint, Splined
 from etude.types import Array, Motion, Proof

@@ -11,9 +11,8 @@ from arm_examples import Swing, simulated
 from etude.errors import NumericalError, UsageError
 from etude.models import ModelConfig, select_structures, trusted
 from etude.types import Log, Motion
-from etude_arm import ArmSpec, Axis, PerfectController
+from etude_arm import ArmInputs, ArmSpec, Axis, PerfectController
 from etude_arm.controller import ModelController
-from etude_arm.inputs import ArmInputs
 from etude_arm.preprocessing import ArmData, samples_of
 
 AXES = tuple(Axis(n, -1, 1, 1, 1, c) for n, c in (("a", 100.0), ("b", 5.0)))

@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 
 from etude.errors import UsageError
 from etude.types import Log, Motion, Samples
-from etude_arm import ArmSpec, Axis
-from etude_arm.inputs import ArmInputs, stick_gains
+from etude_arm import ArmInputs, ArmSpec, Axis
+from etude_arm.inputs import stick_gains
 
 SPEC = ArmSpec(
     "two", tuple(Axis(n, -2.0, 2.0, v, 8.0, 90.0) for n, v in (("a", 2.0), ("b", 20.0))), "A", 100.0

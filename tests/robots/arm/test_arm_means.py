@@ -10,8 +10,8 @@ from arm_examples import Swing, simulated
 
 from etude.errors import DataError, UsageError
 from etude.types import Samples
-from etude_arm.inputs import ArmInputs
-from etude_arm.physics.mean import ArmPhysics, RigidBodyMean, physics_of
+from etude_arm import ArmInputs, ArmPhysics
+from etude_arm.physics.mean import RigidBodyMean, physics_of
 from etude_arm.preprocessing import ArmData, samples_of
 
 ROBOT = simulated()

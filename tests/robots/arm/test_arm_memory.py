@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from etude.types import Log, Motion
-from etude_arm import ArmSpec, Axis
-from etude_arm.inputs import ArmInputs
+from etude_arm import ArmInputs, ArmSpec, Axis
 from etude_arm.memory import pulled, remembered
 from etude_arm.preprocessing import PLAY, ArmData, resolution, samples_of, standing
 from etude_arm.spec import MEMORY

@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 from etude.errors import DataError, UsageError
-from etude.logs.cleaning.filters import duration
+from etude.logs import duration
 from etude.types import Log, Samples
 from etude_arm import KIND, ArmSpec, Axis
 from etude_arm.preprocessing import ArmData, samples_of

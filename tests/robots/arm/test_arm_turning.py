@@ -11,11 +11,11 @@ import pytest
 
 from etude import plugins
 from etude.campaign.deployment.predict import along
-from etude.models.data.as_log import followed
+from etude.models import followed
 from etude.types import Log, Motion, Samples
-from etude_arm.inputs import ArmInputs
+from etude_arm import ArmInputs, ArmPhysics
 from etude_arm.memory import remembered, turning
-from etude_arm.physics.mean import ArmPhysics, RigidBodyMean
+from etude_arm.physics.mean import RigidBodyMean
 from etude_arm.physics.rigid_body import EXTRA_TERMS, NARROW
 from etude_arm.physics.transmission import Drive
 from etude_arm.spec import TURNING, WAYS

@@ -13,13 +13,12 @@ from robots_of_others import robot_of
 from test_loading_arms import ARMS, Arm
 
 import etude
-from etude.campaign import create_campaign
-from etude.campaign.create import RobotPart
-from etude.campaign.propose.ask import ask
+from etude import ask
+from etude.campaign import RobotPart, create_campaign
 from etude.cli import main
 from etude.codes import Warn
 from etude.errors import UnsafeTrajectoryError
-from etude.limits.certificate import require_certified
+from etude.limits import require_certified
 from etude.protocols import Trajectory
 from etude.trajectories import PointToPoint
 from etude_arm import ArmSpec

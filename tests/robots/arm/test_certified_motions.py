@@ -20,16 +20,14 @@ from etude.campaign import find_robot, preset_config
 from etude.design import DesignConfig, design, linked, prior_latents
 from etude.limits import FeasibleSet, boundary, certify, scaled, uniform
 from etude.protocols import Family, Limit, Trajectory
-from etude.trajectories import FourierConfig, FourierTrajectory
-from etude.trajectories.extremes import OVERSAMPLING
+from etude.trajectories import OVERSAMPLING, FourierConfig, FourierTrajectory
 from etude.types import Array, Motion
 from etude_arm import KIND, ArmSpec
 from etude_arm.motions import family as arm_family
 from etude_arm.motions import limits as arm_limits
 from etude_arm.motions import ways as arm_ways
 from etude_arm.space.table import Cartesian
-from etude_quadrotor import QuadrotorSpec
-from etude_quadrotor.motions import FlightConfig, flight_family
+from etude_quadrotor import FlightConfig, QuadrotorSpec, flight_family
 from etude_quadrotor.motions import home as flight_home
 from etude_quadrotor.motions import limits as flight_limits
 from etude_quadrotor.motions import ways as flight_ways

@@ -13,13 +13,12 @@ from loading_examples import write
 
 from etude.errors import UsageError
 from etude.types import Log, Samples
-from etude_arm import KIND, ArmSpec, Axis
+from etude_arm import KIND, ArmPhysics, ArmSpec, Axis
 from etude_arm.identified.files import central, written
 from etude_arm.identified.fit import Identified, identified, links_of
 from etude_arm.identified.pseudo_inertia import is_possible, matrix_of
 from etude_arm.identified.target import URDF
 from etude_arm.loading.load import load
-from etude_arm.physics.mean import ArmPhysics
 
 NAMES = ("shoulder", "elbow", "wrist")
 FRICTION = np.array([1.5, 0.8, 0.3])

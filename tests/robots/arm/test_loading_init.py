@@ -9,8 +9,7 @@ from loading_examples import write
 from robots_of_others import FILES, file_of
 
 import etude
-from etude.campaign import create_campaign
-from etude.campaign.create import RobotPart
+from etude.campaign import RobotPart, create_campaign
 from etude.cli import main
 from etude.errors import UsageError
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from etude.campaign.create import load_robot
+from etude import load_robot
+from etude_arm import ArmPhysics
 from etude_arm.physics.geometry import read_geometry
-from etude_arm.physics.mean import ArmPhysics
 from etude_arm.physics.newton_euler import nominal_commands
 
 

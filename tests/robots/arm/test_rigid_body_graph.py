@@ -12,10 +12,9 @@ import pytest
 from rigid_examples import AWKWARD, NAMES, awkward_spec, smooth_motion
 
 from etude._runtime.operators import Value
-from etude.deploy import session
-from etude.deploy.onnx.model_graph import Graph
+from etude.deploy import Graph, session
 from etude.types import Array, Log
-from etude_arm.inputs import ArmInputs
+from etude_arm import ArmInputs
 from etude_arm.memory import remembered
 from etude_arm.onnx import followed
 from etude_arm.physics.mean import RigidBodyMean

@@ -11,8 +11,7 @@ import pytest
 from clearance_examples import planar_spec, random_chain
 
 from etude.errors import UsageError
-from etude.limits import certify
-from etude.limits.certificate import SPEED
+from etude.limits import SPEED, certify
 from etude.trajectories import FourierTrajectory, PointToPoint, Splined
 from etude_arm import ArmSpec, Axis
 from etude_arm.clearance.skeleton import bent

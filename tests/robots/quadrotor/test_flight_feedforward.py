@@ -14,9 +14,11 @@ from etude.protocols import Candidate, Trajectory
 from etude.types import Array, Log, Motion
 from etude_quadrotor import (
     KIND,
+    FlightConfig,
     FlightFeedforward,
     GatedVoltages,
     QuadrotorInputs,
+    flight_family,
     flight_plan,
     nominal_inverse,
 )
@@ -30,7 +32,7 @@ from etude_quadrotor.controller import (
     thrust_voltage,
 )
 from etude_quadrotor.flatness import flat_motion
-from etude_quadrotor.motions import FlightConfig, flight_family, home, limits
+from etude_quadrotor.motions import home, limits
 from etude_quadrotor.plant.registry import simulated_vehicle
 from etude_quadrotor.preprocessing import FlightData
 from etude_quadrotor.vehicle import GRAVITY

@@ -7,19 +7,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from etude.campaign.propose.approach import There, there_and_back
-from etude.deploy.playback_certificate import certify_played
+from etude.campaign import There, there_and_back
+from etude.deploy import certify_played
 from etude.errors import UnsafeTrajectoryError, UsageError
-from etude.limits import FeasibleSet, certify, scaled
-from etude.limits.certificate import WAY
+from etude.limits import WAY, FeasibleSet, certify, scaled
 from etude.protocols import Limit, Trajectory
-from etude.trajectories import Splined
-from etude.trajectories.chain import Chain
+from etude.trajectories import Chain, Splined
 from etude.types import Array
-from etude_quadrotor import KIND, QuadrotorSpec
-from etude_quadrotor.export.offboard import OFFBOARD
-from etude_quadrotor.export.poly4d import POLY4D
-from etude_quadrotor.motions import FlightConfig, flight_family, home, limits, ways
+from etude_quadrotor import KIND, OFFBOARD, POLY4D, FlightConfig, QuadrotorSpec, flight_family
+from etude_quadrotor.motions import home, limits, ways
 from etude_quadrotor.spec_file import check_spec
 
 SPEC: QuadrotorSpec = KIND.spec(KIND.built_in()["quadrotor"])

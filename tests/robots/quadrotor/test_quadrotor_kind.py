@@ -14,8 +14,7 @@ from etude.errors import UnsafeTrajectoryError, UsageError
 from etude.limits import FeasibleSet, boundary, certify
 from etude.testing import InputsSuite, KindSuite, PhysicsSuite, RobotSuite
 from etude.trajectories import FourierTrajectory
-from etude_quadrotor import KIND, QuadrotorInputs, QuadrotorSpec
-from etude_quadrotor.motions import FlightConfig, flight_family
+from etude_quadrotor import KIND, FlightConfig, QuadrotorInputs, QuadrotorSpec, flight_family
 from etude_quadrotor.preprocessing import FlightData
 
 SPEC: QuadrotorSpec = KIND.spec(KIND.built_in()["quadrotor"])

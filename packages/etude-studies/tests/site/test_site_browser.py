@@ -158,7 +158,7 @@ def test_a_result_that_comes_in_renews_the_served_pages(browser: Any, tmp_path: 
 
     from selenium.webdriver.support.ui import WebDriverWait
 
-    from etude.report.live import HOST, server
+    from etude.report import HOST, server
     from etude_studies.thesis.study import STUDY
 
     with server(STUDY.live({"folder": tmp_path}), 0) as served:

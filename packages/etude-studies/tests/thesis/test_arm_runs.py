@@ -9,11 +9,11 @@ import numpy as np
 import polars as pl
 import pytest
 
-from etude.models.selection.linear import linear_inputs
+from etude.models import linear_inputs
 from etude.protocols import Family
+from etude.testing import FamilySuite
 from etude.testing.differences import same
-from etude.testing.motions import FamilySuite
-from etude.trajectories.json_text import from_json
+from etude.trajectories import from_json
 from etude.types import Array, Log
 from etude_studies.measured import comparable
 from etude_studies.spec import Spec, run_one

@@ -12,12 +12,10 @@ import polars as pl
 import pytest
 from scipy.stats import norm, spearmanr
 
-from etude.campaign.record.config import CampaignConfig, preset_config
-from etude.models.gp.exact import ExactGP
-from etude.models.gp.kernels import SquaredExponential
+from etude.campaign import CampaignConfig, preset_config
+from etude.models import ExactGP, SquaredExponential
 from etude.types import Array
-from etude_quadrotor.inputs import QuadrotorInputs
-from etude_quadrotor.kind import KIND
+from etude_quadrotor import KIND, QuadrotorInputs
 from etude_studies.measured import comparable, measured_table
 from etude_studies.thesis import flight_tests
 from etude_studies.thesis.flight_measures import (

@@ -7,7 +7,7 @@ from pathlib import Path
 import polars as pl
 import pytest
 
-from etude.campaign.record.config import preset_config
+from etude.campaign import preset_config
 from etude.errors import UsageError
 from etude_studies.collected import Results
 from etude_studies.measured import KEYS, comparable
