@@ -13,7 +13,6 @@ import etude
 from etude import cli
 from etude.cli import entrance
 from etude.logs import needed
-from etude.logs.readers.extras import REQUIREMENTS
 
 ROOT = Path(__file__).parents[1]
 FROM_THE_INDEX = re.compile(
@@ -76,14 +75,6 @@ def test_no_sentence_installs_a_strangers_package() -> None:
             if FROM_THE_INDEX.search(line):
                 bad.append(f"{path.relative_to(ROOT)}:{number}: {line.strip()[:120]}")
     assert bad == []
-
-
-def test_messages_ask_for_what_the_extras_ask_for() -> None:
-    extras = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"][
-        "optional-dependencies"
-    ]
-    stated = {own for name in ("ros", "px4", "onnx") for own in extras[name]}
-    assert set(REQUIREMENTS.values()) == stated
 
 
 def test_a_missing_library_is_named_with_what_needs_it() -> None:

@@ -1,7 +1,7 @@
 """Presses Ctrl-C in the middle of compiled code, again and again. Run by test_interrupts.py.
 
 A process of its own, so that forking is cheap and safe: no threads, everything imported and compiled once.
-The signal is sent while a compiled function is running, a random time after it was entered.
+The signal is sent while a simulated robot runs, in compiled code, a random time after it began.
 """
 
 from __future__ import annotations
@@ -19,13 +19,16 @@ from typing import Any
 import numpy as np
 
 from etude import cli
-from etude.campaign import Campaign, create_campaign, read_events, typical_motions
-from etude.campaign.record.events import Asked
-from etude.campaign.record.state import replay
-from etude.cli import entrance
-from etude.cli.entrance import INTERRUPTED
-from etude_arm import motions
-from etude_arm.plant import compiled
+from etude.campaign import (
+    Asked,
+    Campaign,
+    create_campaign,
+    open_campaign,
+    read_events,
+    replay,
+    typical_motions,
+)
+from etude.trajectories import random_moves
 
 CONFIG = """\
 kind = "arm"
@@ -47,14 +50,28 @@ reference_points = 10
 """
 ROUNDS = 2
 DELAYS = (0.005, 0.05, 0.3)
-"""s: how long after a closed loop was entered Ctrl-C comes, at most. A loop takes 10 to 100 ms, so that the
+"""s: how long after a run began Ctrl-C comes, at most. A loop takes 10 to 100 ms, so that the
 last one often falls into learning or designing."""
-motions.MOVES, motions.TEST_DURATION = 1, 30.0
+INTERRUPTED = 130
+"""What a shell expects of a command that Ctrl-C ended."""
+KEPT = "Everything that was committed is kept"
 
 
-def cue_at(call: int, cue: int) -> None:
-    """Writes a byte to `cue` when a closed loop is entered for the `call`-th time from now."""
-    seen, real = 0, compiled._closed_loop
+def brief(campaign: Campaign) -> None:
+    """Tests of its kind of robot are one move, so that a round takes seconds."""
+
+    def tests(_: Any, spec: Any, __: Any, rng: np.random.Generator) -> Any:
+        return {"moves": random_moves(rng, spec.lower, spec.upper, spec.velocity, spec.acceleration, 1)}
+
+    type(campaign.kind).tests = tests
+
+
+def cue_at(campaign: Campaign, call: int, cue: int) -> None:
+    """Writes a byte to `cue` when a simulated robot runs for the `call`-th time from now: its closed loop is
+    compiled code.
+    """
+    robot: Any = type(campaign.kind.robot(campaign.spec, campaign.config))
+    seen, real = 0, robot.run
 
     def entered(*arguments: Any) -> Any:
         nonlocal seen
@@ -63,18 +80,18 @@ def cue_at(call: int, cue: int) -> None:
             os.write(cue, b".")
         return real(*arguments)
 
-    compiled._closed_loop = entered
+    robot.run = entered
 
 
 def session(folder: Path, said: Path, call: int = 0, delay: float = 0.0) -> int:
-    """`etude simulate` in a child, with Ctrl-C `delay` seconds after a closed loop was entered; its code."""
+    """`etude simulate` in a child, with Ctrl-C `delay` seconds after a run began; its code."""
     read_end, write_end = os.pipe()
     child = os.fork()
     if child == 0:
         output = os.open(said, os.O_WRONLY | os.O_CREAT | os.O_APPEND)
         os.dup2(output, 1)
         os.dup2(output, 2)
-        cue_at(call, write_end)
+        cue_at(open_campaign(folder), call, write_end)
         sys.argv = ["etude", *finishing(folder)]
         os._exit(cli.main())
     os.close(write_end)
@@ -87,10 +104,8 @@ def session(folder: Path, said: Path, call: int = 0, delay: float = 0.0) -> int:
 
 def compile_once(campaign: Campaign) -> None:
     """Loads what every child needs; nothing that starts threads, which a fork would lose."""
-    import etude.campaign.simulation
-    import etude.cli.parse
-    import etude.design.solve  # noqa: F401
-
+    cli.main(["--version"])
+    brief(campaign)
     robot = campaign.kind.robot(campaign.spec, campaign.config)
     rng = np.random.default_rng(0)
     robot.run(typical_motions(campaign, rng, 1)[0], None, rng)
@@ -129,7 +144,7 @@ def main(folder: Path, presses: int, seed: int) -> None:
     assert set(codes) <= {0, INTERRUPTED}, f"{codes}: {words}"
     assert "Traceback" not in words, words
     assert "ignored" not in words, words
-    assert words.count(entrance.KEPT) == codes.count(INTERRUPTED), words
+    assert words.count(KEPT) == codes.count(INTERRUPTED), words
     assert session(lab, said) == session(whole, said) == 0
     assert facts(lab) == facts(whole)
     sys.stdout.write(f"interrupted {codes.count(INTERRUPTED)} of {presses}\n")

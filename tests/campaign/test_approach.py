@@ -135,8 +135,7 @@ def test_the_last_row_of_a_table_is_a_pose(lab: Campaign, tmp_path: Path) -> Non
 def test_where_the_straight_way_is_barred_it_goes_by_home_or_not_at_all() -> None:
     """What is barred: the middle of x while y is low; home is above it."""
     from etude.campaign import there_and_back
-    from etude_arm import ArmSpec, Axis
-    from etude_arm.motions import ways
+    from etude_arm import KIND, ArmSpec, Axis
 
     spec = ArmSpec("pair", tuple(Axis(n, -1.0, 1.0, 1.0, 2.0, 1.0) for n in "xy"), "N m", 50.0)
     motion = FourierTrajectory(np.array([[0.8, -0.8], [0.0, 0.0], [0.0, 0.0]]), 1.0, 5.0)
@@ -155,7 +154,7 @@ def test_where_the_straight_way_is_barred_it_goes_by_home_or_not_at_all() -> Non
         return kind("position", 0, ("x", "y"), -np.ones(2), np.ones(2))
 
     def way(m: Trajectory, p: Array) -> tuple[Trajectory, Trajectory] | None:
-        return ways(spec, m, p)
+        return KIND.ways(spec, m, p)
 
     free = there_and_back(motion, pose, way, [limit(AxisLimit)], np.array([0.0, 0.8]))
     barred = there_and_back(motion, pose, way, [limit(Barred)], np.array([0.0, 0.8]))

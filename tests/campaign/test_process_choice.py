@@ -9,10 +9,6 @@ from etude import ask, status, tell
 from etude.campaign import newest_model, stored_trajectory
 from etude.campaign.record.config_file import parse_config
 from etude.errors import UsageError
-from etude.models import BasisPosterior, ExactPosterior
-from etude_sparse.local_posterior import LocalPosterior
-from etude_sparse.lwpr.posterior import LWPRPosterior
-from etude_sparse.spectral_posterior import SparseSpectrumPosterior
 
 CONFIG = """\
 [trajectory]
@@ -39,11 +35,11 @@ reference_points = 20
 @pytest.mark.parametrize(
     ("process", "kind"),
     [
-        ("dictionary_variance", ExactPosterior),
-        ("ssgp_fixed", SparseSpectrumPosterior),
-        ("vfe", BasisPosterior),
-        ("local_gp", LocalPosterior),
-        ("lwpr", LWPRPosterior),
+        ("dictionary_variance", "ExactPosterior"),
+        ("ssgp_fixed", "SparseSpectrumPosterior"),
+        ("vfe", "BasisPosterior"),
+        ("local_gp", "LocalPosterior"),
+        ("lwpr", "LWPRPosterior"),
     ],
 )
 def test_a_campaign_learns_and_designs_with_it(process, kind, tmp_path) -> None:
@@ -62,7 +58,7 @@ def test_a_campaign_learns_and_designs_with_it(process, kind, tmp_path) -> None:
     assert model is not None
     own = [p for c in model.candidates if c.structure == "gp" for p in c.process.own]
     assert len(own) == 2
-    assert all(type(posterior) is kind for posterior in own)
+    assert all(type(posterior).__name__ == kind for posterior in own)
     assert status(campaign)
 
 

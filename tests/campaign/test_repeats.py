@@ -16,7 +16,6 @@ from etude.campaign.ingest.ingest_result import Told
 from etude.campaign.ingest.tell import CHECK, planned_states, share_within
 from etude.campaign.record.events import Asked, Exported
 from etude.campaign.training import _scores
-from etude.cli.status import _lines as lines
 from etude.logs import read_log_file
 from etude.protocols import Trajectory
 from etude.trajectories import from_json
@@ -96,17 +95,6 @@ def test_most_of_it_is_enough_and_half_is_not(told_once: tuple[Campaign, Traject
     assert share_within(known[:0], known) == share_within(known, known[:0]) == 0.0
     bare = log.without(*(name for name in log.values if name.endswith("_des")))
     assert planned_states(campaign, bare) is None
-
-
-def test_status_says_when_the_choice_no_longer_matters(told_once: tuple[Campaign, Trajectory]) -> None:
-    campaign, _ = told_once
-    found = status(campaign)
-    assert found["choice"] is None
-    assert not any("no longer matters" in line for line in lines(found))
-    for choice, said in ((0.2, False), (0.051, False), (0.049, True), (0.0, True)):
-        text = [line for line in lines({**found, "choice": choice}) if "no longer matters" in line]
-        assert bool(text) == said
-    assert "4.9 %" in next(line for line in lines({**found, "choice": 0.049}) if "matters" in line)
 
 
 def test_choice_is_read_from_the_newest_design(told_once: tuple[Campaign, Trajectory]) -> None:

@@ -30,7 +30,6 @@ from etude.errors import UsageError
 from etude.limits import certify
 from etude.protocols import Controller, Model
 from etude.types import Finding
-from etude_arm import motions as arm_motions
 
 CONFIG = 'kind = "arm"\nseed = 4\n[trajectory]\nduration = 8.0\n'
 JOURNAL = "journal.jsonl"
@@ -55,7 +54,7 @@ def arm(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Campaign:
     monkeypatch.setattr(asking, "newest_model", lambda *_: None)
     monkeypatch.setattr(module, "newest_model", lambda *_: None)
     monkeypatch.setattr(module, "only_structure", lambda *_: None)
-    monkeypatch.setattr(arm_motions, "MOVES", 1)
+    monkeypatch.setattr("etude_arm.motions.MOVES", 1)
     path = create_campaign(tmp_path / "lab", "arm4", seed=4)[0].path
     (path / "campaign.toml").write_text(CONFIG)
     campaign = open_campaign(path)

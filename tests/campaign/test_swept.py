@@ -20,7 +20,7 @@ from etude.campaign.propose.proposal import (
     teaches_little,
     visited_by,
 )
-from etude.cli.ask import Ask
+from etude.cli import main
 from etude.codes import Warn
 from etude.protocols import Trajectory
 from etude.report import build_report
@@ -36,7 +36,9 @@ def still(axes: int, size: float) -> Trajectory:
     return FourierTrajectory(table, 2.0 * np.pi / 30.0, 30.0)
 
 
-def test_shares_are_counted_from_the_bytes_and_stand_on_the_certificate(tmp_path: Path) -> None:
+def test_shares_are_counted_from_the_bytes_and_stand_on_the_certificate(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     campaign = make_campaign(tmp_path, config=CONFIG)
     found = ask(campaign)
     rows = valid((found.folder / "certificate.json").read_bytes())["swept"]
@@ -50,7 +52,8 @@ def test_shares_are_counted_from_the_bytes_and_stand_on_the_certificate(tmp_path
         assert row["of_range"] == pytest.approx(np.mean(counts >= 0.005 * len(poses)), abs=0.051)
         assert row["of_range"] == row["of_clear"], "without shapes every pose is clear"
         assert row["held"]
-    text = Ask(folder=campaign.path).run(lambda _: None).text
+    assert main(["ask", str(campaign.path)]) == 0
+    text = capsys.readouterr().out
     assert "segments sweep" in text
     assert f"{100 * rows[0]['of_range']:.0f} %" in text
     assert "segments sweep of the range" in build_report(campaign.path).read_text()

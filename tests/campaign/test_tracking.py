@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import tyro
 from small_robot import make_campaign, write_log
 
 from certificate_schema import valid
@@ -15,7 +14,7 @@ from etude.campaign import Campaign, create_campaign, open_campaign, stored_traj
 from etude.campaign.propose.constraints import constraints_now, constraints_then
 from etude.campaign.record.events import Asked
 from etude.campaign.record.state import Round, State
-from etude.cli.ask import Ask
+from etude.cli import main
 from etude.errors import UsageError
 from etude.limits import HIDDEN
 from etude.trajectories import FourierTrajectory
@@ -95,11 +94,11 @@ def test_a_slower_run_says_nothing_of_the_full_one(lab: Campaign, tmp_path: Path
 
 
 def test_ask_says_slowly_first_until_a_log_shows_how_far_it_leaves_its_plan(
-    lab: Campaign, tmp_path: Path
+    lab: Campaign, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     def slowly(*arguments: str) -> bool:
-        asked = tyro.cli(Ask, args=[str(lab.path), *arguments])
-        return any(line.startswith("First slowly") for line in asked.run([].append).text.splitlines())
+        assert main(["ask", str(lab.path), *arguments]) == 0
+        return any(line.startswith("First slowly") for line in capsys.readouterr().out.splitlines())
 
     assert slowly()
     assert not slowly("--speed", "50")

@@ -11,8 +11,6 @@ import pytest
 from etude import open_campaign
 from etude.cli import main
 from etude.errors import UsageError
-from etude.logs import Seen
-from etude.logs.checks.command_columns import scale_findings
 from etude_arm.loading.load import load
 
 LIMIT = '<limit lower="-1.2" upper="1.2" velocity="1" effort="50"/>'
@@ -201,20 +199,3 @@ def test_the_force_of_a_slide_is_in_newton(tmp_path: Path, capsys: pytest.Captur
     )
     assert " N more" in methods["j2"]
     assert " N m more" in methods["j1"]
-
-
-@pytest.mark.parametrize(
-    ("units", "said"),
-    [
-        (("rad", "rad"), "times the torque of the model file: they look like thousandths of N m."),
-        (("m", "m"), "times the force of the model file: they look like thousandths of N."),
-        (("m", "rad"), "times the torque or force of the model file: they look like thousandths of N m (N)."),
-    ],
-)
-def test_so_it_is_where_a_log_has_another_unit(units: tuple[str, str], said: str) -> None:
-    force = np.random.default_rng(0).standard_normal((200, 2))
-    still, moving = np.zeros((200, 2)), np.ones((200, 2), dtype=np.bool_)
-    times, milli = np.arange(200) / 100, 1e3 * force
-    motion = Seen(times, 0.01, still, still, still, None, milli, moving, ("a", "b"), units, 10.0)
-    (finding,) = scale_findings(motion, force, still, np.full(2, 10.0))
-    assert said in finding.sentence

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,7 +15,6 @@ from etude.limits import AxisLimit, Certificate, FeasibleSet, at_rest, boundary,
 from etude.protocols import Limit
 from etude.types import Array
 from etude_quadrotor import KIND, NED, OFFBOARD, FlightConfig, flight_family
-from etude_quadrotor.motions import home, limits
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "foreign"))
 from px4_cascade import fly, padded
@@ -29,8 +29,8 @@ def flight(drag: float, tmp_path: Path, extra: str = "") -> tuple[Commanded, tup
     path.write_text(ROBOT.read_text() + extra)
     spec = KIND.spec(path)
     config = FlightConfig(2, 15.0)
-    allowed, family = limits(spec, config, {}), flight_family(config)
-    room = FeasibleSet.of(allowed, family, home(spec))
+    allowed, family = KIND.limits(spec, SimpleNamespace(trajectory=config), None, {}), flight_family(config)
+    room = FeasibleSet.of(allowed, family, KIND.home(spec))
     motion = at_rest(family.trajectory(boundary(np.random.default_rng(0), room)[0]), allowed)
 
     def told(t: Array) -> Array:

@@ -29,8 +29,7 @@ from etude.deploy import certify_played
 from etude.errors import EtudeError, UnsafeTrajectoryError, UsageError
 from etude.limits import Certificate, certify
 from etude.protocols import Trajectory
-from etude.report.build import render
-from etude.report.record import read_record
+from etude.report import build_report
 from etude.trajectories import from_json
 
 URDF = """<robot name="two">
@@ -241,7 +240,7 @@ def _status(campaign: Campaign) -> list[str]:
 
 def _report(campaign: Campaign) -> list[str]:
     """A file that is not what was committed is named, and not drawn."""
-    page = render(read_record(campaign.path))
+    page = build_report(campaign.path).read_text(encoding="utf-8")
     for one in damaged_files(campaign.path, campaign.events()):
         name, drawn = one.fields["file"], r"proposals/\d+/(trajectory|certificate)\.json"
         if re.fullmatch(drawn, name) and one.code != OfFile.MISSING:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,7 +12,6 @@ from etude.deploy import Commanded, certify_played
 from etude.deploy.feedforward import within_tilt
 from etude.limits import FeasibleSet, at_rest, boundary, certify
 from etude_quadrotor import KIND, NED, OFFBOARD, FlightConfig, flight_family
-from etude_quadrotor.motions import home, limits
 
 ROBOT = Path(__file__).parents[2] / "examples" / "px4" / "px4_quad.toml"
 TILT = np.deg2rad(20.0)
@@ -21,8 +21,8 @@ TILT = np.deg2rad(20.0)
 def test_the_learned_part_is_cut_to_the_tilt(drag: float) -> None:
     spec = KIND.spec(ROBOT)
     config = FlightConfig(2, 15.0, tilt=TILT)
-    allowed, family = limits(spec, config, {}), flight_family(config)
-    room = FeasibleSet.of(allowed, family, home(spec))
+    allowed, family = KIND.limits(spec, SimpleNamespace(trajectory=config), None, {}), flight_family(config)
+    room = FeasibleSet.of(allowed, family, KIND.home(spec))
     motion = at_rest(family.trajectory(boundary(np.random.default_rng(3), room)[0]), allowed)
     assert certify(motion, allowed).ok
 

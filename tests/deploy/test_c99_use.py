@@ -14,13 +14,9 @@ import pytest
 from c_library import FLAGS, Library, LibraryController
 from c_models import (
     ARM,
-    QUADROTOR,
     arm_model,
     arm_spec,
     averaged,
-    quadrotor_log,
-    quadrotor_model,
-    quadrotor_spec,
 )
 
 from compilers import FAST, STRICT, run, tool
@@ -33,7 +29,6 @@ from etude.errors import UsageError
 from etude.models import LearnedModel, PluginKernel, Posteriors, SquaredExponential, posterior_given
 from etude.protocols import Candidate
 from etude.types import Delivered
-from etude_quadrotor.physics.linear_inverse import identify_linear
 
 WHOLE = CForm(variance=True, digest="ab" * 32)
 NOT_A_NUMBER, FAR, UNTRAINED, NO_ANSWER = 1, 2, 4, 16
@@ -397,20 +392,3 @@ def test_a_folder_without_permission_is_refused(tmp_path: Path) -> None:
             write_folder(tmp_path / "out", {"a.h": b"x"}, "mark")
     finally:
         tmp_path.chmod(0o700)
-
-
-def test_a_vehicle_of_unknown_motors_is_asked_with_plain_arrays_and_exported_with_its_axes() -> None:
-    spec = quadrotor_spec("quadrotor")
-    log, whole = quadrotor_log(spec, 40), quadrotor_model("quadrotor", spec=spec)
-    mean = identify_linear(log)  # looks at a body_acceleration that the inputs do not hold
-    model = replace(whole, candidates=(replace(whole.candidates[0], mean=mean),))
-    states = {name: log[name] for name in log.channels if name != "command"}
-    np.testing.assert_array_equal(model.predict(states)[0], model.predict(log)[0])
-    with pytest.raises(UsageError, match="no 'body_acceleration'"):
-        model.predict({name: values for name, values in states.items() if name != "body_acceleration"})
-    text = c_files(model, QUADROTOR, spec, CForm(), "quad").files["quad.h"].decode()
-    assert "x forward, y left, z up" in text
-    assert "set-points" in text
-    (line,) = (line for line in text.splitlines() if re.match(r" +\d+ body_acceleration_x ", line))
-    assert line.endswith("(not known)")
-    assert all(len(line) <= 120 for line in text.splitlines())

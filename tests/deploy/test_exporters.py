@@ -19,7 +19,6 @@ from etude.errors import UnsafeTrajectoryError, UsageError
 from etude.limits import AxisLimit
 from etude.testing import ExporterSuite, World, world
 from etude.trajectories import PointToPoint
-from etude_quadrotor.export.poly4d import PIECES
 
 ARM, VEHICLE = (plugins.load("etude.robots", name) for name in ("arm", "quadrotor"))
 ACCURACY = {"lerobot": 1e-4, "px4": 0.1, "crazyflie": 1e-4}
@@ -153,7 +152,7 @@ def test_a_crazyflie_s_memory_is_not_exceeded() -> None:
     rows = list(
         csv.reader(io.StringIO(own(place.trajectory(3), place.kind, place.spec)["poly4d.csv"].decode()))
     )
-    assert len(rows) == PIECES + 1
+    assert len(rows) == 31 + 1
     assert [len(row) for row in rows] == [33] * len(rows)
     wild = PointToPoint(np.random.default_rng(0).uniform(-1.0, 1.0, (40, 3)), 1.0, 0.0)
     with pytest.raises(UsageError, match="31 pieces"):
@@ -184,14 +183,12 @@ def test_px4_flies_north_east_down() -> None:
 
 
 def test_lerobot_s_reader_here_finds_the_motion(tmp_path: Any) -> None:
-    from etude.logs.readers.lerobot import LerobotReader
-
     place, own = here("lerobot"), exporter("lerobot")
     motion = place.trajectory(1)
     for path, data in own(motion, place.kind, place.spec).items():
         (tmp_path / path).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / path).write_bytes(data)
-    (log,) = LerobotReader()(tmp_path).values()
+    (log,) = plugins.load("etude.readers", "lerobot")(tmp_path).values()
     found = np.stack([log["position_desired/" + name][:, 0] for name in place.spec.names], axis=1)
     np.testing.assert_allclose(
         np.deg2rad(found), motion.motion(log["timestamp"][:, 0], 1).orders[0], atol=1e-5

@@ -11,15 +11,15 @@ import pytest
 from c_models import ARM, QUADROTOR, arm_model, arm_spec, averaged, quadrotor_model
 
 from compilers import run, tool
-from etude.deploy.c99.plan import planned
-from etude.deploy.model_states import log_of
+from etude import plugins
+from etude.deploy import log_of, planned
 from etude.errors import UsageError
 from etude.types import Array, Motion
 from etude_quadrotor import FlightFeedforward
-from etude_quadrotor.export.autopilot import CRAZYFLIE, PX4
 from etude_quadrotor.flatness import flat_motion
 from etude_quadrotor.physics.drag import _fitted
 
+CRAZYFLIE, PX4 = (plugins.load("etude.targets", name) for name in ("crazyflie", "px4"))
 HERE = Path(__file__).parent
 ROOT = HERE.parents[1]
 STRICT = ("-std=c99", "-Wall", "-Wextra", "-Werror", "-Wdouble-promotion", "-O0")

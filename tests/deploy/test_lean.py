@@ -12,7 +12,7 @@ import pytest
 from c_models import QUADROTOR, quadrotor_model
 
 from compilers import run, tool
-from etude.deploy.c99.target import C99
+from etude import plugins
 from etude.types import Array, Motion
 from etude_quadrotor import FlightFeedforward
 from etude_quadrotor.physics.drag import _fitted
@@ -37,7 +37,7 @@ def model() -> Any:
 def library(model: Any, tmp_path_factory: pytest.TempPathFactory) -> ctypes.CDLL:
     folder = tmp_path_factory.mktemp("lean")
     own = QUADROTOR.spec(ROOT / "examples" / "crazyflie" / "crazyflie.toml")
-    delivered = C99(model, QUADROTOR, own, {"name": "own"})
+    delivered = plugins.load("etude.targets", "c")(model, QUADROTOR, own, {"name": "own"})
     for file, data in delivered.files.items():
         (folder / file).write_bytes(data)
     assert b"own_lean.c" in delivered.files["CMakeLists.txt"]

@@ -6,13 +6,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from design_examples import arm_model, differences
+from design_examples import arm_model
 
 from etude.design import PlainBatch
 from etude.design.aim import Conditioned, given_planned
 from etude.design.latents import PlannedPosterior, latents_of
 from etude.design.score import batch_of
 from etude.models import ExactGP
+from etude.testing import central
 
 RNG = np.random.default_rng(3)
 
@@ -89,7 +90,7 @@ def test_its_gradients_are_differences(seen: str) -> None:
 
     batch, at = batch_of(found, X), batch_of(found, Z)
     exact = batch.gradient(variance=g, own=own, cross=(at, cross), reduction=(at, A, B))
-    np.testing.assert_allclose(exact.ravel(), differences(value, X.ravel()), rtol=2e-5, atol=1e-4)
+    np.testing.assert_allclose(exact.ravel(), central(value, X.ravel()), rtol=2e-5, atol=1e-4)
 
 
 def test_an_exact_process_is_refitted_with_what_would_not_be_masked() -> None:

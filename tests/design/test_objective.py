@@ -10,7 +10,6 @@ from design_examples import (
     arm_model,
     arm_point,
     assert_same,
-    differences,
     flight_family,
     flight_inputs,
     flight_model,
@@ -22,6 +21,7 @@ from etude.design import Objective, Output, criterion_named
 from etude.design.config import GROUP
 from etude.design.latents import latents_of, planned
 from etude.design.objective import gains_of, instants, vjp_gains
+from etude.testing import central
 from etude.types import Motion, Planned
 
 NAMES = tuple(plugins.BUILT_IN[GROUP])
@@ -52,7 +52,7 @@ def test_gradient_for_an_arm(criterion: str, family: str, stick: float) -> None:
     aim, at = arm_aim(criterion, family, stick)
     value, gradient = aim.value_and_gradient(at)
     assert value == pytest.approx(aim.value(at), rel=1e-10)
-    assert_same(gradient, differences(aim.value, at))
+    assert_same(gradient, central(aim.value, at))
 
 
 @EVERY
@@ -67,7 +67,7 @@ def test_gradient_for_a_vehicle(criterion: str, shared: bool, rest: bool, source
     aim, at = objective(criterion, model, family, reference, share=0.05), flight_point(rng, family)
     value, gradient = aim.value_and_gradient(at)
     assert value == pytest.approx(aim.value(at), rel=1e-10)
-    assert_same(gradient, differences(aim.value, at, 1e-4))
+    assert_same(gradient, central(aim.value, at, 1e-4))
 
 
 def test_drag_matters() -> None:
@@ -91,7 +91,7 @@ def test_commands_that_share_a_function_share_its_samples() -> None:
     np.testing.assert_array_equal(found[:, 1], gains[:, 2])
     weights = np.array([[1.0, 3.0], [2.0, -1.0], [0.0, 2.0]])
     back = vjp_gains([(0, 1), (2,)], gains, weights)
-    by_differences = differences(lambda g: float(np.sum(weights * gains_of([(0, 1), (2,)], g))), gains)
+    by_differences = central(lambda g: float(np.sum(weights * gains_of([(0, 1), (2,)], g))), gains)
     np.testing.assert_allclose(back[:2], by_differences[:2], atol=1e-8)
     np.testing.assert_array_equal(back[2], [0.0, 0.0, 2.0])
 
@@ -129,7 +129,7 @@ def test_inputs_that_remember_see_the_whole_motion() -> None:
     aim, at = objective("info_gain", model, family, np.zeros((0, 2))), rng.standard_normal(family.size)
     assert len(aim.times) == 301
     assert len(aim.keep) == 12
-    assert_same(aim.value_and_gradient(at)[1], differences(aim.value, at))
+    assert_same(aim.value_and_gradient(at)[1], central(aim.value, at))
 
 
 def test_instants() -> None:

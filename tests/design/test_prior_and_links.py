@@ -14,7 +14,7 @@ from etude.design.latents import NOISE, SIGNAL
 from etude.limits import certify
 from etude.models import ModelConfig
 from etude.types import Motion
-from etude_arm import motions
+from etude_arm import KIND
 
 SPEC = arm_spec()
 RANGES = {
@@ -64,7 +64,7 @@ def segments(count: int):
 
 
 def ways(motion, pose):
-    return motions.ways(SPEC, motion, pose)
+    return KIND.ways(SPEC, motion, pose)
 
 
 class Keep:

@@ -10,7 +10,6 @@ from design_examples import (
     arm_limits,
     arm_model,
     assert_same,
-    differences,
     flight_family,
     flight_home,
     flight_limits,
@@ -27,6 +26,7 @@ from etude.design.latents import latents_of, planned
 from etude.design.objective import instants
 from etude.design.solve import Search
 from etude.limits import FeasibleSet, boundary, certify, uniform
+from etude.testing import central
 
 EVERY = pytest.mark.parametrize("criterion", [n for n in plugins.BUILT_IN[GROUP] if n != "d_opt"])
 KINDS = pytest.mark.parametrize("kind", ["nullspace", "ramp, omega0 drawn", "flight", "flight at rest"])
@@ -79,7 +79,7 @@ def check_gradient(criterion: str, kind: str, stretch: float) -> None:
     y = stretch * found.variables(start)
     value, gradient = found.value_and_gradient(y)
     assert value == pytest.approx(found.objective.value(found.inside(y)), rel=1e-9)
-    assert_same(gradient, differences(lambda z: found.value_and_gradient(z)[0], y, 1e-4), 2e-5)
+    assert_same(gradient, central(lambda z: found.value_and_gradient(z)[0], y, 1e-4), 2e-5)
     assert certify(found.objective.family.trajectory(found.inside(y)), given.limits).ok
 
 

@@ -8,6 +8,7 @@ import json
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -32,7 +33,6 @@ from etude.limits import (
 from etude.protocols import Trajectory
 from etude.trajectories import from_json
 from etude_quadrotor import KIND, NED, OFFBOARD, FlightConfig, QuadrotorSpec, flight_family
-from etude_quadrotor.motions import home, limits, ways
 
 Array = NDArray[np.float64]
 BEFORE, AFTER, RATE = 10.0, 10.0, 50.0
@@ -81,15 +81,18 @@ class Planned:
 def planned(spec: QuadrotorSpec, seed: int, *, ground: bool, exporter: Any = OFFBOARD) -> Planned:
     """A random flight as large as the limits less what is assumed of tracking, from rest to rest."""
     config = FlightConfig(2 + seed % 2, (15.0, 20.0, 12.0)[seed % 3], tilt=0.4363)
-    ranges = Ranges.of((np.array(spec.lower), np.array(spec.upper)), _speeds(spec), home(spec))
+    ranges = Ranges.of((np.array(spec.lower), np.array(spec.upper)), _speeds(spec), KIND.home(spec))
     margins = margins_of(TrackingConfig(), ranges, {}, ("fourier", "splined"))
-    allowed, family = limits(spec, config, margins), flight_family(config)
-    room = FeasibleSet.of(allowed, family, home(spec))
+    allowed, family = (
+        KIND.limits(spec, SimpleNamespace(trajectory=config), None, margins),
+        flight_family(config),
+    )
+    room = FeasibleSet.of(allowed, family, KIND.home(spec))
     drawn = family.trajectory(SAMPLERS[seed % 3](np.random.default_rng(seed), room)[0])
     whole: Trajectory = at_rest(drawn, allowed)
     if ground:
         way = there_and_back(
-            whole, KIND.poses(spec)["ground"], lambda m, p: ways(spec, m, p), allowed, home(spec)
+            whole, KIND.poses(spec)["ground"], lambda m, p: KIND.ways(spec, m, p), allowed, KIND.home(spec)
         )
         assert way is not None
         assert way.whole is not None

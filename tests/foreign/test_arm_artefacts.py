@@ -22,12 +22,7 @@ from small_arm import URDF, campaign_of_small_arm  # noqa: E402
 from trajectory_controller import Parameters, message_of, play  # noqa: E402
 
 from compilers import tool  # noqa: E402
-from etude import (
-    ask,
-    export,
-    predict,
-    tell,
-)
+from etude import ask, export, predict, tell  # noqa: E402
 from etude.campaign import Campaign  # noqa: E402
 from etude.trajectories import from_json  # noqa: E402
 

@@ -9,11 +9,9 @@ import polars as pl
 import pytest
 from log_examples import CHANNELS, JOINTS, LIMITS, RATE, make_log
 
-from etude.campaign.ingest.inspection import guessed_channels
 from etude.errors import DataError
 from etude.logs import read_log
 from etude.logs.columns.headers import doubles, plain
-from etude.logs.columns.matching import match_columns
 from etude.types import Log
 
 LOG = make_log()
@@ -97,13 +95,6 @@ def test_another_count_of_joints_is_refused(tmp_path: Path) -> None:
     }
     with pytest.raises(DataError, match="numbered 0, 1, which are not the 3 parts"):
         read(written(tmp_path / "run.csv", own))
-
-
-def test_without_a_robot_joints_are_numbered() -> None:
-    own = list(table("[{}]", "feedback", "reference", "output"))
-    q, command = guessed_channels(own)
-    assert q.parts == command.parts == ("joint_0", "joint_1", "joint_2")
-    assert match_columns([name for name in own if "/header/" not in name][1:], (q, command), "").channels
 
 
 @pytest.mark.parametrize(

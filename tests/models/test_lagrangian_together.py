@@ -26,8 +26,7 @@ from lagrangian_examples import (
 from etude.errors import DataError, UsageError
 from etude.models import Linear, ModelConfig, structured
 from etude.protocols import FitData
-from etude.testing import ProcessSuite
-from etude.testing.differences import central
+from etude.testing import ProcessSuite, central
 from etude_lagrangian import Joints, all_lin
 from etude_lagrangian.likelihood import JointHyperparameters, initial_hyperparameters, joint_likelihood
 from etude_lagrangian.member import AllOutputs

@@ -6,7 +6,7 @@ from etude._runtime.lazy import face
 
 if TYPE_CHECKING:
     from etude.campaign.create import RobotPart, create_campaign, find_robot
-    from etude.campaign.deployment.predict import write_table
+    from etude.campaign.deployment.predict import states_for, write_table
     from etude.campaign.evaluate.confirm import ask_to_confirm
     from etude.campaign.ingest.inspection import inspect
     from etude.campaign.ingest.questions import Answers, LogQuestions, judged_commands
@@ -18,9 +18,18 @@ if TYPE_CHECKING:
     from etude.campaign.record.config_file import CONFIG, config_text, load_config
     from etude.campaign.record.confirmation import errors, left_over, moving, trained_speeds, without_it
     from etude.campaign.record.controls import FEEDBACK, LEARNED
-    from etude.campaign.record.events import FORMAT, Evaluated, Event, Fact, event_from_json, event_to_json
+    from etude.campaign.record.events import (
+        FORMAT,
+        Asked,
+        Evaluated,
+        Event,
+        Fact,
+        event_from_json,
+        event_to_json,
+    )
     from etude.campaign.record.folder import Campaign, open_campaign
     from etude.campaign.record.journal import JOURNAL, chained, commit, read_events
+    from etude.campaign.record.state import replay
     from etude.campaign.record.stored_files import stored_trajectory
     from etude.campaign.record.stored_models import (
         ingested_samples,
@@ -42,6 +51,7 @@ __all__ = [
     "RUN_STREAM",
     "TEST_STREAM",
     "Answers",
+    "Asked",
     "Campaign",
     "CampaignConfig",
     "Evaluated",
@@ -73,7 +83,9 @@ __all__ = [
     "open_campaign",
     "preset_config",
     "read_events",
+    "replay",
     "simulate",
+    "states_for",
     "stored_log",
     "stored_model",
     "stored_trajectory",

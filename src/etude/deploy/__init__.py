@@ -6,8 +6,10 @@ from etude._runtime.lazy import face
 
 if TYPE_CHECKING:
     from etude.deploy.c99.header import CForm
+    from etude.deploy.c99.plan import Plan, planned
     from etude.deploy.c99.target import Files, c_files
     from etude.deploy.feedforward import Commanded
+    from etude.deploy.model_states import log_of
     from etude.deploy.onnx.model_graph import Graph, parts_of, written
     from etude.deploy.onnx.target import session, taken_by
     from etude.deploy.playback_certificate import certify_played, played
@@ -18,10 +20,13 @@ __all__ = [
     "Commanded",
     "Files",
     "Graph",
+    "Plan",
     "c_files",
     "certify_played",
     "csv_bytes",
+    "log_of",
     "parts_of",
+    "planned",
     "played",
     "read_table",
     "session",

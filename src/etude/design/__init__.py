@@ -16,9 +16,10 @@ if TYPE_CHECKING:
         evaluate,
         ivr,
         mean_variance,
+        needs_of,
         value_of,
     )
-    from etude.design.latents import prior_latents
+    from etude.design.latents import Latent, latents_of, of_parameters, prior_latents
     from etude.design.nonconvex_limits import NonconvexLimits
     from etude.design.objective import MOTIONS, Objective, reference_states
     from etude.design.score import PlainBatch, Score
@@ -29,6 +30,7 @@ __all__ = [
     "Criterion",
     "Design",
     "DesignConfig",
+    "Latent",
     "NonconvexLimits",
     "Objective",
     "Output",
@@ -41,8 +43,11 @@ __all__ = [
     "design_objective",
     "evaluate",
     "ivr",
+    "latents_of",
     "linked",
     "mean_variance",
+    "needs_of",
+    "of_parameters",
     "prior_latents",
     "reference_states",
     "refine",

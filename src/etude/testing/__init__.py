@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING
 from etude._runtime.lazy import face
 
 if TYPE_CHECKING:
+    from etude.testing.differences import central
     from etude.testing.files import ExporterSuite, ReaderSuite
     from etude.testing.kind import KindSuite
     from etude.testing.models import CriterionSuite, KernelSuite, ProcessSuite
@@ -37,6 +38,7 @@ __all__ = [
     "ReaderSuite",
     "RobotSuite",
     "World",
+    "central",
     "world",
 ]
 __getattr__, __dir__ = face(__name__)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from etude import plugins
-from etude.campaign.deployment.predict import along
+from etude.campaign import states_for
 from etude.models import followed
 from etude.types import Log, Motion, Samples
 from etude_arm import ArmInputs, ArmPhysics
@@ -19,7 +19,7 @@ from etude_arm.physics.mean import RigidBodyMean
 from etude_arm.physics.rigid_body import EXTRA_TERMS, NARROW
 from etude_arm.physics.transmission import Drive
 from etude_arm.spec import TURNING, WAYS
-from etude_online.planned_samples import Planned
+from etude_online import Planned
 
 ARM = plugins.load("etude.robots", "arm")
 SPEC = ARM.spec(ARM.built_in()["mobile_arm"])  # every drive is a joint's own
@@ -126,10 +126,10 @@ def test_a_table_of_a_motion_is_predicted_as_one(learned) -> None:
     model: Any = SimpleNamespace(columns=INPUTS.columns, inputs=INPUTS)
     campaign: Any = None  # the states are all there
     np.testing.assert_array_equal(
-        learned[0].predict(along(campaign, model, learned[1])),
+        learned[0].predict(states_for(campaign, model, learned[1])),
         learned[0].predict(followed(INPUTS, learned[1])),
     )
-    assert TURNING in along(campaign, model, learned[1])
+    assert TURNING in states_for(campaign, model, learned[1])
 
 
 def test_instants_one_after_another_are_commanded_as_their_plan_at_once(learned) -> None:

@@ -11,6 +11,7 @@ import math
 import os
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -28,9 +29,6 @@ from etude_arm.motions import limits as arm_limits
 from etude_arm.motions import ways as arm_ways
 from etude_arm.space.table import Cartesian
 from etude_quadrotor import FlightConfig, QuadrotorSpec, flight_family
-from etude_quadrotor.motions import home as flight_home
-from etude_quadrotor.motions import limits as flight_limits
-from etude_quadrotor.motions import ways as flight_ways
 
 HARMONICS, DURATION, DENSER = 5, 20.0, 100
 CHUNK = 1000
@@ -61,8 +59,8 @@ def world(name: str, form: str) -> World:
         kind, path = find_robot(name)
         spec: QuadrotorSpec = kind.spec(path)
         config = FlightConfig(HARMONICS, DURATION, rest=rest == "nullspace", free_centre=True)
-        own = flight_limits(spec, config, {})
-        return World(flight_family(config), own, flight_home(spec), lambda m, p: flight_ways(spec, m, p))
+        own = tuple(kind.limits(spec, SimpleNamespace(trajectory=config), None, {}))
+        return World(flight_family(config), own, kind.home(spec), lambda m, p: kind.ways(spec, m, p))
     arm = replace(spec_of(name), model_file=None)
     jerk = tuple(replace(axis, jerk=4.0 * axis.acceleration) for axis in arm.axes)
     arm = replace(arm, axes=jerk)

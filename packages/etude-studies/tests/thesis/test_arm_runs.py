@@ -12,7 +12,7 @@ import pytest
 from etude.models import linear_inputs
 from etude.protocols import Family
 from etude.testing import FamilySuite
-from etude.testing.differences import same
+from numpy.testing import assert_array_equal as same
 from etude.trajectories import from_json
 from etude.types import Array, Log
 from etude_studies.measured import comparable
