@@ -6,8 +6,8 @@ import json
 from pathlib import Path
 from typing import Any
 
+from etude import campaign
 from etude.campaign import FORMAT, Event, Fact, event_from_json
-from etude.campaign.record import journal
 
 
 def fact(event: str, **facts: Any) -> Fact:
@@ -32,4 +32,4 @@ def commit(
     folder: Path, event: str, number: int | None, config_sha256: str, files: list[Path], **facts: Any
 ) -> Event:
     """Appends that fact to the journal in a folder."""
-    return journal.commit(folder, fact(event, **facts), number, files, config_sha256=config_sha256)
+    return campaign.commit(folder, fact(event, **facts), number, files, config_sha256=config_sha256)

@@ -104,7 +104,9 @@ def session(folder: Path, said: Path, call: int = 0, delay: float = 0.0) -> int:
 
 def compile_once(campaign: Campaign) -> None:
     """Loads what every child needs; nothing that starts threads, which a fork would lose."""
-    cli.main(["--version"])
+    from etude.campaign import simulate  # noqa: F401
+    from etude.design import design  # noqa: F401
+
     brief(campaign)
     robot = campaign.kind.robot(campaign.spec, campaign.config)
     rng = np.random.default_rng(0)

@@ -16,10 +16,9 @@ import numpy as np
 from small_robot import make_campaign, stub_learner
 
 from etude import storage
-from etude.campaign import Campaign, abandon, read_events, typical_motions
+from etude.campaign import Asked, Campaign, abandon, read_events, typical_motions
 from etude.campaign.ingest import tell as telling
 from etude.campaign.propose import ask as asking
-from etude.campaign.record.events import Asked
 from etude.campaign.record.journal import damaged_files
 from etude.types import Log
 

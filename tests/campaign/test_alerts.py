@@ -12,10 +12,10 @@ import pytest
 from small_robot import random_motion, write_log
 from test_stopping import CONFIG, OPEN, RULES, series
 
-from etude.campaign import Campaign, Evaluated
+from etude.campaign import Campaign, Evaluated, Round, State
 from etude.campaign.evaluate.stopping import judge
 from etude.campaign.record.alerts import campaign_alerts
-from etude.campaign.record.state import CHANGED, Round, State
+from etude.campaign.record.state import CHANGED
 from etude.cli import main
 from etude.codes import Alert, NextStep, Notice, Stop, Warn
 from etude.types import Finding

@@ -11,9 +11,7 @@ import pytest
 from small_robot import ROBOT, make_campaign, random_motion, stub_learner, write_log
 
 from etude import ask, tell
-from etude.campaign import Campaign, abandon, create_campaign, open_campaign, stored_trajectory
-from etude.campaign.ingest.ingest_result import Told
-from etude.campaign.record.events import Asked
+from etude.campaign import Asked, Campaign, Told, abandon, create_campaign, open_campaign, stored_trajectory
 from etude.campaign.record.journal import damaged_files
 from etude.errors import DataError, UnsafeTrajectoryError, UsageError
 from etude.limits import certify

@@ -14,7 +14,11 @@ from etude import ask, tell, untell
 from etude.campaign import (
     FEEDBACK,
     LEARNED,
+    Asked,
     Campaign,
+    Exported,
+    Round,
+    State,
     ask_to_confirm,
     open_campaign,
     simulate,
@@ -28,8 +32,7 @@ from etude.campaign.propose.constraints import (
 )
 from etude.campaign.propose.export import export
 from etude.campaign.record.controls import FILE, IN_WORDS, asked_under, required
-from etude.campaign.record.events import Asked, Exported, Ingested
-from etude.campaign.record.state import Round, State
+from etude.campaign.record.events import Ingested
 from etude.errors import UsageError
 from etude.limits import HIDDEN
 from etude.types import Array

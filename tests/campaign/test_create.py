@@ -9,8 +9,7 @@ import pytest
 from small_robot import ROBOT
 
 from etude import load_robot, plugins
-from etude.campaign import create_campaign, find_robot
-from etude.campaign.record.events import Created
+from etude.campaign import Created, create_campaign, find_robot
 from etude.errors import UsageError
 
 

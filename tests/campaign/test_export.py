@@ -10,8 +10,7 @@ import pytest
 from small_robot import make_campaign, stub_learner
 
 from etude import ask, plugins
-from etude.campaign import Campaign
-from etude.campaign.record.events import Exported
+from etude.campaign import Campaign, Exported
 from etude.errors import UsageError
 
 

@@ -7,9 +7,8 @@ from typing import Any
 
 import pytest
 
-from etude.campaign import Campaign
+from etude.campaign import Campaign, Round, State
 from etude.campaign.evaluate.stopping import POOLED, calibration_factor, seen_by_the_rule
-from etude.campaign.record.state import Round, State
 from journal_facts import trained
 
 LIMITS = (20.0, 10.0)

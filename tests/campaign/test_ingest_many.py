@@ -13,11 +13,9 @@ import pytest
 from small_robot import make_campaign, random_motion, stub_learner, write_log
 
 from etude import ask, status, tell, untell
-from etude.campaign import Campaign, abandon, event_to_json, open_campaign, stored_trajectory
+from etude.campaign import Campaign, Told, abandon, event_to_json, open_campaign, replay, stored_trajectory
 from etude.campaign.ingest.ingest_many import IngestedMany
-from etude.campaign.ingest.ingest_result import Told
 from etude.campaign.record.journal import damaged_files
-from etude.campaign.record.state import replay
 from etude.cli import main
 from etude.errors import DataError, UsageError
 

@@ -9,10 +9,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from etude.campaign import FORMAT, Event, chained, commit, read_events
-from etude.campaign.record.events import Created, Ingested, Trained
+from etude.campaign import FORMAT, Created, Event, State, Trained, chained, commit, read_events, replay
+from etude.campaign.record.events import Ingested
 from etude.campaign.record.journal import damaged_files
-from etude.campaign.record.state import State, replay
 from etude.errors import UsageError
 from journal_facts import fact
 

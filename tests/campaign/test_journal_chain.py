@@ -10,8 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from etude.campaign import Event, chained, commit, event_to_json, read_events
-from etude.campaign.record.events import Asked, Created
+from etude.campaign import Asked, Created, Event, chained, commit, event_to_json, read_events
 from etude.errors import UsageError
 
 COUNT = 5

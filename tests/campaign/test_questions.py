@@ -11,8 +11,7 @@ from small_robot import random_motion, stub_learner, write_log
 
 import etude
 from etude import tell
-from etude.campaign import Campaign
-from etude.campaign.ingest.ingest_result import Told
+from etude.campaign import Campaign, Told
 from etude.campaign.ingest.ingest_result import read as read_told
 from etude.cli import main
 from etude.errors import DataError, UsageError

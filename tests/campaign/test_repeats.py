@@ -11,10 +11,8 @@ import pytest
 from small_robot import make_campaign, random_motion, stub_learner, write_log
 
 from etude import ask, status, tell
-from etude.campaign import Campaign, ingested_samples, open_campaign, stored_trajectory
-from etude.campaign.ingest.ingest_result import Told
+from etude.campaign import Asked, Campaign, Exported, Told, ingested_samples, open_campaign, stored_trajectory
 from etude.campaign.ingest.tell import CHECK, planned_states, share_within
-from etude.campaign.record.events import Asked, Exported
 from etude.campaign.training import _scores
 from etude.logs import read_log_file
 from etude.protocols import Trajectory

@@ -11,7 +11,9 @@ import pytest
 
 from etude import plugins, tell
 from etude.campaign import (
+    Asked,
     Campaign,
+    Trained,
     TrainingOutcome,
     create_campaign,
     open_campaign,
@@ -23,7 +25,6 @@ from etude.campaign import test_motions as motions_of
 from etude.campaign import training as learning
 from etude.campaign.ingest import tell as telling
 from etude.campaign.propose import ask as asking
-from etude.campaign.record.events import Asked, Trained
 from etude.campaign.record.state import CHANGED
 from etude.cli import main
 from etude.errors import UsageError

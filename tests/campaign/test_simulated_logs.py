@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 
 from etude import tell
-from etude.campaign import Campaign, TrainingOutcome, create_campaign, simulate
+from etude.campaign import Campaign, Trained, TrainingOutcome, create_campaign, simulate
 from etude.campaign import training as learning
-from etude.campaign.record.events import Trained
 from etude.campaign.record.stored_models import SIMULATED
 from etude.codes import Notice, Warn
 from etude.errors import UsageError

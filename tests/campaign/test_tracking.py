@@ -10,10 +10,8 @@ from small_robot import make_campaign, write_log
 
 from certificate_schema import valid
 from etude import ask, tell
-from etude.campaign import Campaign, create_campaign, open_campaign, stored_trajectory
+from etude.campaign import Asked, Campaign, Round, State, create_campaign, open_campaign, stored_trajectory
 from etude.campaign.propose.constraints import constraints_now, constraints_then
-from etude.campaign.record.events import Asked
-from etude.campaign.record.state import Round, State
 from etude.cli import main
 from etude.errors import UsageError
 from etude.limits import HIDDEN

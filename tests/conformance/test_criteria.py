@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 from etude import plugins
-from etude.design import Criterion, Output, PlainBatch, Score, criterion_named, evaluate, value_of
+from etude.design import Criterion, Output, PlainBatch, Score, criterion_named, evaluate, needs_of, value_of
 from etude.design.config import GROUP
-from etude.design.criteria import needs_of
 from etude.errors import UsageError
 from etude.models import ExactGP, structured
 from etude.protocols import Posterior

@@ -11,10 +11,8 @@ import pytest
 from c_models import ARM, QUADROTOR, alone, arm_model, arm_spec, averaged, quadrotor_model, quadrotor_spec
 
 from compilers import FAST, SANITIZED, STRICT, run, tool
-from etude.deploy import CForm, c_files
-from etude.deploy.c99.plan import planned
+from etude.deploy import CForm, c_files, log_of, planned
 from etude.deploy.c99.self_test import golden
-from etude.deploy.model_states import log_of
 from etude.models import LearnedModel
 
 WHOLE = CForm(variance=True, digest="0" * 64)

@@ -13,7 +13,7 @@ import pytest
 from c_models import ARM, QUADROTOR, arm_model, arm_spec, quadrotor_model, quadrotor_spec
 
 from compilers import run, tool
-from etude.deploy.c99.plan import planned
+from etude.deploy import planned
 from etude.deploy.c99.self_test import answered
 from etude.deploy.ros2.target import ROS2
 from etude.errors import UsageError

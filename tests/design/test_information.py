@@ -10,9 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from etude import plugins
-from etude.design import Output, criterion_named, evaluate, value_of
+from etude.design import Output, criterion_named, evaluate, needs_of, value_of
 from etude.design.config import GROUP
-from etude.design.criteria import Entropy, info_gain, mi_region, needs_of, sum_log
+from etude.design.criteria import Entropy, info_gain, mi_region, sum_log
 from etude.design.score import RESOLUTION, batch_of
 from etude.errors import UsageError
 from etude.models import ExactGP, SquaredExponential

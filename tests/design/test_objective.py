@@ -17,9 +17,9 @@ from design_examples import (
 )
 
 from etude import plugins
-from etude.design import Objective, Output, criterion_named
+from etude.design import Objective, Output, criterion_named, latents_of
 from etude.design.config import GROUP
-from etude.design.latents import latents_of, planned
+from etude.design.latents import planned
 from etude.design.objective import gains_of, instants, vjp_gains
 from etude.testing import central
 from etude.types import Motion, Planned

@@ -19,10 +19,10 @@ from design_examples import (
 from scipy.optimize import linprog
 
 from etude import plugins
-from etude.design import Objective, Output, Source, criterion_named, refine
+from etude.design import Objective, Output, Source, criterion_named, latents_of, refine
 from etude.design.candidates import Drawn
 from etude.design.config import GROUP
-from etude.design.latents import latents_of, planned
+from etude.design.latents import planned
 from etude.design.objective import instants
 from etude.design.solve import Search
 from etude.limits import FeasibleSet, boundary, certify, uniform

@@ -20,9 +20,8 @@ from design_examples import (
 )
 
 from etude import plugins
-from etude.design import Design, DesignConfig, Score, design
+from etude.design import Design, DesignConfig, Score, design, latents_of
 from etude.design.config import GROUP
-from etude.design.latents import latents_of
 from etude.errors import UnsafeTrajectoryError, UsageError
 from etude.limits import certify_bytes
 from etude.models import ExactGP

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from design_examples import Model, arm_inputs, arm_model, candidate, flight_model
 
-from etude.design import Output, value_of
+from etude.design import Output, latents_of, value_of
 from etude.design.criteria import info_gain
-from etude.design.latents import PlannedPosterior, fast_posterior, latents_of, planned
+from etude.design.latents import PlannedPosterior, fast_posterior, planned
 from etude.errors import UsageError
 
 

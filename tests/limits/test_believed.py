@@ -8,15 +8,8 @@ import numpy as np
 import pytest
 from test_commands import LIMIT, SWING, pendulum
 
-from etude.limits.commands import (
-    BELIEVED_ROOM,
-    LEAST_BELIEVED,
-    LOOK,
-    SELDOM,
-    CommandLimit,
-    after_run,
-    credible,
-)
+from etude.limits import CommandLimit
+from etude.limits.commands import BELIEVED_ROOM, LEAST_BELIEVED, LOOK, SELDOM, after_run, credible
 from etude.types import Array, Motion
 
 

@@ -10,19 +10,9 @@ import numpy as np
 import pytest
 
 from etude.errors import UsageError
-from etude.limits import certify, slack
+from etude.limits import CommandLimit, certify, slack
 from etude.limits.certificate import COMMANDS
-from etude.limits.commands import (
-    AMPLE,
-    CLOSE,
-    COARSE,
-    FEW,
-    SPACING,
-    CommandLimit,
-    OpenCommands,
-    by_model,
-    kept_at,
-)
+from etude.limits.commands import AMPLE, CLOSE, COARSE, FEW, SPACING, OpenCommands, by_model, kept_at
 from etude.trajectories import FourierTrajectory, Splined
 from etude.types import Array, Motion
 

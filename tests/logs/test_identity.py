@@ -7,8 +7,8 @@ import pytest
 from log_examples import CHANNELS, LIMITS, MOTION, SCALE, Sines, at, make_log, with_values
 
 from etude.errors import DataError
-from etude.logs import clean_log
-from etude.logs.alignment.alignment import align, likely_delays, measure_delay
+from etude.logs import align, clean_log
+from etude.logs.alignment.alignment import likely_delays, measure_delay
 from etude.protocols import Trajectory
 from etude.types import Log
 

@@ -10,8 +10,7 @@ from log_examples import vector
 
 from etude import plugins
 from etude.errors import DataError, UsageError
-from etude.logs import read_log, read_raw
-from etude.logs.readers.registry import cut_sentences
+from etude.logs import cut_sentences, read_log, read_raw
 from etude.types import Channel
 
 pytest.importorskip("pyulog", reason="PX4 logs need the extra 'px4'")

@@ -21,9 +21,8 @@ from log_examples import (
 )
 
 from etude.errors import DataError
-from etude.logs import raw_log, read_log
+from etude.logs import match_columns, raw_log, read_log
 from etude.logs.cleaning.ranges import check_positions
-from etude.logs.columns.matching import match_columns
 from etude.logs.columns.units import from_degrees, read_time, time_factor
 from etude.logs.columns.vocabulary import UNITS
 from etude.types import Array, Channel, Log

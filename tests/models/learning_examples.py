@@ -14,11 +14,13 @@ from etude.models import (
     LearnedModel,
     ModelConfig,
     ModelSelection,
+    fit_data,
     fold_numbers,
     in_order,
+    rows_of,
     select_structures,
+    units_of,
 )
-from etude.models.data.fit import fit_data, rows_of, units_of
 from etude.protocols import FitData
 from etude.types import Array, Channel, Column, Log, Samples, joined_samples
 

@@ -16,10 +16,11 @@ from etude.models import (
     contiguous_blocks,
     fold_numbers,
     in_order,
+    rows_of,
     split_blocks,
 )
 from etude.models.data.cross_validation import held_out_blocks
-from etude.models.data.fit import rows_of, seconds_of, spread_points
+from etude.models.data.fit import seconds_of, spread_points
 from etude.models.selection.linear import at_rest
 from etude.types import Samples
 

@@ -11,8 +11,7 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
-from etude.cli.study import Bench
-from etude.errors import UsageError
+from etude.cli import main
 from etude.models import ModelConfig, ModelSelection
 from etude_studies import (
     arm_accuracy,
@@ -178,14 +177,14 @@ def test_without_the_log_its_rows_are_left_out_with_a_message(monkeypatch, capsy
     assert printed.out == ""
 
 
-def test_the_command_runs_it_with_the_options_that_it_knows(monkeypatch) -> None:
+def test_the_command_runs_it_with_the_options_that_it_knows(monkeypatch, capsys) -> None:
     seen = []
 
     def run(*, json: bool, seed: int, quick: bool = False) -> None:
         seen.append((json, seed, quick))
 
     monkeypatch.setattr(bench_models, "run", run)
-    Bench(name="models", seed=5, quick=True).run(print)
+    assert main(["bench", "models", "--seed", "5", "--quick"]) == 0
     assert seen == [(False, 5, True)]
-    with pytest.raises(UsageError, match="no use for --logs"):
-        Bench(name="models", logs=Path()).run(print)
+    assert main(["bench", "models", "--logs", "."]) == 2
+    assert "no use for --logs" in capsys.readouterr().err

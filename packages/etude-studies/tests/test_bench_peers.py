@@ -13,9 +13,7 @@ import pytest
 from peer_examples import SPECTRAL, MakePeer, peer_maker
 from threadpoolctl import threadpool_info, threadpool_limits
 
-from etude.cli.parse import command
-from etude.cli.study import Bench
-from etude.errors import UsageError
+from etude.cli import main
 from etude_studies import bench_gp, bench_peers
 from etude_studies.bench_peers import in_turn, peer_rows, spectrum_rows
 from etude_studies.peers.catalogue import EXACT, SPECTRUM
@@ -198,7 +196,8 @@ def small_bench(monkeypatch: pytest.MonkeyPatch, make: MakePeer, small_spectrum:
 @pytest.mark.usefixtures("small_bench")
 @pytest.mark.parametrize("quick", [True, False])
 def test_the_bench_ends_with_the_rows_of_the_peers(capsys, quick: bool) -> None:
-    Bench(name="gp", json=True, quick=quick, python=(Path("an env/python"),)).run(print)
+    options = ["--python", "an env/python", "--json", *(["--quick"] if quick else [])]
+    assert main(["bench", "gp", *options]) == 0
     found = json.loads(capsys.readouterr().out.splitlines()[-1])
     names = [row["metric"] for row in found["rows"]]
     peers = ["nlml_agreement_n8_dense", "nlml_gradient_n8_dense"]
@@ -208,16 +207,21 @@ def test_the_bench_ends_with_the_rows_of_the_peers(capsys, quick: bool) -> None:
     assert found["command"] == f"etude bench gp --python 'an env/python' {flag}--json"
 
 
-def test_other_interpreters_come_from_the_command_line() -> None:
-    found = command(["bench", "gp", "--python", "a/python", "--python", "b/python"])
-    assert isinstance(found, Bench)
-    assert found.python == (Path("a/python"), Path("b/python"))
-    assert command(["bench", "gp"]).python == ()
+def test_other_interpreters_come_from_the_command_line(monkeypatch) -> None:
+    seen = []
+
+    def run(*, json: bool, seed: int, python: tuple[Path, ...] = ()) -> None:
+        seen.append(python)
+
+    monkeypatch.setattr(bench_gp, "run", run)
+    assert main(["bench", "gp", "--python", "a/python", "--python", "b/python"]) == 0
+    assert main(["bench", "gp"]) == 0
+    assert seen == [(Path("a/python"), Path("b/python")), ()]
 
 
-def test_a_bench_without_peers_refuses_interpreters() -> None:
-    with pytest.raises(UsageError, match="no use for --python"):
-        Bench(name="models", python=(HERE,)).run(print)
+def test_a_bench_without_peers_refuses_interpreters(capsys) -> None:
+    assert main(["bench", "models", "--python", str(HERE)]) == 2
+    assert "no use for --python" in capsys.readouterr().err
 
 
 def test_the_sizes_and_the_extra() -> None:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from etude.cli.study import Bench
+from etude.cli import main
 from etude.errors import DataError, UsageError
 from etude.models import ModelConfig, ModelSelection, figures, split_blocks
 from etude.types import Samples
@@ -130,11 +130,11 @@ def test_a_folder_with_sarcos_is_measured_and_what_must_be_said_is(tmp_path, mon
     assert "decimated by ten" in " ".join(capsys.readouterr().err.split())
 
 
-def test_an_empty_folder_is_refused_and_a_bench_without_recordings_takes_none(tmp_path) -> None:
+def test_an_empty_folder_is_refused_and_a_bench_without_recordings_takes_none(tmp_path, capsys) -> None:
     with pytest.raises(UsageError, match="none of the recordings"):
         real_rows(np.random.default_rng(0), logs=tmp_path)
-    with pytest.raises(UsageError, match="no use for --logs"):
-        Bench(name="gp", logs=tmp_path).run(print)
+    assert main(["bench", "gp", "--logs", str(tmp_path)]) == 2
+    assert "no use for --logs" in capsys.readouterr().err
 
 
 def test_the_original_matlab_file_is_the_same(tmp_path) -> None:

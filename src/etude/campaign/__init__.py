@@ -8,7 +8,8 @@ if TYPE_CHECKING:
     from etude.campaign.create import RobotPart, create_campaign, find_robot
     from etude.campaign.deployment.predict import states_for, write_table
     from etude.campaign.evaluate.confirm import ask_to_confirm
-    from etude.campaign.ingest.inspection import inspect
+    from etude.campaign.ingest.ingest_result import Told
+    from etude.campaign.ingest.inspection import Inspected, inspect
     from etude.campaign.ingest.questions import Answers, LogQuestions, judged_commands
     from etude.campaign.ingest.tell import abandon
     from etude.campaign.propose.approach import There, there_and_back
@@ -21,15 +22,19 @@ if TYPE_CHECKING:
     from etude.campaign.record.events import (
         FORMAT,
         Asked,
+        Created,
         Evaluated,
         Event,
+        Exported,
         Fact,
+        PrequentialScore,
+        Trained,
         event_from_json,
         event_to_json,
     )
     from etude.campaign.record.folder import Campaign, open_campaign
     from etude.campaign.record.journal import JOURNAL, chained, commit, read_events
-    from etude.campaign.record.state import replay
+    from etude.campaign.record.state import Round, State, replay
     from etude.campaign.record.stored_files import stored_trajectory
     from etude.campaign.record.stored_models import (
         ingested_samples,
@@ -54,13 +59,21 @@ __all__ = [
     "Asked",
     "Campaign",
     "CampaignConfig",
+    "Created",
     "Evaluated",
     "Event",
+    "Exported",
     "Fact",
+    "Inspected",
     "LogQuestions",
+    "PrequentialScore",
     "Proposal",
     "RobotPart",
+    "Round",
+    "State",
     "There",
+    "Told",
+    "Trained",
     "TrainingOutcome",
     "abandon",
     "ask_to_confirm",

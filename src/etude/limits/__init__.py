@@ -18,7 +18,8 @@ if TYPE_CHECKING:
         slack,
         utilization,
     )
-    from etude.limits.feasible import FeasibleSet
+    from etude.limits.commands import CommandLimit
+    from etude.limits.feasible import Block, FeasibleSet
     from etude.limits.lead_ins import at_rest
     from etude.limits.library import AxisLimit, NormLimit, TiltLimit
     from etude.limits.limit_tables import LimitTable, made_limits, read_limits
@@ -34,7 +35,9 @@ __all__ = [
     "SPEED",
     "WAY",
     "AxisLimit",
+    "Block",
     "Certificate",
+    "CommandLimit",
     "FeasibleSet",
     "LimitTable",
     "LipschitzLimit",

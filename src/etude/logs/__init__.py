@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 from etude._runtime.lazy import face
 
 if TYPE_CHECKING:
+    from etude.logs.alignment.alignment import align
     from etude.logs.alignment.tracking_errors import largest_errors, tracked
     from etude.logs.checks.filtered_motion import Seen, seen
     from etude.logs.checks.finding_texts import Mendable
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
 __all__ = [
     "Mendable",
     "Seen",
+    "align",
     "clean_log",
     "cut_sentences",
     "duration",

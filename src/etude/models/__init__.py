@@ -20,7 +20,15 @@ if TYPE_CHECKING:
         near,
         split_blocks,
     )
-    from etude.models.data.fit import LARGEST_FLOOR, Folds, in_order, trained_process
+    from etude.models.data.fit import (
+        LARGEST_FLOOR,
+        Folds,
+        fit_data,
+        in_order,
+        rows_of,
+        trained_process,
+        units_of,
+    )
     from etude.models.forms import kernel_of, kernel_words, posterior_arrays, posterior_of, posterior_words
     from etude.models.gp.basis_posterior import BasisPosterior
     from etude.models.gp.bayesian_linear import BayesianLinear
@@ -96,6 +104,7 @@ __all__ = [
     "figures",
     "first_alarm",
     "fit",
+    "fit_data",
     "fit_inducing",
     "fit_student",
     "fold_numbers",
@@ -118,6 +127,7 @@ __all__ = [
     "prediction_score",
     "read_residuals",
     "restored",
+    "rows_of",
     "save_model",
     "score_trajectories",
     "select_structures",
@@ -126,6 +136,7 @@ __all__ = [
     "taught",
     "trained_process",
     "trusted",
+    "units_of",
     "while_any_moves",
 ]
 __getattr__, __dir__ = face(__name__)

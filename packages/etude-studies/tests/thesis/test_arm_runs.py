@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 import polars as pl
 import pytest
+from numpy.testing import assert_array_equal as same
 
 from etude.models import linear_inputs
 from etude.protocols import Family
 from etude.testing import FamilySuite
-from numpy.testing import assert_array_equal as same
 from etude.trajectories import from_json
 from etude.types import Array, Log
 from etude_studies.measured import comparable

@@ -20,7 +20,7 @@ from etude.campaign import Campaign, create_campaign, newest_model, open_campaig
 from etude.campaign.record.stored_models import MODEL
 from etude.codes import Notice, Warn
 from etude.errors import DataError, UsageError
-from etude.models import LearnedModel, store
+from etude.models import LearnedModel, load_model, save_model
 from etude.trajectories import from_json
 
 CONFIG = LEARNING.replace("[model]", '[model]\ncandidates = ["default"]')
@@ -137,7 +137,7 @@ def test_a_damaged_model(lab: Path, whole: Path, capsys: pytest.CaptureFixture[s
 def loaded(campaign: Campaign, path: Path) -> LearnedModel:
     """A model file, read without asking the journal."""
     inputs = campaign.kind.inputs(campaign.spec, campaign.config)
-    return store.load_model(path, inputs.restore, campaign.kind.physics(campaign.spec, campaign.config))
+    return load_model(path, inputs.restore, campaign.kind.physics(campaign.spec, campaign.config))
 
 
 CHANGED = (Notice(Warn.STATED, {"sentence": "changed"}),)
@@ -145,7 +145,7 @@ CHANGED = (Notice(Warn.STATED, {"sentence": "changed"}),)
 
 def test_a_model_that_was_changed_and_still_loads(lab: Path, capsys: pytest.CaptureFixture[str]) -> None:
     campaign = open_campaign(lab)
-    store.save_model(
+    save_model(
         lab / "models" / "0002" / MODEL,
         replace(newest_model(campaign, campaign.state()), calibrated=True, warnings=CHANGED),
     )
