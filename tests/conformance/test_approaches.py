@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from small_robot import make_campaign
 
 from etude.campaign import open_campaign, there_and_back
 from etude.cli import main
 from etude.limits import FeasibleSet, boundary, certify, scaled
 from etude_quadrotor import KIND, FlightConfig, flight_family
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "campaign"))
-from small_robot import make_campaign
 
 RANDOM = '[trajectory]\nduration = 12.0\n[data]\ncutoff_hz = 5.0\n[design]\nfirst = "random"\n'
 EDGE = "hip=1.0,knee=0.0"

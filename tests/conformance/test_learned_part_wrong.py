@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from px4_cascade import fly, padded
 
 from etude.deploy import Commanded, certify_played, played
 from etude.errors import UnsafeTrajectoryError
@@ -15,9 +15,6 @@ from etude.limits import AxisLimit, Certificate, FeasibleSet, at_rest, boundary,
 from etude.protocols import Limit
 from etude.types import Array
 from etude_quadrotor import KIND, NED, OFFBOARD, FlightConfig, flight_family
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "foreign"))
-from px4_cascade import fly, padded
 
 ROBOT = Path(__file__).parents[2] / "examples" / "px4" / "px4_quad.toml"
 WRONG = "where what was learned is wrong"

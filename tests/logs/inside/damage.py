@@ -21,7 +21,7 @@ import numpy as np
 import polars as pl
 from scipy.io import savemat
 
-sys.path[:0] = [str(Path(__file__).parents[1] / "logs")]
+sys.path[:0] = [str(Path(__file__).parents[1])]
 
 from log_examples import CHANNELS, FLIGHT_RATE, JOINTS, LIMITS, RATE, Sines, make_log, vector
 

@@ -17,7 +17,7 @@ from etude_studies.thesis.choosing import GROUPS, group_of, ledger, runs_of
 from etude_studies.thesis.method import with_method
 from etude_studies.thesis.pages import thesis_page
 
-ROOT = Path(__file__).parents[4]
+ROOT = Path(__file__).parents[5]
 EXAMPLE = ROOT / "examples" / "method" / "my_kernel.py"
 RUN = "mA6"
 """The cheapest run."""

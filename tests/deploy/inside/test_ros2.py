@@ -19,7 +19,7 @@ from etude.deploy.ros2.target import ROS2
 from etude.errors import UsageError
 from etude.types import Array, Delivered
 
-HERE = Path(__file__).parent
+HERE = Path(__file__).parents[1]
 PACKAGE = "arm4_feedforward"
 STRICT = ("-std=c++17", "-Wall", "-Wextra", "-Wpedantic", "-Werror", "-O0")
 J, PERIOD, FADE = 4, 0.01, 0.2

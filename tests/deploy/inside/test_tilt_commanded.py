@@ -13,7 +13,7 @@ from etude.deploy.feedforward import within_tilt
 from etude.limits import FeasibleSet, at_rest, boundary, certify
 from etude_quadrotor import KIND, NED, OFFBOARD, FlightConfig, flight_family
 
-ROBOT = Path(__file__).parents[2] / "examples" / "px4" / "px4_quad.toml"
+ROBOT = Path(__file__).parents[3] / "examples" / "px4" / "px4_quad.toml"
 TILT = np.deg2rad(20.0)
 
 

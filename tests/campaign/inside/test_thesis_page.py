@@ -9,7 +9,7 @@ from etude import plugins
 from etude.campaign import CampaignConfig, preset_config
 from etude.campaign.record.config_file import parse_config
 
-PAGE = (Path(__file__).parents[2] / "docs" / "thesis_settings.md").read_text(encoding="utf-8")
+PAGE = (Path(__file__).parents[3] / "docs" / "thesis_settings.md").read_text(encoding="utf-8")
 BLOCKS = re.findall(r"^```toml\n(.*?)^```", PAGE, re.DOTALL | re.MULTILINE)
 
 

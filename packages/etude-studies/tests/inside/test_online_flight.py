@@ -13,7 +13,7 @@ from etude.types import Log
 from etude_online import OnlineConfig, OnlineModel
 from etude_studies.world import World
 
-FOLDER = Path(__file__).parents[3] / "examples" / "crazyflie"
+FOLDER = Path(__file__).parents[4] / "examples" / "crazyflie"
 WORLD = World.of(FOLDER / "crazyflie.toml")
 CONFIG = OnlineConfig("variance", size=100, window_s=0.2, hold_s=0.2)
 

@@ -20,7 +20,7 @@ from etude_quadrotor.flatness import flat_motion
 from etude_quadrotor.physics.drag import _fitted
 
 CRAZYFLIE, PX4 = (plugins.load("etude.targets", name) for name in ("crazyflie", "px4"))
-HERE = Path(__file__).parent
+HERE = Path(__file__).parents[2] / "deploy"
 ROOT = HERE.parents[1]
 STRICT = ("-std=c99", "-Wall", "-Wextra", "-Werror", "-Wdouble-promotion", "-O0")
 DT, FADE, COUNT = 0.01, 0.2, 120

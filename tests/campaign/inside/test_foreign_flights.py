@@ -16,7 +16,7 @@ from etude.cli import main
 from etude.codes import Warn
 from etude.logs import write_log
 
-EXAMPLE = Path(__file__).parents[2] / "examples" / "crazyflie"
+EXAMPLE = Path(__file__).parents[3] / "examples" / "crazyflie"
 QUICK = {
     "duration = 15.0": "duration = 10.0",
     "candidates = 100": "candidates = 10",

@@ -24,7 +24,7 @@ from etude.trajectories import FourierConfig, FourierFamily
 from etude_arm import KIND as ARM
 from etude_quadrotor import KIND as QUADROTOR
 
-PAGE = Path(__file__).parents[2] / "docs" / "plugin_examples.md"
+PAGE = Path(__file__).parents[3] / "docs" / "plugin_examples.md"
 WALL = """
 
 def wall(spec, model, margins, *, normal: tuple[float, float, float], distance: float):

@@ -16,7 +16,7 @@ from etude_quadrotor.preprocessing import FlightData, flight_samples
 pytest.importorskip("pyulog", reason="PX4 logs need the extra 'px4'")
 import ulog_examples as ulogs
 
-ROBOT = Path(__file__).parents[2] / "examples" / "px4" / "px4_quad.toml"
+ROBOT = Path(__file__).parents[3] / "examples" / "px4" / "px4_quad.toml"
 KIND, FILE = find_robot(str(ROBOT))
 SPEC = KIND.spec(FILE)
 USUAL, LOST = 12.0, 1.0

@@ -15,7 +15,7 @@ from etude_quadrotor import KIND
 from etude_quadrotor.agreement import DELAY, agreement_findings
 from etude_quadrotor.flatness import flat_motion
 
-ROBOT = Path(__file__).parents[2] / "examples" / "px4" / "px4_quad.toml"
+ROBOT = Path(__file__).parents[3] / "examples" / "px4" / "px4_quad.toml"
 RATE, SECONDS = 100.0, 30.0
 HEADER = (
     "time,acc_x,acc_y,acc_z,gyro_x,gyro_y,gyro_z,motor_1,motor_2,motor_3,motor_4,"

@@ -227,6 +227,6 @@ def test_a_bench_without_peers_refuses_interpreters(capsys) -> None:
 def test_the_sizes_and_the_extra() -> None:
     assert list(bench_peers.REPEATS) == [500, 1000, 3000]
     assert (bench_peers.SPECTRAL_POINTS, bench_peers.SPECTRAL_SAMPLES) == (200, 3000)
-    project = tomllib.loads((Path(__file__).parents[1] / "pyproject.toml").read_text(encoding="utf-8"))
+    project = tomllib.loads((Path(__file__).parents[2] / "pyproject.toml").read_text(encoding="utf-8"))
     extra = {entry.split(">")[0] for entry in project["project"]["optional-dependencies"]["bench"]}
     assert extra == {peer.distribution for peer in (*EXACT, SPECTRUM)}

@@ -19,11 +19,13 @@ from etude.campaign.record.journal import damaged_files
 from etude.errors import EtudeError, UsageError
 
 HERE = Path(__file__).parent
+HELPERS = (HERE, HERE.parent)
+"""Folders of what the driver imports."""
 CALLS = ("open", "write", "fsync", "replace", "ftruncate")
 
 
 def run_driver(tmp_path: Path, *arguments: str) -> str:
-    places = os.pathsep.join(part for part in (str(HERE), os.environ.get("PYTHONPATH")) if part)
+    places = os.pathsep.join(part for part in (*map(str, HELPERS), os.environ.get("PYTHONPATH")) if part)
     environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1", "PYTHONPATH": places}
     command = [sys.executable, str(HERE / "kill_driver.py"), str(tmp_path), *arguments]
     done = subprocess.run(command, check=False, capture_output=True, text=True, env=environment)

@@ -103,7 +103,7 @@ def test_a_clock_that_is_off_is_refused_wherever_logs_are_read(campaign: Campaig
 
 def test_a_command_that_was_not_recorded_is_no_gravity_taken_out(tmp_path: Path) -> None:
     """By its model file the robot has weight, which a constant command does not hold."""
-    ur10 = Path(__file__).parents[2] / "examples" / "ur10"
+    ur10 = Path(__file__).parents[3] / "examples" / "ur10"
     campaign, _ = etude.create_campaign(tmp_path / "lab", ur10 / "ur10.toml")
     table = pl.read_csv(ur10 / "ur10_exciting.csv").head(1500)
     table = table.with_columns(pl.lit(0.0).alias(n) for n in table.columns if n.endswith(".effort"))

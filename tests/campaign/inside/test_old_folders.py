@@ -18,7 +18,7 @@ from etude import ask, load_model, status, tell
 from etude.campaign import Evaluated, event_from_json, event_to_json, open_campaign
 from etude.campaign.record.events import FACTS, plain
 
-FIXTURES = Path(__file__).parent / "fixtures"
+FIXTURES = Path(__file__).parents[1] / "fixtures"
 
 
 def lines(name: str) -> list[str]:

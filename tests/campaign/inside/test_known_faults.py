@@ -152,5 +152,5 @@ def test_an_exported_model_and_what_was_learned(made: Made, tmp_path: Path) -> N
 
 
 def test_every_fault_is_told_of_in_the_documentation() -> None:
-    page = (Path(__file__).parents[2] / "docs" / "known_faults.md").read_text()
+    page = (Path(__file__).parents[3] / "docs" / "known_faults.md").read_text()
     assert set(re.findall(r"^\| `(\w+)` \|", page, re.MULTILINE)) == set(FAULTS)

@@ -11,7 +11,7 @@ from etude.campaign.deployment.model_export import bounded_motion
 from etude.cli import main
 from etude.errors import UsageError
 
-ROBOT = Path(__file__).parents[2] / "examples" / "px4" / "px4_quad.toml"
+ROBOT = Path(__file__).parents[3] / "examples" / "px4" / "px4_quad.toml"
 
 
 @pytest.fixture(scope="module")

@@ -19,7 +19,7 @@ from etude.logs.cleaning.filters import command_lag, differentiated, uniform
 from etude.logs.columns.units import Limits
 from etude.types import Array, Channel, Log
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 EXAMPLES = ROOT / "examples"
 ARMS = ("ur10", "tx40", "tiago")
 FLIGHTS = {

@@ -17,7 +17,7 @@ from etude.types import Array, Motion
 from etude_quadrotor import FlightFeedforward
 from etude_quadrotor.physics.drag import _fitted
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 COUNT = 60
 
 
