@@ -170,6 +170,7 @@ def test_without_the_library_its_extra_is_named(tmp_path: Path, monkeypatch: pyt
     def gone(name: str) -> None:
         raise ModuleNotFoundError(f"No module named {name!r}")
 
+    read_ulog = plugins.load("etude.readers", "ulog")
     monkeypatch.setattr("etude.logs.readers.extras.importlib.import_module", gone)
     with pytest.raises(UsageError, match=r"pip install 'pyulog>=1.1'"):
-        plugins.load("etude.readers", "ulog")(ulogs.write_ulog(tmp_path / "flight.ulg"))
+        read_ulog(ulogs.write_ulog(tmp_path / "flight.ulg"))

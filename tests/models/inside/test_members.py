@@ -5,6 +5,7 @@ from __future__ import annotations
 import subprocess
 import sys
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -231,5 +232,5 @@ def test_a_member_is_loaded_alone() -> None:
         "assert not bad & set(sys.modules), bad & set(sys.modules)\n"
     )
     run = [sys.executable, "-c", code]
-    done = subprocess.run(run, capture_output=True, text=True, check=False, cwd=__file__.rpartition("/")[0])
+    done = subprocess.run(run, capture_output=True, text=True, check=False, cwd=Path(__file__).parents[1])
     assert done.returncode == 0, done.stderr

@@ -7,6 +7,7 @@ import json
 import subprocess
 import sys
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -98,7 +99,7 @@ def test_a_model_is_evaluated_without_compilers_and_simulators(tmp_path) -> None
         capture_output=True,
         text=True,
         check=False,
-        cwd=__file__.rpartition("/")[0],
+        cwd=Path(__file__).parents[1],
     )
     assert done.returncode == 0, done.stderr
     assert done.stdout.strip() == "(200, 2)"

@@ -210,8 +210,8 @@ def test_the_bench_ends_with_the_rows_of_the_peers(capsys, quick: bool) -> None:
 def test_other_interpreters_come_from_the_command_line(monkeypatch) -> None:
     seen = []
 
-    def run(*, json: bool, seed: int, python: tuple[Path, ...] = ()) -> None:
-        seen.append(python)
+    def run(*, json: bool, seed: int, pythons: tuple[Path, ...] = ()) -> None:
+        seen.append(tuple(pythons))
 
     monkeypatch.setattr(bench_gp, "run", run)
     assert main(["bench", "gp", "--python", "a/python", "--python", "b/python"]) == 0
