@@ -9,11 +9,11 @@ import io
 import struct
 import time
 from collections.abc import Sequence
-from importlib.metadata import PackageNotFoundError, distribution
 from pathlib import Path
 
 import numpy as np
 import pytest
+from loading_examples import example_robot
 from numpy.typing import NDArray
 
 from etude.errors import UsageError
@@ -23,7 +23,6 @@ from etude_arm.loading.mesh_readers import read_triangles
 trimesh = pytest.importorskip("trimesh", reason="pip install '.[test]'")
 pytest.importorskip("collada", reason="pip install '.[test]'")
 
-PACKAGE = "cmeel.prefix/share/example-robot-data/robots"
 SAME = 1e-6
 """Of volumes, and of the corners of the box around a mesh over its largest side."""
 TRIANGLE = """<?xml version="1.0"?>
@@ -45,10 +44,7 @@ LOST_COLOUR = """<bind_material><technique_common><instance_material symbol="m" 
 
 def meshes() -> list[Path]:
     """Of all robots of the package example-robot-data."""
-    try:
-        root = Path(str(distribution("example-robot-data").locate_file(PACKAGE)))
-    except PackageNotFoundError:
-        pytest.skip("example-robot-data is not installed: pip install example-robot-data")
+    root = example_robot(".")
     return sorted(path for path in root.rglob("*") if path.suffix.lower() in (".stl", ".obj", ".dae"))
 
 
