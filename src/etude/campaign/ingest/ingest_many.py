@@ -8,11 +8,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Unpack, overload
 
+from etude.campaign.ingest.command_decisions import MOST_NEW, Survey, told_logs
 from etude.campaign.ingest.ingest_result import How, Told, read_settled
 from etude.campaign.ingest.questions import Answers, LogQuestions, answers_of, body_of
 from etude.campaign.ingest.tell import finished, newest_warnings, take
 from etude.campaign.ingest.tell import tell as tell_one
-from etude.campaign.ingest.together import MOST_NEW, Survey, told_logs
 from etude.campaign.record.folder import Campaign, Say
 from etude.campaign.training import Learner
 from etude.codes import Notice

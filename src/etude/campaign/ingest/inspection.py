@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 
 from etude.campaign.create import find_robot, reading
+from etude.campaign.ingest.command_decisions import told_logs
 from etude.campaign.ingest.questions import Answers, LogQuestions, judged_commands
-from etude.campaign.ingest.together import told_logs
 from etude.campaign.record.config_file import CONFIG
 from etude.campaign.record.folder import Campaign, open_campaign
 from etude.errors import DataError, EtudeError

@@ -2,7 +2,7 @@
 
 A question is answered by its check's name: accepted, the log is taken as it is; repaired, it is put right
 with a sentence. Answers stand in the journal, and hold for later logs of which the same is found. Commands
-are judged over all logs of the robot together (`together`).
+are judged over all logs of the robot together (`command_decisions`).
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from etude.campaign.ingest.together import Step, decided, told_logs
+from etude.campaign.ingest.command_decisions import Step, decided, told_logs
 from etude.campaign.record.config import preset_config
 from etude.campaign.record.events import Given
 from etude.campaign.record.folder import Campaign

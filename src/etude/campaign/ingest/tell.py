@@ -14,11 +14,11 @@ from typing import Unpack
 
 import numpy as np
 
+from etude.campaign.ingest.command_decisions import Survey
 from etude.campaign.ingest.confirmation_runs import check_no_confirmation, take_run
 from etude.campaign.ingest.ingest_result import How, Told, aligned_with, read
 from etude.campaign.ingest.questions import answers_of, questions_of
 from etude.campaign.ingest.robot_changed import answer, change_found
-from etude.campaign.ingest.together import Survey
 from etude.campaign.propose.constraints import start_in_words, with_tracking_errors
 from etude.campaign.record.controls import required
 from etude.campaign.record.events import Abandoned, Ingested, Untold

@@ -17,8 +17,8 @@ from scipy.special import logsumexp
 
 from etude.logs.checks.plausibility import DELAY, SIGN, SWAPPED
 from etude.logs.checks.velocities import DIRECTION
-from etude.logs.evidence.likelihood import NEITHER, Evidence, evidence_of, least
-from etude.logs.evidence.rows import AS_LOGGED, DELAYS, Rows, rows_of
+from etude.logs.evidence.likelihood import NEITHER, ColumnEvidence, evidence_of, least
+from etude.logs.evidence.rows import AS_LOGGED, DELAYS, FilteredRows, rows_of
 from etude.protocols import Mean
 from etude.types import Array, Channel, Index, Log, Mask
 
@@ -60,13 +60,13 @@ class Decision:
 class _Judged:
     """The evidence of moving joints `own` (m,) with their own columns (m x d) and all columns (m x m)."""
 
-    rows: Rows
+    rows: FilteredRows
     own: Index
-    columns: Evidence
-    crossed: Evidence
+    columns: ColumnEvidence
+    crossed: ColumnEvidence
 
     @classmethod
-    def of(cls, rows: Rows) -> _Judged:
+    def of(cls, rows: FilteredRows) -> _Judged:
         own = np.flatnonzero(rows.moving)
         m, d = len(own), rows.command.shape[2]
         joints = np.concatenate([np.repeat(np.arange(m), d), np.repeat(np.arange(m), m)])
@@ -75,7 +75,7 @@ class _Judged:
         found = evidence_of(rows, own, joints, columns, variants)
         return cls(rows, own, found.take(slice(0, m * d)), found.take(slice(m * d, None)))
 
-    def variant(self, number: int) -> Evidence:
+    def variant(self, number: int) -> ColumnEvidence:
         """Of each joint's own column in one variant."""
         return self.columns.take(np.arange(len(self.own)) * self.rows.command.shape[2] + number)
 
@@ -204,12 +204,14 @@ def _signs(judged: _Judged, fresh: Sequence[int], doubtful: bool) -> Decision | 
 
     Of one log's commands negated, the evidence of right signs is that of this log inverted, the evidence of
     inverted signs that of all the others. What the negation gains is that of the least favourable class, and
-    no more than what the sign is then known by: where no friction is told from a function of the place, one
-    log there and one back agree better with one of them negated.
+    no more than what the sign is then known by; what it loses, no more than the sign is known by as it is:
+    where friction is not told from a function of the place, one log there and one back agree better with
+    one of them negated.
     """
     given = judged.variant(AS_LOGGED)
     as_is, turned = given.signs()
     whole, classes = np.maximum(as_is, turned), given.by_class()
+    lost = np.maximum(np.abs(as_is - turned), ASK)
     everyone = tuple(range(int(judged.rows.log.max()) + 1))
     found = {everyone: (turned, (ALL, SOME), AS_LOGGED)}
     for g, group in enumerate(judged.rows.groups):
@@ -217,7 +219,7 @@ def _signs(judged: _Judged, fresh: Sequence[int], doubtful: bool) -> Decision | 
         negated = judged.variant(number)
         right, inverted = negated.signs()
         known = np.abs(right - inverted)
-        gain = np.clip(least(negated.by_class(), classes), -known, known)
+        gain = np.clip(least(negated.by_class(), classes), -np.maximum(lost, known), known)
         gain += whole - np.maximum(right, inverted)
         for logs, value in ((group, right + gain), (others, inverted + gain)):
             share = GROUP if set(logs) <= set(fresh) else OLD_GROUP
@@ -369,7 +371,7 @@ class Weight:
     deviations: Array
 
 
-def weight_of(rows: Rows, own: Index) -> Weight | None:
+def weight_of(rows: FilteredRows, own: Index) -> Weight | None:
     """By least squares, beside the file's other torques, inertia and friction; each joint is weighed by what
     is left of it. None without a model file, or where it has no weight.
     """

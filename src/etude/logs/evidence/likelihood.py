@@ -23,7 +23,7 @@ from scipy.linalg import solve_triangular
 from scipy.special import erfcx, log_ndtr, logsumexp
 
 from etude._runtime.scipy_parts import dpotrf
-from etude.logs.evidence.rows import AS_LOGGED, Rows
+from etude.logs.evidence.rows import AS_LOGGED, FilteredRows
 from etude.types import Array, Index, Mask
 
 
@@ -44,10 +44,10 @@ class Point(NamedTuple):
     speeds: float
 
 
-LENGTHS, SPEEDS = (0.7, 2.0, 0.0), (0.1, 2.0)
+LENGTHS, SPEEDS = (0.7, 2.0, 0.0), (0.1, 2.0)  # of `Point`
 CLASSES = tuple(itertools.product(LENGTHS, SPEEDS))
 """Of processes: an evidence is that of the class that says least."""
-DRIFTS = ((0.05, 0.3), (0.2, 0.3), (0.2, 2.0))
+DRIFTS = ((0.05, 0.3), (0.2, 0.3), (0.2, 2.0))  # and memories, of `Point`
 GRID = tuple(
     Point(length, size, *drift, rough, speeds)
     for length, size, drift, rough, speeds in itertools.product(
@@ -75,7 +75,7 @@ REACH = 25.0  # nats below the best class within which a class has a say
 
 
 @dataclass(frozen=True, eq=False)
-class Evidence:
+class ColumnEvidence:
     """Log evidences (p, c) of p pairs of a joint and a column, in c classes of processes; -inf: no say.
 
     Attributes:
@@ -111,9 +111,9 @@ class Evidence:
         apart = np.where(strange, 0.0, least(self.right, self.inverted))
         return level + np.minimum(apart, 0.0), level - np.maximum(apart, 0.0)
 
-    def take(self, which: Index | slice) -> Evidence:
+    def take(self, which: Index | slice) -> ColumnEvidence:
         """Of some pairs."""
-        return Evidence(self.right[which], self.inverted[which], self.reversed[which], self.free[which])
+        return ColumnEvidence(self.right[which], self.inverted[which], self.reversed[which], self.free[which])
 
 
 def least(one: Array, other: Array) -> Array:
@@ -129,7 +129,9 @@ def least(one: Array, other: Array) -> Array:
     return np.asarray(np.where(low > 0.0, low, np.where(high < 0.0, high, 0.0)))
 
 
-def evidence_of(rows: Rows, own: Index, joints: Index, columns: Index, variants: Index) -> Evidence:
+def evidence_of(
+    rows: FilteredRows, own: Index, joints: Index, columns: Index, variants: Index
+) -> ColumnEvidence:
     """Of each pair: the column `columns[i]` in `variants[i]` as the command of joint `joints[i]`.
 
     Args:
@@ -165,7 +167,7 @@ def unit(values: Array) -> Array:
     return np.asarray(values / np.where(size > 0.0, size, 1.0))
 
 
-def _grams(rows: Rows, own: Index, grid: tuple[Point, ...]) -> tuple[Array, Array, int]:
+def _grams(rows: FilteredRows, own: Index, grid: tuple[Point, ...]) -> tuple[Array, Array, int]:
     """Whitened products (h, p, p) of all columns and regressors, half log determinants (h,), and how many
     columns come before the regressors.
     """
@@ -185,7 +187,7 @@ def _grams(rows: Rows, own: Index, grid: tuple[Point, ...]) -> tuple[Array, Arra
     return grams, log_dets, Y.shape[1]
 
 
-def _covariances(rows: Rows) -> Callable[[Point], Array]:
+def _covariances(rows: FilteredRows) -> Callable[[Point], Array]:
     """The covariance (n, n) of a point; what points share is computed once."""
     places = {length: _place(rows, length) for length in LENGTHS}
     qd, qdd = unit(rows.qd), unit(rows.qdd)
@@ -205,7 +207,7 @@ def _covariances(rows: Rows) -> Callable[[Point], Array]:
     return of
 
 
-def _place(rows: Rows, length: float) -> Array:
+def _place(rows: FilteredRows, length: float) -> Array:
     """(n, n) likeness of two places: of a chain's weights, or of springs of that length."""
     chain, square = np.ones((len(rows.q), len(rows.q))), np.zeros((len(rows.q), len(rows.q)))
     for q, kind in zip(rows.q.T, rows.units, strict=True):
@@ -242,7 +244,7 @@ def _fitted(
     return _Fit(evidence, mean, inverse[:, joints] * left[..., None, None])
 
 
-def _summed(fits: list[tuple[_Fit, tuple[int, ...]]], grid: tuple[Point, ...]) -> Evidence:
+def _summed(fits: list[tuple[_Fit, tuple[int, ...]]], grid: tuple[Point, ...]) -> ColumnEvidence:
     """By class: the sum over its best points, each with the probability of its orthants."""
     top = np.max([fit.evidence.max(axis=0) for fit, _ in fits], axis=0)
     found = [
@@ -250,7 +252,7 @@ def _summed(fits: list[tuple[_Fit, tuple[int, ...]]], grid: tuple[Point, ...]) -
         for one in CLASSES
     ]
     parts = [np.stack([row[i] for row in found], axis=1) for i in range(4)]
-    return Evidence(*parts)
+    return ColumnEvidence(*parts)
 
 
 def _class(
@@ -283,7 +285,7 @@ def _signs(indices: tuple[int, ...], way: str) -> Array:
     return np.full(len(indices), 1.0 if way == "right" else -1.0)
 
 
-SWEEPS = 12
+SWEEPS = 12  # over the factors of an orthant: they settle to rounding in fewer
 
 
 def log_orthant(mean: Array, covariance: Array) -> Array:

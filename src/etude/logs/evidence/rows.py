@@ -32,7 +32,7 @@ AS_LOGGED = DELAYS.index(0.0)
 
 
 @dataclass(frozen=True, eq=False)
-class Rows:
+class FilteredRows:
     """n rows of all logs; k joints; d variants of the commands.
 
     Attributes:
@@ -70,7 +70,7 @@ def rows_of(
     body: Mean | None = None,
     groups: Sequence[tuple[int, ...]] = (),
     late: Sequence[int] | None = None,
-) -> Rows | None:
+) -> FilteredRows | None:
     """The rows of logs that hold positions `path` and the commands on them; None of too short ones.
 
     Args:
@@ -88,7 +88,7 @@ def rows_of(
         found.append(_filtered(log, path, body, rate, delays))
     which = np.concatenate([np.full(len(one["t"]), i) for (i, _), one in zip(pieces, found, strict=True)])
     whole = {name: np.concatenate([one[name] for one in found]) for name in found[0]}
-    return Rows(
+    return FilteredRows(
         t=whole["t"] + APART_S * which,
         log=which,
         q=whole["q"],
