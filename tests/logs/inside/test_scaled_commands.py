@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from etude.logs.checks.command_columns import scale_findings
 
 from etude.logs import Seen
-from etude.logs.checks.command_columns import scale_findings
 
 
 @pytest.mark.parametrize(

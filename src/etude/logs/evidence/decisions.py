@@ -177,9 +177,10 @@ def signs_of(as_is: Array, turned: Sequence[Array], priors: Sequence[tuple[float
     found, rest = [(float(logsumexp(none)), nothing, -1)], []
     for g, (own, (every, some)) in enumerate(zip(turned, priors, strict=True)):
         other = np.log(EACH) + own
-        mixed, all_ = np.asarray(other > kept), np.log(every) + float(own.sum())
+        mixed = np.asarray(other > kept)
+        full = np.logaddexp(np.log(every) + own.sum(), np.log(some) + other.sum())
         best = float(np.log(some) + np.maximum(kept, other).sum())
-        found.append((float(np.logaddexp(all_, best)) if mixed.all() else all_, ~nothing, g))
+        found.append((float(full), ~nothing, g))
         if mixed.any() and not mixed.all():
             found.append((best, mixed, g))
         rest.append(best + _others(np.abs(other - kept)))

@@ -15,6 +15,7 @@ from etude.logs.evidence.decisions import ASK, GRAVITY, Decision
 from etude.types import Finding
 
 COMMANDS = "commands"
+MOST = 1000.0  # log odds that are written out
 
 
 def finding_of(decision: Decision, parts: Sequence[str], sources: Sequence[str], old: int = 0) -> Finding:
@@ -74,9 +75,13 @@ def _light(decision: Decision) -> Literal["red", "yellow"]:
 
 
 def _odds(decision: Decision) -> str:
-    """ "odds e^40 to 1; e^8 to 1 against any other set of signs"."""
-    ahead = f"; e^{decision.ahead:.0f} to 1 against the next best" if np.isfinite(decision.ahead) else ""
-    return f"odds e^{decision.odds:.0f} to 1{ahead}"
+    """ "odds e^40 to 1; e^8 to 1 against the next best"."""
+    ahead = f"; {_power(decision.ahead)} against the next best" if np.isfinite(decision.ahead) else ""
+    return f"odds {_power(decision.odds)}{ahead}"
+
+
+def _power(odds: float) -> str:
+    return f"e^{odds:.0f} to 1" if odds < MOST else f"above e^{MOST:.0f} to 1"
 
 
 def _sure(decision: Decision) -> str:
@@ -158,7 +163,7 @@ def _gravity(decision: Decision) -> Finding:
 def _of_told(found: Finding, sources: Sequence[str]) -> Finding:
     """The same of logs that were told before: nothing is repaired in part."""
     step = (
-        f"{' and '.join(sources)} were learned so. Take them back (etude untell FOLDER NUMBER) and tell all "
+        f"Learned so before: {', '.join(sources)}. Take that back (etude untell FOLDER NUMBER) and tell all "
         f"logs together with --repair {found.check}; {accepted(found.check)}."
     )
-    return replace(found, step=step[:1].upper() + step[1:])
+    return replace(found, step=step)

@@ -118,15 +118,18 @@ class ColumnEvidence:
 
 def least(one: Array, other: Array) -> Array:
     """(p,) the log odds of one to the other (p, c) that are least in magnitude, among the classes in which
-    either is within REACH of the best; 0 where these differ in sign. What has no say is FAR below the best.
+    either is within REACH of the best; 0 where these differ in sign. What has no say is FAR below its best.
     """
     size = np.maximum(one, other)
-    best = size.max(axis=1, keepdims=True)
-    near = size > best - REACH
-    odds = np.where(np.isneginf(one), best - FAR, one) - np.where(np.isneginf(other), best - FAR, other)
+    near = size > size.max(axis=1, keepdims=True) - REACH
+    odds = _filled(one) - _filled(other)
     low = np.where(near, odds, np.inf).min(axis=1)
     high = np.where(near, odds, -np.inf).max(axis=1)
     return np.asarray(np.where(low > 0.0, low, np.where(high < 0.0, high, 0.0)))
+
+
+def _filled(values: Array) -> Array:
+    return np.where(np.isneginf(values), values.max(axis=1, keepdims=True) - FAR, values)
 
 
 def evidence_of(
