@@ -164,9 +164,12 @@ class _Fit:
     covariance: Array
 
 
+STEADY = 1e-2  # deviation of what does not vary, over its size
+
+
 def unit(values: Array) -> Array:
-    """Columns (n, k) of unit deviation; constant ones as they are."""
-    size = values.std(axis=0)
+    """Columns (n, k) of unit deviation; what hardly varies by its size, zeros as they are."""
+    size = np.maximum(values.std(axis=0), STEADY * np.sqrt((values**2).mean(axis=0)))
     return np.asarray(values / np.where(size > 0.0, size, 1.0))
 
 

@@ -117,7 +117,7 @@ def test_the_curve_of_delays() -> None:
 
 def test_the_least_odds_are_those_of_classes_that_have_a_say() -> None:
     one = np.array([[10.0, 3.0, -90.0], [5.0, 0.0, -np.inf], [0.0, -np.inf, -np.inf]])
-    other = np.array([[2.0, 1.0, 0.0], [9.0, -2.0, -np.inf], [-np.inf, -np.inf, -np.inf]])
+    other = np.array([[2.0, 1.0, 0.0], [9.0, -2.0, -np.inf], [-np.inf, -60.0, -np.inf]])
     found: Array = least(one, other)
-    assert found.tolist() == [0.0, 0.0, 40.0]  # the first two differ in sign
-    assert least(one[:, :2], other[:, :2]).tolist() == [2.0, 0.0, 40.0]
+    assert found.tolist() == [0.0, 0.0, 100.0]  # the first two differ in sign, the third is FAR below -60
+    assert least(one[:, :2], other[:, :2]).tolist() == [2.0, 0.0, 100.0]
