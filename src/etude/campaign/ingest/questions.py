@@ -227,7 +227,8 @@ def judged_commands(
     path = joints(log)
     assert path is not None
     unit = () if kind is None else unit_findings(kind, spec, log, motion)
-    return (*found, *green(last, path.parts), *unit)
+    right = [one for one in green(last, path.parts) if one.check not in {f.check for f in found}]
+    return (*found, *right, *unit)
 
 
 def unit_findings(kind: Kind, spec: Any, log: Log, motion: Seen | None = None) -> tuple[Finding, ...]:

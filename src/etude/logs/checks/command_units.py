@@ -35,7 +35,7 @@ def scale_finding(seen: Seen, torque: Array, limit: Array) -> Finding | None:
         return None
     slope, like = slopes(seen.command, torque)
     size = torque.std(axis=0)
-    judged = (np.abs(like) > FOLLOWS) & (size > FAINT * size.max()) & goes_far(seen.q)
+    judged = (like > FOLLOWS) & (size > FAINT * size.max()) & goes_far(seen.q)
     wrong = judged & ((np.abs(slope) > SLOPE) | (np.abs(slope) < 1.0 / SLOPE))
     if wrong.any():
         return _unit(seen, slope, wrong, limit)

@@ -11,7 +11,7 @@ import numpy as np
 from etude.logs.checks.finding_texts import Mendable, accepted, both, named
 from etude.logs.checks.plausibility import DELAY, SIGN, SWAPPED
 from etude.logs.checks.velocities import DIRECTION
-from etude.logs.evidence.decisions import ASK, GRAVITY, Decision
+from etude.logs.evidence.decisions import ASK, GRAVITY, LEAST_DELAY, Decision
 from etude.types import Finding
 
 COMMANDS = "commands"
@@ -42,7 +42,7 @@ def finding_of(decision: Decision, parts: Sequence[str], sources: Sequence[str],
 
 
 def green(decision: Decision, parts: Sequence[str]) -> list[Finding]:
-    """What a silent decision says of order and signs."""
+    """What a silent decision says of delay, order and signs."""
     if not decision.moving.any():
         fact = "Too little motion to tell whose a command is, its sign or its delay."
         return [Finding(COMMANDS, "cannot tell", fact)]
@@ -56,9 +56,9 @@ def green(decision: Decision, parts: Sequence[str]) -> list[Finding]:
     else:
         rest = f" Of {unsure} it cannot be told." if unsure else ""
         signs = Finding(SIGN, "green", f"The sign of the commands of {named(parts, known)} is right.{rest}")
-    if decision.moving.sum() < 2:
-        return [signs]
-    return [Finding(SWAPPED, "green", "No other order of the commands fits better."), signs]
+    step = f"The commands are in step with the motion, to {1e3 * LEAST_DELAY:.0f} ms."
+    order = Finding(SWAPPED, "green", "No other order of the commands fits better.")
+    return [Finding(DELAY, "green", step), *([order] if decision.moving.sum() > 1 else []), signs]
 
 
 def _where(decision: Decision, sources: Sequence[str]) -> str:
