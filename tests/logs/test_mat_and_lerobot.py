@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import subprocess
 import sys
 from pathlib import Path
 
@@ -203,6 +204,21 @@ def test_what_cannot_be_read_of_matlab(tmp_path: Path) -> None:
     savemat(path, {"gain": 1.0, "name": "ur10"})
     with pytest.raises(DataError, match="no variable with more than one number"):
         read(path)
+
+
+def test_a_damaged_type_is_refused_where_scipys_reader_ends_the_program(tmp_path: Path) -> None:
+    """The reason for a reader of our own: docs/decisions/0055-matlab-files.md."""
+    path = tmp_path / "run.mat"
+    savemat(path, {"t": LOG.t, "q": LOG["q"]})
+    data = path.read_bytes()
+    tag = np.array([9, 8 * ROWS], dtype="<u4").tobytes()  # doubles, and their bytes; 10 is no type
+    assert tag in data
+    path.write_bytes(data.replace(tag, b"\x0a" + tag[1:], 1))
+    with pytest.raises(DataError, match="cannot be read as MAT"):
+        read(path)
+    alone = "import sys, scipy.io\ntry: scipy.io.loadmat(sys.argv[1])\nexcept BaseException: pass"
+    done = subprocess.run([sys.executable, "-c", alone, str(path)], capture_output=True, check=False)
+    assert done.returncode != 0, "SciPy refuses it: look at the record again"
 
 
 def dataset(folder: Path, names: object, episodes: int = 1) -> Path:
