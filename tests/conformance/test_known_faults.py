@@ -155,6 +155,20 @@ def test_an_exported_model_and_what_was_learned(made: Made, tmp_path: Path) -> N
     assert {own for _, own in codes(path)} == {"proposals/0001", "models/0001"}
 
 
+def test_a_model_of_a_joint_that_no_log_moved(made: Made) -> None:
+    path = made("base", "")
+    config = path / "campaign.toml"
+    config.write_text(config.read_text().replace('rung = "auto"', 'rung = "identified"'))
+    campaign = open_campaign(path)
+    log = log_of(campaign, ask(campaign, go_on=True).number)
+    sag = 0.01 * pl.col("time").sin()
+    held = {"q_lift": 0.3 + sag, "qd_lift": 0.01 * pl.col("time").cos(), "tau_lift": -800.0 * sag}
+    pl.read_csv(log).with_columns(**held).write_csv(log)
+    tell(campaign, log, accept=("sign", "scale", "gravity"), foreign=True)
+    assert codes(path) == []
+    assert codes(aged(path)) == [("held_joint", "models/0002")]
+
+
 def test_every_fault_is_told_of_in_the_documentation() -> None:
     page = (Path(__file__).parents[2] / "docs" / "known_faults.md").read_text()
     assert set(re.findall(r"^\| `(\w+)` \|", page, re.MULTILINE)) == set(FAULTS)

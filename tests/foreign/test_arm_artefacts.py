@@ -152,4 +152,4 @@ def test_status_after_the_first_log(lab: Lab) -> None:
     assert all(0.0 < value < 1.0 for value in found["held_out"]["nmse"][found["held_out"]["chosen"]])
     told = [line for line in text.splitlines() if "physics identified from this log" in line]
     assert told
-    assert all("outside what was visited physics alone" in line or "everywhere" in line for line in told)
+    assert all("elsewhere the physics alone" in line or line.endswith("this log alone.") for line in told)

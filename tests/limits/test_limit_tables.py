@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 import sys
 from pathlib import Path
@@ -36,6 +37,26 @@ def wall(spec, model, margins, *, normal: tuple[float, float, float], distance: 
 
 def broken(spec, model, margins):
     return object()
+
+
+class Fails:
+    name = "mine"
+
+    def cones(self, family):
+        return ()
+
+    def penalty(self, motion):
+        return None
+
+    def of_motion(self, motion):
+        return np.zeros((len(motion), 0))
+
+    def prove(self, piece):
+        return np.zeros(3) @ np.zeros(99)
+
+
+def fails(spec, model, margins):
+    return Fails()
 """
 
 
@@ -65,6 +86,23 @@ def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 def certificate(folder: str) -> list[dict[str, object]]:
     rows = valid(Path(folder, "proposals/0001/certificate.json").read_text())["rows"]
     return [row for row in rows if row["quantity"] in ("height", "wall")]
+
+
+def test_an_error_in_a_limit_of_ones_own_is_told_as_such(
+    place: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = place / "arm.toml"
+    path.write_text(path.read_text().split("[[limit]]")[0] + '[[limit]]\nkind = "my_limits:fails"\n')
+    assert cli.main(["init", "lab", "--robot", str(path), "--trust"]) == 0
+    capsys.readouterr()
+    assert cli.main(["ask", "lab", "--json"]) == 2
+    error = json.loads(capsys.readouterr().out)["error"]
+    assert error["kind"] == "PluginError"
+    assert "the plug-in my_limits:fails raised ValueError" in error["fact"]
+    line = next(
+        n for n, text in enumerate(Path("my_limits.py").read_text().splitlines(), 1) if "zeros(99)" in text
+    )
+    assert f"my_limits.py:{line}" in error["where"]
 
 
 def test_the_plane_of_the_docs_goes_the_whole_way(place, capsys) -> None:
