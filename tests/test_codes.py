@@ -51,7 +51,7 @@ def test_json_carries_code_fields_step_and_light() -> None:
         ),
         (
             Notice(Stop.OPEN, {"open": (WHERE, WHERE)}),
-            f"No rule has fired: {BLOCKS}; {BLOCKS}",
+            f"No stop rule applies yet: {BLOCKS}; {BLOCKS}",
         ),
         (
             Notice(Warn.INPUTS_MISSING, {"inputs": ("a", "b")}),

@@ -122,9 +122,9 @@ ERRED = "{command}: on motion held out the process erred {ratio:.3g} times as mu
 
 SENTENCES: Mapping[Code | NextStep, str] = {
     Alert.LOG_FINDING: "log {log}: {found}",
-    Alert.NARROW_INTERVALS: "the model is surer than it is right: {where}, its 95 % intervals held "
+    Alert.NARROW_INTERVALS: "the model's intervals are too narrow: {where}, its 95 % intervals held "
     "{coverage}",
-    Alert.NEVER_MOVED: "{outputs}: it hardly moved in any log, so nothing is believed of it",
+    Alert.NEVER_MOVED: "{outputs}: it hardly moved in any log, so its model is not usable",
     Alert.CONSTANT_AS_GOOD: "{outputs}: {where}, a constant would have predicted as well",
     Alert.LINEAR_BETTER: "{outputs}: {where}, linear regression erred less than {structure}",
     Alert.WORSE_THAN_FEEDBACK: "test {test}: with the model the error is {error:.3g} {unit}, without it "
@@ -172,21 +172,21 @@ SENTENCES: Mapping[Code | NextStep, str] = {
     Stop.DOUBTED: "The expected command error is {forecast:.2g %} of the command limit, within {goal:g %}, "
     "but {doubt}",
     Stop.LOGS_MISSING: "{logs:|more log|more logs} before a rule can fire",
-    Stop.OPEN: "No rule has fired: {open:; }",
+    Stop.OPEN: "No stop rule applies yet: {open:; }",
     Phrase.PREDICTED: "on log {log}, predicted before it was learned",
     Phrase.HELD_OUT: "on blocks of log {log} that were held out",
     Phrase.COVERAGE: "{output} {part:.0f %}",
     Phrase.TAKES: "{command} {most:.3g} {unit} of {limit:.3g}",
     Phrase.LOW_COVERAGE: "its 95 % intervals held only {part:.0f %} of an output's commands",
     Phrase.STRUCTURE: "{structure}",
-    Phrase.STRUCTURE_THEN: "{structure}, then in use",
+    Phrase.STRUCTURE_THEN: "{structure}, selected then",
     Phrase.LARGE_ERRORS: "held-out errors are {factor:.1f} times the predicted variance, so it is not "
     "believed",
     Phrase.UNSETTLED: "the last log changed a length scale by a factor {factor:.1f}, so the model is not "
     "settled",
     Phrase.OPEN_FORECAST: "expected command error {forecast:.2g %} of the command limit (goal {goal:g %})",
     Phrase.OPEN_GAIN: "{rate:.2g %} of the variance left per minute (threshold {threshold:g %})",
-    Phrase.GAIN_UNKNOWN: "what the next one would add is known once it is designed",
+    Phrase.GAIN_UNKNOWN: "etude ask computes what the next motion would add",
     Phrase.NO_RULE: "no rule but the budget is switched on",
     NextStep.OF_CHECK: "{step}",
     NextStep.TELL_SUCH_MOTION: "Do not use its deviations yet: tell another log, of motion like that which "

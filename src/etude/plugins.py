@@ -12,6 +12,9 @@ import contextlib
 import difflib
 import importlib
 import inspect
+import os
+import sys
+import traceback
 from collections.abc import Iterator, Mapping, Sequence
 from contextvars import ContextVar
 from dataclasses import dataclass, replace
@@ -346,7 +349,23 @@ def _installed(group: str) -> tuple[Plugin, ...]:
     return tuple(found.values())
 
 
+_OWN = {target.partition(".")[0] for table in BUILT_IN.values() for target in table.values()}
 _failures: dict[str, str] = {}
+_places: dict[str, str] = {}
+"""Of plug-ins beside Étude that are in use: the module's file, or the folder of its package -> its target."""
+
+
+def raised_in(error: BaseException) -> tuple[str, str] | None:
+    """The plug-in in whose code an error arose, and its line "FILE:N"; None if none took part.
+
+    A plug-in that calls NumPy with a wrong shape is to blame, not NumPy: the last of its lines counts.
+    """
+    found = None
+    for frame in traceback.extract_tb(error.__traceback__):
+        for place, target in _places.items():
+            if frame.filename == place or frame.filename.startswith(f"{place}{os.sep}"):
+                found = target, f"{frame.filename}:{frame.lineno}, in {frame.name}"
+    return found
 
 
 def _imported(plugin: Plugin) -> Any:
@@ -365,7 +384,18 @@ def _imported(plugin: Plugin) -> Any:
             next_step=_mending(module, error),
         ) from error
     _failures.pop(plugin.target, None)
+    _note_place(module, plugin.target)
     return found
+
+
+def _note_place(module: str, target: str) -> None:
+    package = sys.modules[module.partition(".")[0]]
+    if package.__name__ in _OWN:
+        return
+    folder = next(iter(getattr(package, "__path__", ())), None)
+    place = folder or getattr(package, "__file__", None)
+    if place:
+        _places[place] = target
 
 
 def _mending(module: str, error: Exception) -> str:

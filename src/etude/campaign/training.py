@@ -23,6 +23,7 @@ from etude.campaign.record.stored_models import (
     MODEL,
     body_of,
     check_model,
+    held_commands,
     ingested_samples,
     known_groups,
     label,
@@ -54,8 +55,6 @@ TRAIN_STREAM = 2
 """Separates the random numbers of training from those of asking and testing."""
 BLOCKS = 20
 """Parts of a log, some of which are held out."""
-STILL = 0.02
-"""Part of a coordinate's range, at most one turn of it, in which it is held and sags while others move."""
 GAP_S = 0.5
 """s beside a block held out of the first answer to a proposal, in neither part: the filter spreads a command
 over about as much. Recordings have none: they are short, and their figures are those of the documentation.
@@ -260,12 +259,7 @@ def _notes(inputs: Inputs) -> tuple[Notice, ...]:
 
 def _held(campaign: Campaign, samples: Samples) -> Mask:
     """(J,) commands of coordinates that are held in all logs, where each has a command of its own."""
-    if campaign.command.parts != campaign.axes:
-        return np.zeros(len(campaign.command.parts), dtype=bool)
-    path = samples.log[campaign.kind.path]
-    low, high = campaign.kind.expected(campaign.spec).limits[campaign.kind.path]
-    width = np.minimum(np.asarray(high, dtype=float) - low, 2.0 * np.pi)
-    return np.asarray(np.ptp(path, axis=0) < STILL * width)
+    return held_commands(campaign, [samples.log[campaign.kind.path]])
 
 
 def _comparable(campaign: Campaign, trained: Sequence[Round], inputs: Inputs) -> LearnedModel | None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -75,7 +76,7 @@ class Ask(Common):
             *(f"! {notice}" for notice in found.certificate.warnings),
             f"Trajectory {found.number}, {found.duration:g} s: {found.status}",
             *_renewed(found),
-            table(ROW, [_row(row) for row in found.certificate.seen if row.upper < math.inf], keys=2),
+            table(ROW, _rows([row for row in found.certificate.seen if row.upper < math.inf]), keys=2),
             *_distances([row for row in found.certificate.seen if row.upper == math.inf]),
             *_swept(found.swept),
             *_control(found.certificate),
@@ -194,13 +195,21 @@ def _assumed(certificate: Certificate) -> bool:
     return any(row.tracking_margin > 0.0 and row.confidence == 0.0 for row in certificate.seen)
 
 
-def _row(row: Proof) -> list[str]:
+def _rows(rows: Sequence[Proof]) -> list[list[str]]:
+    """One line a row; where segments and links are proved by themselves, each says which it is of."""
+    times = Counter((row.axis, row.quantity) for row in rows)
+    parts = [row.where.partition(" at ")[0] if times[row.axis, row.quantity] > 1 else "" for row in rows]
+    return [_row(row, part) for row, part in zip(rows, parts, strict=True)]
+
+
+def _row(row: Proof, part: str) -> list[str]:
     """What is asked, what tracking may add, and the limit of both together."""
     from etude.limits.certificate import tracked_in_words, utilization
 
     asked = f"{row.proved_lower:.3g}..{row.proved_upper:.3g}"
     limit = f"{row.lower - row.tracking_margin:.3g}..{row.upper + row.tracking_margin:.3g}"
-    return [row.axis, row.quantity, asked, tracked_in_words(row), limit, f"{100 * utilization(row):.0f} %"]
+    quantity = f"{row.quantity}, {part}" if part else row.quantity
+    return [row.axis, quantity, asked, tracked_in_words(row), limit, f"{100 * utilization(row):.0f} %"]
 
 
 def _slack(rows: Sequence[Proof]) -> dict[str, float]:

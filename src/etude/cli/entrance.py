@@ -180,8 +180,22 @@ def _guarded(given: list[str]) -> int:
         if isinstance(error, ImportError | AttributeError) and (told := conflict()):
             return _report(as_json, "MachineError", f"{error}: {told}", "", OWN_ENVIRONMENT, 1)
         traceback.print_exc()
+        if (own := _plugin_error(error)) is not None:
+            return _report(as_json, "PluginError", *own, 2)
         fact = f"this is a bug in etude: {type(error).__name__}: {error}"
         return _report(as_json, "Bug", fact, "", "Nothing committed was lost; please report it.", 1)
+
+
+def _plugin_error(error: Exception) -> tuple[str, str, str] | None:
+    """Fact, place and next step of an error that arose in a plug-in's code; None if in ours."""
+    from etude.plugins import raised_in
+
+    found = raised_in(error)
+    if found is None:
+        return None
+    name, line = found
+    step = "Repair the plug-in; a suite of etude.testing tells what it must do. Nothing committed was lost."
+    return f"the plug-in {name} raised {type(error).__name__}: {error}", line, step
 
 
 def _run(given: list[str]) -> int:

@@ -18,6 +18,8 @@ BASES = {
     "linear": "linear regression on this log",
 }
 """What a structure's mean is, in words."""
+MIXED = "mixed"
+MIXED_MEANS = "mixed: each output by the structure that was selected for it then."
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -40,6 +42,7 @@ def _lines(found: Mapping[str, Any]) -> list[str]:
         *_trajectories(found),
         *_held_out(found),
         *_prequential(found),
+        *_mixed(found),
         *_in_words(found),
     ]
     lines += [*_deployed_model(found), *_confirmed(found)]
@@ -94,7 +97,7 @@ def _trajectories(found: Mapping[str, Any]) -> list[str]:
         ]
         for t in found["trajectories"]
     ]
-    return [table(["trajectory", "standing", "motion", "log"], rows)]
+    return [table(["trajectory", "state", "motion", "log"], rows)]
 
 
 def _held_out(found: Mapping[str, Any]) -> list[str]:
@@ -103,12 +106,17 @@ def _held_out(found: Mapping[str, Any]) -> list[str]:
         return []
     blocks = ", ".join(map(str, held_out["blocks"]))
     newest = held_out["number"] == found["scored_log"]  # later logs have chosen since
-    used = f" (in use: {_in_use(found)})" if newest and not found["prequential"] else ""
+    used = f" (selected now: {_in_use(found)})" if newest and not found["prequential"] else ""
     return [
         f"Held-out nMSE, log {held_out['number']}, blocks {blocks} of {held_out['of']}{used}:",
         _by_output(found, held_out["nmse"]),
         *_standing(found, held_out["nmse"], held_out.get("nmse_all") or {}),
     ]
+
+
+def _mixed(found: Mapping[str, Any]) -> list[str]:
+    held_out = found["held_out"] or {"nmse": ()}
+    return [MIXED_MEANS] * (MIXED in found["prequential"] or MIXED in held_out["nmse"])
 
 
 def _in_words(found: Mapping[str, Any]) -> list[str]:
@@ -127,10 +135,10 @@ def _made_of(structure: str) -> str:
     base, plus, _ = structure.partition("+")
     physics = BASES.get(base, f"{base} physics")
     if base == "gp":
-        return "the process alone, where the log went; outside what was visited it knows nothing"
+        return "a Gaussian process alone; outside the visited states it predicts nothing"
     if plus:
-        return f"{physics}, with the process where the log went; outside what was visited physics alone"
-    return f"{physics}, everywhere"
+        return f"{physics}, with a Gaussian process at the visited states; elsewhere the physics alone"
+    return f"{physics} alone"
 
 
 def _prequential(found: Mapping[str, Any]) -> list[str]:
@@ -138,7 +146,8 @@ def _prequential(found: Mapping[str, Any]) -> list[str]:
     if not scores:
         return []
     return [
-        f"nMSE of log {found['scored_log']}, predicted before it was learned (in use: {_in_use(found)}):",
+        f"nMSE of log {found['scored_log']}, predicted before it was learned"
+        f" (selected now: {_in_use(found)}):",
         _by_output(found, scores),
         *_standing(
             found, scores, {kind: score.get("nmse_all") for kind, score in found["prequential"].items()}

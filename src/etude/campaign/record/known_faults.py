@@ -18,6 +18,7 @@ from etude.campaign.record.events import Asked, Event, Exported, Promoted, Train
 from etude.campaign.record.folder import Campaign
 from etude.campaign.record.state import State
 from etude.campaign.record.stored_files import EXPORTS, MARK
+from etude.errors import EtudeError
 
 
 @dataclass(frozen=True)
@@ -32,7 +33,7 @@ class Fault:
     what: str
 
 
-MOUNTING, CLAMPED, MOVING_END = "mounting", "clamped_physics", "moving_end"
+MOUNTING, CLAMPED, MOVING_END, HELD = "mounting", "clamped_physics", "moving_end", "held_joint"
 FAULTS = {
     MOUNTING: Fault(
         2,
@@ -47,6 +48,10 @@ FAULTS = {
     MOVING_END: Fault(
         2,
         "its last row is in motion, and a receiver that holds the last row flies on: out of the limits",
+    ),
+    HELD: Fault(
+        2,
+        "a joint moved in no log, and its commands are what its controller gave as it sagged",
     ),
 }
 TARGETS = ("c", "ros2", "onnx", "px4", "crazyflie")
@@ -118,21 +123,38 @@ def _in_motion(certificate: Path) -> bool:
 
 
 def _models(campaign: Campaign, state: State, of_robot: Sequence[str]) -> Iterator[Affected]:
-    """The newest model and the one in use, of a robot whose physics were wrong."""
-    if MOUNTING not in of_robot:
-        return
+    """The newest model and the one in use, of a robot whose physics were wrong or that hardly moved."""
     path, events = campaign.path, campaign.events()
     trained = [e for e in events if isinstance(e.fact, Trained) and state.trained]
-    if trained and _is_before(trained[-1], MOUNTING):
-        number = trained[-1].number
+    for code in _of_training(campaign, trained[-1], of_robot) if trained else ():
+        number = trained[-1].number or 0
         told = state.rounds[number].ingested if number in state.rounds else None
         log = told.source if told is not None else "LOG"
         again = f"etude untell {path} {number}, then etude tell {path} {log}"
-        yield Affected(MOUNTING, f"the model of log {number}", f"models/{number:04d}", again)
+        yield Affected(code, f"the model of log {number}", f"models/{number:04d}", again)
     promoted = [e for e in events if isinstance(e.fact, Promoted)]
-    if state.promoted and promoted and _is_before(promoted[-1], MOUNTING):
+    if MOUNTING in of_robot and state.promoted and promoted and _is_before(promoted[-1], MOUNTING):
         what = f"the promoted model of log {promoted[-1].number}"
         yield Affected(MOUNTING, what, next(iter(promoted[-1].files), "promoted"), f"etude promote {path}")
+
+
+def _of_training(campaign: Campaign, event: Event, of_robot: Sequence[str]) -> Iterator[str]:
+    """Codes of the faults that a training had."""
+    if MOUNTING in of_robot and _is_before(event, MOUNTING):
+        yield MOUNTING
+    if isinstance(event.fact, Trained) and _is_before(event, HELD) and _held(campaign, event.fact.logs):
+        yield HELD
+
+
+def _held(campaign: Campaign, numbers: Sequence[int]) -> bool:
+    """Whether a joint moved in none of these logs; False where a log cannot be read: `status` says that."""
+    from etude.campaign.record.stored_models import held_commands, stored_log  # only old folders need them
+
+    try:
+        paths = [stored_log(campaign, number)[campaign.kind.path] for number in numbers]
+    except EtudeError:
+        return False
+    return bool(held_commands(campaign, paths).any())
 
 
 def _exports(campaign: Campaign, of_robot: Sequence[str]) -> Iterator[Affected]:

@@ -20,7 +20,7 @@ from etude.codes import NextStep, Notice, Warn
 from etude.errors import UsageError
 from etude.plugins import named_in
 from etude.storage import sha256_of
-from etude.types import Log, Samples
+from etude.types import Array, Log, Mask, Samples
 
 if TYPE_CHECKING:
     from etude.models.model import LearnedModel
@@ -162,6 +162,23 @@ def label(structures: Sequence[str]) -> str:
 def is_learned(state: State) -> bool:
     """Whether every log that waits for no answer is in the model."""
     return not state.pending
+
+
+STILL = 0.02
+"""Part of a coordinate's range, at most one turn of it, in which it is held and sags while others move."""
+
+
+def held_commands(campaign: Campaign, paths: Sequence[Array]) -> Mask:
+    """(J,) commands of coordinates that are held in all logs, where each has a command of its own.
+
+    paths: (T, J) positions of each log.
+    """
+    if campaign.command.parts != campaign.axes:
+        return np.zeros(len(campaign.command.parts), dtype=bool)
+    low, high = campaign.kind.expected(campaign.spec).limits[campaign.kind.path]
+    width = np.minimum(np.asarray(high, dtype=float) - low, 2.0 * np.pi)
+    reached = np.max([q.max(axis=0) for q in paths], axis=0) - np.min([q.min(axis=0) for q in paths], axis=0)
+    return np.asarray(reached < STILL * width)
 
 
 def ingested_samples(campaign: Campaign, numbers: Sequence[int]) -> Samples:
