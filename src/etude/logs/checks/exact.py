@@ -70,7 +70,7 @@ class Numbers:
         return Numbers(log.t, step, log[path.name], log[command.name], v, path, reach)
 
 
-LEAST_ROWS = 50
+LEAST_ROWS = 50  # fewer say nothing of a rule
 
 
 def judge_numbers(log: Log, limits: Limits) -> tuple[Finding, ...]:
@@ -357,7 +357,7 @@ SHARES = (0.003, 0.01, 0.03, 0.1, 0.2)  # of the rows that may be lost
 NOISIEST, BIASED = 0.3, 0.25  # of a step: scale of r, and its median from 1; beyond, r tells nothing
 LEAST_SCALE = 0.02  # of r
 SLOW_SHARE = 30.0  # per cent of the steps, the slowest, that tell nothing
-LEAST_STEPS = 100
+LEAST_STEPS = 100  # fast ones, whose spread tells what a lost row is against
 
 
 AROUND = (1, 2, 4)  # steps to either side whose mean may tell a step

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from made_motion import COMMAND, NAMES, QD, RATE, Q, moved
 
+from etude.logs import Mendable
 from etude.logs.checks.exact import judge_numbers
-from etude.logs.checks.finding_texts import Mendable
 from etude.logs.checks.plausibility import repaired
 from etude.types import Array, Channel, Finding, Log
 
