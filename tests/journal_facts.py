@@ -6,8 +6,8 @@ import json
 from pathlib import Path
 from typing import Any
 
-from etude.campaign.record import journal
-from etude.campaign.record.events import FORMAT, Event, Fact, from_json
+from etude import campaign
+from etude.campaign import FORMAT, Event, Fact, event_from_json
 
 
 def fact(event: str, **facts: Any) -> Fact:
@@ -20,7 +20,7 @@ def fact(event: str, **facts: Any) -> Fact:
         "config_sha256": "",
         "files": {},
     }
-    return from_json(json.dumps({**envelope, **facts})).fact
+    return event_from_json(json.dumps({**envelope, **facts})).fact
 
 
 def trained(**facts: Any) -> Fact:
@@ -32,4 +32,4 @@ def commit(
     folder: Path, event: str, number: int | None, config_sha256: str, files: list[Path], **facts: Any
 ) -> Event:
     """Appends that fact to the journal in a folder."""
-    return journal.commit(folder, fact(event, **facts), number, files, config_sha256=config_sha256)
+    return campaign.commit(folder, fact(event, **facts), number, files, config_sha256=config_sha256)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import sys
 import tomllib
 from pathlib import Path
 
@@ -11,8 +10,7 @@ import pytest
 
 import etude
 from etude import cli
-from etude.cli import entrance
-from etude.logs.readers.extras import REQUIREMENTS, needed
+from etude.logs import needed
 
 ROOT = Path(__file__).parents[1]
 FROM_THE_INDEX = re.compile(
@@ -77,14 +75,6 @@ def test_no_sentence_installs_a_strangers_package() -> None:
     assert bad == []
 
 
-def test_messages_ask_for_what_the_extras_ask_for() -> None:
-    extras = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"][
-        "optional-dependencies"
-    ]
-    stated = {own for name in ("ros", "px4", "onnx") for own in extras[name]}
-    assert set(REQUIREMENTS.values()) == stated
-
-
 def test_a_missing_library_is_named_with_what_needs_it() -> None:
     with pytest.raises(etude.errors.UsageError, match="writing a table needs no_such_library") as problem:
         needed("no_such_library.part", "writing a table")
@@ -101,48 +91,3 @@ def test_the_version_is_one(capsys: pytest.CaptureFixture[str]) -> None:
     assert f"## [{project['version']}]" in (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
     assert f"version: {project['version']}\n" in (ROOT / "CITATION.cff").read_text(encoding="utf-8")
     assert f'"{project["version"]}"' in (ROOT / "packaging/conda/meta.yaml").read_text(encoding="utf-8")
-
-
-def installed(site: Path, name: str, files: str) -> None:
-    """A distribution as pip leaves it."""
-    info = site / f"{name.replace('-', '_')}-0.2.6.dist-info"
-    info.mkdir()
-    (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {name}\nVersion: 0.2.6\n")
-    (info / "RECORD").write_text(files)
-
-
-def test_another_distribution_with_a_package_etude_is_named(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    installed(tmp_path, "etude-sdk", "etude/__init__.py,,\netude/launch/records.py,,\n")
-    installed(tmp_path, "etudes", "etudes/__init__.py,,\n")
-    monkeypatch.setattr(sys, "path", [str(tmp_path), *sys.path])
-    assert entrance.strangers() == ["etude-sdk 0.2.6"]
-    assert cli.main(["--version"]) == 0
-    said = capsys.readouterr()
-    assert said.out == f"etude {etude.__version__}\n"
-    assert "etude-sdk 0.2.6" in said.err
-    assert "environment of its own" in said.err
-    assert cli.main(["doctor"]) == 1
-    assert "etude-sdk 0.2.6" in capsys.readouterr().out
-
-
-def test_a_failed_import_names_the_other_distribution(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    def overwritten(given: list[str]) -> int:
-        raise ImportError("cannot import name 'ask' from 'etude'")
-
-    monkeypatch.setattr(entrance, "_run", overwritten)
-    installed(tmp_path, "etude-sdk", "etude/__init__.py,,\n")
-    monkeypatch.setattr(sys, "path", [str(tmp_path), *sys.path])
-    assert cli.main(["status", "lab"]) == 1
-    said = capsys.readouterr().err
-    assert "annot import name 'ask'" in said
-    assert "etude-sdk 0.2.6" in said
-    assert "bug" not in said
-
-
-def test_alone_nobody_is_named() -> None:
-    assert entrance.strangers() == []
-    assert entrance.conflict() == ""

@@ -7,13 +7,17 @@ from etude._runtime.lazy import face
 if TYPE_CHECKING:
     from etude_arm.adaptive_control import AdaptiveController, craig_hsu_sastry, slotine_li
     from etude_arm.controller import PerfectController
+    from etude_arm.inputs import ArmInputs
     from etude_arm.kind import KIND
+    from etude_arm.physics.mean import ArmPhysics
     from etude_arm.preprocessing import filter_cutoff
     from etude_arm.spec import ArmSpec, Axis
 
 __all__ = [
     "KIND",
     "AdaptiveController",
+    "ArmInputs",
+    "ArmPhysics",
     "ArmSpec",
     "Axis",
     "PerfectController",

@@ -8,7 +8,15 @@ if TYPE_CHECKING:
     from etude_online.guard_effort import Feedback, feedback_of
     from etude_online.learner import OnlineConfig
     from etude_online.model import OnlineModel
+    from etude_online.planned_samples import Planned
     from etude_online.runtime import open_online
 
-__all__ = ["Feedback", "OnlineConfig", "OnlineModel", "feedback_of", "open_online"]
+__all__ = [
+    "Feedback",
+    "OnlineConfig",
+    "OnlineModel",
+    "Planned",
+    "feedback_of",
+    "open_online",
+]
 __getattr__, __dir__ = face(__name__)

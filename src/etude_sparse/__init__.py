@@ -8,9 +8,10 @@ if TYPE_CHECKING:
     from etude_sparse.dictionary import DictionaryConfig, DictionaryGP
     from etude_sparse.dictionary_stream import DictionaryStream
     from etude_sparse.downsampling import DownsampledGP
+    from etude_sparse.incremental_spectrum import IncrementalSpectrum
     from etude_sparse.local import LocalGP
     from etude_sparse.lwpr.regression import LWPR
-    from etude_sparse.sogp import SOGP
+    from etude_sparse.sogp import SOGP, OnlineProcess
     from etude_sparse.sparse_spectrum import SparseSpectrumGP
     from etude_sparse.sparse_spectrum_training import fit_sparse_spectrum, initial_sparse_spectrum
     from etude_sparse.spectral_posterior import SpectralFeatures
@@ -22,7 +23,9 @@ __all__ = [
     "DictionaryGP",
     "DictionaryStream",
     "DownsampledGP",
+    "IncrementalSpectrum",
     "LocalGP",
+    "OnlineProcess",
     "SparseSpectrumGP",
     "SpectralFeatures",
     "fit_sparse_spectrum",

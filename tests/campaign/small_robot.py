@@ -6,11 +6,15 @@ from pathlib import Path
 
 import numpy as np
 
-from etude.campaign import Campaign, create_campaign
-from etude.campaign.propose.motions import typical_motions
-from etude.campaign.record.events import PrequentialScore, Trained
-from etude.campaign.record.state import State
-from etude.campaign.training import TrainingOutcome
+from etude.campaign import (
+    Campaign,
+    PrequentialScore,
+    State,
+    Trained,
+    TrainingOutcome,
+    create_campaign,
+    typical_motions,
+)
 from etude.protocols import Trajectory
 from etude.storage import write_atomic
 from etude.types import Array

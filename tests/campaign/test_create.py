@@ -8,10 +8,8 @@ from typing import Any
 import pytest
 from small_robot import ROBOT
 
-from etude import plugins
-from etude.campaign import create_campaign, find_robot
-from etude.campaign.create import load_robot
-from etude.campaign.record.events import Created
+from etude import load_robot, plugins
+from etude.campaign import Created, create_campaign, find_robot
 from etude.errors import UsageError
 
 

@@ -9,10 +9,8 @@ import numpy as np
 import pytest
 from small_robot import make_campaign, stub_learner
 
-from etude import plugins
-from etude.campaign import Campaign
-from etude.campaign.propose.ask import ask
-from etude.campaign.record.events import Exported
+from etude import ask, plugins
+from etude.campaign import Campaign, Exported
 from etude.errors import UsageError
 
 

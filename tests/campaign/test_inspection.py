@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 from small_robot import ROBOT, random_motion, write_log
 
-from etude.campaign import Campaign
-from etude.campaign.ingest.inspection import Inspected, inspect
+from etude.campaign import Campaign, Inspected, inspect
 from etude.cli import main
 
 EXAMPLES = Path(__file__).parents[2] / "examples"

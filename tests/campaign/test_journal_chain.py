@@ -10,8 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from etude.campaign.record.events import Asked, Created, Event, to_json
-from etude.campaign.record.journal import chained, commit, read_events
+from etude.campaign import Asked, Created, Event, chained, commit, event_to_json, read_events
 from etude.errors import UsageError
 
 COUNT = 5
@@ -82,7 +81,7 @@ def test_any_byte_edited(tmp_path: Path, lines: list[str], index: int, count: in
 
 def test_a_line_stripped_of_its_hashes(tmp_path: Path, lines: list[str]) -> None:
     """What an old program would append, or a hand that knows version 0.1."""
-    bare = to_json(Event(Asked(status=""), "2026-01-01T00:00:00+00:00", 9))
+    bare = event_to_json(Event(Asked(status=""), "2026-01-01T00:00:00+00:00", 9))
     assert refusal(tmp_path, [*lines, bare]) == f"{COUNT + 1}: this line of the journal was edited"
     assert refusal(tmp_path, [bare, *lines[1:]]).startswith("1: this journal has no hashes")
 
@@ -107,7 +106,7 @@ def test_any_facts_chain(tmp_path_factory: pytest.TempPathFactory, facts: list[A
     made: list[str] = []
     events = [Event(one, "t", 1, "c") for one in facts]
     for event in events:
-        made.append(chained(to_json(event), made))
+        made.append(chained(event_to_json(event), made))
     write(folder, made)
     assert read_events(folder) == events
 

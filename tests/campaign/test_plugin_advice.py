@@ -9,9 +9,8 @@ from pathlib import Path
 import pytest
 from small_robot import SHORT, make_campaign, write_log
 
-from etude import cli, plugins
+from etude import ask, cli, plugins
 from etude.campaign import stored_trajectory
-from etude.campaign.propose.ask import ask
 
 KERNELS = """
 from etude.models import SquaredExponential

@@ -11,7 +11,7 @@ import pytest
 
 from etude.cli import main
 from etude.errors import DataError
-from etude.logs.readers.registry import read_raw
+from etude.logs import read_raw
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 T = np.arange(0.0, 2.0, 0.01)

@@ -2,21 +2,17 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from small_robot import make_campaign
 
-from etude.campaign import open_campaign
-from etude.campaign.propose.approach import there_and_back
+from etude.campaign import open_campaign, there_and_back
 from etude.cli import main
 from etude.limits import FeasibleSet, boundary, certify, scaled
-from etude_quadrotor import KIND
-from etude_quadrotor.motions import FlightConfig, flight_family, home, limits, ways
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "campaign"))
-from small_robot import make_campaign
+from etude_quadrotor import KIND, FlightConfig, flight_family
 
 RANDOM = '[trajectory]\nduration = 12.0\n[data]\ncutoff_hz = 5.0\n[design]\nfirst = "random"\n'
 EDGE = "hip=1.0,knee=0.0"
@@ -27,13 +23,13 @@ EDGE = "hip=1.0,knee=0.0"
 def test_each_flight_in_motion_at_its_ends_is_reached_from_the_ground(name: str) -> None:
     """3 of 10 were refused for their tilt in the approach, which one septic made."""
     spec, config = KIND.spec(KIND.built_in()[name]), FlightConfig(2, 15.0, tilt=0.4363)
-    allowed, family = limits(spec, config, {}), flight_family(config)
-    room = FeasibleSet.of(allowed, family, home(spec))
+    allowed, family = KIND.limits(spec, SimpleNamespace(trajectory=config), None, {}), flight_family(config)
+    room = FeasibleSet.of(allowed, family, KIND.home(spec))
     for seed in range(20):
         draw = scaled if seed % 2 else boundary
         flight = family.trajectory(draw(np.random.default_rng([4, seed]), room)[0])
         ground = KIND.poses(spec)["ground"]
-        found = there_and_back(flight, ground, lambda m, p: ways(spec, m, p), allowed, home(spec))
+        found = there_and_back(flight, ground, lambda m, p: KIND.ways(spec, m, p), allowed, KIND.home(spec))
         assert found is not None
         assert found.whole is not None
         assert certify(found.whole, allowed).ok

@@ -11,11 +11,18 @@ import pytest
 
 from etude import plugins
 from etude.errors import DataError, EtudeError, NumericalError, UsageError
-from etude.models import ExactGP, LearnedModel, ModelConfig, SquaredExponential, select_structures
-from etude.models.gp.bayesian_linear import BayesianLinear
-from etude.models.gp.cholesky import JitterWarning, factorise
-from etude.models.gp.inducing import InducingGP
-from etude.models.members import member_named
+from etude.models import (
+    BayesianLinear,
+    ExactGP,
+    InducingGP,
+    JitterWarning,
+    LearnedModel,
+    ModelConfig,
+    SquaredExponential,
+    factorise,
+    member_named,
+    select_structures,
+)
 from etude.types import Array, Channel, Column, Log, Samples
 from etude_sparse import SOGP, DictionaryConfig, DictionaryGP, DownsampledGP, SparseSpectrumGP
 

@@ -7,8 +7,7 @@ import pytest
 
 from etude.errors import UsageError
 from etude.models import Kernel, Linear, SquaredExponential, structured
-from etude_lagrangian.joints import Joints
-from etude_lagrangian.kernel import Lagrangian, gip_lin
+from etude_lagrangian import Joints, Lagrangian, gip_lin
 
 D = 8
 COLUMNS = [

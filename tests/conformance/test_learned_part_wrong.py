@@ -2,26 +2,19 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from px4_cascade import fly, padded
 
-from etude.deploy.feedforward import Commanded
-from etude.deploy.playback_certificate import certify_played, played
+from etude.deploy import Commanded, certify_played, played
 from etude.errors import UnsafeTrajectoryError
-from etude.limits import AxisLimit, Certificate, FeasibleSet, boundary
-from etude.limits.certificate import slack
-from etude.limits.lead_ins import at_rest
+from etude.limits import AxisLimit, Certificate, FeasibleSet, at_rest, boundary, slack
 from etude.protocols import Limit
 from etude.types import Array
-from etude_quadrotor import KIND
-from etude_quadrotor.export.offboard import NED, OFFBOARD
-from etude_quadrotor.motions import FlightConfig, flight_family, home, limits
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "foreign"))
-from px4_cascade import fly, padded
+from etude_quadrotor import KIND, NED, OFFBOARD, FlightConfig, flight_family
 
 ROBOT = Path(__file__).parents[2] / "examples" / "px4" / "px4_quad.toml"
 WRONG = "where what was learned is wrong"
@@ -33,8 +26,8 @@ def flight(drag: float, tmp_path: Path, extra: str = "") -> tuple[Commanded, tup
     path.write_text(ROBOT.read_text() + extra)
     spec = KIND.spec(path)
     config = FlightConfig(2, 15.0)
-    allowed, family = limits(spec, config, {}), flight_family(config)
-    room = FeasibleSet.of(allowed, family, home(spec))
+    allowed, family = KIND.limits(spec, SimpleNamespace(trajectory=config), None, {}), flight_family(config)
+    room = FeasibleSet.of(allowed, family, KIND.home(spec))
     motion = at_rest(family.trajectory(boundary(np.random.default_rng(0), room)[0]), allowed)
 
     def told(t: Array) -> Array:

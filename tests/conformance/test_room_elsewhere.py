@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 
 from etude.limits import FeasibleSet, certify, uniform
-from etude_quadrotor import KIND
-from etude_quadrotor.motions import FlightConfig
+from etude_quadrotor import KIND, FlightConfig
 
 ROBOT = Path(__file__).parents[2] / "examples" / "px4" / "px4_quad.toml"
 

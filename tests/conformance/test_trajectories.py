@@ -8,9 +8,16 @@ import numpy as np
 import pytest
 
 from etude.limits import AxisLimit, FeasibleSet, certify, scaled
-from etude.trajectories import FourierConfig, FourierFamily, PointToPoint, Splined, from_json, random_moves
-from etude.trajectories.chain import chained
-from etude.trajectories.extremes import riesz_range
+from etude.trajectories import (
+    FourierConfig,
+    FourierFamily,
+    PointToPoint,
+    Splined,
+    chained,
+    from_json,
+    random_moves,
+    riesz_range,
+)
 
 NAMES = ("a", "b")
 LOWER, UPPER = np.array([-1.0, 0.1]), np.array([0.5, 2.0])

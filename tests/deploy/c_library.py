@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from compilers import run, tool
-from etude.deploy.c99.plan import Plan
+from etude.deploy import Plan
 from etude.types import Array, Motion, Row
 
 FLAGS = ("-std=c99", "-O2", "-fPIC")

@@ -8,20 +8,28 @@ from typing import Any
 import numpy as np
 
 from etude import plugins
-from etude.models import Kernel, LearnedModel, ModelConfig, SquaredExponential, ard_se, structured
-from etude.models.gp.kernels import standing
-from etude.models.members import member_named
-from etude.models.process import Silent
+from etude.models import (
+    Kernel,
+    LearnedModel,
+    ModelConfig,
+    Silent,
+    SquaredExponential,
+    ard_se,
+    member_named,
+    structured,
+)
 from etude.protocols import Candidate, FitData
 from etude.types import Array, Log, Samples
-from etude_arm.inputs import ArmInputs
-from etude_arm.physics.mean import ArmPhysics
-from etude_arm.spec import TURNING, WAYS
-from etude_lagrangian.kernel import gip_lin
+from etude_arm import ArmInputs, ArmPhysics
+from etude_lagrangian import gip_lin
 
 ARM: Any = plugins.load("etude.robots", "arm")
 QUADROTOR: Any = plugins.load("etude.robots", "quadrotor")
-KERNELS: dict[str, Any] = {"structured": structured, "standing": standing, "gip_lin": gip_lin}
+KERNELS: dict[str, Any] = {
+    "structured": structured,
+    "standing": plugins.load("etude.kernels", "standing"),
+    "gip_lin": gip_lin,
+}
 SHARED = {"ssgp_fixed", "ssgp_learned"}
 
 
@@ -60,9 +68,10 @@ def turning_round(log: Log, inputs: ArmInputs) -> Log:
     """
     if inputs.ways is None:
         return log
-    log, (n, J) = inputs.followed(log), log["q"].shape
-    turning = log[TURNING].reshape(n, len(WAYS), J)
-    friction = np.where(np.arange(J) % 2, turning[:, WAYS.index(0.001)], np.sign(log["qd"]))
+    log, J = inputs.followed(log), log["q"].shape[1]
+    parts = log.channels["friction_turning"].parts
+    over = [i for i, part in enumerate(parts) if part.endswith(" within 0.001")]
+    friction = np.where(np.arange(J) % 2, log["friction_turning"][:, over], np.sign(log["qd"]))
     return log.put(log.channels["command"], log["command"] + 0.2 * np.abs(log["command"]).max(0) * friction)
 
 

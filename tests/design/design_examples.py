@@ -1,26 +1,21 @@
-"""A small arm and a vehicle, models that have learned some of their motions, and differences."""
+"""A small arm and a vehicle, models that have learned some of their motions."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache
+from types import SimpleNamespace
 
 import numpy as np
 
 from etude.models import ExactGP, SquaredExponential, structured
 from etude.protocols import Candidate, Inputs, Limit, Posterior
 from etude.trajectories import FourierConfig, FourierFamily, PointToPoint
-from etude_arm import ArmSpec, Axis, motions
-from etude_arm.inputs import ArmInputs
-from etude_arm.physics.base_regressor import BaseRegressor, base_regressors
-from etude_arm.physics.kinematics import KinematicTree
-from etude_arm.physics.rigid_body import RigidBodyModel
-from etude_arm.physics.transmission import joint_drives
-from etude_quadrotor import QuadrotorInputs, QuadrotorSpec
-from etude_quadrotor import motions as room
-from etude_quadrotor.motions import FlightConfig
+from etude_arm import KIND, ArmInputs, ArmSpec, Axis
+from etude_quadrotor import KIND as VEHICLE
+from etude_quadrotor import FlightConfig, QuadrotorInputs, QuadrotorSpec
 
 V0 = np.array([0.05, 0.05])
 ARM_FAMILIES = {
@@ -48,17 +43,6 @@ class Model:
     candidates: tuple[Candidate, ...]
 
 
-@dataclass(frozen=True, eq=False)
-class Physics:
-    """As d_opt sees one."""
-
-    spec: ArmSpec
-    body: RigidBodyModel
-
-    def regressors(self) -> tuple[BaseRegressor, ...]:
-        return base_regressors(self.spec, self.body.tree, self.body.drives, self.body.friction_velocity)
-
-
 def candidate(
     posterior: Posterior | None, commands: Sequence[int], *, structure="gp", weight=1.0, factor=1.0
 ) -> Candidate:
@@ -79,30 +63,7 @@ def arm_home() -> np.ndarray:
 
 
 def arm_limits(spec: ArmSpec | None = None) -> tuple[Limit, ...]:
-    return motions.limits(spec or arm_spec(), {})
-
-
-def arm_body() -> RigidBodyModel:
-    """Two links of 0.4 m in a vertical plane, 2 kg and 1 kg with their mass half-way."""
-    link = np.zeros((3, 10))
-    for body, mass in ((1, 2.0), (2, 1.0)):
-        link[body] = [mass, 0.2 * mass, 0.0, 0.0, 0.001, 0.05 * mass, 0.05 * mass, 0.0, 0.0, 0.0]
-    tree = KinematicTree(
-        parent=np.array([0, 0, 1]),
-        position=np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 0.0], [0.4, 0.0, 0.0]]),
-        rotation=np.tile(np.eye(3), (3, 1, 1)),
-        joint_body=np.array([1, 2]),
-        joint_axis=np.tile([0.0, 1.0, 0.0], (2, 1)),
-        joint_anchor=np.zeros((2, 3)),
-        joint_slides=np.zeros(2, dtype=bool),
-        joint_zero=np.zeros(2),
-        gravity=np.array([0.0, 0.0, -9.81]),
-        nominal=link,
-    )
-    unknown, terms = np.zeros(2), np.zeros((2, 6))
-    return RigidBodyModel(
-        tree, joint_drives(2), V0, np.zeros((2, 20)), terms, unknown.astype(int), unknown, terms, unknown
-    )
+    return tuple(KIND.limits(spec or arm_spec(), None, None, {}))
 
 
 def arm_inputs(stick: float = 0.02) -> ArmInputs:
@@ -168,11 +129,11 @@ def flight_spec(**changes) -> QuadrotorSpec:
 
 
 def flight_limits(spec: QuadrotorSpec) -> tuple[Limit, ...]:
-    return room.limits(spec, FlightConfig(), {})
+    return tuple(VEHICLE.limits(spec, SimpleNamespace(trajectory=FlightConfig()), None, {}))
 
 
 def flight_home(spec: QuadrotorSpec) -> np.ndarray:
-    return room.home(spec)
+    return VEHICLE.home(spec)
 
 
 def flight_point(rng: np.random.Generator, family: FourierFamily) -> np.ndarray:
@@ -205,18 +166,6 @@ def flight_model(
         factor = [0.5, 1.0, 2.0, 4.0] if shared else 0.5 * 2.0**j
         made.append(candidate(posterior, range(4) if shared else (j,), factor=factor))
     return Model(inputs, tuple(made))
-
-
-def differences(function: Callable[[np.ndarray], float], at: np.ndarray, step: float = 1e-5) -> np.ndarray:
-    """Central differences of fourth order."""
-    out = np.empty_like(at)
-    for index in np.ndindex(at.shape):
-        shift = np.zeros_like(at)
-        shift[index] = step
-        near = function(at + shift) - function(at - shift)
-        far = function(at + 2.0 * shift) - function(at - 2.0 * shift)
-        out[index] = (8.0 * near - far) / (12.0 * step)
-    return out
 
 
 def assert_same(exact: np.ndarray, approximate: np.ndarray, tolerance: float = 1e-6) -> None:

@@ -14,14 +14,13 @@ from design_examples import (
     arm_model,
     arm_point,
     assert_same,
-    differences,
 )
 
-from etude.design import Design, DesignConfig, design
-from etude.design.nonconvex_limits import NonconvexLimits
+from etude.design import Design, DesignConfig, NonconvexLimits, design
 from etude.errors import UnsafeTrajectoryError
 from etude.limits import certify
 from etude.protocols import Family, Trajectory
+from etude.testing import central
 from etude.types import Cone, Motion, Proof
 
 QUICK = DesignConfig(criterion="mean_variance", candidates=6, refine=2, steps=15, points=25)
@@ -86,7 +85,7 @@ def test_the_penalty_is_zero_where_it_is_kept_and_its_gradient_right() -> None:
     wide = NonconvexLimits.of([Disc(DISC.middle, 0.6)], family, at)
     value, gradient = wide.penalty(family, at)
     assert value > 0.0
-    assert_same(gradient, differences(lambda p: wide.penalty(family, p)[0], at), 1e-5)
+    assert_same(gradient, central(lambda p: wide.penalty(family, p)[0], at), 1e-5)
     assert kept.penalty(family, arm_point(rng, family, 0.0))[0] == 0.0
 
 

@@ -13,8 +13,7 @@ from typing import ClassVar
 import pytest
 
 from etude.protocols import Kind
-from etude.testing import KindSuite
-from etude.testing.world import world
+from etude.testing import KindSuite, world
 
 VESSEL = Path(__file__).parents[2] / "examples" / "vessel"
 LARGEST = 300

@@ -8,25 +8,31 @@ import json
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from px4_cascade import Body, fly, padded
 
-from etude.campaign import Campaign, create_campaign, open_campaign
-from etude.campaign.ingest.tell import tell
-from etude.campaign.propose.approach import there_and_back
-from etude.campaign.propose.ask import ask
-from etude.deploy.playback_certificate import certify_played
-from etude.limits import Certificate, FeasibleSet, Ranges, boundary, certify, margins_of, scaled, uniform
-from etude.limits.lead_ins import at_rest
-from etude.limits.tracking import TrackingConfig
+from etude import ask, tell
+from etude.campaign import Campaign, create_campaign, open_campaign, there_and_back
+from etude.deploy import certify_played
+from etude.limits import (
+    Certificate,
+    FeasibleSet,
+    Ranges,
+    TrackingConfig,
+    at_rest,
+    boundary,
+    certify,
+    margins_of,
+    scaled,
+    uniform,
+)
 from etude.protocols import Trajectory
 from etude.trajectories import from_json
-from etude_quadrotor import KIND, QuadrotorSpec
-from etude_quadrotor.export.offboard import NED, OFFBOARD
-from etude_quadrotor.motions import FlightConfig, flight_family, home, limits, ways
+from etude_quadrotor import KIND, NED, OFFBOARD, FlightConfig, QuadrotorSpec, flight_family
 
 Array = NDArray[np.float64]
 BEFORE, AFTER, RATE = 10.0, 10.0, 50.0
@@ -75,15 +81,18 @@ class Planned:
 def planned(spec: QuadrotorSpec, seed: int, *, ground: bool, exporter: Any = OFFBOARD) -> Planned:
     """A random flight as large as the limits less what is assumed of tracking, from rest to rest."""
     config = FlightConfig(2 + seed % 2, (15.0, 20.0, 12.0)[seed % 3], tilt=0.4363)
-    ranges = Ranges.of((np.array(spec.lower), np.array(spec.upper)), _speeds(spec), home(spec))
+    ranges = Ranges.of((np.array(spec.lower), np.array(spec.upper)), _speeds(spec), KIND.home(spec))
     margins = margins_of(TrackingConfig(), ranges, {}, ("fourier", "splined"))
-    allowed, family = limits(spec, config, margins), flight_family(config)
-    room = FeasibleSet.of(allowed, family, home(spec))
+    allowed, family = (
+        KIND.limits(spec, SimpleNamespace(trajectory=config), None, margins),
+        flight_family(config),
+    )
+    room = FeasibleSet.of(allowed, family, KIND.home(spec))
     drawn = family.trajectory(SAMPLERS[seed % 3](np.random.default_rng(seed), room)[0])
     whole: Trajectory = at_rest(drawn, allowed)
     if ground:
         way = there_and_back(
-            whole, KIND.poses(spec)["ground"], lambda m, p: ways(spec, m, p), allowed, home(spec)
+            whole, KIND.poses(spec)["ground"], lambda m, p: KIND.ways(spec, m, p), allowed, KIND.home(spec)
         )
         assert way is not None
         assert way.whole is not None

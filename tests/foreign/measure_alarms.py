@@ -23,8 +23,11 @@ sys.path[:0] = [str(HERE), str(HERE.parent)]
 from flight_lab import learned_lab, run, table_of  # noqa: E402
 from rotorpy_vehicle import Airframe, Cascade, Geometric, fly  # noqa: E402
 
-from etude.campaign import open_campaign, stored_model  # noqa: E402
-from etude.campaign.record.stored_models import ingested_samples  # noqa: E402
+from etude.campaign import (  # noqa: E402
+    ingested_samples,
+    open_campaign,
+    stored_model,
+)
 from etude.models import Judged, judged  # noqa: E402
 from etude.types import Samples  # noqa: E402
 

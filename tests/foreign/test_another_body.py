@@ -19,8 +19,7 @@ from pinocchio_arm import pin  # noqa: E402
 from small_arm import URDF, campaign_of_small_arm  # noqa: E402
 
 import etude  # noqa: E402
-from etude.campaign import open_campaign  # noqa: E402
-from etude.campaign.evaluate.confirm import ask_to_confirm  # noqa: E402
+from etude.campaign import ask_to_confirm, open_campaign  # noqa: E402
 from etude.errors import UsageError  # noqa: E402
 
 MASS, CENTRE = 3.0, (0.1, 0.0, 0.0)

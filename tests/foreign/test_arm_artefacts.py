@@ -22,11 +22,8 @@ from small_arm import URDF, campaign_of_small_arm  # noqa: E402
 from trajectory_controller import Parameters, message_of, play  # noqa: E402
 
 from compilers import tool  # noqa: E402
+from etude import ask, export, predict, tell  # noqa: E402
 from etude.campaign import Campaign  # noqa: E402
-from etude.campaign.deployment.model_export import export  # noqa: E402
-from etude.campaign.deployment.predict import predict  # noqa: E402
-from etude.campaign.ingest.tell import tell  # noqa: E402
-from etude.campaign.propose.ask import ask  # noqa: E402
 from etude.trajectories import from_json  # noqa: E402
 
 GAIN = 0.6

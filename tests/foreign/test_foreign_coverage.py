@@ -18,9 +18,8 @@ pytest.importorskip("coal", reason="coal comes with pinocchio: pip install pin")
 from coverage_ruler import Ruler, ruler_of_campaign, swept
 from measure_coverage import file_of, measured, packages_of, robots
 
-from etude.campaign import create_campaign, open_campaign, stored_trajectory
-from etude.campaign.create import RobotPart
-from etude.campaign.propose.ask import ask
+from etude import ask
+from etude.campaign import RobotPart, create_campaign, open_campaign, stored_trajectory
 from etude.protocols import Trajectory
 
 QUICK = 'kind = "arm"\n[design]\nrefine = 1\nsteps = 2\npoints = 15\nreference_points = 20\n'

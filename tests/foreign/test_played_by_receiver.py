@@ -13,9 +13,8 @@ from small_arm import campaign_of_small_arm
 from trajectory_controller import Parameters, Played, message_of, play
 
 from certificate_schema import valid
-from etude import plugins
-from etude.campaign import Campaign
-from etude.campaign.propose.ask import Proposal, ask
+from etude import ask, plugins
+from etude.campaign import Campaign, Proposal
 
 pytestmark = pytest.mark.filterwarnings("error")
 NAMES = [name for name in plugins.names("etude.exporters") if name not in FLOWN]

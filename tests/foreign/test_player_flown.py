@@ -16,7 +16,7 @@ import pytest
 from flights import AFTER, Array, Planned, planned, vehicle, wrong
 from px4_cascade import Body, Vehicles
 
-from etude_quadrotor.export.offboard import NED
+from etude_quadrotor import NED
 from ros_stubs import Record, Ros, installed, loaded
 
 MANUAL, OFFBOARD, DISARMED, ARMED = 2, 14, 1, 2

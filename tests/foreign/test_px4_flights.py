@@ -14,9 +14,9 @@ from flights import RATE, Planned, asked, left, planned, proposed, robot_file, v
 from px4_cascade import Body, fly, padded
 
 from etude.campaign import open_campaign
-from etude.logs.alignment.tracking_errors import tracked
+from etude.logs import tracked
 from etude.types import Channel, Log
-from etude_quadrotor.export.offboard import NED
+from etude_quadrotor import NED
 
 FEW, MANY, BATCH = 6, 500, 25
 ASKED = 30

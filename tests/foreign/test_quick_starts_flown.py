@@ -14,8 +14,7 @@ from px4_cascade import fly, padded
 from etude.campaign import open_campaign
 from etude.cli import main
 from etude.trajectories import from_json
-from etude_quadrotor.export.offboard import NED
-from etude_quadrotor.export.poly4d import POLY4D
+from etude_quadrotor import NED, POLY4D
 
 ROOT = Path(__file__).parents[2]
 

@@ -12,10 +12,8 @@ plant = pytest.importorskip("pinocchio_arm", reason="pinocchio has no wheel for 
 
 from small_arm import URDF, campaign_of_small_arm  # noqa: E402
 
-from etude.campaign import Campaign  # noqa: E402
-from etude.campaign.deployment.predict import predict  # noqa: E402
-from etude.campaign.ingest.tell import tell  # noqa: E402
-from etude.campaign.record.stored_models import ingested_samples, stored_log  # noqa: E402
+from etude import predict, tell  # noqa: E402
+from etude.campaign import Campaign, ingested_samples, stored_log  # noqa: E402
 
 CREEP = 0.03
 """Part of the top speed below which friction turns over."""

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from etude.limits import FeasibleSet, uniform
-from etude.limits.feasible import Block
+from etude.limits import Block, FeasibleSet, uniform
 from etude.types import Cone
 
 

@@ -6,8 +6,19 @@ import numpy as np
 import pytest
 from limit_examples import ARM_CONFIGS, FLIGHTS, GRAVITY, ROOMS, arm, flights, middle, room
 
-from etude.limits import AxisLimit, FeasibleSet, NormLimit, TiltLimit, boundary, certify, scaled, uniform
-from etude.limits.certificate import certify_bytes, slack, utilization
+from etude.limits import (
+    AxisLimit,
+    FeasibleSet,
+    NormLimit,
+    TiltLimit,
+    boundary,
+    certify,
+    certify_bytes,
+    scaled,
+    slack,
+    uniform,
+    utilization,
+)
 from etude.trajectories import FourierConfig, FourierFamily, FourierTrajectory
 from etude.types import Motion
 

@@ -8,7 +8,7 @@ import numpy as np
 from robot_limits import ROBOTS, Robot
 
 from etude.errors import DataError
-from etude.logs.alignment.alignment import align
+from etude.logs import align
 from etude.trajectories import FourierTrajectory
 from etude.types import Array, Log
 

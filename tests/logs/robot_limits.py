@@ -9,8 +9,7 @@ from pathlib import Path
 import numpy as np
 
 import etude
-from etude.trajectories import FourierConfig, FourierFamily, FourierTrajectory
-from etude.trajectories.family import suited_to
+from etude.trajectories import FourierConfig, FourierFamily, FourierTrajectory, suited_to
 from etude.types import Array, Channel
 
 # (lower, upper, velocity) by joint, in rad and rad/s, from the URDF files of the package example-robot-data

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from log_examples import CHANNELS, FLIGHT_CHANNELS, JOINTS, joint_channels
 
 from etude.errors import DataError
-from etude.logs.columns.matching import match_columns
+from etude.logs import match_columns
 from etude.types import Channel
 
 

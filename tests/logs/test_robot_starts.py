@@ -11,7 +11,7 @@ import pytest
 from robot_limits import ROBOTS, Robot
 
 from etude.errors import DataError
-from etude.logs.alignment.alignment import align
+from etude.logs import align
 from etude.protocols import Trajectory
 from etude.trajectories import FourierConfig
 from etude.types import Log

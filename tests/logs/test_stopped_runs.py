@@ -9,7 +9,7 @@ from robot_limits import ROBOTS, Robot
 from test_robot_starts import recorded
 
 from etude.errors import DataError
-from etude.logs.alignment.alignment import align
+from etude.logs import align
 from etude.types import Log
 
 LOG = make_log(start=-2.0)

@@ -7,10 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from etude.logs import largest_errors
-from etude.logs.alignment.tracking_errors import tracked
-from etude.trajectories import FourierTrajectory, PointToPoint
-from etude.trajectories.chain import Chain
+from etude.logs import largest_errors, tracked
+from etude.trajectories import Chain, FourierTrajectory, PointToPoint
 from etude.types import Channel, Log
 
 Q = Channel("q", ("a", "b"), ("rad", "rad"))

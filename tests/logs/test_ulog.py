@@ -8,11 +8,10 @@ import numpy as np
 import pytest
 from log_examples import vector
 
+from etude import plugins
 from etude.errors import DataError, UsageError
-from etude.logs import read_log
-from etude.logs.readers.registry import cut_sentences, read_raw
+from etude.logs import cut_sentences, read_log, read_raw
 from etude.types import Channel
-from etude_quadrotor.logs.ulog import turned
 
 pytest.importorskip("pyulog", reason="PX4 logs need the extra 'px4'")
 import ulog_examples as ulogs
@@ -37,23 +36,6 @@ def test_body_and_motors_are_read_in_the_frames_of_etude(tmp_path: Path) -> None
     assert log["specific_force"][:, 2].mean() > 9.0, "at rest an accelerometer reads g upwards"
     np.testing.assert_allclose(log["command"], own["actuator_motors"]["control"][:, :4], atol=1e-6)
     np.testing.assert_allclose(log.t, ulogs.T, atol=1e-9)
-
-
-def test_a_level_vehicle_that_looks_north() -> None:
-    """Forward is north, the second axis of east, north, up; left is west, up is up."""
-    from scipy.spatial.transform import Rotation
-
-    R = Rotation.from_quat(turned(np.array([[1.0, 0.0, 0.0, 0.0]]))[:, [1, 2, 3, 0]]).as_matrix()[0]
-    np.testing.assert_allclose(R, [[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]], atol=1e-12)
-
-
-def test_attitudes_are_turned_as_rotations_are() -> None:
-    """Against SciPy's rotations, and back: what the example's writer turns is turned back."""
-    from scipy.spatial.transform import Rotation
-
-    R = Rotation.random(50, rng=np.random.default_rng(0)).as_matrix()
-    q = turned(ulogs.WRITER.ned_frd(R))
-    np.testing.assert_allclose(Rotation.from_quat(q[:, [1, 2, 3, 0]]).as_matrix(), R, atol=1e-12)
 
 
 def test_the_sign_of_an_attitude_does_not_jump(tmp_path: Path) -> None:
@@ -188,8 +170,7 @@ def test_without_the_library_its_extra_is_named(tmp_path: Path, monkeypatch: pyt
     def gone(name: str) -> None:
         raise ModuleNotFoundError(f"No module named {name!r}")
 
+    read_ulog = plugins.load("etude.readers", "ulog")
     monkeypatch.setattr("etude.logs.readers.extras.importlib.import_module", gone)
-    from etude_quadrotor.logs.ulog import read_ulog
-
     with pytest.raises(UsageError, match=r"pip install 'pyulog>=1.1'"):
         read_ulog(ulogs.write_ulog(tmp_path / "flight.ulg"))

@@ -10,8 +10,7 @@ from log_examples import vector
 from ulog_examples import EXAMPLES, loaded
 
 from etude.errors import DataError
-from etude.logs import read_log
-from etude.logs.readers.registry import read_raw
+from etude.logs import read_log, read_raw
 from etude.types import Channel
 
 MAKER = loaded(EXAMPLES / "crazyflie" / "make_usd.py")

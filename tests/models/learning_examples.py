@@ -9,8 +9,18 @@ from typing import Any
 import numpy as np
 
 from etude.errors import DataError
-from etude.models import Folds, LearnedModel, ModelConfig, ModelSelection, fold_numbers, select_structures
-from etude.models.data.fit import fit_data, in_order, rows_of, units_of
+from etude.models import (
+    Folds,
+    LearnedModel,
+    ModelConfig,
+    ModelSelection,
+    fit_data,
+    fold_numbers,
+    in_order,
+    rows_of,
+    select_structures,
+    units_of,
+)
 from etude.protocols import FitData
 from etude.types import Array, Channel, Column, Log, Samples, joined_samples
 

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from etude.errors import DataError, NumericalError, UsageError
-from etude.models import ExactGP, Linear
-from etude.models.gp.bayesian_linear import BayesianLinear
+from etude.models import BayesianLinear, ExactGP, Linear
 
 
 class Columns:

@@ -11,8 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from etude.errors import DataError, NumericalError, UsageError
-from etude.models import ExactGP, SquaredExponential
-from etude.models.gp.cholesky import JitterWarning, factorise
+from etude.models import ExactGP, JitterWarning, SquaredExponential, factorise
 
 D = 8
 KERNEL = structured_kernel(2, 0)

@@ -11,9 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from etude.errors import DataError, NumericalError, UsageError
-from etude.models import ExactGP, SquaredExponential
-from etude.models.gp.cholesky import JitterWarning
-from etude.models.gp.inducing import InducingGP
+from etude.models import ExactGP, InducingGP, JitterWarning, SquaredExponential
 
 D = 8
 KERNELS = {"ard": SquaredExponential(tuple(range(D))), "structured": structured_kernel(2, 0)}

@@ -7,12 +7,8 @@ import pytest
 from arm_kernel import structured_kernel
 
 from etude import plugins
-from etude.design import Output, evaluate
-from etude.design.criteria import criterion_named, value_of
-from etude.design.score import PlainBatch
-from etude.models import Kernel, SquaredExponential
-from etude.models.gp.basis_posterior import BasisPosterior
-from etude.models.gp.inducing import InducingGP
+from etude.design import Output, PlainBatch, criterion_named, evaluate, value_of
+from etude.models import BasisPosterior, InducingGP, Kernel, SquaredExponential
 from etude_sparse import SOGP
 
 CRITERIA = list(plugins.BUILT_IN["etude.criteria"])

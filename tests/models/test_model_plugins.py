@@ -9,12 +9,9 @@ import pytest
 from learning_examples import PHYSICS, SMALL, TOGETHER, Inputs, train, trajectories, trajectory
 
 from etude import plugins
-from etude.design import Output, evaluate
-from etude.design.criteria import criterion_named, value_of
+from etude.design import Output, criterion_named, evaluate, value_of
 from etude.errors import DataError, UsageError
-from etude.models import Posteriors, SquaredExponential
-from etude.models.members import member_named
-from etude.models.store import load_model, save_model
+from etude.models import Posteriors, SquaredExponential, load_model, member_named, save_model
 
 MEMBERS = {name: member_named(name) for name in plugins.BUILT_IN["etude.models"] if name != "all_lin"}
 """Those that learn commands one by one."""

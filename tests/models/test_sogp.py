@@ -10,8 +10,7 @@ from arm_kernel import structured_kernel
 
 from etude.errors import DataError, NumericalError, UsageError
 from etude.models import ExactGP, SquaredExponential
-from etude_sparse import SOGP
-from etude_sparse.sogp import OnlineProcess
+from etude_sparse import SOGP, OnlineProcess
 
 D = 3
 KERNEL = SquaredExponential(tuple(range(D)))

@@ -8,9 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from etude import plugins
-from etude.design import Output, evaluate
-from etude.design.criteria import criterion_named, value_of
-from etude.design.score import PlainBatch
+from etude.design import Output, PlainBatch, criterion_named, evaluate, value_of
 from etude_sparse import SparseSpectrumGP
 
 CRITERIA = list(plugins.BUILT_IN["etude.criteria"])

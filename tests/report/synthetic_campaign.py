@@ -16,8 +16,7 @@ from etude.logs import write_log
 from etude.storage import write_atomic
 from etude.trajectories import FourierConfig, FourierFamily, FourierTrajectory
 from etude.types import Log
-from etude_arm import KIND, ArmSpec, Axis
-from etude_arm.inputs import ArmInputs
+from etude_arm import KIND, ArmInputs, ArmSpec, Axis
 from journal_facts import commit
 
 SECONDS = 20.0

@@ -10,7 +10,7 @@ import pytest
 from synthetic_campaign import write_campaign
 
 from chromium import chromium, complaints, empty_plots, open_page, overhang
-from etude.report.build import build_report
+from etude.report import build_report
 
 pytestmark = pytest.mark.browser
 

@@ -24,8 +24,9 @@ from etude.testing import (
     LimitSuite,
     PhysicsSuite,
     RobotSuite,
+    World,
+    world,
 )
-from etude.testing.world import World, world
 from etude.types import Cone, Proof
 from etude_arm import KIND
 

@@ -15,12 +15,13 @@ from mutants import Twin, laws, noticed
 
 from etude import plugins
 from etude.errors import DataError
-from etude.logs.readers.registry import read_csv, read_parquet
-from etude.models.members import member_named
+from etude.models import member_named
 from etude.protocols import FitData, Kind, Trajectory
 from etude.testing import CriterionSuite, ExporterSuite, KernelSuite, ProcessSuite, ReaderSuite
 from etude.trajectories import from_json
 from etude_arm import KIND
+
+OWN = {name: plugins.load("etude.readers", name) for name in ("csv", "parquet")}
 
 MEMBERS = {name: member_named(name) for name in plugins.BUILT_IN["etude.models"] if name != "all_lin"}
 """Those that learn commands one by one."""
@@ -144,7 +145,7 @@ def test_every_criterion_keeps_the_laws(name: str) -> None:
 
 
 class Csv(ReaderSuite):
-    reader = read_csv
+    reader = OWN["csv"]
     suffix = ".csv"
 
     def write(self, path: Path, columns: dict[str, list[float]]) -> None:
@@ -152,7 +153,7 @@ class Csv(ReaderSuite):
 
 
 class Parquet(ReaderSuite):
-    reader = read_parquet
+    reader = OWN["parquet"]
     suffix = ".parquet"
 
     def write(self, path: Path, columns: dict[str, list[float]]) -> None:
@@ -207,14 +208,14 @@ READERS: dict[str, Any] = {
 @pytest.mark.parametrize("change", READERS.values(), ids=READERS)
 def test_wrong_readers(change: Any, tmp_path: Path) -> None:
     class Suite(Csv):
-        reader = Twin(read_csv, __call__=change)
+        reader = Twin(OWN["csv"], __call__=change)
 
     assert not reader_laws(Suite(), tmp_path)
 
 
 def test_a_reader_that_does_not_know_its_own_files(tmp_path: Path) -> None:
     class Suite(Csv):
-        reader = Twin(read_csv, recognises=lambda *_: False, __call__=lambda own, *a: own(*a))
+        reader = Twin(OWN["csv"], recognises=lambda *_: False, __call__=lambda own, *a: own(*a))
 
     assert not reader_laws(Suite(), tmp_path)
 

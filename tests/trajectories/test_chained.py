@@ -9,10 +9,8 @@ import numpy as np
 import pytest
 
 from etude.errors import UsageError
-from etude.limits import AxisLimit, certify
-from etude.limits.certificate import certify_bytes
-from etude.trajectories import FourierTrajectory, PointToPoint, from_json, segment_starts
-from etude.trajectories.chain import Chain, chained
+from etude.limits import AxisLimit, certify, certify_bytes
+from etude.trajectories import Chain, FourierTrajectory, PointToPoint, chained, from_json, segment_starts
 
 
 def swing(middle: float, size: float = 1.0) -> FourierTrajectory:

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from etude.errors import UsageError
-from etude.trajectories import FourierConfig, FourierFamily, from_json
-from etude.trajectories.family import suited_to
+from etude.trajectories import FourierConfig, FourierFamily, from_json, suited_to
 
 CONFIGS = {
     "null space": FourierConfig(),

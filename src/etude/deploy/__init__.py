@@ -6,9 +6,31 @@ from etude._runtime.lazy import face
 
 if TYPE_CHECKING:
     from etude.deploy.c99.header import CForm
+    from etude.deploy.c99.plan import Plan, planned
     from etude.deploy.c99.target import Files, c_files
-    from etude.deploy.onnx.model_graph import parts_of, written
+    from etude.deploy.feedforward import Commanded
+    from etude.deploy.model_states import log_of
+    from etude.deploy.onnx.model_graph import Graph, parts_of, written
     from etude.deploy.onnx.target import session, taken_by
+    from etude.deploy.playback_certificate import certify_played, played
+    from etude.deploy.trajectory_files import csv_bytes, read_table
 
-__all__ = ["CForm", "Files", "c_files", "parts_of", "session", "taken_by", "written"]
+__all__ = [
+    "CForm",
+    "Commanded",
+    "Files",
+    "Graph",
+    "Plan",
+    "c_files",
+    "certify_played",
+    "csv_bytes",
+    "log_of",
+    "parts_of",
+    "planned",
+    "played",
+    "read_table",
+    "session",
+    "taken_by",
+    "written",
+]
 __getattr__, __dir__ = face(__name__)

@@ -9,10 +9,20 @@ if TYPE_CHECKING:
     from etude.design.candidates import Source
     from etude.design.chain import design_chain, linked
     from etude.design.config import DesignConfig
-    from etude.design.criteria import Criterion, Output, evaluate, ivr, mean_variance
-    from etude.design.latents import prior_latents
+    from etude.design.criteria import (
+        Criterion,
+        Output,
+        criterion_named,
+        evaluate,
+        ivr,
+        mean_variance,
+        needs_of,
+        value_of,
+    )
+    from etude.design.latents import Latent, latents_of, of_parameters, prior_latents
+    from etude.design.nonconvex_limits import NonconvexLimits
     from etude.design.objective import MOTIONS, Objective, reference_states
-    from etude.design.score import Score
+    from etude.design.score import PlainBatch, Score
     from etude.design.solve import Design, design, refine
 
 __all__ = [
@@ -20,19 +30,27 @@ __all__ = [
     "Criterion",
     "Design",
     "DesignConfig",
+    "Latent",
+    "NonconvexLimits",
     "Objective",
     "Output",
+    "PlainBatch",
     "Score",
     "Source",
+    "criterion_named",
     "design",
     "design_chain",
     "design_objective",
     "evaluate",
     "ivr",
+    "latents_of",
     "linked",
     "mean_variance",
+    "needs_of",
+    "of_parameters",
     "prior_latents",
     "reference_states",
     "refine",
+    "value_of",
 ]
 __getattr__, __dir__ = face(__name__)

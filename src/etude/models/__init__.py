@@ -9,27 +9,44 @@ if TYPE_CHECKING:
     from etude.models.change.diagnosis import SENSOR, Cause
     from etude.models.change.evidence import Judged, drift_onset, judged
     from etude.models.config import USUAL_COMMANDS, ModelConfig, Structure
+    from etude.models.data.as_log import followed
     from etude.models.data.cross_validation import (
         COUNT,
         EVERY,
         FIRST,
         block_masks,
+        contiguous_blocks,
         fold_numbers,
         near,
         split_blocks,
     )
-    from etude.models.data.fit import LARGEST_FLOOR, Folds, trained_process
+    from etude.models.data.fit import (
+        LARGEST_FLOOR,
+        Folds,
+        fit_data,
+        in_order,
+        rows_of,
+        trained_process,
+        units_of,
+    )
+    from etude.models.forms import kernel_of, kernel_words, posterior_arrays, posterior_of, posterior_words
+    from etude.models.gp.basis_posterior import BasisPosterior
+    from etude.models.gp.bayesian_linear import BayesianLinear
+    from etude.models.gp.cholesky import JitterWarning, factorise
     from etude.models.gp.exact import ExactGP, ExactPosterior, posterior_given
     from etude.models.gp.fixed_inducing import FixedInducing
-    from etude.models.gp.inducing import Form
+    from etude.models.gp.inducing import Form, InducingGP
     from etude.models.gp.inducing_training import fit_inducing, initial_inducing
     from etude.models.gp.kernel_algebra import Kernel
     from etude.models.gp.kernels import Linear, SquaredExponential, ard_se, structured
     from etude.models.gp.minimize import minimize
+    from etude.models.gp.plugin_kernel import PluginKernel
     from etude.models.gp.single_point import PointMean
-    from etude.models.gp.training import fit, initial_gp
+    from etude.models.gp.training import Prior, fit, initial_gp
+    from etude.models.members import member_named
     from etude.models.model import LearnedModel
-    from etude.models.process import Posteriors, Teaching, restored, taught
+    from etude.models.process import Posteriors, Silent, Teaching, restored, taught
+    from etude.models.protocols import SupportsFirstUse
     from etude.models.score import (
         NORMAL_95,
         TRANSIENT_S,
@@ -39,7 +56,8 @@ if TYPE_CHECKING:
         while_any_moves,
     )
     from etude.models.selection.linear import LinearPhysics, linear_inputs
-    from etude.models.selection.model_selection import ModelSelection, select_structures
+    from etude.models.selection.model_selection import ModelSelection, read_residuals, select_structures
+    from etude.models.store import load_model, save_model
     from etude.models.student_t import fit_student
     from etude.models.trust import trusted
 
@@ -52,12 +70,16 @@ __all__ = [
     "SENSOR",
     "TRANSIENT_S",
     "USUAL_COMMANDS",
+    "BasisPosterior",
+    "BayesianLinear",
     "Cause",
     "ExactGP",
     "ExactPosterior",
     "FixedInducing",
     "Folds",
     "Form",
+    "InducingGP",
+    "JitterWarning",
     "Judged",
     "Kernel",
     "LearnedModel",
@@ -65,29 +87,48 @@ __all__ = [
     "LinearPhysics",
     "ModelConfig",
     "ModelSelection",
+    "PluginKernel",
     "PointMean",
     "Posteriors",
+    "Prior",
+    "Silent",
     "SquaredExponential",
     "Structure",
+    "SupportsFirstUse",
     "Teaching",
     "ard_se",
     "block_masks",
+    "contiguous_blocks",
     "drift_onset",
+    "factorise",
     "figures",
     "first_alarm",
     "fit",
+    "fit_data",
     "fit_inducing",
     "fit_student",
     "fold_numbers",
+    "followed",
+    "in_order",
     "initial_gp",
     "initial_inducing",
     "judged",
+    "kernel_of",
+    "kernel_words",
     "linear_inputs",
+    "load_model",
+    "member_named",
     "minimize",
     "near",
+    "posterior_arrays",
     "posterior_given",
+    "posterior_of",
+    "posterior_words",
     "prediction_score",
+    "read_residuals",
     "restored",
+    "rows_of",
+    "save_model",
     "score_trajectories",
     "select_structures",
     "split_blocks",
@@ -95,6 +136,7 @@ __all__ = [
     "taught",
     "trained_process",
     "trusted",
+    "units_of",
     "while_any_moves",
 ]
 __getattr__, __dir__ = face(__name__)

@@ -5,18 +5,21 @@ from typing import TYPE_CHECKING
 from etude._runtime.lazy import face
 
 if TYPE_CHECKING:
-    from etude.report.live import Pages, digest_of
+    from etude.report.build import build_report
+    from etude.report.live import HOST, Pages, digest_of, server
     from etude.report.markup import Html, element, grid, join, missing, number, paragraph, table, text
     from etude.report.scales import Axis, Scale, fitted_scale, tick_text
     from etude.report.svg import Line, Mark, panel, polyline, thinned
 
 __all__ = [
+    "HOST",
     "Axis",
     "Html",
     "Line",
     "Mark",
     "Pages",
     "Scale",
+    "build_report",
     "digest_of",
     "element",
     "fitted_scale",
@@ -27,6 +30,7 @@ __all__ = [
     "panel",
     "paragraph",
     "polyline",
+    "server",
     "table",
     "text",
     "thinned",

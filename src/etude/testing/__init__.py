@@ -17,11 +17,13 @@ from typing import TYPE_CHECKING
 from etude._runtime.lazy import face
 
 if TYPE_CHECKING:
+    from etude.testing.differences import central
     from etude.testing.files import ExporterSuite, ReaderSuite
     from etude.testing.kind import KindSuite
     from etude.testing.models import CriterionSuite, KernelSuite, ProcessSuite
     from etude.testing.motions import FamilySuite, LimitSuite
     from etude.testing.robot import InputsSuite, PhysicsSuite, RobotSuite
+    from etude.testing.robot_world import World, world
 
 __all__ = [
     "CriterionSuite",
@@ -35,5 +37,8 @@ __all__ = [
     "ProcessSuite",
     "ReaderSuite",
     "RobotSuite",
+    "World",
+    "central",
+    "world",
 ]
 __getattr__, __dir__ = face(__name__)

@@ -12,7 +12,7 @@ from etude.errors import DataError
 from etude.limits.lead_ins import at_rest
 from etude.protocols import Exporter, Kind, Reader
 from etude.testing.differences import close
-from etude.testing.world import World, world
+from etude.testing.robot_world import World, world
 from etude.types import Array
 
 

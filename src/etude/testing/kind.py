@@ -14,7 +14,7 @@ from etude.plugins import require_whole
 from etude.protocols import Family, Kind, Limit
 from etude.testing.motions import FamilySuite, LimitSuite
 from etude.testing.robot import InputsSuite, PhysicsSuite, RobotSuite
-from etude.testing.world import World, world
+from etude.testing.robot_world import World, world
 from etude.types import Array
 
 
@@ -98,7 +98,7 @@ class KindSuite(InputsSuite, PhysicsSuite, RobotSuite):
             run_laws(_limit_suite(self.world, limit, limit.name not in self.loose))
 
     def test_samples_do_not_depend_on_the_order_of_telling(self) -> None:
-        from etude.testing.world import log_of
+        from etude.testing.robot_world import log_of
 
         here = self.world
         logs = [log_of(here, 1), log_of(here, 2)]

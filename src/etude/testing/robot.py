@@ -9,7 +9,7 @@ import numpy as np
 from etude.abilities import SupportsWithout
 from etude.protocols import Kind, Mean
 from etude.testing.differences import central, close, same
-from etude.testing.world import World, log_of, samples_of, world
+from etude.testing.robot_world import World, log_of, samples_of, world
 from etude.types import Motion
 
 

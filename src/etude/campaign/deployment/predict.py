@@ -69,10 +69,10 @@ def predict(
             return _in_units(model, states, campaign)
         motion = _read(campaign, place, degrees)
         try:
-            return _in_units(model, along(campaign, model, motion), campaign)
+            return _in_units(model, states_for(campaign, model, motion), campaign)
         except DataError as error:  # its advice is for learning, and a table lacks something else
             raise DataError(error.fact, where=str(place), next_step=_lacking(place)) from error
-    return _in_units(model, along(campaign, model, motion), campaign)
+    return _in_units(model, states_for(campaign, model, motion), campaign)
 
 
 def _is_plan(campaign: Campaign, place: Path) -> bool:
@@ -97,7 +97,7 @@ def _lacking(place: Path) -> str:
     return f"Add its columns, named as in logs, or name {instead}."
 
 
-def along(campaign: Campaign, model: LearnedModel, motion: Log) -> Log:
+def states_for(campaign: Campaign, model: LearnedModel, motion: Log) -> Log:
     """The log if it has the channels that the model looks at, else what the recipe makes of those it needs;
     with what physics remembers of its rows before.
 

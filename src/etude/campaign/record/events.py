@@ -406,7 +406,7 @@ class NewerFormatError(ValueError):
     """A line that a newer version wrote."""
 
 
-def to_json(event: Event) -> str:
+def event_to_json(event: Event) -> str:
     """The JSON object of an event. ValueError: a number in it is not finite."""
     own = {"event": event.fact.EVENT, "version": FORMAT, "time": event.time, "number": event.number}
     own |= {"config_sha256": event.config_sha256, "files": dict(event.files), **_facts(event.fact)}
@@ -414,7 +414,7 @@ def to_json(event: Event) -> str:
     return json.dumps({**own, "generation": event.generation}, allow_nan=False)
 
 
-def from_json(text: str) -> Event:
+def event_from_json(text: str) -> Event:
     """The event of a JSON object; keys that are not known are left out.
 
     Raises:

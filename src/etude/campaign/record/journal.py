@@ -18,7 +18,14 @@ from datetime import UTC, datetime
 from functools import lru_cache
 from pathlib import Path
 
-from etude.campaign.record.events import Event, Fact, Figures, NewerFormatError, from_json, to_json
+from etude.campaign.record.events import (
+    Event,
+    Fact,
+    Figures,
+    NewerFormatError,
+    event_from_json,
+    event_to_json,
+)
 from etude.codes import Notice, OfFile
 from etude.errors import UsageError
 from etude.storage import GENERATION, append_line, read_lines, sha256_of
@@ -110,7 +117,7 @@ def commit(
     hashes = {str(path.relative_to(folder).as_posix()): sha256_of(path) for path in files}
     now = datetime.now(UTC).isoformat(timespec="milliseconds")
     event = Event(fact, now, number, config_sha256, hashes, robot_sha256, GENERATION)
-    append_line(folder / JOURNAL, chained(to_json(event), read_lines(folder / JOURNAL)))
+    append_line(folder / JOURNAL, chained(event_to_json(event), read_lines(folder / JOURNAL)))
     return event
 
 
@@ -171,7 +178,7 @@ def _parse(line: str, where: str) -> Event:
         ) from None
 
 
-_event = lru_cache(maxsize=1024)(from_json)
+_event = lru_cache(maxsize=1024)(event_from_json)
 """A campaign reads its journal for each step of a command."""
 
 

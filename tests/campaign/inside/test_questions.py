@@ -1,0 +1,112 @@
+"""tell asks before it learns: nothing false is stored, an answer is one flag, and it is asked once."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+import pytest
+from small_robot import random_motion, stub_learner, write_log
+
+import etude
+from etude import tell
+from etude.campaign import Campaign, Told
+from etude.campaign.ingest.ingest_result import read as read_told
+from etude.cli import main
+from etude.errors import DataError, UsageError
+from etude.logs import read_log_file
+
+
+def told(campaign: Campaign, path: Path, **answers: tuple[str, ...]) -> Told:
+    return tell(campaign, path, foreign=True, learner=stub_learner, **answers)  # type: ignore[arg-type]
+
+
+def changed(campaign: Campaign, path: Path, seed: int, **factors: float) -> Path:
+    """A log of the pair, columns times factors."""
+    lines = write_log(path, random_motion(campaign, seed), seed).read_text().splitlines()
+    names = lines[0].split(",")
+    rows = np.array([[float(cell) for cell in line.split(",")] for line in lines[1:]])
+    for name, factor in factors.items():
+        rows[:, names.index(name)] *= factor
+    text = [lines[0], *(",".join(map(repr, row)) for row in rows.tolist())]
+    path.write_text("\n".join(text) + "\n")
+    return path
+
+
+def test_a_wrong_sign_is_a_question_and_nothing_is_stored(campaign: Campaign, tmp_path: Path) -> None:
+    path = changed(campaign, tmp_path / "log.csv", 1, tau_hip=-1.0)
+    with pytest.raises(DataError, match="commands of hip take power out") as refused:
+        told(campaign, path)
+    assert "--repair sign" in refused.value.next_step
+    assert "--accept sign" in refused.value.next_step
+    assert not campaign.state().ingested
+
+
+def test_a_repair_turns_the_sign_and_says_so(campaign: Campaign, tmp_path: Path) -> None:
+    wrong = changed(campaign, tmp_path / "wrong.csv", 1, tau_hip=-1.0)
+    right = write_log(tmp_path / "right.csv", random_motion(campaign, 1), 1)
+    found = told(campaign, wrong, repair=("sign",))
+    assert "The sign of the commands of hip was turned, as asked." in found.repairs
+    other = told(campaign, right)
+    logs = [read_log_file(campaign.run_file(one.number)) for one in (found, other)]
+    np.testing.assert_allclose(logs[0]["command"], logs[1]["command"], atol=1e-12)
+
+
+def test_an_answer_holds_for_later_logs_of_which_the_same_is_found(
+    campaign: Campaign, tmp_path: Path
+) -> None:
+    first = changed(campaign, tmp_path / "first.csv", 1, tau_hip=-1.0)
+    assert any("Taken as it is" in s for s in told(campaign, first, accept=("sign",)).repairs)
+    again = changed(campaign, tmp_path / "again.csv", 2, tau_hip=-1.0)
+    assert any("Taken as it is" in s for s in told(campaign, again).repairs)
+    with pytest.raises(DataError, match="commands of knee"):
+        told(campaign, changed(campaign, tmp_path / "other.csv", 3, tau_knee=-1.0))
+
+
+def test_the_newest_answer_counts(campaign: Campaign, tmp_path: Path) -> None:
+    for seed, answers in enumerate(({"accept": ("sign",)}, {"repair": ("sign",)}), start=1):
+        told(campaign, changed(campaign, tmp_path / f"{seed}.csv", seed, tau_hip=-1.0), **answers)
+    later = told(campaign, changed(campaign, tmp_path / "3.csv", 3, tau_hip=-1.0))
+    assert any("was turned, as asked" in s for s in later.repairs)
+
+
+@pytest.mark.parametrize("answers", [{"accept": ("sing",)}, {"repair": ("degrees",)}])
+def test_there_is_no_such_answer(campaign: Campaign, tmp_path: Path, answers: dict[str, tuple[str]]) -> None:
+    path = write_log(tmp_path / "log.csv", random_motion(campaign, 1))
+    with pytest.raises(UsageError, match="no check"):
+        told(campaign, path, **answers)
+
+
+def test_the_command_line_asks_and_takes_the_answer(campaign: Campaign, tmp_path: Path, capsys) -> None:
+    path = changed(campaign, tmp_path / "log.csv", 1, tau_hip=-1.0)
+    assert main(["tell", str(campaign.path), str(path), "--foreign"]) == 3
+    assert "--repair sign" in capsys.readouterr().err
+
+
+def test_a_clock_that_is_off_is_refused_wherever_logs_are_read(campaign: Campaign, tmp_path: Path) -> None:
+    path = write_log(tmp_path / "log.csv", random_motion(campaign, 1), start=0.0)
+    lines = path.read_text().splitlines()
+    rows = np.array([[float(cell) for cell in line.split(",")] for line in lines[1:]])
+    speed = np.gradient(rows[:, 1:3], rows[:, 0], axis=0)
+    table = np.column_stack([2.0 * rows[:, :1], rows[:, 1:], speed])
+    text = [f"{lines[0]},qd_hip,qd_knee", *(",".join(map(repr, row)) for row in table.tolist())]
+    path.write_text("\n".join(text) + "\n")
+    for read in (lambda: etude.read_log(path, campaign), lambda: told(campaign, path)):
+        with pytest.raises(DataError, match="2 times too slow"):
+            read()
+    found = told(campaign, path, repair=("time",))
+    assert "Times were divided by 2, as asked." in found.repairs
+    log = read_log_file(campaign.run_file(found.number))
+    assert np.median(np.diff(log.t)) == pytest.approx(0.02)
+
+
+def test_a_command_that_was_not_recorded_is_no_gravity_taken_out(tmp_path: Path) -> None:
+    """By its model file the robot has weight, which a constant command does not hold."""
+    ur10 = Path(__file__).parents[3] / "examples" / "ur10"
+    campaign, _ = etude.create_campaign(tmp_path / "lab", ur10 / "ur10.toml")
+    table = pl.read_csv(ur10 / "ur10_exciting.csv").head(1500)
+    table = table.with_columns(pl.lit(0.0).alias(n) for n in table.columns if n.endswith(".effort"))
+    table.write_csv(tmp_path / "log.csv")
+    with pytest.raises(DataError, match=r"command of shoulder_pan_joint, .* is constant although it moved"):
+        read_told(campaign, tmp_path / "log.csv")

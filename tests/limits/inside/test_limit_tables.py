@@ -1,0 +1,356 @@
+"""Limits of one's own in robot.toml: the plane of the docs goes the whole way, for an arm and a vehicle."""
+
+from __future__ import annotations
+
+import json
+import re
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import etude
+from certificate_schema import valid
+from etude import cli
+from etude.abilities import SupportsBlocking, SupportsBoxes, SupportsDrawing
+from etude.errors import UsageError
+from etude.limits import LipschitzLimit, made_limits
+from etude.limits.lipschitz import extremes
+from etude.plugins import _given
+from etude.protocols import Limit, Trajectory
+from etude.testing import LimitSuite
+from etude.trajectories import FourierConfig, FourierFamily
+from etude_arm import KIND as ARM
+from etude_quadrotor import KIND as QUADROTOR
+
+PAGE = Path(__file__).parents[3] / "docs" / "plugin_examples.md"
+WALL = """
+
+def wall(spec, model, margins, *, normal: tuple[float, float, float], distance: float):
+    unit = np.array(normal)
+    shown = (Thing.plane("wall", distance * unit, -unit),)
+    ends = -10.0, distance
+    return LipschitzLimit("wall", "vehicle", lambda p: p @ unit, np.abs(unit), *ends, margins, shown)
+
+
+def broken(spec, model, margins):
+    return object()
+
+
+class Fails:
+    name = "mine"
+
+    def cones(self, family):
+        return ()
+
+    def penalty(self, motion):
+        return None
+
+    def of_motion(self, motion):
+        return np.zeros((len(motion), 0))
+
+    def prove(self, piece):
+        return np.zeros(3) @ np.zeros(99)
+
+
+def fails(spec, model, margins):
+    return Fails()
+"""
+
+
+def block(language: str, word: str) -> str:
+    """The block of the page that holds a word."""
+    fence = re.compile(rf"^```{language}\n(.*?)^```", re.DOTALL | re.MULTILINE)
+    found = fence.findall(PAGE.read_text(encoding="utf-8"))
+    return next(code for code in found if word in code)
+
+
+@pytest.fixture
+def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder with the module that the page writes, an arm and a vehicle with its limits."""
+    (tmp_path / "my_limits.py").write_text(block("python", "def plane") + WALL, encoding="utf-8")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "config"))
+    _given.difference_update({"my_limits:plane", "my_limits:wall"})
+    own = ARM.built_in()["arm4"]
+    text = own.read_text().replace("arm4_linkage.xml", str(own.parent / "arm4_linkage.xml"))
+    (tmp_path / "arm.toml").write_text(text + block("toml", "[[limit]]"))
+    table = '[[limit]]\nkind = "my_limits:wall"\nnormal = [1.0, 0.0, 0.0]\ndistance = 2.5\n'
+    (tmp_path / "quad.toml").write_text(QUADROTOR.built_in()["quadrotor"].read_text() + table)
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def certificate(folder: str) -> list[dict[str, object]]:
+    rows = valid(Path(folder, "proposals/0001/certificate.json").read_text())["rows"]
+    return [row for row in rows if row["quantity"] in ("height", "wall")]
+
+
+def test_an_error_in_a_limit_of_ones_own_is_told_as_such(
+    place: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = place / "arm.toml"
+    path.write_text(path.read_text().split("[[limit]]")[0] + '[[limit]]\nkind = "my_limits:fails"\n')
+    assert cli.main(["init", "lab", "--robot", str(path), "--trust"]) == 0
+    capsys.readouterr()
+    assert cli.main(["ask", "lab", "--json"]) == 2
+    error = json.loads(capsys.readouterr().out)["error"]
+    assert error["kind"] == "PluginError"
+    assert "the plug-in my_limits:fails raised ValueError" in error["fact"]
+    line = next(
+        n for n, text in enumerate(Path("my_limits.py").read_text().splitlines(), 1) if "zeros(99)" in text
+    )
+    assert f"my_limits.py:{line}" in error["where"]
+
+
+def test_the_plane_of_the_docs_goes_the_whole_way(place, capsys) -> None:
+    assert cli.main(["init", "lab", "--robot", "arm.toml"]) == 2
+    said = capsys.readouterr().err
+    assert "my_limits:plane" in said
+    assert "--robot arm.toml --trust" in said
+    assert cli.main(["init", "lab", "--robot", "arm.toml", "--trust"]) == 0
+    assert block("toml", "[[limit]]").strip() in Path("lab/robot.toml").read_text()
+    assert cli.main(["ask", "lab", "--from", "home", "--format", "ros2_csv"]) == 0
+    said = capsys.readouterr().out
+    assert re.search("height of +proved at least", said)
+    assert "distance (m)" not in said  # nobody stated the unit of an own function
+    (row,) = certificate("lab")
+    assert (row["axis"], row["status"]) == ("tool", "proved")
+    assert row["proved_lower"] >= row["lower"] == pytest.approx(0.3 + row["tracking_margin"])
+    played = valid(Path("lab/proposals/0001/from_home/ros2_csv/certificate.json").read_text())["rows"]
+    rows = [row for row in played if row["quantity"].startswith("height")]
+    assert {"height", "height, held before the first row"} <= {row["quantity"] for row in rows}
+    assert all(row["proved_lower"] >= row["lower"] for row in rows)
+    limit = etude.open_campaign(Path("lab")).limits()[-1]
+    assert isinstance(limit, LipschitzLimit)
+    for wanted in (Limit, SupportsBlocking, SupportsBoxes, SupportsDrawing):
+        assert isinstance(limit, wanted)
+    assert cli.main(["report", "lab"]) == 0
+    page = Path("lab/report.html").read_text()
+    assert ">plane</text>" in page
+    assert "proved height" in page
+
+
+def test_a_limit_that_no_motion_keeps_refuses_every_proposal(place, capsys) -> None:
+    path = place / "arm.toml"
+    path.write_text(path.read_text().replace("height = 0.3", "height = 1.9"))
+    assert cli.main(["init", "lab", "--robot", "arm.toml", "--trust"]) == 0
+    assert cli.main(["ask", "lab"]) != 0
+    said = " ".join(capsys.readouterr().err.split())
+    found = re.search(r"limits: height of tool is (\S+), limit (\S+) with a tracking margin of (\S+),", said)
+    assert found
+    value, limit, margin = map(float, found.groups())
+    assert value < 1.9 == pytest.approx(limit - margin, abs=1e-3)
+    assert "torque" not in said
+    assert "`home` of [search] in robot.toml" in said
+    assert not list(Path("lab/proposals").glob("0*"))
+
+
+def test_a_wall_bounds_a_vehicles_flights_their_exports_and_the_drawing(place) -> None:
+    assert cli.main(["init", "quad", "--robot", "quad.toml", "--trust"]) == 0
+    assert cli.main(["ask", "quad", "--from", "home", "--format", "px4"]) == 0
+    rows = certificate("quad")
+    assert rows
+    assert all(row["upper"] <= 2.5 and row["proved_upper"] <= row["upper"] for row in rows)
+    played = [valid(p.read_text()) for p in Path("quad/proposals/0001").rglob("*certificate.json")]
+    assert len(played) == 5
+    assert all(any(row["quantity"].startswith("wall") for row in one["rows"]) for one in played)
+    assert cli.main(["report", "quad"]) == 0
+    assert ">wall</text>" in Path("quad/report.html").read_text()
+
+
+@pytest.mark.parametrize(
+    ("line", "said"),
+    [
+        ("heigth = 0.3", "unknown key 'heigth'"),
+        ('height = "low"', "height = 'low' is not possible"),
+        ("normal = [0.0, 1.0]", "normal = [0.0, 1.0] is not possible"),
+        ("", "missing height"),
+    ],
+)
+def test_a_table_is_read_strictly(place, line: str, said: str) -> None:
+    path, key = place / "arm.toml", line.split(" ")[0].replace("heigth", "height") or "height"
+    path.write_text(re.sub(rf"(?m)^{key} = .*$", line, path.read_text()))
+    with pytest.raises(UsageError, match=re.escape(said)) as caught:
+        etude.load_robot(path, trust=True)
+    assert "limit 1" in caught.value.where
+
+
+def test_a_kind_that_is_not_there_is_refused(place) -> None:
+    path = place / "arm.toml"
+    path.write_text(path.read_text().replace("my_limits:plane", "plain"))
+    with pytest.raises(UsageError, match=r"no 'plain' among etude\.limits"):
+        etude.load_robot(path)
+
+
+def test_what_makes_no_limit_is_named_with_the_protocol(place) -> None:
+    path = place / "quad.toml"
+    path.write_text(path.read_text().split("[[limit]]")[0] + '[[limit]]\nkind = "my_limits:broken"\n')
+    spec = etude.load_robot(path, trust=True)
+    said = "object lacks name, cones, penalty, prove, of_motion of the protocol Limit"
+    with pytest.raises(UsageError, match=said):
+        made_limits(spec.limits, spec, None, {})
+
+
+def test_python_is_told_how_to_trust_a_robot_file(place) -> None:
+    with pytest.raises(UsageError, match="in Python, trust=True") as caught:
+        etude.load_robot(place / "arm.toml")
+    assert "--robot" in caught.value.next_step
+    assert etude.load_robot(place / "arm.toml", trust=True).limits
+
+
+def test_a_copied_folder_is_not_trusted(place) -> None:
+    cli.main(["init", "lab", "--robot", "arm.toml", "--trust"])
+    _given.clear()
+    Path("lab").rename("moved")
+    with pytest.raises(UsageError, match="names code that would be imported"):
+        etude.open_campaign(Path("moved"))
+
+
+class TestWave(LimitSuite):
+    """A function that is neither linear nor monotone."""
+
+    limit = LipschitzLimit("wave", "all", lambda q: np.sin(q).sum(axis=1), np.ones(3), -2.5, 2.5)
+    family, home = FourierFamily.of(FourierConfig(), axes=3), np.zeros(3)
+
+
+def test_extremes_between_samples_are_held() -> None:
+    peak = 0.3141
+    at = lambda t: np.exp(-(((t - peak) / 0.01) ** 2))  # noqa: E731
+    t = np.linspace(0.0, 1.0, 11)
+    least, most = extremes(at, t, at(t), rate=100.0, tolerance=1e-3)
+    assert -1e-3 <= least <= 0.0
+    assert 1.0 <= most <= 1.0 + 1e-3
+
+
+def test_tracking_takes_a_margin_by_the_slopes() -> None:
+    table = np.array([[0.1, 0.2]])
+    slopes, margins = np.array([1.0, 3.0]), {"fourier": (table, 0.9)}
+    limit = LipschitzLimit("sum", "all", lambda q: q.sum(axis=1), slopes, -2.0, 2.0, margins)
+    low, high, margin, sure = limit.inner("fourier")
+    assert (low, high) == (pytest.approx(-1.3), pytest.approx(1.3))
+    assert (margin, sure) == (pytest.approx(0.7), 0.9)
+
+
+@pytest.mark.parametrize("ends", [(1.0, -1.0), (-1.0, np.inf), (-np.inf, 1.0)])
+def test_ends_that_say_nothing_are_refused(ends) -> None:
+    with pytest.raises(UsageError, match="the limit of sum runs from"):
+        LipschitzLimit("sum", "all", lambda q: q.sum(axis=1), np.ones(2), *ends)
+
+
+def reached(**given: Any) -> LipschitzLimit:
+    """Of the first two of three coordinates, with the slopes [0.7, 0.3, 0]."""
+    own = {"slopes": np.array([0.7, 0.3, 0.0]), "lower": -5.0, "upper": 5.0, **given}
+    return LipschitzLimit("reach", "tool", lambda q: 0.7 * np.sin(q[:, 0]) - 0.3 * q[:, 1], **own)
+
+
+class TestReached(LimitSuite):
+    family, home = FourierFamily.of(FourierConfig(), axes=3), np.zeros(3)
+    limit = reached()
+
+
+def said_by_the_suite(wrong: LipschitzLimit) -> AssertionError | None:
+    try:
+        type("Suite", (TestReached,), {"limit": wrong})().test_slopes_bound_the_function()
+    except AssertionError as error:
+        return error
+    return None
+
+
+def a_motion(scale: float = 1.0) -> Trajectory:
+    family = TestReached.family.drawn(np.random.default_rng(0))
+    return family.trajectory(scale * np.random.default_rng(1).standard_normal(family.size))
+
+
+@pytest.mark.parametrize("scale", [0.0, 1e-12, 1e-6, 1.0, 1e3])
+def test_right_slopes_are_taken(scale: float) -> None:
+    assert reached().prove(a_motion(scale))
+
+
+@pytest.mark.parametrize("slopes", [[0.7, 0.3], [0.7, 0.3, 0.0, 0.0]])
+def test_slopes_of_another_number_than_the_coordinates_are_refused(slopes: list[float]) -> None:
+    limit, motion = reached(slopes=np.array(slopes)), a_motion()
+    margins = {"fourier": (np.full((3, 3), 0.01), 0.9)}
+    poses = motion.motion(np.zeros(1), 1).orders[0]
+    for ask in (
+        lambda: limit.prove(motion),
+        lambda: limit.keeps(motion),
+        lambda: limit.strayed(poses, 0.1 * poses),
+        lambda: limit.blocked("fourier", poses[0]),
+        lambda: reached(slopes=np.array(slopes), margins=margins).prove(motion),
+        lambda: reached(slopes=np.array(slopes), coordinates=("a", "b", "c")),
+    ):
+        with pytest.raises(UsageError, match=f"{len(slopes)} slopes, and the pose has 3 coordinates"):
+            ask()
+    assert said_by_the_suite(limit) is not None
+
+
+@pytest.mark.parametrize(
+    ("slopes", "axis", "needed"),
+    [
+        ([0.02, 0.3, 0.0], "first", 0.7),
+        ([0.7, 0.01, 0.0], "second", 0.3),
+        ([0.6, 0.3, 0.0], "first", 0.7),
+        ([0.0, 0.3, 0.7], "first", 0.7),
+    ],
+)
+def test_a_slope_that_is_too_small_is_refused(slopes: list[float], axis: str, needed: float) -> None:
+    limit = reached(slopes=np.array(slopes), coordinates=("first", "second", "third"))
+    with pytest.raises(UsageError, match=f"the slope of reach in {axis} is 0") as caught:
+        limit.prove(a_motion())
+    found = re.search(r"is (\S+), and at least (\S+) is needed", str(caught.value))
+    assert found
+    assert float(found[1]) in slopes
+    assert 0.97 * needed <= float(found[2]) <= needed * (1.0 + 1e-6)
+    assert said_by_the_suite(limit) is not None
+
+
+def test_a_slope_that_is_steep_in_places_only_is_found_near_by() -> None:
+    """Far pairs see little of it: the function is steep and small."""
+    ripple = lambda q: 0.003 * np.sin(1000.0 * q[:, 0])  # noqa: E731
+    limit = LipschitzLimit("ripple", "all", ripple, np.full(3, 2.0), -1.0, 1.0)
+    with pytest.raises(UsageError, match="the slope of ripple in coordinate 1 is 2, and at least"):
+        limit.prove(a_motion())
+
+
+@pytest.mark.parametrize("slopes", [[0.7, -0.3, 0.0], [0.7, np.nan, 0.0], [np.inf, 0.3, 0.0], [[0.7, 0.3]]])
+def test_slopes_that_are_no_bounds_are_refused(slopes: list[float]) -> None:
+    with pytest.raises(UsageError, match="negative or no number"):
+        reached(slopes=np.array(slopes))
+
+
+@pytest.mark.parametrize("given", [{"order": 1}, {"order": 2}, {"rest": True}])
+def test_what_it_cannot_prove_is_refused(given: dict[str, Any]) -> None:
+    with pytest.raises(UsageError, match="the limit of reach has order"):
+        reached(**given)
+
+
+def test_wrong_slopes_in_a_table_name_the_joint(place, capsys) -> None:
+    path, right = place / "arm.toml", "reach = [0.75, 0.75, 0.4, 0.1]"
+    text = path.read_text()
+    for wrong, said in (
+        ("reach = [0.75, 0.65, 0.4]", "3 slopes, and the pose has 4 coordinates"),
+        ("reach = [0.75, 0.02, 0.4, 0.1]", "slope of height in shoulder is 0.02, and at least"),
+    ):
+        path.write_text(text.replace(right, wrong))
+        folder = f"lab{len(wrong)}"
+        assert 2 in {cli.main(["init", folder, "--robot", "arm.toml", "--trust"]), cli.main(["ask", folder])}
+        told = " ".join(capsys.readouterr().err.split())
+        assert said in told
+        assert "my_limits:plane" in told
+        assert not list(Path(folder).glob("proposals/0*"))
+
+
+def test_a_function_that_fails_is_named_as_a_plug_in(place, capsys) -> None:
+    code = place / "my_limits.py"
+    code.write_text(code.read_text().replace("lambda p: p @ unit", "lambda p: p @ unit[:2]"))
+    sys.modules.pop("my_limits", None)
+    assert cli.main(["init", "quad", "--robot", "quad.toml", "--trust"]) == 0
+    assert cli.main(["ask", "quad"]) == 2
+    said = " ".join(capsys.readouterr().err.split())
+    assert "function of the limit of wall failed: ValueError" in said
+    assert "my_limits:wall" in said
+    assert "bug" not in said
+    assert "Traceback" not in said

@@ -1,0 +1,26 @@
+"""Commands in another unit than the model file's are named with both units."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from etude.logs import Seen
+from etude.logs.checks.command_columns import scale_findings
+
+
+@pytest.mark.parametrize(
+    ("units", "said"),
+    [
+        (("rad", "rad"), "times the torque of the model file: they look like thousandths of N m."),
+        (("m", "m"), "times the force of the model file: they look like thousandths of N."),
+        (("m", "rad"), "times the torque or force of the model file: they look like thousandths of N m (N)."),
+    ],
+)
+def test_so_it_is_where_a_log_has_another_unit(units: tuple[str, str], said: str) -> None:
+    force = np.random.default_rng(0).standard_normal((200, 2))
+    still, moving = np.zeros((200, 2)), np.ones((200, 2), dtype=np.bool_)
+    times, milli = np.arange(200) / 100, 1e3 * force
+    motion = Seen(times, 0.01, still, still, still, None, milli, moving, ("a", "b"), units, 10.0)
+    (finding,) = scale_findings(motion, force, still, np.full(2, 10.0))
+    assert said in finding.sentence

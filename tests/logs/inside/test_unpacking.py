@@ -1,0 +1,179 @@
+"""A file of a megabyte that would fill the machine's memory: refused, in each format that packs."""
+
+from __future__ import annotations
+
+import io
+import struct
+import tracemalloc
+import zipfile
+import zlib
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+import pytest
+
+from etude.errors import DataError
+from etude.logs import read_raw
+from etude.logs.readers import memory_budget
+from etude.logs.readers.memory_budget import unpacked
+from etude.storage import arrays_of, packed
+
+SMALL = 2**24
+"""Bytes that stand for the gigabyte, so that the tests cost no memory."""
+ROWS = SMALL // 8 // 4
+BLOCK = 2**20
+
+
+@pytest.fixture(autouse=True)
+def small(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(memory_budget, "LARGEST", SMALL)
+
+
+def matrix(name: str, rows: int, kind: int, size: int) -> bytes:
+    """An element of a MAT file: a vector of zeros of a type of numbers."""
+
+    def element(type_: int, data: bytes) -> bytes:
+        return struct.pack("<II", type_, len(data)) + data + bytes(-len(data) % 8)
+
+    flags, dimensions = struct.pack("<II", 6, 0), struct.pack("<ii", rows, 1)
+    parts = element(6, flags) + element(5, dimensions) + element(1, name.encode())
+    return (
+        struct.pack("<II", 14, 0)[:4]
+        + struct.pack("<I", len(parts) + 8 + rows * size)
+        + parts
+        + element(kind, bytes(rows * size))
+    )
+
+
+def mat(path: Path, *variables: bytes) -> Path:
+    head = b"MATLAB 5.0 MAT-file".ljust(124) + struct.pack("<H", 0x0100) + b"IM"
+    data = b"".join(struct.pack("<II", 15, len(p := zlib.compress(own))) + p for own in variables)
+    path.write_bytes(head + data)
+    return path
+
+
+def test_a_mat_whose_variables_are_small_each_and_too_many_together(tmp_path: Path) -> None:
+    one = [matrix(f"v{i}", ROWS, 9, 8) for i in range(5)]
+    assert len(read_raw(mat(tmp_path / "fits.mat", one[0]))) == ROWS
+    with pytest.raises(DataError, match="unpacks to more than"):
+        read_raw(mat(tmp_path / "bomb.mat", *one))
+
+
+def test_a_mat_of_bytes_counts_as_the_numbers_that_they_become(tmp_path: Path) -> None:
+    with pytest.raises(DataError, match="unpacks to more than"):
+        read_raw(mat(tmp_path / "bytes.mat", *(matrix(f"v{i}", 2 * ROWS, 2, 1) for i in range(3))))
+
+
+def peak_of(path: Path) -> int:
+    """Bytes held at most at once while it is refused."""
+    tracemalloc.start()
+    try:
+        with pytest.raises(DataError, match="unpacks to more than"):
+            read_raw(path)
+        return tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+
+
+def text(name: str, size: int) -> bytes:
+    """A variable that is no numbers, and is left out."""
+    return matrix(name, size, 2, 1).replace(
+        struct.pack("<IIII", 6, 8, 6, 0), struct.pack("<IIII", 6, 8, 4, 0)
+    )
+
+
+@pytest.mark.parametrize(
+    ("variables", "most"),
+    [
+        ([matrix("q", 2 * SMALL, 9, 8)], 5 * BLOCK),
+        ([matrix("q", 4 * SMALL, 2, 1)], 5 * BLOCK),
+        ([matrix(f"v{i}", ROWS // 4, 9, 8) for i in range(40)], SMALL + 5 * BLOCK),
+        ([text("x", 4 * SMALL)], 5 * BLOCK),
+        ([matrix("q", 2, 9, 8) + bytes(4 * SMALL)], 5 * BLOCK),
+    ],
+    ids=["doubles", "bytes", "many", "left out", "behind"],
+)
+def test_a_mat_is_refused_before_it_fills_the_memory(
+    tmp_path: Path, variables: list[bytes], most: int
+) -> None:
+    """Whatever it states: one large variable, many that are small, or what is not read at all."""
+    path = mat(tmp_path / "bomb.mat", *variables)
+    assert path.stat().st_size < SMALL / 32
+    assert peak_of(path) < most
+
+
+def test_an_older_mat_is_refused_before_it_is_read(tmp_path: Path) -> None:
+    data = np.zeros(2 * SMALL // 8).tobytes()
+    path = tmp_path / "old.mat"
+    path.write_bytes(struct.pack("<5i", 0, len(data) // 8, 1, 0, 2) + b"q\0" + data)
+    assert peak_of(path) < SMALL / 4
+
+
+def test_text_that_repeats_counts_as_often_as_it_stands_there(tmp_path: Path) -> None:
+    path = tmp_path / "text.parquet"
+    pl.DataFrame({"a": ["x" * 1000] * (SMALL // 500), "b": np.zeros(SMALL // 500)}).write_parquet(path)
+    assert path.stat().st_size < SMALL / 100
+    peak_of(path)
+
+
+def test_lists_count_their_entries(tmp_path: Path) -> None:
+    path = tmp_path / "lists.parquet"
+    pl.DataFrame({"position": [[0.0] * 100] * (SMALL // 1600)}).write_parquet(path)
+    assert path.stat().st_size < SMALL / 100
+    peak_of(path)
+
+
+def test_a_table_of_run_lengths(tmp_path: Path) -> None:
+    path = tmp_path / "zeros.parquet"
+    pl.DataFrame({name: np.zeros(ROWS) for name in "abcde"}).write_parquet(path)
+    assert path.stat().st_size < SMALL // 100
+    with pytest.raises(DataError, match="unpacks to more than"):
+        read_raw(path)
+    pl.DataFrame({"a": np.zeros(ROWS)}).write_parquet(path)
+    assert len(read_raw(path)) == ROWS
+
+
+def test_what_unpacks_without_end_is_counted_on_the_way(tmp_path: Path) -> None:
+    zstd = pytest.importorskip("backports.zstd", reason="zstd comes with the extra ros")
+    lz4 = pytest.importorskip("lz4.frame", reason="lz4 comes with the extra ros")
+    data = bytes(2 * SMALL)
+    for own, unpacker in (
+        (zstd.compress(data), zstd.ZstdDecompressor()),
+        (lz4.compress(data), lz4.LZ4FrameDecompressor()),
+    ):
+        with pytest.raises(DataError, match="unpacks to more than"):
+            unpacked(unpacker, own, tmp_path)
+    few = zstd.compress(data[:1000])
+    assert unpacked(zstd.ZstdDecompressor(), few, tmp_path) == data[:1000]
+
+
+@pytest.mark.parametrize("packing", ["zstd", "lz4"])
+def test_a_chunk_of_a_bag(tmp_path: Path, packing: str) -> None:
+    zstd = pytest.importorskip("backports.zstd", reason="zstd comes with the extra ros")
+    lz4 = pytest.importorskip("lz4.frame", reason="lz4 comes with the extra ros")
+    # half of it is noise, so that the chunk is long enough to be looked at
+    noise = np.random.default_rng(0).bytes(2**17)
+    records = (zstd if packing == "zstd" else lz4).compress(noise + bytes(2 * SMALL))
+    name = packing.encode()
+    chunk = struct.pack("<QQQI", 0, 1, 100, 0) + struct.pack("<I", len(name)) + name
+    chunk += struct.pack("<Q", len(records)) + records
+    magic = b"\x89MCAP0\r\n"
+    path = tmp_path / "bag.mcap"
+    path.write_bytes(magic + b"\x06" + struct.pack("<Q", len(chunk)) + chunk + bytes(0) + magic)
+    assert peak_of(path) < SMALL
+
+
+def test_arrays_of_a_model(monkeypatch: pytest.MonkeyPatch) -> None:
+    arrays = {"a": np.zeros(1000)}
+    np.testing.assert_equal(arrays_of(packed(arrays)), arrays)
+    buffer = io.BytesIO()
+    with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as archive:
+        own = io.BytesIO()
+        np.save(own, arrays["a"])
+        archive.writestr("a.npy", own.getvalue())
+    assert len(buffer.getvalue()) < 1000
+    np.testing.assert_equal(arrays_of(buffer.getvalue()), arrays)
+    monkeypatch.setattr("etude.storage.LARGEST_ARRAYS", 8000)
+    with pytest.raises(ValueError, match="more than 1 GB"):
+        arrays_of(buffer.getvalue())
