@@ -397,10 +397,13 @@ class Steps:
         used = (np.abs(said) > 0.1 * np.abs(said).max(axis=0)) / np.maximum(noise, 1e-12)
         size = np.square(said * used).sum(axis=1)
         least = max(float(np.percentile(size, SLOW_SHARE)), np.finfo(float).tiny)
-        fast = np.asarray(size > least)
+        new = new_rows(np.hstack([numbers.motion, numbers.u]))
+        single = new[1:] & new[:-1]  # beside a late packet one step is 0 and the next is 2
+        fast = np.asarray((size > least) & single)
         if fast.sum() < LEAST_STEPS:
             return None
         r = (way * said * used**2).sum(axis=1) / np.maximum(size, np.finfo(float).tiny)
+        r[~single] = 1.0
         middle = float(np.median(r[fast]))
         scale = 1.5 * float(np.median(np.abs(r[fast] - middle)))
         if scale > NOISIEST or abs(middle - 1.0) > BIASED:
