@@ -79,7 +79,7 @@ def decided(
 
 def _what(found: Decision, answer: str, whole: bool) -> Literal["note", "repair", "accept", "open"]:
     if found.level == "note":
-        return "note"
+        return "accept" if answer == "accept" else "note"
     if answer == "repair" and not whole:
         return "open"
     return "repair" if answer == "repair" else "accept" if answer == "accept" else "open"

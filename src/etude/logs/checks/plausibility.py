@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from etude.errors import UsageError
-from etude.logs.checks import velocities
+from etude.logs.checks import exact, velocities
 from etude.logs.checks.command_units import scale_finding
 from etude.logs.checks.filtered_motion import Seen, joints, runs, seen, states_of
 from etude.logs.checks.finding_texts import Excludable, Mendable, named
@@ -106,7 +106,7 @@ def repaired(log: Log, finding: Finding) -> Log:
             where=log.source,
             next_step=finding.step,
         )
-    return MENDS[finding.check](log, finding)
+    return REPAIRS[finding.check](log, finding)
 
 
 def _scaled(log: Log, finding: Mendable) -> Log:
@@ -151,15 +151,22 @@ def _command(log: Log) -> Channel:
     return next(c for c in log.channels.values() if c.role == "command" and c.acts_on in log)
 
 
+def mended(log: Log, found: Sequence[Finding]) -> Log:
+    """The log less all of which nothing is lost by mending it."""
+    for finding in found:
+        log = repaired(log, finding) if isinstance(finding, Mendable) and finding.free else log
+    return log
+
+
 REPAIRS: Mapping[str, Callable[[Log, Mendable], Log]] = {
+    **exact.REPAIRS,
     velocities.TIME: _scaled,
     velocities.DIRECTION: _turned,
     SWAPPED: _ordered,
     SIGN: _signed,
+    DELAY: _shifted,
 }
 """Of the other checks, the answer is to take the log as it is, or to correct it by hand."""
-MENDS: Mapping[str, Callable[[Log, Mendable], Log]] = {**REPAIRS, DELAY: _shifted}
-"""These and what is done without being asked."""
 
 
 JUMP = "jump"
