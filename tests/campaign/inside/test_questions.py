@@ -123,8 +123,8 @@ def test_what_a_repair_does_not_put_right_is_refused(
     campaign: Campaign, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = changed(campaign, tmp_path / "log.csv", 1, tau_hip=-1.0)
-    monkeypatch.setattr("etude.campaign.ingest.questions.repaired", lambda log, _: log)
-    with pytest.raises(DataError, match="commands of hip take power out"):
+    monkeypatch.setattr("etude.campaign.ingest.command_decisions.repaired", lambda log, _: log)
+    with pytest.raises(DataError, match="commands of hip is inverted"):
         told(campaign, path, repair=("sign",))
 
 

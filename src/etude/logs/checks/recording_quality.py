@@ -354,10 +354,9 @@ def _delay(motion: Seen, path: Channel) -> list[Finding]:
     if lag >= LONGEST_LAG - motion.step:  # the best of those tried is no best one: a longer delay, or none
         longest = min(LATEST_S, LATEST * motion.step * len(motion.t))
         lag = command_lag([log], states, longest) if longest > LONGEST_LAG else longest
-        told = lag < longest - motion.step
-    else:
-        told = lag >= LATE_S
-    return [Finding("delay", "yellow", _behind(lag), SAME_CLOCK)] if told else []
+        if lag >= longest - motion.step:
+            return [Finding("delay", "cannot tell", "The motion is too slow to tell how far it is behind.")]
+    return [Finding("delay", "yellow", _behind(lag), SAME_CLOCK)] if lag >= LATE_S else []
 
 
 def _behind(lag: float) -> str:

@@ -230,7 +230,9 @@ def _signs(judged: _Judged, fresh: Sequence[int], doubtful: bool) -> Decision | 
     if best.group < 0 or best.odds < ASK:
         return None
     logs = list(found)[best.group]
-    sure = best.odds >= SURE and best.ahead >= SURE and not (doubtful and logs == everyone)
+    part = logs != everyone and not best.turned.all()  # of some logs some joints: rare, and easily misjudged
+    sure = best.odds >= SURE and best.ahead >= (2.0 if part else 1.0) * SURE
+    sure = sure and not (doubtful and logs == everyone)
     # certain only as a whole: a joint that no sign explains makes it a question
     sure = sure and not judged.variant(numbers[best.group]).strange().any()
     by = np.where(judged.over(best.turned, False), -1.0, 1.0)
@@ -251,7 +253,7 @@ def _late(judged: _Judged, fresh: Sequence[int]) -> Decision | None:
     total = np.sum(whole, axis=1) - DELAY_PRIOR * np.abs(DELAYS)
     long = np.abs(DELAYS) >= LEAST_DELAY
     best, near = int(total.argmax()), int(np.where(long, -np.inf, total).argmax())
-    if not long[best]:
+    if not long[best] or best in (0, len(DELAYS) - 1):  # beyond what is tried it may be any
         return None
     sizes = [judged.variant(i).by_class() for i in (best, near)]
     odds = float(least(*sizes).sum() + DELAY_PRIOR * (abs(DELAYS[near]) - abs(DELAYS[best])))

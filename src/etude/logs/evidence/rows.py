@@ -27,7 +27,7 @@ EDGE_S = 0.3  # s at either end that hold the filter's own ends
 STEP_SPEED = 0.03  # of a joint's top speed, over which Coulomb friction changes its sign
 LEAST_S = 1.0  # s of a stretch that is looked at
 APART_S = 1e4  # s between logs: noise has no memory from one to the next
-DELAYS = (-0.04, -0.02, 0.0, 0.02, 0.04, 0.06, 0.1)  # s by which commands may be late
+DELAYS = (-0.1, -0.06, -0.04, -0.02, 0.0, 0.02, 0.04, 0.06, 0.1, 0.15)  # s by which commands may be late
 AS_LOGGED = DELAYS.index(0.0)
 
 
