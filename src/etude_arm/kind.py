@@ -256,7 +256,7 @@ class ArmKind:
 
             if not has_masses(spec):
                 return None
-            from etude_arm.rehearsal.robot import rehearsed
+            from etude_arm.rehearsal.rehearsed_robot import rehearsed
 
             return rehearsed(spec)
         from etude_arm.plant.robot import simulated_robot

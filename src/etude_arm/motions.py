@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from etude.limits.library import AxisLimit
+from etude.limits.convex_limits import AxisLimit
 from etude.limits.limit_tables import made_limits
 from etude.protocols import Limit, Model, Trajectory
 from etude.trajectories.config import FourierConfig
@@ -16,7 +16,7 @@ from etude.trajectories.moves import PointToPoint, random_moves
 from etude.types import Array, Margins
 from etude_arm.clearance.robot_clearance import clearance_of, ranges_of, search_of
 from etude_arm.command_limits import commands_of
-from etude_arm.space.limit import space_of
+from etude_arm.space.space_limit import space_of
 from etude_arm.spec import ArmSpec
 
 MOVES = 12  # of a test motion: about a minute

@@ -14,14 +14,14 @@ from etude.errors import DataError, NumericalError, UsageError
 from etude.models.gp.basis_posterior import BasisPosterior
 from etude.models.gp.exact import ExactPosterior
 from etude.models.gp.single_point import PointMean
-from etude.models.model import LearnedModel
+from etude.models.learned_model import LearnedModel
 from etude.models.process import Posteriors
-from etude.models.protocols import SupportsPoint, SupportsSeparate
+from etude.models.process_abilities import SupportsPoint, SupportsSeparate
 from etude.protocols import Candidate
 from etude.types import Array, Log
 from etude_online.learner import OnlineConfig, OnlineOutput
+from etude_online.learner_state import put_back, taken
 from etude_online.methods import begin
-from etude_online.state import put_back, taken
 
 FAILURES = (ArithmeticError, NumericalError, np.linalg.LinAlgError, ValueError, IndexError)
 """What arithmetic on numbers that make no sense may end in."""

@@ -21,7 +21,7 @@ from etude_quadrotor.channels import BATTERY, STATES
 from etude_quadrotor.flatness import ORDERS, Drag, FlatMotion, flat_motion
 from etude_quadrotor.inputs import COMMANDS, QuadrotorInputs
 from etude_quadrotor.physics.vehicle_inverse import nominal_inverse
-from etude_quadrotor.plant.plan import FlightPlan, plan_on_grid
+from etude_quadrotor.plant.flight_plan import FlightPlan, plan_on_grid
 from etude_quadrotor.spec import QuadrotorSpec
 from etude_quadrotor.vehicle import Vehicle
 

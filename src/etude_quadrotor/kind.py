@@ -180,7 +180,7 @@ class QuadrotorKind:
 
     def physics(self, spec: QuadrotorSpec, config: Any) -> Mapping[str, Physics]:
         """ "nominal" only where the motors are described and commands are V."""
-        from etude_quadrotor.physics.structures import Identified, Nominal
+        from etude_quadrotor.physics.flight_physics import Identified, Nominal
 
         found: dict[str, Physics] = {"identified": Identified(spec.body, config.data.trims)}
         return found if spec.body is None else {"nominal": Nominal(spec.body), **found}

@@ -14,8 +14,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from etude.limits.certificate import COMMANDS, SPEED, certify, utilization
+from etude.limits.convex_limits import AxisLimit, NormLimit, TiltLimit
 from etude.limits.feasible import FeasibleSet
-from etude.limits.library import AxisLimit, NormLimit, TiltLimit
 from etude.limits.limit_tables import made_limits
 from etude.limits.samplers import boundary, uniform
 from etude.protocols import Limit, Model, Trajectory

@@ -13,7 +13,7 @@ from itertools import pairwise
 import numpy as np
 
 from etude.abilities import SupportsDrawing
-from etude.limits.library import AxisLimit, NormLimit
+from etude.limits.convex_limits import AxisLimit, NormLimit
 from etude.protocols import Limit
 from etude.report.markup import Html, text
 from etude.report.png import VIRIDIS, colours

@@ -15,14 +15,14 @@ from etude.errors import DataError, UsageError
 from etude.types import Array, Code, Index, Log, Samples
 from etude_arm.inputs import FRICTION_SCALES, friction_speeds
 from etude_arm.physics.base_regressor import BaseRegressor, base_regressors
-from etude_arm.physics.estimate import (
+from etude_arm.physics.geometry import has_masses, read_geometry
+from etude_arm.physics.identification import (
     IdentificationPrior,
     fitted,
     output_priors,
     require_axes,
     shared_directions,
 )
-from etude_arm.physics.geometry import has_masses, read_geometry
 from etude_arm.physics.kinematics import KinematicTree
 from etude_arm.physics.rigid_body import (
     EXTRA_TERMS,

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from etude.errors import UsageError
 
 if TYPE_CHECKING:
-    from etude_quadrotor.plant.simulated import SimulatedVehicle
+    from etude_quadrotor.plant.simulated_vehicle import SimulatedVehicle
 
 PLANTS = ("quadrotor", "quadrotor_rough", "pelican")
 
@@ -19,7 +19,7 @@ def simulated_vehicle(name: str, where: str = "") -> SimulatedVehicle:
         UsageError: unknown name; `where` it stands is told.
     """
     from etude_quadrotor.plant.parameters import load_flight_parameters
-    from etude_quadrotor.plant.simulated import SimulatedVehicle
+    from etude_quadrotor.plant.simulated_vehicle import SimulatedVehicle
 
     if name not in PLANTS:
         raise UsageError(

@@ -14,8 +14,8 @@ from etude.limits import slack
 from etude.protocols import Trajectory
 from etude.trajectories import FourierTrajectory, PointToPoint, Splined
 from etude.types import Array, Motion, Proof
+from etude_arm.clearance.clearance_limit import MOST_EVALUATIONS, Clearance, nearest
 from etude_arm.clearance.distances import CUTOFF
-from etude_arm.clearance.limit import MOST_EVALUATIONS, Clearance, nearest
 from etude_arm.clearance.path_poses import way_of
 from etude_arm.clearance.surroundings import Box, Floor, Surroundings
 

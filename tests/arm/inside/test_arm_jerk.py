@@ -11,7 +11,7 @@ from etude.errors import UsageError
 from etude.limits import FeasibleSet, certify, scaled
 from etude.trajectories import FourierConfig, PointToPoint, from_json
 from etude_arm import ArmSpec, Axis, motions
-from etude_arm.checks import check_spec
+from etude_arm.description_checks import check_spec
 from etude_arm.motions import family, limits, ways
 from etude_arm.robot_file import parse_robot, robot_to_toml
 

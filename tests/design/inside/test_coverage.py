@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from etude.design.candidates import BINS, SLOW, Region, Roam, Roamed, Visited
-from etude.design.chain import near_to_near
+from etude.design.chain_design import near_to_near
 from etude.limits import AxisLimit
 from etude.protocols import Family, Trajectory
 from etude.trajectories import FourierConfig, FourierFamily, FourierTrajectory, PointToPoint

@@ -9,7 +9,7 @@ import pytest
 from design_examples import arm_family, arm_home, arm_inputs, arm_limits, arm_point, arm_spec
 
 from etude.design import linked, prior_latents
-from etude.design.chain import cut_short
+from etude.design.chain_design import cut_short
 from etude.design.latents import NOISE, SIGNAL
 from etude.limits import certify
 from etude.models import ModelConfig

@@ -8,7 +8,7 @@ import pytest
 from etude.errors import UsageError
 from etude.limits import COLLISIONS, HIDDEN, WAY, Ranges, TrackingConfig, in_words, margins_of, within_room
 from etude.limits.certificate import ALL, COMMANDS, TRACKING, not_verified
-from etude.limits.tracking import CONFIDENCE, factor, learned_table, start_table
+from etude.limits.tracking_margins import CONFIDENCE, factor, learned_table, start_table
 from etude.trajectories import Chain, PointToPoint
 from etude.types import Proof
 

@@ -19,7 +19,7 @@ from etude.errors import DataError, UsageError
 from etude.logs.cleaning.filters import duration
 from etude.models.change.diagnosis import SENSOR, Cause
 from etude.models.change.evidence import judged
-from etude.models.model import LearnedModel
+from etude.models.learned_model import LearnedModel
 from etude.types import Finding, Log, Samples
 
 Answer = Literal["new", "forget", "same"]

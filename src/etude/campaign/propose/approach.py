@@ -13,12 +13,12 @@ import numpy as np
 
 from etude.abilities import SupportsOrder, SupportsPoses
 from etude.campaign.propose.constraints import Constraints
-from etude.campaign.propose.motions import approaches_of
+from etude.campaign.propose.typical_motions import approaches_of
 from etude.campaign.record.events import Exported
 from etude.campaign.record.folder import Campaign
 from etude.campaign.record.stored_files import settle
 from etude.deploy.trajectory_files import TrajectoryFiles, column_names, render
-from etude.design.chain import Approaches
+from etude.design.chain_design import Approaches
 from etude.errors import UnsafeTrajectoryError, UsageError
 from etude.limits.certificate import Certificate, certify, require_certified
 from etude.limits.lead_ins import leads, with_leads

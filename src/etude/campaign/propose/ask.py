@@ -145,7 +145,7 @@ def ask(
 def _tasks(campaign: Campaign, tasks: Path | None) -> Sequence[Trajectory]:
     if tasks is None:
         return ()
-    from etude.campaign.propose.motions import load_tasks
+    from etude.campaign.propose.typical_motions import load_tasks
 
     return load_tasks(tasks, campaign.channel(campaign.kind.path))
 

@@ -13,8 +13,8 @@ from etude.errors import UsageError
 from etude_quadrotor.plant import core
 from etude_quadrotor.plant.core import SET_POINTS, VOLTAGES, Body, Control
 from etude_quadrotor.plant.flight import REASONS, Ending, Flight, rotation
+from etude_quadrotor.plant.flight_plan import FlightPlan, check_plan
 from etude_quadrotor.plant.parameters import FlightParameters
-from etude_quadrotor.plant.plan import FlightPlan, check_plan
 from etude_quadrotor.spec import QuadrotorSpec
 from etude_quadrotor.vehicle import GRAVITY, SPINS, Vehicle
 

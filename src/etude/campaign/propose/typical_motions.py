@@ -20,7 +20,7 @@ from etude.trajectories.json_text import from_json
 from etude.types import Array, Channel, Motion
 
 if TYPE_CHECKING:
-    from etude.design.chain import Approaches
+    from etude.design.chain_design import Approaches
 
 
 def typical_motions(

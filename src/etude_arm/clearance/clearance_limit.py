@@ -27,8 +27,8 @@ import numpy as np
 
 from etude.codes import Notice, Warn
 from etude.limits.certificate import COLLISIONS, memoized
-from etude.limits.library import AxisLimit, tracked
-from etude.limits.tracking import ASSUMED
+from etude.limits.convex_limits import AxisLimit, tracked
+from etude.limits.tracking_margins import ASSUMED
 from etude.protocols import Family, Trajectory
 from etude.trajectories.fourier import FourierTrajectory
 from etude.types import Array, Cone, Index, Margins, Mask, Motion, Proof

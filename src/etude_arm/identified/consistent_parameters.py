@@ -25,11 +25,11 @@ import numpy as np
 
 from etude.errors import NumericalError
 from etude.types import Array, Index, Samples
-from etude_arm.identified.files import JointTerms
+from etude_arm.identified.model_file_writer import JointTerms
 from etude_arm.identified.pseudo_inertia import SIZE, basis, coordinates
 from etude_arm.loading.inertia import NO_MASS
 from etude_arm.loading.load import load_arm
-from etude_arm.physics.estimate import Clock, output_priors
+from etude_arm.physics.identification import Clock, output_priors
 from etude_arm.physics.kinematics import KinematicTree
 from etude_arm.physics.mean import RigidBodyMean
 from etude_arm.physics.rigid_body import EXTRA_TERMS, command_regressors
