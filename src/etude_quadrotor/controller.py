@@ -279,7 +279,7 @@ def baselines(spec: QuadrotorSpec) -> Mapping[str, Controller | None]:
     nominal = None if spec.body is None else nominal_inverse(spec.body)
     found: dict[str, Controller | None] = {"pid": None, "analytic": FlightFeedforward(voltages=nominal)}
     if spec.plant is not None:
-        from etude_quadrotor.plant.registry import simulated_vehicle
+        from etude_quadrotor.plant.simulated_vehicle import simulated_vehicle
 
         dx, dy, dz = simulated_vehicle(spec.plant).parameters.drag_per_mass.tolist()
         found["exact_drag"] = FlightFeedforward(drag=LinearDrag((dx, dy, dz)), voltages=nominal)

@@ -11,8 +11,7 @@ import pytest
 
 from etude_quadrotor import KIND, Disturbance
 from etude_quadrotor.plant.flight_plan import FlightPlan
-from etude_quadrotor.plant.registry import PLANTS, simulated_vehicle
-from etude_quadrotor.plant.simulated_vehicle import SimulatedVehicle
+from etude_quadrotor.plant.simulated_vehicle import PLANTS, SimulatedVehicle, simulated_vehicle
 
 
 def _plan(vehicle: SimulatedVehicle, seconds: float) -> FlightPlan:
