@@ -268,7 +268,7 @@ def home(spec: QuadrotorSpec) -> Array:
     return np.asarray(place)
 
 
-def ways(spec: QuadrotorSpec, motion: Trajectory, pose: Array) -> tuple[Trajectory, Trajectory]:
+def approaches(spec: QuadrotorSpec, motion: Trajectory, pose: Array) -> tuple[Trajectory, Trajectory]:
     """From the pose to where the plan begins and back, with take-off and landing from the ground."""
     return approach_and_return(spec, motion, pose, float(home(spec)[2]), limits(spec, FlightConfig(), {}))
 

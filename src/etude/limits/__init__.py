@@ -8,7 +8,7 @@ if TYPE_CHECKING:
     from etude.limits.certificate import (
         COLLISIONS,
         SPEED,
-        WAY,
+        APPROACH,
         Certificate,
         certify,
         certify_bytes,

@@ -244,7 +244,7 @@ def _designed(
         rng,
         tasks,
         count=segments_of(campaign, family),
-        ways=approaches_of(campaign),
+        approaches=approaches_of(campaign),
         standing_in=reference_motions(campaign, rng) if mixed else (),
         given=open_ones,
         rate=float(spec.rate),
