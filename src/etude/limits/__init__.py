@@ -6,9 +6,9 @@ from etude._runtime.lazy import face
 
 if TYPE_CHECKING:
     from etude.limits.certificate import (
+        APPROACH,
         COLLISIONS,
         SPEED,
-        APPROACH,
         Certificate,
         certify,
         certify_bytes,

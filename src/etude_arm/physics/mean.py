@@ -33,7 +33,7 @@ from etude_arm.physics.rigid_body import (
     nominal_model,
 )
 from etude_arm.physics.transmission import Drive, Geometry
-from etude_arm.spec import FORCES, FRICTION, PATH, PLAN, TURNING, PRESLIDING_DISTANCES, ArmSpec
+from etude_arm.spec import FORCES, FRICTION, PATH, PLAN, PRESLIDING_DISTANCES, TURNING, ArmSpec
 
 FRICTION_FRACTION = 0.02
 """v0 of the friction terms as a part of the velocity limit, where the inputs have none."""

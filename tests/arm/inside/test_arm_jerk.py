@@ -12,7 +12,7 @@ from etude.limits import FeasibleSet, certify, scaled
 from etude.trajectories import FourierConfig, PointToPoint, from_json
 from etude_arm import ArmSpec, Axis, motions
 from etude_arm.description_checks import check_spec
-from etude_arm.motions import family, limits, approaches
+from etude_arm.motions import approaches, family, limits
 from etude_arm.robot_file import parse_robot, robot_to_toml
 
 TIGHT = 0.6

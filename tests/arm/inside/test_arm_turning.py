@@ -18,7 +18,7 @@ from etude_arm.memory import remembered, turning
 from etude_arm.physics.mean import RigidBodyMean
 from etude_arm.physics.rigid_body import EXTRA_TERMS, NARROW
 from etude_arm.physics.transmission import Drive
-from etude_arm.spec import TURNING, PRESLIDING_DISTANCES
+from etude_arm.spec import PRESLIDING_DISTANCES, TURNING
 from etude_online import Planned
 
 ARM = plugins.load("etude.robots", "arm")

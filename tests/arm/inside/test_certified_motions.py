@@ -24,9 +24,9 @@ from etude.protocols import Family, Limit, Trajectory
 from etude.trajectories import OVERSAMPLING, FourierConfig, FourierTrajectory
 from etude.types import Array, Motion
 from etude_arm import KIND, ArmSpec
+from etude_arm.motions import approaches as arm_ways
 from etude_arm.motions import family as arm_family
 from etude_arm.motions import limits as arm_limits
-from etude_arm.motions import approaches as arm_ways
 from etude_arm.space.table import Cartesian
 from etude_quadrotor import FlightConfig, QuadrotorSpec, flight_family
 

@@ -7,9 +7,9 @@ import pytest
 
 from etude.errors import UsageError
 from etude.limits import (
+    APPROACH,
     COLLISIONS,
     HIDDEN,
-    APPROACH,
     Ranges,
     TrackingConfig,
     in_words,

@@ -15,7 +15,7 @@ from etude.protocols import Limit, Trajectory
 from etude.trajectories import Chain, Splined
 from etude.types import Array
 from etude_quadrotor import KIND, OFFBOARD, POLY4D, FlightConfig, QuadrotorSpec, flight_family
-from etude_quadrotor.motions import home, limits, approaches
+from etude_quadrotor.motions import approaches, home, limits
 from etude_quadrotor.spec_file import check_spec
 
 SPEC: QuadrotorSpec = KIND.spec(KIND.built_in()["quadrotor"])
