@@ -28,12 +28,12 @@ if TYPE_CHECKING:
     from etude.limits.tracking_margins import HELD, HIDDEN, Ranges, TrackingConfig, margins_of, within_room
 
 __all__ = [
+    "APPROACH",
     "COLLISIONS",
     "HELD",
     "HIDDEN",
     "SAMPLERS",
     "SPEED",
-    "WAY",
     "AxisLimit",
     "Block",
     "Certificate",

@@ -1,7 +1,7 @@
 """Tables as they come: rows of several topics at once, silent topics, and an index without a name.
 
-PlotJuggler exports each row as a message of one topic, so most cells are empty. The columns that are filled at
-the same rows belong together, as topics of a bag do.
+PlotJuggler exports each row as a message of one topic, so most cells are empty. The columns that are filled
+at the same rows belong together, as topics of a bag do.
 """
 
 from __future__ import annotations
