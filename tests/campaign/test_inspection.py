@@ -78,10 +78,19 @@ def step(rows: Rows, row: slice, column: int | slice, value: float) -> Rows:
     return rows
 
 
+def held(rows: Rows, each: int) -> Rows:
+    return rows[(np.arange(len(rows)) // each) * each]
+
+
 FAULTS = {
     "the clock jumps back": (lambda r: step(r, slice(300, 303), 0, 1.0), "order", "yellow"),
     "the clock jumps ahead": (lambda r: r[(r[:, 0] < 4) | (r[:, 0] > 5)], "gaps", "yellow"),
     "rows repeat": (lambda r: np.repeat(r, 2, axis=0), "repeats", "yellow"),
+    "rows are held": (lambda r: np.column_stack([r[:, 0], held(r[:, 1:], 4)]), "held", "yellow"),
+    "commands are held": (lambda r: np.column_stack([r[:, :3], held(r[:, 3:], 8)]), "held_commands", "red"),
+    "magnitudes": (lambda r: np.column_stack([r[:, :3], np.abs(r[:, 3:])]), "unsigned", "yellow"),
+    "copied": (lambda r: r[:, [0, 1, 2, 3, 3]], "copied", "red"),
+    "drives off": (lambda r: step(r, slice(300, 400), slice(3, 5), 0.0), "off", "yellow"),
     "a joint never moves": (lambda r: step(r, slice(None), 1, 0.2), "rest", "yellow"),
     "in the brake": (lambda r: step(r, slice(None), slice(1, 3), 0.2), "rest", "red"),
     "a command is dead": (lambda r: step(r, slice(None), 4, 0.0), "dead", "red"),
@@ -111,6 +120,13 @@ def test_every_fault_has_its_light_and_its_sentence(name: str, right: Path, robo
     for found in (inspect(path, robot), inspect(path)):
         assert all(f.light in LIGHTS and f.sentence for f in found.findings)
     assert light in [f.light for f in inspect(path, robot).findings if f.check == check], inspect(path, robot)
+
+
+def test_what_is_mended_is_not_refused_and_is_said_once(right: Path, robot: Path) -> None:
+    path = edited(right, lambda r: np.column_stack([r[:, 0], held(r[:, 1:], 4)]))
+    found = inspect(path, robot)
+    assert not found.refused
+    assert sum("stands 4 times" in f.sentence for f in found.findings) == 1
 
 
 def table(path: Path, columns: dict[str, object]) -> Path:

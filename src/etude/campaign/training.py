@@ -259,7 +259,8 @@ def _notes(inputs: Inputs) -> tuple[Notice, ...]:
 
 def _held(campaign: Campaign, samples: Samples) -> Mask:
     """(J,) commands of coordinates that are held in all logs, where each has a command of its own."""
-    return held_commands(campaign, [samples.log[campaign.kind.path]])
+    path = samples.log.get(campaign.kind.path)  # logs of flights may lack it
+    return held_commands(campaign, [] if path is None else [path])
 
 
 def _comparable(campaign: Campaign, trained: Sequence[Round], inputs: Inputs) -> LearnedModel | None:

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from etude.limits.certificate import Certificate
     from etude.types import Proof
 
-ROW = ["axis", "limit of", "asked", "tracked within", "limit", "used"]
+ROW = ["axis", "quantity", "planned", "tracking margin", "limit", "used"]
 FILES = ("trajectory.csv", "trajectory.json", "certificate.json")
 FEEDFORWARD = "feedforward.csv"
 SLOWLY = "First slowly: the same with --speed 50; no log shows that its margins are enough."
@@ -142,7 +142,7 @@ def _swept(rows: Sequence[Swept]) -> list[str]:
     if not rows:
         return []
     body = [[r.axis, f"{100 * r.of_range:.0f} %", f"{100 * r.of_clear:.0f} %", r.held] for r in rows]
-    return [table(["segments sweep", "of the range", "of where it is clear", "farther on"], body)]
+    return [table(["swept", "of the range", "of the collision-free range", "limited by"], body)]
 
 
 def _then(folder: Path, confirm: bool) -> list[str]:
@@ -187,7 +187,7 @@ def _to_confirm(spec: Any) -> list[str]:
 def _control(certificate: Certificate) -> list[str]:
     """What the margins of tracking are of."""
     under = next((row.control for row in certificate.seen if row.control), "")
-    return [f"Tracked within: under {under}."] if under else []
+    return [f"Tracking margins: under {under}."] if under else []
 
 
 def _assumed(certificate: Certificate) -> bool:

@@ -43,6 +43,7 @@ def utilization(row: Proof) -> float:
     return 1.0 - slack(row) / half if half > 0.0 else math.inf
 
 
+<<<<<<< HEAD
 TRACKING = "How far the robot leaves the plan while it tracks it, overshoot included."
 COLLISIONS = "Collisions, with itself and with what stands around it, the floor among it."
 APPROACH = "The way to the start, and the way back from the end."
@@ -50,6 +51,15 @@ COMMANDS = "Whether the drives can give the forces that the motion needs."
 SPEED = "How fast the tool and the links move through space."
 LOAD = "What the robot carries beyond its description."
 ALL = (TRACKING, COLLISIONS, APPROACH, COMMANDS, SPEED, LOAD)
+=======
+TRACKING = "The tracking error, with overshoot."
+COLLISIONS = "Collisions with itself, the floor and obstacles."
+WAY = "The motion to the start pose, and the motion back from the end pose."
+COMMANDS = "Whether the drives can give the forces that the motion needs."
+SPEED = "The speed of the tool and of the links in space."
+LOAD = "Loads that the robot file does not describe."
+ALL = (TRACKING, COLLISIONS, WAY, COMMANDS, SPEED, LOAD)
+>>>>>>> main
 """What is not verified where no limit looks at it."""
 HELD = ("position", "velocity", "radius", "speed", "tool position", "tool radius", "tool speed", "link speed")
 """Quantities of which tracking keeps a margin; clearance says itself what tracking takes."""
@@ -94,11 +104,11 @@ def _of_tracking(rows: Sequence[Proof]) -> tuple[str, ...]:
     )
     if not own or len(without) == len({row.quantity for row in own}):
         return (TRACKING,)
-    found = [f"How far the robot leaves the plan in {' and '.join(without)}."] if without else []
+    found = [f"The tracking error of {' and '.join(without)}."] if without else []
     if assumed:
         found.append(
-            f"Tracking: margins of {' and '.join(assumed)} are assumed: no log{_under(own)} shows that they "
-            "are enough."
+            f"Tracking: the margins of {' and '.join(assumed)} are assumed; no log{_under(own)} has "
+            "measured them."
         )
     return tuple(found)
 
@@ -121,7 +131,7 @@ def in_words(row: Proof) -> str:
     above = row.upper - row.proved_upper <= row.proved_lower - row.lower
     asked, limit = (row.proved_upper, row.upper) if above else (row.proved_lower, row.lower)
     beyond = row.tracking_margin if above else -row.tracking_margin
-    return f"asked {asked:.4g}, {_tracked(row)}limit {limit + beyond:.4g}"
+    return f"planned {asked:.4g}, {_tracked(row)}limit {limit + beyond:.4g}"
 
 
 def tracked_in_words(row: Proof) -> str:
@@ -141,8 +151,8 @@ def place_of(row: Proof) -> str:
 
 def _tracked(row: Proof) -> str:
     text = tracked_in_words(row)
-    under = f"under {row.control} " if row.control else ""
-    return f"{under}tracked within {text}, " if text else ""
+    under = f" under {row.control}" if row.control else ""
+    return f"tracking margin{under} {text}, " if text else ""
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,18 @@ from etude._runtime.lazy import face
 if TYPE_CHECKING:
     from etude.report.build import build_report
     from etude.report.live import HOST, Pages, digest_of, server
-    from etude.report.markup import Html, element, grid, join, missing, number, paragraph, table, text
+    from etude.report.markup import (
+        Html,
+        document,
+        element,
+        grid,
+        join,
+        missing,
+        number,
+        paragraph,
+        table,
+        text,
+    )
     from etude.report.scales import Axis, Scale, fitted_scale, tick_text
     from etude.report.svg import Line, Mark, panel, polyline, thinned
 
@@ -21,6 +32,7 @@ __all__ = [
     "Scale",
     "build_report",
     "digest_of",
+    "document",
     "element",
     "fitted_scale",
     "grid",

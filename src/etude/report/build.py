@@ -10,7 +10,7 @@ from etude.campaign.record.config_file import CONFIG
 from etude.campaign.record.folder import ROBOT
 from etude.campaign.record.journal import JOURNAL
 from etude.report.live import INDEX, Pages, digest_of
-from etude.report.markup import Html, element, join, paragraph
+from etude.report.markup import Html, document, element, join, paragraph
 from etude.report.record import Record, read_record
 from etude.report.sections.headline import headline
 from etude.report.sections.learning import learning
@@ -92,25 +92,10 @@ def render(record: Record) -> Html:
     subtitle = f"Campaign “{record.folder.resolve().name}”" + (f", last event {date}" if date else "")
     parts = [element("h1", title), paragraph(subtitle, class_="soft"), headline(record), contents]
     parts += [part for part in drawn.values() if part]
-    return _page(title, join(parts))
-
-
-def _page(title: str, body: Html) -> Html:
-    head = join(
-        [
-            Html('<meta charset="utf-8">'),
-            Html('<meta name="viewport" content="width=device-width, initial-scale=1">'),
-            Html('<link rel="icon" href="data:,">'),
-            element("title", title),
-            element("style", Html(_asset("report.css"))),
-        ]
-    )
+    main = Html(f"<main>\n{join(parts)}\n</main>")
     readout = element("div", class_="readout", aria_hidden="true")
     script = element("script", Html(_asset("report.js")))
-    return Html(
-        f'<!doctype html>\n<html lang="en">\n<head>\n{head}\n</head>\n<body>\n'
-        f"<main>\n{body}\n</main>\n{readout}\n{script}\n</body>\n</html>\n"
-    )
+    return document(title, element("style", Html(_asset("report.css"))), main, readout, script)
 
 
 def _asset(name: str) -> str:

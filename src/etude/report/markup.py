@@ -29,6 +29,16 @@ def element(tag: str, *content: object, **attributes: object) -> Html:
     return Html(f"<{tag}{given}>{join(content, '')}</{tag}>")
 
 
+def document(title: str, head: object, *body: object) -> Html:
+    """A whole page: `head` stands there below the title, `body` part below part."""
+    known = '<meta charset="utf-8">\n<meta name="viewport" content="width=device-width, initial-scale=1">'
+    icon = '<link rel="icon" href="data:,">'  # none, so that no server is asked for one
+    top = join([Html(known), Html(icon), element("title", title), head])
+    return Html(
+        f'<!doctype html>\n<html lang="en">\n<head>\n{top}\n</head>\n<body>\n{join(body)}\n</body>\n</html>\n'
+    )
+
+
 def paragraph(*content: object, class_: str = "") -> Html:
     return element("p", *content, class_=class_) if class_ else element("p", *content)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -69,6 +70,42 @@ def test_the_newest_answer_counts(campaign: Campaign, tmp_path: Path) -> None:
         told(campaign, changed(campaign, tmp_path / f"{seed}.csv", seed, tau_hip=-1.0), **answers)
     later = told(campaign, changed(campaign, tmp_path / "3.csv", 3, tau_hip=-1.0))
     assert any("was turned, as asked" in s for s in later.repairs)
+
+
+def rewritten(path: Path, change: Callable[[np.ndarray], np.ndarray]) -> Path:
+    """The log with its cells (T, 5) changed: t, q (2), tau (2)."""
+    lines = path.read_text().splitlines()
+    rows = np.array([[float(cell) for cell in line.split(",")] for line in lines[1:]])
+    text = [lines[0], *(",".join(map(repr, row)) for row in change(rows).tolist())]
+    path.write_text("\n".join(text) + "\n")
+    return path
+
+
+def test_held_rows_are_dropped_unasked_unless_they_are_accepted(campaign: Campaign, tmp_path: Path) -> None:
+    def held(rows: np.ndarray) -> np.ndarray:
+        return np.column_stack([rows[:, 0], rows[(np.arange(len(rows)) // 2) * 2, 1:]])
+
+    first, second, third = (
+        rewritten(write_log(tmp_path / f"{k}.csv", random_motion(campaign, k), k), held) for k in (1, 2, 3)
+    )
+    found = told(campaign, first)
+    assert any("Every row stands 2 times" in s for s in found.repairs)
+    assert campaign.state().rounds[found.number].ingested.answers == ()  # type: ignore[union-attr]
+    kept = told(campaign, second, accept=("held",))
+    assert any(s.endswith("Taken as it is, as asked.") for s in kept.repairs)
+    again = told(campaign, third)  # the newest answer counts
+    sizes = [len(read_log_file(campaign.run_file(one.number))) for one in (found, kept, again)]
+    assert sizes[0] < 0.6 * sizes[1]
+    assert sizes[2] > 0.9 * sizes[1]
+
+
+def test_what_a_repair_does_not_put_right_is_refused(
+    campaign: Campaign, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = changed(campaign, tmp_path / "log.csv", 1, tau_hip=-1.0)
+    monkeypatch.setattr("etude.campaign.ingest.questions.repaired", lambda log, _: log)
+    with pytest.raises(DataError, match="commands of hip take power out"):
+        told(campaign, path, repair=("sign",))
 
 
 @pytest.mark.parametrize("answers", [{"accept": ("sing",)}, {"repair": ("degrees",)}])

@@ -42,7 +42,7 @@ def lab(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Campaign:
 def log(path: Path, phase: float) -> Path:
     t = np.linspace(0.0, 8.0, 801)
     q, u = np.sin(t + phase), 3.0 * np.cos(t + phase)
-    columns = np.column_stack([t, q, 0.5 * q, u, 0.3 * u])
+    columns = np.column_stack([t, q, 0.5 * q, u, 0.3 * u + 0.1 * np.sin(3.0 * t)])
     path.parent.mkdir(exist_ok=True)
     np.savetxt(path, columns, delimiter=",", header="time,q_hip,q_knee,tau_hip,tau_knee", comments="")
     return path

@@ -54,9 +54,9 @@ def test_shares_are_counted_from_the_bytes_and_stand_on_the_certificate(
         assert row["held"]
     assert main(["ask", str(campaign.path)]) == 0
     text = capsys.readouterr().out
-    assert "segments sweep" in text
+    assert "of the collision-free range" in text
     assert f"{100 * rows[0]['of_range']:.0f} %" in text
-    assert "segments sweep of the range" in build_report(campaign.path).read_text()
+    assert "share of the range swept" in build_report(campaign.path).read_text()
 
 
 def test_what_stands_in_the_way_is_named(tmp_path: Path) -> None:

@@ -64,8 +64,8 @@ def test_a_log_is_measured_and_the_next_margin_is_three_times_its_error(
     assert not np.any(margins["moves"][1])
     found = constraints_now(lab, lab.state()).of(motion).unenforced
     assert len(found) == 1
-    assert found[0].startswith("Acceleration is not held by the robot: it was left by hip up to")
-    assert found[0].endswith(" in Fourier motions.")
+    assert found[0].startswith("Acceleration: tracking exceeded the plan in Fourier motions by up to")
+    assert " (hip), up to " in found[0]
 
 
 def test_a_proposal_keeps_the_margins_of_its_time(lab: Campaign, tmp_path: Path) -> None:
@@ -113,7 +113,9 @@ def test_a_large_error_is_cut_to_the_room_and_said(lab: Campaign) -> None:
     np.testing.assert_allclose(kept.margins["fourier"][0][0], [0.05, 0.1])
     np.testing.assert_array_equal(kept.margins["fourier"][1][0], [1.0, 0.0])
     (sentence,) = kept.by_form["fourier"] if kept.by_form else ("",)
-    assert sentence.startswith("Tracking: position of knee may be left by 2 rad, of which 0.1 is kept")
+    assert sentence.startswith(
+        "Tracking: the error in position of knee may reach 2 rad; the margin is only 0.1"
+    )
 
 
 def _with_gains(lab: Campaign, kp: tuple[float, float]) -> Campaign:

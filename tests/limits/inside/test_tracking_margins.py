@@ -86,13 +86,15 @@ def row(quantity: str = "position", margin: float = 0.0, confidence: float = 1.0
 
 
 def test_a_row_in_words() -> None:
-    assert in_words(row()) == "asked 2.71, limit 2.76"
+    assert in_words(row()) == "planned 2.71, limit 2.76"
     assert in_words(row(margin=0.04, confidence=0.95)) == (
-        "asked 2.71, tracked within 0.04 with 95 % confidence, limit 2.8"
+        "planned 2.71, tracking margin 0.04 with 95 % confidence, limit 2.8"
     )
-    assert in_words(row(margin=0.04, confidence=0.0)) == "asked 2.71, tracked within 0.04, assumed, limit 2.8"
+    assert (
+        in_words(row(margin=0.04, confidence=0.0)) == "planned 2.71, tracking margin 0.04, assumed, limit 2.8"
+    )
     low = Proof("a", "position", -0.9, 0.9, -0.8, 0.1, "", tracking_margin=0.1, confidence=1.0)
-    assert in_words(low) == "asked -0.8, tracked within 0.1, limit -1"
+    assert in_words(low) == "planned -0.8, tracking margin 0.1, limit -1"
 
 
 class Looking:

@@ -26,7 +26,7 @@ def with_positions(change: Callable[[Array], None], velocities: bool = True) -> 
 
 
 @pytest.mark.parametrize("velocities", [True, False])
-@pytest.mark.parametrize("size", [0.5, -0.5, 2.0 * np.pi, 40.0])
+@pytest.mark.parametrize("size", [0.5, -0.5, 40.0])
 @pytest.mark.parametrize("j", [0, 2])
 def test_a_jump_is_the_one_thing_that_is_said(velocities: bool, size: float, j: int) -> None:
     def jumping(q: Array) -> None:
@@ -37,7 +37,6 @@ def test_a_jump_is_the_one_thing_that_is_said(velocities: bool, size: float, j: 
     part = Q.parts[j]
     assert found.sentence.startswith(f"{part}: the position jumps by ")
     assert "at t = 7.760 s" in found.sentence
-    assert ("Unwrap" in found.step) == (abs(size) == 2.0 * np.pi)
     ((start, end),) = found.spans
     assert start < 7.765 < end
 

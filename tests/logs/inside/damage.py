@@ -14,6 +14,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -150,6 +151,12 @@ def _mat(compressed: bool) -> Callable[[Path], Path]:
     return write
 
 
+def _mat73(folder: Path) -> Path:
+    from mat_examples import write73
+
+    return write73(folder / "run.mat", {"t": LOG.t, "q": LOG["q"], "state": {"tau": LOG["command"]}})
+
+
 def _lerobot(folder: Path) -> Path:
     import test_mat_and_lerobot
 
@@ -202,6 +209,7 @@ FORMATS: dict[str, tuple[str, Callable[[Path], Path]]] = {
     "mat4": ("mat", _mat4),
     "mat": ("mat", _mat(False)),
     "mat-zlib": ("mat", _mat(True)),
+    **({"mat-7.3": ("mat", _mat73)} if find_spec("h5py") else {}),
     "lerobot": ("lerobot", _lerobot),
     "bag": ("rosbag2", _bag()),
     "bag-zstd": ("rosbag2", _bag(compression="FILE")),

@@ -48,5 +48,5 @@ def test_a_hundred_of_every_reader(share: int) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("name", FORMATS)
 def test_thousands_of_every_format(name: str) -> None:
-    """18 formats of 3,400 each, at least as many a reader."""
+    """19 formats of 3,400 each, at least as many a reader."""
     survived(1000, 3400, name)

@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import io
 import json
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
 import polars as pl
 import pytest
 from log_examples import CHANNELS, JOINTS, LIMITS, RATE, make_log
+from mat_examples import write73
 from scipy.io import loadmat, savemat
 
-from etude.errors import DataError
+from etude.errors import DataError, UsageError
 from etude.logs import read_log, read_raw
 from etude.logs.readers.mat import is_mat4, variables, variables4
 from etude.logs.readers.memory_budget import MemoryBudget
@@ -126,19 +129,95 @@ def test_variables_are_those_of_scipy(tmp_path: Path) -> None:
     np.testing.assert_array_equal(found["outer"]["inner"]["q"], np.arange(4.0)[None])
 
 
+def test_version_73_is_read_as_version_5(tmp_path: Path) -> None:
+    """Matrices, structs, Simulink's structures with time, and numbers of other types."""
+    pytest.importorskip("h5py", reason="version 7.3 is read by the extra 'matlab'")
+    block = {"time": LOG.t[:, None], "signals": {"values": LOG["q"]}}
+    for run in (
+        {"t": LOG.t, "q": LOG["q"], "tau": LOG["command"].T, "gains": np.ones(7), "on": np.ones(ROWS) > 0.0},
+        {"out": {"log": {"time": LOG.t, "q": LOG["q"].astype("f4"), "tau": LOG["command"]}}, "dt": 0.01},
+        {"q": block, "tau": {**block, "signals": {"values": LOG["command"]}}, "n": np.arange(9, dtype="u2")},
+    ):
+        savemat(tmp_path / "5.mat", run)
+        wanted, found = read_raw(tmp_path / "5.mat"), read_raw(write73(tmp_path / "73.mat", run))
+        assert found.values.keys() == wanted.values.keys()
+        assert found.repairs == wanted.repairs
+        for name, values in wanted.values.items():
+            np.testing.assert_array_equal(found[name], values)
+        np.testing.assert_allclose(read(tmp_path / "73.mat")["command"], LOG["command"])
+    square = write73(tmp_path / "square.mat", {"t": np.arange(3.0), "q": np.arange(9.0).reshape(3, 3)})
+    np.testing.assert_array_equal(read_raw(square)["q_2"][:, 0], [1.0, 4.0, 7.0])
+
+
+def test_what_is_no_number_in_version_73_is_left_out(tmp_path: Path) -> None:
+    h5py = pytest.importorskip("h5py", reason="version 7.3 is read by the extra 'matlab'")
+    path = write73(tmp_path / "run.mat", {"t": LOG.t, "q": LOG["q"], "more": {"tau": LOG["command"]}})
+    marks = {"text": ("char", {}), "none": ("double", {"MATLAB_empty": 1})}
+    marks["object"] = ("uint32", {"MATLAB_object_decode": 3})
+    with h5py.File(path, "r+") as file:
+        for name, (kind, attributes) in marks.items():
+            file[name] = np.full((1, ROWS), 65, dtype="u4")
+            file[name].attrs.update({"MATLAB_class": np.bytes_(kind), **attributes})
+        file["roots"] = np.zeros((1, ROWS), dtype=[("real", "f8"), ("imag", "f8")])
+        file["cells"] = np.full((1, ROWS), file["t"].ref, dtype=h5py.ref_dtype)
+        file["#refs#/a"] = np.zeros((1, ROWS))
+        file["sparse/ir"] = np.zeros((1, ROWS))
+        file["sparse"].attrs.update({"MATLAB_class": np.bytes_("double"), "MATLAB_sparse": ROWS})
+        file["circle/again"] = file["/"]
+        file["away"] = h5py.ExternalLink(str(tmp_path / "other.h5"), "t")
+    with h5py.File(tmp_path / "other.h5", "w") as file:
+        file["t"] = np.zeros((1, ROWS))
+    assert set(read_raw(path).values) == {"t", *(f"{w}_{i}" for w in ("q", "more.tau") for i in (1, 2, 3))}
+    with h5py.File(path, "r+") as file:
+        shape = {"shape": (1, ROWS), "dtype": "f8", "external": [(str(tmp_path / "raw"), 0, 8 * ROWS)]}
+        file.create_dataset("raw", **shape)
+    with pytest.raises(DataError, match="of a variable are in another file"):
+        read_raw(path)
+
+
+def test_a_cut_file_of_version_73(tmp_path: Path) -> None:
+    pytest.importorskip("h5py", reason="version 7.3 is read by the extra 'matlab'")
+    path = write73(tmp_path / "run.mat", {"t": LOG.t, "q": LOG["q"], "tau": LOG["command"]})
+    whole = path.read_bytes()
+    for size in (512, len(whole) // 2, len(whole) - 100):
+        path.write_bytes(whole[:size])
+        with pytest.raises(DataError, match=r"cannot be read as MAT.*It is cut"):
+            read(path)
+
+
+def test_version_73_without_its_library(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "h5py", None)
+    (tmp_path / "run.mat").write_bytes(b"MATLAB 7.3 MAT-file".ljust(512))
+    with pytest.raises(UsageError, match=r"version 7\.3 needs h5py") as problem:
+        read(tmp_path / "run.mat")
+    assert problem.value.next_step == (
+        "Install it: pip install 'h5py>=3.10', or save it in MATLAB with save(name, '-v7')"
+    )
+
+
 def test_what_cannot_be_read_of_matlab(tmp_path: Path) -> None:
     path = tmp_path / "run.mat"
-    for content, words in (
-        (b"MATLAB 7.3 MAT-file".ljust(512), "7.3.*save"),
-        (b"\x89HDF\r\n".ljust(512), "7.3.*save"),
-        (b"no mat file at all".ljust(512), "cannot be read as MAT"),
-    ):
-        path.write_bytes(content)
-        with pytest.raises(DataError, match=words):
-            read(path)
+    path.write_bytes(b"no mat file at all".ljust(512))
+    with pytest.raises(DataError, match="cannot be read as MAT"):
+        read(path)
     savemat(path, {"gain": 1.0, "name": "ur10"})
     with pytest.raises(DataError, match="no variable with more than one number"):
         read(path)
+
+
+def test_a_damaged_type_is_refused_where_scipys_reader_ends_the_program(tmp_path: Path) -> None:
+    """The reason for a reader of our own: docs/decisions/0055-matlab-files.md."""
+    path = tmp_path / "run.mat"
+    savemat(path, {"t": LOG.t, "q": LOG["q"]})
+    data = path.read_bytes()
+    tag = np.array([9, 8 * ROWS], dtype="<u4").tobytes()  # doubles, and their bytes; 10 is no type
+    assert tag in data
+    path.write_bytes(data.replace(tag, b"\x0a" + tag[1:], 1))
+    with pytest.raises(DataError, match="cannot be read as MAT"):
+        read(path)
+    alone = "import sys, scipy.io\ntry: scipy.io.loadmat(sys.argv[1])\nexcept BaseException: pass"
+    done = subprocess.run([sys.executable, "-c", alone, str(path)], capture_output=True, check=False)
+    assert done.returncode != 0, "SciPy refuses it: look at the record again"
 
 
 def dataset(folder: Path, names: object, episodes: int = 1) -> Path:

@@ -14,5 +14,5 @@ def test_messages_ask_for_what_the_extras_ask_for() -> None:
     extras = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"][
         "optional-dependencies"
     ]
-    stated = {own for name in ("ros", "px4", "onnx") for own in extras[name]}
+    stated = {own for name in ("ros", "px4", "matlab", "onnx") for own in extras[name]}
     assert set(REQUIREMENTS.values()) == stated

@@ -136,12 +136,13 @@ def test_single_wild_positions_are_dropped() -> None:
     assert log.repairs == ("2 rows with a single wild position were dropped.",)
 
 
-@pytest.mark.parametrize(("jump", "advice"), [(0.68, "several recordings"), (-2 * np.pi, "Unwrap")])
-def test_a_lasting_jump_is_refused(jump: float, advice: str) -> None:
+@pytest.mark.parametrize("jump", [0.68, -2 * np.pi])
+def test_a_lasting_jump_is_refused(jump: float) -> None:
     q = LOG["q"].copy()
     q[1000:1040, 2] += jump
     with pytest.raises(
-        DataError, match=rf"jumps by {str(jump)[:2]}.* rad at t = 9.99\d s.*elbow_joint.*{advice}"
+        DataError,
+        match=rf"jumps by {str(jump)[:2]}.* rad at t = 9.99\d s.*elbow_joint.*several recordings",
     ):
         cleaned(with_values(LOG, q=q))
 

@@ -12,6 +12,8 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 import pytest
+from mat_examples import write73
+from scipy.io import loadmat, savemat, whosmat
 
 from etude.errors import DataError
 from etude.logs import read_raw
@@ -101,6 +103,53 @@ def test_a_mat_is_refused_before_it_fills_the_memory(
     path = mat(tmp_path / "bomb.mat", *variables)
     assert path.stat().st_size < SMALL / 32
     assert peak_of(path) < most
+
+
+@pytest.mark.parametrize("dtype", ["f8", "u1"])
+def test_a_mat_of_version_73_is_refused_before_it_is_unpacked(tmp_path: Path, dtype: str) -> None:
+    """One large variable, and many that are small."""
+    pytest.importorskip("h5py", reason="version 7.3 is read by the extra 'matlab'")
+    rows = 2 * SMALL // 8
+    for own, most in (
+        ({"q": np.zeros(rows, dtype)}, 5 * BLOCK),
+        ({f"v{i}": np.zeros(ROWS // 4, dtype) for i in range(40)}, SMALL + 5 * BLOCK),
+    ):
+        path = write73(tmp_path / "bomb.mat", own)
+        assert path.stat().st_size < SMALL / 32
+        assert peak_of(path) < most
+
+
+@pytest.mark.parametrize("how", [{}, {"shuffle": True}, {"fletcher32": True}], ids=["", "shuffle", "sum"])
+def test_a_block_of_version_73_that_states_less_than_it_holds(tmp_path: Path, how: dict[str, bool]) -> None:
+    """HDF5 unpacks a block whole, whatever its size is said to be."""
+    h5py = pytest.importorskip("h5py", reason="version 7.3 is read by the extra 'matlab'")
+    path = write73(tmp_path / "bomb.mat", {"t": np.arange(1000.0), "q": np.zeros(1000)}, **how)
+    assert len(read_raw(path)) == 1000
+    with h5py.File(path, "r+") as file:
+        file["q"].id.write_direct_chunk((0, 0), zlib.compress(bytes(4 * SMALL)))
+    with pytest.raises(DataError, match="unpacks to more than it states"):
+        read_raw(path)
+
+
+def test_packings_of_version_73_that_matlab_does_not_write(tmp_path: Path) -> None:
+    pytest.importorskip("h5py", reason="version 7.3 is read by the extra 'matlab'")
+    own = {"t": np.arange(1000.0), "q": np.zeros(1000)}
+    path = write73(tmp_path / "lzf.mat", own, compression="lzf", compression_opts=None)
+    with pytest.raises(DataError, match="packed in a way that is not read"):
+        read_raw(path)
+
+
+def test_scipys_reader_holds_what_a_struct_unpacks_to(tmp_path: Path) -> None:
+    """Nothing states its size before; one of the reasons in docs/decisions/0055-matlab-files.md."""
+    savemat(tmp_path / "bomb.mat", {"log": {"q": np.zeros(2 * SMALL // 8)}}, do_compression=True)
+    assert peak_of(tmp_path / "bomb.mat") < 5 * BLOCK
+    assert whosmat(tmp_path / "bomb.mat") == [("log", (1, 1), "struct")]
+    tracemalloc.start()
+    try:
+        loadmat(tmp_path / "bomb.mat")
+        assert tracemalloc.get_traced_memory()[1] > 2 * SMALL
+    finally:
+        tracemalloc.stop()
 
 
 def test_an_older_mat_is_refused_before_it_is_read(tmp_path: Path) -> None:

@@ -228,6 +228,10 @@ def test_floors_are_tried_and_the_noise_never_falls_below_them(data) -> None:
     for j, posterior in enumerate(posteriors(limited)):
         cap = 0.1 * data.command[data.moving[:, j], j].std()
         assert posterior.noise_variance > min(floor, cap) ** 2
+    # a joint that uses a small part of its limit still learns: half of the limit is far above its deviation
+    for j, posterior in enumerate(posteriors(train(data, replace(SMALL, noise_floor=0.5)))):
+        cap = 0.1 * data.command[data.moving[:, j], j].std()
+        assert cap**2 < posterior.noise_variance < 4.0 * cap**2
     assert np.isfinite(train(data, replace(SMALL, noise_floor="auto", steps=4)).predict(data.log)[0]).all()
 
 

@@ -229,6 +229,29 @@ def test_replayed_is_live_and_saved_and_opened_is_never_stopped(model) -> None:
     assert whole.online.weights() == reopened.online.weights()
 
 
+@given(st.lists(st.tuples(ANY, ANY), min_size=1, max_size=50))
+def test_measurements_that_are_not_believed_never_raise_a_weight(decisions) -> None:
+    hedge = Hedge(np.array([0.1]), PERIOD)
+    for _ in range(40):  # it has come to be believed, and could be more
+        hedge.decide(np.array([1.0]), hedge.authority, hedge.authority)
+    for error, offered in decisions:
+        before = hedge.weight
+        with np.errstate(all="ignore"):
+            within = np.clip(np.nan_to_num([offered]), -hedge.authority, hedge.authority)
+            hedge.decide(np.array([error]), within, np.array([offered]), clean=False)
+        assert hedge.weight <= before
+
+
+def test_a_learner_that_was_set_back_is_left_alone_for_a_while(model, monkeypatch) -> None:
+    online = started(model)
+    loop = Loop(online, model).run(1.0)
+    for own in online.commands:
+        monkeypatch.setattr(type(own.learner), "mean", lambda self, x: np.nan)
+    loop.run(8.0, 1.0)
+    assert (online.counts.set_back >= 2).all()  # it stays lost
+    assert (online.counts.set_back <= 3).all()  # at most one in three seconds
+
+
 @pytest.mark.slow
 def test_a_poisoned_learner_goes_back_and_comes_back(model, monkeypatch) -> None:
     online = started(model, replace(CONFIG, size=60))

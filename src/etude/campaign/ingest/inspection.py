@@ -15,12 +15,13 @@ from etude.campaign.ingest.questions import Answers, LogQuestions, judged_comman
 from etude.campaign.record.config_file import CONFIG
 from etude.campaign.record.folder import Campaign, open_campaign
 from etude.errors import DataError, EtudeError
+from etude.logs.checks.exact import judge_numbers
 from etude.logs.checks.filtered_motion import Seen, seen
-from etude.logs.checks.plausibility import judge_commands, judge_motion
+from etude.logs.checks.plausibility import judge_commands, judge_motion, mended
 from etude.logs.checks.recording_quality import clock_findings, column_findings, motion_findings
 from etude.logs.cleaning import read as logs
 from etude.logs.cleaning.read import clean_log, matched_log
-from etude.logs.cleaning.repairs import drop_unreadable, order_rows
+from etude.logs.cleaning.repairs import drop_spikes, drop_unreadable, order_rows
 from etude.logs.columns.headers import plain, words_of
 from etude.logs.columns.mapping import mapped, mapping_text
 from etude.logs.columns.matching import match_columns
@@ -228,13 +229,15 @@ def _judged(log: Log, known: _KnownRobot, stated: set[str]) -> Inspected:
     """What `tell` asks, in its order."""
     found: list[Finding] = []
     try:
-        rows = order_rows(drop_unreadable(replace(log, repairs=())))
+        rows = drop_spikes(order_rows(drop_unreadable(replace(log, repairs=()))))
     except EtudeError as error:
         return Inspected(None, (_refused("rows", error),))
+    found += _tried("numbers", lambda: judge_numbers(rows, known.limits))
+    rows = replace(mended(rows, found), repairs=rows.repairs)  # its findings say what was mended
     motion = seen(rows, rows.channels[known.path]) if known.path in rows else None
-    told = _tried("motion", lambda: _motion(rows, known, motion))
-    found += told
-    if any(f.light == "red" for f in told):
+    if not any(f.light == "red" for f in found):
+        found += _tried("motion", lambda: _motion(rows, known, motion))
+    if any(f.light == "red" for f in found):
         later = "Ranges and commands are looked at when the motion is right."
         return Inspected(rows, (*found, Finding("commands", "cannot tell", later)))
     found += _tried("commands", lambda: _commands(rows, known, motion))

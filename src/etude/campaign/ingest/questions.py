@@ -14,6 +14,7 @@ from etude.campaign.record.config import preset_config
 from etude.campaign.record.events import Given
 from etude.campaign.record.state import State
 from etude.errors import DataError, UsageError
+from etude.logs.checks import exact
 from etude.logs.checks.filtered_motion import Seen
 from etude.logs.checks.finding_texts import Excludable, Mendable
 from etude.logs.checks.plausibility import (
@@ -28,6 +29,7 @@ from etude.protocols import Kind, Mean
 from etude.types import Finding, Log
 
 CHECKS = (
+    *exact.NAMES,
     *("time", "direction", "degrees", "velocity", "swapped", "sign", "scale", "gravity"),
     *("ground", "brake", "jump"),
     *("gyroscope", "accelerometer", "motor_delay"),
@@ -99,6 +101,7 @@ class LogQuestions:
             channels = self.kind.channels(self.spec)
             return judge_motion(log, self.kind.path, channels, known.limits, known.rate)
 
+        log = self._settled(log, lambda log: exact.judge_numbers(log, known.limits))
         log = self._settled(log, judged)
         velocities = [n for n, c in log.channels.items() if c.derivative_of == self.kind.path]
         check_consistency(log.without(*velocities))
@@ -129,22 +132,29 @@ class LogQuestions:
 
     def _settled(self, log: Log, judged: Callable[[Log], Sequence[Finding]]) -> Log:
         """Repairs what is to be, one finding at a time, since one spoils the next; then asks the rest."""
-        for _ in CHECKS:
-            open_ = [f for f in judged(log) if f.flag or f.light == "red"]
-            mended = next((f for f in open_ if f.flag and self.answers.to(f) == "repair"), None)
+        tried: set[str] = set()
+        while True:
+            open_ = [f for f in judged(log) if f.flag or f.light == "red" or _is_free(f)]
+            mended = next((f for f in open_ if f.check not in tried and self._repairs(f)), None)
             if mended is None:
                 break
             log = repaired(log, mended)
-            self._note("repair", mended)
-        else:
-            open_ = []
-        for finding in [f for f in open_ if f.flag and self.answers.to(f) == "accept"]:
+            tried.add(mended.check)
+            if not _is_free(mended):
+                self._note("repair", mended)
+        for finding in [f for f in open_ if (f.flag or _is_free(f)) and self.answers.to(f) == "accept"]:
             self._note("accept", finding)
             log = log.repaired(self._taken(finding).sentence)
             open_.remove(finding)
-        if open_:
-            raise refusal(open_, log.source)
+        asked = [f for f in open_ if not _is_free(f)]
+        if asked:
+            raise refusal(asked, log.source)
         return log
+
+    def _repairs(self, finding: Finding) -> bool:
+        """Whether a finding is repaired: unasked unless accepted, or as the answer says."""
+        answer = self.answers.to(finding)
+        return answer != "accept" if _is_free(finding) else bool(finding.flag) and answer == "repair"
 
     def _taken(self, finding: Finding) -> Finding:
         """What stays beside the log of a question that was answered so: news, but no question any more."""
@@ -158,6 +168,10 @@ class LogQuestions:
 
 def _what(finding: Finding) -> tuple[str, tuple[float, ...]]:
     return finding.check, finding.by if isinstance(finding, Mendable) else ()
+
+
+def _is_free(finding: Finding) -> bool:
+    return isinstance(finding, Mendable) and finding.free
 
 
 def refusal(found: Sequence[Finding], where: str) -> DataError:

@@ -300,8 +300,8 @@ def _short(campaign: Campaign, wanted: Array, kept: Array) -> list[str]:
     """A sentence for each margin that would have left no room."""
     units = campaign.channel(campaign.kind.path).units
     return [
-        f"Tracking: {QUANTITIES[order]} of {axis} may be left by {wanted[order, j]:.3g} {units[j]}"
-        f"{'/s' * order}, of which {kept[order, j]:.3g} is kept: more would leave too little room."
+        f"Tracking: the error in {QUANTITIES[order]} of {axis} may reach {wanted[order, j]:.3g} {units[j]}"
+        f"{'/s' * order}; the margin is only {kept[order, j]:.3g}, since more leaves too little for motion."
         for order in range(len(wanted))
         for j, axis in enumerate(campaign.axes)
         if kept[order, j] < wanted[order, j]
@@ -315,5 +315,5 @@ def _accelerations(campaign: Campaign, form: str, errors: Sequence[Array]) -> li
         return []
     units = campaign.channel(campaign.kind.path).units
     most = zip(campaign.axes, np.max(last, axis=0), units, strict=True)
-    text = ", ".join(f"{axis} up to {value:.3g} {unit}/s^2" for axis, value, unit in most)
-    return [f"Acceleration is not held by the robot: it was left by {text} in {IN_WORDS.get(form, form)}."]
+    text = ", ".join(f"up to {value:.3g} {unit}/s^2 ({axis})" for axis, value, unit in most)
+    return [f"Acceleration: tracking exceeded the plan in {IN_WORDS.get(form, form)} by {text}."]

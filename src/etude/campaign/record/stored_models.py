@@ -171,9 +171,9 @@ STILL = 0.02
 def held_commands(campaign: Campaign, paths: Sequence[Array]) -> Mask:
     """(J,) commands of coordinates that are held in all logs, where each has a command of its own.
 
-    paths: (T, J) positions of each log.
+    paths: (T, J) positions of each log that has them.
     """
-    if campaign.command.parts != campaign.axes:
+    if campaign.command.parts != campaign.axes or not paths:
         return np.zeros(len(campaign.command.parts), dtype=bool)
     low, high = campaign.kind.expected(campaign.spec).limits[campaign.kind.path]
     width = np.minimum(np.asarray(high, dtype=float) - low, 2.0 * np.pi)

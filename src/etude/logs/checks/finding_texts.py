@@ -12,9 +12,15 @@ from etude.types import Finding, Log, Mask
 
 @dataclass(frozen=True)
 class Mendable(Finding):
-    """A finding that a repair can act upon; by: what the repair needs, see `repairs`."""
+    """A finding that a repair can act upon.
+
+    Attributes:
+        by: what the repair needs, see `plausibility`.
+        free: nothing is lost and the data decide, so it is repaired unasked.
+    """
 
     by: tuple[float, ...] = ()
+    free: bool = False
 
 
 class Excludable(Finding):

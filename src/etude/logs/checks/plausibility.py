@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from etude.errors import UsageError
-from etude.logs.checks import command_columns, velocities
+from etude.logs.checks import command_columns, exact, velocities
 from etude.logs.checks.command_columns import scale_findings
 from etude.logs.checks.filtered_motion import Seen, joints, runs, seen
 from etude.logs.checks.finding_texts import Excludable, Mendable, named
@@ -180,7 +180,15 @@ def _command(log: Log) -> Channel:
     return next(c for c in log.channels.values() if c.role == "command" and c.acts_on in log)
 
 
+def mended(log: Log, found: Sequence[Finding]) -> Log:
+    """The log less all of which nothing is lost by mending it."""
+    for finding in found:
+        log = repaired(log, finding) if isinstance(finding, Mendable) and finding.free else log
+    return log
+
+
 REPAIRS: Mapping[str, Callable[[Log, Mendable], Log]] = {
+    **exact.REPAIRS,
     velocities.TIME: _scaled,
     velocities.DIRECTION: _turned,
     command_columns.SWAPPED: _ordered,

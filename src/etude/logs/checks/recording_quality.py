@@ -174,7 +174,6 @@ def _leaping(log: Log) -> Finding:
 
 JITTER = 0.5  # of a step, in 95 % of the rows: beyond, linear interpolation starts to bend the motion
 REPEATED = 0.01  # of the rows
-STANDS = 20  # equal rows in a run: that is rest
 SLOWEST, FASTEST = 2.0, 5e4  # rows a second that a robot's recorder writes
 SPANS = 50  # that are marked
 
@@ -190,7 +189,7 @@ def clock_findings(log: Log) -> tuple[Finding, ...]:
     steps = np.diff(log.t)
     forward = steps[steps > 0]
     step = float(np.median(forward))
-    return (_rate(forward, step), _order(log.t, steps), _gaps(log.t, steps, step), _repeats(log, steps))
+    return (_rate(forward, step), _order(log.t, steps), _gaps(log.t, steps, step), _repeats(steps))
 
 
 def _rate(forward: Array, step: float) -> Finding:
@@ -236,35 +235,13 @@ def _gaps(t: Array, steps: Array, step: float) -> Finding:
     )
 
 
-def _repeats(log: Log, steps: Array) -> Finding:
-    """Rows at the time of the row before, and rows whose every cell is that of the row before."""
-    same_time, same = float((steps == 0).mean()), float(_held(log).mean())
-    said = (
-        f"{100 * same_time:.3g} % of the rows repeat the time before, {100 * same:.3g} % repeat all values."
-    )
-    if max(same_time, same) < REPEATED:
+def _repeats(steps: Array) -> Finding:
+    """Rows at the time of the row before; rows that hold their values are `exact`'s."""
+    share = float((steps == 0).mean())
+    said = f"{100 * share:.3g} % of the rows repeat the time before."
+    if share < REPEATED:
         return Finding("repeats", "green", said)
-    return Finding(
-        "repeats",
-        "yellow",
-        said,
-        "The recorder is faster than the sensor: log at the sensor's rate. Repeated times are dropped.",
-    )
-
-
-def _held(log: Log) -> Mask:
-    """(T-1,) rows in which nothing has changed, but for rest: runs of fewer than STANDS."""
-    same = np.ones(max(len(log) - 1, 0), dtype=np.bool_)
-    moved = False
-    for name, values in log.values.items():
-        if log.channels[name].role in ("state", "aside"):
-            varying = np.ptp(np.nan_to_num(values), axis=0) > 0
-            moved = moved or bool(varying.any())
-            same &= (values[1:, varying] == values[:-1, varying]).all(axis=1)
-    if not moved or not len(same):
-        return np.zeros_like(same)
-    edges = np.flatnonzero(np.diff(same, prepend=~same[0], append=~same[-1]))
-    return np.asarray(same & (np.repeat(np.diff(edges), np.diff(edges)) < STANDS))
+    return Finding("repeats", "yellow", said, "Repeated times are dropped: log at the sensor's rate.")
 
 
 def spans_of(t: Array, rows: Index) -> tuple[tuple[float, float], ...]:

@@ -13,7 +13,14 @@ import numpy as np
 
 from etude.errors import DataError
 from etude.logs.cleaning.ranges import check_commands, check_consistency, check_positions, looks_scaled
-from etude.logs.cleaning.repairs import check_constant, drop_spikes, drop_unreadable, note_pauses, order_rows
+from etude.logs.cleaning.repairs import (
+    check_constant,
+    check_leaps,
+    drop_spikes,
+    drop_unreadable,
+    note_pauses,
+    order_rows,
+)
 from etude.logs.columns.headers import Column
 from etude.logs.columns.mapping import mapped
 from etude.logs.columns.matching import Matching, match_columns
@@ -97,7 +104,7 @@ def clean_log(
             whose are not. None: rates of another unit than their positions are refused.
     """
     limits = limits or {}
-    log = order_rows(drop_unreadable(log))
+    log = drop_spikes(order_rows(drop_unreadable(log)))
     if len(log) < LEAST_ROWS:
         raise DataError(
             f"only {len(log)} usable rows; a log needs at least {LEAST_ROWS}. {ending(log)}".rstrip(" ."),
@@ -106,11 +113,11 @@ def clean_log(
         )
     log = note_pauses(log)
     log = _consistent(log) if settle is None else settle(log)
-    # A wild cell must not decide the unit, and a wrong unit must not look like wild cells.
+    # A leap must not decide the unit, and a wrong unit must not look like leaps.
     if looks_scaled(log, channels, limits):
-        log = drop_spikes(check_positions(log, limits), channels, limits)
+        log = check_leaps(check_positions(log, limits), channels, limits)
     else:
-        log = check_positions(drop_spikes(log, channels, limits), limits)
+        log = check_positions(check_leaps(log, channels, limits), limits)
     return check_lengths(check_constant(check_commands(log, limits)), stated)
 
 

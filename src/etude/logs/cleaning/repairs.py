@@ -174,17 +174,44 @@ def note_pauses(log: Log) -> Log:
     )
 
 
-def drop_spikes(log: Log, channels: Sequence[Channel], limits: Limits) -> Log:
-    """Drops single rows in which a position leaps out and back faster than the robot can move.
+WILD, FURTHER = 20.0, 5.0  # times what rows usually are off the middle of their neighbours; times large steps
+LEAST_WILD = 1e-2  # of a range: less is the flicker of an encoder
 
-    Raises:
-        DataError: positions leap and stay, or leap too often.
-    """
+
+def drop_spikes(log: Log) -> Log:
+    """Drops single rows that stand far from both neighbours, where these agree."""
+    wild = np.zeros(len(log), dtype=np.bool_)
+    for channel in log.channels.values():
+        if channel.role == "state" and channel.name in log and set(channel.units) <= {"rad", "m"}:
+            for q in log[channel.name].T:
+                wild[1:-1] |= _wild(q)
+    if not wild.any() or wild.sum() > RARE * len(log):
+        return log
+    return log.take(~wild).repaired(f"{wild.sum()} rows with a single wild position were dropped.")
+
+
+def _wild(q: Array) -> Mask:
+    """(T-2,) of the inner values of q (T,)."""
+    if len(q) < 3:
+        return np.zeros(0, dtype=np.bool_)
+    off, step = np.abs(q[1:-1] - 0.5 * (q[:-2] + q[2:])), np.abs(np.diff(q))
+    usual, large = 1.5 * float(np.median(off)), 2.0 * float(np.quantile(step, 0.95))
+    least = max(WILD * usual, FURTHER * large, LEAST_WILD * float(np.ptp(q)))
+    return np.asarray((off > least) & (np.abs(q[2:] - q[:-2]) < 2.0 * large + 1e-2 * off))
+
+
+def check_leaps(log: Log, channels: Sequence[Channel], limits: Limits) -> Log:
+    """The log. DataError: positions leap faster than the robot can move."""
     for channel in bounded(log, limits):
         top = top_speed(channel, channels, limits)
-        if top is not None:
-            lower, upper = limits[channel.name]
-            log = _without_spikes(log, channel, top, upper - lower)
+        if top is None:
+            continue
+        lower, upper = limits[channel.name]
+        leap = leaps(log, channel, top, upper - lower)
+        if leap.any():
+            row, j = (int(k[0]) for k in np.nonzero(leap))
+            fact, step = jump_in_words(log, channel, row, j)
+            raise DataError(fact, where=f"{log.source}, {channel.parts[j]}", next_step=step)
     return log
 
 
@@ -194,7 +221,6 @@ STEP_NOISE = 0.01  # of a range: what noise may add to a step
 BESIDE = 10  # rows to either side that a leap is held against
 ALONE = 5.0  # times the largest step beside: a clock in another unit makes all steps large
 RARE_SHARE = 0.01  # of the rows
-TURN = 0.2  # rad within which a leap is one turn
 
 
 def leaps(log: Log, channel: Channel, top: Array, size: Array) -> Mask:
@@ -235,8 +261,6 @@ def jump_in_words(log: Log, channel: Channel, row: int, j: int) -> tuple[str, st
     q, unit = log[channel.name][:, j], channel.units[j]
     step = float(q[row + 1] - q[row])
     fact = f"the position jumps by {step:.3g} {unit} at t = {log.t[row]:.3f} s, faster than it can move"
-    if unit == "rad" and abs(abs(step) - 2 * np.pi) < TURN:
-        return fact, "Unwrap the angle (it jumps by one turn)."
     return fact, (
         "Is this several recordings in one file, an encoder that was set anew, another robot, or a wrong "
         "unit? Cut the file there, and tell each part on its own."
@@ -260,23 +284,6 @@ def _back(q: Array, leap: Mask) -> Mask:
     found[:-1] |= both
     found[1:] |= both
     return found
-
-
-def _without_spikes(log: Log, channel: Channel, top: Array, size: Array) -> Log:
-    leap = leaps(log, channel, top, size)
-    rows = np.flatnonzero(leap.any(axis=1))
-    spikes = rows[np.isin(rows + 1, rows)] + 1
-    # The row between a leap out and a leap back; a run of leaps is no single spike and stays.
-    if len(spikes) and len(spikes) <= RARE * len(log.t):
-        keep = np.ones(len(log.t), dtype=bool)
-        keep[spikes] = False
-        log = log.take(keep).repaired(f"{len(spikes)} rows with a single wild position were dropped.")
-        leap = leaps(log, channel, top, size)
-    if leap.any():
-        row, j = (int(k[0]) for k in np.nonzero(leap))
-        fact, step = jump_in_words(log, channel, row, j)
-        raise DataError(fact, where=f"{log.source}, {channel.parts[j]}", next_step=step)
-    return log
 
 
 def check_commanded(log: Log) -> Log:

@@ -17,6 +17,7 @@ READING = "reading this log"
 REQUIREMENTS = {
     "rosbags": "rosbags>=0.10.9",
     "pyulog": "pyulog>=1.1",
+    "h5py": "h5py>=3.10",
     "onnx": "onnx>=1.16",
     "onnxruntime": "onnxruntime>=1.19",
 }
@@ -25,13 +26,14 @@ ROSBAGS_BRINGS = ("lz4", "backports", "compression")
 """Packages that rosbags depends on and that bags are unpacked with."""
 
 
-def needed(module: str, doing: str, path: Path | None = None) -> Any:
+def needed(module: str, doing: str, path: Path | None = None, otherwise: str = "") -> Any:
     """The module.
 
     Args:
         module: its full name, as imported.
         doing: what needs it, as the subject of the message: "reading this log", "writing --format ros2".
         path: the file or folder that is read or written.
+        otherwise: what to do instead of installing it.
 
     Raises:
         UsageError: it is not installed; the next step is the command that installs it.
@@ -43,7 +45,8 @@ def needed(module: str, doing: str, path: Path | None = None) -> Any:
         raise UsageError(
             f"{doing} needs {library}, which is not installed ({problem})",
             where="" if path is None else str(path),
-            next_step=f"Install it: pip install '{requirement(library)}'",
+            next_step=f"Install it: pip install '{requirement(library)}'"
+            + (f", {otherwise}" if otherwise else ""),
         ) from None
 
 

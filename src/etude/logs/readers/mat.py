@@ -1,10 +1,12 @@
-"""MATLAB's files (version 4 to 7.2) as raw logs: vectors are columns, matrices several, structs paths.
+"""MATLAB's files as raw logs: vectors are columns, matrices several, structs paths.
 
-The format is published by MathWorks ("MAT-File Format", level 4): of each variable five integers (type, rows,
-columns, whether it is complex, length of the name), the name, and its numbers column by column.
+MathWorks publishes the formats ("MAT-File Format"). Version 4 has for each variable five integers (type,
+rows, columns, whether it is complex, length of the name), the name, and its numbers column by column.
+Versions 5 to 7 have elements of a type, a length and data, padded to 8 bytes; variables are elements of such.
+Both are read here: SciPy's reader ends the program on some damaged files
+(docs/decisions/0055-matlab-files.md).
 
-Read here since SciPy's reader ends the program on some damaged files. The format is published by MathWorks
-("MAT-File Format"): elements of a type, a length and data, padded to 8 bytes; variables are elements of such.
+Version 7.3 is an HDF5 file, read with h5py: structs are groups, and arrays have their axes in reverse order.
 """
 
 from __future__ import annotations
@@ -22,6 +24,7 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from etude.errors import DataError
+from etude.logs.readers.extras import needed
 from etude.logs.readers.frames import raw_log
 from etude.logs.readers.memory_budget import BESIDE, BLOCK, MemoryBudget, as_float
 from etude.types import Array, Log
@@ -37,16 +40,9 @@ def mat_log(path: Path) -> Log:
     """All numeric variables with one row for each sample; what has another length is left out and named.
 
     Raises:
-        DataError: no MAT file, one of version 7.3, or without two variables of one length.
+        DataError: no MAT file, or without two variables of one length.
+        UsageError: a file of version 7.3, and h5py is not installed.
     """
-    with path.open("rb") as file:
-        head = file.read(HEAD)
-    if head.startswith(HDF5):
-        raise DataError(
-            "this is a MAT file of version 7.3 (HDF5), which is not read",
-            where=str(path),
-            next_step="Save it in MATLAB with save(name, '-v7').",
-        )
     found = _simulink(dict(_columns(_loaded(path), "")))
     lengths = Counter(len(values) for values in found.values() if len(values) > 1)
     if not lengths:
@@ -334,13 +330,117 @@ def _number(kind: int, order: str) -> np.dtype[Any]:
     return np.dtype(order + NUMBERS_5[kind])
 
 
+@dataclass(frozen=True)
+class Hdf5:
+    """Reads the variables of a MAT file of version 7.3.
+
+    Attributes:
+        library: h5py. room: of the file. seen: addresses of objects: links may form a circle.
+    """
+
+    library: Any
+    room: MemoryBudget
+    seen: set[int]
+
+    def variables(self, group: Any, depth: int = 0) -> dict[str, Variable]:
+        """Name -> numbers of MATLAB's shape, or a mapping for a struct; all else is left out.
+
+        Raises:
+            ValueError: a block is damaged, or packed in a way that is not read. DataError: there is no room.
+        """
+        found: dict[str, Variable] = {}
+        for name in group:
+            if name.startswith("#") or not self._is_own(group.get(name, getlink=True)):
+                continue
+            item = group[name]
+            address = self.library.h5o.get_info(item.id).addr
+            if address in self.seen:
+                continue
+            self.seen.add(address)
+            value = self._value(item, depth)
+            if value is not None:
+                found[name] = value
+        return found
+
+    def _is_own(self, link: Any) -> bool:
+        """Whether the object is in this file: other links may name any file of the disk."""
+        return isinstance(link, self.library.HardLink)
+
+    def _value(self, item: Any, depth: int) -> Variable | None:
+        kind = item.attrs.get("MATLAB_class", b"")
+        kind = kind.decode(errors="replace") if isinstance(kind, bytes) else str(kind)
+        if any(mark in item.attrs for mark in NO_NUMBERS_73):
+            return None
+        if isinstance(item, self.library.Group):
+            return self.variables(item, depth + 1) if kind in ("", "struct") and depth < DEEPEST else None
+        if not isinstance(item, self.library.Dataset) or kind not in ("", *CLASSES_73):
+            return None
+        simple = item.dtype.kind in "iuf" and item.dtype.itemsize <= np.dtype(np.float64).itemsize
+        return self._numbers(item) if simple and item.ndim in (1, 2) and item.size else None
+
+    def _numbers(self, dataset: Any) -> Array:
+        """(rows, columns)."""
+        if dataset.external or dataset.is_virtual:
+            raise ValueError("the numbers of a variable are in another file")
+        self.room.take(int(dataset.size) * np.dtype(np.float64).itemsize)
+        if dataset.chunks is not None:
+            self._check_blocks(dataset)
+        values = np.empty(dataset.shape)
+        dataset.read_direct(values)
+        return np.atleast_2d(values).T
+
+    def _check_blocks(self, dataset: Any) -> None:
+        """ValueError: a block unpacks to another size than it states. HDF5 would unpack all of it at once."""
+        size = int(np.prod(dataset.chunks, dtype=object)) * dataset.dtype.itemsize
+        self.room.require(size)
+        properties = dataset.id.get_create_plist()
+        filters = [properties.get_filter(i)[0] for i in range(properties.get_nfilters())]
+        if not set(filters) <= set(FILTERS_73) or len(set(filters)) < len(filters):
+            raise ValueError("a variable is packed in a way that is not read")
+        blocks: list[Any] = []
+        dataset.id.chunk_iter(blocks.append)
+        for block in blocks if DEFLATE in filters else ():
+            self.room.require(block.size)
+            if block.filter_mask & 1 << filters.index(DEFLATE):  # this one is not packed
+                continue
+            _, data = dataset.id.read_direct_chunk(block.chunk_offset)
+            if len(zlib.decompressobj().decompress(data, size + CHECKSUM + 1)) > size + CHECKSUM:
+                raise ValueError("a block unpacks to more than it states")
+
+
+CLASSES_73 = (
+    "double",
+    "single",
+    "logical",
+    *(f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)),
+)
+NO_NUMBERS_73 = ("MATLAB_empty", "MATLAB_sparse", "MATLAB_object_decode")
+"""Attributes of what has no numbers of its own."""
+DEFLATE, SHUFFLE, FLETCHER = FILTERS_73 = (1, 2, 3)
+"""Numbers of HDF5's own filters."""
+CHECKSUM = 4  # bytes
+
+
+def variables73(path: Path, room: MemoryBudget) -> Mapping[str, Variable]:
+    """As `variables`, of a file of version 7.3.
+
+    Raises:
+        ValueError: damaged. DataError: the numbers have no room. UsageError: h5py is not installed.
+    """
+    h5py = needed(
+        "h5py", "reading a MAT file of version 7.3", path, "or save it in MATLAB with save(name, '-v7')"
+    )
+    try:
+        with h5py.File(path, "r") as file:
+            return Hdf5(h5py, room, set()).variables(file)
+    except (OSError, RuntimeError, LookupError, TypeError) as problem:  # what h5py makes of HDF5's errors
+        raise ValueError(str(problem).partition("\n")[0]) from None
+
+
 def _loaded(path: Path) -> Mapping[str, Variable]:
     try:
-        with path.open("rb") as file:
-            head = file.read(HEAD)
-            file.seek(0)
-            room = MemoryBudget(path)
-            found = variables4(file, room) if is_mat4(head) else variables(file, room)
+        room = MemoryBudget(path)
+        found = _variables_of(path, room)
         room.require(BESIDE * max((_rows(value) for value in found.values()), default=0))
         return found
     except (ValueError, struct.error, zlib.error) as problem:
@@ -349,6 +449,15 @@ def _loaded(path: Path) -> Mapping[str, Variable]:
             where=str(path),
             next_step="It is cut or another kind of file; save it again, with '-v7'.",
         ) from None
+
+
+def _variables_of(path: Path, room: MemoryBudget) -> Mapping[str, Variable]:
+    with path.open("rb") as file:
+        head = file.read(HEAD)
+        if head.startswith(HDF5):
+            return variables73(path, room)
+        file.seek(0)
+        return variables4(file, room) if is_mat4(head) else variables(file, room)
 
 
 def _rows(value: Variable) -> int:

@@ -233,7 +233,7 @@ def _swept(certificate: Facts) -> list[Html]:
         [str(row["axis"]), *(f"{100.0 * row[of]:.0f} %" for of in ("of_range", "of_clear")), str(row["held"])]
         for row in certificate.get("swept", ())
     ]
-    header = ["", "segments sweep of the range", "of where it is clear", "farther on"]
+    header = ["", "share of the range swept", "share of the collision-free range", "limited by"]
     return [table(header, body)] if body else []
 
 
@@ -253,8 +253,8 @@ def _proof(row: Facts) -> Html:
     """What is asked, what tracking may add, and the limit of both."""
     kept, sure = row["tracking_margin"], row["confidence"]
     how = "assumed" if sure == 0.0 else f"{100.0 * sure:.0f} % confidence"
-    under = f"under {row['control']} " if row.get("control") else ""
-    tracked = "" if kept == 0.0 else f"{under}tracked within {kept:.3g}{f' ({how})' if sure < 1.0 else ''}, "
+    under = f" under {row['control']}" if row.get("control") else ""
+    tracked = "" if kept == 0.0 else f"tracking margin{under} {kept:.3g}{f' ({how})' if sure < 1.0 else ''}, "
     limit = f"{tracked}limit {interval(row['lower'] - kept, row['upper'] + kept)}, left "
     detail = element("small", limit, slack(row), class_="soft")
     return join([element("b", interval(row["proved_lower"], row["proved_upper"])), meter(row), detail], "")

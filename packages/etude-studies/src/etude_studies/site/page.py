@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from importlib import resources
 
-from etude.report import Html, element, join, text
+from etude.report import Html, document, element, join, text
 from etude_studies.site.words import WORDS
 from etude_studies.thesis.verdict_file import shown
 from etude_studies.thesis.verdicts import Verdict
@@ -18,24 +18,13 @@ LINKS = ((INDEX, "All claims"), (f"{INDEX}#tables", "Tables and figures"), (PROT
 
 def page(title: str, *body: object, here: str = "") -> Html:
     """A whole document; `here` is its file, which the row of links does not link to."""
-    head = join(
-        [
-            Html('<meta charset="utf-8">'),
-            Html('<meta name="viewport" content="width=device-width, initial-scale=1">'),
-            Html('<link rel="icon" href="data:,">'),
-            Html('<link rel="stylesheet" href="style.css">'),
-            element("title", f"{title} · Étude"),
-        ]
-    )
     pages = (*LINKS, (ABOUT, "How to read"))
     links = [
         element("a", words, href=where) if where != here else element("b", words) for where, words in pages
     ]
-    return Html(
-        f'<!doctype html>\n<html lang="en">\n<head>\n{head}\n</head>\n<body>\n<main>\n'
-        f"{element('nav', *links, class_='top')}\n{join(body)}\n</main>\n"
-        f'<script src="site.js"></script>\n</body>\n</html>\n'
-    )
+    main = Html(f"<main>\n{element('nav', *links, class_='top')}\n{join(body)}\n</main>")
+    style, own = Html('<link rel="stylesheet" href="style.css">'), Html('<script src="site.js"></script>')
+    return document(f"{title} · Étude", style, main, own)
 
 
 def style_sheet() -> str:

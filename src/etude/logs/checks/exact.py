@@ -1,0 +1,481 @@
+"""What the numbers of a log tell before any model: rows and commands that are held, columns that are copied
+or unsigned, drives that are off, angles that wrap, commands that overflow, rows that were lost.
+
+Each hypothesis has a log odds (natural logarithm) against "recorded as it was". Beyond `CERTAIN` a log is
+refused, beyond `LIKELY` it raises a question. Where nothing is lost and the data decide, the log is mended.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from etude.logs.checks.filtered_motion import joints, runs
+from etude.logs.checks.finding_texts import Mendable, accepted, both, named
+from etude.logs.columns.units import Limits
+from etude.types import Array, Channel, Finding, Index, Log, Mask
+
+CERTAIN, LIKELY = math.log(1e6), math.log(20.0)
+BEYOND_CHANCE = 50.0 * math.log(2.0)
+"""Log odds of what noisy numbers never do by chance: repeat, be equal, be zero."""
+HELD, COMMANDS_HELD, UNSIGNED, OFF = "held", "held_commands", "unsigned", "off"
+COPIED, TURNS, OVERFLOW, LOST = "copied", "turns", "overflow", "lost"
+NAMES = (HELD, COMMANDS_HELD, UNSIGNED, OFF, COPIED, TURNS, OVERFLOW, LOST)
+
+
+@dataclass(frozen=True, eq=False)
+class Numbers:
+    """The joints of a log as they were recorded: T rows, J joints.
+
+    Attributes:
+        t: (T,) s. step: median s between rows.
+        q, u: (T, J) positions and commands. v: (T, J) velocities; None if none were logged.
+        path: of the positions. reach: (J,) rad or m that each may go by its limits; inf where nobody knows.
+    """
+
+    t: Array
+    step: float
+    q: Array
+    u: Array
+    v: Array | None
+    path: Channel
+    reach: Array
+
+    @property
+    def parts(self) -> tuple[str, ...]:
+        """Names of the joints."""
+        return self.path.parts
+
+    @property
+    def motion(self) -> Array:
+        """(T, J) or (T, 2 J): positions, and velocities where they are logged."""
+        return self.q if self.v is None else np.hstack([self.q, self.v])
+
+    @staticmethod
+    def of(log: Log, limits: Limits) -> Numbers | None:
+        """None of a robot whose commands act on no joint, or of a log that is too short."""
+        path = joints(log)
+        if path is None or len(log) < LEAST_ROWS:
+            return None
+        known = log.channels.values()
+        command = next(c for c in known if c.role == "command" and c.acts_on == path.name)
+        rate = next((c.name for c in known if c.derivative_of == path.name and c.role != "plan"), "")
+        v = log[rate] if rate in log and log[rate].shape == log[path.name].shape else None
+        lower, upper = limits.get(path.name, (0.0, np.inf))
+        reach = np.broadcast_to(np.asarray(upper - lower, dtype=np.float64), (len(path.parts),))
+        step = float(np.median(np.diff(log.t)))
+        return Numbers(log.t, step, log[path.name], log[command.name], v, path, reach)
+
+
+LEAST_ROWS = 50  # fewer say nothing of a rule
+
+
+def judge_numbers(log: Log, limits: Limits) -> tuple[Finding, ...]:
+    """What is found of a log whose rows are in order; what spoils the other tests comes alone.
+
+    Args:
+        limits: lower and upper (parts,) by channel; of positions they tell which joints turn further than
+            once.
+    """
+    found = [*_rows_held(log)]
+    numbers = Numbers.of(log, limits)
+    if found or numbers is None:
+        return tuple(found)
+    for test in (_blocks_held, _wrapped, _copied, _unsigned, _off, _overflown):
+        found += test(numbers)
+    if not any(f.check in (HELD, TURNS) for f in found):
+        found += _rows_lost(numbers)
+    return tuple(found)
+
+
+def _asked(check: str, odds: float, fact: str, step: str, *, mend: str = "") -> Iterator[Finding]:
+    """The finding of a hypothesis that is not mended by itself: certain, likely, or none.
+
+    Args:
+        step: what to do about it. mend: what --repair does, in words; "" where nothing does.
+    """
+    if odds <= LIKELY:
+        return
+    said = fact if odds >= CERTAIN else f"{fact} (odds {_odds(odds)})"
+    step = f"{step} {both(check, mend) if mend else accepted(check) + '.'}".strip()
+    yield Mendable(
+        check, "red" if odds >= CERTAIN else "yellow", f"{said}.", step[:1].upper() + step[1:], flag=check
+    )
+
+
+def _odds(odds: float) -> str:
+    return f"{float(f'{math.exp(odds):.1g}'):.0f} to 1"
+
+
+def _mended(check: str, fact: str, done: str) -> Iterator[Finding]:
+    """The finding of a hypothesis of which nothing is lost by mending it."""
+    yield Mendable(check, "yellow", f"{fact}: {done}", f"{accepted(check)}.", free=True)
+
+
+REPEATED = 1.2  # rows per new one, at least: fewer repeats are late packets
+REGULAR = 0.8  # of the gaps between new rows are alike
+ALIKE_ROWS = 0.1  # of a gap, and one row at least
+SEVERAL = 20  # gaps that tell a rule
+SLOW_COMMANDS = 2.0, 60.0  # Hz between which commands are held and no program of steps, nor a drive's clock
+FRESHER = 1.8  # times as fresh as the held block, the other one
+
+
+def new_rows(values: Array) -> Mask:
+    """(T,) rows that differ from the row before in any column; the first is one."""
+    found = np.ones(len(values), dtype=np.bool_)
+    np.any(values[1:] != values[:-1], axis=1, out=found[1:])
+    return found
+
+
+def repeats(values: Array, motion: Array) -> float:
+    """Rows for each new one of values (T, k), by the faster half of the motion (T, m); 1 where rows are new,
+    or stand without a rule.
+    """
+    rows = np.flatnonzero(new_rows(values))
+    gaps = np.diff(rows)
+    if len(gaps) < SEVERAL or gaps.mean() < REPEATED:
+        return 1.0
+    way = np.abs(np.diff(motion[rows], axis=0)) / np.maximum(np.ptp(motion, axis=0), np.finfo(float).tiny)
+    far = way.sum(axis=1)
+    gaps = gaps[far >= np.median(far)]
+    middle = float(np.median(gaps))
+    alike = gaps[np.abs(gaps - middle) <= max(1.0, ALIKE_ROWS * middle)]
+    return float(alike.mean()) if len(alike) > REGULAR * len(gaps) else 1.0
+
+
+def _measured(log: Log) -> list[Array]:
+    """All measured and commanded channels, (T, k) each."""
+    return [log[n] for n, c in log.channels.items() if c.role in ("state", "aside", "command") and n in log]
+
+
+def _rows_held(log: Log) -> Iterator[Finding]:
+    """The recorder is faster than what it records."""
+    blocks = _measured(log)
+    if len(log) < LEAST_ROWS or not blocks:
+        return
+    # most logs are settled by one column
+    if min(float(np.mean(block[1:, 0] != block[:-1, 0])) for block in blocks) > 1.0 / REPEATED:
+        return
+    values = np.hstack(blocks)
+    each = repeats(values, values)
+    if each > REPEATED:
+        yield from _held_fact("Every row", each, float(np.median(np.diff(log.t))))
+
+
+def _held_fact(what: str, each: float, step: float) -> Iterator[Finding]:
+    rates = f"the sensors give {1.0 / (step * each):.2g} rows a second, the log {1.0 / step:.4g}"
+    fact = f"{what} stands {each:.2g} times: {rates}"
+    yield from _mended(HELD, fact, "rows that repeat are dropped.")
+
+
+def _blocks_held(numbers: Numbers) -> Iterator[Finding]:
+    """Commands or positions that change more slowly than the others."""
+    motion, rate = numbers.motion, 1.0 / numbers.step
+    fresh = {"u": float(new_rows(numbers.u).mean()), "q": float(new_rows(motion).mean())}
+    if min(fresh.values()) > 0.5:
+        return
+    if fresh["q"] < fresh["u"] and (each := repeats(motion, motion)) > 2.0 and fresh["u"] > FRESHER / each:
+        yield from _held_fact("Every position", each, numbers.step)
+    elif (each := repeats(numbers.u, motion)) > 2.0 and fresh["q"] > FRESHER / each:
+        slowest, fastest = SLOW_COMMANDS
+        if slowest < rate / each < fastest:
+            yield from _asked(
+                COMMANDS_HELD,
+                BEYOND_CHANCE,
+                f"Commands change {rate / each:.3g} times a second in a log of {rate:.4g} rows a second: "
+                "in between they are not what moves the joints",
+                "Log commands at the rate of the positions. If the controller itself is so slow,",
+            )
+
+
+TURN_RAD, TURN_DEGREES = 2.0 * math.pi, 360.0
+OF_A_TURN = 0.02  # by which a step may miss one turn
+ONCE = 1.05  # turns: a joint that reaches further may turn on and on
+
+
+def _whole_turns(q: Array, turn: float) -> Array:
+    """(T-1,) turns by which each step of q (T,) wraps, if all that is larger than half a turn is one."""
+    step = np.diff(q)
+    one = np.abs(np.abs(step) - turn) < OF_A_TURN * turn
+    if not one.any() or (np.abs(step) > 0.5 * turn)[~one].any():
+        return np.zeros(len(step))
+    return np.asarray(np.where(one, np.sign(step), 0.0))
+
+
+def wraps(q: Array, units: Sequence[str]) -> tuple[Array, Array]:
+    """Turns (T-1, J) by which the steps of q (T, J) wrap, and the size (J,) of a turn in its unit."""
+    turns, sizes = np.zeros((len(q) - 1, q.shape[1])), np.full(q.shape[1], TURN_RAD)
+    top = np.max(np.abs(np.diff(q, axis=0)), axis=0, initial=0.0)
+    for j in np.flatnonzero((top > (1.0 - OF_A_TURN) * TURN_RAD) & (np.array(units) == "rad")).tolist():
+        sizes[j] = TURN_DEGREES if top[j] > 0.5 * TURN_DEGREES else TURN_RAD
+        turns[:, j] = _whole_turns(q[:, j], float(sizes[j]))
+    return turns, sizes
+
+
+def _wrapped(numbers: Numbers) -> Iterator[Finding]:
+    turns, sizes = wraps(numbers.q, numbers.path.units)
+    count = np.abs(turns).sum(axis=0)
+    if not count.any():
+        return
+    times = int(count.sum())
+    fact = f"{named(numbers.parts, count > 0.0)}: {times} jump{'s'[: times > 1]} of one turn"
+    endless = (numbers.reach > ONCE * sizes) & np.isfinite(numbers.reach)
+    if endless[count > 0.0].all():
+        yield from _mended(TURNS, fact, "the angles are unwrapped.")
+        return
+    odds = 10.0 + times * math.log(50.0)
+    yield from _asked(TURNS, odds, fact, "The angles wrap.", mend="unwrap them")
+
+
+def _unwrapped(log: Log, _: Finding) -> Log:
+    path = joints(log)
+    assert path is not None
+    q = log[path.name]
+    turns, sizes = wraps(q, path.units)
+    q = q - np.vstack([np.zeros(q.shape[1]), np.cumsum(turns, axis=0)]) * sizes
+    names = named(path.parts, np.asarray(turns.any(axis=0)))
+    return log.put(path, q).repaired(f"The angles of {names} were unwrapped.")
+
+
+SAME = 1.0 - 1e-9  # correlation beyond which two columns are one
+
+
+def _copied(numbers: Numbers) -> Iterator[Finding]:
+    """Two commands that are one column, or a command that is a position or a velocity."""
+    blocks = {"command": numbers.u, "position": numbers.q}
+    blocks |= {} if numbers.v is None else {"velocity": numbers.v}
+    like, J = _likeness(np.hstack(list(blocks.values()))), len(numbers.parts)
+    labels = [f"{block} of {part}" for block in blocks for part in numbers.parts]
+    pairs = [(a, b) for a, b in np.argwhere(np.triu(like[:J] > SAME, 1)).tolist()]
+    if pairs:
+        said = ", ".join(f"the {labels[a]} and the {labels[b]}" for a, b in pairs)
+        step = "Look at the names of the columns, and export the log again."
+        yield from _asked(COPIED, 100.0, f"These are one column: {said}", step)
+
+
+def _likeness(columns: Array) -> Array:
+    """(k, k) absolute correlations of columns (T, k); 0 of one that is constant but for rounding."""
+    centred = columns - columns.mean(axis=0)
+    size = np.linalg.norm(centred, axis=0)
+    moves = size > 1e-9 * np.linalg.norm(columns, axis=0)
+    centred = np.where(moves, centred, 0.0) / np.where(moves, size, 1.0)
+    return np.asarray(np.abs(centred.T @ centred))
+
+
+AT_ZERO = 0.02  # of a command's largest
+BRIEF_S = 0.25  # s: a longer visit is rest
+FORTH_AND_BACK = 0.2  # of its range that a joint goes back
+
+
+def _unsigned(numbers: Numbers) -> Iterator[Finding]:
+    """Commands that come to zero and turn back: a signed one would cross it, 2 to 1 each time."""
+    visits = 0
+    for command in numbers.u.T:
+        size = command if command.max() > -command.min() else -command
+        if size.min() < 0.0:
+            return
+        if size.max() > 0.0:
+            visits += _brief_visits(size < AT_ZERO * size.max(), numbers.step)
+    fact = f"No command ever changes its sign, and {visits} times one comes to zero and turns back"
+    step = "Log commands with their sign: magnitudes teach the opposite motion nothing."
+    yield from _asked(UNSIGNED, visits * math.log(2.0), fact, step)
+
+
+def _brief_visits(near: Mask, step: float) -> int:
+    """How often a mask (T,) is set for a moment inside of the log."""
+    found = [(a, b) for a, b in runs(near) if a > 0 and b < len(near)]
+    return sum((b - a) * step < BRIEF_S for a, b in found)
+
+
+OFF_S = 0.3  # s: a shorter zero may be one
+MOVING = 0.1  # of the step that 95 % of the rows stay below
+MOSTLY = 0.2  # of an off stretch in which something moves
+
+
+def _off(numbers: Numbers) -> Iterator[Finding]:
+    """All commands exactly zero while joints move: they were not logged, or the drives were off."""
+    zero: Mask = np.asarray((numbers.u == 0.0).all(axis=1))
+    step = np.abs(np.diff(numbers.q, axis=0, prepend=numbers.q[:1]))
+    least = np.maximum(MOVING * np.quantile(step, 0.95, axis=0), np.finfo(float).tiny)
+    goes: Mask = np.asarray((step > least).any(axis=1))
+    found = [(a, b) for a, b in runs(zero) if (b - a) * numbers.step > OFF_S and goes[a:b].mean() > MOSTLY]
+    if not found or zero.all():
+        return
+    seconds = sum(b - a for a, b in found) * numbers.step
+    fact = f"For {seconds:.3g} s all commands are zero while joints move"
+    if zero.mean() > 0.5:
+        yield from _asked(OFF, BEYOND_CHANCE, fact, "Log the commands of the whole motion.")
+        return
+    spans = tuple((float(numbers.t[a]), float(numbers.t[min(b, len(zero) - 1)])) for a, b in found)
+    for finding in _mended(OFF, fact, "that is cut."):
+        yield replace(finding, spans=spans)
+
+
+def _without_spans(log: Log, finding: Finding) -> Log:
+    kept = np.ones(len(log), dtype=np.bool_)
+    for start, end in finding.spans:
+        kept &= (log.t < start) | (log.t >= end)
+    return log.take(kept).repaired(finding.sentence)
+
+
+WHOLE_RANGE, USUAL_STEP, INNER = 0.9, 0.2, 0.5  # of a command's range
+INSIDE = 0.1  # of the rows lie in the inner part: a switch has none there
+BESIDE = 3  # rows that tell its slope
+
+
+def _overflown(numbers: Numbers) -> Iterator[Finding]:
+    """Jumps of a command through its range, against its slope before and after: an integer that overflows."""
+    for j, name in enumerate(numbers.parts):
+        jumps = len(_overflows(numbers.u[:, j]))
+        if jumps > 1:
+            top = float(np.abs(numbers.u[:, j]).max())
+            fact = f"The command of {name} jumps {jumps} times through its whole range, at {top:.4g}"
+            step = "It wraps where its integer ends: log it in a wider type, or smaller units."
+            yield from _asked(OVERFLOW, 10.0 * jumps, fact, step)
+
+
+def _overflows(command: Array) -> Index:
+    """Rows after which a command (T,) wraps."""
+    step, width = np.diff(command), float(np.ptp(command))
+    rows = np.flatnonzero(np.abs(step) > WHOLE_RANGE * width)
+    rows = rows[(rows >= BESIDE) & (rows < len(step) - BESIDE)]
+    inner = np.abs(command - 0.5 * (command.max() + command.min())) < 0.5 * INNER * width
+    if not len(rows) or np.quantile(np.abs(step), 0.9) > USUAL_STEP * width or inner.mean() < INSIDE:
+        return rows[:0]
+    # what reverses at once jumps with its slope; what wraps jumps against it, on either side
+    way = np.sign(step[rows])
+    before = (command[rows] - command[rows - BESIDE]) * way
+    after = (command[rows + 1 + BESIDE] - command[rows + 1]) * way
+    return np.asarray(rows[(before < 0.0) & (after < 0.0)])
+
+
+EVEN = 0.05  # of a step, deviation of stamps: a clock that counts rows; others show what was lost
+SHARES = (0.003, 0.01, 0.03, 0.1, 0.2)  # of the rows that may be lost
+NOISIEST, BIASED = 0.3, 0.25  # of a step: scale of r, and its median from 1; beyond, r tells nothing
+LEAST_SCALE = 0.02  # of r
+SLOW_SHARE = 30.0  # per cent of the steps, the slowest, that tell nothing
+LEAST_STEPS = 100  # fast ones, whose spread tells what a lost row is against
+
+
+AROUND = (1, 2, 4)  # steps to either side whose mean may tell a step
+
+
+def _told_steps(numbers: Numbers, way: Array, dt: Array) -> tuple[Array, Array]:
+    """What tells the steps way (T-1, J) of each joint best: velocities, or the mean of the steps around; and
+    how far these are off in the mean (J,).
+    """
+    told = [] if numbers.v is None else [0.5 * (numbers.v[1:] + numbers.v[:-1]) * dt[:, None]]
+    for count in AROUND:
+        window = np.full(2 * count + 1, 1.0 / (2 * count))
+        window[count] = 0.0
+        told.append(np.column_stack([np.convolve(steps, window, "same") for steps in way.T]))
+    noise = np.array([np.abs(way - steps).mean(axis=0) for steps in told])
+    best = np.argmin(noise, axis=0)
+    return np.stack(told)[best, :, np.arange(way.shape[1])].T, noise.min(axis=0)
+
+
+@dataclass(frozen=True, eq=False)
+class Steps:
+    """How far each step goes, in parts of what speed says.
+
+    Attributes:
+        r: (T-1,) 1 of a step that lost no row, 2 of one that lost one. scale: (T-1,) of r.
+        fast: (T-1,) steps that are far enough to count as evidence.
+    """
+
+    r: Array
+    scale: Array
+    fast: Mask
+
+    @staticmethod
+    def of(numbers: Numbers) -> Steps | None:
+        """None where stamps are those of the sensor, or steps are too noisy."""
+        dt = np.diff(numbers.t)
+        if dt.std() > EVEN * numbers.step:
+            return None
+        way = np.diff(numbers.q, axis=0)
+        said, noise = _told_steps(numbers, way, dt)
+        used = (np.abs(said) > 0.1 * np.abs(said).max(axis=0)) / np.maximum(noise, 1e-12)
+        size = np.square(said * used).sum(axis=1)
+        least = max(float(np.percentile(size, SLOW_SHARE)), np.finfo(float).tiny)
+        fast = np.asarray(size > least)
+        if fast.sum() < LEAST_STEPS:
+            return None
+        r = (way * said * used**2).sum(axis=1) / np.maximum(size, np.finfo(float).tiny)
+        middle = float(np.median(r[fast]))
+        scale = 1.5 * float(np.median(np.abs(r[fast] - middle)))
+        if scale > NOISIEST or abs(middle - 1.0) > BIASED:
+            return None
+        # what is slower is noisier, by as much
+        slower = np.sqrt(least / np.clip(size, 1e-12 * least, least))
+        return Steps(r, max(scale, LEAST_SCALE) * slower, fast)
+
+    def near(self, count: float | Array, wider: float = 1.0) -> Array:
+        """(T-1,) log density of r about `count`: Student's, 3 degrees of freedom, as real tails are."""
+        scale = wider * self.scale
+        return np.asarray(-2.0 * np.log1p(((self.r - count) / scale) ** 2 / 3.0) - np.log(scale))
+
+    def odds(self) -> tuple[float, float]:
+        """Log odds that rows were lost, and the share that fits best. Tails on both sides of 1 are none."""
+        one = self.near(1.0)
+        lost = np.logaddexp(math.log(0.9) + self.near(2.0, 1.3), math.log(0.1) + self.near(3.0, 2.0))
+        tails = np.logaddexp(self.near(2.0, 1.3), self.near(0.0, 1.3)) - math.log(2.0)
+
+        def best(other: Array) -> tuple[float, float]:
+            mixed = (np.logaddexp(math.log1p(-p) + one, math.log(p) + other)[self.fast].sum() for p in SHARES)
+            return max(zip(map(float, mixed), SHARES, strict=True))
+
+        fit, share = best(lost)
+        return fit - max(float(one[self.fast].sum()), best(tails)[0]), share
+
+    def counts(self, share: float) -> Array:
+        """(T-1,) rows that each step stands for, the likeliest."""
+        whole = np.maximum(np.round(self.r), 2.0)
+        more = math.log(share) + self.near(whole, 1.3) > math.log1p(-share) + self.near(1.0)
+        return np.where(more & (self.r > 1.5), whole, 1.0)
+
+
+def _rows_lost(numbers: Numbers) -> Iterator[Finding]:
+    steps = Steps.of(numbers)
+    if steps is None:
+        return
+    odds, share = steps.odds()
+    count = int((steps.counts(share) > 1.0).sum())
+    fact = f"{count} steps are twice as long as the speed says: rows were lost, and the times count rows"
+    if odds >= CERTAIN and numbers.v is not None:
+        yield from _mended(LOST, fact, "the times are set right by the velocities.")
+    elif count:
+        yield from _asked(LOST, odds, fact, "Log the stamps of the sensor.", mend="set the times right")
+
+
+def _retimed(log: Log, _: Finding) -> Log:
+    numbers = Numbers.of(log, {})
+    steps = None if numbers is None else Steps.of(numbers)
+    if numbers is None or steps is None:
+        return log
+    counts = steps.counts(steps.odds()[1])
+    t = np.concatenate([log.t[:1], log.t[0] + np.cumsum(np.diff(log.t) * counts)])
+    lost = int((counts - 1.0).sum())
+    return replace(log, t=t).repaired(f"Times were set right where {lost} rows had been lost.")
+
+
+def _fresh_rows(log: Log, finding: Finding) -> Log:
+    """The rows at which the channel that is held is new."""
+    path = joints(log)
+    whole = np.hstack(_measured(log))
+    if path is None or repeats(whole, whole) > REPEATED:
+        return log.take(new_rows(whole)).repaired(finding.sentence)
+    numbers = Numbers.of(log, {})
+    assert numbers is not None
+    return log.take(new_rows(numbers.motion)).repaired(finding.sentence)
+
+
+REPAIRS: dict[str, Callable[[Log, Finding], Log]] = {
+    HELD: _fresh_rows,
+    TURNS: _unwrapped,
+    OFF: _without_spans,
+    LOST: _retimed,
+}

@@ -1,0 +1,295 @@
+"""What the numbers alone tell: faults are named, or mended where nothing is lost; right logs are silent."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from made_motion import COMMAND, NAMES, QD, RATE, Q, moved
+
+from etude.logs import Mendable
+from etude.logs.checks.exact import judge_numbers
+from etude.logs.checks.plausibility import repaired
+from etude.types import Array, Channel, Finding, Log
+
+Change = Callable[[Log], Log]
+ONCE = {"q": (np.full(3, -3.0), np.full(3, 3.0))}
+ENDLESS = {"q": (np.full(3, -12.5), np.full(3, 12.5))}
+
+
+def noisy(seed: int = 0, *, velocities: bool = True, seconds: float = 20.0) -> Log:
+    """A right log, with the noise of sensors."""
+    log, rng = moved(seconds, velocities=velocities, seed=seed), np.random.default_rng(seed)
+    sizes = {"q": 2e-5, "qd": 2e-3, "command": 0.05}
+    return changed(log, **{n: v + sizes[n] * rng.normal(size=v.shape) for n, v in log.values.items()})
+
+
+def changed(log: Log, **values: Array) -> Log:
+    return replace(log, values={**log.values, **values})
+
+
+def told(log: Log, limits: dict[str, tuple[Array, Array]] = ONCE) -> list[Finding]:
+    return [f for f in judge_numbers(log, limits) if f.light != "green"]
+
+
+def one(log: Log, limits: dict[str, tuple[Array, Array]] = ONCE) -> Mendable:
+    (found,) = told(log, limits)
+    assert isinstance(found, Mendable)
+    return found
+
+
+def held(log: Log, rows: float, *names: str) -> Log:
+    """Channels as a slower sensor gives them; each value stands for `rows` rows."""
+    index = np.floor(np.floor(np.arange(len(log)) / rows + 1e-9) * rows + 1e-9).astype(int)
+    return replace(log, values={n: v[index] if n in names else v for n, v in log.values.items()})
+
+
+def lost(log: Log, share: float, seed: int = 0) -> tuple[Log, Log]:
+    """The log less some rows, with times that count rows, and with true ones."""
+    left = log.take(np.random.default_rng(seed).random(len(log)) > share)
+    return replace(left, t=log.t[: len(left)]), left
+
+
+def wrapped(log: Log, turn: float = 2.0 * np.pi, scale: float = 1.0) -> Log:
+    q = scale * (log["q"] + [0.0, 0.0, np.pi - log["q"][0, 2] - 0.1])
+    return changed(log, q=(q + 0.5 * turn) % turn - 0.5 * turn)
+
+
+@pytest.mark.parametrize("velocities", [True, False])
+@pytest.mark.parametrize("seed", range(8))
+def test_right_logs_are_silent(seed: int, velocities: bool) -> None:
+    log = noisy(seed, velocities=velocities, seconds=60.0)
+    assert told(log) == []
+    for start in range(0, 50, 5):
+        assert told(log.take((log.t >= start) & (log.t < start + 6))) == []
+
+
+def coarse(log: Log) -> Log:
+    return changed(log, q=np.round(log["q"], 3), command=np.round(log["command"], 1)).without("qd")
+
+
+def late_packets(log: Log) -> Log:
+    """Some rows repeat the one before, and the next has gone twice as far."""
+    late = np.random.default_rng(1).random(len(log)) < 0.05
+    index = np.arange(len(log)) - late
+    index[0] = 0
+    return replace(log, values={n: v[index] for n, v in log.values.items()})
+
+
+def program_of_steps(log: Log) -> Log:
+    index = (np.arange(len(log)) // 100) * 100
+    return changed(log, command=log["command"][index])
+
+
+def relay(log: Log) -> Log:
+    """Commands that are switched from one end of their range to the other."""
+    jitter = 0.05 * np.random.default_rng(2).normal(size=log["command"].shape)
+    return changed(log, command=20.0 * np.sign(np.sin(log.t))[:, None] + jitter)
+
+
+def dry_friction(log: Log) -> Log:
+    """Commands that are all Coulomb friction: a jump at each reversal, along the slope on either side."""
+    return changed(log, command=20.0 * np.sign(log["qd"]) + 0.5 * log["qd"])
+
+
+def resting_at_zero(log: Log) -> Log:
+    """A lift that only ever pushes, and rests with drives off."""
+    lift = np.clip(np.sin(0.2 * np.pi * log.t), 0.0, None)[:, None] * np.ones(3)
+    return changed(log, command=30.0 * lift + 0.0 * log["command"], q=lift + 1e-4 * log["q"]).without("qd")
+
+
+def holding_weight(log: Log) -> Log:
+    return changed(log, command=100.0 + log["command"])
+
+
+@pytest.mark.parametrize(
+    "change",
+    [coarse, late_packets, program_of_steps, relay, dry_friction, resting_at_zero, holding_weight],
+)
+def test_logs_that_look_odd_and_are_right_are_silent(change: Change) -> None:
+    found = told(change(noisy()))
+    assert [f.sentence for f in found] == [] or change is resting_at_zero, found
+    assert "unsigned" not in {f.check for f in found}
+
+
+@pytest.mark.parametrize("rows", [1.6, 2.0, 3.0, 8.0])
+@pytest.mark.parametrize("velocities", [True, False])
+def test_rows_that_are_held_are_dropped(rows: float, velocities: bool) -> None:
+    log = noisy(velocities=velocities)
+    wrong = held(log, rows, *log.values)
+    found = one(wrong)
+    assert (found.check, found.free, found.flag) == ("held", True, "")
+    assert f"Every row stands {rows:.2g} times: the sensors give " in found.sentence
+    mended = repaired(wrong, found)
+    assert len(mended) == pytest.approx(len(log) / rows, abs=1)
+    assert np.isin(mended["q"], log["q"]).all()
+    assert told(mended) == []
+
+
+def test_rest_among_held_rows_changes_nothing() -> None:
+    wrong = held(noisy(), 4.0, "q", "qd", "command")
+    stand = np.concatenate([np.arange(800), np.full(300, 800), np.arange(800, len(wrong))])
+    found = one(replace(wrong.take(stand), t=np.arange(len(stand)) / RATE))
+    assert "stands 4 times" in found.sentence
+
+
+def test_positions_that_are_held_beside_fresh_commands_leave_the_new_rows() -> None:
+    wrong = held(noisy(), 4.0, "q", "qd")
+    found = one(wrong)
+    assert (found.check, found.free) == ("held", True)
+    mended = repaired(wrong, found)
+    assert len(mended) == 500
+    assert told(mended) == []
+
+
+def test_commands_that_are_held_are_refused_by_name() -> None:
+    found = one(held(noisy(), 10.0, "command"))
+    assert (found.check, found.light, found.flag) == ("held_commands", "red", "held_commands")
+    assert "10 times a second in a log of 100" in found.sentence
+
+
+def test_angles_of_joints_that_turn_on_are_unwrapped() -> None:
+    log = noisy()
+    wrong = wrapped(log)
+    found = one(wrong, ENDLESS)
+    assert (found.check, found.free) == ("turns", True)
+    assert found.sentence.startswith("toe: ")
+    mended = repaired(wrong, found)
+    np.testing.assert_allclose(np.diff(mended["q"], axis=0), np.diff(log["q"], axis=0), atol=1e-9)
+    assert told(mended, ENDLESS) == []
+
+
+@pytest.mark.parametrize(("turn", "scale"), [(2.0 * np.pi, 1.0), (360.0, 180.0 / np.pi)])
+def test_other_angles_that_wrap_are_refused_with_their_repair(turn: float, scale: float) -> None:
+    log = noisy(velocities=False)
+    wrong = wrapped(log, turn, scale)
+    found = one(wrong)
+    assert (found.check, found.light, found.flag, found.free) == ("turns", "red", "turns", False)
+    assert "--repair turns" in found.step
+    steps = np.diff(repaired(wrong, found)["q"], axis=0)
+    np.testing.assert_allclose(steps, scale * np.diff(log["q"], axis=0), atol=1e-9)
+
+
+def test_a_leap_that_is_no_turn_is_no_wrap() -> None:
+    log = wrapped(noisy())
+    q = log["q"].copy()
+    q[900:, 2] += 4.0
+    assert "turns" not in {f.check for f in told(changed(log, q=q), ENDLESS)}
+
+
+def test_sliding_joints_have_no_turns() -> None:
+    log = wrapped(noisy())
+    sliding = Channel("q", NAMES, ("m",) * 3, required=True)
+    assert "turns" not in {f.check for f in told(log.put(sliding, log["q"]), ENDLESS)}
+
+
+@pytest.mark.parametrize("source", ["command", "q", "qd"])
+def test_a_copied_column_is_named_with_its_twin(source: str) -> None:
+    log = noisy()
+    command = log["command"].copy()
+    command[:, 2] = 1.5 * log[source][:, 0]
+    found = one(changed(log, command=command))
+    names = {"command": "command", "q": "position", "qd": "velocity"}
+    assert (found.check, found.light, found.flag) == ("copied", "red", "copied")
+    assert "the command of toe" in found.sentence
+    assert f"the {names[source]} of hip" in found.sentence
+
+
+def test_two_joints_that_stand_are_no_copies() -> None:
+    log = noisy()
+    command = log["command"].copy()
+    command[:, 1:] = [3.0, -2.0]
+    assert told(changed(log, command=command)) == []
+
+
+def test_unsigned_commands_are_refused_in_a_long_log_and_asked_of_a_short_one() -> None:
+    log = noisy(seconds=60.0)
+    wrong = changed(log, command=np.abs(log["command"]))
+    assert (one(wrong).check, one(wrong).light) == ("unsigned", "red")
+    brief = next(f for n in range(200, 4000, 20) for f in told(wrong.take(slice(0, n))))
+    assert (brief.check, brief.light, brief.flag) == ("unsigned", "yellow", "unsigned")
+    assert " times one comes to zero and turns back (odds " in brief.sentence
+    assert "--accept unsigned" in brief.step
+    signed = wrong["command"].copy()
+    signed[:, 1] = log["command"][:, 1]
+    assert told(changed(log, command=signed)) == []
+
+
+def test_a_stretch_without_commands_is_cut() -> None:
+    log = noisy()
+    command = log["command"].copy()
+    command[500:700] = 0.0
+    wrong = changed(log, command=command)
+    found = one(wrong)
+    assert (found.check, found.free) == ("off", True)
+    assert "For 2 s all commands are zero" in found.sentence
+    mended = repaired(wrong, found)
+    assert len(mended) == len(log) - 200
+    assert mended["command"].any(axis=1).all()
+    command[300:1500] = 0.0
+    assert (one(changed(log, command=command)).light, told(changed(log, command=command))[0].flag) == (
+        "red",
+        "off",
+    )
+
+
+def test_a_command_that_overflows_is_named() -> None:
+    log = noisy()
+    command = log["command"].copy()
+    top = 0.7 * np.abs(command[:, 0]).max()
+    command[:, 0] = (command[:, 0] + top) % (2.0 * top) - top
+    found = one(changed(log, command=command))
+    assert (found.check, found.light) == ("overflow", "red")
+    assert "command of hip jumps" in found.sentence
+    assert f"{top:.1f}"[:3] in found.sentence
+
+
+@pytest.mark.parametrize("share", [0.01, 0.03, 0.1])
+def test_lost_rows_are_put_in_their_time_by_velocities(share: float) -> None:
+    wrong, right = lost(noisy(seconds=60.0), share)
+    found = one(wrong)
+    assert (found.check, found.free, found.flag) == ("lost", True, "")
+    mended = repaired(wrong, found)
+    off = np.abs(np.diff(mended.t) - np.diff(right.t)) > 1e-6
+    assert off.mean() < 0.15 * share
+    assert told(mended) == []
+
+
+def test_lost_rows_without_velocities_are_a_question_with_a_repair() -> None:
+    wrong, right = lost(noisy(seconds=60.0, velocities=False), 0.03)
+    found = one(wrong)
+    assert (found.check, found.light, found.flag, found.free) == ("lost", "red", "lost", False)
+    assert "--repair lost" in found.step
+    mended = repaired(wrong, found)
+    before, after = (np.abs(np.diff(log.t) - np.diff(right.t)).sum() for log in (wrong, mended))
+    assert after < 0.3 * before
+
+
+def test_true_stamps_lose_nothing() -> None:
+    assert told(lost(noisy(seconds=60.0), 0.03)[1]) == []
+
+
+def test_a_vehicle_whose_rows_are_held_is_told_and_its_motors_are_not_unsigned() -> None:
+    log = noisy(seconds=60.0).without("q").without("qd")
+    motors = Channel("command", NAMES, ("V",) * 3, "command", required=True)
+    rates = Channel("rates", ("x", "y", "z"), ("rad/s",) * 3)
+    flown = (
+        Log(log.t, {}, {}, "made")
+        .put(motors, np.abs(log["command"]))
+        .put(rates, noisy(1, seconds=60.0)["qd"])
+    )
+    assert told(flown) == []
+    assert one(held(flown, 2.0, "command", "rates")).check == "held"
+
+
+def test_a_short_log_says_nothing() -> None:
+    log = noisy()
+    assert told(held(log, 4.0, "q", "qd", "command").take(slice(0, 30))) == []
+
+
+def test_robots_without_positions_are_not_judged() -> None:
+    log = noisy().without("q").without("qd")
+    assert told(Log(log.t, {}, {}, "made").put(COMMAND, np.abs(log["command"]))) == []
+    assert (Q.name, QD.name) == ("q", "qd")
