@@ -43,23 +43,13 @@ def utilization(row: Proof) -> float:
     return 1.0 - slack(row) / half if half > 0.0 else math.inf
 
 
-<<<<<<< HEAD
-TRACKING = "How far the robot leaves the plan while it tracks it, overshoot included."
-COLLISIONS = "Collisions, with itself and with what stands around it, the floor among it."
-APPROACH = "The way to the start, and the way back from the end."
-COMMANDS = "Whether the drives can give the forces that the motion needs."
-SPEED = "How fast the tool and the links move through space."
-LOAD = "What the robot carries beyond its description."
-ALL = (TRACKING, COLLISIONS, APPROACH, COMMANDS, SPEED, LOAD)
-=======
 TRACKING = "The tracking error, with overshoot."
 COLLISIONS = "Collisions with itself, the floor and obstacles."
-WAY = "The motion to the start pose, and the motion back from the end pose."
+APPROACH = "The motion to the start pose, and the motion back from the end pose."
 COMMANDS = "Whether the drives can give the forces that the motion needs."
 SPEED = "The speed of the tool and of the links in space."
 LOAD = "Loads that the robot file does not describe."
-ALL = (TRACKING, COLLISIONS, WAY, COMMANDS, SPEED, LOAD)
->>>>>>> main
+ALL = (TRACKING, COLLISIONS, APPROACH, COMMANDS, SPEED, LOAD)
 """What is not verified where no limit looks at it."""
 HELD = ("position", "velocity", "radius", "speed", "tool position", "tool radius", "tool speed", "link speed")
 """Quantities of which tracking keeps a margin; clearance says itself what tracking takes."""
