@@ -54,7 +54,7 @@ def test_without_bad_news_nothing_is_said() -> None:
         (
             {"nmse": [0.01, 0.23]},
             ("linear_better", "yellow"),
-            "erred less than gp, then in use",
+            "erred less than gp",
         ),
         ({"nmse": [0.01, 0.21]}, None, ""),
         ({"coverage": [0.95, 0.81]}, None, ""),
