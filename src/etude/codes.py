@@ -118,7 +118,7 @@ class NextStep(StrEnum):
 
 Code = Alert | Warn | OfFile | Refusal | Stop | Phrase
 
-ERRED = "{command}: on motion held out the process erred {ratio:.3g} times as much as linear regression"
+ERRED = "{command}: the held-out error of the process is {ratio:.3g} times that of linear regression"
 
 SENTENCES: Mapping[Code | NextStep, str] = {
     Alert.LOG_FINDING: "log {log}: {found}",
@@ -126,15 +126,15 @@ SENTENCES: Mapping[Code | NextStep, str] = {
     "{coverage}",
     Alert.NEVER_MOVED: "{outputs}: it hardly moved in any log, so its model is not usable",
     Alert.CONSTANT_AS_GOOD: "{outputs}: {where}, a constant would have predicted as well",
-    Alert.LINEAR_BETTER: "{outputs}: {where}, linear regression erred less than {structure}",
+    Alert.LINEAR_BETTER: "{outputs}: {where}, linear regression has a smaller error than {structure}",
     Alert.WORSE_THAN_FEEDBACK: "test {test}: with the model the error is {error:.3g} {unit}, without it "
     "{alone:.3g}",
     Alert.TEST_WORSE: "test {test} got worse with the last log: {before:.3g} to {error:.3g} {unit}",
-    Warn.TOO_LITTLE_MOTION: "{commands}: of {seconds:.0f} s in all there is too little motion to be "
-    "believed, so the model says that it is uncertain everywhere",
-    Warn.ONE_TRAJECTORY: ERRED + ", but one trajectory is too little to fall back to that",
-    Warn.LINEAR_ALONE: ERRED + ", so this command is predicted by linear regression alone",
-    Warn.LINEAR_BELOW: ERRED + ", so the process now learns only what linear regression leaves",
+    Warn.TOO_LITTLE_MOTION: "{commands}: too little motion in {seconds:.0f} s of logs, so the model is "
+    "uncertain everywhere",
+    Warn.ONE_TRAJECTORY: ERRED + ", but one trajectory is too little to select that instead",
+    Warn.LINEAR_ALONE: ERRED + ", so linear regression alone predicts this command",
+    Warn.LINEAR_BELOW: ERRED + ", so the process now learns the residual of linear regression",
     Warn.PERHAPS_CHANCE: ERRED + ", which may be chance",
     Warn.INPUTS_MISSING: "Not every log tells its {inputs: and }; the model does without",
     Warn.NO_BLOCKS: "No blocks of log {log} were held out, since alone it cannot be learned: {why}",
@@ -142,9 +142,9 @@ SENTENCES: Mapping[Code | NextStep, str] = {
     "from two robots",
     Warn.BEYOND_LIMITS: "Beyond the stated {quantity} limits, by {source}: {beyond}. Not verified: whether "
     "the drives can give that",
-    Warn.HARDLY_MOVES: "Next to no motion is left: no joint goes through more than {part:.2g %} of its "
-    "range. At home {pair} are {apart_mm:.2g} mm apart, too little for tracking errors and motion: give "
-    "links that only seem to stand so close closer shapes, or [search] another home",
+    Warn.HARDLY_MOVES: "Almost no motion is left: no joint moves through more than {part:.2g %} of its "
+    "range. At home the distance of {pair} is {apart_mm:.2g} mm, too small for tracking errors and motion. "
+    "Describe the shapes of these links more closely, or set another home in [search]",
     Warn.TEACHES_LITTLE: "This motion teaches next to nothing: no joint sweeps more than {part:.0f %} of its "
     "range",
     Warn.TEACHES_LITTLE_HELD: "This motion teaches next to nothing: no joint sweeps more than {part:.0f %} "
@@ -197,15 +197,14 @@ SENTENCES: Mapping[Code | NextStep, str] = {
     NextStep.TELL_OR_LINEAR: 'Tell another log; if it stays so, rung = "linear" in campaign.toml.',
     NextStep.TELL_TO_CHOOSE: "Tell another log: what errs least on it is chosen for each output.",
     NextStep.ASK_LIKE_IT: "Do not use the model on such motion; ask for more, with tasks like it (--tasks).",
-    NextStep.SEE_REPAIRS: "Look at that log's repairs; etude untell takes it back if something is wrong with "
-    "it.",
+    NextStep.SEE_REPAIRS: "Look at that log's repairs; if the log is wrong, exclude it with etude untell.",
     NextStep.ASK_AGAIN: "Ask for it again, before it is run: etude ask {folder}",
     NextStep.GIVE_UP: "Do not run it, give it up: etude abandon {folder} {number}",
     NextStep.TAKE_UP: "The next ask or tell takes up what it says now; ask proves an open motion again: "
     "etude ask {folder}",
     NextStep.TELL_ANOTHER: "Tell another one.",
     NextStep.TELL_MOVING: "Tell another log that moves it.",
-    NextStep.UNTELL_SIMULATED: "Take the simulated ones back: etude untell {folder} {newest}",
+    NextStep.UNTELL_SIMULATED: "Exclude the simulated ones: etude untell {folder} {newest}",
 }
 """By code: no capital and no full stop where it may stand within a sentence."""
 

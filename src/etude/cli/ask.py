@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 ROW = ["axis", "quantity", "planned", "tracking margin", "limit", "used"]
 FILES = ("trajectory.csv", "trajectory.json", "certificate.json")
 FEEDFORWARD = "feedforward.csv"
-SLOWLY = "First slowly: the same with --speed 50; no log shows that its margins are enough."
+SLOWLY = "Run it slowly first, with --speed 50: no log has measured its tracking margins."
 NEAREST = 6
 """Distances that are shown one by one; an arm has dozens."""
 DISTANCES = {"clearance": ("distances", "distance (m)", " m")}

@@ -64,7 +64,7 @@ def _lines(found: Mapping[str, Any]) -> list[str]:
         )
     if found["trajectories"]:
         verdict = found["verdict"]
-        go_on = "Go on: " if verdict["usable"] else "First see to what is red. "
+        go_on = "Go on: " if verdict["usable"] else "First mend what is red. "
         lines.append(("Stop: " if verdict["stop"] else go_on) + verdict["reason"])
     lines += faults(found["known_faults"])
     lines += [f"Look: {one['sentence']}. {one['step']}" for one in found["proved_otherwise"]]

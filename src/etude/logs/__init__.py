@@ -7,6 +7,7 @@ from etude._runtime.lazy import face
 if TYPE_CHECKING:
     from etude.logs.alignment.alignment import align
     from etude.logs.alignment.tracking_errors import largest_errors, tracked
+    from etude.logs.checks.exact import judge_numbers
     from etude.logs.checks.filtered_motion import Seen, seen
     from etude.logs.checks.finding_texts import Mendable
     from etude.logs.checks.plausibility import judge_motion
@@ -28,6 +29,7 @@ __all__ = [
     "duration",
     "header_row",
     "judge_motion",
+    "judge_numbers",
     "largest_errors",
     "match_columns",
     "matched_log",

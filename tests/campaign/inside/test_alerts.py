@@ -54,7 +54,7 @@ def test_without_bad_news_nothing_is_said() -> None:
         (
             {"nmse": [0.01, 0.23]},
             ("linear_better", "yellow"),
-            "erred less than gp",
+            "has a smaller error than gp, selected then",
         ),
         ({"nmse": [0.01, 0.21]}, None, ""),
         ({"coverage": [0.95, 0.81]}, None, ""),
@@ -92,7 +92,7 @@ def test_a_short_log_stands_at_the_top(campaign: Campaign, tmp_path: Path, capsy
     capsys.readouterr()
     assert main(["status", str(campaign.path)]) == 0
     said = capsys.readouterr().out
-    assert said.splitlines()[0].startswith("Look: all commands: of ")
+    assert said.splitlines()[0].startswith("Look: all commands: too little motion in ")
     assert said.splitlines()[0].endswith("uncertain everywhere. Tell another log that moves it.")
     assert "Stop:" not in said
     assert main(["report", str(campaign.path)]) == 0
@@ -195,7 +195,7 @@ def test_an_output_that_nothing_tells_of_stands_at_the_top(
     assert main(["status", str(campaign.path)]) == 0
     said = capsys.readouterr().out
     assert said.startswith("RED: knee: on blocks of log 1 that were held out, a constant would have")
-    assert "First see to what is red." in said
+    assert "First mend what is red." in said
 
 
 def test_red_comes_before_yellow() -> None:

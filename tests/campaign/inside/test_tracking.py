@@ -96,7 +96,7 @@ def test_ask_says_slowly_first_until_a_log_shows_how_far_it_leaves_its_plan(
 ) -> None:
     def slowly(*arguments: str) -> bool:
         assert main(["ask", str(lab.path), *arguments]) == 0
-        return any(line.startswith("First slowly") for line in capsys.readouterr().out.splitlines())
+        return any(line.startswith("Run it slowly first") for line in capsys.readouterr().out.splitlines())
 
     assert slowly()
     assert not slowly("--speed", "50")

@@ -136,6 +136,18 @@ def test_single_wild_positions_are_dropped() -> None:
     assert log.repairs == ("2 rows with a single wild position were dropped.",)
 
 
+def test_single_wild_positions_are_dropped_without_any_limit() -> None:
+    wild = with_cells([(300, 1, float(LOG["q"][300, 1]) + 0.9)])
+    assert len(clean_log(wild, CHANNELS)) == len(LOG) - 1
+
+
+def test_the_flicker_of_an_encoder_at_rest_is_not_wild() -> None:
+    q = LOG["q"].copy()
+    q[200:, 1] = q[200, 1]
+    q[[500, 700, 900], 1] += 0.001
+    assert len(cleaned(with_values(LOG, q=q))) == len(LOG)
+
+
 @pytest.mark.parametrize("jump", [0.68, -2 * np.pi])
 def test_a_lasting_jump_is_refused(jump: float) -> None:
     q = LOG["q"].copy()

@@ -59,7 +59,7 @@ def test_a_trend_beyond_the_data_is_where_a_process_loses_and_the_ladder_does_no
     assert found.errors["gp"][0] > found.errors["linear"][0]
     (said,) = [one for one in found.model.warnings if one.fields["command"] == "a"]
     assert said.code in (Warn.LINEAR_ALONE, Warn.LINEAR_BELOW)
-    assert said.sentence.startswith("a: on motion held out the process erred")
+    assert said.sentence.startswith("a: the held-out error of the process is")
 
 
 def test_a_linear_command_under_noise_as_large_as_itself_is_linear_too() -> None:

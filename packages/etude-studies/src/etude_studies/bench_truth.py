@@ -18,7 +18,7 @@ import numpy as np
 
 from etude.campaign import Answers, LogQuestions, judged_commands
 from etude.errors import EtudeError
-from etude.logs import Mendable, clean_log, judge_motion, seen
+from etude.logs import Mendable, clean_log, judge_motion, judge_numbers, seen
 from etude.storage import write_atomic
 from etude.types import Finding, Log
 from etude_studies.engines.each import each
@@ -33,7 +33,8 @@ ENDS = ("right", "wrong", "refused", "missed", "cannot tell")
 REFUSED = "refused"
 CUT = ("ground", "jump")
 """Checks that ask nothing: what they find is cut, and said."""
-ERRORS = ("sign", "x2", "x60", "reversed", "degrees", "swapped", "ground", "jump")
+OF_NUMBERS = ("held", "held_commands", "unsigned", "off", "copied", "turns", "overflow", "lost")
+ERRORS = ("sign", "x2", "x60", "reversed", "degrees", "swapped", "ground", "jump", *OF_NUMBERS)
 
 
 class Ended(msgspec.Struct, frozen=True):
@@ -82,7 +83,7 @@ def judged(source: Source) -> Ended:
     world, log = load(source)
     log = as_recorded(log)
     right = findings(world, log)
-    flagged = {f.check: f.sentence for f in right if f.flag or f.light == "red"}
+    flagged = {f.check: f.sentence for f in right if f.flag or f.light == "red" or f.check in OF_NUMBERS}
     path = world.kind.path
     motion = seen(log, log.channels[path]) if path in log else None
     moves = np.zeros(1, dtype=np.bool_) if motion is None else motion.moves
@@ -105,6 +106,9 @@ def findings(world: World, log: Log) -> list[Finding]:
     kind, spec = world.kind, world.spec
     known, channels = kind.expected(spec), kind.channels(spec)
     with np.errstate(all="ignore"):
+        numbers = list(judge_numbers(log, known.limits))
+        if numbers:
+            return numbers
         motion = list(judge_motion(log, kind.path, channels, known.limits, known.rate))
         if any(f.flag for f in motion):
             return motion
@@ -121,7 +125,11 @@ def findings(world: World, log: Log) -> list[Finding]:
 def ending(wrong: Wrong, found: list[Finding], right: list[Finding]) -> tuple[str, str]:
     """Which of ENDS, and the sentence that says so. What the right log shows already is no detection."""
     before = {f.sentence for f in right}
-    told = [f for f in found if (f.flag or f.light == "red" or f.check in CUT) and f.light != "green"]
+    told = [
+        f
+        for f in found
+        if (f.flag or f.light == "red" or f.check in (*CUT, *OF_NUMBERS)) and f.light != "green"
+    ]
     news = [f for f in told if f.sentence not in before]
     mine = [f for f in news if _names(wrong, f)]
     if mine:
@@ -144,6 +152,8 @@ def _unsure(wrong: Wrong, asked: list[Finding]) -> bool:
 
 def _names(wrong: Wrong, finding: Finding) -> bool:
     """Whether a finding says what was done."""
+    if wrong.error in OF_NUMBERS:
+        return finding.check == wrong.check
     if wrong.error == "sign":
         return finding.check == "sign" and isinstance(finding, Mendable)
     if wrong.error == "swapped":

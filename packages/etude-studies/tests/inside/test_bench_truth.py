@@ -36,6 +36,8 @@ def test_a_real_log_with_velocities_is_told_wrong_in_every_way() -> None:
         "x60": {"right": 2},
         "reversed": {"right": 1},
         "jump": {"right": 6},
+        **{key: {"right": 1} for key in ("held_commands", "unsigned", "off", "copied", "turns", "overflow")},
+        **{key: {"right": 3} for key in ("held", "lost")},
     }
     assert set(found.sentences) == set(found.counts)
 

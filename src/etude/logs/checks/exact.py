@@ -16,7 +16,7 @@ import numpy as np
 from etude.logs.checks.filtered_motion import joints, runs
 from etude.logs.checks.finding_texts import Mendable, accepted, both, named
 from etude.logs.columns.units import Limits
-from etude.types import Array, Channel, Finding, Index, Log, Mask
+from etude.types import Array, Channel, Finding, Log, Mask
 
 CERTAIN, LIKELY = math.log(1e6), math.log(20.0)
 BEYOND_CHANCE = 50.0 * math.log(2.0)
@@ -321,15 +321,13 @@ def _without_spans(log: Log, finding: Finding) -> Log:
     return log.take(kept).repaired(finding.sentence)
 
 
-WHOLE_RANGE, USUAL_STEP, INNER = 0.9, 0.2, 0.5  # of a command's range
-INSIDE = 0.1  # of the rows lie in the inner part: a switch has none there
-BESIDE = 3  # rows that tell its slope
+WHOLE_RANGE, LARGE_STEP = 0.9, 0.2  # of a command's range
 
 
 def _overflown(numbers: Numbers) -> Iterator[Finding]:
-    """Jumps of a command through its range, against its slope before and after: an integer that overflows."""
+    """Jumps of a command from one end of its range to the other: an integer that overflows."""
     for j, name in enumerate(numbers.parts):
-        jumps = len(_overflows(numbers.u[:, j]))
+        jumps = _overflows(numbers.u[:, j])
         if jumps > 1:
             top = float(np.abs(numbers.u[:, j]).max())
             fact = f"The command of {name} jumps {jumps} times through its whole range, at {top:.4g}"
@@ -337,19 +335,17 @@ def _overflown(numbers: Numbers) -> Iterator[Finding]:
             yield from _asked(OVERFLOW, 10.0 * jumps, fact, step)
 
 
-def _overflows(command: Array) -> Index:
-    """Rows after which a command (T,) wraps."""
-    step, width = np.diff(command), float(np.ptp(command))
-    rows = np.flatnonzero(np.abs(step) > WHOLE_RANGE * width)
-    rows = rows[(rows >= BESIDE) & (rows < len(step) - BESIDE)]
-    inner = np.abs(command - 0.5 * (command.max() + command.min())) < 0.5 * INNER * width
-    if not len(rows) or np.quantile(np.abs(step), 0.9) > USUAL_STEP * width or inner.mean() < INSIDE:
-        return rows[:0]
-    # what reverses at once jumps with its slope; what wraps jumps against it, on either side
-    way = np.sign(step[rows])
-    before = (command[rows] - command[rows - BESIDE]) * way
-    after = (command[rows + 1 + BESIDE] - command[rows + 1]) * way
-    return np.asarray(rows[(before < 0.0) & (after < 0.0)])
+def _overflows(command: Array) -> int:
+    """How often a command (T,) wraps: at its ends, to what its slope beside leaves open. A switch with noise
+    jumps between levels that lie further inside.
+    """
+    step, width = np.abs(np.diff(command)), float(np.ptp(command))
+    rows = 1 + np.flatnonzero(step[1:-1] > WHOLE_RANGE * width)
+    usual = float(np.median(step))
+    if not len(rows) or usual == 0.0 or np.quantile(step, 0.9) > LARGE_STEP * width:
+        return 0
+    left = (width - step[rows]) / (step[rows - 1] + step[rows + 1] + usual)
+    return len(rows) if np.median(left) < 1.0 else 0
 
 
 EVEN = 0.05  # of a step, deviation of stamps: a clock that counts rows; others show what was lost
@@ -401,10 +397,13 @@ class Steps:
         used = (np.abs(said) > 0.1 * np.abs(said).max(axis=0)) / np.maximum(noise, 1e-12)
         size = np.square(said * used).sum(axis=1)
         least = max(float(np.percentile(size, SLOW_SHARE)), np.finfo(float).tiny)
-        fast = np.asarray(size > least)
+        new = new_rows(np.hstack([numbers.motion, numbers.u]))
+        single = new[1:] & new[:-1]  # beside a late packet one step is 0 and the next is 2
+        fast = np.asarray((size > least) & single)
         if fast.sum() < LEAST_STEPS:
             return None
         r = (way * said * used**2).sum(axis=1) / np.maximum(size, np.finfo(float).tiny)
+        r[~single] = 1.0
         middle = float(np.median(r[fast]))
         scale = 1.5 * float(np.median(np.abs(r[fast] - middle)))
         if scale > NOISIEST or abs(middle - 1.0) > BIASED:

@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 from made_motion import COMMAND, NAMES, QD, RATE, Q, moved
 
-from etude.logs import Mendable
-from etude.logs.checks.exact import judge_numbers
+from etude.logs import Mendable, judge_numbers
 from etude.logs.checks.plausibility import repaired
 from etude.types import Array, Channel, Finding, Log
 
@@ -265,6 +264,10 @@ def test_lost_rows_without_velocities_are_a_question_with_a_repair() -> None:
     mended = repaired(wrong, found)
     before, after = (np.abs(np.diff(log.t) - np.diff(right.t)).sum() for log in (wrong, mended))
     assert after < 0.3 * before
+
+
+def test_lost_rows_are_told_among_late_packets() -> None:
+    assert one(lost(late_packets(noisy(seconds=60.0)), 0.03)[0]).check == "lost"
 
 
 def test_true_stamps_lose_nothing() -> None:
