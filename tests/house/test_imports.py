@@ -24,7 +24,7 @@ MODULES_OF_STATUS = 60
 RECORD = "etude.campaign.record"
 ENGINE = ("models", "design", "deploy", "logs", "limits", "trajectories", "report", "campaign")
 """Rooms that compute; of these the record may read the tables of campaign.toml."""
-TABLES = {"etude.limits.tracking", *(f"etude.{room}.config" for room in ("models", "design", "logs"))}
+TABLES = {"etude.limits.tracking_margins", *(f"etude.{room}.config" for room in ("models", "design", "logs"))}
 STATUS = """
 import sys
 from etude.cli import main
