@@ -123,7 +123,7 @@ def judge(
         turned = _signs(judged, fresh, doubtful=gain >= ASK)
         yield turned if turned is not None and len(turned.logs) < len(logs) else None
         yield _late(judged, fresh)
-        yield _exchanged(judged, logs, path, body, order, gain) if gain >= ASK else None
+        yield _exchanged(judged, logs, path, body, order, gain) if gain >= ORDER else None
         yield None if timed else _reversed(judged, fresh)
         yield turned
         yield _weights(judged, force, fresh)
@@ -262,14 +262,18 @@ def _late(judged: _Judged, fresh: Sequence[int]) -> Decision | None:
     return judged.decision("note", check=DELAY, logs=tuple(fresh), by=(DELAYS[best],), odds=odds)
 
 
+ORDER = 2.0 * SURE  # log odds from which anything is said: right simulated logs reached 22
 PAIR, ANY_ORDER = 0.05, 0.005  # prior of one exchanged pair, of any other order
 
 
 def _gains(judged: _Judged) -> Array:
-    """(m, m) how much better column k fits joint j than its own joint, by the least favourable class."""
+    """(m, m) how much better column k fits joint j than its own joint, by the least favourable class, and no
+    more than the sign of k is known by under j: what depends on the place fits any joint by chance.
+    """
     size, m = judged.crossed.by_class(), len(judged.own)
+    right, inverted = judged.crossed.signs()
     own = np.tile(size[np.arange(m) * m + np.arange(m)], (m, 1))
-    gains = least(size, own).reshape(m, m)
+    gains = np.minimum(least(size, own), np.abs(right - inverted)).reshape(m, m)
     np.fill_diagonal(gains, 0.0)
     return gains
 
@@ -297,7 +301,7 @@ def _exchanged(
     if min(halves) <= 0.0:
         return None
     usual = int((order != np.arange(m)).sum()) == 2 or bool((order == np.arange(m)[::-1]).all())
-    level: Level = "certain" if gain >= SURE and usual and min(halves) >= ASK else "ask"
+    level: Level = "certain" if usual and min(halves) >= ASK else "ask"
     best = np.arange(len(judged.rows.parts))
     best[judged.own] = judged.own[order]
     by = tuple(best.astype(np.float64).tolist())
