@@ -184,21 +184,21 @@ def surveyed(campaign: Campaign, paths: Sequence[Path], how: How) -> Survey | No
     answers = answers_of(state, how.get("accept", ()), how.get("repair", ()))
     found: dict[Path, Log] = {}
     for path in paths[:MOST_NEW]:
-        if state.round_of_log(sha256_of_log(path)) is None:
-            log = _prepared(campaign, path, how, answers)
-            found |= {} if log is None else {path: log}
+        with contextlib.suppress(DataError):  # what is wrong is said when the file is taken
+            if state.round_of_log(sha256_of_log(path)) is None:
+                found |= _prepared(campaign, path, how, answers)
     body = body_of(campaign.kind, campaign.spec)
     return Survey(found, told_logs(campaign, state), answers.to, body)
 
 
-def _prepared(campaign: Campaign, path: Path, how: How, answers: Answers) -> Log | None:
-    """The log in a file, its motion settled; None of one that is refused whatever its commands are."""
-    found: list[Log] = []
+def _prepared(campaign: Campaign, path: Path, how: How, answers: Answers) -> dict[Path, Log]:
+    """The log in a file, its motion settled; none of one that is refused whatever its commands are."""
+    found: dict[Path, Log] = {}
 
     def settle(log: Log) -> Log:
-        found.append(LogQuestions(campaign.kind, campaign.spec, answers).prepared(log))
-        return found[0]
+        found[path] = LogQuestions(campaign.kind, campaign.spec, answers).prepared(log)
+        return found[path]
 
-    with contextlib.suppress(DataError):  # what is wrong is said when the file is taken
+    with contextlib.suppress(DataError):  # ranges may refuse what is put right
         read_settled(campaign, path, settle, degrees=how.get("degrees", False), topics=how.get("topics", ()))
-    return found[0] if found else None
+    return found

@@ -8,7 +8,7 @@ logarithms against the logs as they are. What is decided is put right, and the l
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import comb, lgamma
 from typing import Literal
 
@@ -35,7 +35,7 @@ class Decision:
     Attributes:
         level: certain: refused unless put right; ask: a question; note: put right and said; silent.
         check: what it is about; "" of a silent one.
-        logs: which of the logs it is about.
+        logs: which of the logs it is about; orders, directions and weights are judged of new ones.
         by: of a sign: 1 or -1 (k,); of an order: the column of each joint's command (k,); of a delay: s.
         odds: log odds against the logs as they are. ahead: against the next best decision.
         told: (k,) log odds of the right sign to the inverted one, of the commands as they are.
@@ -66,7 +66,10 @@ class _Judged:
     crossed: ColumnEvidence
 
     @classmethod
-    def of(cls, rows: FilteredRows) -> _Judged:
+    def of(cls, rows: FilteredRows | None) -> _Judged | None:
+        """None of rows that are too few, or where nothing moves."""
+        if rows is None or len(rows.t) < LEAST_ROWS or not rows.moving.any():
+            return None
         own = np.flatnonzero(rows.moving)
         m, d = len(own), rows.command.shape[2]
         joints = np.concatenate([np.repeat(np.arange(m), d), np.repeat(np.arange(m), m)])
@@ -110,26 +113,35 @@ def judge(
         force: whether commands are forces in SI, which may hold gravity.
         accepted: checks of which nothing is said any more.
     """
-    fresh = range(len(logs)) if fresh is None else fresh
-    rows = rows_of(logs, path, body, groups_of(len(logs), fresh), fresh)
-    if rows is None or len(rows.t) < LEAST_ROWS or not rows.moving.any():
+    fresh = tuple(range(len(logs)) if fresh is None else fresh)
+    judged = _Judged.of(rows_of(logs, path, body, groups_of(len(logs), fresh), fresh))
+    if judged is None:
         none = np.zeros(len(path.parts))
         return Decision("silent", none, none > 0.0, none > 0.0)
-    judged = _Judged.of(rows)
-    timed = all(_with_velocities(logs[i], path) for i in fresh)
+    new = [logs[i] for i in fresh]
+    # what was told before has its order and its direction
+    alone = judged if len(new) == len(logs) else _Judged.of(rows_of(new, path, body))
+    timed = all(_with_velocities(log, path) for log in new)
 
     def hypotheses() -> Iterator[Decision | None]:
-        order, gain = order_of(judged)
+        order, gain = (np.arange(0), -np.inf) if alone is None else order_of(alone)
+        exchanged = None
+        if alone is not None and gain >= ORDER:
+            exchanged = _exchanged(alone, new, path, body, order, gain)
         turned = _signs(judged, fresh, doubtful=gain >= ASK)
+        yield exchanged if len(new) == 1 else None
         yield turned if turned is not None and len(turned.logs) < len(logs) else None
         yield _late(judged, fresh)
-        yield _exchanged(judged, logs, path, body, order, gain) if gain >= ORDER else None
-        yield None if timed else _reversed(judged, fresh)
+        yield exchanged  # of several logs, one that is inverted looks like another order
+        yield None if timed or alone is None else _reversed(alone)
         yield turned
-        yield _weights(judged, force, fresh)
+        yield None if alone is None else _weights(alone, force)
 
     told = (found for found in hypotheses() if found is not None and found.check not in accepted)
-    return next(told, None) or judged.decision("silent")
+    found = next(told, None)
+    if found is None:
+        return judged.decision("silent")
+    return found if found.logs else replace(found, logs=fresh)
 
 
 def _with_velocities(log: Log, path: Channel) -> bool:
@@ -306,7 +318,7 @@ def _exchanged(
     best[judged.own] = judged.own[order]
     by = tuple(best.astype(np.float64).tolist())
     why = "" if usual else "order"
-    return judged.decision(level, check=SWAPPED, logs=tuple(range(len(logs))), by=by, odds=gain, why=why)
+    return judged.decision(level, check=SWAPPED, by=by, odds=gain, why=why)
 
 
 def _half_gain(
@@ -327,7 +339,7 @@ BACKWARDS = float(np.log(0.02))  # log prior of reversed rows
 EXPLAINED = 0.7  # of the joints, at least, that reversed rows explain
 
 
-def _reversed(judged: _Judged, fresh: Sequence[int]) -> Decision | None:
+def _reversed(judged: _Judged) -> Decision | None:
     """Rows that run backwards: inertia and weight right, friction inverted. All signs inverted look alike
     but for these, so where the two cannot be told apart one question names both.
     """
@@ -344,15 +356,12 @@ def _reversed(judged: _Judged, fresh: Sequence[int]) -> Decision | None:
     if turned > flipped + ASK and explained:
         sure = turned >= SURE and turned > flipped + SURE
         level: Level = "certain" if sure else "ask"
-        return judged.decision(
-            level, check=DIRECTION, logs=tuple(fresh), by=(-1.0,), odds=turned, ahead=turned - flipped
-        )
+        return judged.decision(level, check=DIRECTION, by=(-1.0,), odds=turned, ahead=turned - flipped)
     if abs(turned - flipped) < ASK and not given.strange().any():
         by = np.where(judged.rows.moving, -1.0, 1.0)
         return judged.decision(
             "ask",
             check=SIGN,
-            logs=tuple(fresh),
             by=tuple(by.tolist()),
             odds=flipped,
             ahead=flipped - turned,
@@ -405,19 +414,18 @@ def weight_of(rows: FilteredRows, own: Index) -> Weight | None:
 FAINT = 1e-12  # squared N m: no weight
 
 
-def _weights(judged: _Judged, force: bool, fresh: Sequence[int]) -> Decision | None:
+def _weights(judged: _Judged, force: bool) -> Decision | None:
     """Weight upside down in a joint whose friction tells nothing, or none at all: taken out already."""
     weight = weight_of(judged.rows, judged.own)
     if weight is None:
         return None
     told = (np.abs(weight.parts) > CLEAR * weight.deviations) & (np.abs(weight.parts) > UPSIDE_DOWN)
     down = judged.over(told & (weight.parts < 0.0), False)
-    logs = tuple(range(int(judged.rows.log.max()) + 1))
     if down.any():
         by = tuple(np.where(down, -1.0, 1.0).tolist())
-        return judged.decision("ask", check=SIGN, logs=logs, by=by, odds=CLEAR, why="weight")
+        return judged.decision("ask", check=SIGN, by=by, odds=CLEAR, why="weight")
     little = abs(weight.part) < LITTLE and (1.0 - weight.part) > CLEAR * weight.deviation
     if force and little and not told.any():
         by = (weight.part, weight.deviation)
-        return judged.decision("ask", check=GRAVITY, logs=tuple(fresh), by=by, odds=CLEAR)
+        return judged.decision("ask", check=GRAVITY, by=by, odds=CLEAR)
     return None

@@ -103,6 +103,12 @@ def test_new_logs_are_held_against_those_before() -> None:
     assert "etude untell" in old.step
 
 
+def test_an_exchanged_pair_is_found_beside_logs_that_were_told() -> None:
+    wrong = with_command(moved(seed=2), moved(seed=2)["command"][:, [1, 0, 2]])
+    found = decided(moved(seed=0), moved(seed=1), wrong, fresh=[2])
+    assert (found.level, found.check, found.logs) == ("certain", "swapped", (2,))
+
+
 def test_reversed_rows_look_like_inverted_signs_without_velocities() -> None:
     found = decided(reversed_rows(moved()).without("qd"))
     assert (found.level, found.check, found.why) == ("ask", "sign", "time")
