@@ -1,4 +1,4 @@
-"""Why URDF and MJCF files are rewritten before MuJoCo's MjSpec has them: docs/decisions/0059-two-loading-paths.md."""
+"""Why files are rewritten before MuJoCo's MjSpec has them: docs/decisions/0059-two-loading-paths.md."""
 
 from __future__ import annotations
 
