@@ -11,8 +11,8 @@ import tyro
 from etude.cli.outcome import Common, Folder, Outcome, Say, code_of, opened
 
 if TYPE_CHECKING:
-    from etude.campaign.ingest.ingest_many import IngestedFile, IngestedMany
     from etude.campaign.ingest.ingest_result import Told
+    from etude.campaign.ingest.tell import IngestedFile, IngestedMany
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -53,7 +53,7 @@ class Tell(Common):
     or of what was learned; if not given what it was asked for. Each has its own margins of tracking."""
 
     def run(self, say: Say) -> Outcome:
-        from etude.campaign.ingest.ingest_many import tell, tell_many
+        from etude.campaign.ingest.tell import tell, tell_many
         from etude.errors import UsageError
 
         if not self.logs and not self.changed:
