@@ -171,6 +171,18 @@ def test_other_angles_that_wrap_are_refused_with_their_repair(turn: float, scale
     np.testing.assert_allclose(steps, scale * np.diff(log["q"], axis=0), atol=1e-9)
 
 
+def test_angles_from_0_to_a_turn_are_put_within_the_limits() -> None:
+    """One joint crosses 0, one lies below it throughout, one above."""
+    log = noisy()
+    right = log["q"] - log["q"].mean(axis=0) + [0.0, -1.6, 1.6]
+    wrong = changed(log, q=right % (2.0 * np.pi))
+    found = one(wrong)
+    assert found.sentence.startswith("hip: ")
+    assert "; knee: whole turns outside of the limits" in found.sentence
+    np.testing.assert_allclose(repaired(wrong, found)["q"], right, atol=1e-9)
+    assert told(repaired(wrong, found)) == []
+
+
 def test_a_leap_that_is_no_turn_is_no_wrap() -> None:
     log = wrapped(noisy())
     q = log["q"].copy()
