@@ -198,6 +198,7 @@ def _blocks_held(numbers: Numbers) -> Iterator[Finding]:
 
 TURN_RAD, TURN_DEGREES = 2.0 * math.pi, 360.0
 OF_A_TURN = 0.02  # by which a step may miss one turn
+MOSTLY_AGAINST = 0.8  # of the speeds at jumps; where a joint is slow, noise has a sign too
 ONCE = 1.05  # turns: a joint that reaches further may turn on and on
 
 
@@ -208,16 +209,13 @@ class Turns:
     Attributes:
         q: (T, J) positions without that.
         jumps: (J,) how often each wraps. away: (J,) turns by which one that never wraps is off its limits.
+        seen: (J,) whether the velocity at the jumps goes the other way.
     """
 
     q: Array
     jumps: Array
     away: Array
-
-    @property
-    def concerned(self) -> Mask:
-        """(J,) joints of which something is."""
-        return np.asarray((self.jumps > 0.0) | (self.away != 0.0))
+    seen: Mask
 
     @staticmethod
     def of(numbers: Numbers) -> Turns | None:
@@ -225,18 +223,20 @@ class Turns:
         hinges = np.array(numbers.path.units) == "rad"
         top = np.where(hinges, np.abs(np.diff(numbers.q, axis=0)).max(axis=0), 0.0)
         turn = TURN_DEGREES if top.max() > 0.5 * TURN_DEGREES else TURN_RAD
-        q, jumps = numbers.q.copy(), np.zeros(len(hinges))
+        q, jumps, seen = numbers.q.copy(), np.zeros(len(hinges)), np.zeros(len(hinges), dtype=np.bool_)
         for j in np.flatnonzero(top > 0.5 * turn).tolist():
             steps = _whole_turns(q[:, j], turn)
             q[1:, j] -= turn * np.cumsum(steps)
             jumps[j] = np.abs(steps).sum()
+            against = 0.0 * steps if numbers.v is None else -steps * numbers.v[1:, j]
+            seen[j] = against.sum() > MOSTLY_AGAINST * np.abs(against).sum()
         scale = turn / TURN_RAD  # of limits, which are rad
         low, high, reach = q.min(axis=0), q.max(axis=0), scale * numbers.reach
         centre = 0.5 * (low + high) - scale * numbers.middle
         outside = (np.abs(centre) > 0.5 * reach) & (high - low < reach)
         away = np.where(hinges & outside & (jumps == 0.0), np.round(centre / turn), 0.0)
         q -= turn * np.where(jumps > 0.0, np.round(centre / turn), away)
-        return Turns(q, jumps, away) if jumps.any() or away.any() else None
+        return Turns(q, jumps, away, seen) if jumps.any() or away.any() else None
 
 
 def _whole_turns(q: Array, turn: float) -> Array:
@@ -252,17 +252,17 @@ def _wrapped(numbers: Numbers) -> Iterator[Finding]:
     turns = Turns.of(numbers)
     if turns is None:
         return
-    times = int(turns.jumps.sum())
-    facts = [f"{named(numbers.parts, turns.jumps > 0.0)}: {times} jump{'s'[: times > 1]} of one turn"] * (
-        times > 0
-    )
-    if turns.away.any():
-        facts.append(f"{named(numbers.parts, turns.away != 0.0)}: whole turns outside of the limits")
+    times, wrap, far = int(turns.jumps.sum()), turns.jumps > 0.0, turns.away != 0.0
+    facts = []
+    if times:
+        facts.append(f"{named(numbers.parts, wrap)}: {times} jump{'s'[: times > 1]} of one turn")
+    if far.any():
+        facts.append(f"{named(numbers.parts, far)}: whole turns outside of the limits")
     endless = np.isfinite(numbers.reach) & (numbers.reach > ONCE * TURN_RAD)
-    if endless[turns.concerned].all():
+    if times and (endless | turns.seen)[wrap].all():
         found = _mended(TURNS, "; ".join(facts), "the angles are unwrapped.")
     else:
-        odds = max(10.0 + times * math.log(50.0), BEYOND_CHANCE * turns.away.any())
+        odds = max(10.0 + times * math.log(50.0), BEYOND_CHANCE * far.any())
         found = _asked(TURNS, odds, "; ".join(facts), "The angles wrap.", mend="unwrap them")
     for finding in found:
         yield replace(finding, by=(*numbers.reach.tolist(), *numbers.middle.tolist()))
@@ -275,7 +275,7 @@ def _unwrapped(log: Log, finding: Mendable) -> Log:
     reach, middle = np.array(finding.by).reshape(2, -1)
     turns = Turns.of(replace(numbers, reach=reach, middle=middle))
     assert turns is not None
-    names = named(numbers.parts, turns.concerned)
+    names = named(numbers.parts, (turns.jumps > 0.0) | (turns.away != 0.0))
     return log.put(numbers.path, turns.q).repaired(f"The angles of {names} were unwrapped.")
 
 
