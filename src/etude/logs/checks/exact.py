@@ -284,13 +284,17 @@ ENOUGH = 20_000  # rows that tell it
 
 
 def _copied(numbers: Numbers) -> Iterator[Finding]:
-    """Two commands that are one column, or a command that is a position or a velocity."""
+    """Two commands that are one column, or a command that is a position or a velocity.
+
+    A joint that feedback holds may have a command of exactly minus so much of its position.
+    """
     blocks = {"command": numbers.u, "position": numbers.q}
     blocks |= {} if numbers.v is None else {"velocity": numbers.v}
     every = max(1, len(numbers.t) // ENOUGH)
     like, J = _likeness(np.hstack([block[::every] for block in blocks.values()])), len(numbers.parts)
     labels = [f"{block} of {part}" for block in blocks for part in numbers.parts]
-    pairs = [(a, b) for a, b in np.argwhere(np.triu(like[:J] > SAME, 1)).tolist()]
+    like[:J, :J] = np.abs(like[:J, :J])
+    pairs = np.argwhere(np.triu(like[:J] > SAME, 1)).tolist()
     if pairs:
         said = ", ".join(f"the {labels[a]} and the {labels[b]}" for a, b in pairs)
         step = "Look at the names of the columns, and export the log again."
@@ -298,12 +302,12 @@ def _copied(numbers: Numbers) -> Iterator[Finding]:
 
 
 def _likeness(columns: Array) -> Array:
-    """(k, k) absolute correlations of columns (T, k); 0 of one that is constant but for rounding."""
+    """(k, k) correlations of columns (T, k); 0 of one that is constant but for rounding."""
     centred = columns - columns.mean(axis=0)
     size = np.linalg.norm(centred, axis=0)
     moves = size > 1e-9 * np.linalg.norm(columns, axis=0)
     centred = np.where(moves, centred, 0.0) / np.where(moves, size, 1.0)
-    return np.asarray(np.abs(centred.T @ centred))
+    return np.asarray(centred.T @ centred)
 
 
 AT_ZERO = 0.02  # of a command's largest

@@ -219,6 +219,13 @@ def test_a_copied_column_is_named_with_its_twin(source: str) -> None:
     assert f"the {names[source]} of hip" in found.sentence
 
 
+def test_a_joint_that_feedback_holds_is_no_copy() -> None:
+    log = noisy()
+    command = log["command"].copy()
+    command[:, 2] = 3.0 - 800.0 * log["q"][:, 2]
+    assert told(changed(log, command=command)) == []
+
+
 def test_two_joints_that_stand_are_no_copies() -> None:
     log = noisy()
     command = log["command"].copy()
