@@ -22,8 +22,8 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from etude._runtime.trust import FULL_NAME as FULL_NAME
-from etude._runtime.trust import require_trusted
+from etude._runtime.trusted_folders import FULL_NAME as FULL_NAME
+from etude._runtime.trusted_folders import require_trusted
 from etude.errors import UsageError
 
 _MEMBERS = ("exact", "fitc", "vfe")

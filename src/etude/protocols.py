@@ -280,7 +280,8 @@ class Kind(Protocol):
     spec: the kind's frozen dataclass with `name` and `rate` (Hz of its logs). config: the campaign's tables;
     `trajectory` (with `duration`, s) and `data` are the kind's dataclasses. path: the channel compared with
     the trajectory. home (k,): a pose inside every limit. limit (J,): how far each command reaches.
-    samples: preprocessing, given all logs at once, by `etude.logs`. ways: approach and return.
+    samples: preprocessing, given all logs at once, by `etude.logs`.
+    approaches: there and back.
     """
 
     @property
@@ -303,7 +304,9 @@ class Kind(Protocol):
     def expected(self, spec: Any) -> Expected: ...
     def family(self, spec: Any, config: Any) -> Family: ...
     def limits(self, spec: Any, config: Any, model: Model | None, margins: Margins) -> Sequence[Limit]: ...
-    def ways(self, spec: Any, motion: Trajectory, pose: Array) -> tuple[Trajectory, Trajectory] | None: ...
+    def approaches(
+        self, spec: Any, motion: Trajectory, pose: Array
+    ) -> tuple[Trajectory, Trajectory] | None: ...
     def inputs(self, spec: Any, config: Any) -> Inputs: ...
     def physics(self, spec: Any, config: Any) -> Mapping[str, Physics]: ...  # "nominal", "identified"
     def checks(self, spec: Any, log: Log) -> Sequence[Finding]: ...  # beside those over channels

@@ -50,7 +50,8 @@ class ArmInputs:
         desired: look at the plan (thesis) instead of at what was measured.
         presliding: (J,) way over which friction turns round, rad or m; None: nothing is remembered.
         play: (J,) half width that a position has to leave to count as motion. slow: (J,) v0 of e, rad/s.
-        ways: (W, J) over which friction may turn round in physics, rad or m: perfect runs carry what it
+        presliding_distances: (W, J) over which friction may turn round in physics, rad or m: perfect runs
+            carry what it
             remembers then; None: they do not.
         told: whether logs told the friction velocities.
     """
@@ -63,7 +64,7 @@ class ArmInputs:
     presliding: Array | None = None
     play: Array | None = None
     slow: Array | None = None
-    ways: Array | None = None
+    presliding_distances: Array | None = None
     told: bool = False
 
     def __post_init__(self) -> None:
@@ -96,8 +97,10 @@ class ArmInputs:
             c.name: c for c in (*spec.channels(), spec.turning()) if c.name in (*PATH, *PLAN, TURNING)
         }
         v0 = friction_speeds(spec, friction_fraction) if friction_fraction else None
-        ways = spec.ways() if physics else None
-        found = cls(channels, stick_fraction * spec.velocity, v0, desired=desired, ways=ways)
+        distances = spec.presliding_distances() if physics else None
+        found = cls(
+            channels, stick_fraction * spec.velocity, v0, desired=desired, presliding_distances=distances
+        )
         if not presliding:
             return found
         length = spec.presliding(presliding)
@@ -152,10 +155,10 @@ class ArmInputs:
         """The log with what friction remembers, for rows that follow one another as in a run from rest; as
         it is where it carries that.
         """
-        if self.ways is None or TURNING in log:
+        if self.presliding_distances is None or TURNING in log:
             return log
         q = log[self.names[0]]
-        return log.put(self.channels[TURNING], turning(q, np.zeros(q.shape[1]), self.ways))
+        return log.put(self.channels[TURNING], turning(q, np.zeros(q.shape[1]), self.presliding_distances))
 
     def apart(self, log: Log) -> Log:
         """The log for rows that do not follow one another: friction remembers nothing of a way."""
@@ -169,22 +172,22 @@ class ArmInputs:
         """The same of one row (2, W J + J) after another: friction by each way and by that of the inputs,
         and the positions before.
         """
-        lengths = [] if self.ways is None else [*self.ways]
-        plays = [np.zeros(len(ways)) for ways in lengths]
+        lengths = [] if self.presliding_distances is None else [*self.presliding_distances]
+        plays = [np.zeros(len(each)) for each in lengths]
         if self.presliding is not None and self.play is not None:
             lengths, plays = [*lengths, self.presliding], [*plays, self.play]
         if not lengths:
             return row, None
         q = np.tile(row[self.names[0]], (1, len(lengths)))
-        if before is not None and before.shape[1] < q.shape[1]:  # an older version carried the ways alone
+        if before is not None and before.shape[1] < q.shape[1]:  # an older version carried no other friction
             more = np.stack([np.zeros(q.shape[1]), q[0]])[:, before.shape[1] :]
             before = np.concatenate([before, more], axis=1)
         found = remembered(q, np.concatenate(plays), np.concatenate(lengths), before)[0]
         J = len(self.stick_velocity)
         if self.presliding is not None:
             row = row.put(self._memory, found[:1, -J:])
-        if self.ways is not None:
-            row = row.put(self.channels[TURNING], found[:1, : self.ways.size])
+        if self.presliding_distances is not None:
+            row = row.put(self.channels[TURNING], found[:1, : self.presliding_distances.size])
         return row, found
 
     def of_log(self, log: Log) -> Array:

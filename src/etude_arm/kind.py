@@ -213,11 +213,13 @@ class ArmKind:
 
         return largest_error(spec)
 
-    def ways(self, spec: ArmSpec, motion: Trajectory, pose: Array) -> tuple[Trajectory, Trajectory] | None:
+    def approaches(
+        self, spec: ArmSpec, motion: Trajectory, pose: Array
+    ) -> tuple[Trajectory, Trajectory] | None:
         """Straight moves in joint space, from the pose to the start and from the end back."""
-        from etude_arm.motions import ways
+        from etude_arm.motions import approaches
 
-        return ways(spec, motion, pose)
+        return approaches(spec, motion, pose)
 
     def inputs(self, spec: ArmSpec, config: Any) -> ArmInputs:
         from etude_arm.inputs import ArmInputs
@@ -256,7 +258,7 @@ class ArmKind:
 
             if not has_masses(spec):
                 return None
-            from etude_arm.rehearsal.robot import rehearsed
+            from etude_arm.rehearsal.rehearsed_robot import rehearsed
 
             return rehearsed(spec)
         from etude_arm.plant.robot import simulated_robot

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 from etude.errors import UsageError
 from etude.toml_tables import toml_value
 from etude.types import Array
-from etude_arm.checks import METRES, RADIANS, check_spec, suspected
+from etude_arm.description_checks import METRES, RADIANS, check_spec, suspected
 from etude_arm.loading.joint_choice import Choice, Moving
 from etude_arm.loading.parsing import parsed
 from etude_arm.loading.urdf_tree import UrdfTree, hard_range, number

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from etude.limits.library import AxisLimit
+from etude.limits.convex_limits import AxisLimit
 from etude.limits.limit_tables import made_limits
 from etude.protocols import Limit, Model, Trajectory
 from etude.trajectories.config import FourierConfig
@@ -16,7 +16,7 @@ from etude.trajectories.moves import PointToPoint, random_moves
 from etude.types import Array, Margins
 from etude_arm.clearance.robot_clearance import clearance_of, ranges_of, search_of
 from etude_arm.command_limits import commands_of
-from etude_arm.space.limit import space_of
+from etude_arm.space.space_limit import space_of
 from etude_arm.spec import ArmSpec
 
 MOVES = 12  # of a test motion: about a minute
@@ -24,7 +24,7 @@ TEST_DURATION = 60.0
 """s, of the test series."""
 TEST_RAMP = 2.0
 """s, of its phase ramps."""
-WAY = 0.8
+EXCURSION = 0.8
 """Part of its range, a turn at most, that a joint goes through in a segment about a clear pose, about."""
 UNHURRIED = 0.5
 """Part of the limits of velocity and acceleration that approach and return use."""
@@ -34,7 +34,7 @@ def family(spec: ArmSpec, config: FourierConfig) -> FourierFamily:
     """Fourier series of every joint; if omega0 was left open, one period of what suits the way that it is
     likely to go.
     """
-    lower, upper = way_of(spec)
+    lower, upper = usual_excursion(spec)
     suited = suited_to(config, lower, upper, spec.velocity, spec.acceleration)
     return FourierFamily.of(suited, axes=spec.dof)
 
@@ -60,7 +60,7 @@ def limits(spec: ArmSpec, margins: Margins, model: Model | None = None) -> tuple
     )
 
 
-def way_of(spec: ArmSpec) -> tuple[Array, Array]:
+def usual_excursion(spec: ArmSpec) -> tuple[Array, Array]:
     """(k,) ends of the way of each joint in a motion: of an arm that keeps clear of something, a part of its
     range; else the whole.
     """
@@ -68,7 +68,7 @@ def way_of(spec: ArmSpec) -> tuple[Array, Array]:
     if clearance_of(spec, {}) is None:
         return lower, upper
     low, high = ranges_of(spec)
-    half = 0.5 * WAY * (high - low)
+    half = 0.5 * EXCURSION * (high - low)
     return home - half, home + half
 
 
@@ -84,7 +84,7 @@ def largest_error(spec: ArmSpec) -> Array:
     return np.full(spec.dof, np.nan) if gains is None else spec.command / np.array(gains)
 
 
-def ways(spec: ArmSpec, motion: Trajectory, pose: Array) -> tuple[PointToPoint, PointToPoint]:
+def approaches(spec: ArmSpec, motion: Trajectory, pose: Array) -> tuple[PointToPoint, PointToPoint]:
     """Straight moves in joint space, from the pose to the start and from the end back."""
     first, last = motion.motion(np.array([0.0, motion.duration]), 1).orders[0]
     speeds = UNHURRIED * spec.velocity, UNHURRIED * spec.acceleration

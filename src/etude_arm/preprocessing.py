@@ -178,7 +178,7 @@ def _with_memory(spec: ArmSpec, config: ArmData, log: Log) -> Log:
     resolved = resolution(log[name], channel.quantum)
     play = np.minimum(resolved, 0.5 * length)
     log = log.put(spec.memory(), remembered(log[name], play, length)[:, 0])
-    log = log.put(spec.turning(), turning(log[name], resolved, spec.ways()))
+    log = log.put(spec.turning(), turning(log[name], resolved, spec.presliding_distances()))
     return replace(log, channels={**log.channels, name: replace(channel, quantum=tuple(play.tolist()))})
 
 

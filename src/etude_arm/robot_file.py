@@ -45,7 +45,6 @@ from typing import Any
 from etude.errors import UsageError
 from etude.limits.limit_tables import read_limits
 from etude.toml_tables import decoded, from_table, read_text, write_values
-from etude_arm.checks import check_spec, unit_suspicion
 from etude_arm.clearance.surroundings import (
     ADD_FLOOR,
     Box,
@@ -57,6 +56,7 @@ from etude_arm.clearance.surroundings import (
     Surroundings,
     Wall,
 )
+from etude_arm.description_checks import check_spec, unit_suspicion
 from etude_arm.loading.attachments import Attached, Mounting
 from etude_arm.rehearsal.overlay import MotorTable, Simulate
 from etude_arm.space.table import Cartesian

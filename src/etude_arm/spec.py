@@ -23,11 +23,11 @@ PLAN = ("q_des", "qd_des", "qdd_des")
 MEMORY = "friction_memory"
 """What friction remembers, in [-1, 1]: a state that samples carry, computed on the whole log."""
 TURNING = "friction_turning"
-"""The same for each of the ways over which friction may turn round in identified physics."""
+"""The same for each of the distances over which friction may turn round in identified physics."""
 FRICTION = "friction_speed"
 """v0 over which friction turns over, rad/s or m/s: on every sample, where the logs tell it."""
-WAYS = (0.0001, 0.0005, 0.001, 0.002, 0.004, 0.008)
-"""rad (a tenth of it in m for a slide): those ways. Gears give by some mrad before they slip; the
+PRESLIDING_DISTANCES = (0.0001, 0.0005, 0.001, 0.002, 0.004, 0.008)
+"""rad (a tenth of it in m for a slide): those distances. Gears give by some mrad before they slip; the
 first stands for friction that turns round at once."""
 FORCES = ("N m", "N")
 """Command units that inertial parameters predict by themselves."""
@@ -168,9 +168,9 @@ class ArmSpec:
         """Way over which friction turns round: `hinge` rad, a tenth of it in m for a slide."""
         return np.array([hinge if axis.unit == "rad" else 0.1 * hinge for axis in self.axes])
 
-    def ways(self) -> Array:
-        """(W, J) `WAYS` of each joint, rad or m."""
-        return np.array([self.presliding(way) for way in WAYS])
+    def presliding_distances(self) -> Array:
+        """(W, J) `PRESLIDING_DISTANCES` of each joint, rad or m."""
+        return np.array([self.presliding(distance) for distance in PRESLIDING_DISTANCES])
 
     def memory(self) -> Channel:
         """The channel of what friction remembers."""
@@ -181,8 +181,12 @@ class ArmSpec:
         return Channel(FRICTION, self.names, tuple(f"{axis.unit}/s" for axis in self.axes))
 
     def turning(self) -> Channel:
-        """The channel of what friction remembers by `WAYS`: all joints by the first, then by the next."""
-        parts = tuple(f"{name} within {way:g}" for way in WAYS for name in self.names)
+        """The channel of what friction remembers, by `PRESLIDING_DISTANCES`: all joints by the first, then by
+        the next.
+        """
+        parts = tuple(
+            f"{name} within {distance:g}" for distance in PRESLIDING_DISTANCES for name in self.names
+        )
         return Channel(TURNING, parts, ("1",) * len(parts))
 
     def channels(self) -> tuple[Channel, ...]:

@@ -23,7 +23,7 @@ from etude.models.gp.kernel_algebra import VJP, Kernel, Role
 from etude.models.gp.kernels import own_friction
 from etude.types import Array, Code, Column
 from etude_lagrangian.joints import Joints, joints_of
-from etude_lagrangian.parameters import Parameters
+from etude_lagrangian.kernel_parameters import Parameters
 
 
 @dataclass(frozen=True)

@@ -7,8 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from etude.models.gp.likelihood_algebra import solved
-from etude.models.gp.training import (
+from etude.models.gp.hyperparameters import (
     AMPLITUDE_DEVIATION,
     INITIAL_NOISE,
     LENGTH_DEVIATION,
@@ -19,6 +18,7 @@ from etude.models.gp.training import (
     negative_posterior,
     optimise,
 )
+from etude.models.gp.likelihood_algebra import solved
 from etude.threads import threads_for
 from etude.types import Array, Index
 from etude_lagrangian.prior import JointPrior

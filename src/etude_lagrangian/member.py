@@ -9,15 +9,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from etude.errors import DataError, UsageError
-from etude.models.data.fit import LEAST_FIT, Folds, Rows, floor_of, seconds_of, spread_points
+from etude.models.data.fit_data import LEAST_FIT, Folds, Rows, floor_of, seconds_of, spread_points
 from etude.models.gp.kernels import own_friction
 from etude.protocols import FitData, KernelFactory, Process
 from etude.types import Array, Column, Index, Mask
+from etude_lagrangian.joint_process import JointProcess
 from etude_lagrangian.joints import joints_of
 from etude_lagrangian.kernel import first_use
 from etude_lagrangian.likelihood import JointHyperparameters, fit_joint, initial_hyperparameters
 from etude_lagrangian.prior import JointPrior
-from etude_lagrangian.process import JointProcess
 
 INSTANTS = 300
 """Instants that it is conditioned on at most; the commands at all of them make one matrix."""

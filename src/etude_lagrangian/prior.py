@@ -12,7 +12,7 @@ from etude.models.gp.kernel_algebra import Kernel, Role, Sum
 from etude.types import Array, Index
 from etude_lagrangian.joints import Joints
 from etude_lagrangian.kernel import Lagrangian
-from etude_lagrangian.parameters import Parameters
+from etude_lagrangian.kernel_parameters import Parameters
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ from etude._runtime.lazy import face
 if TYPE_CHECKING:
     from etude_online.guard_effort import Feedback, feedback_of
     from etude_online.learner import OnlineConfig
-    from etude_online.model import OnlineModel
+    from etude_online.online_model import OnlineModel
     from etude_online.planned_samples import Planned
     from etude_online.runtime import open_online
 

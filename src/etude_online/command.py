@@ -14,14 +14,14 @@ from etude.errors import DataError, NumericalError, UsageError
 from etude.models.gp.basis_posterior import BasisPosterior
 from etude.models.gp.exact import ExactPosterior
 from etude.models.gp.single_point import PointMean
-from etude.models.model import LearnedModel
+from etude.models.learned_model import LearnedModel
 from etude.models.process import Posteriors
-from etude.models.protocols import SupportsPoint, SupportsSeparate
+from etude.models.process_abilities import SupportsPoint, SupportsSeparate
 from etude.protocols import Candidate
 from etude.types import Array, Log
 from etude_online.learner import OnlineConfig, OnlineOutput
+from etude_online.learner_state import put_back, taken
 from etude_online.methods import begin
-from etude_online.state import put_back, taken
 
 FAILURES = (ArithmeticError, NumericalError, np.linalg.LinAlgError, ValueError, IndexError)
 """What arithmetic on numbers that make no sense may end in."""
@@ -73,7 +73,7 @@ LARGEST_ERROR = 1e50
 """An error beyond it is no number to reckon with: its square is none."""
 
 
-class Evidence:
+class UpdateWeight:
     """The weight of an updated model beside the frozen one it started from.
 
     With errors e_f and e_u of both on a sample before it is learned, the combination f + w (u - f) has the
@@ -148,7 +148,7 @@ class Command:
     factor: float
     frozen: Callable[[Array], float]
     learner: OnlineOutput
-    evidence: Evidence
+    evidence: UpdateWeight
     checkpoints: Checkpoints
     waiting: deque[tuple[float, Array, float]] = field(default_factory=deque)
 
@@ -215,7 +215,7 @@ def learning_command(model: LearnedModel, j: int, config: OnlineConfig, rng: np.
             continue
         offset, factor = (float(unit) for unit in candidate.units[:, candidate.commands.index(j)])
         frozen = _point(candidate, posterior, j) if structure == chosen else _constant(-offset / factor)
-        evidence = Evidence(config.memory_s * config.rate_hz, posterior.noise_variance)
+        evidence = UpdateWeight(config.memory_s * config.rate_hz, posterior.noise_variance)
         learner = begin(posterior, config, rng)
         kept = Checkpoints(learner, FIRST_S + STAGGER_S * j)
         return Command(j, candidate, offset, factor, frozen, learner, evidence, kept)

@@ -14,7 +14,7 @@ import numpy as np
 from etude import __version__
 from etude._runtime.options import taken
 from etude.errors import DataError, UsageError
-from etude.models.model import LearnedModel
+from etude.models.learned_model import LearnedModel
 from etude.models.store import model_bytes
 from etude.progress import counted
 from etude.protocols import Kind

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from etude.models.data.as_log import carried
-from etude.models.model import LearnedModel
+from etude.models.learned_model import LearnedModel
 from etude.protocols import Controller
 from etude.types import Array, Channel, Log, Motion, Row
 from etude_online.command import Command

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from etude import plugins
-from etude._runtime.trust import names_in, require_trusted
+from etude._runtime.trusted_folders import names_in, require_trusted
 from etude.errors import DataError, UsageError
 from etude.models.config import ModelConfig
 from etude.models.store import load_model
@@ -21,10 +21,10 @@ from etude.storage import write_atomic
 from etude.types import Array, Motion, Row
 from etude_online.guard_effort import command_limits
 from etude_online.learner import OnlineConfig
+from etude_online.learner_state import put_back, state_bytes, state_of, taken
 from etude_online.memoized_mean import asking_once
-from etude_online.model import Counts, OnlineModel
 from etude_online.online_folder import HASHES, MODEL, ROBOT, SETTINGS, read_config, read_feedback
-from etude_online.state import put_back, state_bytes, state_of, taken
+from etude_online.online_model import Counts, OnlineModel
 
 
 class Deployed:

@@ -16,7 +16,7 @@ from etude.protocols import Controller, Robot
 from etude_online.guard_effort import command_limits, feedback_of
 from etude_online.learner import OnlineConfig
 from etude_online.methods import known
-from etude_online.model import OnlineModel
+from etude_online.online_model import OnlineModel
 
 ONLINE_STREAM = 5
 """Separates the random numbers of learners on line from those of other things."""

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from etude_quadrotor.motions import flight_family
     from etude_quadrotor.physics.vehicle_inverse import nominal_inverse
     from etude_quadrotor.plant.robot import SimulatedFlights
-    from etude_quadrotor.plant.simulated import Disturbance, Start
+    from etude_quadrotor.plant.simulated_vehicle import Disturbance, Start
     from etude_quadrotor.preprocessing import common_lag
     from etude_quadrotor.recorder import on_even_grid, with_states
     from etude_quadrotor.spec import QuadrotorSpec

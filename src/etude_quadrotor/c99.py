@@ -64,9 +64,9 @@ def drag_code(name: str, model: Any) -> Code:
     data: dict[str, Any] = {}
     for part in parts:
         data |= part.data
-    spare = ["    real more;"] if parts else []
+    scratch = ["    real more;"] if parts else []
     head = f"static void {name}(const real *velocity, real *force)\n{{"
-    body = "\n".join([*(part.body for part in parts), head, *spare, *lines, "}", ""])
+    body = "\n".join([*(part.body for part in parts), head, *scratch, *lines, "}", ""])
     work = max((part.work for part in parts), default=0)
     return Code(body, data, work=work, operations=(sum(part.operations[0] for part in parts) + 4, 0))
 

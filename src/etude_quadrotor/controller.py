@@ -21,7 +21,7 @@ from etude_quadrotor.channels import BATTERY, STATES
 from etude_quadrotor.flatness import ORDERS, Drag, FlatMotion, flat_motion
 from etude_quadrotor.inputs import COMMANDS, QuadrotorInputs
 from etude_quadrotor.physics.vehicle_inverse import nominal_inverse
-from etude_quadrotor.plant.plan import FlightPlan, plan_on_grid
+from etude_quadrotor.plant.flight_plan import FlightPlan, plan_on_grid
 from etude_quadrotor.spec import QuadrotorSpec
 from etude_quadrotor.vehicle import Vehicle
 
@@ -279,7 +279,7 @@ def baselines(spec: QuadrotorSpec) -> Mapping[str, Controller | None]:
     nominal = None if spec.body is None else nominal_inverse(spec.body)
     found: dict[str, Controller | None] = {"pid": None, "analytic": FlightFeedforward(voltages=nominal)}
     if spec.plant is not None:
-        from etude_quadrotor.plant.registry import simulated_vehicle
+        from etude_quadrotor.plant.simulated_vehicle import simulated_vehicle
 
         dx, dy, dz = simulated_vehicle(spec.plant).parameters.drag_per_mass.tolist()
         found["exact_drag"] = FlightFeedforward(drag=LinearDrag((dx, dy, dz)), voltages=nominal)

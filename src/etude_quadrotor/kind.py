@@ -150,7 +150,7 @@ class QuadrotorKind:
 
         return limits(spec, config.trajectory, margins, model)
 
-    def ways(
+    def approaches(
         self,
         spec: QuadrotorSpec,
         motion: Trajectory,
@@ -159,9 +159,9 @@ class QuadrotorKind:
         """From rest to where the plan begins, in motion or not, and back from where it ends; with take-off
         and landing from a pose on the ground.
         """
-        from etude_quadrotor.motions import ways
+        from etude_quadrotor.motions import approaches
 
-        return ways(spec, motion, pose)
+        return approaches(spec, motion, pose)
 
     def poses(self, spec: QuadrotorSpec) -> Mapping[str, Array]:
         """On the ground, below the middle of the room."""
@@ -180,7 +180,7 @@ class QuadrotorKind:
 
     def physics(self, spec: QuadrotorSpec, config: Any) -> Mapping[str, Physics]:
         """ "nominal" only where the motors are described and commands are V."""
-        from etude_quadrotor.physics.structures import Identified, Nominal
+        from etude_quadrotor.physics.flight_physics import Identified, Nominal
 
         found: dict[str, Physics] = {"identified": Identified(spec.body, config.data.trims)}
         return found if spec.body is None else {"nominal": Nominal(spec.body), **found}

@@ -11,8 +11,8 @@ from etude.logs.checks.filtered_motion import runs
 from etude.logs.checks.finding_texts import Excludable
 from etude.logs.checks.plausibility import jump_finding
 from etude.types import Array, Finding, Log, Mask
-from etude_quadrotor.agreement import agreement_findings
 from etude_quadrotor.channels import PATH
+from etude_quadrotor.sensor_consistency import agreement_findings
 from etude_quadrotor.spec import QuadrotorSpec
 
 HOVER = (0.5, 2.0)

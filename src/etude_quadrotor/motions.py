@@ -14,8 +14,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from etude.limits.certificate import COMMANDS, SPEED, certify, utilization
+from etude.limits.convex_limits import AxisLimit, NormLimit, TiltLimit
 from etude.limits.feasible import FeasibleSet
-from etude.limits.library import AxisLimit, NormLimit, TiltLimit
 from etude.limits.limit_tables import made_limits
 from etude.limits.samplers import boundary, uniform
 from etude.protocols import Limit, Model, Trajectory
@@ -268,7 +268,7 @@ def home(spec: QuadrotorSpec) -> Array:
     return np.asarray(place)
 
 
-def ways(spec: QuadrotorSpec, motion: Trajectory, pose: Array) -> tuple[Trajectory, Trajectory]:
+def approaches(spec: QuadrotorSpec, motion: Trajectory, pose: Array) -> tuple[Trajectory, Trajectory]:
     """From the pose to where the plan begins and back, with take-off and landing from the ground."""
     return approach_and_return(spec, motion, pose, float(home(spec)[2]), limits(spec, FlightConfig(), {}))
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from etude.models.data.fit import before, columns, counted, initial_process, trained_process, weak
+from etude.models.data.fit_data import before, columns, counted, initial_process, trained_process, weak
 from etude.models.forms import Form, Lookup, Words, kernel_of
 from etude.models.members import BuiltIn, each_output, guides, shared_outputs
 from etude.models.process import Posteriors, Teaching

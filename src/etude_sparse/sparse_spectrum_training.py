@@ -10,9 +10,7 @@ import numpy as np
 
 from etude.errors import NumericalError, UsageError
 from etude.models.gp.exact import checked_data, checked_outputs, columns_of
-from etude.models.gp.kernels import SquaredExponential
-from etude.models.gp.minimize import Objective
-from etude.models.gp.training import (
+from etude.models.gp.hyperparameters import (
     INITIAL_NOISE,
     Method,
     Prior,
@@ -22,6 +20,8 @@ from etude.models.gp.training import (
     optimise,
     weak_prior,
 )
+from etude.models.gp.kernels import SquaredExponential
+from etude.models.gp.minimize import Objective
 from etude.types import Array
 from etude_sparse.sparse_spectrum import SparseSpectrumGP
 

@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 
 from etude.errors import UsageError
-from etude.models.data.fit import columns, counted, initial_process, trained_process
+from etude.models.data.fit_data import columns, counted, initial_process, trained_process
 from etude.models.gp.exact import ExactGP, ExactPosterior
 from etude.models.process import Posteriors
 from etude.protocols import FitData

@@ -29,7 +29,9 @@ def test_each_flight_in_motion_at_its_ends_is_reached_from_the_ground(name: str)
         draw = scaled if seed % 2 else boundary
         flight = family.trajectory(draw(np.random.default_rng([4, seed]), room)[0])
         ground = KIND.poses(spec)["ground"]
-        found = there_and_back(flight, ground, lambda m, p: KIND.ways(spec, m, p), allowed, KIND.home(spec))
+        found = there_and_back(
+            flight, ground, lambda m, p: KIND.approaches(spec, m, p), allowed, KIND.home(spec)
+        )
         assert found is not None
         assert found.whole is not None
         assert certify(found.whole, allowed).ok

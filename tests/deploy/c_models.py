@@ -66,7 +66,7 @@ def turning_round(log: Log, inputs: ArmInputs) -> Log:
     """The log with friction that turns round at once in every other joint and over 1 mrad between them, and
     what it remembers, where physics does.
     """
-    if inputs.ways is None:
+    if inputs.presliding_distances is None:
         return log
     log, J = inputs.followed(log), log["q"].shape[1]
     parts = log.channels["friction_turning"].parts

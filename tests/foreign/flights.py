@@ -92,7 +92,11 @@ def planned(spec: QuadrotorSpec, seed: int, *, ground: bool, exporter: Any = OFF
     whole: Trajectory = at_rest(drawn, allowed)
     if ground:
         way = there_and_back(
-            whole, KIND.poses(spec)["ground"], lambda m, p: KIND.ways(spec, m, p), allowed, KIND.home(spec)
+            whole,
+            KIND.poses(spec)["ground"],
+            lambda m, p: KIND.approaches(spec, m, p),
+            allowed,
+            KIND.home(spec),
         )
         assert way is not None
         assert way.whole is not None

@@ -25,7 +25,7 @@ FOREIGN = {
     "etude/cli/parse.py": "typing's and tyro's marks of an argument",
     "etude/cli/doctor.py": "functions that some operating systems lack",
     "etude/cli/outcome.py": "arrays and numbers of NumPy and polars",
-    "etude_online/state.py": "named tuples",
+    "etude_online/learner_state.py": "named tuples",
     "etude_lagrangian/kernel.py": "functions compiled by numba",
 }
 """Files that ask objects of other libraries for an attribute by name, and which objects these are."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import json
 import shutil
 import subprocess
 import sys
@@ -10,16 +11,20 @@ from collections.abc import Mapping, Sequence
 from functools import cache
 from pathlib import Path
 
+import polars as pl
+import pytest
 from test_ranks import SOURCE, module_name, modules
 
 FIXTURE = Path(__file__).parents[1] / "campaign" / "fixtures" / "one_round"
 LONGEST_CHAIN = 16
+FILES_OF_ASK, FILES_OF_TELL = 80, 125
+"""Of the core, in which a function is entered."""
 MODULES_OF_STATUS = 60
 """Of the core and of the arm, without the name of the package that runs the command."""
 RECORD = "etude.campaign.record"
 ENGINE = ("models", "design", "deploy", "logs", "limits", "trajectories", "report", "campaign")
 """Rooms that compute; of these the record may read the tables of campaign.toml."""
-TABLES = {"etude.limits.tracking", *(f"etude.{room}.config" for room in ("models", "design", "logs"))}
+TABLES = {"etude.limits.tracking_margins", *(f"etude.{room}.config" for room in ("models", "design", "logs"))}
 STATUS = """
 import sys
 from etude.cli import main
@@ -88,3 +93,40 @@ def test_status_loads_few_modules(tmp_path: Path) -> None:
     loaded = done.stderr.split()
     assert SOURCE.name in loaded
     assert len(loaded) <= MODULES_OF_STATUS, loaded
+
+
+ENTERED = """
+import json, sys
+seen = set()
+def watch(frame, event, _):
+    if event == "call" and frame.f_code.co_name != "<module>":
+        seen.add(frame.f_code.co_filename)
+sys.setprofile(watch)
+from etude.cli import main
+code = main(sys.argv[1:])
+sys.setprofile(None)
+print(json.dumps(sorted(seen)), file=sys.stderr)
+sys.exit(code)
+"""
+
+
+def entered(place: Path, *words: str) -> list[str]:
+    """Files of the core that a command enters, by their names in it."""
+    command = [sys.executable, "-c", ENTERED, *words]
+    done = subprocess.run(command, cwd=place, capture_output=True, text=True, check=True)
+    names = json.loads(done.stderr.splitlines()[-1])
+    return [str(Path(name).relative_to(SOURCE)) for name in names if Path(name).is_relative_to(SOURCE)]
+
+
+@pytest.mark.slow
+def test_ask_and_tell_enter_few_files(tmp_path: Path) -> None:
+    """What somebody has to read who follows a command through the core."""
+    start = ["init", "lab", "--robot", "arm4_rough"]
+    assert entered(tmp_path, *start)
+    asked = entered(tmp_path, "ask", "lab")
+    assert 40 < len(asked) <= FILES_OF_ASK, asked
+    entered(tmp_path, "init", "made", "--robot", "arm4_rough")
+    entered(tmp_path, "simulate", "made", "--rounds", "1")
+    pl.read_parquet(tmp_path / "made" / "runs" / "0001.parquet").write_csv(tmp_path / "run.csv")
+    told = entered(tmp_path, "tell", "lab", "run.csv", "--foreign")
+    assert 60 < len(told) <= FILES_OF_TELL, told

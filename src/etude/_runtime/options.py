@@ -25,11 +25,11 @@ def taken(options: Mapping[str, Any], known: type[T], target: str) -> T:
         UsageError: an option that the target does not know, or a text that is none of these.
     """
     names = [own.name for own in fields(known)]  # type: ignore[arg-type]
-    foreign = [name for name in options if name not in names]
-    if foreign:
-        told = ", ".join(f"--{name.replace('_', '-')}" for name in foreign)
+    unknown = [name for name in options if name not in names]
+    if unknown:
+        flags = ", ".join(f"--{name.replace('_', '-')}" for name in unknown)
         own = ", ".join(f"--{name.replace('_', '-')}" for name in names if name != MODEL_HASH)
-        raise UsageError(f"--to {target} has no option {told}", next_step=f"It has {own or 'none'}.")
+        raise UsageError(f"--to {target} has no option {flags}", next_step=f"It has {own or 'none'}.")
     own_fields = {own.name: own for own in fields(known)}  # type: ignore[arg-type]
     return known(**{name: _read(own_fields[name], value) for name, value in options.items()})
 

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from etude.campaign.ingest.tell import abandon
     from etude.campaign.propose.approach import There, there_and_back
     from etude.campaign.propose.ask import Proposal
-    from etude.campaign.propose.motions import typical_motions
+    from etude.campaign.propose.typical_motions import typical_motions
     from etude.campaign.record.config import CampaignConfig, preset_config
     from etude.campaign.record.config_file import CONFIG, config_text, load_config
     from etude.campaign.record.confirmation import errors, left_over, moving, trained_speeds, without_it

@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Any
 
 from etude import plugins
-from etude._runtime.trust import folder_id, is_trusted, trust_own
-from etude._runtime.trust import trust as add_trust
+from etude._runtime.trusted_folders import folder_id, is_trusted, trust_own
+from etude._runtime.trusted_folders import trust as add_trust
 from etude.abilities import SupportsSelection
 from etude.campaign.record.config import preset_config
 from etude.campaign.record.config_file import CONFIG, config_text, load_config

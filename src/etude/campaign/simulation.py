@@ -130,7 +130,7 @@ class Loop:
                 f"which log {ingested.number} is."
             )
             abandon(campaign, number)
-        if ingested.held:
+        if ingested.awaits_answer:
             for found in ingested.findings:
                 say(f"Log {ingested.number} is not learned yet: {found.sentence}. {found.step}")
         return ingested.number
@@ -297,7 +297,7 @@ def simulate(
             return
         with part((1.0 - BASELINES) / rounds):
             number = loop.learned_one(say)
-        if campaign.state().held:
+        if campaign.state().awaiting_answer:
             return
         if number is not None:
             done += 1
@@ -341,7 +341,7 @@ def simulate_confirmation(
 
 
 def _check_answered(campaign: Campaign) -> None:
-    held = campaign.state().held
+    held = campaign.state().awaiting_answer
     if held:
         raise UsageError(
             f"log {held[0].number} waits for the answer to whether the robot has changed",

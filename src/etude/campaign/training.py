@@ -11,7 +11,7 @@ import numpy as np
 
 from etude import plugins
 from etude.abilities import SupportsNotes
-from etude.campaign.propose.motions import typical_motions
+from etude.campaign.propose.typical_motions import typical_motions
 from etude.campaign.record.events import BlockScores, PrequentialScore, Trained
 from etude.campaign.record.folder import Campaign, Say
 from etude.campaign.record.journal import jsonable
@@ -34,10 +34,10 @@ from etude.codes import Notice, Warn, stated
 from etude.design.latents import latents_of
 from etude.design.objective import MOTIONS, reference_states
 from etude.errors import DataError, NumericalError
+from etude.models.accuracy import PredictionScore, prediction_score
 from etude.models.data.cross_validation import held_out_blocks, split_blocks
-from etude.models.model import LearnedModel
-from etude.models.protocols import HasKernel, SupportsFirstUse
-from etude.models.score import PredictionScore, prediction_score
+from etude.models.learned_model import LearnedModel
+from etude.models.process_abilities import HasKernel, SupportsFirstUse
 from etude.models.selection.linear import LinearPhysics
 from etude.models.selection.model_selection import (
     ModelSelection,
@@ -259,7 +259,8 @@ def _notes(inputs: Inputs) -> tuple[Notice, ...]:
 
 def _held(campaign: Campaign, samples: Samples) -> Mask:
     """(J,) commands of coordinates that are held in all logs, where each has a command of its own."""
-    return held_commands(campaign, [samples.log[campaign.kind.path]])
+    path = samples.log.get(campaign.kind.path)  # logs of flights may lack it
+    return held_commands(campaign, [] if path is None else [path])
 
 
 def _comparable(campaign: Campaign, trained: Sequence[Round], inputs: Inputs) -> LearnedModel | None:

@@ -86,7 +86,7 @@ class Ask(Common):
             *(f"  - {sentence}" for sentence in unverified),
             "Written:",
             *(f"  {name}" for name in files),
-            *([] if found.way is None else _way(found.way)),
+            *([] if found.approach is None else _approach(found.approach)),
             *(line for one in found.exported for line in _exported(one)),
             *([] if self.start else _offered(campaign)),
             *([SLOWLY] if slowly else []),
@@ -102,7 +102,7 @@ class Ask(Common):
             "certified": found.certificate.ok,
             "exported": {one.format: [str(path) for path in one.files] for one in found.exported},
             "slack": _slack(found.certificate.seen),
-            "way": [] if found.way is None else [str(path) for path in found.way.files],
+            "way": [] if found.approach is None else [str(path) for path in found.approach.files],
             "renewed": _renewed(found),
             "to_confirm": to_confirm(campaign.spec),
             "not_verified": unverified,
@@ -156,23 +156,23 @@ def _then(folder: Path, confirm: bool) -> list[str]:
 
 def _renewed(found: Proposal) -> list[str]:
     """Which files were written anew, and why."""
-    own = [*found.renewed, *(() if found.way is None else found.way.renewed)]
+    own = [*found.renewed, *(() if found.approach is None else found.approach.renewed)]
     return [*own, *(sentence for one in found.exported for sentence in one.renewed)]
 
 
 def _unverified(found: Proposal) -> list[str]:
     """What is not verified; the way is proved where it was asked for."""
-    from etude.limits.certificate import WAY
+    from etude.limits.certificate import APPROACH
 
-    return [one for one in found.certificate.not_verified if found.way is None or one != WAY]
+    return [one for one in found.certificate.not_verified if found.approach is None or one != APPROACH]
 
 
-def _way(way: Approached) -> list[str]:
+def _approach(approach: Approached) -> list[str]:
     """The files to the start and back, and what is not in one file."""
-    pose = ", ".join(f"{axis} = {value:.4g}" for axis, value in way.pose.items())
-    lines = [f"From {pose} to the start and back, proved alike: {way.folder}"]
-    lines += [f"  {path}" for path in way.files]
-    if way.whole is None:
+    pose = ", ".join(f"{axis} = {value:.4g}" for axis, value in approach.pose.items())
+    lines = [f"From {pose} to the start and back, proved alike: {approach.folder}"]
+    lines += [f"  {path}" for path in approach.files]
+    if approach.whole is None:
         lines.append("The plan is in motion at its ends: approach, plan and return are not one motion.")
     return lines
 

@@ -66,26 +66,17 @@ USAGE = re.compile(r"^(\S*usage:[^\n]* etude \[-h\] )\{[\w,-]+\}")
 
 @cache
 def in_words(command: type) -> type:
-    """The same class, its annotations completed for tyro: metavars, helps in one piece, useful defaults."""
+    """The same class, its annotations completed for tyro: metavars, helps in one piece, useful defaults.
+
+    docs/decisions/0057-help-texts.md counts what tyro prints without them.
+    """
     texts = _field_texts(command)
     hints = get_type_hints(command, include_extras=True)
     command.__annotations__ = {
-        own.name: Annotated[_quickly_read(hints[own.name]), _told(hints[own.name], texts.get(own.name))]
+        own.name: Annotated[hints[own.name], _told(hints[own.name], texts.get(own.name))]
         for own in fields(cast(Any, command))
     }
     return command
-
-
-def _quickly_read(hint: Any) -> Any:
-    """The same hint as tyro can hold a default against without loading a library of a twentieth of a second.
-
-    It reads a bare `tuple` as `tuple[str, ...]`, and of unions only `Union` is looked into.
-    """
-    if get_origin(hint) is Annotated:
-        return Annotated[(_quickly_read(hint.__origin__), *hint.__metadata__)]
-    if get_origin(hint) is types.UnionType:
-        return Union[tuple(_quickly_read(own) for own in get_args(hint))]  # noqa: UP007
-    return tuple if hint == tuple[str, ...] else hint
 
 
 def _told(hint: Any, text: str | None) -> Any:

@@ -75,17 +75,17 @@ class Simulate(Common):
             "seed": state.seed,
             "rounds": [_figures(done) for done in rounds],
             "baselines": baselines,
-            "waiting": [r.number for r in state.held],
+            "waiting": [r.number for r in state.awaiting_answer],
             "confirmed": confirmed,
         }
         told = [] if confirmed is None else [_confirmed(confirmed)]
         text = "\n".join([_table(baselines, rounds, unit), *told, _next(self.folder, state)])
-        return Outcome(text, data, code_of(changed=bool(state.held)))
+        return Outcome(text, data, code_of(changed=bool(state.awaiting_answer)))
 
 
 def _next(folder: Path, state: State) -> str:
     """What a person may do now."""
-    if state.held:
+    if state.awaiting_answer:
         return f"Next: etude tell {folder} --changed new (or forget, or same)."
     if not state.trained:
         return f"Next: etude simulate {folder} --rounds 1"

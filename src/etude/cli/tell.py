@@ -73,7 +73,9 @@ class Tell(Common):
         following = f"Next: etude status {self.folder}, etude ask {self.folder}"
         if len(self.logs) == 1:
             told = tell(campaign, self.logs[0], number=self.number, **options)
-            return Outcome("\n".join([*_lines(told), following]), _data(told), code_of(changed=told.held))
+            return Outcome(
+                "\n".join([*_lines(told), following]), _data(told), code_of(changed=told.awaits_answer)
+            )
         if self.number is not None:
             raise UsageError("--number belongs to one log", next_step="Tell that log by itself.")
         many = tell_many(campaign, self.logs, **options)
@@ -82,7 +84,7 @@ class Tell(Common):
             "learned": many.learned,
             "warnings": [one.facts() for one in many.warnings],
         }
-        held = any(file.ingested is not None and file.ingested.held for file in many.files)
+        held = any(file.ingested is not None and file.ingested.awaits_answer for file in many.files)
         code = code_of(changed=held, refused=bool(many.refused))
         return Outcome("\n".join([*_table(many), following]), data, code)
 
@@ -98,13 +100,13 @@ def _lines(found: Told) -> list[str]:
         lines += ["Repairs:", *(f"  - {sentence}" for sentence in found.repairs)]
     lines += [found.start] if found.start else []
     lines += _held(found)
-    lines += [f"Log {found.number} is set aside: nothing learns from it."] if found.aside else []
+    lines += [f"Log {found.number} is set aside: nothing learns from it."] if found.excluded else []
     return [*lines, *_learned(found.learned), *(f"Warning: {notice}" for notice in found.warnings)]
 
 
 def _held(found: Told) -> list[str]:
     """What is to be answered before the log is learned."""
-    if not found.held:
+    if not found.awaits_answer:
         return []
     parts = [f"{f.sentence[:1].upper()}{f.sentence[1:]}. {f.step}" for f in found.findings if f.flag]
     return [f"Log {found.number} is not learned yet.", *parts]
@@ -136,8 +138,8 @@ def _data(found: Told) -> dict[str, Any]:
         "repairs": found.repairs,
         "learned": found.learned,
         "warnings": [one.facts() for one in found.warnings],
-        "held": found.held,
-        "aside": found.aside,
+        "held": found.awaits_answer,
+        "aside": found.excluded,
         "run": found.run,
         "start": found.start,
         "findings": [asdict(finding) for finding in found.findings],

@@ -11,7 +11,7 @@ import numpy as np
 
 from etude.abilities import SupportsAccelerations
 from etude.errors import UsageError
-from etude.limits.library import TiltLimit
+from etude.limits.convex_limits import TiltLimit
 from etude.protocols import Limit, Model, Trajectory
 from etude.types import Array, Mask
 
@@ -64,10 +64,10 @@ def accelerated(what: Trajectory | Commanded, controller: Any, orders: int) -> C
     motion = own.trajectory
     if not isinstance(controller, SupportsAccelerations):
         return own
-    told = controller.accelerations
-    if told(motion.motion(np.zeros(1), orders)) is None:
+    setpoint = controller.accelerations
+    if setpoint(motion.motion(np.zeros(1), orders)) is None:
         return own
-    return replace(own, acceleration=lambda t: np.asarray(told(motion.motion(t, orders))))
+    return replace(own, acceleration=lambda t: np.asarray(setpoint(motion.motion(t, orders))))
 
 
 def within_tilt(what: Commanded, limits: Sequence[Limit]) -> Commanded:
@@ -78,35 +78,35 @@ def within_tilt(what: Commanded, limits: Sequence[Limit]) -> Commanded:
     if not tilts:
         return what
     limit = min(tilts, key=lambda own: own.angle)
-    return _between(what, lambda own, told: shortened(own, told, limit))
+    return _between(what, lambda own, setpoint: shortened(own, setpoint, limit))
 
 
 def shared(what: Commanded, part: float) -> Commanded:
     """The same, with that part of what the model adds to accelerations."""
-    return _between(what, lambda own, told: own + part * (told - own))
+    return _between(what, lambda own, setpoint: own + part * (setpoint - own))
 
 
 def _between(what: Commanded, chosen: Callable[[Array, Array], Array]) -> Commanded:
     """With accelerations (T, k) chosen of the motion's own and of those with what the model adds."""
-    told, motion = what.acceleration, what.trajectory
-    if told is None:
+    setpoint, motion = what.acceleration, what.trajectory
+    if setpoint is None:
         return what
 
     def held(t: Array) -> Array:
         own = motion.motion(np.minimum(t, motion.duration), ACCELERATION + 1).orders[ACCELERATION]
-        return chosen(own, told(t))
+        return chosen(own, setpoint(t))
 
     return replace(what, acceleration=held)
 
 
-def shortened(own: Array, told: Array, limit: TiltLimit) -> Array:
+def shortened(own: Array, setpoint: Array, limit: TiltLimit) -> Array:
     """(T, 3) from own towards told, as far as the thrust's tilt stays within the limit. By halving: the tilts
     allowed are a cone, which a line leaves once.
     """
     angle = limit.angle * (1.0 - ROUNDING)
 
     def inside(part: Array) -> Mask:
-        return np.asarray(limit.of_acceleration(own + part[:, None] * (told - own)) <= angle)
+        return np.asarray(limit.of_acceleration(own + part[:, None] * (setpoint - own)) <= angle)
 
     low, high = np.zeros(len(own)), np.ones(len(own))
     low[inside(high)] = 1.0
@@ -114,7 +114,7 @@ def shortened(own: Array, told: Array, limit: TiltLimit) -> Array:
         middle = 0.5 * (low + high)
         within = inside(middle)
         low, high = np.where(within, middle, low), np.where(within, high, middle)
-    return np.asarray(own + low[:, None] * (told - own))
+    return np.asarray(own + low[:, None] * (setpoint - own))
 
 
 def parted(what: Trajectory | Commanded) -> tuple[Trajectory, Callable[[Array], Array] | None]:

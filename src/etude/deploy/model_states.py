@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from etude.models.model import LearnedModel
+from etude.models.learned_model import LearnedModel
 from etude.models.selection.member_prediction import level_of
 from etude.types import Array, Channel, Log
 

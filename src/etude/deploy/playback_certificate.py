@@ -13,7 +13,7 @@ from etude.abilities import SupportsCommandedFiles, SupportsFileNotes, SupportsO
 from etude.deploy.feedforward import HALVINGS, ROUNDING, Commanded, shared, within_tilt
 from etude.errors import UnsafeTrajectoryError
 from etude.limits.certificate import Certificate, certify, rows_of, slack
-from etude.limits.library import TiltLimit
+from etude.limits.convex_limits import TiltLimit
 from etude.protocols import Exporter, Kind, Limit, Trajectory
 from etude.trajectories.splined import Splined
 from etude.types import Array, Proof

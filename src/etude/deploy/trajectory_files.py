@@ -107,7 +107,7 @@ def render(
     """
     coefficients = trajectory.to_json().encode()
     written = from_json(coefficients)
-    certificate = require_certified(written, limits, unenforced, way=stem != STEM, control=control)
+    certificate = require_certified(written, limits, unenforced, approach=stem != STEM, control=control)
     certificate = replace(certificate, warnings=(*warned, *certificate.warnings))
     inputs = kind.inputs(spec, config)
     table = csv_bytes(written, inputs, table_rate(spec))

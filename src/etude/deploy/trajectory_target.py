@@ -16,7 +16,7 @@ from etude.deploy.playback_certificate import played
 from etude.deploy.trajectory_files import CERTIFICATE, COEFFICIENTS, command_unit, csv_bytes, table_rate
 from etude.errors import UsageError
 from etude.limits.certificate import require_certified
-from etude.models.model import LearnedModel
+from etude.models.learned_model import LearnedModel
 from etude.protocols import Kind, Limit, Trajectory
 from etude.types import Array, Delivered, Log
 

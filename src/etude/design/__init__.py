@@ -7,7 +7,7 @@ from etude._runtime.lazy import face
 if TYPE_CHECKING:
     from etude.design.aim import design_objective
     from etude.design.candidates import Source
-    from etude.design.chain import design_chain, linked
+    from etude.design.chain_design import design_chain, linked
     from etude.design.config import DesignConfig
     from etude.design.criteria import (
         Criterion,

@@ -136,10 +136,13 @@ def given_planned(posterior: Posterior, X: Array, gains: Array) -> Posterior:
     """
     if not isinstance(posterior, ExactPosterior):
         return Conditioned.on(posterior, X, gains)
-    told = X[gains**2 >= HALF]
-    if not len(told):
+    informative = X[gains**2 >= HALF]
+    if not len(informative):
         return posterior
-    known = np.concatenate([posterior.X, told]), np.concatenate([posterior.y, posterior.mean(told)])
+    known = (
+        np.concatenate([posterior.X, informative]),
+        np.concatenate([posterior.y, posterior.mean(informative)]),
+    )
     refit = posterior_given(posterior.kernel, posterior.theta, posterior.noise_variance, *known)
     refit.__dict__["signal_variance"] = posterior.signal_variance  # the measure of all segments alike
     return refit

@@ -12,9 +12,9 @@ from etude.abilities import SupportsRegressors
 from etude.design.score import Batch, batch_of
 from etude.errors import UsageError
 from etude.models.config import ModelConfig
-from etude.models.data.fit import kernel_for
+from etude.models.data.fit_data import kernel_for
 from etude.models.gp.exact import ExactPosterior, posterior_given
-from etude.models.protocols import SupportsGuide, SupportsSamples
+from etude.models.process_abilities import SupportsGuide, SupportsSamples
 from etude.protocols import Candidate, Inputs, Model, Physics, Posterior
 from etude.types import Array
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from etude.errors import EtudeError, UsageError
 from etude.models.gp.cholesky import factorise
-from etude.models.protocols import SupportsFactors
+from etude.models.process_abilities import SupportsFactors
 from etude.protocols import Posterior
 from etude.types import Array
 

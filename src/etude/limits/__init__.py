@@ -6,9 +6,9 @@ from etude._runtime.lazy import face
 
 if TYPE_CHECKING:
     from etude.limits.certificate import (
+        APPROACH,
         COLLISIONS,
         SPEED,
-        WAY,
         Certificate,
         certify,
         certify_bytes,
@@ -19,21 +19,21 @@ if TYPE_CHECKING:
         utilization,
     )
     from etude.limits.commands import CommandLimit
+    from etude.limits.convex_limits import AxisLimit, NormLimit, TiltLimit
     from etude.limits.feasible import Block, FeasibleSet
     from etude.limits.lead_ins import at_rest
-    from etude.limits.library import AxisLimit, NormLimit, TiltLimit
     from etude.limits.limit_tables import LimitTable, made_limits, read_limits
     from etude.limits.lipschitz import LipschitzLimit
     from etude.limits.samplers import SAMPLERS, boundary, scaled, timid, uniform
-    from etude.limits.tracking import HELD, HIDDEN, Ranges, TrackingConfig, margins_of, within_room
+    from etude.limits.tracking_margins import HELD, HIDDEN, Ranges, TrackingConfig, margins_of, within_room
 
 __all__ = [
+    "APPROACH",
     "COLLISIONS",
     "HELD",
     "HIDDEN",
     "SAMPLERS",
     "SPEED",
-    "WAY",
     "AxisLimit",
     "Block",
     "Certificate",

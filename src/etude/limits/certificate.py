@@ -45,11 +45,11 @@ def utilization(row: Proof) -> float:
 
 TRACKING = "The tracking error, with overshoot."
 COLLISIONS = "Collisions with itself, the floor and obstacles."
-WAY = "The motion to the start pose, and the motion back from the end pose."
+APPROACH = "The motion to the start pose, and the motion back from the end pose."
 COMMANDS = "Whether the drives can give the forces that the motion needs."
 SPEED = "The speed of the tool and of the links in space."
 LOAD = "Loads that the robot file does not describe."
-ALL = (TRACKING, COLLISIONS, WAY, COMMANDS, SPEED, LOAD)
+ALL = (TRACKING, COLLISIONS, APPROACH, COMMANDS, SPEED, LOAD)
 """What is not verified where no limit looks at it."""
 HELD = ("position", "velocity", "radius", "speed", "tool position", "tool radius", "tool speed", "link speed")
 """Quantities of which tracking keeps a margin; clearance says itself what tracking takes."""
@@ -61,7 +61,7 @@ def not_verified(
     rows: Sequence[Proof],
     unenforced: Sequence[str] = (),
     *,
-    way: bool = False,
+    approach: bool = False,
 ) -> tuple[str, ...]:
     """The sentences of one certificate.
 
@@ -71,7 +71,7 @@ def not_verified(
             of these.
         rows: their proofs: of some a margin is kept for tracking.
         unenforced: what else the robot is known not to hold.
-        way: whether the trajectory is the way itself, to a motion's start or back.
+        approach: whether the trajectory is the way itself, to a motion's start or back.
     """
     labels = {label for _, label, _ in trajectory.pieces()}
     said = {TRACKING: _of_tracking(rows)}
@@ -79,8 +79,8 @@ def not_verified(
         if isinstance(limit, SupportsCoverage):
             for topic in limit.looks_at:
                 said[topic] = (*said.get(topic, ()), *limit.not_verified)
-    if way or {"approach", "return"} <= labels:
-        said[WAY] = ()
+    if approach or {"approach", "return"} <= labels:
+        said[APPROACH] = ()
     found = [one for topic in ALL for one in said.get(topic, (topic,))]
     return (*found, *unenforced)
 
@@ -215,7 +215,7 @@ def certify(
     limits: Sequence[Limit],
     unenforced: Sequence[str] = (),
     *,
-    way: bool = False,
+    approach: bool = False,
     control: str = "",
     partial: bool = False,
 ) -> Certificate:
@@ -227,7 +227,7 @@ def certify(
     Args:
         trajectory: what to prove. limits: of the robot.
         unenforced: sentences, what this robot is known not to hold.
-        way: whether it is the way to a motion's start, or back.
+        approach: whether it is the way to a motion's start, or back.
         control: that the margins of tracking are of, in words; "": nobody said.
         partial: a limit that can prove nothing of this curve has a row that says so, instead of a UsageError.
     """
@@ -246,7 +246,7 @@ def certify(
     rest = any(isinstance(limit, SupportsOrder) and limit.rest for limit in limits)
     ends = [_end_speeds(piece, limits, partial) for _, _, piece in pieces]
     end_speed = max(map(max, ends)) if rest else max(ends[0][0], ends[-1][1])
-    unverified = not_verified(trajectory, limits, rows, unenforced, way=way)
+    unverified = not_verified(trajectory, limits, rows, unenforced, approach=approach)
     return Certificate(rows, end_speed, rest, unverified, _warnings(trajectory, limits))
 
 
@@ -286,7 +286,7 @@ def require_certified(
     limits: Sequence[Limit],
     unenforced: Sequence[str] = (),
     *,
-    way: bool = False,
+    approach: bool = False,
     control: str = "",
 ) -> Certificate:
     """The certificate, if every limit is met. Arguments as of `certify`.
@@ -294,7 +294,7 @@ def require_certified(
     Raises:
         UnsafeTrajectoryError: names the axis, the quantity, the limit and the proved value.
     """
-    certificate = certify(trajectory, limits, unenforced, way=way, control=control)
+    certificate = certify(trajectory, limits, unenforced, approach=approach, control=control)
     if certificate.ok:
         return certificate
     if not certificate.failed:

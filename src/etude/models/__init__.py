@@ -5,6 +5,14 @@ from typing import TYPE_CHECKING
 from etude._runtime.lazy import face
 
 if TYPE_CHECKING:
+    from etude.models.accuracy import (
+        NORMAL_95,
+        TRANSIENT_S,
+        figures,
+        prediction_score,
+        score_trajectories,
+        while_any_moves,
+    )
     from etude.models.change.change_detection import first_alarm
     from etude.models.change.diagnosis import SENSOR, Cause
     from etude.models.change.evidence import Judged, drift_onset, judged
@@ -20,7 +28,7 @@ if TYPE_CHECKING:
         near,
         split_blocks,
     )
-    from etude.models.data.fit import (
+    from etude.models.data.fit_data import (
         LARGEST_FLOOR,
         Folds,
         fit_data,
@@ -35,6 +43,7 @@ if TYPE_CHECKING:
     from etude.models.gp.cholesky import JitterWarning, factorise
     from etude.models.gp.exact import ExactGP, ExactPosterior, posterior_given
     from etude.models.gp.fixed_inducing import FixedInducing
+    from etude.models.gp.hyperparameters import Prior, fit, initial_gp
     from etude.models.gp.inducing import Form, InducingGP
     from etude.models.gp.inducing_training import fit_inducing, initial_inducing
     from etude.models.gp.kernel_algebra import Kernel
@@ -42,19 +51,10 @@ if TYPE_CHECKING:
     from etude.models.gp.minimize import minimize
     from etude.models.gp.plugin_kernel import PluginKernel
     from etude.models.gp.single_point import PointMean
-    from etude.models.gp.training import Prior, fit, initial_gp
+    from etude.models.learned_model import LearnedModel
     from etude.models.members import member_named
-    from etude.models.model import LearnedModel
     from etude.models.process import Posteriors, Silent, Teaching, restored, taught
-    from etude.models.protocols import SupportsFirstUse
-    from etude.models.score import (
-        NORMAL_95,
-        TRANSIENT_S,
-        figures,
-        prediction_score,
-        score_trajectories,
-        while_any_moves,
-    )
+    from etude.models.process_abilities import SupportsFirstUse
     from etude.models.selection.linear import LinearPhysics, linear_inputs
     from etude.models.selection.model_selection import ModelSelection, read_residuals, select_structures
     from etude.models.store import load_model, save_model

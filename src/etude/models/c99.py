@@ -11,7 +11,7 @@ from etude.models.gp.basis_posterior import BasisPosterior
 from etude.models.gp.c99 import UnwritableError, expanded, fused, real, telling_first
 from etude.models.gp.exact import ExactPosterior
 from etude.models.gp.plugin_kernel import in_parts
-from etude.models.protocols import SupportsC
+from etude.models.process_abilities import SupportsC
 from etude.protocols import Posterior
 from etude.types import Array, Code, Column
 

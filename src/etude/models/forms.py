@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from etude import plugins
 from etude.models.gp.exact import ExactPosterior, checked_data
 from etude.models.gp.kernels import Kernel, Linear, Product, RestNoise, SquaredExponential, Sum
-from etude.models.protocols import HasKernel, Stored
+from etude.models.process_abilities import HasKernel, Stored
 from etude.protocols import Posterior
 
 if TYPE_CHECKING:  # what is not stored is not loaded

@@ -14,7 +14,7 @@ import numpy as np
 
 from etude import plugins
 from etude.errors import EtudeError, UsageError
-from etude.models.data.fit import columns, counted, initial_process, trained_process, weak
+from etude.models.data.fit_data import columns, counted, initial_process, trained_process, weak
 from etude.models.gp.exact import columns_of
 from etude.models.process import Condition, Posteriors, Teaching, restored, taught
 from etude.protocols import FitData, Member, Posterior, Process

@@ -15,7 +15,7 @@ from etude.models.gp.basis_posterior import BasisPosterior
 from etude.models.gp.exact import ExactPosterior
 from etude.models.gp.kernels import rests
 from etude.models.gp.shared_exact import SharedPosterior, shared_posterior
-from etude.models.protocols import (
+from etude.models.process_abilities import (
     HasInputs,
     HasKernel,
     SupportsBound,

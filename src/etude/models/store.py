@@ -16,10 +16,10 @@ import numpy as np
 from etude.codes import stated
 from etude.errors import DataError
 from etude.models.change.change_detection import FREEDOM
+from etude.models.learned_model import LearnedModel
 from etude.models.members import member_named
-from etude.models.model import LearnedModel
 from etude.models.process import Silent
-from etude.models.protocols import EnsembleMember, name_of, share_of
+from etude.models.process_abilities import EnsembleMember, name_of, share_of
 from etude.models.selection.ensemble import CANDIDATES
 from etude.models.selection.linear import LinearPhysics
 from etude.models.student_t import StudentT

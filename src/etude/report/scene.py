@@ -13,7 +13,7 @@ from itertools import pairwise
 import numpy as np
 
 from etude.abilities import SupportsDrawing
-from etude.limits.library import AxisLimit, NormLimit
+from etude.limits.convex_limits import AxisLimit, NormLimit
 from etude.protocols import Limit
 from etude.report.markup import Html, text
 from etude.report.png import VIRIDIS, colours
@@ -72,8 +72,8 @@ def room_of(limits: Sequence[Limit], paths: Sequence[Path]) -> SceneBox:
             low, high = np.minimum(low, limit.lower), np.maximum(high, limit.upper)
         elif isinstance(limit, NormLimit) and limit.order == 0:
             radius = limit.upper
-    spare = 0.05 * np.maximum(high - low, 1e-3) if not limits else 0.0
-    (x0, y0, z0), (x1, y1, z1) = (low - spare).tolist(), (high + spare).tolist()
+    margin = 0.05 * np.maximum(high - low, 1e-3) if not limits else 0.0
+    (x0, y0, z0), (x1, y1, z1) = (low - margin).tolist(), (high + margin).tolist()
     return SceneBox((x0, y0, z0), (x1, y1, z1), radius, things_of(limits))
 
 
@@ -125,9 +125,9 @@ def camera_of(room: SceneBox, size: tuple[int, int] = SIZE) -> tuple[Camera, flo
     low, span = image.min(axis=0), np.ptp(image, axis=0)
     free = (size[0] - SIDES["left"] - SIDES["right"], size[1] - SIDES["top"] - SIDES["bottom"])
     scale = min(free[0] / span[0], free[1] / span[1])
-    spare = 0.5 * (free[0] - scale * span[0])
+    margin = 0.5 * (free[0] - scale * span[0])
     height = SIDES["top"] + scale * span[1] + SIDES["bottom"]
-    place = (SIDES["left"] + spare - scale * low[0], height - SIDES["bottom"] + scale * low[1])
+    place = (SIDES["left"] + margin - scale * low[0], height - SIDES["bottom"] + scale * low[1])
     return Camera(float(scale), (float(place[0]), float(place[1]))), float(height)
 
 

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 JOINED = 1e-9
 """Largest step between two parts, in position (rad, m), velocity and acceleration."""
 LABELS = ("segment", "link", "approach", "return", "take-off", "landing", "lead-in", "lead-out")
-WAYS = (frozenset({"approach", "take-off", "lead-in"}), frozenset({"return", "landing", "lead-out"}))
+APPROACHES = (frozenset({"approach", "take-off", "lead-in"}), frozenset({"return", "landing", "lead-out"}))
 """What a chain may consist of without a segment: several moves to a motion, or back from it."""
 
 
@@ -46,7 +46,7 @@ class Chain:
     def __post_init__(self) -> None:
         object.__setattr__(self, "parts", tuple((str(label), part) for label, part in self.parts))
         labels = [label for label, _ in self.parts]
-        way = any(set(labels) <= allowed for allowed in WAYS)
+        way = any(set(labels) <= allowed for allowed in APPROACHES)
         if len(labels) < 2 or not ("segment" in labels or way) or not set(labels) <= set(LABELS):
             raise UsageError(f"a chain has two parts or more, each one of {', '.join(LABELS)}, not {labels}")
         if any(part.form == self.form for _, part in self.parts):

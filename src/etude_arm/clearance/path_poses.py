@@ -28,7 +28,7 @@ GRID = 4001
 
 
 @dataclass(frozen=True, eq=False)
-class Way:
+class PosePath:
     """A curve x -> pose and how much it can bend.
 
     Attributes:
@@ -56,7 +56,7 @@ class Way:
         return np.asarray(np.minimum(direct + bent, self.speed * step))
 
 
-def way_of(piece: Trajectory) -> Way:
+def path_of(piece: Trajectory) -> PosePath:
     """The way of any piece of a trajectory."""
     if isinstance(piece, FourierTrajectory):
         return _of_series(piece)
@@ -65,13 +65,13 @@ def way_of(piece: Trajectory) -> Way:
     return _of_time(piece)
 
 
-def _of_series(piece: FourierTrajectory) -> Way:
+def _of_series(piece: FourierTrajectory) -> PosePath:
     """One period, or what of it is gone through."""
     span = min(2.0 * math.pi / piece.omega0, piece.duration - piece.ramp)
     path = FourierTrajectory(piece.coefficients, piece.omega0, span)
     times = np.linspace(0.0, piece.duration, GRID)
     reached = phase(times, piece.duration, piece.ramp)[0]
-    return Way(
+    return PosePath(
         np.linspace(0.0, span, FIRST + 1),
         lambda x: _two(path, x),
         largest(path, 2),
@@ -80,7 +80,7 @@ def _of_series(piece: FourierTrajectory) -> Way:
     )
 
 
-def _of_moves(piece: PointToPoint) -> Way:
+def _of_moves(piece: PointToPoint) -> PosePath:
     """Lines from waypoint to waypoint, x their number: on each, no joint ever turns."""
     points, whole = piece.waypoints, np.arange(len(piece.waypoints), dtype=float)
     each = max(FIRST // max(len(points) - 1, 1), 1)
@@ -100,10 +100,10 @@ def _of_moves(piece: PointToPoint) -> Way:
         return np.asarray(starts[k] + np.interp(x - k, risen, part) * piece.times[k])
 
     still = np.zeros(piece.axes)
-    return Way(knots, at, still, still + np.inf, time)
+    return PosePath(knots, at, still, still + np.inf, time)
 
 
-def _of_time(piece: Trajectory) -> Way:
+def _of_time(piece: Trajectory) -> PosePath:
     """Any other form, over its whole duration, by its own bounds of speed and acceleration.
 
     Of set-points that are held, each joint is taken to stay between one and the next.
@@ -115,10 +115,10 @@ def _of_time(piece: Trajectory) -> Way:
     except UsageError:  # a form whose velocity jumps
         bend = np.full_like(largest(piece, 1), np.inf)
     knots = np.linspace(0.0, piece.duration, FIRST + 1)
-    return Way(knots, lambda x: _two(piece, x), bend, largest(piece, 1), lambda x: x)
+    return PosePath(knots, lambda x: _two(piece, x), bend, largest(piece, 1), lambda x: x)
 
 
-def _of_points(piece: Any) -> Way:
+def _of_points(piece: Any) -> PosePath:
     """Lines from set-point to set-point: joints that stay between the ends travel no farther."""
     times, points = np.asarray(piece.times), np.asarray(piece.points)[0]
     still = np.zeros(points.shape[1])
@@ -127,7 +127,7 @@ def _of_points(piece: Any) -> Way:
         poses = np.stack([np.interp(x, times, column) for column in points.T], axis=1)
         return poses, np.zeros_like(poses)
 
-    return Way(times, at, still, still + np.inf, lambda x: x)
+    return PosePath(times, at, still, still + np.inf, lambda x: x)
 
 
 def _two(piece: Trajectory, x: Array) -> tuple[Array, Array]:

@@ -11,12 +11,12 @@ import math
 import numpy as np
 
 from etude.types import Array, Margins, Mask, Proof, Reachable
+from etude_arm.clearance.clearance_limit import Clearance
+from etude_arm.clearance.collision_scene import from_file, with_floor
 from etude_arm.clearance.defaults import ClearanceDefaults, Pairs, disabled, settled
 from etude_arm.clearance.distances import TOLERANCE
 from etude_arm.clearance.hull_reduction import said
-from etude_arm.clearance.limit import Clearance
 from etude_arm.clearance.pairs import excluded_links, gaps_of
-from etude_arm.clearance.scene import from_file, with_floor
 from etude_arm.clearance.skeleton import Skeleton
 from etude_arm.clearance.surroundings import ADD_FLOOR, Surroundings
 from etude_arm.loading.load import load_arm, of_file

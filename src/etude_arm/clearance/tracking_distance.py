@@ -59,7 +59,7 @@ def all_keep(
     the first gap that does not keep it ends the search.
     """
     most = gaps.reach @ error
-    spare = distances - share * most - sought
+    slack = distances - share * most - sought
     doubtful = ~(distances - share * most >= sought)
     if not doubtful.any():
         return True
@@ -68,7 +68,7 @@ def all_keep(
         return False
     at = np.flatnonzero(doubtful.any(axis=1))
     scene = Scene.of(gaps, poses[at], doubtful[at])
-    for i in sorted(np.flatnonzero(doubtful.any(axis=0)).tolist(), key=lambda i: float(spare[:, i].min())):
+    for i in sorted(np.flatnonzero(doubtful.any(axis=0)).tolist(), key=lambda i: float(slack[:, i].min())):
         own = np.flatnonzero(doubtful[at, i])
         apart = distances[at[own], i]
         taken = np.clip(apart - scene.least(i, own, error), 0.0, most[i])

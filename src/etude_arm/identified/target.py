@@ -14,8 +14,8 @@ from etude.errors import UsageError
 from etude.logs.readers.cells import text_cell
 from etude.protocols import Kind
 from etude.types import Delivered, Samples
-from etude_arm.identified.files import written
-from etude_arm.identified.fit import Identified, identified
+from etude_arm.identified.consistent_parameters import Identified, identified
+from etude_arm.identified.model_file_writer import written
 from etude_arm.identified.pseudo_inertia import is_possible
 from etude_arm.physics.geometry import has_masses
 from etude_arm.physics.mean import ArmPhysics

@@ -13,7 +13,7 @@ import numpy as np
 from etude.errors import UsageError
 from etude.types import Index
 from etude_arm.clearance.surroundings import Wall
-from etude_arm.loading.agreement import check_agreement
+from etude_arm.loading.compiled_model_check import check_agreement
 from etude_arm.loading.expected import Expected
 
 if TYPE_CHECKING:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from etude_arm.physics.estimate import output_priors
+from etude_arm.physics.identification import output_priors
 from etude_arm.physics.kinematics import KinematicTree
 from etude_arm.physics.rigid_body import command_regressors
 from etude_arm.physics.transmission import Drive

@@ -15,14 +15,14 @@ from etude.errors import DataError, UsageError
 from etude.types import Array, Code, Index, Log, Samples
 from etude_arm.inputs import FRICTION_SCALES, friction_speeds
 from etude_arm.physics.base_regressor import BaseRegressor, base_regressors
-from etude_arm.physics.estimate import (
+from etude_arm.physics.geometry import has_masses, read_geometry
+from etude_arm.physics.identification import (
     IdentificationPrior,
     fitted,
     output_priors,
     require_axes,
     shared_directions,
 )
-from etude_arm.physics.geometry import has_masses, read_geometry
 from etude_arm.physics.kinematics import KinematicTree
 from etude_arm.physics.rigid_body import (
     EXTRA_TERMS,
@@ -33,7 +33,7 @@ from etude_arm.physics.rigid_body import (
     nominal_model,
 )
 from etude_arm.physics.transmission import Drive, Geometry
-from etude_arm.spec import FORCES, FRICTION, PATH, PLAN, TURNING, WAYS, ArmSpec
+from etude_arm.spec import FORCES, FRICTION, PATH, PLAN, PRESLIDING_DISTANCES, TURNING, ArmSpec
 
 FRICTION_FRACTION = 0.02
 """v0 of the friction terms as a part of the velocity limit, where the inputs have none."""
@@ -199,7 +199,7 @@ class ArmPhysics:
 def remembered_of(log: Log) -> Array | None:
     """(T, W, J) what friction remembers by each way, if the log carries it."""
     found = log.get(TURNING)
-    return None if found is None else found.reshape(len(log), len(WAYS), -1)
+    return None if found is None else found.reshape(len(log), len(PRESLIDING_DISTANCES), -1)
 
 
 def physics_of(spec: ArmSpec, friction_fraction: float, desired: bool) -> dict[str, ArmPhysics]:

@@ -23,7 +23,7 @@ from etude_arm.inputs import FRICTION_SCALES
 from etude_arm.physics.kinematics import KinematicTree, body_motion
 from etude_arm.physics.regressor import nominal_parameters, regressor_of_motion
 from etude_arm.physics.transmission import Drive, drive_motion
-from etude_arm.spec import WAYS
+from etude_arm.spec import PRESLIDING_DISTANCES
 
 Array = NDArray[np.float64]
 EXTRA_TERMS = ("armature", "viscous", *(f"friction {scale:g} v0" for scale in FRICTION_SCALES), "offset")
@@ -41,7 +41,7 @@ class RigidBody(NamedTuple):
 
 class Regressors(NamedTuple):
     """Of the commands: rigid (n, dof, P), extra (n, dof, E), and what friction remembers (n, W, dof) by each
-    of `WAYS`, or None where a log carries none.
+    of `PRESLIDING_DISTANCES`, or None where a log carries none.
     """
 
     rigid: Array
@@ -65,7 +65,8 @@ class RigidBodyModel:
         rank: (dof,) number of base parameters of each output.
         deviation: (dof,) standard deviation of the residual on the samples used, command units.
         extra_deviation: (dof, E) posterior deviation of the extra terms; inf where data said nothing.
-        way: (dof,) that of `WAYS` over which the narrowest friction turns round; 0 where it does with speed.
+        way: (dof,) that of `PRESLIDING_DISTANCES` over which the narrowest friction turns round; 0 where it
+            does with speed. The name is that of its array in a stored model.
     """
 
     tree: KinematicTree
@@ -95,7 +96,7 @@ class RigidBodyModel:
         """`extra` with what is remembered in the place of the narrowest friction, where it turns in a way."""
         found = extra.copy()
         for j in np.flatnonzero(self.way).tolist():
-            number = int(np.argmin(np.abs(np.array(WAYS) - self.way[j])))
+            number = int(np.argmin(np.abs(np.array(PRESLIDING_DISTANCES) - self.way[j])))
             speed, v0 = extra[:, j, SPEED], float(self.friction_velocity[j])
             found[:, j, NARROW] = turned(turning[..., j], speed, self.drives[j], j, v0)[:, number]
         return found

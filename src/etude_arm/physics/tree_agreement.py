@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from etude_arm.loading.agreement import alike, apart, refuse, weight_differences
+from etude_arm.loading.compiled_model_check import alike, apart, refuse, weight_differences
 from etude_arm.loading.expected import Expected
 from etude_arm.physics.kinematics import BodyMotion, KinematicTree, body_motion
 from etude_arm.physics.newton_euler import joint_forces

@@ -40,7 +40,7 @@ BRISTLE = 0.002
 """rad at which LuGre's bristles hold Coulomb friction."""
 STRIBECK = 0.02
 """rad/s"""
-SPARE = 2.0
+NO_LOAD_FACTOR = 2.0
 """Speed without load of a motor that is given volts or pwm, in parts of the velocity limit."""
 VOLTAGES = ("V", "pwm")
 
@@ -196,7 +196,7 @@ def motors_of(spec: ArmSpec, loop: Simulate, scales: Scales, torque: Array, arma
     least = scales.inertia.min(axis=0) + armature
     braking = np.zeros(spec.dof)
     if spec.command_unit in VOLTAGES:
-        braking = torque / given("no_load", SPARE * spec.velocity)
+        braking = torque / given("no_load", NO_LOAD_FACTOR * spec.velocity)
     kp, kd = gains(spec, loop, scales, armature, coulomb, viscous + braking)
     return Motors(
         armature=armature,

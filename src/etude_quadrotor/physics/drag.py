@@ -135,7 +135,7 @@ def _fitted(velocity: Array, force: Array, processes: tuple[bool, bool]) -> Drag
 
 def _process(velocity: Array, left: Array) -> ExactPosterior:
     """A squared exponential in the velocity, trained on a part of the samples, evenly spread."""
-    from etude.models.gp.training import fit, initial_gp
+    from etude.models.gp.hyperparameters import fit, initial_gp
 
     chosen, kept = _spread(len(left), FIT_POINTS), _spread(len(left), POINTS)
     start = initial_gp(KERNEL, velocity[chosen], left[chosen], noise_floor=FLOOR * float(left.std()))

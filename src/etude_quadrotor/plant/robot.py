@@ -25,9 +25,14 @@ from etude_quadrotor.channels import (
 from etude_quadrotor.controller import flight_plan
 from etude_quadrotor.motions import TEST_DURATION
 from etude_quadrotor.plant.flight import Flight
-from etude_quadrotor.plant.plan import FlightPlan
-from etude_quadrotor.plant.registry import PLANTS, simulated_vehicle
-from etude_quadrotor.plant.simulated import Disturbance, SimulatedVehicle, Start
+from etude_quadrotor.plant.flight_plan import FlightPlan
+from etude_quadrotor.plant.simulated_vehicle import (
+    PLANTS,
+    Disturbance,
+    SimulatedVehicle,
+    Start,
+    simulated_vehicle,
+)
 from etude_quadrotor.spec import QuadrotorSpec
 
 SETTLED_S = 5.0

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from etude_arm import ArmSpec, Axis
+from etude_arm.clearance.clearance_limit import Clearance
 from etude_arm.clearance.distances import Gaps
-from etude_arm.clearance.limit import Clearance
 from etude_arm.clearance.pairs import gaps_of
 from etude_arm.clearance.surroundings import Surroundings
 from etude_arm.loading.loaded_model import Loaded

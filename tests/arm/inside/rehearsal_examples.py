@@ -12,7 +12,7 @@ from etude_arm import ArmSpec, Axis
 from etude_arm.plant.feedback_loop import control_times
 from etude_arm.plant.trace import LoopInputs
 from etude_arm.rehearsal.overlay import MotorTable, Simulate
-from etude_arm.rehearsal.robot import RehearsedRobot, rehearsed
+from etude_arm.rehearsal.rehearsed_robot import RehearsedRobot, rehearsed
 
 GRAVITY = 9.81
 LINK = '<link name="{0}"><inertial><origin xyz="{1} 0 0"/><mass value="{2}"/>{3}</inertial></link>'

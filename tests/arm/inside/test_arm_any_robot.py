@@ -15,7 +15,7 @@ from etude.errors import UsageError
 from etude.report import build_report
 from etude.testing import RobotSuite
 from etude_arm import KIND, motions
-from etude_arm.rehearsal.robot import rehearsed
+from etude_arm.rehearsal.rehearsed_robot import rehearsed
 
 ARMS = (
     *("panda", "ur3", "ur5", "ur10", "iiwa", "xarm6", "xarm7"),

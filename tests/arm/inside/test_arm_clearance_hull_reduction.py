@@ -15,9 +15,9 @@ from scipy.spatial import ConvexHull
 
 from etude.trajectories import FourierTrajectory
 from etude_arm import ArmSpec, Axis
+from etude_arm.clearance.clearance_limit import Clearance
 from etude_arm.clearance.distances import CUTOFF, TOLERANCE, Gaps
 from etude_arm.clearance.hull_reduction import MANY, ROOM_FACTOR, Fewer, fewer, hull_proxies, to_triangles
-from etude_arm.clearance.limit import Clearance
 from etude_arm.clearance.pairs import gaps_of
 from etude_arm.clearance.robot_clearance import clearance_of
 from etude_arm.clearance.surroundings import Collision, Column, Floor, Search, Surroundings

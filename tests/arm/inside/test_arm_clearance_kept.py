@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from clearance_examples import planar_spec
 
-from etude_arm.clearance.limit import FLOOR, Clearance, neighbours
+from etude_arm.clearance.clearance_limit import FLOOR, Clearance, neighbours
 from etude_arm.clearance.robot_clearance import clearance_of, one_turn, reachable
 from etude_arm.clearance.surroundings import Collision, Floor, Search, Surroundings
 

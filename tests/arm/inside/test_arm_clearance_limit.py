@@ -18,8 +18,8 @@ from etude.limits import certify, in_words, place_of, require_certified, slack, 
 from etude.trajectories import FourierConfig, FourierTrajectory, PointToPoint
 from etude.types import Motion
 from etude_arm import KIND
+from etude_arm.clearance.clearance_limit import TAKEN
 from etude_arm.clearance.distances import TOLERANCE
-from etude_arm.clearance.limit import TAKEN
 from etude_arm.clearance.robot_clearance import clearance_of, search_of
 from etude_arm.clearance.surroundings import Box, Collision, Floor, Room, Search, Surroundings, Wall
 from etude_arm.description import describe

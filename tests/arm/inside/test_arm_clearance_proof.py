@@ -14,9 +14,9 @@ from etude.limits import slack
 from etude.protocols import Trajectory
 from etude.trajectories import FourierTrajectory, PointToPoint, Splined
 from etude.types import Array, Motion, Proof
+from etude_arm.clearance.clearance_limit import MOST_EVALUATIONS, Clearance, nearest
 from etude_arm.clearance.distances import CUTOFF
-from etude_arm.clearance.limit import MOST_EVALUATIONS, Clearance, nearest
-from etude_arm.clearance.path_poses import way_of
+from etude_arm.clearance.path_poses import path_of
 from etude_arm.clearance.surroundings import Box, Floor, Surroundings
 
 LIMIT = clearance(
@@ -132,7 +132,7 @@ def test_only_what_is_gone_through_is_proved() -> None:
     short = FourierTrajectory(swing, 1.0, 0.9)
     assert ok(LIMIT.prove(short))
     assert not ok(LIMIT.prove(FourierTrajectory(swing, 1.0, 2.0 * math.pi)))
-    assert way_of(short).knots[-1] == 0.9
+    assert path_of(short).knots[-1] == 0.9
 
 
 def test_held_set_points_are_taken_to_be_joined_by_lines() -> None:
@@ -171,12 +171,12 @@ def test_a_motion_through_a_collision_is_refused_with_pair_and_time(seed: int) -
 
 def test_what_cannot_be_decided_is_refused() -> None:
     """Distances that touch the limit everywhere need ever more samples."""
-    way = way_of(series(0, 1.0))
-    touching = nearest(way, lambda poses: np.full((len(poses), 1), 0.01), np.ones((1, 3)), np.array([0.01]))
+    path = path_of(series(0, 1.0))
+    touching = nearest(path, lambda poses: np.full((len(poses), 1), 0.01), np.ones((1, 3)), np.array([0.01]))
     assert touching.proved[0] < 0.01
     assert not touching.touched
     assert MOST_EVALUATIONS / 2 < touching.evaluations <= MOST_EVALUATIONS
-    clear = nearest(way, lambda poses: np.full((len(poses), 1), 0.3), np.ones((1, 3)), np.array([0.01]))
+    clear = nearest(path, lambda poses: np.full((len(poses), 1), 0.3), np.ones((1, 3)), np.array([0.01]))
     assert 0.01 <= clear.proved[0] < 0.3
 
 

@@ -9,8 +9,8 @@ from clearance_examples import random_chain
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
+from etude_arm.clearance.clearance_limit import excess
 from etude_arm.clearance.distances import CUTOFF, Gaps
-from etude_arm.clearance.limit import excess
 from etude_arm.clearance.pairs import gaps_of
 from etude_arm.clearance.skeleton import Skeleton
 from etude_arm.clearance.surroundings import Column, Floor, Surroundings, Wall

@@ -23,7 +23,7 @@ from etude.protocols import Candidate, Posterior
 from etude.trajectories import FourierConfig, FourierTrajectory
 from etude.types import Array
 from etude_arm import KIND, ArmInputs, ArmSpec
-from etude_arm.clearance.limit import Clearance
+from etude_arm.clearance.clearance_limit import Clearance
 from etude_arm.clearance.robot_clearance import search_of
 from etude_arm.clearance.surroundings import Surroundings
 from etude_arm.description import describe

@@ -11,8 +11,8 @@ from etude.errors import UsageError
 from etude.limits import FeasibleSet, certify, scaled
 from etude.trajectories import FourierConfig, PointToPoint, from_json
 from etude_arm import ArmSpec, Axis, motions
-from etude_arm.checks import check_spec
-from etude_arm.motions import family, limits, ways
+from etude_arm.description_checks import check_spec
+from etude_arm.motions import approaches, family, limits
 from etude_arm.robot_file import parse_robot, robot_to_toml
 
 TIGHT = 0.6
@@ -49,11 +49,11 @@ def test_what_is_proposed_keeps_it_and_uses_it(config: FourierConfig) -> None:
 
 def test_the_ways_and_the_moves_of_tests_keep_it() -> None:
     motion = drawn(SPEC, FourierConfig())
-    there, back = ways(SPEC, motion, np.array([0.9, -0.9]))
+    there, back = approaches(SPEC, motion, np.array([0.9, -0.9]))
     moves = motions.tests(SPEC, np.random.default_rng(0))["moves"]
     for way in (there, back, moves):
         assert certify(way, limits(SPEC, {})).ok
-    assert not certify(ways(FREE, motion, np.array([0.9, -0.9]))[0], limits(SPEC, {})).ok
+    assert not certify(approaches(FREE, motion, np.array([0.9, -0.9]))[0], limits(SPEC, {})).ok
 
 
 def test_a_move_that_jerk_limits_takes_as_long_as_it_must() -> None:

@@ -119,12 +119,12 @@ def test_tests_and_ways_are_inside_every_limit_and_at_rest() -> None:
         assert found.at_rest
         assert motion.to_json() == again[name].to_json()
     pose = SPEC.lower + 0.1
-    ways = KIND.ways(SPEC, tests["fourier"], pose)
-    assert ways is not None
-    assert all(certify(way, limits).ok for way in ways)
-    np.testing.assert_allclose(ways[0].motion(np.zeros(1)).orders[0, 0], pose)
+    approaches = KIND.approaches(SPEC, tests["fourier"], pose)
+    assert approaches is not None
+    assert all(certify(way, limits).ok for way in approaches)
+    np.testing.assert_allclose(approaches[0].motion(np.zeros(1)).orders[0, 0], pose)
     start = tests["fourier"].motion(np.zeros(1)).orders[0, 0]
-    np.testing.assert_allclose(ways[0].motion(np.array([ways[0].duration])).orders[0, 0], start)
+    np.testing.assert_allclose(approaches[0].motion(np.array([approaches[0].duration])).orders[0, 0], start)
 
 
 def test_margins_of_tracking_narrow_the_limits() -> None:

@@ -10,7 +10,7 @@ from rehearsal_examples import ABOUT, ARM, GRAVITY, LEVER, TABLE, made, motor, s
 
 from etude.errors import UsageError
 from etude.types import Array
-from etude_arm.rehearsal.robot import RehearsedRobot
+from etude_arm.rehearsal.rehearsed_robot import RehearsedRobot
 from etude_arm.robot_file import parse_robot, robot_to_toml
 
 

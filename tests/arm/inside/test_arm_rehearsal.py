@@ -12,7 +12,7 @@ from rehearsal_examples import ABOUT, ARM, GRAVITY, LEVER, TABLE, Waves, loop_in
 from etude.types import Array
 from etude_arm import PerfectController
 from etude_arm.plant.trace import LoopInputs, Trace
-from etude_arm.rehearsal.robot import RehearsedRobot
+from etude_arm.rehearsal.rehearsed_robot import RehearsedRobot
 
 LOOPS = ("inside", "outside")
 FIELDS = ("q", "q_true", "tau", "tau_fb")

@@ -18,7 +18,7 @@ from etude_arm.memory import remembered, turning
 from etude_arm.physics.mean import RigidBodyMean
 from etude_arm.physics.rigid_body import EXTRA_TERMS, NARROW
 from etude_arm.physics.transmission import Drive
-from etude_arm.spec import TURNING, WAYS
+from etude_arm.spec import PRESLIDING_DISTANCES, TURNING
 from etude_online import Planned
 
 ARM = plugins.load("etude.robots", "arm")
@@ -73,7 +73,7 @@ def test_friction_that_turns_round_at_once_is_found() -> None:
     log = run(6)
     mean = ArmPhysics(SPEC)(told(np.sign(log["qd"]), log))
     hinges = np.array([axis.unit == "rad" for axis in SPEC.axes])  # slides pass both .01 and .05 mm in a step
-    np.testing.assert_array_equal(mean.model.way[hinges], WAYS[0])
+    np.testing.assert_array_equal(mean.model.way[hinges], PRESLIDING_DISTANCES[0])
 
 
 def test_friction_lets_go_at_rest(learned) -> None:
@@ -147,9 +147,9 @@ def test_instants_one_after_another_are_commanded_as_their_plan_at_once(learned)
 
 def test_each_way_is_a_memory_of_its_own_and_noise_hides_half_of_one_at_most() -> None:
     q = np.cumsum(np.random.default_rng(4).normal(size=(300, 2)), axis=0) * 1e-3
-    ways, play = np.array([[0.001, 0.002], [0.004, 0.008]]), np.array([0.0008, 0.0008])
-    found = turning(q, play, ways).reshape(300, 2, 2)
-    for number, way in enumerate(ways):
+    approaches, play = np.array([[0.001, 0.002], [0.004, 0.008]]), np.array([0.0008, 0.0008])
+    found = turning(q, play, approaches).reshape(300, 2, 2)
+    for number, way in enumerate(approaches):
         alone = remembered(q, np.minimum(play, 0.5 * way), way)[:, 0]
         np.testing.assert_allclose(found[:, number], alone, atol=1e-14)
 
@@ -179,7 +179,7 @@ def test_a_drive_against_its_joint_has_friction_against_it_too(learned) -> None:
     extra = model.extra.copy()
     extra[:, :NARROW] = extra[:, NARROW + 1 :] = 0.0
     only = replace(model, inertial=0.0 * model.inertial, extra=extra)
-    states = followed(INPUTS, log)[TURNING].reshape(COUNT, len(WAYS), -1)
+    states = followed(INPUTS, log)[TURNING].reshape(COUNT, len(PRESLIDING_DISTANCES), -1)
     motion = log["q"], log["qd"], log["qdd"]
     forth, back = only.predict(*motion, states), replace(only, drives=backward).predict(*motion, states)
     np.testing.assert_allclose(back, -forth)

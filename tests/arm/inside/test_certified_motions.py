@@ -24,9 +24,9 @@ from etude.protocols import Family, Limit, Trajectory
 from etude.trajectories import OVERSAMPLING, FourierConfig, FourierTrajectory
 from etude.types import Array, Motion
 from etude_arm import KIND, ArmSpec
+from etude_arm.motions import approaches as arm_ways
 from etude_arm.motions import family as arm_family
 from etude_arm.motions import limits as arm_limits
-from etude_arm.motions import ways as arm_ways
 from etude_arm.space.table import Cartesian
 from etude_quadrotor import FlightConfig, QuadrotorSpec, flight_family
 
@@ -60,7 +60,7 @@ def world(name: str, form: str) -> World:
         spec: QuadrotorSpec = kind.spec(path)
         config = FlightConfig(HARMONICS, DURATION, rest=rest == "nullspace", free_centre=True)
         own = tuple(kind.limits(spec, SimpleNamespace(trajectory=config), None, {}))
-        return World(flight_family(config), own, kind.home(spec), lambda m, p: kind.ways(spec, m, p))
+        return World(flight_family(config), own, kind.home(spec), lambda m, p: kind.approaches(spec, m, p))
     arm = replace(spec_of(name), model_file=None)
     jerk = tuple(replace(axis, jerk=4.0 * axis.acceleration) for axis in arm.axes)
     arm = replace(arm, axes=jerk)

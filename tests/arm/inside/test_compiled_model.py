@@ -24,7 +24,7 @@ from etude_arm.physics import rigid_tree
 from etude_arm.physics.geometry import read_geometry
 from etude_arm.physics.kinematics import body_motion
 from etude_arm.physics.newton_euler import nominal_commands
-from etude_arm.rehearsal.robot import rehearsed
+from etude_arm.rehearsal.rehearsed_robot import rehearsed
 
 PACKAGE = "cmeel.prefix/share/example-robot-data/robots"
 ARMS = {

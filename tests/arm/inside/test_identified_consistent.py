@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from etude_arm.identified.fit import _barrier, consistent
+from etude_arm.identified.consistent_parameters import _barrier, consistent
 from etude_arm.identified.pseudo_inertia import (
     SIZE,
     basis,

@@ -14,8 +14,8 @@ from loading_examples import write
 from etude.errors import UsageError
 from etude.types import Log, Samples
 from etude_arm import KIND, ArmPhysics, ArmSpec, Axis
-from etude_arm.identified.files import central, written
-from etude_arm.identified.fit import Identified, identified, links_of
+from etude_arm.identified.consistent_parameters import Identified, identified, links_of
+from etude_arm.identified.model_file_writer import central, written
 from etude_arm.identified.pseudo_inertia import is_possible, matrix_of
 from etude_arm.identified.target import URDF
 from etude_arm.loading.load import load

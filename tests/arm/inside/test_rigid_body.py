@@ -15,7 +15,7 @@ from etude._runtime.operators import cross
 from etude.errors import DataError, UsageError
 from etude.types import Samples, joined_samples
 from etude_arm.physics.base_parameters import base_directions, parameter_scale, spread_states
-from etude_arm.physics.estimate import (
+from etude_arm.physics.identification import (
     LEAST_CORRELATION,
     Clock,
     fitted,

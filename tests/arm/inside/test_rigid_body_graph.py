@@ -22,7 +22,7 @@ from etude_arm.physics.regressor import nominal_parameters
 from etude_arm.physics.rigid_body import RigidBodyModel
 from etude_arm.physics.rigid_tree import drives_from_mujoco, tree_from_mujoco
 from etude_arm.physics.transmission import joint_drives
-from etude_arm.spec import PATH, WAYS
+from etude_arm.spec import PATH, PRESLIDING_DISTANCES
 
 for library in ("onnx", "onnxruntime"):
     pytest.importorskip(library, reason="graphs are written and run by the extra 'onnx'")
@@ -36,7 +36,19 @@ def model(linked: bool) -> RigidBodyModel:
     rng = np.random.default_rng(2)
     inertial = nominal_parameters(tree) * np.exp(0.3 * rng.normal(size=(len(NAMES), tree.bodies * 10 - 10)))
     extra, unknown = rng.normal(size=(len(NAMES), 6)), np.full((len(NAMES), 6), np.inf)
-    way = np.zeros(5) if linked else np.array([WAYS[0], 0.0, WAYS[2], WAYS[3], WAYS[0]])
+    way = (
+        np.zeros(5)
+        if linked
+        else np.array(
+            [
+                PRESLIDING_DISTANCES[0],
+                0.0,
+                PRESLIDING_DISTANCES[2],
+                PRESLIDING_DISTANCES[3],
+                PRESLIDING_DISTANCES[0],
+            ]
+        )
+    )
     rank = np.zeros(5, dtype=np.int64)
     return RigidBodyModel(tree, drives, np.full(5, 0.02), inertial, extra, rank, np.ones(5), unknown, way)
 

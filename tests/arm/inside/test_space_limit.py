@@ -18,7 +18,7 @@ from etude_arm.clearance.skeleton import bent
 from etude_arm.loading.load import load_arm
 from etude_arm.motions import limits
 from etude_arm.robot_file import parse_robot, robot_to_toml
-from etude_arm.space.limit import SpaceLimit, space_of
+from etude_arm.space.space_limit import SpaceLimit, space_of
 from etude_arm.space.table import Cartesian
 
 ALL = Cartesian(

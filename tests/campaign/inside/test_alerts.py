@@ -211,7 +211,7 @@ def test_red_comes_before_yellow() -> None:
 
 def test_a_changed_robot_is_news_until_it_is_answered_and_other_findings_while_the_log_is_used() -> None:
     told = {"findings": [asdict(Finding(CHANGED, "red", "the robot has changed", "Say --changed new."))]}
-    assert news(state(GOOD, told, held=True)) == [(CHANGED, "red")]
+    assert news(state(GOOD, told, awaits_answer=True)) == [(CHANGED, "red")]
     assert news(state(GOOD, told)) == []
     other = {"findings": [asdict(Finding("sign", "red", "inverted", "Turn it."))]}
     assert news(state(GOOD, other)) == [("sign", "red")]

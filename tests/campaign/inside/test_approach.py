@@ -15,7 +15,7 @@ from etude.campaign import Campaign, stored_trajectory
 from etude.campaign.propose.approach import pose_of
 from etude.cli import main
 from etude.errors import UnsafeTrajectoryError, UsageError
-from etude.limits import WAY, AxisLimit, certify
+from etude.limits import APPROACH, AxisLimit, certify
 from etude.plugins import load
 from etude.protocols import Trajectory
 from etude.trajectories import FourierTrajectory, from_json
@@ -35,14 +35,14 @@ def ends(motion: Trajectory) -> Array:
 
 def test_the_way_leads_from_the_pose_to_the_start_and_back_at_rest(lab: Campaign) -> None:
     found = ask(lab, start="hip=0.5,knee=-1.0")
-    assert found.way is not None
-    assert [path.name for path in found.way.files[:3]] == [
+    assert found.approach is not None
+    assert [path.name for path in found.approach.files[:3]] == [
         "approach.json",
         "approach.csv",
         "approach.certificate.json",
     ]
     approach, back = (
-        from_json((found.way.folder / f"{name}.json").read_bytes()) for name in ("approach", "return")
+        from_json((found.approach.folder / f"{name}.json").read_bytes()) for name in ("approach", "return")
     )
     start, end = ends(stored_trajectory(lab, 1))[0]
     np.testing.assert_allclose(ends(approach)[0], [[0.5, -1.0], start], atol=1e-12)
@@ -50,10 +50,10 @@ def test_the_way_leads_from_the_pose_to_the_start_and_back_at_rest(lab: Campaign
     for motion in (approach, back):
         assert not ends(motion)[1:].any()
         assert certify(motion, lab.limits()).ok
-    whole = from_json((found.way.folder / "trajectory.json").read_bytes())
+    whole = from_json((found.approach.folder / "trajectory.json").read_bytes())
     assert [label for _, label, _ in whole.pieces()] == ["approach", "segment", "return"]
-    assert WAY not in found.way.certificates["trajectory"].not_verified
-    assert WAY in found.certificate.not_verified
+    assert APPROACH not in found.approach.certificates["trajectory"].not_verified
+    assert APPROACH in found.certificate.not_verified
 
 
 def test_a_flight_asked_for_again_is_shown_with_the_rows_of_its_certificate_and_its_way(
@@ -68,8 +68,8 @@ def test_a_flight_asked_for_again_is_shown_with_the_rows_of_its_certificate_and_
         said.append(json.loads(capsys.readouterr().out))
     assert "vehicle tilt" in said[0]["slack"]
     assert said[0]["slack"] == said[1]["slack"] == said[2]["slack"]
-    assert WAY in said[0]["not_verified"]
-    assert [one for one in said[0]["not_verified"] if one != WAY] == said[2]["not_verified"]
+    assert APPROACH in said[0]["not_verified"]
+    assert [one for one in said[0]["not_verified"] if one != APPROACH] == said[2]["not_verified"]
     config = tmp_path / "sky" / "campaign.toml"
     text = config.read_text(encoding="utf-8")
     assert "tilt = 0.4363" in text
@@ -79,14 +79,14 @@ def test_a_flight_asked_for_again_is_shown_with_the_rows_of_its_certificate_and_
 
 
 def test_each_pose_has_files_of_its_own_written_once(lab: Campaign) -> None:
-    first = ask(lab, start="home").way
-    other = ask(lab, start="hip=0.5,knee=-1.0").way
+    first = ask(lab, start="home").approach
+    other = ask(lab, start="hip=0.5,knee=-1.0").approach
     assert first is not None
     assert other is not None
     assert first.folder.name == "from_home"
     assert other.folder != first.folder
     events = len(lab.events())
-    again = ask(lab, start="home").way
+    again = ask(lab, start="home").approach
     assert again is not None
     assert len(lab.events()) == events
     path = first.folder / "approach.json"
@@ -96,10 +96,10 @@ def test_each_pose_has_files_of_its_own_written_once(lab: Campaign) -> None:
 
 
 def test_a_log_of_the_whole_answers_the_proposal(lab: Campaign, tmp_path: Path) -> None:
-    way = ask(lab, start="hip=0.5,knee=-1.0").way
-    assert way is not None
-    assert way.whole is not None
-    log = write_log(tmp_path / "whole.csv", way.whole)
+    approach = ask(lab, start="hip=0.5,knee=-1.0").approach
+    assert approach is not None
+    assert approach.whole is not None
+    log = write_log(tmp_path / "whole.csv", approach.whole)
     told = tell(lab, log, learner=stub_learner)
     assert (told.number, told.foreign) == (1, False)
     errors = np.array(lab.state().rounds[1].ingested.tracked["fourier"])
@@ -153,11 +153,11 @@ def test_where_the_straight_way_is_barred_it_goes_by_home_or_not_at_all() -> Non
     def limit(kind: type[AxisLimit]) -> AxisLimit:
         return kind("position", 0, ("x", "y"), -np.ones(2), np.ones(2))
 
-    def way(m: Trajectory, p: Array) -> tuple[Trajectory, Trajectory] | None:
-        return KIND.ways(spec, m, p)
+    def approach(m: Trajectory, p: Array) -> tuple[Trajectory, Trajectory] | None:
+        return KIND.approaches(spec, m, p)
 
-    free = there_and_back(motion, pose, way, [limit(AxisLimit)], np.array([0.0, 0.8]))
-    barred = there_and_back(motion, pose, way, [limit(Barred)], np.array([0.0, 0.8]))
+    free = there_and_back(motion, pose, approach, [limit(AxisLimit)], np.array([0.0, 0.8]))
+    barred = there_and_back(motion, pose, approach, [limit(Barred)], np.array([0.0, 0.8]))
     assert free is not None
     assert barred is not None
     assert len(free.approach.pieces()) == 1
@@ -165,7 +165,7 @@ def test_where_the_straight_way_is_barred_it_goes_by_home_or_not_at_all() -> Non
     assert barred.whole is not None
     assert len(barred.whole.pieces()) == 5
     with pytest.raises(UnsafeTrajectoryError, match="'x' may reach 9"):
-        there_and_back(motion, pose, way, [limit(Barred)], np.array([0.0, -0.8]))
+        there_and_back(motion, pose, approach, [limit(Barred)], np.array([0.0, -0.8]))
 
 
 def test_a_flight_goes_from_hover_into_its_plan_and_out_of_it() -> None:
@@ -174,13 +174,13 @@ def test_a_flight_goes_from_hover_into_its_plan_and_out_of_it() -> None:
     flight = FourierTrajectory(np.array([[0.0, 0.0, 2.0], *(0.3 * np.ones((4, 3)))]), 0.5, 12.0)
     still = FourierTrajectory(np.array([[3.0, 1.0, 2.0], *np.zeros((4, 3))]), 0.5, 12.0)
     pose = np.array([2.0, -1.0, 1.5])
-    out, back = kind.ways(spec, flight, pose)
+    out, back = kind.approaches(spec, flight, pose)
     plan = flight.motion(np.array([0.0, 12.0]), 4).orders
-    for way, at_rest, joined in ((out, 0, 0), (back, 1, 1)):
-        orders = way.motion(np.array([0.0, way.duration]), 4).orders
+    for approach, at_rest, joined in ((out, 0, 0), (back, 1, 1)):
+        orders = approach.motion(np.array([0.0, approach.duration]), 4).orders
         np.testing.assert_allclose(orders[:, at_rest], [pose, *np.zeros((3, 3))], atol=1e-9)
         np.testing.assert_allclose(orders[:, 1 - at_rest], plan[:, joined], atol=1e-9)
-    out = kind.ways(spec, still, pose)[0]
+    out = kind.approaches(spec, still, pose)[0]
     t = np.linspace(0.0, out.duration, 2001)
     rates = np.linalg.norm(out.motion(t, 4).orders, axis=2)
     assert rates[1].max() < 0.31 * spec.speed

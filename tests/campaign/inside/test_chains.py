@@ -11,7 +11,7 @@ from small_robot import make_campaign, random_motion, stub_learner, write_log
 from certificate_schema import valid
 from etude import ask, tell
 from etude.campaign import Campaign, ingested_samples, stored_trajectory
-from etude.campaign.propose.motions import reference_motions, segments_of
+from etude.campaign.propose.typical_motions import reference_motions, segments_of
 from etude.limits import certify_bytes
 from etude.protocols import Trajectory
 from etude.trajectories import Chain

@@ -61,7 +61,7 @@ def learned(campaign: Campaign) -> list[int]:
 
 def test_an_unchanged_robot_is_learned(fresh: Campaign, tmp_path: Path) -> None:
     told = tell(fresh, write_log(tmp_path / "4.csv", random_motion(fresh, 4), 4))
-    assert (told.held, told.findings, told.learned) == (False, (), (4,))
+    assert (told.awaits_answer, told.findings, told.learned) == (False, (), (4,))
 
 
 @pytest.mark.parametrize("words", CHANGES)
@@ -69,7 +69,7 @@ def test_a_changed_one_waits_and_is_named(fresh: Campaign, tmp_path: Path, words
     model = (fresh.model_folder(3) / "model.npz").read_bytes()
     log = write_changed(tmp_path / "4.csv", fresh, 4, CHANGES[words])
     told = tell(fresh, log)
-    assert (told.held, told.learned) == (True, ())
+    assert (told.awaits_answer, told.learned) == (True, ())
     (finding,) = told.findings
     assert (finding.check, finding.light, finding.flag) == ("changed robot", "red", "--changed")
     assert words in finding.sentence
@@ -78,20 +78,20 @@ def test_a_changed_one_waits_and_is_named(fresh: Campaign, tmp_path: Path, words
     assert (fresh.model_folder(3) / "model.npz").read_bytes() == model
     assert status(fresh)["trajectories"][3]["standing"] == "waits for an answer"
     again = tell(fresh, log)
-    assert (again.repeated, again.held, again.findings) == (True, True, told.findings)
+    assert (again.repeated, again.awaits_answer, again.findings) == (True, True, told.findings)
     assert open_campaign(fresh.path).state() == fresh.state()
 
 
 @pytest.fixture
 def waiting(fresh: Campaign, tmp_path: Path) -> Path:
     log = write_changed(tmp_path / "4.csv", fresh, 4, CHANGES["friction has changed"])
-    assert tell(fresh, log).held
+    assert tell(fresh, log).awaits_answer
     return log
 
 
 def test_same_learns_it_with_the_others(fresh: Campaign, waiting: Path) -> None:
     told = tell(fresh, waiting, changed="same")
-    assert (told.repeated, told.held, told.learned) == (True, False, (4,))
+    assert (told.repeated, told.awaits_answer, told.learned) == (True, False, (4,))
     assert learned(fresh) == [1, 2, 3, 4]
     before = fresh.events()
     tell(fresh, waiting, changed="same")
@@ -100,7 +100,7 @@ def test_same_learns_it_with_the_others(fresh: Campaign, waiting: Path) -> None:
 
 def test_forget_sets_it_aside(fresh: Campaign, waiting: Path, capsys: Any) -> None:
     told = tell(fresh, waiting, changed="forget")
-    assert (told.learned, told.aside, told.held) == ((), True, False)
+    assert (told.learned, told.excluded, told.awaits_answer) == ((), True, False)
     assert main(["tell", str(fresh.path), str(waiting)]) == 0
     assert f"Log {told.number} is set aside: nothing learns from it." in capsys.readouterr().out
     assert learned(fresh) == [1, 2, 3]
@@ -119,7 +119,7 @@ def test_new_learns_from_it_and_those_to_come_alone(fresh: Campaign, waiting: Pa
     later = write_changed(tmp_path / "5.csv", fresh, 5, CHANGES["friction has changed"])
     assert tell(fresh, later).learned == (5,)
     old = write_log(tmp_path / "6.csv", random_motion(fresh, 6), 6)
-    assert tell(fresh, old).held
+    assert tell(fresh, old).awaits_answer
 
 
 def test_the_answer_may_come_with_the_log(fresh: Campaign, tmp_path: Path) -> None:
@@ -149,7 +149,7 @@ def test_the_command_asks_and_a_script_is_told(
     assert "--changed forget" in text
     assert main(["tell", str(fresh.path), "--changed", "forget", "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["learned"] == []
-    assert fresh.state().held == []
+    assert fresh.state().awaiting_answer == []
     assert main(["tell", str(fresh.path), str(waiting)]) == 0  # answered: it waits no more
 
 

@@ -174,18 +174,18 @@ def _held(campaign: Campaign, found: Proposal, speed: int) -> list[str]:
     fresh = open_campaign(campaign.path)
     kept = constraints_then(fresh.round(found.number).asked)
     shown = [("trajectory", found.folder, found.certificate)]
-    if found.way is not None:
-        shown += [(stem, found.way.folder, own) for stem, own in found.way.certificates.items()]
+    if found.approach is not None:
+        shown += [(stem, found.approach.folder, own) for stem, own in found.approach.certificates.items()]
     for stem, folder, certificate in shown:
         name = "certificate.json" if stem == "trajectory" else f"{stem}.certificate.json"
         _same(certificate, folder / name)
         motion = from_json((folder / f"{stem}.json").read_bytes())
-        _proved(fresh, kept, motion, certificate, way=stem != "trajectory")
+        _proved(fresh, kept, motion, certificate, approach=stem != "trajectory")
     for one in found.exported:
         _same(one.certificate, one.files[-1])
         exporter = plugins.load("etude.exporters", one.format)
         files = {path.name: path.read_bytes() for path in one.files[:-1]}
-        whole = found.folder if found.way is None else found.way.folder
+        whole = found.folder if found.approach is None else found.approach.folder
         motion = from_json((whole / "trajectory.json").read_bytes())
         limits = kept.limits_as_played(fresh, motion)
         assert certify_played(exporter, files, limits, motion, kept.control).rows == one.certificate.rows
@@ -200,12 +200,14 @@ def _same(certificate: Certificate, path: Path) -> None:
     assert {name: disk[name] for name in shown} == shown
 
 
-def _proved(fresh: Campaign, kept: Constraints, motion: Trajectory, shown: Certificate, *, way: bool) -> None:
+def _proved(
+    fresh: Campaign, kept: Constraints, motion: Trajectory, shown: Certificate, *, approach: bool
+) -> None:
     try:
-        found = certify(motion, kept.limits(fresh), way=way, control=kept.control)
+        found = certify(motion, kept.limits(fresh), approach=approach, control=kept.control)
         assert found.ok or not kept.limits(fresh)
     except (UnsafeTrajectoryError, AssertionError):
-        found = certify(motion, kept.limits(fresh, described=True), way=way, control=kept.control)
+        found = certify(motion, kept.limits(fresh, described=True), approach=approach, control=kept.control)
     assert found.rows == shown.rows
 
 
@@ -339,20 +341,20 @@ def copy(lab: Path, tmp_path: Path) -> Path:
 
 
 def test_the_way_from_another_home_is_written_anew(copy: Path) -> None:
-    robot, way = copy / "robot.toml", copy / "proposals/0002/from_home"
-    before = {path.name: path.read_bytes() for path in way.glob("*.*")}
+    robot, approach = copy / "robot.toml", copy / "proposals/0002/from_home"
+    before = {path.name: path.read_bytes() for path in approach.glob("*.*")}
     text, home = robot.read_text(), "home = [0.5, -0.3]"
     found = re.search(r"^home = .*$", text, re.MULTILINE)
     robot.write_text(text.replace(found[0], home) if found else f"{text}\n[search]\n{home}\n")
     assert any("proposals/0002/from_home was proved before" in one for one in _look(copy))
     shown = _whole(open_campaign(copy))
-    assert shown.way is not None
-    assert "robot.toml changed" in shown.way.renewed[0]
-    assert all(path.read_bytes() != before[path.name] for path in way.glob("approach*"))
-    start = from_json((way / "approach.json").read_bytes()).motion(np.zeros(1), 1).orders[0][0]
+    assert shown.approach is not None
+    assert "robot.toml changed" in shown.approach.renewed[0]
+    assert all(path.read_bytes() != before[path.name] for path in approach.glob("approach*"))
+    start = from_json((approach / "approach.json").read_bytes()).motion(np.zeros(1), 1).orders[0][0]
     np.testing.assert_allclose(start, [0.5, -0.3])
     assert not any("from_home" in one for one in _look(copy))
-    assert _whole(open_campaign(copy)).way.renewed == ()  # type: ignore[union-attr]
+    assert _whole(open_campaign(copy)).approach.renewed == ()  # type: ignore[union-attr]
 
 
 def _look(path: Path) -> list[str]:
@@ -452,8 +454,8 @@ def test_an_open_motion_that_leaves_the_new_limits_names_what_helps(
 )
 def test_the_advice_for_a_changed_file_mends_it_to_the_letter(copy: Path, name: str, gone: bool) -> None:
     """The files and the command that are printed, in a shell."""
-    way = ["--from", "home"] if name.startswith("from_home") else []
-    command = ["ask", str(copy), "--continue", *way, "--format", FORMAT]
+    approach = ["--from", "home"] if name.startswith("from_home") else []
+    command = ["ask", str(copy), "--continue", *approach, "--format", FORMAT]
     assert cli.main(command) == 0
     path = copy / "proposals/0002" / name
     before = path.read_bytes()
@@ -462,7 +464,7 @@ def test_the_advice_for_a_changed_file_mends_it_to_the_letter(copy: Path, name: 
     else:
         path.write_bytes(before.replace(b"0", b"1"))
     with pytest.raises(UsageError, match=re.escape(name)) as refused:
-        ask(open_campaign(copy), go_on=True, start=way[1] if way else "", formats=(FORMAT,))
+        ask(open_campaign(copy), go_on=True, start=approach[1] if approach else "", formats=(FORMAT,))
     files = refused.value.next_step.partition("run the same command again: ")[2]
     subprocess.run(files, shell=True, check=True)
     assert cli.main(command) == 0

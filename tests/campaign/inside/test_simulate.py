@@ -137,7 +137,7 @@ def noticed(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_a_changed_robot_that_is_noticed_waits_and_nothing_is_run_after_it(arm: Campaign) -> None:
     said: list[str] = []
     assert list(simulate(arm, 2, say=said.append, change={"payload": 0.5})) == []
-    assert [r.number for r in arm.state().held] == [1]
+    assert [r.number for r in arm.state().awaiting_answer] == [1]
     assert "Log 1 is not learned yet: the robot is another one. Say --changed new." in said
     with pytest.raises(UsageError, match="log 1 waits for the answer"):
         next(iter(simulate(arm, 1)))

@@ -8,17 +8,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from etude.campaign.evaluate.stopping import Evidence, judge
+from etude.campaign.evaluate.stopping import LogOutcome, judge
 from etude.campaign.record.config import StopConfig
 from etude.codes import Stop
 from etude.errors import UsageError
 
 CONFIG = StopConfig(command_tolerance=0.02)
-OPEN = Evidence(1, 0.2, 5.0, 0.5, 1.5, 1.0, 0.1, 1.0)
+OPEN = LogOutcome(1, 0.2, 5.0, 0.5, 1.5, 1.0, 0.1, 1.0)
 """Worth going on in every respect."""
 
 
-def series(*changes: dict[str, object]) -> list[Evidence]:
+def series(*changes: dict[str, object]) -> list[LogOutcome]:
     return [replace(OPEN, number=i + 1, **change) for i, change in enumerate(changes)]  # type: ignore[arg-type]
 
 

@@ -10,7 +10,7 @@ from small_robot import make_campaign
 
 from etude import ask
 from etude.campaign import Campaign, stored_trajectory
-from etude.campaign.propose.motions import load_tasks
+from etude.campaign.propose.typical_motions import load_tasks
 from etude.errors import UsageError
 from etude.types import Channel
 

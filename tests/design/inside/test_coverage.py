@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from etude.design.candidates import BINS, SLOW, Region, Roam, Roamed, Visited
-from etude.design.chain import near_to_near
+from etude.design.chain_design import near_to_near
 from etude.limits import AxisLimit
 from etude.protocols import Family, Trajectory
 from etude.trajectories import FourierConfig, FourierFamily, FourierTrajectory, PointToPoint
@@ -133,12 +133,12 @@ def test_what_was_visited_is_left_for_what_was_not() -> None:
     news = [source(visited, 120.0), source(None, 120.0)]
     wide = []
     for one in news:
-        ways = [
+        approaches = [
             way(c.trajectory)
             for seed in range(6)
             for c in one.candidates(np.random.default_rng(seed), 24)[:1]
         ]
-        wide.append(np.mean([np.ptp(w[:, 1]) > np.ptp(w[:, 0]) for w in ways]))
+        wide.append(np.mean([np.ptp(w[:, 1]) > np.ptp(w[:, 0]) for w in approaches]))
     assert wide[0] >= 0.8
     assert wide[0] > wide[1] - 1e-9
 
@@ -159,10 +159,10 @@ def test_segments_are_chained_near_to_near() -> None:
         table[0] = pose
         return FourierTrajectory(table, 1.0, 2.0 * np.pi)
 
-    def ways(motion: Trajectory, pose: Array) -> tuple[Trajectory, Trajectory]:
+    def approaches(motion: Trajectory, pose: Array) -> tuple[Trajectory, Trajectory]:
         first = motion.motion(np.zeros(1), 1).orders[0, 0]
         ends = np.stack([pose, first])
         return PointToPoint(ends, 1.0), PointToPoint(ends[::-1], 1.0)
 
-    order = near_to_near([at(2.0), at(-0.1), at(1.0), at(0.2)], ways, np.zeros(1))
+    order = near_to_near([at(2.0), at(-0.1), at(1.0), at(0.2)], approaches, np.zeros(1))
     assert order == [1, 3, 2, 0]

@@ -9,7 +9,7 @@ import pytest
 from design_examples import arm_family, arm_home, arm_inputs, arm_limits, arm_point, arm_spec
 
 from etude.design import linked, prior_latents
-from etude.design.chain import cut_short
+from etude.design.chain_design import cut_short
 from etude.design.latents import NOISE, SIGNAL
 from etude.limits import certify
 from etude.models import ModelConfig
@@ -63,8 +63,8 @@ def segments(count: int):
     return [family.trajectory(arm_point(np.random.default_rng(seed), family, 0.6)) for seed in range(count)]
 
 
-def ways(motion, pose):
-    return KIND.ways(SPEC, motion, pose)
+def approaches(motion, pose):
+    return KIND.approaches(SPEC, motion, pose)
 
 
 class Keep:
@@ -93,24 +93,24 @@ def straight(piece) -> bool:
 
 
 def test_links_are_straight_hurried_and_certified() -> None:
-    chain, kept = linked(segments(3), ways, arm_limits(), arm_home())
+    chain, kept = linked(segments(3), approaches, arm_limits(), arm_home())
     assert kept == 3
     assert [label for _, label, _ in chain.pieces()] == ["segment", "link", "segment", "link", "segment"]
     assert all(certify(piece, arm_limits()).ok for _, label, piece in chain.pieces() if label == "link")
     (_, _, first), (_, _, link), (_, _, second) = chain.pieces()[:3]
-    unhurried = ways(second, first.motion(np.array([first.duration]), 1).orders[0, 0])[0]
+    unhurried = approaches(second, first.motion(np.array([first.duration]), 1).orders[0, 0])[0]
     assert link.duration < unhurried.duration
     np.testing.assert_allclose(link.waypoints, unhurried.waypoints)  # type: ignore[attr-defined]
 
 
 def test_where_the_straight_way_is_refused_it_goes_by_home_and_else_ends() -> None:
     own = segments(2)
-    by_home, kept = linked(own, ways, (*arm_limits(), Keep(straight)), arm_home())
+    by_home, kept = linked(own, approaches, (*arm_limits(), Keep(straight)), arm_home())
     assert kept == 2
     assert [label for _, label, _ in by_home.pieces()] == ["segment", "link", "link", "segment"]
     middle = by_home.pieces()[1][2]
     np.testing.assert_allclose(middle.waypoints[-1], arm_home())  # type: ignore[attr-defined]
-    alone, kept = linked(own, ways, (*arm_limits(), Keep(lambda p: p.form == "moves")), arm_home())
+    alone, kept = linked(own, approaches, (*arm_limits(), Keep(lambda p: p.form == "moves")), arm_home())
     assert kept == 1
     assert alone is own[0]
     assert cut_short(1) == " No certified way leads to 1 more."

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from etude_lagrangian import Joints, Lagrangian
-from etude_lagrangian.parameters import Parameters
+from etude_lagrangian.kernel_parameters import Parameters
 
 TURNING = Joints((0, 1), (2, 3), (4, 5), (False, False))
 SLIDING = Joints((0, 1), (2, 3), (4, 5), (False, True))

@@ -26,7 +26,7 @@ from etude.models import ExactGP, PointMean, kernel_of, kernel_words, structured
 from etude.testing import KernelSuite
 from etude_lagrangian import Joints, Lagrangian, gip_lin
 from etude_lagrangian.joints import joints_of
-from etude_lagrangian.parameters import Parameters
+from etude_lagrangian.kernel_parameters import Parameters
 from etude_sparse import DictionaryConfig, DictionaryGP
 
 PARTS = ("base", "lift", "wrist")

@@ -6,9 +6,18 @@ import numpy as np
 import pytest
 
 from etude.errors import UsageError
-from etude.limits import COLLISIONS, HIDDEN, WAY, Ranges, TrackingConfig, in_words, margins_of, within_room
+from etude.limits import (
+    APPROACH,
+    COLLISIONS,
+    HIDDEN,
+    Ranges,
+    TrackingConfig,
+    in_words,
+    margins_of,
+    within_room,
+)
 from etude.limits.certificate import ALL, COMMANDS, TRACKING, not_verified
-from etude.limits.tracking import CONFIDENCE, factor, learned_table, start_table
+from etude.limits.tracking_margins import CONFIDENCE, factor, learned_table, start_table
 from etude.trajectories import Chain, PointToPoint
 from etude.types import Proof
 
@@ -111,5 +120,5 @@ def test_what_is_looked_at_is_not_said() -> None:
     assert COLLISIONS not in found
     assert "Cables." in found
     there = Chain((("approach", back), ("segment", alone), ("return", back)))
-    assert WAY not in not_verified(there, [], [row()])
-    assert WAY in not_verified(Chain((("approach", back), ("segment", alone))), [], [row()])
+    assert APPROACH not in not_verified(there, [], [row()])
+    assert APPROACH in not_verified(Chain((("approach", back), ("segment", alone))), [], [row()])

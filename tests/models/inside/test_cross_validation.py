@@ -20,7 +20,7 @@ from etude.models import (
     split_blocks,
 )
 from etude.models.data.cross_validation import held_out_blocks
-from etude.models.data.fit import seconds_of, spread_points
+from etude.models.data.fit_data import seconds_of, spread_points
 from etude.models.selection.linear import at_rest
 from etude.types import Samples
 

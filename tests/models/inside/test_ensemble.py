@@ -10,7 +10,7 @@ from learning_examples import LIMIT, NAMES, PHYSICS, SMALL, Inputs, selection, t
 
 from etude.errors import UsageError
 from etude.models import Folds, ModelConfig, select_structures
-from etude.models.protocols import share_of
+from etude.models.process_abilities import share_of
 from etude.models.selection import ensemble
 from etude.models.selection.ensemble import (
     EXPONENT,

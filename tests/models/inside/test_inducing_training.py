@@ -8,8 +8,8 @@ from arm_kernel import structured_kernel
 
 from etude.errors import DataError, UsageError
 from etude.models import Prior, SquaredExponential, fit_inducing, initial_inducing
+from etude.models.gp.hyperparameters import weak_prior
 from etude.models.gp.inducing_training import greedy_points
-from etude.models.gp.training import weak_prior
 
 FORMS = pytest.mark.parametrize("form", ["vfe", "fitc"])
 METHODS = pytest.mark.parametrize("method", ["lbfgs", "minimize"])

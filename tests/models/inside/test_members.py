@@ -27,9 +27,9 @@ from etude.design import Output, criterion_named, evaluate, value_of
 from etude.errors import UsageError
 from etude.models import Posteriors, load_model, member_named, prediction_score, save_model
 from etude.models.config import SPECTRAL
-from etude.models.data.fit import counted
+from etude.models.data.fit_data import counted
 from etude.models.gp.shared_exact import condition_shared
-from etude.models.protocols import HasKernel
+from etude.models.process_abilities import HasKernel
 
 MEMBERS = {name: member_named(name) for name in plugins.BUILT_IN["etude.models"] if name != "all_lin"}
 """Those that learn commands one by one."""

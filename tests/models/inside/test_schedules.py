@@ -34,8 +34,8 @@ from etude.models import (
     trained_process,
 )
 from etude.models.config import SCHEDULES, SPECTRAL
-from etude.models.data.fit import on_schedule
-from etude.models.protocols import HasKernel
+from etude.models.data.fit_data import on_schedule
+from etude.models.process_abilities import HasKernel
 from etude.protocols import FitData
 from etude_sparse import DictionaryConfig, DictionaryGP
 

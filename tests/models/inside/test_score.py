@@ -19,7 +19,7 @@ from etude.models import (
     prediction_score,
     score_trajectories,
 )
-from etude.models.score import inflation, trivial_prediction
+from etude.models.accuracy import inflation, trivial_prediction
 from etude.models.student_t import StudentT
 
 

@@ -7,12 +7,12 @@ import pytest
 
 from etude.errors import DataError, NumericalError
 from etude.models import ExactGP, Linear, SquaredExponential, initial_gp
+from etude.models.gp.hyperparameters import weak_prior
 from etude.models.gp.shared_exact import (
     condition_shared,
     fit_shared,
     shared_likelihood,
 )
-from etude.models.gp.training import weak_prior
 
 D, M = 3, 4
 KERNEL = SquaredExponential((0, 1, 2)) + Linear((1, 2))

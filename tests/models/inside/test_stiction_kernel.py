@@ -20,7 +20,7 @@ from etude.models import (
 )
 from etude.models.gp.kernels import RestNoise, standing
 from etude.models.gp.single_point import PointCovariances
-from etude.models.protocols import EnsembleMember
+from etude.models.process_abilities import EnsembleMember
 from etude.types import Log
 
 COLUMNS = [

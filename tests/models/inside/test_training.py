@@ -8,7 +8,7 @@ from arm_kernel import structured_kernel
 
 from etude.errors import DataError, UsageError
 from etude.models import ExactGP, Kernel, Prior, SquaredExponential, fit, initial_gp
-from etude.models.gp.training import initial_theta, weak_prior
+from etude.models.gp.hyperparameters import initial_theta, weak_prior
 
 METHODS = pytest.mark.parametrize("method", ["lbfgs", "minimize"])
 KERNELS: list[Kernel] = [SquaredExponential(tuple(range(8))), structured_kernel(2, 0)]

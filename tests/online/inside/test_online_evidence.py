@@ -7,13 +7,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from etude_online.command import NEEDED, Evidence
+from etude_online.command import NEEDED, UpdateWeight
 
 ERRORS = st.lists(st.tuples(st.floats(-9.0, 9.0), st.floats(-9.0, 9.0)), min_size=1, max_size=40)
 
 
 def judged(pairs: list[tuple[float, float]], memory: float = 1e9, noise: float = 1e-12) -> float:
-    guard = Evidence(memory, noise)
+    guard = UpdateWeight(memory, noise)
     for frozen, updated in pairs:
         guard.judge(frozen, updated)
     return guard.weight
@@ -52,8 +52,8 @@ def test_a_model_that_is_wrong_by_far_does_not_estimate_the_bias() -> None:
 
 
 def test_doubt_holds_back_until_the_models_have_differed_by_more_than_noise() -> None:
-    assert Evidence(100.0, 1.0).weight == 0.0
-    assert Evidence(100.0, 0.0).weight == 0.0
+    assert UpdateWeight(100.0, 1.0).weight == 0.0
+    assert UpdateWeight(100.0, 0.0).weight == 0.0
     few, many = judged([(1.0, 0.0)], noise=1.0), judged([(1.0, 0.0)] * 1000, noise=1.0)
     best = 1.0 / (1.0 + NEEDED)
     assert few == pytest.approx(best**2 * (3.0 - 2.0 * best))
@@ -69,7 +69,7 @@ def test_what_is_long_past_does_not_count() -> None:
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf])
 def test_errors_that_are_not_finite_take_the_weight_away(bad: float) -> None:
-    guard = Evidence(50.0, 1e-6)
+    guard = UpdateWeight(50.0, 1e-6)
     for _ in range(20):
         guard.judge(1.0, 0.0)
     assert guard.weight > 0.9

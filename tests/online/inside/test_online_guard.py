@@ -18,9 +18,9 @@ from etude_online import OnlineConfig, OnlineModel, feedback_of
 from etude_online.guard import AUTHORITY, Hedge
 from etude_online.guard_effort import FeedbackLaw, ToldFeedback, decision_ticks
 from etude_online.guard_gate import Gate, Ranges
+from etude_online.learner_state import state_bytes, state_of
 from etude_online.methods import METHODS
 from etude_online.row_samples import OwnClock
-from etude_online.state import state_bytes, state_of
 
 RATE, PERIOD, END = 100.0, 0.1, 40.0
 CONFIG = OnlineConfig("variance", size=30)

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from etude_quadrotor.plant.flight_plan import FlightPlan
 from etude_quadrotor.plant.parameters import FlightParameters
-from etude_quadrotor.plant.plan import FlightPlan
 
 Array = NDArray[np.float64]
 UP = np.array([0.0, 0.0, 1.0])

@@ -398,8 +398,8 @@ def test_what_takes_less_is_offered_to_whom_it_was_not_given(
     slow = replace(CRAZYFLIE, chip=replace(CRAZYFLIE.chip, hertz=1e5))
     with pytest.raises(UsageError, match="of its time at 100 Hz") as refused:
         slow(both, QUADROTOR, spec(), {"name": "own", **given})
-    ways = ("--rate", "--real float", "--single", "--no-fade", "model.points")
-    assert [way for way in ways if way in refused.value.next_step] == offered
+    approaches = ("--rate", "--real float", "--single", "--no-fade", "model.points")
+    assert [way for way in approaches if way in refused.value.next_step] == offered
 
 
 def test_a_slower_rate_is_offered_where_one_fits(model: Any) -> None:

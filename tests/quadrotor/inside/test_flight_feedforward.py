@@ -33,7 +33,7 @@ from etude_quadrotor.controller import (
 )
 from etude_quadrotor.flatness import flat_motion
 from etude_quadrotor.motions import home, limits
-from etude_quadrotor.plant.registry import simulated_vehicle
+from etude_quadrotor.plant.simulated_vehicle import simulated_vehicle
 from etude_quadrotor.preprocessing import FlightData
 from etude_quadrotor.vehicle import GRAVITY
 

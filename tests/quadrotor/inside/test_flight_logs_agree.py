@@ -12,8 +12,8 @@ from scipy.spatial.transform import Rotation
 from etude.cli import main
 from etude.types import Array, Log, Motion
 from etude_quadrotor import KIND
-from etude_quadrotor.agreement import DELAY, agreement_findings
 from etude_quadrotor.flatness import flat_motion
+from etude_quadrotor.sensor_consistency import DELAY, agreement_findings
 
 ROBOT = Path(__file__).parents[3] / "examples" / "px4" / "px4_quad.toml"
 RATE, SECONDS = 100.0, 30.0

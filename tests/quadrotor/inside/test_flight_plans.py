@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 
 from etude.errors import DataError, UsageError
 from etude_quadrotor import KIND, Disturbance
+from etude_quadrotor.plant.flight_plan import plan_on_grid
 from etude_quadrotor.plant.parameters import DATA, load_flight_parameters
-from etude_quadrotor.plant.plan import plan_on_grid
-from etude_quadrotor.plant.registry import PLANTS, simulated_vehicle
 from etude_quadrotor.plant.robot import flight_log
+from etude_quadrotor.plant.simulated_vehicle import PLANTS, simulated_vehicle
 
 Array = NDArray[np.float64]
 

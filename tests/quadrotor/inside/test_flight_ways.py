@@ -10,12 +10,12 @@ import pytest
 from etude.campaign import There, there_and_back
 from etude.deploy import certify_played
 from etude.errors import UnsafeTrajectoryError, UsageError
-from etude.limits import WAY, FeasibleSet, certify, scaled
+from etude.limits import APPROACH, FeasibleSet, certify, scaled
 from etude.protocols import Limit, Trajectory
 from etude.trajectories import Chain, Splined
 from etude.types import Array
 from etude_quadrotor import KIND, OFFBOARD, POLY4D, FlightConfig, QuadrotorSpec, flight_family
-from etude_quadrotor.motions import home, limits, ways
+from etude_quadrotor.motions import approaches, home, limits
 from etude_quadrotor.spec_file import check_spec
 
 SPEC: QuadrotorSpec = KIND.spec(KIND.built_in()["quadrotor"])
@@ -32,7 +32,7 @@ def flown(spec: QuadrotorSpec, seed: int, seconds: float = 15.0) -> tuple[There,
     room = FeasibleSet.of(allowed, own, home(spec))
     flight = own.trajectory(scaled(np.random.default_rng(seed), room)[0])
     pose = KIND.poses(spec)["ground"]
-    found = there_and_back(flight, pose, lambda m, p: ways(spec, m, p), allowed, home(spec))
+    found = there_and_back(flight, pose, lambda m, p: approaches(spec, m, p), allowed, home(spec))
     assert found is not None
     return found, allowed, pose
 
@@ -50,7 +50,7 @@ def test_a_flight_starts_and_ends_on_the_ground_at_rest_within_three_quarters_of
     certificate = certify(whole, allowed)
     assert certificate.ok
     assert certificate.at_rest
-    assert WAY not in certificate.not_verified
+    assert APPROACH not in certificate.not_verified
     assert whole.duration <= 45.0
     ends = whole.motion(np.array([0.0, whole.duration]), 4).orders
     np.testing.assert_allclose(ends[0], [pose, pose], atol=1e-9)
@@ -98,12 +98,12 @@ def test_from_hover_there_is_no_take_off_and_a_wall_in_the_way_is_refused() -> N
     found, allowed, _ = flown(SPEC, 2)
     assert [label for _, label, _ in whole_of(found).pieces()] == LABELS
     middle = whole_of(found).pieces()[3][2]
-    hover = there_and_back(middle, home(SPEC), lambda m, p: ways(SPEC, m, p), allowed, home(SPEC))
+    hover = there_and_back(middle, home(SPEC), lambda m, p: approaches(SPEC, m, p), allowed, home(SPEC))
     assert hover is not None
     assert [label for _, label, _ in whole_of(hover).pieces()] == LABELS[1:-1]
     outside = np.array([9.6, 0.0, 2.0])
     with pytest.raises(UnsafeTrajectoryError, match="position of 'x'"):
-        there_and_back(middle, outside, lambda m, p: ways(SPEC, m, p), allowed, home(SPEC))
+        there_and_back(middle, outside, lambda m, p: approaches(SPEC, m, p), allowed, home(SPEC))
 
 
 def test_parts_that_jump_in_speed_are_no_chain() -> None:

@@ -8,7 +8,7 @@ import pytest
 
 from etude.errors import UsageError
 from etude_quadrotor import KIND
-from etude_quadrotor.plant.registry import PLANTS, simulated_vehicle
+from etude_quadrotor.plant.simulated_vehicle import PLANTS, simulated_vehicle
 from etude_quadrotor.spec_file import spec_from_table, spec_to_toml
 
 

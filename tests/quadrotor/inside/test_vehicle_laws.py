@@ -16,10 +16,15 @@ from scipy.integrate import trapezoid
 
 from etude_quadrotor.plant import core
 from etude_quadrotor.plant.flight import Flight, rotation
+from etude_quadrotor.plant.flight_plan import FlightPlan
 from etude_quadrotor.plant.parameters import FlightParameters, load_flight_parameters
-from etude_quadrotor.plant.plan import FlightPlan
-from etude_quadrotor.plant.registry import simulated_vehicle
-from etude_quadrotor.plant.simulated import NOWHERE, SimulatedVehicle, control, true_body
+from etude_quadrotor.plant.simulated_vehicle import (
+    NOWHERE,
+    SimulatedVehicle,
+    control,
+    simulated_vehicle,
+    true_body,
+)
 
 Array = NDArray[np.float64]
 CLEAN = load_flight_parameters("quadrotor")

@@ -11,8 +11,8 @@ from inverse_flights import SPEC, TRUTH, VEHICLE, flights, log_with, random_log,
 from etude.errors import DataError
 from etude.types import Samples
 from etude_quadrotor import nominal_inverse
+from etude_quadrotor.physics.flight_physics import Identified, Nominal
 from etude_quadrotor.physics.linear_inverse import LinearInverse, identify_linear
-from etude_quadrotor.physics.structures import Identified, Nominal
 from etude_quadrotor.physics.vehicle_inverse import (
     COEFFICIENTS,
     VehicleInverse,

@@ -12,10 +12,9 @@ from etude.types import Log
 from etude_quadrotor import KIND, Disturbance, QuadrotorSpec
 from etude_quadrotor.channels import command
 from etude_quadrotor.plant.flight import Flight
-from etude_quadrotor.plant.plan import FlightPlan
-from etude_quadrotor.plant.registry import PLANTS, simulated_vehicle
+from etude_quadrotor.plant.flight_plan import FlightPlan
 from etude_quadrotor.plant.robot import flight_log
-from etude_quadrotor.plant.simulated import SimulatedVehicle
+from etude_quadrotor.plant.simulated_vehicle import PLANTS, SimulatedVehicle, simulated_vehicle
 
 
 @pytest.fixture(params=list(PLANTS))

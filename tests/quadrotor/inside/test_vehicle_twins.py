@@ -10,9 +10,8 @@ import numpy as np
 import pytest
 
 from etude_quadrotor import KIND, Disturbance
-from etude_quadrotor.plant.plan import FlightPlan
-from etude_quadrotor.plant.registry import PLANTS, simulated_vehicle
-from etude_quadrotor.plant.simulated import SimulatedVehicle
+from etude_quadrotor.plant.flight_plan import FlightPlan
+from etude_quadrotor.plant.simulated_vehicle import PLANTS, SimulatedVehicle, simulated_vehicle
 
 
 def _plan(vehicle: SimulatedVehicle, seconds: float) -> FlightPlan:

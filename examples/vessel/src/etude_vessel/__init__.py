@@ -259,7 +259,7 @@ class VesselKind:
             *made_limits(spec.limits, spec, model, margins, AXES),
         )
 
-    def ways(self, spec: VesselSpec, motion: Trajectory, pose: Array) -> None:
+    def approaches(self, spec: VesselSpec, motion: Trajectory, pose: Array) -> None:
         return None
 
     def inputs(self, spec: VesselSpec, config: Any) -> VesselInputs:

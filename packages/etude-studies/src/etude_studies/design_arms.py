@@ -52,10 +52,10 @@ class Arm:
 
     def chained(self, segments: Sequence[Trajectory]) -> Trajectory:
         """One recording of the segments."""
-        return linked(segments, self.ways, self.limits, self.home)[0]
+        return linked(segments, self.approaches, self.limits, self.home)[0]
 
-    def ways(self, motion: Trajectory, pose: Array) -> Any:
-        return self.world.kind.ways(self.world.spec, motion, pose)
+    def approaches(self, motion: Trajectory, pose: Array) -> Any:
+        return self.world.kind.approaches(self.world.spec, motion, pose)
 
     def designed(
         self,
@@ -85,7 +85,7 @@ class Arm:
             rng,
             tasks,
             count=count,
-            ways=self.ways,
+            approaches=self.approaches,
             standing_in=() if model is None else self.reference(rng),
             rate=float(spec.rate),
             physics=kind.physics(spec, config),

@@ -85,7 +85,7 @@ def test_with_updates_the_last_pass_is_better_than_without(model, method: str) -
 
 
 def test_a_learner_without_weight_leaves_the_ordinary_run(model, monkeypatch) -> None:
-    monkeypatch.setattr("etude_online.command.Evidence.judge", lambda *_: None)
+    monkeypatch.setattr("etude_online.command.UpdateWeight.judge", lambda *_: None)
     held, without = run(model, "variance", passes=1), run(model, None, passes=1)
     for name, values in without.log.values.items():
         np.testing.assert_array_equal(held.log[name], values, err_msg=name)

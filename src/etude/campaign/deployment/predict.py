@@ -17,7 +17,7 @@ from etude.errors import DataError, UsageError
 from etude.logs.cleaning.read import matched_log
 from etude.logs.readers.cells import header_row
 from etude.models.data.as_log import followed
-from etude.models.model import LearnedModel
+from etude.models.learned_model import LearnedModel
 from etude.protocols import Trajectory
 from etude.storage import write_atomic
 from etude.trajectories.json_text import from_json

@@ -16,9 +16,7 @@ from etude.campaign.record.state import State
 from etude.campaign.record.stored_models import LEFT_OUT, MODEL, check_model, groups_of, ingested_samples
 from etude.codes import Notice, Phrase, Refusal
 from etude.errors import DataError, UsageError
-from etude.models.data.fit import in_order
-from etude.models.model import LearnedModel
-from etude.models.score import (
+from etude.models.accuracy import (
     LEAST_COVERED,
     LEAST_SEGMENTS,
     Compared,
@@ -27,6 +25,8 @@ from etude.models.score import (
     coverage,
     uncalibrated,
 )
+from etude.models.data.fit_data import in_order
+from etude.models.learned_model import LearnedModel
 from etude.models.selection.model_selection import CONSTANT, CrossValidationResiduals, read_residuals
 from etude.storage import sha256_of
 from etude.types import Array, Samples

@@ -19,7 +19,7 @@ import numpy as np
 from etude.campaign.propose.ask import Proposal, present
 from etude.campaign.propose.constraints import Constraints, constraints_now, constraints_then
 from etude.campaign.propose.export import export, require_formats
-from etude.campaign.propose.motions import from_rest, typical_motions
+from etude.campaign.propose.typical_motions import from_rest, typical_motions
 from etude.campaign.record.confirmation import FEEDFORWARD, left_over, trained_speeds
 from etude.campaign.record.controls import FEEDBACK, LEARNED
 from etude.campaign.record.deployed_model import model_of_sha256, model_to_command
@@ -32,7 +32,7 @@ from etude.deploy.trajectory_files import TrajectoryFiles, column_names, read_ta
 from etude.errors import UnsafeTrajectoryError, UsageError
 from etude.limits.commands import require_possible
 from etude.logs.readers.cells import header_row
-from etude.models.model import LearnedModel
+from etude.models.learned_model import LearnedModel
 from etude.protocols import Limit, Trajectory
 from etude.storage import write_atomic
 

@@ -99,9 +99,9 @@ def _standing(round_: Round) -> str:
         return f"confirms, {len(round_.runs)} of 2 runs"
     if round_.ingested is None:
         return "open" if round_.asked is not None else "taken back"
-    if round_.aside:
+    if round_.excluded:
         return "set aside"
-    if round_.held:
+    if round_.awaits_answer:
         return "waits for an answer"
     return "learned" if round_.learned else "told"
 

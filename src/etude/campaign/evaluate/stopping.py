@@ -27,7 +27,7 @@ STILL_CHANGING = 0.7
 
 
 @dataclass(frozen=True)
-class Evidence:
+class LogOutcome:
     """What is known after one log was learned.
 
     Attributes:
@@ -113,7 +113,7 @@ class Verdict:
         return {**self.said.to_json(), **own, "harm": harm}
 
 
-def judge(evidence: Sequence[Evidence], config: StopConfig) -> Verdict:
+def judge(evidence: Sequence[LogOutcome], config: StopConfig) -> Verdict:
     """The verdict after the last of `evidence` (oldest first); all rules but the budget must repeat."""
     harm = _harm(evidence[-1]) if evidence else None
     recent = evidence[-config.consecutive :]
@@ -125,7 +125,7 @@ def judge(evidence: Sequence[Evidence], config: StopConfig) -> Verdict:
     return Verdict(_said(recent, config), harm)
 
 
-def _said(recent: Sequence[Evidence], config: StopConfig) -> Notice:
+def _said(recent: Sequence[LogOutcome], config: StopConfig) -> Notice:
     """What the rules say by themselves, of as many logs as must agree."""
     tolerable, doubt = all(_tolerable(e, config) for e in recent), _doubt(recent[-1])
     forecast = {"forecast": recent[-1].forecast, "goal": config.command_tolerance}
@@ -140,7 +140,7 @@ def _said(recent: Sequence[Evidence], config: StopConfig) -> Notice:
     return Notice(Stop.OPEN, {"open": _open_points(recent[-1], config)})
 
 
-def _budget(evidence: Sequence[Evidence], config: StopConfig) -> Notice | None:
+def _budget(evidence: Sequence[LogOutcome], config: StopConfig) -> Notice | None:
     if config.budget_trajectories and len(evidence) >= config.budget_trajectories:
         return Notice(Stop.BUDGET_LOGS, {"logs": config.budget_trajectories})
     minutes = evidence[-1].robot_minutes if evidence else 0.0
@@ -149,21 +149,21 @@ def _budget(evidence: Sequence[Evidence], config: StopConfig) -> Notice | None:
     return None
 
 
-def _tolerable(e: Evidence, config: StopConfig) -> bool:
+def _tolerable(e: LogOutcome, config: StopConfig) -> bool:
     return config.command_tolerance > 0 and e.forecast <= config.command_tolerance
 
 
-def _in_noise(e: Evidence, config: StopConfig) -> bool:
+def _in_noise(e: LogOutcome, config: StopConfig) -> bool:
     return config.noise_fraction > 0 and e.noise_ratio is not None and e.noise_ratio <= config.noise_fraction
 
 
-def _not_worth_it(e: Evidence, config: StopConfig) -> bool:
+def _not_worth_it(e: LogOutcome, config: StopConfig) -> bool:
     return (
         config.gain_per_minute > 0 and e.gain is not None and e.gain / e.gain_minutes < config.gain_per_minute
     )
 
 
-def _harm(e: Evidence) -> Notice | None:
+def _harm(e: LogOutcome) -> Notice | None:
     """Why the model should not be used, whatever a rule says."""
     if e.red:
         return e.red[0]
@@ -172,7 +172,7 @@ def _harm(e: Evidence) -> Notice | None:
     return None
 
 
-def _doubt(e: Evidence) -> Notice | None:
+def _doubt(e: LogOutcome) -> Notice | None:
     if e.calibration is not None and e.calibration > OVERCONFIDENT:
         return Notice(Phrase.LARGE_ERRORS, {"factor": e.calibration})
     if e.moved is not None and e.moved > STILL_CHANGING:
@@ -180,7 +180,7 @@ def _doubt(e: Evidence) -> Notice | None:
     return None
 
 
-def _open_points(e: Evidence, config: StopConfig) -> tuple[Notice, ...]:
+def _open_points(e: LogOutcome, config: StopConfig) -> tuple[Notice, ...]:
     parts = []
     if config.command_tolerance:
         fields = {"forecast": e.forecast, "goal": config.command_tolerance}
@@ -197,8 +197,8 @@ POOLED = 3
 """Trajectories whose prequential z^2 make the calibration factor."""
 
 
-def seen_by_the_rule(campaign: Campaign, state: State, next_gain: float | None = None) -> list[Evidence]:
-    """One Evidence for each learned log, in the order of learning.
+def seen_by_the_rule(campaign: Campaign, state: State, next_gain: float | None = None) -> list[LogOutcome]:
+    """One LogOutcome for each learned log, in the order of learning.
 
     Args:
         campaign: gives limits and set-up time.
@@ -233,14 +233,14 @@ def _gains_after(state: State) -> dict[int, float | None]:
     return {a.learned: a.gain for a in asked if a.gain is not None}
 
 
-def _evidence(campaign: Campaign, trained: list[Round], gain: float | None, minutes: float) -> Evidence:
+def _evidence(campaign: Campaign, trained: list[Round], gain: float | None, minutes: float) -> LogOutcome:
     facts = trained[-1].trained
     assert facts is not None
     calibration = calibration_factor(trained)
     deviation = np.array(facts.forecast_deviation) * math.sqrt(max(calibration or 1.0, 1.0))
     noise = facts.noise_deviation
     ratio = None if noise is None else (np.array(facts.latent_deviation) / np.maximum(noise, 1e-300)) ** 2
-    return Evidence(
+    return LogOutcome(
         number=trained[-1].number,
         forecast=float(np.max(deviation / campaign.kind.limit(campaign.spec))),
         noise_ratio=None if ratio is None else float(np.max(ratio)),

@@ -40,8 +40,8 @@ class IngestedFile:
             if first == "answered"
             else f"{first}, as {self.ingested.number}"
         )
-        aside = "; set aside" if self.ingested.aside else ""
-        return number + ("; waits for an answer" if self.ingested.held else aside)
+        excluded = "; set aside" if self.ingested.excluded else ""
+        return number + ("; waits for an answer" if self.ingested.awaits_answer else excluded)
 
 
 @dataclass(frozen=True)

@@ -50,8 +50,8 @@ class Told:
         learned: numbers of the logs that were learned now.
         warnings: what the newest training has to say: inputs that logs lack, for example.
         findings: what is wrong with the log, or with the robot; they stand in the journal beside it.
-        held: it is stored and waits for an answer before it is learned.
-        aside: it is kept and nothing learns from it: the robot had changed.
+        awaits_answer: it is stored and waits for an answer before it is learned.
+        excluded: it is kept and nothing learns from it: the robot had changed.
         run: of a motion that confirms, "without" or "with" the feedforward; nothing learns from it.
         start: a sentence about its start transient, which is in no margin; "" without one.
     """
@@ -63,8 +63,8 @@ class Told:
     learned: tuple[int, ...]
     warnings: tuple[Notice, ...] = ()
     findings: tuple[Finding, ...] = ()
-    held: bool = False
-    aside: bool = False
+    awaits_answer: bool = False
+    excluded: bool = False
     run: str = ""
     start: str = ""
 

@@ -19,7 +19,7 @@ from etude.errors import DataError, UsageError
 from etude.logs.cleaning.filters import duration
 from etude.models.change.diagnosis import SENSOR, Cause
 from etude.models.change.evidence import judged
-from etude.models.model import LearnedModel
+from etude.models.learned_model import LearnedModel
 from etude.types import Finding, Log, Samples
 
 Answer = Literal["new", "forget", "same"]
@@ -89,17 +89,17 @@ def answer(campaign: Campaign, state: State, choice: str, told: Sequence[int]) -
     """
     if choice not in ANSWERS:
         raise UsageError(f"{FLAG} {choice}: no such answer", next_step=f"Answers: {', '.join(ANSWERS)}.")
-    held = [r.number for r in state.held]
-    meant = sorted({*held, *told} & {r.number for r in state.ingested})
-    if not held and not told:
+    waiting = [r.number for r in state.awaiting_answer]
+    meant = sorted({*waiting, *told} & {r.number for r in state.ingested})
+    if not waiting and not told:
         raise UsageError(
             "no log waits for the answer to whether the robot has changed",
             where=str(campaign.path),
             next_step=f"Give {FLAG} together with the log it speaks of.",
         )
     others = [r.number for r in state.ingested if r.number not in meant]
-    aside = {"new": others, "forget": meant, "same": []}[choice]
-    if not meant or not (held or aside):
+    excluded = {"new": others, "forget": meant, "same": []}[choice]
+    if not meant or not (waiting or excluded):
         return False
-    campaign.commit(Changed(choice=choice, logs=tuple(meant), aside=tuple(aside)), max(meant))
+    campaign.commit(Changed(choice=choice, logs=tuple(meant), aside=tuple(excluded)), max(meant))
     return True

@@ -90,10 +90,16 @@ def finished(
     if ingested or done:
         take_up(campaign)
     state = campaign.state()
-    held, warnings = {r.number for r in state.held}, newest_warnings(campaign, state)
-    aside = {number for number, r in state.rounds.items() if r.aside}
+    waiting, warnings = {r.number for r in state.awaiting_answer}, newest_warnings(campaign, state)
+    excluded = {number for number, r in state.rounds.items() if r.excluded}
     return [
-        replace(one, learned=done, warnings=warnings, held=one.number in held, aside=one.number in aside)
+        replace(
+            one,
+            learned=done,
+            warnings=warnings,
+            awaits_answer=one.number in waiting,
+            excluded=one.number in excluded,
+        )
         for one in ingested
     ]
 

@@ -13,12 +13,12 @@ import numpy as np
 
 from etude.abilities import SupportsOrder, SupportsPoses
 from etude.campaign.propose.constraints import Constraints
-from etude.campaign.propose.motions import approaches_of
+from etude.campaign.propose.typical_motions import approaches_of
 from etude.campaign.record.events import Exported
 from etude.campaign.record.folder import Campaign
 from etude.campaign.record.stored_files import settle
 from etude.deploy.trajectory_files import TrajectoryFiles, column_names, render
-from etude.design.chain import Approaches
+from etude.design.chain_design import Approaches
 from etude.errors import UnsafeTrajectoryError, UsageError
 from etude.limits.certificate import Certificate, certify, require_certified
 from etude.limits.lead_ins import leads, with_leads
@@ -108,7 +108,7 @@ class There:
 
 
 def there_and_back(
-    motion: Trajectory, pose: Array, ways: Approaches, limits: Sequence[Limit], home: Array
+    motion: Trajectory, pose: Array, approaches: Approaches, limits: Sequence[Limit], home: Array
 ) -> There | None:
     """Straight ways, or by home where these are not proved; None from kinds that know none.
 
@@ -116,17 +116,17 @@ def there_and_back(
 
     Args:
         motion: what is run. pose: (k,) where the robot stands, and shall stand again.
-        ways: the kind's. limits: what may not be exceeded. home: (k,) a pose clear of everything.
+        approaches: the kind's. limits: what may not be exceeded. home: (k,) a pose clear of everything.
 
     Raises:
         UnsafeTrajectoryError: neither way is proved; says what the straight one would leave or touch.
     """
     before, after = leads(motion, limits) or (None, None)
     led = with_leads(motion, before, after)
-    straight, by_home = ways(led, pose), ways(led, home)
+    straight, by_home = approaches(led, pose), approaches(led, home)
     if straight is None or by_home is None:
         return None
-    out, back = ways(by_home[0], pose), ways(by_home[1], pose)
+    out, back = approaches(by_home[0], pose), approaches(by_home[1], pose)
     assert out is not None
     assert back is not None
     approach = _proved([(straight[0],), (out[0], by_home[0])], limits)

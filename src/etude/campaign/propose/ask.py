@@ -60,7 +60,7 @@ class Proposal:
         new: False if it had been asked for before and is still open.
         status: how it was found.
         exported: the same motion in the formats that were asked for.
-        way: from where the robot stands to its start, and back, if that was asked for.
+        approach: from where the robot stands to its start, and back, if that was asked for.
         renewed: sentences, which of its files were written anew, and why.
         swept: of each axis; none of kinds that do not know where their robots can be.
     """
@@ -72,7 +72,7 @@ class Proposal:
     new: bool
     status: str
     exported: tuple[ExportedMotion, ...] = ()
-    way: Approached | None = None
+    approach: Approached | None = None
     renewed: tuple[str, ...] = ()
     swept: tuple[Swept, ...] = ()
 
@@ -128,15 +128,19 @@ def ask(
         else:
             require_learned(under, state)
             number, constraints = state.next_number, constraints_now(campaign, state, under)
-            check = _way_check(campaign, start, speed)
+            check = _approach_check(campaign, start, speed)
             made = _propose(campaign, state, number, constraints, motions, tasks, go_on, say, check)
         found = present(campaign, number, constraints, made, speed)
         motion = stored_trajectory(campaign, number, speed)
-        way = _way(campaign, number, motion, found, start, constraints) if start else None
-        whole = (motion, found.folder) if way is None or way.whole is None else (way.whole, way.folder)
+        approach = _approach(campaign, number, motion, found, start, constraints) if start else None
+        whole = (
+            (motion, found.folder)
+            if approach is None or approach.whole is None
+            else (approach.whole, approach.folder)
+        )
         exported = _exported(campaign, number, whole, formats, effort)
         take_up(campaign)
-        return replace(found, exported=exported, way=way)
+        return replace(found, exported=exported, approach=approach)
 
 
 # what a plain `ask` does not need is not loaded: it is the command that is run most
@@ -145,7 +149,7 @@ def ask(
 def _tasks(campaign: Campaign, tasks: Path | None) -> Sequence[Trajectory]:
     if tasks is None:
         return ()
-    from etude.campaign.propose.motions import load_tasks
+    from etude.campaign.propose.typical_motions import load_tasks
 
     return load_tasks(tasks, campaign.channel(campaign.kind.path))
 
@@ -164,7 +168,7 @@ def _learn(campaign: Campaign, learner: Learner | None, say: Say) -> None:
         learn_pending(campaign, learner, say)
 
 
-def _way(
+def _approach(
     campaign: Campaign,
     number: int,
     motion: Trajectory,
@@ -177,7 +181,7 @@ def _way(
     return approached(campaign, number, motion, found.folder, start, constraints)
 
 
-def _way_check(campaign: Campaign, start: str, speed: int) -> Callable[[Trajectory, Constraints], None]:
+def _approach_check(campaign: Campaign, start: str, speed: int) -> Callable[[Trajectory, Constraints], None]:
     """Refuses a motion that no way leads to from there, before it is a proposal; the pose is read now."""
     if not start:
         return lambda _, __: None

@@ -20,7 +20,7 @@ from etude.campaign.record.stored_files import FULL, stored_trajectory
 from etude.campaign.record.stored_models import of_another_body, require_stored, stored_model
 from etude.errors import DataError, UsageError
 from etude.limits.commands import after_run
-from etude.limits.tracking import ASSUMED, LOGS_CONSIDERED, Ranges, margins_of, within_room
+from etude.limits.tracking_margins import ASSUMED, LOGS_CONSIDERED, Ranges, margins_of, within_room
 from etude.logs.alignment.tracking_errors import tracked
 from etude.protocols import Limit, Model, Trajectory
 from etude.trajectories.json_text import SINGLE

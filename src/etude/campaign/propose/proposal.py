@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from etude.abilities import SupportsBlocking, SupportsReachable
-from etude.campaign.propose.motions import (
+from etude.campaign.propose.typical_motions import (
     approaches_of,
     from_rest,
     reference_motions,
@@ -90,7 +90,7 @@ def _random(
     campaign: Campaign, rng: np.random.Generator, limits: Sequence[Limit]
 ) -> tuple[Trajectory, Asked]:
     """Random segments, chained."""
-    from etude.design.chain import cut_short, linked
+    from etude.design.chain_design import cut_short, linked
 
     family = campaign.kind.family(campaign.spec, campaign.config)
     count = segments_of(campaign, family)
@@ -229,7 +229,7 @@ def _designed(
     limits: Sequence[Limit],
 ) -> tuple[Trajectory, Asked]:
     """The recording that teaches most, and how it was found."""
-    from etude.design.chain import design_chain
+    from etude.design.chain_design import design_chain
 
     kind, spec, config = campaign.kind, campaign.spec, campaign.config
     family = kind.family(spec, config)
@@ -244,7 +244,7 @@ def _designed(
         rng,
         tasks,
         count=segments_of(campaign, family),
-        ways=approaches_of(campaign),
+        approaches=approaches_of(campaign),
         standing_in=reference_motions(campaign, rng) if mixed else (),
         given=open_ones,
         rate=float(spec.rate),

@@ -41,7 +41,7 @@ def _of_logs(state: State) -> list[Notice]:
     found = []
     for r in state.ingested:
         for finding in r.ingested.findings if r.ingested else ():
-            if finding.light not in ("red", "yellow") or (finding.check == CHANGED and not r.held):
+            if finding.light not in ("red", "yellow") or (finding.check == CHANGED and not r.awaits_answer):
                 continue
             fields = {"log": r.number, "check": finding.check, "found": finding.sentence.rstrip(".")}
             fields |= {"step": finding.step, "flag": finding.flag}

@@ -8,7 +8,7 @@ from typing import Any
 
 from etude.design.config import DesignConfig
 from etude.errors import UsageError
-from etude.limits.tracking import TrackingConfig
+from etude.limits.tracking_margins import TrackingConfig
 from etude.logs.config import LogConfig
 from etude.models.config import ModelConfig
 from etude.protocols import Kind

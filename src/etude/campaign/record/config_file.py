@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from etude import plugins
-from etude._runtime.trust import folder_id, is_trusted, names_in, require_trusted, trust
+from etude._runtime.trusted_folders import folder_id, is_trusted, names_in, require_trusted, trust
 from etude.campaign.record.config import SECTIONS, CampaignConfig, preset_config
 from etude.campaign.record.journal import JOURNAL
 from etude.errors import UsageError

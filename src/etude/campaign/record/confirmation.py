@@ -16,7 +16,7 @@ from etude.protocols import Trajectory
 from etude.types import Array, Channel, Log, Mask
 
 if TYPE_CHECKING:
-    from etude.models.model import LearnedModel
+    from etude.models.learned_model import LearnedModel
 
 FEEDFORWARD = "feedforward.csv"
 """The same table as trajectory.csv, with a column for each command."""

@@ -15,7 +15,7 @@ from etude.errors import UsageError
 from etude.storage import sha256_of, write_atomic
 
 if TYPE_CHECKING:
-    from etude.models.model import LearnedModel
+    from etude.models.learned_model import LearnedModel
 
 FOLDER = "promoted"
 

@@ -10,7 +10,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from etude._runtime.trust import folder_id
+from etude._runtime.trusted_folders import folder_id
 from etude.abilities import SupportsStatedLimits
 from etude.campaign.record.config import CampaignConfig
 from etude.campaign.record.config_file import CONFIG, load_config, trusting
@@ -25,7 +25,7 @@ from etude.types import Channel, Margins
 
 if TYPE_CHECKING:
     from etude._runtime.pictures import Picture
-    from etude.models.model import LearnedModel
+    from etude.models.learned_model import LearnedModel
 
 ROBOT = "robot.toml"
 WAIT_S = 10.0

@@ -37,8 +37,8 @@ class Round:
         learned_with: number of the round whose training took this log in; None if that is its own, or none.
         abandoned: the log will never come, or must not be used.
         untold: its log was taken back.
-        aside: its log is of the robot as it was, or as it was for a while; it is kept and not learned.
-        held: its log waits for the answer to whether the robot has changed.
+        excluded: its log is of the robot as it was, or as it was for a while; it is kept and not learned.
+        awaits_answer: its log waits for the answer to whether the robot has changed.
         runs: of a motion that confirms: its logs, "without" and "with" the feedforward.
     """
 
@@ -51,8 +51,8 @@ class Round:
     learned_with: int | None = None
     abandoned: bool = False
     untold: bool = False
-    aside: bool = False
-    held: bool = False
+    excluded: bool = False
+    awaits_answer: bool = False
     runs: Mapping[str, Confirmed] = field(default_factory=dict)
 
     @property
@@ -96,7 +96,7 @@ class State:
         return [
             r
             for _, r in sorted(self.rounds.items())
-            if r.ingested is not None and not r.abandoned and not r.aside
+            if r.ingested is not None and not r.abandoned and not r.excluded
         ]
 
     @property
@@ -126,14 +126,14 @@ class State:
         return found
 
     @property
-    def held(self) -> list[Round]:
+    def awaiting_answer(self) -> list[Round]:
         """Rounds whose log waits for the answer to whether the robot has changed."""
-        return [r for r in self.ingested if r.held]
+        return [r for r in self.ingested if r.awaits_answer]
 
     @property
     def pending(self) -> list[Round]:
         """Rounds with a log that no model has learned yet, and that waits for no answer."""
-        return [r for r in self.ingested if not r.learned and not r.held]
+        return [r for r in self.ingested if not r.learned and not r.awaits_answer]
 
     @property
     def proposals(self) -> list[Round]:
@@ -196,10 +196,10 @@ def _next(old: Round, event: Event, order: int) -> Round:
         case Asked() as fact:
             return replace(old, asked=fact)
         case Ingested() as fact:
-            runs, held = old.runs, _is_held(fact)
-            return Round(old.number, old.asked, fact, ingested_at=event.time, held=held, runs=runs)
+            runs, waits = old.runs, _awaits_answer(fact)
+            return Round(old.number, old.asked, fact, ingested_at=event.time, awaits_answer=waits, runs=runs)
         case Untold():
-            return replace(old, ingested=None, untold=True, aside=False, held=False)
+            return replace(old, ingested=None, untold=True, excluded=False, awaits_answer=False)
         case Trained() as fact:
             return replace(old, trained=fact, order=order, learned_with=None)
         case Abandoned():
@@ -209,7 +209,7 @@ def _next(old: Round, event: Event, order: int) -> Round:
     return old
 
 
-def _is_held(ingested: Ingested) -> bool:
+def _awaits_answer(ingested: Ingested) -> bool:
     """Whether the log was told with the finding that the robot has changed."""
     return any(f.check == CHANGED and f.light == "red" for f in ingested.findings)
 
@@ -222,10 +222,13 @@ def _taken_in(state: State, number: int, together: Iterable[int]) -> State:
     return replace(state, rounds=rounds)
 
 
-def _answered(state: State, aside: Sequence[int]) -> State:
+def _answered(state: State, excluded: Sequence[int]) -> State:
     """Nothing waits for an answer any more, and what was put aside is learned no longer."""
-    state = _without(state, aside)
-    rounds = {n: replace(r, held=False, aside=r.aside or n in aside) for n, r in state.rounds.items()}
+    state = _without(state, excluded)
+    rounds = {
+        n: replace(r, awaits_answer=False, excluded=r.excluded or n in excluded)
+        for n, r in state.rounds.items()
+    }
     return replace(state, rounds=rounds)
 
 

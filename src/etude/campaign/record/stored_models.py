@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from etude._runtime.trust import folder_id
+from etude._runtime.trusted_folders import folder_id
 from etude.abilities import SupportsBody, SupportsPlant
 from etude.campaign.record.config_file import trusting
 from etude.campaign.record.events import Trained
@@ -23,7 +23,7 @@ from etude.storage import sha256_of
 from etude.types import Array, Log, Mask, Samples
 
 if TYPE_CHECKING:
-    from etude.models.model import LearnedModel
+    from etude.models.learned_model import LearnedModel
 
 MODEL, LEFT_OUT = "model.npz", "left_out.npz"
 LINEAR, MIXED = "linear", "mixed"
@@ -171,9 +171,9 @@ STILL = 0.02
 def held_commands(campaign: Campaign, paths: Sequence[Array]) -> Mask:
     """(J,) commands of coordinates that are held in all logs, where each has a command of its own.
 
-    paths: (T, J) positions of each log.
+    paths: (T, J) positions of each log that has them.
     """
-    if campaign.command.parts != campaign.axes:
+    if campaign.command.parts != campaign.axes or not paths:
         return np.zeros(len(campaign.command.parts), dtype=bool)
     low, high = campaign.kind.expected(campaign.spec).limits[campaign.kind.path]
     width = np.minimum(np.asarray(high, dtype=float) - low, 2.0 * np.pi)

@@ -13,7 +13,7 @@ from etude.abilities import SupportsStateText
 from etude.deploy.model_states import IN_PYTHON, LEARN_OTHERWISE, WITHOUT_PHYSICS, labels, trained
 from etude.errors import UsageError
 from etude.models.gp.c99 import UnwritableError
-from etude.models.model import LearnedModel
+from etude.models.learned_model import LearnedModel
 from etude.protocols import Candidate, Kind, Mean
 from etude.types import Array, Channel, Code
 

@@ -128,7 +128,7 @@ def self_test(plan: Plan, form: CForm, vectors: Golden, exact: float) -> str:
         tables.append(_table("want_variance", "static const double", vectors.variance, False))
     flags = ", ".join(str(int(flag)) for flag in vectors.flags)
     parts = "\n".join(_part(own, upper, name, call, count) for name, call in checked)
-    spare = f", variance[{upper}_COMMANDS]" if form.deviations else ""
+    deviation = f", variance[{upper}_COMMANDS]" if form.deviations else ""
     return f"""/* {own}_test.c: {count} states and what the model said of them where it was learned. */
 #include "{own}.h"
 
@@ -160,7 +160,7 @@ static void compare(double found, double wanted, double limit)
 int main(void)
 {{
     {own}_state state;
-    {own}_real command[{upper}_COMMANDS]{spare};
+    {own}_real command[{upper}_COMMANDS]{deviation};
     int i, j, wrong = 0;
 {parts}
     printf("largest deviation: %.3e of a command's limit; %d wrong flags\\n", worst, wrong);

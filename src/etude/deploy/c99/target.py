@@ -20,8 +20,8 @@ from etude.deploy.c99.self_test import EXACT, allowed, golden, self_test
 from etude.deploy.c99.source import lean_files, source
 from etude.deploy.model_states import fading
 from etude.errors import EtudeError, UsageError
-from etude.models.model import LearnedModel
-from etude.models.protocols import EnsembleMember
+from etude.models.learned_model import LearnedModel
+from etude.models.process_abilities import EnsembleMember
 from etude.protocols import Kind
 from etude.types import Array, Delivered
 

@@ -22,9 +22,9 @@ from etude.models.gp.exact import ExactPosterior
 from etude.models.gp.kernel_algebra import Kernel, Product, Sum
 from etude.models.gp.kernels import Linear, RestNoise, SquaredExponential
 from etude.models.gp.plugin_kernel import PluginKernel, in_parts
-from etude.models.model import LearnedModel
+from etude.models.learned_model import LearnedModel
 from etude.models.process import Posteriors, Silent
-from etude.models.protocols import SupportsOnnxMoments
+from etude.models.process_abilities import SupportsOnnxMoments
 from etude.models.selection.member_prediction import level_of, rests_of
 from etude.models.trust import ROUNDING, thresholds
 from etude.protocols import Candidate, Inputs, Process

@@ -14,7 +14,7 @@ from etude.deploy.model_states import fading, labels, log_of, trained
 from etude.deploy.onnx.model_graph import AFTER, OPSET, REMEMBERED, WRITING, Parts, parts_of, written
 from etude.errors import EtudeError, UsageError
 from etude.logs.readers.extras import needed
-from etude.models.model import LearnedModel
+from etude.models.learned_model import LearnedModel
 from etude.models.trust import outside
 from etude.protocols import Kind
 from etude.types import Array, Channel, Delivered

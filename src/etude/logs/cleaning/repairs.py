@@ -210,7 +210,7 @@ def check_leaps(log: Log, channels: Sequence[Channel], limits: Limits) -> Log:
         leap = leaps(log, channel, top, upper - lower)
         if leap.any():
             row, j = (int(k[0]) for k in np.nonzero(leap))
-            fact, step = told(log, channel, row, j)
+            fact, step = jump_in_words(log, channel, row, j)
             raise DataError(fact, where=f"{log.source}, {channel.parts[j]}", next_step=step)
     return log
 
@@ -249,14 +249,14 @@ def leap_finding(log: Log, channel: Channel, top: Array, size: Array) -> Finding
     if not len(rows) or len(rows) > max(RARE_SHARE * len(log), 1):
         return None
     row, j = int(rows[0]), int(np.argmax(found[rows[0]]))
-    fact, step = told(log, channel, row, j)
+    fact, step = jump_in_words(log, channel, row, j)
     where = f"{channel.parts[j]}: {fact}"
-    spare = GAP_FACTOR * float(np.median(np.diff(log.t)))
-    spans = tuple((float(log.t[r]) - spare, float(log.t[r + 1]) + spare) for r in rows[:BESIDE].tolist())
+    margin = GAP_FACTOR * float(np.median(np.diff(log.t)))
+    spans = tuple((float(log.t[r]) - margin, float(log.t[r + 1]) + margin) for r in rows[:BESIDE].tolist())
     return Finding(CHECK, "red", f"{where}.", step, spans=spans)
 
 
-def told(log: Log, channel: Channel, row: int, j: int) -> tuple[str, str]:
+def jump_in_words(log: Log, channel: Channel, row: int, j: int) -> tuple[str, str]:
     """What is said of a leap after a row, and the next step."""
     q, unit = log[channel.name][:, j], channel.units[j]
     step = float(q[row + 1] - q[row])

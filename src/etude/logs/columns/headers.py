@@ -142,13 +142,13 @@ def doubles(headers: Sequence[str]) -> set[str]:
     measured beside those that are sent. The first is taken: feedback, actual, reference, desired, output.
     """
     ranks = {point: rank for rank, point in enumerate((*MEASURED, *WANTED, OUTPUT))}
-    told: dict[str, list[tuple[int, str]]] = {}
+    by_meaning: dict[str, list[tuple[int, str]]] = {}
     for header in headers:
         text = normal(split_unit(header)[0])
         found = COLUMN.fullmatch(text)
         if found is not None and plain(text):
-            told.setdefault(plain(text), []).append((ranks[found["point"]], header))
-    return {header for same in told.values() for _, header in sorted(same)[1:]}
+            by_meaning.setdefault(plain(text), []).append((ranks[found["point"]], header))
+    return {header for same in by_meaning.values() for _, header in sorted(same)[1:]}
 
 
 def read_headers(headers: Sequence[str], channels: Sequence[Channel], where: str) -> Found:

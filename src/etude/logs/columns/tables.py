@@ -1,7 +1,7 @@
 """Tables as they come: rows of several topics at once, silent topics, and an index without a name.
 
-PlotJuggler exports each row as a message of one topic, so most cells are empty. The columns that are told at
-the same rows belong together, as topics of a bag do.
+PlotJuggler exports each row as a message of one topic, so most cells are empty. The columns that are filled
+at the same rows belong together, as topics of a bag do.
 """
 
 from __future__ import annotations
@@ -17,19 +17,19 @@ from etude.logs.columns.vocabulary import INDEX, is_time, normal
 from etude.types import Array, Log, Mask
 
 WHOLE = 0.95
-"""Part of the rows: columns that are told in so many are a table with a few empty cells."""
+"""Part of the rows: columns that are filled in so many are a table with a few empty cells."""
 SHARED = 0.5
-"""Part of the leader's rows in which all columns are told: with more, empty cells are damage."""
+"""Part of the leader's rows in which all columns are filled: with more, empty cells are damage."""
 
 
 def without_holes(raw: Log) -> Log:
-    """The rows of the columns that are told most often, the others interpolated; or the log as it is."""
+    """The rows of the columns that are filled most often, the others interpolated; or the log as it is."""
     t = next((raw[name][:, 0] for name in raw.values if is_time(name)), None)
     if t is None and not np.array_equal(raw.t, np.arange(len(raw))):
         t = raw.t  # of messages, of which each names other joints
     if t is None or len(t) < 2 or not np.isfinite(t).all():
         return raw
-    told: dict[bytes, Mask] = {}
+    filled: dict[bytes, Mask] = {}
     count: Counter[bytes] = Counter()
     every, whole, holed = np.ones(len(raw), dtype=bool), 0, 0
     for name, values in raw.values.items():
@@ -37,26 +37,26 @@ def without_holes(raw: Log) -> Log:
         whole += bool(finite.all()) and not is_time(name)
         holed += not finite.all()
         if finite.sum() > 1:
-            told[np.packbits(finite).tobytes()] = finite
+            filled[np.packbits(finite).tobytes()] = finite
             count[np.packbits(finite).tobytes()] += 1
             every &= finite
-    partial = [finite for finite in told.values() if not finite.all()]
+    partial = [finite for finite in filled.values() if not finite.all()]
     if len(partial) < 2 or max(finite.sum() for finite in partial) > WHOLE * len(raw):
         return raw
     leader = max(partial, key=lambda finite: (int(finite.sum()), count[np.packbits(finite).tobytes()]))
     if every.sum() > SHARED * leader.sum() or whole >= holed:  # a table of rows
         return raw
-    said = ["Columns that are told at different rows were joined by time."]
+    said = ["Columns that are filled at different rows were joined by time."]
     joined = {name: _at(name, t, own[:, 0], leader, said)[:, None] for name, own in raw.values.items()}
     return replace(raw, t=raw.t[leader], values=joined).repaired(*said)
 
 
 def _at(name: str, t: Array, signal: Array, rows: Mask, said: list[str]) -> Array:
-    told = np.isfinite(signal)
-    if told[rows].all() or told.sum() < 2:
+    filled = np.isfinite(signal)
+    if filled[rows].all() or filled.sum() < 2:
         return np.asarray(signal[rows])
-    order = np.argsort(t[told], kind="stable")
-    own, values = t[told][order], signal[told][order]
+    order = np.argsort(t[filled], kind="stable")
+    own, values = t[filled][order], signal[filled][order]
     silent, sentences = silences(f"Column {name}", t[rows], own)
     said += sentences
     return np.where(silent, np.nan, np.interp(t[rows], own, values, left=np.nan, right=np.nan))

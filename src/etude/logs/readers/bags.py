@@ -124,7 +124,7 @@ def _read(
         asked: whether a user named them; of others, one that nobody can read harms none that can be read.
     """
     rows = {name: TopicRows() for name in wanted}
-    foreign: dict[str, DataError] = {}
+    unreadable: dict[str, DataError] = {}
     types: dict[str, str] = {}
     cut = ""
     for reader in readers:
@@ -139,16 +139,16 @@ def _read(
             except Exception as problem:  # damage in the middle of a storage: what came before is whole
                 cut = f"The bag was cut or is damaged, and was read as far as that ({_first_line(problem)})."
                 break
-            if connection.topic in foreign:
+            if connection.topic in unreadable:
                 continue
             try:
                 _add(rows[connection.topic], connection, received, data, stores, path)
             except DataError as error:
-                foreign[connection.topic] = error
-                if asked or len(foreign) == len(rows):
+                unreadable[connection.topic] = error
+                if asked or len(unreadable) == len(rows):
                     raise
-    told = [name for name in wanted if name not in foreign]
-    found = [Topic(name, types[name], rows[name], rows[name].columns()) for name in told]
+    readable = [name for name in wanted if name not in unreadable]
+    found = [Topic(name, types[name], rows[name], rows[name].columns()) for name in readable]
     empty = [topic.name for topic in found if not topic.columns]
     if len(empty) == len(found):
         raise DataError(
@@ -156,7 +156,7 @@ def _read(
             where=str(path),
             next_step="Name another with --topic, or record again.",
         )
-    left = tuple(f"Topic {name} was left out: {error.fact}." for name, error in foreign.items())
+    left = tuple(f"Topic {name} was left out: {error.fact}." for name, error in unreadable.items())
     return [topic for topic in found if topic.columns], (*((cut,) if cut else ()), *left)
 
 

@@ -120,9 +120,9 @@ def numbers_of(series: pl.Series) -> Array:
     elif not (dtype.is_numeric() or dtype in (pl.Boolean, pl.Time)):
         return np.full(len(series), np.nan)
     values = series.cast(pl.Float64, strict=False).fill_null(float("nan")).to_numpy()
-    told = nanoseconds(series.to_list()) if dtype == pl.String and not np.isfinite(values).any() else None
-    if told is not None:
-        return told
+    parsed = nanoseconds(series.to_list()) if dtype == pl.String and not np.isfinite(values).any() else None
+    if parsed is not None:
+        return parsed
     return np.array(values, dtype=np.float64)
 
 

@@ -276,8 +276,8 @@ def _above(plain: Sequence[_TextLine], where: str) -> Header | None:
     for k, (line, below) in enumerate(itertools.pairwise(plain)):
         separator = _separator(line.text)
         names, cells = (_cells(one.text, separator, where) for one in (line, below))
-        told = len(names) > 1 and _is_names(line.text, separator, len(cells), where)
-        if told and sum(map(is_number, cells)) > len(cells) / 2:
+        named = len(names) > 1 and _is_names(line.text, separator, len(cells), where)
+        if named and sum(map(is_number, cells)) > len(cells) / 2:
             if k and _is_names(plain[k - 1].text, separator, len(names), where):
                 k, line = k - 1, plain[k - 1]  # a row of units, or a second one of names, is below
             names = _cells(line.text, separator, where)
@@ -396,9 +396,9 @@ def _judged(form: _Form, body: bytes, path: Path) -> _Form:
     frame = _text_frame(body[:end], form, path)
     numeric = []
     for series in frame.iter_columns():
-        told = int((series.fill_null("").str.strip_chars() != "").sum())
+        filled = int((series.fill_null("").str.strip_chars() != "").sum())
         numbers = int(np.isfinite(_numbers(series, form)).sum())
-        numeric.append(2 * numbers >= told)
+        numeric.append(2 * numbers >= filled)
     return _Form(form.names, form.separator, form.decimal_comma, tuple(numeric))
 
 

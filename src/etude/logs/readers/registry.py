@@ -109,9 +109,9 @@ def _reader_of(path: Path, head: bytes) -> str:
     if path.name == "metadata.yaml":
         step = "Tell the folder that it lies in."
         raise DataError("this belongs to a bag", where=str(path), next_step=step)
-    told = "".join(f"; the reader {name} cannot be asked: {why}" for name, why in broken.items())
+    broken_readers = "".join(f"; the reader {name} cannot be asked: {why}" for name, why in broken.items())
     raise DataError(
-        f"there is no reader for '{path.suffix}' files{told}",
+        f"there is no reader for '{path.suffix}' files{broken_readers}",
         where=str(path),
         next_step=INSTEAD.get(
             path.suffix.lower(),
@@ -180,8 +180,8 @@ def _columns(log: Log) -> dict[str, Array]:
 
 
 def _interpolated(times: Array, t: Array, signal: Array) -> Array:
-    told = np.isfinite(t)
-    t, signal = t[told], signal[told]
+    timed = np.isfinite(t)
+    t, signal = t[timed], signal[timed]
     if len(t) < 2:
         return np.full(len(times), np.nan)
     order = np.argsort(t, kind="stable")

@@ -10,7 +10,7 @@ import numpy as np
 
 from etude.models.change.change_detection import ALARM, doubted, evidence, first_alarm, scores
 from etude.models.change.diagnosis import Cause, ExpectedCommands, alone, cause, stuck
-from etude.models.model import LearnedModel
+from etude.models.learned_model import LearnedModel
 from etude.types import Array, Mask, Samples
 
 MOST_ROWS = 200

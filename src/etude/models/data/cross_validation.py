@@ -10,8 +10,8 @@ import numpy as np
 
 from etude.abilities import SupportsWithout
 from etude.errors import DataError, UsageError
-from etude.models.data.fit import Folds, Rows
-from etude.models.score import inflation
+from etude.models.accuracy import inflation
+from etude.models.data.fit_data import Folds, Rows
 from etude.protocols import Mean, Physics, Process
 from etude.types import Array, Index, Mask, Samples
 

@@ -9,10 +9,7 @@ from numpy.typing import NDArray
 
 from etude.errors import NumericalError, UsageError
 from etude.models.gp.exact import checked_data, checked_outputs
-from etude.models.gp.inducing import Form, InducingGP
-from etude.models.gp.kernels import Kernel
-from etude.models.gp.minimize import Objective
-from etude.models.gp.training import (
+from etude.models.gp.hyperparameters import (
     Method,
     Prior,
     check_method,
@@ -22,6 +19,9 @@ from etude.models.gp.training import (
     optimise,
     weak_prior,
 )
+from etude.models.gp.inducing import Form, InducingGP
+from etude.models.gp.kernels import Kernel
+from etude.models.gp.minimize import Objective
 from etude.threads import threads_for
 from etude.types import Array
 

@@ -12,9 +12,9 @@ from etude._runtime.scipy_parts import dtrmm
 from etude.errors import DataError, NumericalError
 from etude.models.gp.cholesky import factorise, triangular_inverse
 from etude.models.gp.exact import ExactGP, ExactPosterior, checked_outputs, posterior_given
+from etude.models.gp.hyperparameters import Method, Prior, negative_posterior, optimise
 from etude.models.gp.kernels import Kernel
 from etude.models.gp.likelihood_algebra import solved
-from etude.models.gp.training import Method, Prior, negative_posterior, optimise
 from etude.threads import threads_for
 from etude.types import Array
 

@@ -12,12 +12,12 @@ import numpy as np
 
 from etude import plugins
 from etude.errors import UsageError
+from etude.models.accuracy import while_any_moves
 from etude.models.config import ModelConfig
 from etude.models.data.cross_validation import Base, HeldOut, process_held_out
-from etude.models.data.fit import Folds, Rows, apart, rows_of
+from etude.models.data.fit_data import Folds, Rows, apart, rows_of
 from etude.models.gp.kernels import own_columns
-from etude.models.model import LearnedModel
-from etude.models.score import while_any_moves
+from etude.models.learned_model import LearnedModel
 from etude.models.selection.structures import LearnedStructure, earlier_of, with_process
 from etude.progress import counted
 from etude.types import Array, Index, Mask

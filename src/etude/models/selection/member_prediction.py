@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from etude.models.gp.kernels import resting
-from etude.models.protocols import SupportsMeans, SupportsRestNoise
+from etude.models.process_abilities import SupportsMeans, SupportsRestNoise
 from etude.protocols import Candidate, Mean
 from etude.types import Array, Log
 

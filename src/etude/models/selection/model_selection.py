@@ -20,13 +20,13 @@ import numpy as np
 
 from etude.codes import stated
 from etude.errors import DataError, UsageError
+from etude.models.accuracy import PredictionScore, figures, prediction_score, trivial_prediction
 from etude.models.change.change_detection import independence, tails
 from etude.models.config import ModelConfig
 from etude.models.data.cross_validation import Base, HeldOut, fitted_base, fold_mean, fold_numbers
-from etude.models.data.fit import Folds, Rows, in_order, rows_of
-from etude.models.model import LearnedModel
-from etude.models.protocols import EnsembleMember
-from etude.models.score import PredictionScore, figures, prediction_score, trivial_prediction
+from etude.models.data.fit_data import Folds, Rows, in_order, rows_of
+from etude.models.learned_model import LearnedModel
+from etude.models.process_abilities import EnsembleMember
 from etude.models.selection.ensemble import Average, averages, beside_default
 from etude.models.selection.linear import LinearPhysics
 from etude.models.selection.selection_rule import TRAJECTORIES, choices, least_variance, notes, warnings_of

@@ -8,7 +8,7 @@ import numpy as np
 
 from etude.codes import NextStep, Notice, Warn
 from etude.models.data.cross_validation import HeldOut, fold_mean
-from etude.models.data.fit import Folds, seconds_of
+from etude.models.data.fit_data import Folds, seconds_of
 from etude.models.selection.member_prediction import PHYSICAL
 from etude.protocols import Candidate
 from etude.types import Array, Mask

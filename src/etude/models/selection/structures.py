@@ -7,11 +7,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from etude.models.data.cross_validation import Base, HeldOut, process_held_out
-from etude.models.data.fit import Folds, Rows, fit_data, floor_of, is_held, on_schedule, units_of
+from etude.models.data.fit_data import Folds, Rows, fit_data, floor_of, is_held, on_schedule, units_of
+from etude.models.learned_model import LearnedModel
 from etude.models.members import member_named
-from etude.models.model import LearnedModel
 from etude.models.process import Silent
-from etude.models.protocols import EnsembleMember, name_of
+from etude.models.process_abilities import EnsembleMember, name_of
 from etude.protocols import Candidate
 
 

@@ -59,8 +59,8 @@ def _alerts(record: Record) -> list[Html]:
 
 def _told(notice: Notice) -> Html:
     sentence = notice.sentence
-    told = f"{sentence[:1].upper()}{sentence[1:]}. {notice.step}".strip()
-    return paragraph(told, class_=f"news {notice.light}")
+    line = f"{sentence[:1].upper()}{sentence[1:]}. {notice.step}".strip()
+    return paragraph(line, class_=f"news {notice.light}")
 
 
 def tracking_sentence(record: Record, test: Test) -> str:
@@ -80,21 +80,21 @@ def _count(count: int) -> str:
 
 def _other_test(test: Test) -> Html:
     """One short sentence on a further test motion."""
-    parts = [f"{told.name} {found.text}" for told, found in _baselines(test)]
+    parts = [f"{shown.name} {found.text}" for shown, found in _baselines(test)]
     beside = f"; {', '.join(parts)}" if parts else ""
     return paragraph(f"On {test_name(test.name)}: {test.learned[-1].text}{beside}.")
 
 
 def _comparisons(test: Test, now: Evaluation) -> list[str]:
     return [
-        told.sentence.format(error=found.text, relation=_relation(found, now)) + _beaten(told, found, now)
-        for told, found in _baselines(test)
+        shown.sentence.format(error=found.text, relation=_relation(found, now)) + _beaten(shown, found, now)
+        for shown, found in _baselines(test)
     ]
 
 
-def _beaten(told: Baseline, found: Evaluation, now: Evaluation) -> str:
+def _beaten(shown: Baseline, found: Evaluation, now: Evaluation) -> str:
     """Why what was learned may be better than a perfect model."""
-    if told is not baseline("perfect") or now.mean >= (1.0 - SAME) * found.mean:
+    if shown is not baseline("perfect") or now.mean >= (1.0 - SAME) * found.mean:
         return ""
     return (
         " What was learned is better than that: an exact inverse answers the planned motion alone, and the "
@@ -122,7 +122,7 @@ def _cards(record: Record, test: Test) -> Html:
         _card("", duration(robot_seconds(record)), "of robot time in all"),
         _card("c1", now.text, "mean tracking error now"),
     ]
-    cards += [_card(told.style, found.text, told.card) for told, found in _baselines(test)]
+    cards += [_card(shown.style, found.text, shown.card) for shown, found in _baselines(test)]
     return element("div", *cards, class_="cards")
 
 

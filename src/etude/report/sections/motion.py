@@ -91,8 +91,8 @@ def room_around(figure: Figure) -> SceneBox:
     moving = [figure.points, *(thing.points for thing in figure.things if thing.kind == "carried")]
     low = np.min([points.min(axis=(0, 1)) for points in moving], axis=0)
     high = np.max([points.max(axis=(0, 1)) for points in moving], axis=0)
-    spare = 0.05 * max(float((high - low).max()), 0.1)
-    lower, upper = low - spare, high + spare
+    margin = 0.05 * max(float((high - low).max()), 0.1)
+    lower, upper = low - margin, high + margin
     reach = BEYOND * float((high - low).max())
     for thing in figure.things:
         # planes and what the robot stands on take no width of the drawing, and tell what the rest hangs above

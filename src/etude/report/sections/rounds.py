@@ -100,9 +100,9 @@ def _state(entry: Round) -> str:
         return "learned" if entry.learned_with is None else f"learned with {entry.learned_with}"
     if entry.untold:
         return "log taken back"
-    if entry.aside:
+    if entry.excluded:
         return "set aside"
-    if entry.held:
+    if entry.awaits_answer:
         return "waits: has the robot changed?"
     return "told, not learned yet" if entry.ingested else "waiting for its log"
 

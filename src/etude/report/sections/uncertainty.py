@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from etude.errors import EtudeError
-from etude.limits.library import AxisLimit
+from etude.limits.convex_limits import AxisLimit
 from etude.protocols import Model
 from etude.report.markup import Html, grid, join, missing, paragraph, section
 from etude.report.png import colour_bar, colours, png_address

@@ -25,11 +25,11 @@ import numpy as np
 
 from etude.errors import NumericalError
 from etude.types import Array, Index, Samples
-from etude_arm.identified.files import JointTerms
+from etude_arm.identified.model_file_writer import JointTerms
 from etude_arm.identified.pseudo_inertia import SIZE, basis, coordinates
 from etude_arm.loading.inertia import NO_MASS
 from etude_arm.loading.load import load_arm
-from etude_arm.physics.estimate import Clock, output_priors
+from etude_arm.physics.identification import Clock, output_priors
 from etude_arm.physics.kinematics import KinematicTree
 from etude_arm.physics.mean import RigidBodyMean
 from etude_arm.physics.rigid_body import EXTRA_TERMS, command_regressors
@@ -104,7 +104,7 @@ def links_of(spec: ArmSpec) -> Links:
 
 
 @dataclass(frozen=True, eq=False)
-class Evidence:
+class WhitenedRows:
     """Samples, as rows of regressors in units of the noise.
 
     Attributes:
@@ -122,7 +122,7 @@ class Evidence:
     deviation: Array
 
     @staticmethod
-    def of(samples: Samples, spec: ArmSpec, links: Links, found: RigidBodyMean) -> Evidence:
+    def of(samples: Samples, spec: ArmSpec, links: Links, found: RigidBodyMean) -> WhitenedRows:
         """Of the samples in which a joint moves; noise and friction velocity are those of `found`."""
         motion = tuple(samples.log[name] for name in (PLAN if found.desired else PATH))
         model, tree, drives = found.model, links.tree, links.drives
@@ -135,7 +135,7 @@ class Evidence:
             noise = float(model.deviation[j])
             rows.append((both[used, j] / noise, samples.command[used, j] / noise))
             groups.append(samples.group[used])
-        return Evidence(rows, groups, Clock(samples.t, samples.group).information(), own, model.deviation)
+        return WhitenedRows(rows, groups, Clock(samples.t, samples.group).information(), own, model.deviation)
 
     def normal(self, groups: Sequence[int] | None = None) -> Normal:
         """Of those groups, or of all."""
@@ -320,14 +320,14 @@ def identified(samples: Samples, spec: ArmSpec, mean: RigidBodyMean) -> Identifi
         NumericalError: no possible inertias explain the commands.
     """
     links = links_of(spec)
-    evidence = Evidence.of(samples, spec, links, mean)
+    evidence = WhitenedRows.of(samples, spec, links, mean)
     whole = evidence.normal()
     result = consistent(*evidence.reduced(whole), links.nominal)
     own = evidence.own_terms(whole, result.phi)
     return Identified(links, result, own, evidence.deviation, _left_out(evidence, links, samples))
 
 
-def _left_out(evidence: Evidence, links: Links, samples: Samples) -> Errors:
+def _left_out(evidence: WhitenedRows, links: Links, samples: Samples) -> Errors:
     groups = np.unique(samples.group)
     folds = np.array_split(groups, min(len(groups), MOST_FOLDS))
     if len(folds) < 2:

@@ -19,7 +19,7 @@ from etude.codes import Notice
 from etude.errors import UsageError
 from etude.models.change.change_detection import FREEDOM
 from etude.models.data.as_log import Run, as_log, as_run
-from etude.models.protocols import HasInputs, SupportsBound, name_of, share_of
+from etude.models.process_abilities import HasInputs, SupportsBound, name_of, share_of
 from etude.models.selection.linear import at_rest
 from etude.models.selection.member_prediction import (
     Means,

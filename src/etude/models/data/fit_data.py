@@ -11,13 +11,13 @@ import numpy as np
 from etude import plugins
 from etude.errors import DataError
 from etude.models.config import ModelConfig
-from etude.models.protocols import HasKernel
+from etude.models.process_abilities import HasKernel
 from etude.protocols import FitData, Inputs, Process
 from etude.types import Array, Column, Index, Mask, Samples
 
 if TYPE_CHECKING:  # a campaign loads only the member that it uses
     from etude.models.gp.exact import ExactGP
-    from etude.models.gp.training import Prior
+    from etude.models.gp.hyperparameters import Prior
 
 MANY = 2
 """So many times the inducing inputs samples must be, for what all of them teach to be worth its time."""
@@ -287,7 +287,7 @@ def trained_process(fit: FitData) -> ExactGP:
     config, start = fit.config, initial_process(fit)
     X, y = fit.X[fit.chosen], columns(fit.Y[fit.chosen])
     if y.ndim == 1 and config.starts == 1:
-        from etude.models.gp.training import fit as fit_one
+        from etude.models.gp.hyperparameters import fit as fit_one
 
         return fit_one(start, X, y, method=config.method, steps=config.steps, prior=weak(fit, X, y))
     return start if config.steps == 0 else _shared(fit)
@@ -295,13 +295,13 @@ def trained_process(fit: FitData) -> ExactGP:
 
 def weak(fit: FitData, X: Array, y: Array) -> Prior | None:
     """The weak prior of these data, if the configuration has one."""
-    from etude.models.gp.training import weak_prior
+    from etude.models.gp.hyperparameters import weak_prior
 
     return weak_prior(fit.kernels[0], X, y) if fit.config.prior == "weak" else None
 
 
 def _fresh(fit: FitData) -> ExactGP:
-    from etude.models.gp.training import initial_gp
+    from etude.models.gp.hyperparameters import initial_gp
 
     floor = float(fit.floor.max())
     return initial_gp(fit.kernels[0], fit.X[fit.chosen], telling(fit), noise_floor=floor)

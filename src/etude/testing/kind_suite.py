@@ -12,8 +12,8 @@ import numpy as np
 from etude.limits.certificate import certify
 from etude.plugins import require_whole
 from etude.protocols import Family, Kind, Limit
-from etude.testing.motions import FamilySuite, LimitSuite
-from etude.testing.robot import InputsSuite, PhysicsSuite, RobotSuite
+from etude.testing.motion_suites import FamilySuite, LimitSuite
+from etude.testing.robot_suites import InputsSuite, PhysicsSuite, RobotSuite
 from etude.testing.robot_world import World, world
 from etude.types import Array
 

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from etude.errors import DataError, UsageError
-from etude.models.model import LearnedModel
+from etude.models.learned_model import LearnedModel
 from etude.protocols import Controller
 from etude.types import Array, Channel, Motion, Row
 from etude_online.command import FAILURES, Command, learning_command
@@ -24,10 +24,10 @@ from etude_online.guard import Guard
 from etude_online.guard_effort import FED_BACK, Feedback, FeedbackLaw
 from etude_online.guard_gate import Ranges
 from etude_online.learner import OnlineConfig
+from etude_online.learner_state import put_back, taken
 from etude_online.memoized_mean import asking_once
 from etude_online.planned_samples import Planned
 from etude_online.row_samples import COMMAND, Measured
-from etude_online.state import put_back, taken
 
 REPORTS = 200
 """Sentences that are kept."""

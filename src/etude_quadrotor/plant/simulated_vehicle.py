@@ -13,14 +13,16 @@ from etude.errors import UsageError
 from etude_quadrotor.plant import core
 from etude_quadrotor.plant.core import SET_POINTS, VOLTAGES, Body, Control
 from etude_quadrotor.plant.flight import REASONS, Ending, Flight, rotation
-from etude_quadrotor.plant.parameters import FlightParameters
-from etude_quadrotor.plant.plan import FlightPlan, check_plan
+from etude_quadrotor.plant.flight_plan import FlightPlan, check_plan
+from etude_quadrotor.plant.parameters import FlightParameters, load_flight_parameters
 from etude_quadrotor.spec import QuadrotorSpec
 from etude_quadrotor.vehicle import GRAVITY, SPINS, Vehicle
 
 Array = NDArray[np.float64]
 Start = Literal["hover", "moving"]
 
+PLANTS = ("quadrotor", "quadrotor_rough", "pelican")
+"""Simulated vehicles that come along: one file of parameters each."""
 MOTORS = ("front_right", "back_right", "back_left", "front_left")
 SET_POINT_NAMES = ("roll", "pitch", "yaw_rate", "thrust")
 NOWHERE = np.array([-np.inf] * 3 + [np.inf] * 4)
@@ -359,3 +361,19 @@ def _attitude(force: Array, yaw: float) -> Array:
     cos, sin = np.cos(0.5 * yaw), np.sin(0.5 * yaw)
     q = np.array([(1.0 + z) * cos, -y * cos + x * sin, x * cos + y * sin, (1.0 + z) * sin])
     return np.asarray(q / np.linalg.norm(q))
+
+
+def simulated_vehicle(name: str, where: str = "") -> SimulatedVehicle:
+    """The simulated vehicle `name`, one of PLANTS; another noise: `dataclasses.replace(v, noise=...)`.
+
+    Raises:
+        UsageError: unknown name; `where` it stands is told.
+    """
+    if name not in PLANTS:
+        raise UsageError(
+            f"there is no simulated vehicle {name!r}",
+            where=where,
+            next_step=f"Choose one of: {', '.join(PLANTS)}.",
+        )
+    parameters = load_flight_parameters(name)
+    return SimulatedVehicle(name, parameters, parameters.nominal)

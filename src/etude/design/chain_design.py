@@ -68,7 +68,7 @@ def design_chain(
     tasks: Sequence[Trajectory] = (),
     *,
     count: int,
-    ways: Approaches,
+    approaches: Approaches,
     standing_in: Sequence[Trajectory] = (),
     given: Sequence[Trajectory] = (),
     rate: float = 0.0,
@@ -104,24 +104,24 @@ def design_chain(
                 physics=physics,
                 roam=roam,
             )
-            if roam is None or again == TRIES - 1 or reached(own.trajectory, ways, limits, home):
+            if roam is None or again == TRIES - 1 or reached(own.trajectory, approaches, limits, home):
                 break
         found.append(own)
         if roam is not None:
             roam = replace(roam, visited=roam.visited.adding([own.trajectory]))
     segments = [own.trajectory for own in found]
-    order = list(range(count)) if roam is None else near_to_near(segments, ways, home)
-    trajectory, kept = linked([segments[i] for i in order], ways, limits, home)
+    order = list(range(count)) if roam is None else near_to_near(segments, approaches, home)
+    trajectory, kept = linked([segments[i] for i in order], approaches, limits, home)
     return DesignedChain(trajectory, tuple(found[i] for i in sorted(order[:kept])), count - kept)
 
 
-def reached(segment: Trajectory, ways: Approaches, limits: Sequence[Limit], home: Array) -> bool:
+def reached(segment: Trajectory, approaches: Approaches, limits: Sequence[Limit], home: Array) -> bool:
     """Whether the straight ways from home to a segment and back are proved: it can then always be linked."""
-    found = ways(segment, home)
+    found = approaches(segment, home)
     return found is not None and all(certify(part, limits).ok for part in found)
 
 
-def near_to_near(segments: Sequence[Trajectory], ways: Approaches, home: Array) -> list[int]:
+def near_to_near(segments: Sequence[Trajectory], approaches: Approaches, home: Array) -> list[int]:
     """An order of the segments in which the ways between them are short: always the nearest next.
 
     What they teach together does not depend on their order; ways are robot time that teaches nothing.
@@ -130,7 +130,7 @@ def near_to_near(segments: Sequence[Trajectory], ways: Approaches, home: Array) 
     while left:
         far = []
         for i in left:
-            found = ways(segments[i], at)
+            found = approaches(segments[i], at)
             far.append(np.inf if found is None else found[0].duration)
         order.append(left.pop(int(np.argmin(far))))
         last = segments[order[-1]]
@@ -139,7 +139,7 @@ def near_to_near(segments: Sequence[Trajectory], ways: Approaches, home: Array) 
 
 
 def linked(
-    segments: Sequence[Trajectory], ways: Approaches, limits: Sequence[Limit], home: Array
+    segments: Sequence[Trajectory], approaches: Approaches, limits: Sequence[Limit], home: Array
 ) -> tuple[Trajectory, int]:
     """The segments with certified links, and how many of them: it ends before one that no way leads to.
 
@@ -149,7 +149,7 @@ def linked(
         segments = [at_rest(own, limits) for own in segments]
     links: list[tuple[Trajectory, ...]] = []
     for before, after in pairwise(segments):
-        link = _link(before, after, ways, limits, home)
+        link = _link(before, after, approaches, limits, home)
         if link is None:
             break
         links.append(link)
@@ -163,10 +163,10 @@ def cut_short(dropped: int) -> str:
 
 
 def _link(
-    before: Trajectory, after: Trajectory, ways: Approaches, limits: Sequence[Limit], home: Array
+    before: Trajectory, after: Trajectory, approaches: Approaches, limits: Sequence[Limit], home: Array
 ) -> tuple[Trajectory, ...] | None:
     end = before.motion(np.array([before.duration]), 1).orders[0, 0]
-    straight, back, there = ways(after, end), ways(before, home), ways(after, home)
+    straight, back, there = approaches(after, end), approaches(before, home), approaches(after, home)
     tried: list[tuple[Trajectory, ...]] = [] if straight is None else [(straight[0],)]
     tried += [] if back is None or there is None else [(back[1], there[0])]
     for link in tried:

@@ -34,7 +34,7 @@ from etude_arm.physics.rigid_body import (
     turned,
 )
 from etude_arm.physics.transmission import Drive
-from etude_arm.spec import FRICTION, WAYS
+from etude_arm.spec import FRICTION, PRESLIDING_DISTANCES
 
 if TYPE_CHECKING:
     from etude_arm.spec import ArmSpec
@@ -255,7 +255,7 @@ def _fit_output(
     rank = prior.directions.shape[1]
     own = np.arange(last + rank)
     fits = [(0.0, *_fit_turning(moments.at(own), prior))]
-    for number, way in enumerate(WAYS[: columns.shape[1] - last - rank]):
+    for number, way in enumerate(PRESLIDING_DISTANCES[: columns.shape[1] - last - rank]):
         own[1 + NARROW] = last + rank + number
         fits.append((way, *_fit_turning(moments.at(own), prior)))
     way, fine, spread, noise = min(fits, key=lambda fit: fit[3] * (1.0 if fit[0] else by_speed))

@@ -27,14 +27,14 @@ import numpy as np
 
 from etude.codes import Notice, Warn
 from etude.limits.certificate import COLLISIONS, memoized
-from etude.limits.library import AxisLimit, tracked
-from etude.limits.tracking import ASSUMED
+from etude.limits.convex_limits import AxisLimit, tracked
+from etude.limits.tracking_margins import ASSUMED
 from etude.protocols import Family, Trajectory
 from etude.trajectories.fourier import FourierTrajectory
 from etude.types import Array, Cone, Index, Margins, Mask, Motion, Proof
 from etude_arm.clearance.clear_pose import BOX_ROOM
 from etude_arm.clearance.distances import CUTOFF, TOLERANCE, Gaps
-from etude_arm.clearance.path_poses import Way, way_of
+from etude_arm.clearance.path_poses import PosePath, path_of
 from etude_arm.clearance.skeleton import BOX
 from etude_arm.clearance.tracking_distance import Scene, all_keep, lost
 
@@ -163,7 +163,7 @@ class Nearest:
 class Samples:
     """Poses of a way and their distances, as they come in."""
 
-    way: Way
+    path: PosePath
     distances: Callable[[Array], Array]
     x: Array
     poses: Array
@@ -171,13 +171,13 @@ class Samples:
     found: Array
 
     @classmethod
-    def of(cls, way: Way, distances: Callable[[Array], Array], x: Array) -> Samples:
-        poses, rates = way.at(x)
-        return cls(way, distances, x, poses, rates, distances(poses))
+    def of(cls, path: PosePath, distances: Callable[[Array], Array], x: Array) -> Samples:
+        poses, rates = path.at(x)
+        return cls(path, distances, x, poses, rates, distances(poses))
 
     def add(self, x: Array) -> Index:
         """Places of the new samples."""
-        more = Samples.of(self.way, self.distances, x)
+        more = Samples.of(self.path, self.distances, x)
         first = len(self.x)
         for name in ("x", "poses", "rates", "found"):
             setattr(self, name, np.concatenate([getattr(self, name), getattr(more, name)]))
@@ -185,7 +185,7 @@ class Samples:
 
     def bounds(self, left: Index, right: Index, reach: Array) -> Array:
         """(I, n) below which no distance falls between those samples."""
-        fall = self.way.variation(self.x, self.poses, self.rates, left, right) @ reach.T
+        fall = self.path.variation(self.x, self.poses, self.rates, left, right) @ reach.T
         one, other = self.found[left], self.found[right]
         return np.asarray(np.maximum(0.5 * (one + other - fall), np.minimum(one, other) - fall))
 
@@ -198,7 +198,7 @@ class Samples:
 
 
 def nearest(
-    way: Way,
+    path: PosePath,
     distances: Callable[[Array], Array],
     reach: Array,
     wanted: Array,
@@ -209,17 +209,17 @@ def nearest(
     After `MOST` evaluations what is proved may be less than wanted: then nobody knows.
 
     Args:
-        way: the curve.
+        path: the curve.
         distances: poses (T, k) -> (T, n) m, lower bounds included.
         reach: (n, k) P: a distance changes by at most P |dq|.
         wanted: (n,) m.
         excess: poses -> (T, n) m by which distances may be too large, asked of those that all rests on.
     """
-    first = Samples.of(way, distances, way.knots[::QUICK])
+    first = Samples.of(path, distances, path.knots[::QUICK])
     if np.any(first.found < wanted):
         return first.nearest(wanted, touched=True)
-    samples = Samples.of(way, distances, way.knots)
-    left, right = np.arange(len(way.knots) - 1), np.arange(1, len(way.knots))
+    samples = Samples.of(path, distances, path.knots)
+    left, right = np.arange(len(path.knots) - 1), np.arange(1, len(path.knots))
     closed = []
     while len(left):
         bounds = samples.bounds(left, right, reach)
@@ -306,16 +306,18 @@ class Clearance:
 
     def prove(self, piece: Trajectory) -> Sequence[Proof]:
         """One row for each pair of rigid parts, and for each part and what stands around."""
-        return memoized(self._proofs, piece.to_json(), lambda: self._rows(way_of(piece), *self._error(piece)))
+        return memoized(
+            self._proofs, piece.to_json(), lambda: self._rows(path_of(piece), *self._error(piece))
+        )
 
     def warned(self, trajectory: Trajectory) -> tuple[Notice, ...]:
         """That next to no motion is left, where shapes that are close at home leave no more; else nothing."""
         at_home = self.gaps.of_poses(self.home[None])[0]
         nearest = int(at_home.argmin())
-        ways = [way_of(piece) for _, _, piece in trajectory.pieces() if isinstance(piece, FourierTrajectory)]
+        ways = [path_of(piece) for _, _, piece in trajectory.pieces() if isinstance(piece, FourierTrajectory)]
         if at_home[nearest] >= 2.0 * self.margin or not ways:
             return ()
-        poses = np.concatenate([way.at(way.knots)[0] for way in ways])
+        poses = np.concatenate([path.at(path.knots)[0] for path in ways])
         part = np.ptp(poses, axis=0) / (self.gaps.skeleton.upper - self.gaps.skeleton.lower)
         if part.max() >= SMALL:
             return ()
@@ -327,10 +329,10 @@ class Clearance:
         return memoized(self._words, piece.to_json(), lambda: self._sampled(piece))
 
     def _sampled(self, piece: Trajectory) -> bool:
-        way, error = way_of(piece), self._error(piece)[0]
-        x = way.knots[::LOOK]
+        path, error = path_of(piece), self._error(piece)[0]
+        x = path.knots[::LOOK]
         first, others = x[::QUICK], np.delete(x, np.s_[::QUICK])  # most that collide do so there
-        return all(self._kept_at(way.at(some)[0], error) for some in (first, others))
+        return all(self._kept_at(path.at(some)[0], error) for some in (first, others))
 
     def blocked(self, form: str, pose: Array) -> str:
         """The gap that is narrowest for what it keeps, where that is too narrow."""
@@ -377,9 +379,11 @@ class Clearance:
         error, confidence = tracked(0.0, self.margins, piece.form, 0, list(range(len(self.names))))
         return error, float(confidence.min())
 
-    def _nearest(self, way: Way, error: Array, excess: Callable[[Array], Array] | None = None) -> Nearest:
+    def _nearest(
+        self, path: PosePath, error: Array, excess: Callable[[Array], Array] | None = None
+    ) -> Nearest:
         return nearest(
-            way, lambda poses: self._distances(poses, error), self.gaps.reach, self._wanted, excess
+            path, lambda poses: self._distances(poses, error), self.gaps.reach, self._wanted, excess
         )
 
     def _distances(self, poses: Array, error: Array) -> Array:
@@ -404,18 +408,18 @@ class Clearance:
             self._shares[key] = np.minimum(1.0, room / np.maximum(taken, np.finfo(float).tiny))
         return self._shares[key]
 
-    def _rows(self, way: Way, error: Array, confidence: float) -> tuple[Proof, ...]:
+    def _rows(self, path: PosePath, error: Array, confidence: float) -> tuple[Proof, ...]:
         """The certificate's rows; of a motion that is refused, what samples show."""
-        found = self._nearest(way, error, lambda poses: excess(self.gaps, poses))
+        found = self._nearest(path, error, lambda poses: excess(self.gaps, poses))
         status: Literal["proved", "sampled"] = "sampled" if found.touched else "proved"
         own = [np.flatnonzero(self.row_of == i) for i in range(len(self.rows))]
         worst = np.array([gaps[np.argmin(found.seen[gaps])] for gaps in own])
         x = found.x[worst]
-        planned = self.gaps.of_poses(way.at(x)[0])[np.arange(len(worst)), worst] - TOLERANCE
+        planned = self.gaps.of_poses(path.at(x)[0])[np.arange(len(worst)), worst] - TOLERANCE
         taken = np.maximum(planned - found.seen[worst], 0.0) if error.any() else np.zeros(len(worst))
         share = self._share(error) if error.any() else np.ones(len(self.gaps.list))
         rows = []
-        for i, (row, time) in enumerate(zip(self.rows, way.time(x), strict=True)):
+        for i, (row, time) in enumerate(zip(self.rows, path.time(x), strict=True)):
             far = (
                 planned[i] >= CUTOFF - 2.0 * TOLERANCE
             )  # beyond what is measured: nobody knows what is nearest

@@ -13,7 +13,7 @@ from etude.types import Array
 from etude_arm.plant.feedback_loop import Following
 from etude_arm.plant.trace import LoopInputs, Running, Trace
 from etude_arm.rehearsal.body import bare_body, from_file, said_of_drives
-from etude_arm.rehearsal.model import Made
+from etude_arm.rehearsal.drive_model import Made
 from etude_arm.rehearsal.motors import Motors, Scales, armature_of, effort, motors_of, scales_of, torque_limit
 from etude_arm.rehearsal.overlay import Simulate
 from etude_arm.spec import FORCES, ArmSpec
@@ -59,7 +59,7 @@ class RehearsedRobot(Following):
         return self.begin(inputs.q_des[0]).advance(inputs)
 
     def begin(self, q: Array) -> Running:
-        from etude_arm.rehearsal.model import RehearsedRun
+        from etude_arm.rehearsal.drive_model import RehearsedRun
 
         return RehearsedRun(self.made, q)
 

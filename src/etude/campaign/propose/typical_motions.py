@@ -20,7 +20,7 @@ from etude.trajectories.json_text import from_json
 from etude.types import Array, Channel, Motion
 
 if TYPE_CHECKING:
-    from etude.design.chain import Approaches
+    from etude.design.chain_design import Approaches
 
 
 def typical_motions(
@@ -92,7 +92,7 @@ def from_rest(campaign: Campaign, motion: Trajectory, limits: Sequence[Limit]) -
 
 def approaches_of(campaign: Campaign) -> Approaches:
     """The kind's ways to a motion and back."""
-    return lambda motion, pose: campaign.kind.ways(campaign.spec, motion, pose)
+    return lambda motion, pose: campaign.kind.approaches(campaign.spec, motion, pose)
 
 
 SMOOTH = 5
