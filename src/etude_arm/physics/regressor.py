@@ -15,10 +15,8 @@ from etude_arm.physics.kinematics import BodyMotion, KinematicTree, body_motion
 Array = NDArray[np.float64]
 
 
-SKEW = np.zeros((3, 3, 3))
+SKEW = np.cross(np.eye(3)[:, None], np.eye(3)).swapaxes(1, 2)
 """v SKEW is the matrix (3, 3) that takes w to v x w."""
-SKEW[(0, 1, 2), (2, 0, 1), (1, 2, 0)] = 1.0
-SKEW[(0, 1, 2), (1, 2, 0), (2, 0, 1)] = -1.0
 INERTIA = np.zeros((3, 3, 6))
 """w INERTIA is the matrix (3, 6) that takes xx yy zz xy xz yz to I w."""
 for _row, _places in enumerate(((0, 3, 4), (3, 1, 5), (4, 5, 2))):
