@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from etude.design.score import Criterion, Output, evaluate, value_of
+from etude.design.criteria import Criterion, Output, evaluate, value_of
 from etude.errors import UsageError
 from etude.protocols import Family, Inputs, Trajectory
 from etude.types import Array, Index, Planned

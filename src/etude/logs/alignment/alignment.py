@@ -113,13 +113,6 @@ def likely_delays(
     ]
 
 
-def measure_delay(
-    reference: Array, response: Array, rate: float, lags: tuple[float, float] = (-1.0, 1.0)
-) -> Delay:
-    """The best of `likely_delays`."""
-    return likely_delays(reference, response, rate, lags)[0]
-
-
 def _correlations(a: Array, b: Array, shifts: Index) -> Array:
     """Correlation coefficient of a[i] with b[i + shift] over their overlap, for each shift."""
     n = 1 << (len(a) + len(b)).bit_length()

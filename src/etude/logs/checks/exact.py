@@ -8,7 +8,7 @@ refused, beyond `LIKELY` it raises a question. Where nothing is lost and the dat
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -33,7 +33,9 @@ class Numbers:
     Attributes:
         t: (T,) s. step: median s between rows.
         q, u: (T, J) positions and commands. v: (T, J) velocities; None if none were logged.
-        path: of the positions. reach: (J,) rad or m that each may go by its limits; inf where nobody knows.
+        path: of the positions.
+        reach, middle: (J,) rad or m that each may go by its limits, and about where; inf and 0 where nobody
+            knows.
     """
 
     t: Array
@@ -43,16 +45,12 @@ class Numbers:
     v: Array | None
     path: Channel
     reach: Array
+    middle: Array
 
     @property
     def parts(self) -> tuple[str, ...]:
         """Names of the joints."""
         return self.path.parts
-
-    @property
-    def motion(self) -> Array:
-        """(T, J) or (T, 2 J): positions, and velocities where they are logged."""
-        return self.q if self.v is None else np.hstack([self.q, self.v])
 
     @staticmethod
     def of(log: Log, limits: Limits) -> Numbers | None:
@@ -62,12 +60,19 @@ class Numbers:
             return None
         known = log.channels.values()
         command = next(c for c in known if c.role == "command" and c.acts_on == path.name)
-        rate = next((c.name for c in known if c.derivative_of == path.name and c.role != "plan"), "")
-        v = log[rate] if rate in log and log[rate].shape == log[path.name].shape else None
-        lower, upper = limits.get(path.name, (0.0, np.inf))
-        reach = np.broadcast_to(np.asarray(upper - lower, dtype=np.float64), (len(path.parts),))
+        v = next((log[name] for name in _rates(log, path)), None)
+        none = np.full(len(path.parts), np.inf)
+        lower, upper = limits.get(path.name, (-none, none))
+        with np.errstate(invalid="ignore"):
+            middle = np.nan_to_num(0.5 * (lower + upper))
         step = float(np.median(np.diff(log.t)))
-        return Numbers(log.t, step, log[path.name], log[command.name], v, path, reach)
+        return Numbers(log.t, step, log[path.name], log[command.name], v, path, upper - lower, middle)
+
+
+def _rates(log: Log, path: Channel) -> list[str]:
+    """The channel of the logged velocities, if there is one."""
+    own = (c for c in log.channels.values() if c.derivative_of == path.name and c.role != "plan")
+    return [c.name for c in own if c.name in log]
 
 
 LEAST_ROWS = 50  # fewer say nothing of a rule
@@ -91,7 +96,7 @@ def judge_numbers(log: Log, limits: Limits) -> tuple[Finding, ...]:
     return tuple(found)
 
 
-def _asked(check: str, odds: float, fact: str, step: str, *, mend: str = "") -> Iterator[Finding]:
+def _asked(check: str, odds: float, fact: str, step: str, *, mend: str = "") -> Iterator[Mendable]:
     """The finding of a hypothesis that is not mended by itself: certain, likely, or none.
 
     Args:
@@ -110,7 +115,7 @@ def _odds(odds: float) -> str:
     return f"{float(f'{math.exp(odds):.1g}'):.0f} to 1"
 
 
-def _mended(check: str, fact: str, done: str) -> Iterator[Finding]:
+def _mended(check: str, fact: str, done: str) -> Iterator[Mendable]:
     """The finding of a hypothesis of which nothing is lost by mending it."""
     yield Mendable(check, "yellow", f"{fact}: {done}", f"{accepted(check)}.", free=True)
 
@@ -123,18 +128,20 @@ SLOW_COMMANDS = 2.0, 60.0  # Hz between which commands are held and no program o
 FRESHER = 1.8  # times as fresh as the held block, the other one
 
 
-def new_rows(values: Array) -> Mask:
-    """(T,) rows that differ from the row before in any column; the first is one."""
-    found = np.ones(len(values), dtype=np.bool_)
-    np.any(values[1:] != values[:-1], axis=1, out=found[1:])
+def new_rows(*blocks: Array) -> Mask:
+    """(T,) rows that differ from the row before in any column of blocks (T, k); the first is one."""
+    found = np.zeros(len(blocks[0]), dtype=np.bool_)
+    found[0] = True
+    for column in (column for block in blocks for column in block.T):
+        found[1:] |= column[1:] != column[:-1]
     return found
 
 
-def repeats(values: Array, motion: Array) -> float:
-    """Rows for each new one of values (T, k), by the faster half of the motion (T, m); 1 where rows are new,
-    or stand without a rule.
+def repeats(new: Mask, motion: Array) -> float:
+    """Rows for each new one (T,), by the faster half of the motion (T, m); 1 where rows are new, or stand
+    without a rule.
     """
-    rows = np.flatnonzero(new_rows(values))
+    rows = np.flatnonzero(new)
     gaps = np.diff(rows)
     if len(gaps) < SEVERAL or gaps.mean() < REPEATED:
         return 1.0
@@ -156,11 +163,8 @@ def _rows_held(log: Log) -> Iterator[Finding]:
     blocks = _measured(log)
     if len(log) < LEAST_ROWS or not blocks:
         return
-    # most logs are settled by one column
-    if min(float(np.mean(block[1:, 0] != block[:-1, 0])) for block in blocks) > 1.0 / REPEATED:
-        return
-    values = np.hstack(blocks)
-    each = repeats(values, values)
+    new = new_rows(*blocks)
+    each = 1.0 if new.mean() > 1.0 / REPEATED else repeats(new, np.hstack(blocks))
     if each > REPEATED:
         yield from _held_fact("Every row", each, float(np.median(np.diff(log.t))))
 
@@ -173,13 +177,14 @@ def _held_fact(what: str, each: float, step: float) -> Iterator[Finding]:
 
 def _blocks_held(numbers: Numbers) -> Iterator[Finding]:
     """Commands or positions that change more slowly than the others."""
-    motion, rate = numbers.motion, 1.0 / numbers.step
-    fresh = {"u": float(new_rows(numbers.u).mean()), "q": float(new_rows(motion).mean())}
-    if min(fresh.values()) > 0.5:
+    motion, rate = (numbers.q,) if numbers.v is None else (numbers.q, numbers.v), 1.0 / numbers.step
+    fresh, given = new_rows(*motion), new_rows(numbers.u)
+    share, others = float(fresh.mean()), float(given.mean())
+    if min(share, others) > 0.5:
         return
-    if fresh["q"] < fresh["u"] and (each := repeats(motion, motion)) > 2.0 and fresh["u"] > FRESHER / each:
+    if share < others and (each := repeats(fresh, numbers.q)) > 2.0 and others > FRESHER / each:
         yield from _held_fact("Every position", each, numbers.step)
-    elif (each := repeats(numbers.u, motion)) > 2.0 and fresh["q"] > FRESHER / each:
+    elif (each := repeats(given, numbers.q)) > 2.0 and share > FRESHER / each:
         slowest, fastest = SLOW_COMMANDS
         if slowest < rate / each < fastest:
             yield from _asked(
@@ -193,63 +198,103 @@ def _blocks_held(numbers: Numbers) -> Iterator[Finding]:
 
 TURN_RAD, TURN_DEGREES = 2.0 * math.pi, 360.0
 OF_A_TURN = 0.02  # by which a step may miss one turn
+MOSTLY_AGAINST = 0.8  # of the speeds at jumps; where a joint is slow, noise has a sign too
 ONCE = 1.05  # turns: a joint that reaches further may turn on and on
+
+
+@dataclass(frozen=True, eq=False)
+class Turns:
+    """What is wrong with the angles of a log by whole turns.
+
+    Attributes:
+        q: (T, J) positions without that.
+        jumps: (J,) how often each wraps. away: (J,) turns by which one that never wraps is off its limits.
+        seen: (J,) whether the velocity at the jumps goes the other way.
+    """
+
+    q: Array
+    jumps: Array
+    away: Array
+    seen: Mask
+
+    @staticmethod
+    def of(numbers: Numbers) -> Turns | None:
+        """None where nothing is."""
+        hinges = np.array(numbers.path.units) == "rad"
+        top = np.where(hinges, np.abs(np.diff(numbers.q, axis=0)).max(axis=0), 0.0)
+        turn = TURN_DEGREES if top.max() > 0.5 * TURN_DEGREES else TURN_RAD
+        q, jumps, seen = numbers.q.copy(), np.zeros(len(hinges)), np.zeros(len(hinges), dtype=np.bool_)
+        for j in np.flatnonzero(top > 0.5 * turn).tolist():
+            steps = _whole_turns(q[:, j], turn)
+            q[1:, j] -= turn * np.cumsum(steps)
+            jumps[j] = np.abs(steps).sum()
+            against = 0.0 * steps if numbers.v is None else -steps * numbers.v[1:, j]
+            seen[j] = against.sum() > MOSTLY_AGAINST * np.abs(against).sum()
+        scale = turn / TURN_RAD  # of limits, which are rad
+        low, high, reach = q.min(axis=0), q.max(axis=0), scale * numbers.reach
+        centre = 0.5 * (low + high) - scale * numbers.middle
+        outside = (np.abs(centre) > 0.5 * reach) & (high - low < reach)
+        away = np.where(hinges & outside & (jumps == 0.0), np.round(centre / turn), 0.0)
+        q -= turn * np.where(jumps > 0.0, np.round(centre / turn), away)
+        return Turns(q, jumps, away, seen) if jumps.any() or away.any() else None
 
 
 def _whole_turns(q: Array, turn: float) -> Array:
     """(T-1,) turns by which each step of q (T,) wraps, if all that is larger than half a turn is one."""
     step = np.diff(q)
     one = np.abs(np.abs(step) - turn) < OF_A_TURN * turn
-    if not one.any() or (np.abs(step) > 0.5 * turn)[~one].any():
+    if (np.abs(step) > 0.5 * turn)[~one].any():
         return np.zeros(len(step))
     return np.asarray(np.where(one, np.sign(step), 0.0))
 
 
-def wraps(q: Array, units: Sequence[str]) -> tuple[Array, Array]:
-    """Turns (T-1, J) by which the steps of q (T, J) wrap, and the size (J,) of a turn in its unit."""
-    turns, sizes = np.zeros((len(q) - 1, q.shape[1])), np.full(q.shape[1], TURN_RAD)
-    top = np.max(np.abs(np.diff(q, axis=0)), axis=0, initial=0.0)
-    for j in np.flatnonzero((top > (1.0 - OF_A_TURN) * TURN_RAD) & (np.array(units) == "rad")).tolist():
-        sizes[j] = TURN_DEGREES if top[j] > 0.5 * TURN_DEGREES else TURN_RAD
-        turns[:, j] = _whole_turns(q[:, j], float(sizes[j]))
-    return turns, sizes
-
-
 def _wrapped(numbers: Numbers) -> Iterator[Finding]:
-    turns, sizes = wraps(numbers.q, numbers.path.units)
-    count = np.abs(turns).sum(axis=0)
-    if not count.any():
+    turns = Turns.of(numbers)
+    if turns is None:
         return
-    times = int(count.sum())
-    fact = f"{named(numbers.parts, count > 0.0)}: {times} jump{'s'[: times > 1]} of one turn"
-    endless = (numbers.reach > ONCE * sizes) & np.isfinite(numbers.reach)
-    if endless[count > 0.0].all():
-        yield from _mended(TURNS, fact, "the angles are unwrapped.")
-        return
-    odds = 10.0 + times * math.log(50.0)
-    yield from _asked(TURNS, odds, fact, "The angles wrap.", mend="unwrap them")
+    times, wrap, far = int(turns.jumps.sum()), turns.jumps > 0.0, turns.away != 0.0
+    facts = []
+    if times:
+        facts.append(f"{named(numbers.parts, wrap)}: {times} jump{'s'[: times > 1]} of one turn")
+    if far.any():
+        facts.append(f"{named(numbers.parts, far)}: whole turns outside of the limits")
+    endless = np.isfinite(numbers.reach) & (numbers.reach > ONCE * TURN_RAD)
+    if times and (endless | turns.seen)[wrap].all():
+        found = _mended(TURNS, "; ".join(facts), "the angles are unwrapped.")
+    else:
+        odds = max(10.0 + times * math.log(50.0), BEYOND_CHANCE * far.any())
+        found = _asked(TURNS, odds, "; ".join(facts), "The angles wrap.", mend="unwrap them")
+    for finding in found:
+        yield replace(finding, by=(*numbers.reach.tolist(), *numbers.middle.tolist()))
 
 
-def _unwrapped(log: Log, _: Finding) -> Log:
-    path = joints(log)
-    assert path is not None
-    q = log[path.name]
-    turns, sizes = wraps(q, path.units)
-    q = q - np.vstack([np.zeros(q.shape[1]), np.cumsum(turns, axis=0)]) * sizes
-    names = named(path.parts, np.asarray(turns.any(axis=0)))
-    return log.put(path, q).repaired(f"The angles of {names} were unwrapped.")
+def _unwrapped(log: Log, finding: Mendable) -> Log:
+    """by: reach and middle of the joints."""
+    numbers = Numbers.of(log, {})
+    assert numbers is not None
+    reach, middle = np.array(finding.by).reshape(2, -1)
+    turns = Turns.of(replace(numbers, reach=reach, middle=middle))
+    assert turns is not None
+    names = named(numbers.parts, (turns.jumps > 0.0) | (turns.away != 0.0))
+    return log.put(numbers.path, turns.q).repaired(f"The angles of {names} were unwrapped.")
 
 
 SAME = 1.0 - 1e-9  # correlation beyond which two columns are one
+ENOUGH = 20_000  # rows that tell it
 
 
 def _copied(numbers: Numbers) -> Iterator[Finding]:
-    """Two commands that are one column, or a command that is a position or a velocity."""
+    """Two commands that are one column, or a command that is a position or a velocity.
+
+    A joint that feedback holds may have a command of exactly minus so much of its position.
+    """
     blocks = {"command": numbers.u, "position": numbers.q}
     blocks |= {} if numbers.v is None else {"velocity": numbers.v}
-    like, J = _likeness(np.hstack(list(blocks.values()))), len(numbers.parts)
+    every = max(1, len(numbers.t) // ENOUGH)
+    like, J = _likeness(np.hstack([block[::every] for block in blocks.values()])), len(numbers.parts)
     labels = [f"{block} of {part}" for block in blocks for part in numbers.parts]
-    pairs = [(a, b) for a, b in np.argwhere(np.triu(like[:J] > SAME, 1)).tolist()]
+    like[:J, :J] = np.abs(like[:J, :J])
+    pairs = np.argwhere(np.triu(like[:J] > SAME, 1)).tolist()
     if pairs:
         said = ", ".join(f"the {labels[a]} and the {labels[b]}" for a, b in pairs)
         step = "Look at the names of the columns, and export the log again."
@@ -257,17 +302,16 @@ def _copied(numbers: Numbers) -> Iterator[Finding]:
 
 
 def _likeness(columns: Array) -> Array:
-    """(k, k) absolute correlations of columns (T, k); 0 of one that is constant but for rounding."""
+    """(k, k) correlations of columns (T, k); 0 of one that is constant but for rounding."""
     centred = columns - columns.mean(axis=0)
     size = np.linalg.norm(centred, axis=0)
     moves = size > 1e-9 * np.linalg.norm(columns, axis=0)
     centred = np.where(moves, centred, 0.0) / np.where(moves, size, 1.0)
-    return np.asarray(np.abs(centred.T @ centred))
+    return np.asarray(centred.T @ centred)
 
 
 AT_ZERO = 0.02  # of a command's largest
 BRIEF_S = 0.25  # s: a longer visit is rest
-FORTH_AND_BACK = 0.2  # of its range that a joint goes back
 
 
 def _unsigned(numbers: Numbers) -> Iterator[Finding]:
@@ -280,7 +324,7 @@ def _unsigned(numbers: Numbers) -> Iterator[Finding]:
         if size.max() > 0.0:
             visits += _brief_visits(size < AT_ZERO * size.max(), numbers.step)
     fact = f"No command ever changes its sign, and {visits} times one comes to zero and turns back"
-    step = "Log commands with their sign: magnitudes teach the opposite motion nothing."
+    step = "Log commands with their sign: a model of magnitudes is wrong for the opposite motion."
     yield from _asked(UNSIGNED, visits * math.log(2.0), fact, step)
 
 
@@ -298,10 +342,12 @@ MOSTLY = 0.2  # of an off stretch in which something moves
 def _off(numbers: Numbers) -> Iterator[Finding]:
     """All commands exactly zero while joints move: they were not logged, or the drives were off."""
     zero: Mask = np.asarray((numbers.u == 0.0).all(axis=1))
-    step = np.abs(np.diff(numbers.q, axis=0, prepend=numbers.q[:1]))
-    least = np.maximum(MOVING * np.quantile(step, 0.95, axis=0), np.finfo(float).tiny)
-    goes: Mask = np.asarray((step > least).any(axis=1))
-    found = [(a, b) for a, b in runs(zero) if (b - a) * numbers.step > OFF_S and goes[a:b].mean() > MOSTLY]
+    found = [(a, b) for a, b in runs(zero) if (b - a) * numbers.step > OFF_S]
+    if found:
+        step = np.abs(np.diff(numbers.q, axis=0, prepend=numbers.q[:1]))
+        least = np.maximum(MOVING * np.quantile(step, 0.95, axis=0), np.finfo(float).tiny)
+        goes: Mask = np.asarray((step > least).any(axis=1))
+        found = [(a, b) for a, b in found if goes[a:b].mean() > MOSTLY]
     if not found or zero.all():
         return
     seconds = sum(b - a for a, b in found) * numbers.step
@@ -314,7 +360,7 @@ def _off(numbers: Numbers) -> Iterator[Finding]:
         yield replace(finding, spans=spans)
 
 
-def _without_spans(log: Log, finding: Finding) -> Log:
+def _without_spans(log: Log, finding: Mendable) -> Log:
     kept = np.ones(len(log), dtype=np.bool_)
     for start, end in finding.spans:
         kept &= (log.t < start) | (log.t >= end)
@@ -341,8 +387,11 @@ def _overflows(command: Array) -> int:
     """
     step, width = np.abs(np.diff(command)), float(np.ptp(command))
     rows = 1 + np.flatnonzero(step[1:-1] > WHOLE_RANGE * width)
-    usual = float(np.median(step))
-    if not len(rows) or usual == 0.0 or np.quantile(step, 0.9) > LARGE_STEP * width:
+    if (
+        len(rows) < 2
+        or (usual := float(np.median(step))) == 0.0
+        or np.quantile(step, 0.9) > LARGE_STEP * width
+    ):
         return 0
     left = (width - step[rows]) / (step[rows - 1] + step[rows + 1] + usual)
     return len(rows) if np.median(left) < 1.0 else 0
@@ -352,6 +401,7 @@ EVEN = 0.05  # of a step, deviation of stamps: a clock that counts rows; others 
 SHARES = (0.003, 0.01, 0.03, 0.1, 0.2)  # of the rows that may be lost
 NOISIEST, BIASED = 0.3, 0.25  # of a step: scale of r, and its median from 1; beyond, r tells nothing
 LEAST_SCALE = 0.02  # of r
+SLOW = 0.1  # of the longest step: shorter ones are left out
 SLOW_SHARE = 30.0  # per cent of the steps, the slowest, that tell nothing
 LEAST_STEPS = 100  # fast ones, whose spread tells what a lost row is against
 
@@ -359,18 +409,18 @@ LEAST_STEPS = 100  # fast ones, whose spread tells what a lost row is against
 AROUND = (1, 2, 4)  # steps to either side whose mean may tell a step
 
 
-def _told_steps(numbers: Numbers, way: Array, dt: Array) -> tuple[Array, Array]:
-    """What tells the steps way (T-1, J) of each joint best: velocities, or the mean of the steps around; and
-    how far these are off in the mean (J,).
+def _told_steps(way: Array, by_velocity: Array | None) -> tuple[Array, float]:
+    """What tells the steps way (T-1,) of a joint best: its velocity, or the mean of the steps around; and how
+    far that is off in the mean.
     """
-    told = [] if numbers.v is None else [0.5 * (numbers.v[1:] + numbers.v[:-1]) * dt[:, None]]
+    told = [] if by_velocity is None else [by_velocity]
     for count in AROUND:
         window = np.full(2 * count + 1, 1.0 / (2 * count))
         window[count] = 0.0
-        told.append(np.column_stack([np.convolve(steps, window, "same") for steps in way.T]))
-    noise = np.array([np.abs(way - steps).mean(axis=0) for steps in told])
-    best = np.argmin(noise, axis=0)
-    return np.stack(told)[best, :, np.arange(way.shape[1])].T, noise.min(axis=0)
+        told.append(np.convolve(way, window, "same"))
+    off = [float(np.abs(way - steps).mean()) for steps in told]
+    best = int(np.argmin(off))
+    return told[best], off[best]
 
 
 @dataclass(frozen=True, eq=False)
@@ -392,17 +442,21 @@ class Steps:
         dt = np.diff(numbers.t)
         if dt.std() > EVEN * numbers.step:
             return None
-        way = np.diff(numbers.q, axis=0)
-        said, noise = _told_steps(numbers, way, dt)
-        used = (np.abs(said) > 0.1 * np.abs(said).max(axis=0)) / np.maximum(noise, 1e-12)
-        size = np.square(said * used).sum(axis=1)
+        size, product = np.zeros((2, len(dt)))
+        for j, q in enumerate(numbers.q.T):
+            v = None if numbers.v is None else numbers.v[:, j]
+            way = np.diff(q)
+            said, off = _told_steps(way, None if v is None else 0.5 * (v[1:] + v[:-1]) * dt)
+            said = np.where(np.abs(said) > SLOW * np.abs(said).max(), said, 0.0) / max(off, 1e-12)
+            size += said**2
+            product += said * way / max(off, 1e-12)
         least = max(float(np.percentile(size, SLOW_SHARE)), np.finfo(float).tiny)
-        new = new_rows(np.hstack([numbers.motion, numbers.u]))
+        new = new_rows(numbers.q, numbers.u)
         single = new[1:] & new[:-1]  # beside a late packet one step is 0 and the next is 2
         fast = np.asarray((size > least) & single)
         if fast.sum() < LEAST_STEPS:
             return None
-        r = (way * said * used**2).sum(axis=1) / np.maximum(size, np.finfo(float).tiny)
+        r = product / np.maximum(size, np.finfo(float).tiny)
         r[~single] = 1.0
         middle = float(np.median(r[fast]))
         scale = 1.5 * float(np.median(np.abs(r[fast] - middle)))
@@ -450,7 +504,7 @@ def _rows_lost(numbers: Numbers) -> Iterator[Finding]:
         yield from _asked(LOST, odds, fact, "Log the stamps of the sensor.", mend="set the times right")
 
 
-def _retimed(log: Log, _: Finding) -> Log:
+def _retimed(log: Log, _: Mendable) -> Log:
     numbers = Numbers.of(log, {})
     steps = None if numbers is None else Steps.of(numbers)
     if numbers is None or steps is None:
@@ -461,18 +515,17 @@ def _retimed(log: Log, _: Finding) -> Log:
     return replace(log, t=t).repaired(f"Times were set right where {lost} rows had been lost.")
 
 
-def _fresh_rows(log: Log, finding: Finding) -> Log:
+def _fresh_rows(log: Log, finding: Mendable) -> Log:
     """The rows at which the channel that is held is new."""
     path = joints(log)
-    whole = np.hstack(_measured(log))
-    if path is None or repeats(whole, whole) > REPEATED:
-        return log.take(new_rows(whole)).repaired(finding.sentence)
-    numbers = Numbers.of(log, {})
-    assert numbers is not None
-    return log.take(new_rows(numbers.motion)).repaired(finding.sentence)
+    blocks = _measured(log)
+    new = new_rows(*blocks)
+    if path is not None and repeats(new, np.hstack(blocks)) < REPEATED:
+        new = new_rows(log[path.name], *(log[name] for name in _rates(log, path)))
+    return log.take(new).repaired(finding.sentence)
 
 
-REPAIRS: dict[str, Callable[[Log, Finding], Log]] = {
+REPAIRS: dict[str, Callable[[Log, Mendable], Log]] = {
     HELD: _fresh_rows,
     TURNS: _unwrapped,
     OFF: _without_spans,

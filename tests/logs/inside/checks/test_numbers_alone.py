@@ -149,15 +149,24 @@ def test_commands_that_are_held_are_refused_by_name() -> None:
     assert "10 times a second in a log of 100" in found.sentence
 
 
-def test_angles_of_joints_that_turn_on_are_unwrapped() -> None:
-    log = noisy()
+@pytest.mark.parametrize(("velocities", "limits"), [(True, ONCE), (False, ENDLESS)])
+def test_angles_are_unwrapped_where_joints_turn_on_or_velocities_show_it(
+    velocities: bool, limits: dict[str, tuple[Array, Array]]
+) -> None:
+    log = noisy(velocities=velocities)
     wrong = wrapped(log)
-    found = one(wrong, ENDLESS)
+    found = one(wrong, limits)
     assert (found.check, found.free) == ("turns", True)
     assert found.sentence.startswith("toe: ")
     mended = repaired(wrong, found)
     np.testing.assert_allclose(np.diff(mended["q"], axis=0), np.diff(log["q"], axis=0), atol=1e-9)
-    assert told(mended, ENDLESS) == []
+    assert told(mended, limits) == []
+
+
+def test_velocities_that_deny_a_wrap_leave_it_a_refusal() -> None:
+    log = noisy()
+    found = one(changed(wrapped(log), qd=-log["qd"]))
+    assert (found.check, found.light, found.free) == ("turns", "red", False)
 
 
 @pytest.mark.parametrize(("turn", "scale"), [(2.0 * np.pi, 1.0), (360.0, 180.0 / np.pi)])
@@ -169,6 +178,20 @@ def test_other_angles_that_wrap_are_refused_with_their_repair(turn: float, scale
     assert "--repair turns" in found.step
     steps = np.diff(repaired(wrong, found)["q"], axis=0)
     np.testing.assert_allclose(steps, scale * np.diff(log["q"], axis=0), atol=1e-9)
+
+
+def test_angles_from_0_to_a_turn_are_put_within_the_limits() -> None:
+    """One joint crosses 0, one lies below it throughout, one above."""
+    log = noisy()
+    right = log["q"] - log["q"].mean(axis=0) + [0.0, -1.6, 1.6]
+    wrong = changed(log, q=right % (2.0 * np.pi))
+    found = one(wrong)
+    assert found.free
+    assert not one(wrong.without("qd")).free
+    assert found.sentence.startswith("hip: ")
+    assert "; knee: whole turns outside of the limits" in found.sentence
+    np.testing.assert_allclose(repaired(wrong, found)["q"], right, atol=1e-9)
+    assert told(repaired(wrong, found)) == []
 
 
 def test_a_leap_that_is_no_turn_is_no_wrap() -> None:
@@ -194,6 +217,13 @@ def test_a_copied_column_is_named_with_its_twin(source: str) -> None:
     assert (found.check, found.light, found.flag) == ("copied", "red", "copied")
     assert "the command of toe" in found.sentence
     assert f"the {names[source]} of hip" in found.sentence
+
+
+def test_a_joint_that_feedback_holds_is_no_copy() -> None:
+    log = noisy()
+    command = log["command"].copy()
+    command[:, 2] = 3.0 - 800.0 * log["q"][:, 2]
+    assert told(changed(log, command=command)) == []
 
 
 def test_two_joints_that_stand_are_no_copies() -> None:
