@@ -260,6 +260,7 @@ def home(spec: QuadrotorSpec) -> Array:
     low, high = np.array(spec.lower) + margins, np.array(spec.upper) - margins
     place = 0.5 * (low + high)
     reach = math.inf if spec.radius is None else spec.radius - spec.margin
+    # a hundredth of the way is less than a flight's tracking error
     shares = np.linspace(0.0, 1.0, 101)[:, None]
     points = place[:2] + shares * (np.clip(0.0, low[:2], high[:2]) - place[:2])
     room = np.minimum((points - low[:2]).min(axis=1), (high[:2] - points).min(axis=1))

@@ -195,6 +195,7 @@ class CommandLimit:
         motion = self.along(piece, SPACING)
         step, mean = float(motion.t[1] - motion.t[0]), self.mean(motion)
         spread, bend = self.spread(motion, piece.duration), _bend(mean)
+        # a curve leaves the chord between two samples by at most an eighth of its second difference
         low, high = (mean - spread - bend / 8.0).min(axis=0), (mean + spread + bend / 8.0).max(axis=0)
         text = f"samples every {1000.0 * step:.2g} ms of {self._whose(piece)}"
         rows = []
@@ -219,6 +220,7 @@ class CommandLimit:
 
     def along(self, piece: Trajectory, spacing: float) -> Motion:
         """The motion every `spacing` s, its end too."""
+        # 1e-9: a duration of whole spacings gets no further sample by rounding
         count = max(3, math.ceil(piece.duration / spacing - 1e-9)) + 1
         return piece.motion(np.linspace(0.0, piece.duration, count), self.orders)
 
@@ -234,6 +236,7 @@ class CommandLimit:
         if self.deviation is None:
             return np.zeros((len(motion.t), len(self.names)))
         step = float(motion.t[1] - motion.t[0]) if len(motion.t) > 1 else apart
+        # 1e-9: whole steps stay whole, however their ratio is rounded
         every = max(1, math.floor(apart / step + 1e-9))
         places = np.arange(0, len(motion.t) - 1 + every, every)
         places[-1] = len(motion.t) - 1
