@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from etude._runtime.rounding import whole_up
 from etude.limits.certificate import COMMANDS, SPEED, certify, utilization
 from etude.limits.convex_limits import AxisLimit, NormLimit, TiltLimit
 from etude.limits.feasible import FeasibleSet
@@ -172,7 +173,7 @@ def _lifted(spec: QuadrotorSpec, ground: Array, hover: Array) -> Splined:
 
 def _whole(spec: QuadrotorSpec, seconds: float) -> float:
     """At least so long, and a whole number of set-points."""
-    return math.ceil(seconds * spec.table_rate - 1e-9) / spec.table_rate
+    return whole_up(seconds * spec.table_rate) / spec.table_rate
 
 
 def limits(

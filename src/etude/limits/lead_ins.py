@@ -7,12 +7,12 @@ septics through points of that, which a certificate proves as they are.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from typing import cast
 
 import numpy as np
 
+from etude._runtime.rounding import whole_up
 from etude.errors import UnsafeTrajectoryError
 from etude.limits.certificate import certify
 from etude.protocols import Limit, Trajectory
@@ -60,8 +60,7 @@ def lead_out(trajectory: FourierTrajectory, lasting: float) -> Splined:
 
 
 def _led(trajectory: FourierTrajectory, lasting: float, *, out: bool) -> Splined:
-    # 1e-9: whole pieces get no further one by rounding
-    count = max(2, math.ceil(lasting / PIECES - 1e-9))
+    count = max(2, whole_up(lasting / PIECES))
     times = np.linspace(0.0, lasting, count + 1)
     s = times / lasting
     theta, rates = _started(s if not out else 1.0 - s, lasting)
