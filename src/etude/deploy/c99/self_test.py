@@ -121,10 +121,10 @@ def self_test(plan: Plan, form: CForm, vectors: Golden, exact: float) -> str:
     ]
     if form.deviations:
         checked.append(("predict", "predict(&state, inputs[i], command, variance)"))
-    told = {"mean": vectors.mean, "gravity": vectors.gravity, "instant": vectors.instant}
+    wanted = {"mean": vectors.mean, "gravity": vectors.gravity, "instant": vectors.instant}
     tables = [_table("inputs", f"static const {own}_real", vectors.inputs, form.single)]
     for name in dict.fromkeys("mean" if name == "predict" else name for name, _ in checked):
-        tables.append(_table(f"want_{name}", "static const double", told[name], False))
+        tables.append(_table(f"want_{name}", "static const double", wanted[name], False))
     if form.deviations:
         tables.append(_table("want_variance", "static const double", vectors.variance, False))
     flags = ", ".join(str(int(flag)) for flag in vectors.flags)
