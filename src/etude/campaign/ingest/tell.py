@@ -350,7 +350,7 @@ def untell(
 ) -> bool:
     """Takes the log of `number` back: an event, nothing is deleted, and the model is trained without it.
 
-    A proposal waits for its log again; `abandon` gives it up instead. IngestResult again, the log is taken in as if
+    A proposal waits for its log again; `abandon` gives it up instead. Told again, the log is taken in as if
     it had never been told. False if it was taken back before.
 
     Raises:
