@@ -137,6 +137,12 @@ def new_rows(*blocks: Array) -> Mask:
     return found
 
 
+def _counted(q: Array) -> bool:
+    """Whether columns (T, J) that change do so by one count: a coarse encoder in slow motion."""
+    steps = [step[step > 0.0] for step in np.abs(np.diff(q, axis=0)).T]
+    return all((step < 1.5 * step.min()).mean() > REGULAR for step in steps if len(step))
+
+
 def repeats(new: Mask, motion: Array) -> float:
     """Rows for each new one (T,), by the faster half of the motion (T, m); 1 where rows are new, or stand
     without a rule.
@@ -165,7 +171,7 @@ def _rows_held(log: Log) -> Iterator[Finding]:
         return
     new = new_rows(*blocks)
     each = 1.0 if new.mean() > 1.0 / REPEATED else repeats(new, np.hstack(blocks))
-    if each > REPEATED:
+    if each > REPEATED and not all(map(_counted, blocks)):
         yield from _held_fact("Every row", each, float(np.median(np.diff(log.t))))
 
 
@@ -183,7 +189,8 @@ def _blocks_held(numbers: Numbers) -> Iterator[Finding]:
     if min(share, others) > 0.5:
         return
     if share < others and (each := repeats(fresh, numbers.q)) > 2.0 and others > FRESHER / each:
-        yield from _held_fact("Every position", each, numbers.step)
+        if not _counted(numbers.q):
+            yield from _held_fact("Every position", each, numbers.step)
     elif (each := repeats(given, numbers.q)) > 2.0 and share > FRESHER / each:
         slowest, fastest = SLOW_COMMANDS
         if slowest < rate / each < fastest:
@@ -310,7 +317,7 @@ def _centred(block: Array) -> Array:
     return np.asarray(np.where(moves, centred, 0.0) / np.where(moves, size, 1.0))
 
 
-AT_ZERO = 0.02  # of a command's largest
+AT_ZERO, AWAY = 0.02, 0.05  # of a command's largest: where it comes to zero, and where it has left it
 BRIEF_S = 0.25  # s: a longer visit is rest
 
 
@@ -322,16 +329,17 @@ def _unsigned(numbers: Numbers) -> Iterator[Finding]:
         if size.min() < 0.0:
             return
         if size.max() > 0.0:
-            visits += _brief_visits(size < AT_ZERO * size.max(), numbers.step)
+            visits += _brief_visits(size / size.max(), numbers.step)
     fact = f"No command ever changes its sign, and {visits} times one comes to zero and turns back"
     step = "Log commands with their sign: a model of magnitudes is wrong for the opposite motion."
     yield from _asked(UNSIGNED, visits * math.log(2.0), fact, step)
 
 
-def _brief_visits(near: Mask, step: float) -> int:
-    """How often a mask (T,) is set for a moment inside of the log."""
-    found = [(a, b) for a, b in runs(near) if a > 0 and b < len(near)]
-    return sum((b - a) * step < BRIEF_S for a, b in found)
+def _brief_visits(size: Array, step: float) -> int:
+    """How often size (T,), of 0 to 1, comes to zero for a moment between two stretches away from it."""
+    near, rows = size < AT_ZERO, np.flatnonzero((size < AT_ZERO) | (size > AWAY))
+    found = [(a, b) for a, b in runs(near[rows]) if a > 0 and b < len(rows)]
+    return sum((rows[b - 1] - rows[a] + 1) * step < BRIEF_S for a, b in found)
 
 
 OFF_S = 0.3  # s: a shorter zero may be one
