@@ -7,7 +7,7 @@ from collections import Counter
 import mujoco
 import numpy as np
 import pytest
-from etude_arm.loading.agreement import SHARE
+from etude_arm.loading.compiled_model_check import SHARE
 from loading_examples import example_robot
 
 BODY = """<mujoco><worldbody><body><joint axis="0 0 1"/>
