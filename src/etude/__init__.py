@@ -15,9 +15,8 @@ if TYPE_CHECKING:
     from etude.campaign.deployment.predict import predict
     from etude.campaign.deployment.promote import promote, rollback
     from etude.campaign.evaluate.status import status
-    from etude.campaign.ingest.ingest_many import tell
     from etude.campaign.ingest.inspection import read_log
-    from etude.campaign.ingest.tell import untell
+    from etude.campaign.ingest.tell import tell, untell
     from etude.campaign.propose.ask import ask
     from etude.campaign.record.folder import open_campaign
     from etude.campaign.record.stored_models import load_model

@@ -133,6 +133,7 @@ def _decisions(
         return []
     error, sent = wanted - log[path], log.get(FED_FORWARD)
     u = log[COMMAND] - (0.0 if sent is None else sent)
+    # a command within 1 % of its limit was cut, or may have been
     beyond = (log[COMMAND] <= 0.99 * limits[0]) | (log[COMMAND] >= 0.99 * limits[1])
     good = np.asarray(~beyond.any(axis=1) & np.isfinite(error).all(axis=1) & np.isfinite(u).all(axis=1))
     total = np.cumsum(np.nan_to_num(error, posinf=0.0, neginf=0.0), axis=0) / rate
@@ -214,5 +215,6 @@ def _law(told: Array, group: NDArray[np.int64], name: str) -> tuple[float, float
             where=name,
             next_step=why(error, slope, total, u, group),
         )
+    # 1.4826: from the median deviation to the standard deviation of a normal distribution
     spread = 1.4826 * float(np.median(np.abs(left)))
     return float(kp), float(kd), max(spread, float(np.percentile(np.abs(left), TAIL_PART)) / TAIL)

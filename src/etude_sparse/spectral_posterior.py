@@ -8,14 +8,12 @@ from functools import cached_property
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from etude._runtime.operators import QUARTER
-from etude._runtime.scipy_parts import dpotrs
 from etude.errors import UsageError
 from etude.models.gp.bayesian_linear import LinearFactors
 from etude.models.gp.c99 import BLOCK, EXPONENTIAL, packed
-from etude.models.gp.cholesky import factorise, triangular_inverse
+from etude.models.gp.cholesky import triangular_inverse
 from etude.models.gp.kernels import SquaredExponential
 from etude.threads import threads_for
 from etude.types import Array, Code
@@ -177,28 +175,6 @@ class SparseSpectrumPosterior:
         """Gradient (T, D) of the mean at each row of X."""
         X = self._inputs(X)
         return self.features.pullback(X, np.broadcast_to(self.weights, (len(X), len(self.weights))))
-
-    def leave_group_out(self, group: NDArray[np.int64]) -> tuple[Array, Array]:
-        """Mean (n,) and variance with noise (n,) of each y from the points of the other groups.
-
-        `group` (n,) numbers the trajectory of each point. The points of one group are taken out of A and b:
-        one factorisation of order 2m a group, and no second pass over the others.
-        """
-        group = np.asarray(group)
-        if group.shape != self.y.shape:
-            raise UsageError(f"one group number per point: {len(self.y)} points, groups {group.shape}")
-        mean, variance = np.empty_like(self.y), np.empty_like(self.y)
-        with threads_for(len(self.weights)):
-            A = self.L @ self.L.T
-            b = A @ self.weights
-            for number in np.unique(group):
-                own = group == number
-                P = self.features.transform(self.X[own])
-                L, _ = factorise(np.asfortranarray(A - P.T @ P), 0.0)
-                half = P @ triangular_inverse(L).T
-                mean[own] = P @ dpotrs(L, b - P.T @ self.y[own], lower=1)[0]
-                variance[own] = self.noise_variance * (1.0 + np.einsum("tp,tp->t", half, half))
-        return mean, variance
 
     def _inputs(self, X: Array) -> Array:
         X = np.asarray(X, dtype=float)

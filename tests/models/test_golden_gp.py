@@ -34,7 +34,8 @@ def test_prediction(posterior: ExactPosterior) -> None:
 
 
 def test_leave_one_out(posterior: ExactPosterior) -> None:
-    mean, variance = posterior.loo()
+    variance = 1.0 / posterior.inverse.diagonal()
+    mean = posterior.y - posterior.alpha * variance
     assert mean[2] == pytest.approx(1.01307229720257, rel=1e-12)
     assert variance[2] == pytest.approx(0.0252646537454372, rel=1e-12)
 
@@ -50,5 +51,5 @@ def test_covariances_carry_the_criteria(posterior: ExactPosterior) -> None:
 
 def test_dictionary_member_is_the_noise_free_leave_one_out() -> None:
     exact = ExactGP(GP.kernel, GP.theta, -50.0).condition(X, Y)
-    assert exact.loo()[1][2] == pytest.approx(0.00361606525674058, rel=1e-9)
+    assert 1.0 / exact.inverse[2, 2] == pytest.approx(0.00361606525674058, rel=1e-9)
     assert exact.predict(BATCH[:1])[1][0] == pytest.approx(1.89220311308582e-5, rel=1e-8)

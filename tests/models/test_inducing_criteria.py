@@ -52,7 +52,7 @@ def test_gradient_and_shared_factors(name, posterior, monkeypatch) -> None:
         step[index] = 1e-4
         ends = [value_of(criterion_named(name), outputs, Z + s * step, gains) for s in (1, -1)]
         assert in_Z[index] == pytest.approx((ends[0] - ends[1]) / 2e-4, rel=1e-6, abs=1e-7)
-    monkeypatch.setattr("etude.design.score.batch_of", PlainBatch)
+    monkeypatch.setattr("etude.design.criteria.batch_of", PlainBatch)
     plain, plain_in_Z, _ = evaluate(criterion_named(name), [Output.of(posterior, R)], Z, gains)
     assert plain == pytest.approx(value, rel=1e-9)
     np.testing.assert_allclose(plain_in_Z, in_Z, rtol=1e-7, atol=1e-9)

@@ -8,12 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, Protocol, TypeVar, cast
 
 import numpy as np
 
 QUARTER = 0.5 * np.pi
 """cos x = sin (x + QUARTER): onnxruntime had no Cos of double before 1.23."""
+T = TypeVar("T")
 Operand = Any
 """A Value, an array or a number."""
 
@@ -121,9 +122,12 @@ class Piece:
     rate: float = 0.0
 
 
-def joined(parts: Sequence[Value], axis: int = -1) -> Value:
+def joined(parts: Sequence[T], axis: int = -1) -> T:
     """Arrays one behind the other."""
-    return parts[0] if len(parts) == 1 else parts[0].made("Concat", *parts, axis=axis)
+    own: Sequence[Any] = parts
+    if not isinstance(own[0], Value):
+        return cast(T, np.concatenate(own, axis=axis))
+    return cast(T, own[0] if len(own) == 1 else own[0].made("Concat", *own, axis=axis))
 
 
 def stacked(parts: Sequence[Operand], axis: int = 0) -> Operand:
@@ -139,6 +143,31 @@ def stacked(parts: Sequence[Operand], axis: int = 0) -> Operand:
 def column(a: Operand, place: int) -> Operand:
     """(n, 1): one column of (n, k)."""
     return a.at([place]) if isinstance(a, Value) else a[:, place, None]
+
+
+def picked(a: Operand, place: int) -> Operand:
+    """That place of the first axis, which goes."""
+    return a.at([place], 0).sum(0) if isinstance(a, Value) else a[place]
+
+
+def widened(a: Operand, axis: int) -> Operand:
+    """With one more axis, of one place."""
+    return a.widened(axis) if isinstance(a, Value) else np.expand_dims(a, axis)
+
+
+def swapped(a: Operand, *order: int) -> Operand:
+    """Its axes in that order."""
+    return a.swapped(*order) if isinstance(a, Value) else np.transpose(a, order)
+
+
+def root(a: Operand) -> Operand:
+    """Of each number."""
+    return a.of("Sqrt") if isinstance(a, Value) else np.sqrt(a)
+
+
+def tanh(a: Operand) -> Operand:
+    """Of each number."""
+    return a.of("Tanh") if isinstance(a, Value) else np.tanh(a)
 
 
 def sine(angle: Operand) -> Operand:

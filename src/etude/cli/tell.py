@@ -11,8 +11,8 @@ import tyro
 from etude.cli.outcome import Common, Folder, Outcome, Say, code_of, opened
 
 if TYPE_CHECKING:
-    from etude.campaign.ingest.ingest_many import IngestedFile, IngestedMany
     from etude.campaign.ingest.ingest_result import Told
+    from etude.campaign.ingest.tell import IngestedFile, IngestedMany
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -53,7 +53,7 @@ class Tell(Common):
     or of what was learned; if not given what it was asked for. Each has its own margins of tracking."""
 
     def run(self, say: Say) -> Outcome:
-        from etude.campaign.ingest.ingest_many import tell, tell_many
+        from etude.campaign.ingest.tell import tell, tell_many
         from etude.errors import UsageError
 
         if not self.logs and not self.changed:
@@ -154,3 +154,37 @@ def _file(file: IngestedFile) -> dict[str, Any]:
     told = {} if file.ingested is None else _data(file.ingested)
     own = {name: value for name, value in told.items() if name not in ("learned", "warnings")}
     return {"path": str(file.path), "outcome": file.sentence, "refused": refused, **own}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Numbered(Common):
+    """A command on one trajectory of a campaign, or on its log."""
+
+    folder: Folder
+    number: Annotated[int, tyro.conf.Positional]
+    """Of the trajectory, which is that of its log."""
+
+    def outcome(self, what: str, done: str, changed: bool) -> Outcome:
+        """What was done to it, or had been done before."""
+        text = f"{what} {self.number} is {done}." if changed else f"It was {done} before."
+        return Outcome(text, {"number": self.number, "changed": changed})
+
+
+@dataclass(frozen=True, kw_only=True)
+class Untell(Numbered):
+    """Take back a log that was told by mistake: the model is trained without it, its proposal open again."""
+
+    def run(self, say: Say) -> Outcome:
+        from etude.campaign.ingest.tell import untell
+
+        return self.outcome("Log", "taken back", untell(opened(self.folder), self.number, say=say))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Abandon(Numbered):
+    """Give a trajectory up: its log will never come, or must not be used. Telling it takes that back."""
+
+    def run(self, say: Say) -> Outcome:
+        from etude.campaign.ingest.tell import abandon
+
+        return self.outcome("Trajectory", "abandoned", abandon(opened(self.folder), self.number, say=say))

@@ -5,13 +5,14 @@ from typing import TYPE_CHECKING
 from etude._runtime.lazy import face
 
 if TYPE_CHECKING:
-    from etude.design.aim import design_objective
     from etude.design.candidates import Source
     from etude.design.chain_design import design_chain, linked
     from etude.design.config import DesignConfig
     from etude.design.criteria import (
         Criterion,
         Output,
+        PlainBatch,
+        Score,
         criterion_named,
         evaluate,
         ivr,
@@ -22,8 +23,7 @@ if TYPE_CHECKING:
     from etude.design.latents import Latent, latents_of, of_parameters, prior_latents
     from etude.design.nonconvex_limits import NonconvexLimits
     from etude.design.objective import MOTIONS, Objective, reference_states
-    from etude.design.score import PlainBatch, Score
-    from etude.design.solve import Design, design, refine
+    from etude.design.solve import Design, design, design_objective, refine
 
 __all__ = [
     "MOTIONS",

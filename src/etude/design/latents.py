@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from etude.abilities import SupportsRegressors
-from etude.design.score import Batch, batch_of
+from etude.design.criteria import Batch, batch_of
 from etude.errors import UsageError
 from etude.models.config import ModelConfig
 from etude.models.data.fit_data import kernel_for

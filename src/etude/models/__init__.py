@@ -42,9 +42,8 @@ if TYPE_CHECKING:
     from etude.models.gp.bayesian_linear import BayesianLinear
     from etude.models.gp.cholesky import JitterWarning, factorise
     from etude.models.gp.exact import ExactGP, ExactPosterior, posterior_given
-    from etude.models.gp.fixed_inducing import FixedInducing
     from etude.models.gp.hyperparameters import Prior, fit, initial_gp
-    from etude.models.gp.inducing import Form, InducingGP
+    from etude.models.gp.inducing import FixedInducing, Form, InducingGP
     from etude.models.gp.inducing_training import fit_inducing, initial_inducing
     from etude.models.gp.kernel_algebra import Kernel
     from etude.models.gp.kernels import Linear, SquaredExponential, ard_se, structured

@@ -68,7 +68,7 @@ def _exact(fit: FitData) -> Teaching:
     gp, every = trained_process(fit), counted(fit)
     if len(fit.kept) != fit.config.inducing or len(every) <= len(fit.kept):
         return Teaching(fit, shared_outputs(gp), fit.kept)
-    from etude.models.gp.fixed_inducing import Induced
+    from etude.models.gp.inducing import Induced
 
     kept, points = fit.kept, min(fit.config.points, len(fit.kept))
     guided = kept[np.arange(points) * len(kept) // points]

@@ -191,15 +191,3 @@ class SupportsClosedForm(Protocol):
     """
 
     def held_out(self, X: Array, numbers: Index, Y: Array) -> tuple[Array, Array]: ...
-
-
-class GaussianProcess(Protocol):
-    """A Gaussian process with its hyperparameters, before it has seen data."""
-
-    def condition(self, X: Array, y: Array) -> Posterior:
-        """The posterior given inputs X (n, D) and outputs y (n,)."""
-        ...
-
-    def log_marginal_likelihood(self, X: Array, y: Array) -> tuple[float, Array]:
-        """log p(y | X) and its gradient with respect to `theta`, the log hyperparameters (P,)."""
-        ...

@@ -14,14 +14,13 @@ from etude.report.markup import Html, document, element, join, paragraph
 from etude.report.record import Record, read_record
 from etude.report.sections.headline import headline
 from etude.report.sections.learning import learning
-from etude.report.sections.model_scores import calibration, selection
+from etude.report.sections.model_scores import calibration, selection, uncertainty
 from etude.report.sections.motion import motion
 from etude.report.sections.paths import paths
 from etude.report.sections.prediction import prediction
 from etude.report.sections.rounds import confirmation, provenance, repairs, rounds
 from etude.report.sections.tracking import tracking
 from etude.report.sections.trajectories import trajectories
-from etude.report.sections.uncertainty import uncertainty
 from etude.storage import write_atomic
 
 SECTIONS = (

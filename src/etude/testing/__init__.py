@@ -19,10 +19,9 @@ from etude._runtime.lazy import face
 if TYPE_CHECKING:
     from etude.testing.differences import central
     from etude.testing.file_suites import ExporterSuite, ReaderSuite
-    from etude.testing.kind_suite import KindSuite
+    from etude.testing.kind_suite import InputsSuite, KindSuite, PhysicsSuite, RobotSuite
     from etude.testing.model_suites import CriterionSuite, KernelSuite, ProcessSuite
     from etude.testing.motion_suites import FamilySuite, LimitSuite
-    from etude.testing.robot_suites import InputsSuite, PhysicsSuite, RobotSuite
     from etude.testing.robot_world import World, world
 
 __all__ = [

@@ -1,4 +1,6 @@
-"""What every kind of robot owes: all its nouns together, and two rounds of a simulated campaign."""
+"""What every kind of robot owes: its simulated robot, feature map and physics (plans and logs are alike to a
+model), all its nouns together, and two rounds of a simulated campaign.
+"""
 
 from __future__ import annotations
 
@@ -9,13 +11,203 @@ from typing import ClassVar
 
 import numpy as np
 
+from etude.abilities import SupportsWithout
 from etude.limits.certificate import certify
 from etude.plugins import require_whole
-from etude.protocols import Family, Kind, Limit
+from etude.protocols import Family, Kind, Limit, Mean
+from etude.testing.differences import central, close, same
 from etude.testing.motion_suites import FamilySuite, LimitSuite
-from etude.testing.robot_suites import InputsSuite, PhysicsSuite, RobotSuite
-from etude.testing.robot_world import World, world
-from etude.types import Array
+from etude.testing.robot_world import World, log_of, samples_of, world
+from etude.types import Array, Motion
+
+
+class RobotSuite:
+    """Laws of `protocols.Robot`, of one robot of a kind. Set `kind` and `robot`."""
+
+    kind: ClassVar[Kind]
+    robot: ClassVar[str]
+    gentle: ClassVar[float] = 0.3
+    """How far recorded states may be from the plan's, as a part of the plan's spread, in a gentle run."""
+
+    @property
+    def world(self) -> World:
+        return world(self.kind, self.robot)
+
+    def test_the_same_seed_gives_the_same_log(self) -> None:
+        here = self.world
+        robot = here.kind.robot(here.spec, here.config)
+        assert robot is not None
+        first = log_of(here, 0)
+        again = robot.run(here.trajectory(0), None, np.random.default_rng(0))
+        same(again.t, first.t, "times")
+        assert set(again.values) == set(first.values)
+        for name, values in first.values.items():
+            same(again[name], values, f"channel {name}")
+
+    def test_the_log_holds_what_the_kind_promises(self) -> None:
+        here, log = self.world, log_of(self.world, 0)
+        known = {channel.name: channel for channel in self.kind.channels(here.spec)}
+        for name, channel in log.channels.items():
+            if channel.role != "truth":
+                assert name in known, f"{name} is no channel of the kind"
+            assert log[name].shape == (len(log), len(channel.parts)), f"shape of {name}"
+        missing = [name for name, channel in known.items() if channel.required and name not in log]
+        assert not missing, f"required and not recorded: {missing}"
+        assert np.all(np.diff(log.t) > 0.0), "time increases"
+
+    def test_a_gentle_run_is_near_its_plan(self) -> None:
+        here = self.world
+        robot = here.kind.robot(here.spec, here.config)
+        assert robot is not None
+        slow = here.trajectory(1).slowed(4.0)
+        log = robot.run(slow, None, np.random.default_rng(1))
+        inside = (log.t >= 0.25 * slow.duration) & (log.t <= slow.duration)
+        wanted = slow.motion(log.t[inside], 1).orders[0]
+        off = np.sqrt(np.mean((log[self.kind.path][inside] - wanted) ** 2))
+        assert off <= self.gentle * wanted.std(axis=0).max(), f"a slow motion is missed by {off:.3g}"
+
+    def test_the_error_is_one_number_for_each_axis(self) -> None:
+        here = self.world
+        robot = here.kind.robot(here.spec, here.config)
+        assert robot is not None
+        error, units = robot.error(log_of(here, 0))
+        assert error.shape == (len(units),), "one unit for each axis"
+        assert np.all(np.isfinite(error)), "the error is a number"
+        assert np.all(error >= 0.0), "the error has no sign"
+
+
+class InputsSuite:
+    """Laws of `protocols.Inputs`, of one robot of a kind. Set `kind` and `robot`."""
+
+    kind: ClassVar[Kind]
+    robot: ClassVar[str]
+
+    @property
+    def world(self) -> World:
+        return world(self.kind, self.robot)
+
+    def test_plan_and_log_are_the_same_to_the_bit(self) -> None:
+        here = self.world
+        for seed in range(3):
+            motion = here.motion(seed)
+            same(
+                here.inputs.plan(motion).X,
+                here.inputs.of_log(here.inputs.states(motion)),
+                "X of plan and log",
+            )
+
+    def test_keeping_some_rows_is_taking_them_afterwards(self) -> None:
+        here = self.world
+        motion, keep = here.motion(3), np.array([0, 4, 5, 11])
+        whole, some = here.inputs.plan(motion), here.inputs.plan(motion, keep)
+        same(some.X, whole.X[keep], "X of the rows kept")
+        same(some.gains, whole.gains[keep], "gains of the rows kept")
+
+    def test_step_by_step_is_the_whole_log(self) -> None:
+        here = self.world
+        log = here.inputs.states(here.motion(4))
+        memory, rows = None, []
+        for i in range(len(log)):
+            x, memory = here.inputs.step({name: values[i] for name, values in log.values.items()}, memory)
+            rows.append(x)
+        close(np.array(rows), here.inputs.of_log(log), 1e-12, "X step by step")
+
+    def test_columns_name_what_a_log_has(self) -> None:
+        here = self.world
+        columns = here.inputs.columns
+        log = here.inputs.states(here.motion(5))
+        assert here.inputs.of_log(log).shape == (len(log), len(columns)), "one column for each input"
+        for channel, part, unit, _ in columns:
+            assert channel in log.channels, f"{channel} is no channel of the states"
+            known = log.channels[channel]
+            assert part in known.parts, f"{channel} has no part {part}"
+            assert unit, f"{channel} {part} has no unit"
+
+    def test_pull_is_the_gradient(self) -> None:
+        here = self.world
+        motion = here.motion(6, 6)
+        planned, rng = here.inputs.plan(motion), np.random.default_rng(7)
+        in_X, in_gains = rng.standard_normal(planned.X.shape), rng.standard_normal(planned.gains.shape)
+
+        def value(orders: np.ndarray) -> float:
+            again = here.inputs.plan(Motion(motion.t, orders))
+            return float(np.sum(in_X * again.X) + np.sum(in_gains * again.gains))
+
+        pulled = planned.vjp(in_X, in_gains)
+        assert pulled.shape == motion.orders.shape, "pull has the shape of the motion"
+        close(pulled, central(value, motion.orders, 1e-5), 1e-5, "pull")
+
+    def test_gains_are_square_roots_of_weights(self) -> None:
+        here = self.world
+        gains = here.inputs.plan(here.motion(8)).gains
+        assert np.all(np.abs(gains) <= 1.0), "a sample counts at most once"
+        assert gains.shape[1] == len(self.kind.limit(here.spec)), "one gain for each command"
+
+
+class PhysicsSuite:
+    """Laws of `protocols.Physics` and `protocols.Mean`, of one robot of a kind. Set `kind` and `robot`."""
+
+    kind: ClassVar[Kind]
+    robot: ClassVar[str]
+
+    @property
+    def world(self) -> World:
+        return world(self.kind, self.robot)
+
+    def means(self) -> dict[str, Mean]:
+        """Every structure of physics, fitted to a simulated run."""
+        here = self.world
+        samples = samples_of(here, 1)
+        return {name: physics(samples) for name, physics in self.kind.physics(here.spec, here.config).items()}
+
+    def test_every_command_is_predicted(self) -> None:
+        here = self.world
+        log = here.inputs.states(here.motion(0))
+        for name, mean in self.means().items():
+            predicted = mean.predict(log)
+            assert predicted.shape == (len(log), len(self.kind.limit(here.spec))), f"{name}: shape of predict"
+            assert np.isfinite(predicted).all(), f"{name} predicts numbers that are not finite"
+
+    def test_rows_do_not_depend_on_their_company(self) -> None:
+        here = self.world
+        log, rows = here.inputs.states(here.motion(1)), np.array([7, 3, 3])
+        for name, mean in self.means().items():
+            close(mean.predict(log.take(rows)), mean.predict(log)[rows], 1e-9, f"{name}: rows alone")
+
+    def test_static_is_the_part_at_rest(self) -> None:
+        here = self.world
+        motion = here.motion(2)
+        still = np.zeros_like(motion.orders)
+        still[0] = motion.orders[0]
+        log = here.inputs.states(Motion(motion.t, still))
+        moving = here.inputs.states(motion)
+        means = self.means()
+        for name, mean in means.items():
+            close(mean.static(moving), mean.static(log), 1e-9, f"{name}: static of a moving robot")
+        for row in (0, len(motion.t) // 2):  # what rests stays where it is, and so does what it remembers
+            pose = np.repeat(still[:, row : row + 1], 3, axis=1)
+            log = here.inputs.states(Motion(motion.t[:3], pose))
+            for name, mean in means.items():
+                close(mean.static(log), mean.predict(log), 1e-9, f"{name}: static of a resting robot")
+
+    def test_a_stored_mean_predicts_the_same(self) -> None:
+        here = self.world
+        log = here.inputs.states(here.motion(3))
+        table = self.kind.physics(here.spec, here.config)
+        for name, mean in self.means().items():
+            again = table[name].restore(mean.arrays())
+            same(again.predict(log), mean.predict(log), f"{name}: restored")
+
+    def test_what_a_fold_says_is_not_in_the_mean_without_it(self) -> None:
+        here = self.world
+        samples = samples_of(here, 2)
+        fold = np.arange(len(samples)) * 3 // len(samples)
+        for name, physics in self.kind.physics(here.spec, here.config).items():
+            if not isinstance(physics, SupportsWithout):
+                continue
+            for number, predicted in physics.without(samples, fold).items():
+                alone = physics(samples.take(fold != number)).predict(samples.log)
+                close(predicted, alone, 1e-9, f"{name}: without the fold {number}")
 
 
 class KindSuite(InputsSuite, PhysicsSuite, RobotSuite):

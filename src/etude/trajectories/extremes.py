@@ -50,29 +50,3 @@ def riesz_range(values: Array, kappa: float, amplitude: Array | float = 0.0) -> 
         return low - ROUNDING * amplitude, high + ROUNDING * amplitude
     centre, reach = 0.5 * (high + low), 0.5 * (high - low) / kappa + ROUNDING * amplitude
     return centre - reach, centre + reach
-
-
-def exact_range(constant: float, cosine: Array, sine: Array) -> tuple[float, float]:
-    """Smallest and largest value of constant + sum_k cosine_k cos(k x) + sine_k sin(k x), by companion roots.
-
-    Args:
-        constant: mean value.
-        cosine, sine: (N,) amplitudes of harmonics 1..N.
-    """
-    k = np.arange(1.0, len(cosine) + 1.0)
-    slope = 0.5 * k * (sine + 1j * cosine)  # derivative = sum_k slope_k e^{ikx} + conjugate
-    polynomial = np.concatenate([slope[::-1], [0.0], np.conj(slope)])
-    angles = np.angle(np.roots(polynomial)) if np.any(slope != 0.0) else np.zeros(1)
-    angles = _polish(np.append(angles, 0.0), k, cosine, sine)
-    x = np.outer(angles, k)
-    values = constant + np.cos(x) @ cosine + np.sin(x) @ sine
-    return float(values.min()), float(values.max())
-
-
-def _polish(angles: Array, k: Array, cosine: Array, sine: Array) -> Array:
-    """The angles, and each moved by one short Newton step towards its stationary point."""
-    x = np.outer(angles, k)
-    first = np.cos(x) @ (k * sine) - np.sin(x) @ (k * cosine)
-    second = -np.cos(x) @ (k * k * cosine) - np.sin(x) @ (k * k * sine)
-    step = np.divide(first, second, out=np.zeros_like(first), where=second != 0.0)
-    return np.concatenate([angles, angles - np.clip(step, -1e-3, 1e-3)])

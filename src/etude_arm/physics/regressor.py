@@ -1,8 +1,7 @@
 """The rigid-body regressor: joint torques are linear in the ten inertial parameters of every body.
 
 tau (n, J) = Y(q, qd, qdd) (n, J, 10 B) phi (10 B); Atkeson, An and Hollerbach 1986. Closed form from the
-motion of
-the bodies: one sample costs about a microsecond, against 17 us for one `mj_inverse`, and is exact.
+motion of the bodies: one sample costs about a microsecond, against 17 us for one `mj_inverse`, and is exact.
 """
 
 from __future__ import annotations
@@ -10,41 +9,43 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from etude._runtime.operators import cross
+from etude._runtime.operators import Operand, cross, shaped
 from etude_arm.physics.kinematics import BodyMotion, KinematicTree, body_motion
 
 Array = NDArray[np.float64]
 
 
-def _skew(v: Array) -> Array:
-    """(n, 3, 3) matrices with skew(v) w = v x w."""
-    found = np.zeros((len(v), 3, 3))
-    found[:, (2, 0, 1), (1, 2, 0)] = v
-    found[:, (1, 2, 0), (2, 0, 1)] = -v
-    return found
+SKEW = np.cross(np.eye(3)[:, None], np.eye(3)).swapaxes(1, 2)
+"""v SKEW is the matrix (3, 3) that takes w to v x w."""
+INERTIA = np.zeros((3, 3, 6))
+"""w INERTIA is the matrix (3, 6) that takes xx yy zz xy xz yz to I w."""
+for _row, _places in enumerate(((0, 3, 4), (3, 1, 5), (4, 5, 2))):
+    INERTIA[range(3), _row, _places] = 1.0
+FALL, TURN = np.pad(np.eye(3)[:, :, None], ((0, 0), (0, 0), (0, 3))), np.pad(SKEW, ((0, 0), (0, 0), (1, 0)))
+"""The same for columns m, m c."""
+LEVER, SPIN = np.pad(SKEW, ((0, 0), (0, 0), (0, 6))), np.pad(INERTIA, ((0, 0), (0, 0), (3, 0)))
+"""And for columns m c, xx yy zz xy xz yz."""
 
 
-def _inertia_map(w: Array) -> Array:
-    """(n, 3, 6) matrices with L(w) [Ixx Iyy Izz Ixy Ixz Iyz] = I w."""
-    found = np.zeros((len(w), 3, 6))
-    found[:, (0, 1, 2), (0, 1, 2)] = w
-    found[:, (0, 0, 1), (3, 4, 5)] = w[:, (1, 2, 2)]
-    found[:, (1, 2, 2), (3, 4, 5)] = w[:, (0, 0, 1)]
-    return found
+def _linear(table: Array, v: Operand, *shape: int) -> Operand:
+    """(*shape, 3, k) matrices that are linear in v (*shape, 3)."""
+    return shaped(v @ table.reshape(3, -1), *shape, *table.shape[1:])
 
 
-def body_wrench_map(acceleration: Array, omega: Array, alpha: Array) -> Array:
-    """(n, 6, 10): force and moment about the body's origin per inertial parameter, Newton-Euler.
+def wrench_maps(a: Operand, omega: Operand, alpha: Operand, *shape: int) -> tuple[Operand, Operand]:
+    """Newton-Euler of a body, in NumPy or in the values of a graph.
 
-    All (n, 3) in the body's frame; `acceleration` is that of the origin minus gravity.
+    Args:
+        a: (*shape, 3) acceleration of its origin minus gravity. omega, alpha: (*shape, 3). All in its frame.
+        shape: sizes before; one may be -1, as many as there are.
+
+    Returns:
+        Force (*shape, 3, 4) of m, m c, and moment about the origin (*shape, 3, 9) of m c, xx yy zz xy xz yz.
     """
-    n = len(omega)
-    wrench = np.zeros((n, 6, 10))
-    wrench[:, :3, 0] = acceleration
-    wrench[:, :3, 1:4] = _skew(alpha) + _skew(omega) @ _skew(omega)
-    wrench[:, 3:, 1:4] = -_skew(acceleration)
-    wrench[:, 3:, 4:] = _inertia_map(alpha) + _skew(omega) @ _inertia_map(omega)
-    return wrench
+    across = _linear(SKEW, omega, *shape)
+    force = _linear(FALL, a, *shape) + _linear(TURN, alpha, *shape) + across @ _linear(TURN, omega, *shape)
+    moment = _linear(SPIN, alpha, *shape) - _linear(LEVER, a, *shape) + across @ _linear(SPIN, omega, *shape)
+    return force, moment
 
 
 def regressor_of_motion(tree: KinematicTree, motion: BodyMotion) -> Array:
@@ -57,10 +58,12 @@ def regressor_of_motion(tree: KinematicTree, motion: BodyMotion) -> Array:
         def local(v: Array, to_body: Array = to_body) -> Array:
             return np.asarray(np.einsum("nij,nj->ni", to_body, v))
 
-        wrench = body_wrench_map(
+        wrench = np.zeros((n, 6, 10))
+        wrench[:, :3, :4], wrench[:, 3:, 1:] = wrench_maps(
             local(motion.acceleration[body] - tree.gravity),
             local(motion.omega[body]),
             local(motion.alpha[body]),
+            n,
         )
         for j in tree.path(body):
             axis = motion.axis[j]

@@ -18,11 +18,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from etude._runtime.operators import Operand, tanh
 from etude.types import Mask
 from etude_arm.inputs import FRICTION_SCALES
 from etude_arm.physics.kinematics import KinematicTree, body_motion
 from etude_arm.physics.regressor import nominal_parameters, regressor_of_motion
-from etude_arm.physics.transmission import Drive, drive_motion
+from etude_arm.physics.transmission import Drive, DriveMotion, drive_motion
 from etude_arm.spec import PRESLIDING_DISTANCES
 
 Array = NDArray[np.float64]
@@ -132,7 +133,12 @@ def command_regressors(
     motion = body_motion(tree, q, qd, qdd)
     drive = drive_motion(tree, drives, motion, qd, qdd)
     rigid = drive.to_drive(regressor_of_motion(tree, motion))
-    threshold = np.abs(drive.moment) @ friction_velocity
-    friction = [np.tanh(drive.speed / (scale * threshold)) for scale in FRICTION_SCALES]
     constant = np.ones_like(drive.speed)
-    return rigid, np.stack([drive.acceleration, drive.speed, *friction, constant], axis=2)
+    return rigid, np.stack([*drive_terms(drive, friction_velocity), constant], axis=2)
+
+
+def drive_terms(drive: DriveMotion, friction_velocity: Array) -> list[Operand]:
+    """(n, dof) of each of `EXTRA_TERMS` but the offset."""
+    threshold = abs(drive.moment) @ friction_velocity
+    friction = [tanh(drive.speed / (scale * threshold)) for scale in FRICTION_SCALES]
+    return [drive.acceleration, drive.speed, *friction]

@@ -1,6 +1,6 @@
 """An identified rigid body in the operators of ONNX: Newton-Euler with each output's own parameters.
 
-The same steps as `regressor` and `rigid_body`, of all bodies at once.
+The formulas are those of `regressor`, `transmission` and `rigid_body`, of all bodies at once.
 """
 
 from __future__ import annotations
@@ -11,24 +11,13 @@ from typing import Any
 import numpy as np
 
 from etude._runtime.operators import Piece, Value, cross
-from etude.types import Array
-from etude_arm.inputs import FRICTION_SCALES
 from etude_arm.memory import MEMORY_RATE
 from etude_arm.onnx import followed
-from etude_arm.physics.drive_graph import drives_of
 from etude_arm.physics.kinematics import BodyMotion, body_motion
-from etude_arm.physics.rigid_body import RigidBodyModel
+from etude_arm.physics.regressor import wrench_maps
+from etude_arm.physics.rigid_body import NARROW, RigidBodyModel, drive_terms
+from etude_arm.physics.transmission import drive_motion
 from etude_arm.spec import PATH, PLAN
-
-SKEW = np.zeros((3, 9))
-"""v @ SKEW, as (3, 3), times w is v x w."""
-for _i, _j, _k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
-    SKEW[_k, 3 * _i + _j], SKEW[_j, 3 * _i + _k] = -1.0, 1.0
-INERTIA = np.zeros((3, 18))
-"""w @ INERTIA, as (3, 6), times [xx yy zz xy xz yz] is I w."""
-for _row, _places in enumerate(((0, 3, 4), (3, 1, 5), (4, 5, 2))):
-    for _part, _place in enumerate(_places):
-        INERTIA[_part, 6 * _row + _place] = 1.0
 
 
 def rigid_body_piece(mean: Any) -> Piece:
@@ -52,16 +41,14 @@ def commands(model: RigidBodyModel, q: Value, qd: Value, qdd: Value, turned: Val
     """(n, J); turned (n, J): what the narrowest friction remembers, None: it turns with speed."""
     tree, extra = model.tree, model.extra
     motion = body_motion(tree, q, qd, qdd)
-    drive = drives_of(tree, model.drives, motion, qd, qdd)
-    found = drive.acceleration * extra[:, 0] + drive.speed * extra[:, 1] + extra[:, -1]
-    threshold = abs(drive.moment) @ model.friction_velocity
-    for number, scale in enumerate(FRICTION_SCALES):
-        friction = (drive.speed / (scale * threshold)).of("Tanh")
-        if not number and turned is not None:
-            friction = _turning(model, friction, drive.speed, turned)
-        found = found + friction * extra[:, 2 + number]
-    rigid: Value = (forces(model, motion) * drive.inverse).sum(1)
-    return found + rigid
+    drive = drive_motion(tree, model.drives, motion, qd, qdd)
+    terms = drive_terms(drive, model.friction_velocity)
+    if turned is not None:
+        terms[NARROW] = _turning(model, terms[NARROW], drive.speed, turned)
+    found: Value = (forces(model, motion) * drive.inverse(tree.joints)).sum(1) + extra[:, -1]
+    for number, term in enumerate(terms):
+        found = found + term * extra[:, number]
+    return found
 
 
 def _turning(model: RigidBodyModel, friction: Value, speed: Value, turned: Value) -> Value:
@@ -83,9 +70,8 @@ def forces(model: RigidBodyModel, motion: BodyMotion) -> Value:
     phi = model.inertial.reshape(J, B, 1, 10).transpose(1, 2, 3, 0)
     a = _local(motion.acceleration.at(bodies, 0) - tree.gravity, R)
     w, al = _local(motion.omega.at(bodies, 0), R), _local(motion.alpha.at(bodies, 0), R)
-    skew, spin = _map(w, SKEW, B, 3), _map(al, INERTIA, B, 6) + _map(w, SKEW, B, 3) @ _map(w, INERTIA, B, 6)
-    push = a.widened(3) * phi[:, :, :1] + (_map(al, SKEW, B, 3) + skew @ skew) @ phi[:, :, 1:4]
-    turn = spin @ phi[:, :, 4:] - _map(a, SKEW, B, 3) @ phi[:, :, 1:4]
+    force, moment = wrench_maps(a, w, al, B, -1)
+    push, turn = force @ phi[:, :, :4], moment @ phi[:, :, 1:]
     on_path, hinge = np.zeros((B, 1, J, 1)), (~tree.joint_slides).astype(float)[:, None]
     for body in bodies:
         on_path[body - 1, :, tree.path(body)] = 1.0
@@ -100,8 +86,3 @@ def forces(model: RigidBodyModel, motion: BodyMotion) -> Value:
 def _local(v: Value, rotation: Value) -> Value:
     """R' v of vectors (B, n, 3)."""
     return (v.widened(2) @ rotation).sum(2)
-
-
-def _map(v: Value, table: Array, bodies: int, width: int) -> Value:
-    """(B, n, 3, width) matrices that are linear in v (B, n, 3)."""
-    return (v @ table).shaped(bodies, -1, 3, width)

@@ -2,18 +2,30 @@
 
 The moment matrix M (actuators x joints) holds d length / d q; joint torques are M^T f and actuator speeds M
 qd. A linear actuator's moment changes with the configuration, and identification in its own coordinate
-leaves that known geometry out of what has to be learned.
+leaves that known geometry out of what has to be learned. One formula serves NumPy and the values of a graph.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
-from etude._runtime.operators import cross
+from etude._runtime.operators import (
+    Operand,
+    Value,
+    column,
+    cross,
+    joined,
+    picked,
+    root,
+    stacked,
+    swapped,
+    widened,
+)
 from etude.errors import NumericalError
 from etude_arm.physics.kinematics import BodyMotion, KinematicTree
 
@@ -53,19 +65,28 @@ class Drive:
 
 @dataclass(frozen=True)
 class DriveMotion:
-    """Moment M (n, A, J) of every drive, its speed (n, A) and acceleration (n, A); A = J."""
+    """Moment M (n, A, J) of every drive, n = 1 where it stands; its speed and acceleration (n, A); A = J."""
 
-    moment: Array
-    speed: Array
-    acceleration: Array
+    moment: Operand
+    speed: Operand
+    acceleration: Operand
+
+    def inverse(self, size: int) -> Operand:
+        """M^-1 (n, J, A) of so many drives."""
+        return (
+            _eliminated(self.moment, size) if isinstance(self.moment, Value) else np.linalg.inv(self.moment)
+        )
 
     def to_drive(self, torque: Array) -> Array:
         """Actuator forces f with M^T f = torque; torque is (n, J) or (n, J, P), one column for each
         regressor.
         """
         columns = torque if torque.ndim == 3 else torque[..., None]
+        turned = np.swapaxes(self.moment, 1, 2)
         try:
-            force = np.linalg.solve(np.swapaxes(self.moment, 1, 2), columns)
+            # where moments stand one inverse serves all instants, in half of the time
+            stands = len(turned) < len(columns)
+            force = np.linalg.inv(turned) @ columns if stands else np.linalg.solve(turned, columns)
         except np.linalg.LinAlgError as error:
             raise NumericalError(
                 "The drives cannot hold the robot in some configuration",
@@ -95,52 +116,83 @@ def joint_drives(joints: int) -> tuple[Drive, ...]:
 
 
 def drive_motion(
-    tree: KinematicTree, drives: tuple[Drive, ...], motion: BodyMotion, qd: Array, qdd: Array
+    tree: KinematicTree, drives: Sequence[Drive], motion: BodyMotion, qd: Operand, qdd: Operand
 ) -> DriveMotion:
     """Moments, speeds and accelerations of the drives along a body motion; exact, no differences."""
-    moments, speeds, accelerations = [], [], []
-    for drive in drives:
-        moment = np.broadcast_to(drive.coefficients, qd.shape)
-        speed, acceleration = qd @ drive.coefficients, qdd @ drive.coefficients
-        sites = [_site(tree, motion, int(b), p) for b, p in zip(drive.bodies, drive.points, strict=True)]
-        for first, second in pairwise(sites):
-            part = _segment(first, second)
-            moment, speed, acceleration = moment + part[0], speed + part[1], acceleration + part[2]
-        moments.append(drive.gear * moment)
-        speeds.append(drive.gear * speed)
-        accelerations.append(drive.gear * acceleration)
-    return DriveMotion(np.stack(moments, axis=1), np.stack(speeds, axis=1), np.stack(accelerations, axis=1))
+    gear = np.array([drive.gear for drive in drives])
+    fixed = gear[:, None] * np.stack([drive.coefficients for drive in drives])
+    speed, acceleration = qd @ fixed.T, qdd @ fixed.T
+    if not any(len(drive.bodies) for drive in drives):
+        return DriveMotion(fixed[None], speed, acceleration)
+    lines = [_line(tree, drive, motion, qd * 0.0) for drive in drives]
+    moment, own_speed, own_acceleration = zip(*lines, strict=True)
+    return DriveMotion(
+        fixed + gear[:, None] * stacked(moment, 1),
+        speed + gear * joined(own_speed),
+        acceleration + gear * joined(own_acceleration),
+    )
+
+
+def _line(tree: KinematicTree, drive: Drive, motion: BodyMotion, nothing: Operand) -> tuple[Operand, ...]:
+    """Moment (n, J), speed and acceleration (n, 1) of the line through the drive's sites; zeros without."""
+    sites = [_site(tree, motion, int(b), p) for b, p in zip(drive.bodies, drive.points, strict=True)]
+    found = nothing, column(nothing, 0), column(nothing, 0)
+    for first, second in pairwise(sites):
+        found = tuple(own + more for own, more in zip(found, _segment(first, second), strict=True))
+    return found
 
 
 @dataclass(frozen=True)
 class _Site:
-    """Position, velocity, acceleration (n, 3) and Jacobian (n, 3, J) of a body-fixed point."""
+    """Position, velocity, acceleration (n, 3) and Jacobian (n, J, 3) of a body-fixed point."""
 
-    position: Array
-    velocity: Array
-    acceleration: Array
-    jacobian: Array
+    position: Operand
+    velocity: Operand
+    acceleration: Operand
+    jacobian: Operand
 
 
 def _site(tree: KinematicTree, motion: BodyMotion, body: int, point: Array) -> _Site:
-    arm = motion.rotation[body] @ point
-    position = motion.position[body] + arm
-    omega, alpha = motion.omega[body], motion.alpha[body]
-    swing = cross(omega, arm)
-    jacobian = np.zeros((len(position), 3, tree.joints))
-    for j in tree.path(body):
-        axis = motion.axis[j]
-        jacobian[:, :, j] = axis if tree.joint_slides[j] else cross(axis, position - motion.anchor[j])
-    acceleration = motion.acceleration[body] + cross(alpha, arm) + cross(omega, swing)
-    return _Site(position, motion.velocity[body] + swing, acceleration, jacobian)
+    rotation, origin, velocity = (
+        picked(part, body) for part in (motion.rotation, motion.position, motion.velocity)
+    )
+    acceleration, omega, alpha = (
+        picked(part, body) for part in (motion.acceleration, motion.omega, motion.alpha)
+    )
+    arm = rotation @ point
+    position, swing = origin + arm, cross(omega, arm)
+    path, slides = np.zeros((tree.joints, 1)), tree.joint_slides.astype(float)[:, None]
+    path[tree.path(body)] = 1.0
+    axes, anchors = swapped(motion.axis, 1, 0, 2), swapped(motion.anchor, 1, 0, 2)
+    jacobian = path * ((1.0 - slides) * cross(axes, widened(position, 1) - anchors) + slides * axes)
+    return _Site(position, velocity + swing, acceleration + cross(alpha, arm) + cross(omega, swing), jacobian)
 
 
-def _segment(first: _Site, second: _Site) -> tuple[Array, Array, Array]:
-    """Moment (n, J), speed (n,) and acceleration (n,) of the distance between two sites."""
+def _segment(first: _Site, second: _Site) -> tuple[Operand, Operand, Operand]:
+    """Moment (n, J), speed and acceleration (n, 1) of the distance between two sites."""
     gap, drift = second.position - first.position, second.velocity - first.velocity
-    length = np.linalg.norm(gap, axis=1)
-    direction = gap / length[:, None]
-    moment = np.einsum("ni,nij->nj", direction, second.jacobian - first.jacobian)
-    speed = np.sum(direction * drift, axis=1)
-    push = np.sum(direction * (second.acceleration - first.acceleration), axis=1)
-    return moment, speed, push + (np.sum(drift**2, axis=1) - speed**2) / length
+    length = widened(root((gap * gap).sum(1)), 1)
+    direction = gap / length
+    moment = ((second.jacobian - first.jacobian) * widened(direction, 1)).sum(2)
+    speed = widened((direction * drift).sum(1), 1)
+    push = widened((direction * (second.acceleration - first.acceleration)).sum(1), 1)
+    return moment, speed, push + (widened((drift * drift).sum(1), 1) - speed * speed) / length
+
+
+def _eliminated(moment: Value, size: int) -> Value:
+    """M^-1 (n, J, A) = M' (M M')^-1: elimination needs no pivots where a matrix is positive definite.
+
+    Sums of products, as onnxruntime joins Transpose and MatMul to an operator that it has not for double.
+    """
+    square = (moment.widened(2) * moment.widened(1)).sum(3)
+    left = [square.at([i], 1).sum(1) for i in range(size)]
+    right: list[Operand] = [left[0] * 0.0 + row for row in np.eye(size)]
+    for k in range(size):
+        pivot = left[k].at([k])
+        left[k], right[k] = left[k] / pivot, right[k] / pivot
+        for i in set(range(size)) - {k}:
+            factor = left[i].at([k])
+            left[i], right[i] = left[i] - factor * left[k], right[i] - factor * right[k]
+    inverse = joined([row.widened(1) for row in right], 1)
+    found: Value = (moment.widened(3) * inverse.widened(2)).sum(1)
+    return found

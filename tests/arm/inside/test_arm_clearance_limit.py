@@ -64,8 +64,8 @@ def test_it_says_first_of_all_where_next_to_no_motion_is_left() -> None:
     near = clearance(planar(Surroundings(floor=Floor(0.25))))  # 10 mm below the upper arm
     (said,) = certify(swing(0.01), [near]).warnings
     assert said.code == Warn.HARDLY_MOVES
-    assert "no joint goes through more than 0.36 % of its range" in said.sentence
-    assert "upper and floor are 10 mm apart" in said.sentence
+    assert "no joint moves through more than 0.36 % of its range" in said.sentence
+    assert "the distance of upper and floor is 10 mm" in said.sentence
     way = PointToPoint(np.array([[0.0, 0.0, 0.0], [0.01, 0.0, 0.0]]), 1.0)
     for limit, motion in ((near, swing(0.3)), (LIMIT, swing(0.01)), (near, way)):
         assert not limit.warned(motion)

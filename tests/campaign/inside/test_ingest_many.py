@@ -14,7 +14,7 @@ from small_robot import make_campaign, random_motion, stub_learner, write_log
 
 from etude import ask, status, tell, untell
 from etude.campaign import Campaign, Told, abandon, event_to_json, open_campaign, replay, stored_trajectory
-from etude.campaign.ingest.ingest_many import IngestedMany
+from etude.campaign.ingest.tell import IngestedMany
 from etude.campaign.record.journal import damaged_files
 from etude.cli import main
 from etude.errors import DataError, UsageError

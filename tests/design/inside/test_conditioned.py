@@ -9,9 +9,9 @@ import pytest
 from design_examples import arm_model
 
 from etude.design import PlainBatch, latents_of
-from etude.design.aim import Conditioned, given_planned
+from etude.design.criteria import batch_of
 from etude.design.latents import PlannedPosterior
-from etude.design.score import batch_of
+from etude.design.solve import Conditioned, given_planned
 from etude.models import ExactGP
 from etude.testing import central
 

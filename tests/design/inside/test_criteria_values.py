@@ -10,8 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from etude.design import Output, ivr, mean_variance, value_of
-from etude.design.criteria import LOG_FLOOR, Reduction, log_ivr
-from etude.design.score import batch_of
+from etude.design.criteria import LOG_FLOOR, Reduction, batch_of, log_ivr
 from etude.models import ExactGP, ExactPosterior, SquaredExponential
 
 ONE = np.ones

@@ -12,8 +12,7 @@ from hypothesis import strategies as st
 from etude import plugins
 from etude.design import Output, criterion_named, evaluate, needs_of, value_of
 from etude.design.config import GROUP
-from etude.design.criteria import Entropy, info_gain, mi_region, sum_log
-from etude.design.score import RESOLUTION, batch_of
+from etude.design.criteria import RESOLUTION, Entropy, batch_of, info_gain, mi_region, sum_log
 from etude.errors import UsageError
 from etude.models import ExactGP, SquaredExponential
 

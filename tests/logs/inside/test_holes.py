@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from etude.logs.columns.tables import without_holes
+from etude.logs.readers.registry import without_holes
 from etude.types import Array, Channel, Log
 
 T = np.arange(0.0, 2.0, 0.01)

@@ -8,7 +8,7 @@ from log_examples import CHANNELS, LIMITS, MOTION, SCALE, Sines, at, make_log, w
 
 from etude.errors import DataError
 from etude.logs import align, clean_log
-from etude.logs.alignment.alignment import likely_delays, measure_delay
+from etude.logs.alignment.alignment import likely_delays
 from etude.protocols import Trajectory
 from etude.types import Log
 
@@ -71,14 +71,14 @@ def test_another_number_of_joints_is_refused() -> None:
 def test_delay_is_measured_below_a_sample(lag: float) -> None:
     t = np.arange(0.0, 20.0, 0.01)
     a, b = MOTION.motion(t).orders[0], 3.0 * MOTION.motion(t - lag).orders[0] - 5.0
-    found = measure_delay(a, b, 100.0)
+    found = likely_delays(a, b, 100.0)[0]
     assert found.seconds == pytest.approx(lag, abs=1e-3)
     assert found.correlation == pytest.approx(1.0, abs=1e-3)
 
 
 def test_delay_respects_its_bounds_and_reports_a_bad_fit() -> None:
     rng = np.random.default_rng(0)
-    found = measure_delay(rng.standard_normal((500, 2)), rng.standard_normal((400, 2)), 100.0, (-0.5, 0.2))
+    found = likely_delays(rng.standard_normal((500, 2)), rng.standard_normal((400, 2)), 100.0, (-0.5, 0.2))[0]
     assert -0.5 <= found.seconds <= 0.2
     assert abs(found.correlation) < 0.5
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from etude.logs.columns.tables import silences
+from etude.logs.readers.registry import silences
 
 TIMES = np.arange(0.0, 20.0, 0.01)
 

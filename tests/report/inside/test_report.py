@@ -26,7 +26,7 @@ from etude.report import build_report, number
 from etude.report import record as record_module
 from etude.report.build import CONTENTS, SECTIONS
 from etude.report.record import read_record
-from etude.report.sections.uncertainty import deviation_maps, map_panel
+from etude.report.sections.model_scores import deviation_maps, map_panel
 from etude.types import Log
 from journal_facts import commit
 

@@ -75,6 +75,7 @@ def golden(
     cycles = rng.uniform(1.0, 9.0, size=len(half))
     growing = BEYOND * np.linspace(LEAST, 1.0, count)[:, None]  # the first are near what was trained on
     states = middle + growing * half * np.sin(2.0 * np.pi * (cycles * t + rng.uniform(size=len(half))))
+    # every 17th state is far outside, where a model fades
     states[::17] = middle + half * rng.uniform(-5.0, 5.0, size=states[::17].shape)
     if single:
         states = states.astype(np.float32).astype(float)

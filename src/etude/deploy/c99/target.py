@@ -320,6 +320,7 @@ def _times(made: Files, model: LearnedModel, rate: float) -> list[str]:
     if made.plan.averages:
         lines.append(f"--single takes the best candidate alone: {_offer(model, made)}.")
     if made.form.fade and not made.form.variance:
+        # us
         least = 1e6 * made.plan.operations(False) / CLOCK
         lines.append(f"--no-fade takes about {least:.0f} us; commands outside are then guesses.")
     return lines

@@ -195,6 +195,7 @@ def _wild(q: Array) -> Mask:
     if len(q) < 3:
         return np.zeros(0, dtype=np.bool_)
     off, step = np.abs(q[1:-1] - 0.5 * (q[:-2] + q[2:])), np.abs(np.diff(q))
+    # 1.5: from a median to a deviation (1.48), about; twice the steps that all but one in twenty keep
     usual, large = 1.5 * float(np.median(off)), 2.0 * float(np.quantile(step, 0.95))
     quantum = float(np.min(step, where=step > 0.0, initial=np.inf))
     least = max(WILD * usual, FURTHER * large, FLICKER * quantum)

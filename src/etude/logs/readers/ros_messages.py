@@ -117,7 +117,7 @@ def stamp_of(message: Any) -> int:
     return int(stamp.sec) * 10**9 + int(stamp.nanosec) if stamp is not None else 0
 
 
-def blocks_of(message: Any, msgtype: str) -> Iterator[Block]:
+def message_blocks(message: Any, msgtype: str) -> Iterator[Block]:
     """The numbers in a message."""
     if msgtype == JOINT_STATE:
         yield from _joint_state(message)

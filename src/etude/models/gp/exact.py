@@ -7,7 +7,6 @@ from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from etude._runtime.scipy_parts import dpotrs, dtrmm
 from etude.errors import DataError, UsageError
@@ -223,30 +222,6 @@ class ExactPosterior:
         with threads_for(len(self.X)):
             W = inverse_lower(self.L.copy(order="F"))
         return W + np.tril(W, -1).T
-
-    def loo(self) -> tuple[Array, Array]:
-        """Mean (n,) and variance with noise (n,) of each y from all others: y_i - α_i / W_ii, 1 / W_ii."""
-        diagonal = self.inverse.diagonal()
-        return self.y - self.alpha / diagonal, 1.0 / diagonal
-
-    def leave_group_out(self, group: NDArray[np.int64]) -> tuple[Array, Array]:
-        """Mean (n,) and variance with noise (n,) of each y from the points of the other groups.
-
-        `group` (n,) numbers the trajectory of each point. With A the points of one group, the prediction of
-        y_A from the rest is y_A - W_AA^-1 α_A with covariance W_AA^-1: one inverse serves all groups.
-        """
-        group = np.asarray(group)
-        if group.shape != self.y.shape:
-            raise UsageError(f"one group number per point: {len(self.y)} points, groups {group.shape}")
-        mean, variance = np.empty_like(self.y), np.empty_like(self.y)
-        with threads_for(len(self.X)):
-            for number in np.unique(group):
-                own = np.flatnonzero(group == number)
-                block, _ = factorise(np.asfortranarray(self.inverse[np.ix_(own, own)]), 0.0)
-                half = triangular_inverse(block)
-                mean[own] = self.y[own] - half.T @ (half @ self.alpha[own])
-                variance[own] = np.einsum("ij,ij->j", half, half)
-        return mean, variance
 
     def _inputs(self, X: Array) -> Array:
         X = np.asarray(X, dtype=float)
