@@ -53,6 +53,7 @@ def inputs_code(name: str, inputs: Any) -> Code:
     arguments = ", ".join([*(f"const real *c_{channel}" for channel in reads), "real *memory", "real *x"])
     body = "\n".join([f"static void {name}({arguments})", "{", "    int j;", *lines, "}", ""])
     functions = len(inputs.thresholds) + (2 if memory else 0)
+    # 12: products and sums of one joint in the loop above
     return Code(body, data, reads=reads, memory=memory, operations=(J * (functions * FUNCTION + 12), 0))
 
 
@@ -125,6 +126,7 @@ def rigid_body_code(name: str, mean: Any, friction_scales: Sequence[float]) -> C
     whole = text + "\n" + _remembering(name, reads, J, remembers)
     data = {f"{name}_{key}": table for key, table in tables.items()}
     pairs = int(paths.sum())
+    # products and sums, counted in the template: of a body, a Jacobian, a pair of bodies, and the solution
     operations = 400 * B + 60 * J * B + 40 * J * pairs + 2 * J**3 + 4 * FUNCTION * J
     held = {"memory": 2 * J + 1, "rate": MEMORY_RATE} if remembers else {}
     return Code(

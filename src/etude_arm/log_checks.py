@@ -89,6 +89,7 @@ def _fitted(parts: list[tuple[Array, Array]]) -> tuple[Array, Array]:
             [np.sqrt(w) * np.column_stack([G, y]) for w, (y, G) in zip(weights, parts, strict=True)]
         )
         found = np.linalg.lstsq(rows[:, :3], rows[:, 3], rcond=None)[0]
+        # a thousandth of a command at least: one joint that fits exactly would get all the weight
         least = [1e-6 * float((y * y).mean()) + tiny for y, _ in parts]
         weights = 1.0 / np.maximum(_left(parts, found), least)
     return found, weights

@@ -144,6 +144,7 @@ def resolution(q: Array, quantum: tuple[float, ...] = ()) -> Array:
     The encoder's step is `quantum` where it is known, else the least difference between two positions that
     were recorded. Noise of less than that is none.
     """
+    # a fourth difference takes five rows
     if len(q) < 5:
         return np.zeros(q.shape[1])
     noise = np.median(np.abs(np.diff(q, 4, axis=0)), axis=0) / FOURTH_DIFFERENCE
@@ -154,6 +155,7 @@ def resolution(q: Array, quantum: tuple[float, ...] = ()) -> Array:
 def _step(q: Array) -> Array:
     """(J,) least difference of neighbouring rows that is not rounding; 0 if a joint never changes."""
     size = np.abs(np.diff(q, axis=0))
+    # of a position, or of 1 rad (m): decimals of a text file come back with less
     rounding = 1e-9 * np.maximum(np.abs(q).max(axis=0), 1.0)
     return np.where((size > rounding).any(axis=0), np.where(size > rounding, size, np.inf).min(axis=0), 0.0)
 

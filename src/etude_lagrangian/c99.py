@@ -22,6 +22,7 @@ def kernel_code(name: str, kernel: Any, theta: Array, Z: Array) -> Code:
     data = _tables(name, kernel.parameters.array(kernel.check(theta)), kernel.joints, Z)
     text = _packed(name, kernel.joints) + _text("one_output.c", name, J).replace("@OWN", str(kernel.own))
     links = J - kernel.own
+    # products and sums, counted in one_output.c: joints, links, and the sines of all inputs
     operations = 18 * J + 40 * J + links * (8 * J + 45) + 2 * FUNCTION * J // len(Z)
     return Code(text, data, work=(5 + 17 * J) * LANE, operations=(operations, 0))
 
@@ -55,6 +56,7 @@ def joint_code(name: str, process: Any) -> Code:
     text = text.replace("@SPREADS", "\n".join(spreads)).replace("@COUNT", str(size))
     text = text.replace("@USED", str(len(used))).replace("@ENTRIES", str(entries))
     body = "\n".join([*bodies, _packed(name, process.prior.joints), text])
+    # products and sums for each stored sample, counted in all_outputs.c
     pairs = size * (90 * J + sum(30 * k + 12 * k * k for k in range(1, J + 1)) + 2 * J * J)
     work = (13 + 24 * J + J * J) * LANE
     spread = J * (entries**2 + 2 * size)

@@ -54,6 +54,7 @@ class JointPrior:
         share = scale / np.sqrt(1.0 + parts)
         members = np.arange(1.0, J + 1.0)[:, None]  # joints that move a link
         v = share / np.sqrt(2.0 * members * J)
+        # 1/20: a joint that hardly needs a command still starts with a part in the energy
         factors = np.maximum(0.05, (share / share.max()) ** 2)
         halves = (half_range[list(self.joints.positions)], half_range[list(self.joints.accelerations)])
         own = self.parameters.start(*halves, np.append(share.max(), factors), v)

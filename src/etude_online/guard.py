@@ -53,6 +53,7 @@ class Hedge:
     MOVES = ("L", "slow2", "fast2", "far", "_seen", "authority")
 
     def __init__(self, noise: Array, period: float) -> None:
+        # a model without noise would make every error infinitely large
         self._least = np.maximum(noise, 1e-12) ** 2
         self._slow, self._fast = period / SLOW_S, period / FAST_S
         self.L = np.full(len(noise), LEAST)

@@ -68,7 +68,7 @@ class FeedbackLaw:
 
 
 @dataclass(frozen=True, eq=False)
-class ToldFeedback:
+class StatedFeedback:
     """A controller that says what it adds: the channel `command_fb` of every measured row."""
 
     sigma: Array
@@ -107,7 +107,7 @@ def feedback_of(
     command = next(c for c in channels if c.role == "command")
     least = FLOOR * np.maximum(*np.abs(limits))
     if command.acts_on != path:
-        return ToldFeedback(least)
+        return StatedFeedback(least)
     each = [_decisions(log, path, limits, rate) for log in logs]
     parts = [part for found in each for part in found]
     if not parts:
@@ -133,6 +133,7 @@ def _decisions(
         return []
     error, sent = wanted - log[path], log.get(FED_FORWARD)
     u = log[COMMAND] - (0.0 if sent is None else sent)
+    # a command within 1 % of its limit was cut, or may have been
     beyond = (log[COMMAND] <= 0.99 * limits[0]) | (log[COMMAND] >= 0.99 * limits[1])
     good = np.asarray(~beyond.any(axis=1) & np.isfinite(error).all(axis=1) & np.isfinite(u).all(axis=1))
     total = np.cumsum(np.nan_to_num(error, posinf=0.0, neginf=0.0), axis=0) / rate
@@ -214,5 +215,6 @@ def _law(told: Array, group: NDArray[np.int64], name: str) -> tuple[float, float
             where=name,
             next_step=why(error, slope, total, u, group),
         )
+    # 1.4826: from the median deviation to the standard deviation of a normal distribution
     spread = 1.4826 * float(np.median(np.abs(left)))
     return float(kp), float(kd), max(spread, float(np.percentile(np.abs(left), TAIL_PART)) / TAIL)

@@ -54,6 +54,7 @@ def usual_voltage(samples: Samples) -> float | None:
 
 def _errors(features: Array, samples: Samples) -> Array:
     """(G,) squared error of each flight, predicted from the others, in variances of the commands."""
+    # a command that never changes stays as it is, instead of 0 / 0
     y = samples.command / np.maximum(samples.command.std(axis=0), 1e-300)
     spread = features.std(axis=0)
     X = np.column_stack([np.ones(len(y)), features / np.where(spread > 0.0, spread, 1.0)])

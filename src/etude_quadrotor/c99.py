@@ -138,6 +138,7 @@ def features_code(name: str, model: Any, least_lift: float) -> Code:
     ]
     call = ", ".join([*(f"c_{channel}" for channel in reads), "command"])
     body = mean_function(name, reads, lines, _hovering(name, reads, call))
+    # a product and a sum of each term for four commands, and about four more to make it
     return Code(body, tables, reads=reads, work=size, operations=(12 * size, 0))
 
 

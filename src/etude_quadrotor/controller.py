@@ -13,6 +13,7 @@ from typing import Protocol, runtime_checkable
 
 import numpy as np
 
+from etude._runtime.rounding import whole_down
 from etude.errors import DataError, NumericalError
 from etude.models.trust import familiar, trusted
 from etude.protocols import Controller, Model, Trajectory
@@ -219,7 +220,7 @@ def flight_plan(
         UnsafeTrajectoryError: the plan is singular (see `flat_motion`).
         NumericalError: a planned feedforward is not finite.
     """
-    count = int(np.floor(trajectory.duration * GRID + 1e-9)) + 1
+    count = whole_down(trajectory.duration * GRID) + 1
     times = np.minimum(np.arange(count) / GRID, trajectory.duration)
     motion = trajectory.motion(times, ORDERS)
     feedforward = _feedforward(controller, motion)

@@ -155,6 +155,7 @@ class Jet:
         """f^(-1/2)."""
         value = 1.0 / np.sqrt(self.value)
         rate = -0.5 * value / self.value
+        # second derivative of f^(-1/2): 3/4 f^(-5/2)
         bend = -1.5 * rate / self.value
         return Jet(value, rate * self.first, bend * self.first**2 + rate * self.second)
 

@@ -122,6 +122,7 @@ class Grounded(Excludable):
         kept = np.ones(len(log), dtype=np.bool_)
         between = False
         for low, high in self.spans:
+            # 1 ns: a span that ends with the log, however its time is rounded
             inside = low > start and high < end - 1e-9
             if not inside or high - low >= LANDED_S:
                 kept &= (log.t <= low - SPARE_S) | (log.t >= high + SPARE_S)

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from etude._runtime.rounding import whole_up
 from etude.limits.certificate import COMMANDS, SPEED, certify, utilization
 from etude.limits.convex_limits import AxisLimit, NormLimit, TiltLimit
 from etude.limits.feasible import FeasibleSet
@@ -172,7 +173,7 @@ def _lifted(spec: QuadrotorSpec, ground: Array, hover: Array) -> Splined:
 
 def _whole(spec: QuadrotorSpec, seconds: float) -> float:
     """At least so long, and a whole number of set-points."""
-    return math.ceil(seconds * spec.table_rate - 1e-9) / spec.table_rate
+    return whole_up(seconds * spec.table_rate) / spec.table_rate
 
 
 def limits(
@@ -260,6 +261,7 @@ def home(spec: QuadrotorSpec) -> Array:
     low, high = np.array(spec.lower) + margins, np.array(spec.upper) - margins
     place = 0.5 * (low + high)
     reach = math.inf if spec.radius is None else spec.radius - spec.margin
+    # a hundredth of the way is less than a flight's tracking error
     shares = np.linspace(0.0, 1.0, 101)[:, None]
     points = place[:2] + shares * (np.clip(0.0, low[:2], high[:2]) - place[:2])
     room = np.minimum((points - low[:2]).min(axis=1), (high[:2] - points).min(axis=1))

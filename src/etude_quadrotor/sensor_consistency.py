@@ -258,6 +258,7 @@ def _judged(check: str, found: Sequence[Reading], fact: str) -> Finding:
         return Finding(
             check, "cannot tell", f"{fact} everywhere, and no other reading of the columns is better."
         )
+    # 0.01: of two readings that leave next to nothing neither is better
     near = [one for one in found if one.left < NEAR * best.left + 0.01]
     named = min(near, key=lambda one: (one.changes, one.left))
     if not named.changes:

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
+from etude._runtime.rounding import whole_down
 from etude.abilities import SupportsAccelerations
 from etude.errors import UsageError
 from etude.limits.convex_limits import TiltLimit
@@ -160,7 +160,7 @@ class Effort:
 
 def effort(trajectory: Trajectory, model: Model, rate: float) -> Effort:
     """The model's answer along the plan of `trajectory` at `rate` Hz."""
-    count = math.floor(trajectory.duration * rate + 1e-9) + 1
+    count = whole_down(trajectory.duration * rate) + 1
     t = np.minimum(np.arange(count) / rate, trajectory.duration)
     log = model.inputs.states(trajectory.motion(t, model.inputs.orders))
     mean, variance = model.predict(log)

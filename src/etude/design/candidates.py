@@ -187,6 +187,7 @@ class Visited:
 
     def counts(self, poses: Array) -> Array:
         """(k, BINS) poses (T, k) in each bin."""
+        # 1e-12 rad (m): a coordinate without a range has all of its poses in one bin
         place = np.floor(BINS * (poses - self.lower) / np.maximum(self.upper - self.lower, 1e-12))
         place = np.where(poses == self.upper, BINS - 1, place)
         inside = (place >= 0) & (place < BINS)
@@ -400,6 +401,7 @@ class Roamed:
         visited, duration = self.roam.visited, family.trajectory(p).duration
         t = duration * (np.arange(CANDIDATE_INSTANTS) + 0.5) / CANDIDATE_INSTANTS
         share = visited.adding_poses(family.motion(p, t, 1).orders[0], duration).share(self.roam.total)
+        # a motion that stands still has no speed to compare with
         speed = self._speed(family, p) / max(free, 1e-12)
         cover = float(np.log((share + BALANCE) / (visited.share(self.roam.total) + BALANCE)).sum())
         return cover + SWIFT * min(speed, 1.0), speed

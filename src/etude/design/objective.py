@@ -91,6 +91,7 @@ def instants(duration: float, count: int, rate: float) -> tuple[Array, Index | N
     wanted = duration * (np.arange(count) + 0.5) / count
     if rate == 0.0:
         return wanted, None
+    # 1e-12: a duration of whole sample times keeps its last one
     times = np.arange(int(np.floor(duration * rate * (1.0 + 1e-12))) + 1) / rate
     nearest = np.minimum(np.rint(wanted * rate), len(times) - 1).astype(np.int64)
     return times, nearest[np.diff(nearest, prepend=-1) > 0]  # they rise: each once

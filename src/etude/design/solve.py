@@ -444,6 +444,7 @@ def refine(objective: Merit, feasible: FeasibleSet, start: Array, steps: int) ->
         scale = 1.0 / max(abs(best.first), LEAST_VALUE)
         return -scale * value, -scale * gradient
 
+    # 20 pairs of the inverse Hessian for tens of parameters; 10 evaluations a line search at most
     minimise(cost, first, steps=steps, kept=20, searched=10)
     p, value = _to_the_edge(objective, feasible, search.inside(best.y), best.value)
     return Refined(p, value, best.count + len(feasible.blocks))

@@ -393,6 +393,7 @@ def _end_speeds(piece: Trajectory, limits: Sequence[Limit], partial: bool) -> tu
         values = np.abs(limit.of_motion(ends))
         found.append(np.divide(values, size, out=np.full(values.shape, math.inf), where=size > 0.0))
     if not found:
+        # only the scale of the speeds at the ends: samples are enough, nothing is proved by it
         speeds = np.linalg.norm(piece.motion(np.linspace(0.0, piece.duration, 2001), 2).orders[1], axis=1)
         largest = max(float(speeds.max()), float(np.finfo(float).tiny))
         found = [np.linalg.norm(ends.orders[1], axis=1)[:, None] / largest]

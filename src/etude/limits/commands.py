@@ -12,13 +12,13 @@ it counted in full, hardly any motion would be left, and those without content.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from statistics import NormalDist
 
 import numpy as np
 
+from etude._runtime.rounding import whole_down, whole_up
 from etude.abilities import SupportsFastMoments, SupportsRefusal
 from etude.codes import Notice, Phrase, Warn
 from etude.errors import UnsafeTrajectoryError, UsageError
@@ -195,6 +195,7 @@ class CommandLimit:
         motion = self.along(piece, SPACING)
         step, mean = float(motion.t[1] - motion.t[0]), self.mean(motion)
         spread, bend = self.spread(motion, piece.duration), _bend(mean)
+        # a curve leaves the chord between two samples by at most an eighth of its second difference
         low, high = (mean - spread - bend / 8.0).min(axis=0), (mean + spread + bend / 8.0).max(axis=0)
         text = f"samples every {1000.0 * step:.2g} ms of {self._whose(piece)}"
         rows = []
@@ -219,7 +220,7 @@ class CommandLimit:
 
     def along(self, piece: Trajectory, spacing: float) -> Motion:
         """The motion every `spacing` s, its end too."""
-        count = max(3, math.ceil(piece.duration / spacing - 1e-9)) + 1
+        count = max(3, whole_up(piece.duration / spacing)) + 1
         return piece.motion(np.linspace(0.0, piece.duration, count), self.orders)
 
     def _clear(self, mean: Array, duration: float) -> bool:
@@ -234,7 +235,7 @@ class CommandLimit:
         if self.deviation is None:
             return np.zeros((len(motion.t), len(self.names)))
         step = float(motion.t[1] - motion.t[0]) if len(motion.t) > 1 else apart
-        every = max(1, math.floor(apart / step + 1e-9))
+        every = max(1, whole_down(apart / step))
         places = np.arange(0, len(motion.t) - 1 + every, every)
         places[-1] = len(motion.t) - 1
         found = self.deviation(Motion(motion.t[places], motion.orders[:, places]))
@@ -356,9 +357,9 @@ def credible(limit: CommandLimit, ran: Trajectory) -> Array:
     mean, spread = limit.mean(motion), limit.spread(motion, ran.duration, SELDOM)
     half = 0.5 * (limit.upper - limit.lower)
     off = np.abs(mean - 0.5 * (limit.upper + limit.lower))
-    told = (off <= NEAR_LIMIT * half) & (spread > 0.0)
+    near = (off <= NEAR_LIMIT * half) & (spread > 0.0)
     with np.errstate(divide="ignore"):
-        parts = np.where(told, BELIEVED_ROOM * (half - off) / spread, np.inf)
+        parts = np.where(near, BELIEVED_ROOM * (half - off) / spread, np.inf)
     return np.asarray(np.clip(parts.min(axis=0), LEAST_BELIEVED, 1.0))
 
 

@@ -89,6 +89,7 @@ def largest_tilt(force: Bound, lift: float) -> float:
         f = (across - square * along)[:, None]
         return bool(riesz_range(f, force.kappa, sizes[0] + square * sizes[1])[1][0] <= 0.0)
 
+    # 1 µrad below a right angle, which has no tangent
     low, high = 0.0, 0.5 * math.pi - 1e-6
     if not lift > 0.0:
         return math.pi

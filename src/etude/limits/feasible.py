@@ -218,6 +218,7 @@ class Block:
         tables = [self.slabs, *(part for ball in self.balls for part in (*ball.rows, ball.slope))]
         rows = np.concatenate([table[np.any(table != 0.0, axis=1)] for table in tables])
         values, vectors = np.linalg.eigh(rows.T @ rows / len(rows))
+        # directions that no row looks along are rounding: 1e7 times the narrowest width is the widest
         return np.asarray(vectors / np.sqrt(np.maximum(values, 1e-14 * values.max())))
 
 
@@ -227,6 +228,7 @@ def _slope(cone: Cone) -> Array:
 
 def _same(column: Array) -> bool:
     """Whether all numbers are one, up to rounding."""
+    # some thousand roundings of a float64
     return bool(np.ptp(column) <= 1e-12 * np.abs(column).max(initial=0.0))
 
 
@@ -372,6 +374,7 @@ def still_at(family: Family, pose: Array) -> Array:
     for _ in range(REFINED):
         p = p + np.linalg.lstsq(gram, table.T @ (wanted - table @ p), rcond=None)[0]
     scale = np.abs(p).max(initial=0.0)
+    # what is left of parameters that cancel is rounding: exactly zero
     return np.where(np.abs(p) > 1e-14 * scale, p, 0.0)
 
 

@@ -7,12 +7,12 @@ septics through points of that, which a certificate proves as they are.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from typing import cast
 
 import numpy as np
 
+from etude._runtime.rounding import whole_up
 from etude.errors import UnsafeTrajectoryError
 from etude.limits.certificate import certify
 from etude.protocols import Limit, Trajectory
@@ -60,7 +60,7 @@ def lead_out(trajectory: FourierTrajectory, lasting: float) -> Splined:
 
 
 def _led(trajectory: FourierTrajectory, lasting: float, *, out: bool) -> Splined:
-    count = max(2, math.ceil(lasting / PIECES - 1e-9))
+    count = max(2, whole_up(lasting / PIECES))
     times = np.linspace(0.0, lasting, count + 1)
     s = times / lasting
     theta, rates = _started(s if not out else 1.0 - s, lasting)
@@ -80,6 +80,7 @@ def _started(s: Array, lasting: float) -> tuple[Array, Array]:
     Its rate is the septic step 35 s^4 - 84 s^5 + 70 s^6 - 20 s^7, from 0 to 1 with three derivatives that
     vanish at both ends.
     """
+    # integral and derivatives of the step
     area = s**5 * (7.0 - 14.0 * s + 10.0 * s**2 - 2.5 * s**3)
     rate = s**4 * (35.0 - 84.0 * s + 70.0 * s**2 - 20.0 * s**3)
     second = 140.0 * (s * (1.0 - s)) ** 3 / lasting

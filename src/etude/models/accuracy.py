@@ -239,6 +239,7 @@ def compared(against: str, own: Array, other: Array) -> Compared:
     count = len(means)
     if count < 2:
         return Compared(against, count, _exp(means), np.nan, np.nan, by_command)
+    # both tails of 95 %, by Student's t: the deviation is estimated from as few means
     half = float(t.ppf(0.975, count - 1) * means.std(ddof=1) / np.sqrt(count))
     lower, upper = np.exp([means.mean() - half, means.mean() + half]).tolist()
     return Compared(against, count, _exp(means), lower, upper, by_command)

@@ -92,4 +92,5 @@ def familiar(X: Array, ranges: Array) -> Array:
 
 def smoothstep(s: Array) -> Array:
     """From 0 at s = 0 to 1 at s = 1, flat to the second derivative at both ends."""
+    # the one quintic with these ends
     return np.asarray(s**3 * (10.0 - 15.0 * s + 6.0 * s**2))

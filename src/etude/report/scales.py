@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from etude._runtime.rounding import whole_down, whole_up
 from etude.types import Array
 
 
@@ -73,8 +74,8 @@ def linear_ticks(low: float, high: float, wanted: int = 5) -> list[float]:
     raw = (high - low) / wanted
     power = 10.0 ** math.floor(math.log10(raw))
     step = next(s * power for s in (1, 2, 5, 10) if s * power >= raw * 0.75)
-    first = math.ceil(low / step - 1e-9)
-    last = math.floor(high / step + 1e-9)
+    first = whole_up(low / step)
+    last = whole_down(high / step)
     return [index * step for index in range(first, last + 1)]
 
 

@@ -8,6 +8,7 @@ from typing import Literal
 
 import numpy as np
 
+from etude._runtime.rounding import whole_down, whole_up
 from etude.errors import UsageError
 
 
@@ -69,7 +70,7 @@ class FourierConfig:
         """The values of omega0 in range for which the duration is a whole number of periods."""
         low, high = self.omega0_range
         one_period = 2.0 * math.pi / self.duration
-        first, last = math.ceil(low / one_period - 1e-9), math.floor(high / one_period + 1e-9)
+        first, last = whole_up(low / one_period), whole_down(high / one_period)
         return tuple(k * one_period for k in range(max(first, 1), last + 1))
 
     @property

@@ -80,6 +80,7 @@ def phase(t: Array, duration: float, ramp: float) -> tuple[Array, Array, Array, 
     from_end = held > 0.5 * duration
     run = np.where(from_end, duration - held, held)
     s = np.minimum(run / ramp, 1.0)
+    # time runs up by the quintic 10 s³ - 15 s⁴ + 6 s⁵: its integral here, itself and its derivatives below
     area = np.where(s < 1.0, ramp * s**4 * (2.5 - 3.0 * s + s * s), run - 0.5 * ramp)
     theta = np.where(from_end, duration - ramp - area, area)
     rate = np.where(inside, s**3 * (10.0 - 15.0 * s + 6.0 * s * s), 0.0)

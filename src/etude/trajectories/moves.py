@@ -106,6 +106,7 @@ class PointToPoint:
         x = np.clip((t - starts[k]) / length, 0.0, 1.0)
         moving = ((x > 0.0) & (x < 1.0)).astype(float)
         step = np.diff(self.waypoints, axis=0)[k]
+        # the quintic from rest to rest, and its derivatives
         rise = x**3 * (10.0 - 15.0 * x + 6.0 * x * x)
         shapes = (
             30.0 * (x * (1.0 - x)) ** 2 / length,

@@ -44,6 +44,7 @@ def clearest(gaps: Gaps, rng: np.random.Generator) -> Array:
     if not gaps.list:
         return middle
     distances = gaps.of_poses(poses)
+    # 1 µm: pairs that touch in every pose divide by something
     widest = np.clip(distances.max(axis=0), 1e-6, FAR)
     score = np.minimum(distances / widest, 1.0).min(axis=1) - PULL * aside
     return np.asarray(poses[int(score.argmax())])
@@ -58,6 +59,7 @@ def box_about(gaps: Gaps, home: Array, margin: float, rng: np.random.Generator) 
     low, high, slides = gaps.skeleton.lower, gaps.skeleton.upper, gaps.skeleton.slides
     half = np.where(slides, 0.5 * (high - low), np.minimum(0.5 * (high - low), HALF_TURN))
     at_home = gaps.of_poses(home[None])[0]
+    # of a narrow gap half is kept, and a quarter is left to searches as room
     wanted = np.minimum(margin, 0.5 * at_home) + np.minimum(BOX_ROOM, 0.25 * at_home)
     signs = rng.uniform(-1.0, 1.0, (BOX_POSES, len(home)))
     signs = np.sign(signs) * np.abs(signs) ** (1.0 / 3.0)  # corners are where a box is not clear

@@ -165,6 +165,7 @@ def said(skeleton: Skeleton) -> tuple[str, ...]:
     grown = {shape.link: shape.grown for shape in skeleton.shapes if shape.grown > 0.0}
     if not grown:
         return ()
+    # mm, rounded up to a tenth
     most = np.ceil(1e4 * max(shape.grown for shape in skeleton.shapes)) / 10.0
     return (
         f"The shapes themselves of {', '.join(grown)}, of more than {MANY:,} points: hulls of fewer points "

@@ -89,6 +89,7 @@ def _of_moves(piece: PointToPoint) -> PosePath:
     steps = np.diff(points, axis=0)
     starts = piece.dwell + np.concatenate([[0.0], np.cumsum(piece.times + piece.dwell)])
     part = np.linspace(0.0, 1.0, GRID)
+    # the quintic by which a move goes from rest to rest
     risen = part**3 * (10.0 - 15.0 * part + 6.0 * part * part)
 
     def at(x: Array) -> tuple[Array, Array]:

@@ -216,14 +216,14 @@ def consistent(H: Array, g: Array, nominal: Array, weight: float = WEIGHT) -> Co
     T, start = _whole(nominal)
     Q, b = T.T @ H @ T, T.T @ g
     x = start
-    for (
-        stiffer
-    ) in CONTINUATION:  # from the file's values to the logs' by way of both, or Newton's way is long
+    # from the file's values to the logs' by values between them: straight there Newton takes many steps
+    for stiffer in CONTINUATION:
         x = _newton(Q, b, x, stiffer * weight)
     curvature = Q + weight * _barrier(x)[2]
     covariance = T @ np.linalg.inv(curvature) @ T.T
     prior = T @ np.linalg.inv(weight * _barrier(start)[2]) @ T.T
     ratios = np.linalg.eigvalsh(np.linalg.solve(_barrier(start)[2] * weight, Q))
+    # determined: the logs tell 99 times what the file does, so the prior moves it by 1 %
     return Consistent(T @ x, covariance, prior, int(np.sum(ratios > 99.0)))
 
 
@@ -255,6 +255,7 @@ def _length(Q: Array, b: Array, x: Array, step: Array, weight: float, value: flo
     """The largest of 1, 1/2, ... that stays possible and gains a tenth of what the slope promises."""
     before = 0.5 * float(x @ Q @ x) - float(b @ x) + weight * value
     length = 1.0
+    # shorter steps change no digit of x
     while length > 1e-12:
         new = x + length * step
         after = 0.5 * float(new @ Q @ new) - float(b @ new) + weight * _barrier(new, only_value=True)[0]

@@ -106,10 +106,13 @@ def _homogeneous(shape: str, size: tuple[float, ...]) -> Array:
     """Principal moments of a homogeneous body by mass."""
     if shape == "box":
         squares = np.square(size)
+        # m (a² + b²) / 12
         return np.asarray((squares.sum() - squares) / 12)
     if shape == "sphere":
+        # 2/5 m r²
         return np.full(3, 0.4 * size[0] ** 2)
     radius, length = size
+    # a cylinder: m (3 r² + l²) / 12 across its axis, m r² / 2 about it
     across = (3 * radius**2 + length**2) / 12
     return np.array([across, across, radius**2 / 2])
 

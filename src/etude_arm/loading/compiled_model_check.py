@@ -159,6 +159,7 @@ def _masses(
             continue
         inertia = _inertia(model, data, np.flatnonzero(own), centre)
         off = float(np.abs(inertia - expected.inertia[j]).max())  # NaN where the file's is none
+        # a negligible mass at 0.1 m
         if off > NEGLIGIBLE * 1e-2 + SHARE * float(np.trace(expected.inertia[j])):
             yield f"the inertia of what joint '{name}' moves is off by {off:.3g} kg m^2"
 
@@ -175,6 +176,7 @@ def _inertia(model: mujoco.MjModel, data: mujoco.MjData, bodies: Index, centre: 
 def _lost(less: float, expected: Expected) -> str:
     """What of tool and payload weighs as much as is missing."""
     for what, mass in expected.carried.items():
+        # masses in files have three digits or more
         if abs(less - mass) < NEGLIGIBLE + 1e-3 * mass:
             return f": the {what} ({mass:g} kg) is not there"
     return ""
@@ -192,6 +194,7 @@ def _weights(model: mujoco.MjModel, data: mujoco.MjData, joints: Index, expected
 def weight_differences(own: Array, expected: Expected) -> Iterator[str]:
     """A sentence for each torque of gravity (J,) that is not the expected one."""
     wanted = expected.weight
+    # the weight of all, N, at 1 m: torques that cancel are rounded by as much
     scale = float(np.abs(wanted).max(initial=0.0)) + 9.81 * float(expected.mass.sum())
     for j, name in enumerate(expected.joints):
         if abs(own[j] - wanted[j]) > NEGLIGIBLE + SHARE * scale:

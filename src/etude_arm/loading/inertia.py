@@ -48,6 +48,7 @@ def possible(inertia: Array) -> Array:
     lifted = np.maximum(moments, SMALLEST)
     excess = float(lifted[2] - lifted[0] - lifted[1])
     if excess > 0:
+        # a billionth more, since MuJoCo refuses what rounding leaves above the sum
         lifted = lifted + excess + 1e-9 * lifted[2]
     if np.array_equal(lifted, moments):
         return inertia

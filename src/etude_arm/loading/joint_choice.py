@@ -299,6 +299,7 @@ def _check_given(joint: Moving, at: float, chosen: Sequence[str], where: str) ->
             where=where,
             next_step="Leave it out of --joints, or out of --hold.",
         )
+    # rad or m: positions in files have six digits
     slack = 1e-6
     if not joint.lower - slack <= at <= joint.upper + slack:
         raise UsageError(

@@ -386,6 +386,7 @@ def rewritten(joint: ET.Element, choice: Choice, bodies: Mapping[str, str]) -> E
     fixed = _between(joint, bodies, name=name, type="fixed")
     turn, at = pose_of(joint)
     axis = axis_of(joint)
+    # an axis of length zero turns nothing, and is not divided by zero
     axis = axis / max(float(np.linalg.norm(axis)), 1e-12)
     value = choice.held.get(name, 0.0)
     if joint.get("type") == "prismatic":

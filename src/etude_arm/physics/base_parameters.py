@@ -49,6 +49,7 @@ def parameter_scale(tree: KinematicTree) -> Array:
     """
     mass = tree.nominal[1:, 0]
     typical = float(np.mean(mass[mass > 0])) if np.any(mass > 0) else 1.0
+    # below a thousandth of the mean a mass is a placeholder, as that of a frame is
     mass = np.where(mass > 1e-3 * typical, mass, typical)
     reach = np.array([_reach(tree, body) for body in range(1, tree.bodies)])
     powers = np.array([0, 1, 1, 1, 2, 2, 2, 2, 2, 2])
@@ -64,6 +65,7 @@ def _reach(tree: KinematicTree, body: int) -> float:
     children = [
         np.linalg.norm(tree.position[child]) for child in range(tree.bodies) if tree.parent[child] == body
     ]
+    # 1 cm: without a reach first moments and inertias would have no prior at all
     return float(max([gyration, *children, 1e-2]))
 
 

@@ -140,6 +140,7 @@ class Clock:
             left: (n,) of a command, beside a model. None: not known yet.
         """
         time = LEAST_CORRELATION if left is None else max(self.correlation_time(left), LEAST_CORRELATION)
+        # what is left correlated over more than 1000 samples is an offset, not less information
         return float(np.clip(self.step / time, 1e-3, 1.0))
 
     @property
@@ -201,6 +202,7 @@ def output_priors(
     spec: ArmSpec, tree: KinematicTree, drives: tuple[Drive, ...], friction_velocity: Array
 ) -> tuple[IdentificationPrior, ...]:
     """What is known of each output before any data, over states spread within the robot's limits."""
+    # more than twice as many states as parameters (10 a body): the rank is the tree's, not the draw's
     spread = spread_states(spec, 64 + 24 * tree.bodies)
     rigid, extra = command_regressors(tree, drives, friction_velocity, *spread)
     return tuple(
@@ -213,6 +215,7 @@ def shared_directions(
     spec: ArmSpec, tree: KinematicTree, drives: tuple[Drive, ...], friction_velocity: Array
 ) -> Array:
     """(P, r) base directions of one rigid body that makes all outputs, z ~ N(0, 1) along each."""
+    # more than twice as many states as parameters (10 a body): the rank is the tree's, not the draw's
     spread = spread_states(spec, 64 + 24 * tree.bodies)
     rigid, _ = command_regressors(tree, drives, friction_velocity, *spread)
     rows = (rigid / spec.command[:, None]).reshape(-1, rigid.shape[2])
@@ -333,12 +336,14 @@ class Moments:
         eigenvalues, vectors = np.linalg.eigh(moment)
         eigenvalues = np.maximum(eigenvalues, 0.0)
         rotated = vectors.T @ target
+        # a fixed point from 1 % of the command's limit; its steps shrink so fast that a dozen are enough
         noise = (0.01 * command) ** 2
         for _ in range(12):
             z = rotated / (eigenvalues + noise)
             determined = float(np.sum(eigenvalues / (eigenvalues + noise)))
             freedom = max(self.count - determined, 1.0)
             left = self.power - 2.0 * float(z @ rotated) + float(z @ (eigenvalues * z))
+            # between what no drive repeats better than and what is no noise but another law
             noise = float(np.clip(left / freedom, (1e-4 * command) ** 2, (0.1 * command) ** 2))
         variance = (vectors**2) @ (noise / (eigenvalues + noise))
         return deviations * (vectors @ z), deviations * np.sqrt(variance), float(np.sqrt(noise))

@@ -11,7 +11,7 @@ import numpy as np
 from etude._runtime.operators import cross
 from etude.types import Array
 from etude_arm.physics.kinematics import BodyMotion, KinematicTree, body_motion
-from etude_arm.physics.transmission import Geometry, drive_motion, joint_drives
+from etude_arm.physics.transmission import Geometry, drive_motion
 
 _PLACES = np.array([[0, 3, 4], [3, 1, 5], [4, 5, 2]])
 """Of xx yy zz xy xz yz in the inertia."""
@@ -20,10 +20,8 @@ _PLACES = np.array([[0, 3, 4], [3, 1, 5], [4, 5, 2]])
 def nominal_commands(geometry: Geometry, q: Array, qd: Array, qdd: Array) -> Array:
     """Commands (n, J) that the model file's masses ask at q, qd, qdd (n, J), in N m or N of the drives."""
     motion = body_motion(geometry.tree, q, qd, qdd)
-    forces = joint_forces(geometry.tree, motion)
-    if _direct(geometry):
-        return forces
-    return drive_motion(geometry.tree, geometry.drives, motion, qd, qdd).to_drive(forces)
+    drive = drive_motion(geometry.tree, geometry.drives, motion, qd, qdd)
+    return drive.to_drive(joint_forces(geometry.tree, motion))
 
 
 def joint_forces(tree: KinematicTree, motion: BodyMotion) -> Array:
@@ -60,14 +58,3 @@ def _turned(turn: Array, inertia: Array, vector: Array) -> Array:
     """(B, n, 3) R I R' v."""
     local = np.einsum("bnji,bnj->bni", turn, vector)
     return np.asarray(np.einsum("bnij,bnj->bni", turn, local @ np.swapaxes(inertia, 1, 2)))
-
-
-def _direct(geometry: Geometry) -> bool:
-    """Whether each drive acts on its own joint, one to one."""
-    plain = joint_drives(geometry.tree.joints)
-    return all(
-        own.gear == drive.gear
-        and not len(drive.bodies)
-        and np.array_equal(own.coefficients, drive.coefficients)
-        for own, drive in zip(plain, geometry.drives, strict=True)
-    )

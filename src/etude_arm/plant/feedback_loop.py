@@ -10,6 +10,7 @@ from typing import Any, ClassVar, Self
 
 import numpy as np
 
+from etude._runtime.rounding import MEASURED, whole_up
 from etude.errors import DataError, UsageError
 from etude.protocols import Controller, Trajectory
 from etude.types import Array, Log, Motion
@@ -81,7 +82,7 @@ def control_times(duration: float, rate: float) -> Array:
     """Control ticks (T,) in [0, duration), s: 6000 of them in 60 s at 100 Hz."""
     if not 0.0 < duration < math.inf:
         raise UsageError(f"the trajectory lasts {duration} s", next_step="Give it a positive duration.")
-    ticks: Array = np.arange(math.ceil(duration * rate - 1e-6)) / rate
+    ticks: Array = np.arange(whole_up(duration * rate, MEASURED)) / rate
     return ticks
 
 

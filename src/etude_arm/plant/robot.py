@@ -140,6 +140,7 @@ def _check_spec(name: str, spec: ArmSpec, arm: ArmParameters) -> None:
             next_step=f"Name them {', '.join(joints)}, in this order.",
         )
     steps = 1.0 / (spec.rate * arm.timestep)
+    # rates of files are rounded: a millionth of a step is a whole one
     if round(steps) < 1 or abs(steps - round(steps)) > 1e-6:
         raise UsageError(
             f"a control rate of {spec.rate:g} Hz is no multiple of the plant's time step {arm.timestep:g} s",

@@ -72,6 +72,7 @@ def with_payload(body: Any, loaded: Loaded, spec: ArmSpec, mass: float) -> None:
         name=free_name(TIP, {one.name for one in body.bodies}),
         pos=tips(loaded, (last,))[0],
         mass=mass,
+        # a point has none, and MuJoCo asks for one above zero
         inertia=[1e-9 * mass] * 3,
         ipos=[0.0] * 3,
         explicitinertial=True,

@@ -87,6 +87,7 @@ class Motors:
 
         At the speed of each row its bristles bend over the way since the row before.
         """
+        # 1e-9 N m (N): without friction bristles bend by nothing, and the quotient below needs something
         bend = np.maximum(self._stribeck_level(qd), 1e-9) / self.stiffness
         bent = bristles_along(q, bend)
         rate = qd - np.abs(qd) * bent / bend

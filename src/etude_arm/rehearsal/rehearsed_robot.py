@@ -155,6 +155,7 @@ def _motor(spec: ArmSpec, motors: Motors, j: int) -> str:
 
 def _hard(spec: ArmSpec, motors: Motors, scales: Scales) -> list[str]:
     """Joints that reach their limits of speed and acceleration only with more torque than they have."""
+    # gravity of all poses but the worst twentieth, which limits of position seldom allow
     needed = np.quantile(np.abs(scales.gravity), 0.95, axis=0) + motors.coulomb
     needed = needed + (scales.median + motors.armature) * spec.acceleration + motors.viscous * spec.velocity
     parts = needed / motors.torque
@@ -169,6 +170,7 @@ def _hard(spec: ArmSpec, motors: Motors, scales: Scales) -> list[str]:
 
 def _large(spec: ArmSpec, motors: Motors, scales: Scales) -> list[str]:
     """Joints whose torque limits no motion comes near, while friction and rotors are made from them."""
+    # as above: all poses but the worst twentieth
     needed = np.quantile(np.abs(scales.gravity), 0.95, axis=0) + scales.median * spec.acceleration
     parts = motors.torque / np.maximum(needed, 1e-12)
     large = [
@@ -210,6 +212,7 @@ def settled(spec: ArmSpec) -> Simulate:
     if not loop.loop:
         loop = replace(loop, loop="inside" if spec.command_unit in (*FORCES, "A") else "outside")
     steps = 1.0 / (spec.rate * loop.timestep)
+    # rates of files are rounded: a millionth of a step is a whole one
     if round(steps) < 1 or abs(steps - round(steps)) > 1e-6:
         raise UsageError(
             f"a rate of {spec.rate:g} Hz is no whole number of time steps of {loop.timestep:g} s",

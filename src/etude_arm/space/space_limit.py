@@ -166,6 +166,7 @@ class SpaceLimit:
             rows, found.T, speeds, places, strict=True
         ):
             slow = "speed" not in quantity
+            # between samples h apart a value moves by h²/8 of its second derivative, or h/2 of its first
             more = step**2 / 8.0 * bend if slow or gentle else 0.5 * step * rough
             size = quantity != "tool position"
             most = float(values.max()) + more

@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from etude._runtime.rounding import whole_up
 from etude.deploy.exporters.joint_trajectory import player
 from etude.deploy.exporters.knots import require_space
 from etude.deploy.feedforward import Commanded
@@ -56,7 +57,7 @@ class Offboard:
         """Both files. UsageError: no path in space."""
         require_space(kind, spec, "an autopilot")
         motion = what.trajectory if isinstance(what, Commanded) else what
-        count = math.ceil(motion.duration * RATE - 1e-9) + 1
+        count = whole_up(motion.duration * RATE) + 1
         t = np.arange(count + round(HELD_S * RATE)) / RATE
         orders = motion.motion(t, ORDERS).orders @ NED.T  # at rest after the end
         still = np.abs(orders[1:]).max(axis=(0, 2)) <= STILL

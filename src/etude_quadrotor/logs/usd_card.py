@@ -131,6 +131,7 @@ def _kind(data: bytes, place: int) -> tuple[int, _Event, int]:
 
 
 def _text(data: bytes, place: int) -> tuple[str, int]:
+    # names have some 30 characters: without an end within 200 the file is damaged
     end = data.index(b"\0", place, place + 200)
     return data[place:end].decode(), end + 1
 

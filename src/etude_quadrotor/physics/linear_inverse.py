@@ -173,6 +173,7 @@ def map_fit(
             raise DataError(
                 "states or commands contain NaN or infinite values", next_step="Repair the log first."
             )
+        # 1e-300: commands that are all zero have a residual of zero too
         variance = max(float(np.mean(residual**2)), LEAST_VARIANCE * float(np.mean(said**2)), 1e-300)
         J = jacobian.reshape(-1, len(theta)) * deviation  # every coefficient in units of its prior deviation
         normal = weight / variance * (J.T @ J) + np.eye(len(theta))
@@ -183,5 +184,6 @@ def map_fit(
 
 
 def _weights(scaled: Array, y: Array, weight: float) -> Array:
+    # a command that never changes has a narrow prior, and not one of width zero
     deviation = np.full(scaled.shape[1], max(float(y.std()), 1e-12))
     return map_fit(lambda w: ((scaled @ w)[:, None], scaled[:, None, :]), y[:, None], deviation, weight)[0]

@@ -222,6 +222,7 @@ def _step(
     _currents(i, x, W, slope, volts, h, b, j)
     derivative(x, j, wind, noise, b, fourth)
     for n in range(17):
+        # Runge-Kutta of fourth order; y: position, velocity, quaternion (6 to 9), rates, rotor speeds
         y[n] += h / 6.0 * (first[n] + 2.0 * (second[n] + third[n]) + fourth[n])
     length = np.sqrt(y[6] * y[6] + y[7] * y[7] + y[8] * y[8] + y[9] * y[9])
     for n in range(6, 10):

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from etude._runtime.rounding import MEASURED, whole_down
 from etude.errors import UsageError
 
 Array = NDArray[np.float64]
@@ -57,7 +58,7 @@ def plan_on_grid(
     t, position, velocity = (np.asarray(x, dtype=np.float64) for x in (t, position, velocity))
     _check_coarse(t, position, velocity, acceleration_ff, voltage_ff)
     # the last tick may lie half a tick of rounding beyond the end
-    fine = t[0] + np.arange(int(np.floor((t[-1] - t[0]) * rate + 1e-6)) + 1) / rate
+    fine = t[0] + np.arange(whole_down((t[-1] - t[0]) * rate, MEASURED) + 1) / rate
     index = np.clip(np.searchsorted(t, fine, side="right") - 1, 0, len(t) - 2)
     width = (t[index + 1] - t[index])[:, None]
     s = (fine - t[index])[:, None] / width
@@ -87,6 +88,7 @@ def check_plan(plan: FlightPlan, rate: float, name: str) -> None:
     _check_rows("velocity", plan.velocity, count, 3, name)
     _check_rows("acceleration_ff", plan.acceleration_ff, count, 3, name)
     _check_rows("voltage_ff", plan.voltage_ff, count, 4, name)
+    # a thousandth of a tick: times of a plan may come from a text file
     if not np.isfinite(plan.t).all() or np.any(np.abs(np.diff(plan.t) * rate - 1.0) > 1e-3):
         raise UsageError(
             "the plan is not sampled on the vehicle's control grid",

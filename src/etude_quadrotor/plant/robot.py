@@ -100,6 +100,7 @@ def _ticks(flight: Flight, plan: FlightPlan, rate: float) -> int:
         )
     own = (len(plan) - 1) / float(plan.t[-1] - plan.t[0]) if len(plan) > 1 else rate
     ticks = own / rate if np.isfinite(rate) and rate > 0.0 else 0.0
+    # times of a plan are rounded: a millionth of a tick is a whole one
     if ticks < 1.0 - 1e-6 or abs(ticks - round(ticks)) > 1e-6 * ticks:
         raise UsageError(
             f"a log at {rate:g} Hz cannot be taken from a simulation at {own:g} Hz",

@@ -196,6 +196,7 @@ class Disturbance:
         phase = np.clip((t - self.gust_start) / self.gust_duration, 0.0, 1.0)
         pulse = 0.5 * (1.0 - np.cos(2.0 * np.pi * phase))
         wind = np.array(self.wind) + pulse[:, None] * np.array(self.gust)
+        # a tenth of the nominal voltage: an empty battery ends a flight before, and the plant stays finite
         supply = np.clip(1.0 - self.sag - self.sag_rate * t, 0.1, None)
         return np.column_stack([wind, supply])
 

@@ -45,6 +45,7 @@ class Scales:
     def of(cls, X: Array, y: Array, metric: float | None) -> Scales:
         """From inputs X (n, D) and outputs y (n,)."""
         centre, spread = X.mean(axis=0), X.std(axis=0)
+        # the deviation of a constant is rounding: it is left in its own unit
         spread = np.where(spread > 1e-12 * np.abs(X).max(axis=0, initial=0.0), spread, 1.0)
         output = float(y.std())
         if not output > 1e-12 * float(np.abs(y).max()):
@@ -124,6 +125,7 @@ class ReceptiveFields:
         used = _part(self._fields, len(self))
         slope, spread = _local_models(used)
         s, out = self.scales, self.scales.output
+        # a field with few samples fits all of them: a tenth of its weight is left as freedom at least
         free = np.maximum(used.W - used.freedom, 0.1 * used.W)
         residual = out**2 * used.E / free
         noise = float(np.sum(used.W * residual) / np.sum(used.W))

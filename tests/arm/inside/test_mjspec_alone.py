@@ -7,8 +7,9 @@ from collections import Counter
 import mujoco
 import numpy as np
 import pytest
-from etude_arm.loading.agreement import SHARE
 from loading_examples import example_robot
+
+from etude_arm.loading.compiled_model_check import SHARE
 
 BODY = """<mujoco><worldbody><body><joint axis="0 0 1"/>
 <inertial mass="1.23456789" pos="0.1 0 0" diaginertia="0.0123 0.013 0.014"/></body></worldbody></mujoco>"""

@@ -239,6 +239,7 @@ def _evidence(campaign: Campaign, trained: list[Round], gain: float | None, minu
     calibration = calibration_factor(trained)
     deviation = np.array(facts.forecast_deviation) * math.sqrt(max(calibration or 1.0, 1.0))
     noise = facts.noise_deviation
+    # a model without noise has an infinite ratio
     ratio = None if noise is None else (np.array(facts.latent_deviation) / np.maximum(noise, 1e-300)) ** 2
     return LogOutcome(
         number=trained[-1].number,

@@ -123,6 +123,7 @@ def without_it(log: Log, path: str, trajectory: Trajectory, use: Mask, command: 
     """
     place, rate = trajectory.motion(log.t, 2).orders[:2]
     error = log[path] - place
+    # white noise of variance 1 has second differences of variance 1 + 4 + 1
     noise = np.sqrt(np.mean(np.diff(error, 2, axis=0) ** 2, axis=0) / 6.0)
     late = shared_lag(error, rate, command, use) * rate
     return Without(_mean(error, use), _mean(late, use), HALF_NORMAL * noise)

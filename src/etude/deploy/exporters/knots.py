@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from etude._runtime.rounding import MEASURED, whole_up
 from etude.deploy.feedforward import Commanded, parted
 from etude.errors import UsageError
 from etude.limits.certificate import REST_TOLERANCE
@@ -62,6 +63,7 @@ def knots_of(what: Trajectory | Commanded, kind: Kind, spec: Any, orders: int) -
     """
     motion, command = parted(what)
     rate = EFFORT_RATE if command else SLOWEST
+    # 40 Hz and 2000 parts of the motion: interpolation errors are looked for between knots that are wider
     fine = np.linspace(0.0, motion.duration, max(2001, math.ceil(40.0 * motion.duration)))
     path = motion.motion(fine, 1).orders[0]
     size = max(float(np.ptp(path, axis=0).max()), float(np.finfo(float).tiny))
@@ -103,7 +105,8 @@ def grid_of(motion: Trajectory, rate: float) -> Index:
             ends.append(round(edge * NANO))
     ends = sorted({*ends, round(motion.duration * NANO)})
     parts = [
-        np.linspace(a, b, max(1, math.ceil((b - a) / NANO * rate - 1e-6)) + 1)[:-1] for a, b in pairwise(ends)
+        np.linspace(a, b, max(1, whole_up((b - a) / NANO * rate, MEASURED)) + 1)[:-1]
+        for a, b in pairwise(ends)
     ]
     whole: Index = np.rint(np.concatenate([*parts, [ends[-1]]])).astype(np.int64)
     return whole

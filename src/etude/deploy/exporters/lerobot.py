@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 import polars as pl
 
+from etude._runtime.rounding import whole_up
 from etude.deploy.exporters.knots import require_joints
 from etude.deploy.feedforward import Commanded, parted
 from etude.protocols import Kind, Trajectory
@@ -34,7 +35,7 @@ class LerobotActions:
         motion, _ = parted(what)
         path = next(c for c in kind.channels(spec) if c.name == kind.path)
         rate = float(spec.rate)
-        count = math.ceil(motion.duration * rate - 1e-9) + 1
+        count = whole_up(motion.duration * rate) + 1
         t = np.arange(count) / rate  # at rest after the end
         actions = (motion.motion(t, 1).orders[0] * _factor(path)).astype(np.float32)
         text = json.dumps(_info([p + SUFFIX for p in path.parts], path, spec, count, rate), indent=1) + "\n"

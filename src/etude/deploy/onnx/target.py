@@ -150,14 +150,14 @@ def deviation(
     """
     states = _swinging(takes).astype(dtype)
     log = log_of(takes.channels, states.astype(float), "states")
-    told = parts.model.predict(log, fade=fade)
+    expected = parts.model.predict(log, fade=fade)
     own = in_turn(data, parts, states)
-    found = [float(np.abs((own["command"] - told.mean) / limit).max())]
+    found = [float(np.abs((own["command"] - expected.mean) / limit).max())]
     if "variance" in own:
-        found.append(float(np.abs((own["variance"] - told.variance) / limit**2).max()))
+        found.append(float(np.abs((own["variance"] - expected.variance) / limit**2).max()))
     if "outside" in own:
-        other = own["outside"].astype(np.bool_) != outside(told.unknown, parts.model.known)
-        beside = np.abs(told.unknown - np.minimum(parts.model.known, np.finfo(dtype).max)) / limit**2
+        other = own["outside"].astype(np.bool_) != outside(expected.unknown, parts.model.known)
+        beside = np.abs(expected.unknown - np.minimum(parts.model.known, np.finfo(dtype).max)) / limit**2
         found.append(float(beside[other].max(initial=0.0)))
     return max(found)
 

@@ -64,6 +64,7 @@ class SampledPlan:
     @property
     def spread(self) -> float:
         """Pooled standard deviation, in parts of the scale."""
+        # a plan that stands still has no spread: 0 / 1e-12 is no error
         return max(float(np.linalg.norm((self.values / self.scale).std(axis=0))), 1e-12)
 
 
@@ -157,6 +158,7 @@ def best_start(t: Array, measured: Array, plan: SampledPlan, *, begun: bool = Fa
     near = _likely([start for start in led if abs(start) <= LONGEST_LAG], grid[few], motion[few], plan)
     if near:
         return _refined(min(near, key=near.__getitem__), grid, motion, plan)
+    # six digits of cost: of starts that are as good the nearest to the clock's own
     first = min(starts, key=lambda start: (round(starts[start], 6), abs(start - t[0])))
     return _refined(first, grid, motion, plan)
 
@@ -178,6 +180,7 @@ def _refined(start: float, t: Array, motion: Array, plan: SampledPlan) -> float:
         error = motion[inside] / plan.scale - wanted
         error = error - error.mean(axis=0)
         slope = slope - slope.mean(axis=0)
+        # where the plan stands still no step is made
         step = -float((error * slope).sum()) / max(float((slope * slope).sum()), 1e-300)
         start += float(np.clip(step, -LARGEST_STEP, LARGEST_STEP))
         if abs(step) < SETTLED / plan.rate:
@@ -332,6 +335,7 @@ def _rate_error(motion: Array, wanted: Array, plan: SampledPlan) -> float:
     if len(motion) <= 2 * rows:
         return np.nan
     made, asked = ((values[rows:] - values[:-rows]) / plan.scale for values in (motion, wanted))
+    # nothing that was asked for is followed by everything but motion
     return float(np.linalg.norm(made - asked) / max(float(np.linalg.norm(asked)), 1e-12))
 
 
@@ -387,6 +391,7 @@ def waits_at_start(t: Array, measured: Array, plan: SampledPlan) -> bool:
     if t[0] > 2.0 / plan.rate:
         return False
     away = np.abs(before - plan.values[0]) / plan.scale
+    # all rows but one in a hundred: single wild values are dropped later
     return not len(before) or bool(np.quantile(away.max(axis=1), 0.99) <= AT_START)
 
 
@@ -477,6 +482,7 @@ def _cause(overlap: Overlap, parts: Sequence[str]) -> str:
         other = int(np.argmax(likeness[j]))
         if likeness[j, j] < -ALIKE:
             return f"; {parts[j]} moves in the opposite direction (sign?)"
+        # 180 / π = 57.3, in a log that follows its plan with an error
         if likeness[j, j] > ALIKE and 40 < slope[j] < 80:
             return f"; {parts[j]} looks like degrees"
         if likeness[j, j] < 0.5 and likeness[j, other] > ALIKE:
@@ -506,6 +512,7 @@ def _with_plan(log: Log, trajectory: Trajectory, channels: Sequence[Channel], pa
         plans.append(rates[0])
     t = np.clip(log.t, 0.0, trajectory.duration)
     orders = trajectory.motion(t, len(plans)).orders
+    # 1 ns: the last row is at the end, however it was rounded
     outside = np.abs(log.t - t) > 1e-9
     for order, channel in enumerate(plans):
         values = orders[order] if order == 0 else np.where(outside[:, None], 0.0, orders[order])

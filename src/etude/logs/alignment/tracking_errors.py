@@ -134,6 +134,7 @@ def _orders(t: Array, error: Array) -> Array:
     rate = median_rate(t)
     grid = uniform_grid(t, rate)
     values = resample(t, error, grid)
+    # half of the Nyquist frequency at most: a filter needs room above its cutoff
     gentle = min(LEAST_HZ, 0.25 * rate)
     rates = np.abs(smooth(grid, values, gentle).first).max(axis=0)
     cutoffs = np.clip(_allowed(rates, noise_deviation(grid, values), rate), gentle, None)

@@ -137,6 +137,12 @@ def new_rows(*blocks: Array) -> Mask:
     return found
 
 
+def _counted(q: Array) -> bool:
+    """Whether columns (T, J) that change do so by one count: a coarse encoder in slow motion."""
+    steps = [step[step > 0.0] for step in np.abs(np.diff(q, axis=0)).T]
+    return all((step < 1.5 * step.min()).mean() > REGULAR for step in steps if len(step))
+
+
 def repeats(new: Mask, motion: Array) -> float:
     """Rows for each new one (T,), by the faster half of the motion (T, m); 1 where rows are new, or stand
     without a rule.
@@ -165,7 +171,7 @@ def _rows_held(log: Log) -> Iterator[Finding]:
         return
     new = new_rows(*blocks)
     each = 1.0 if new.mean() > 1.0 / REPEATED else repeats(new, np.hstack(blocks))
-    if each > REPEATED:
+    if each > REPEATED and not all(map(_counted, blocks)):
         yield from _held_fact("Every row", each, float(np.median(np.diff(log.t))))
 
 
@@ -183,7 +189,8 @@ def _blocks_held(numbers: Numbers) -> Iterator[Finding]:
     if min(share, others) > 0.5:
         return
     if share < others and (each := repeats(fresh, numbers.q)) > 2.0 and others > FRESHER / each:
-        yield from _held_fact("Every position", each, numbers.step)
+        if not _counted(numbers.q):
+            yield from _held_fact("Every position", each, numbers.step)
     elif (each := repeats(given, numbers.q)) > 2.0 and share > FRESHER / each:
         slowest, fastest = SLOW_COMMANDS
         if slowest < rate / each < fastest:
@@ -291,26 +298,26 @@ def _copied(numbers: Numbers) -> Iterator[Finding]:
     blocks = {"command": numbers.u, "position": numbers.q}
     blocks |= {} if numbers.v is None else {"velocity": numbers.v}
     every = max(1, len(numbers.t) // ENOUGH)
-    like, J = _likeness(np.hstack([block[::every] for block in blocks.values()])), len(numbers.parts)
+    units = [_centred(block[::every]) for block in blocks.values()]
+    like, J = np.hstack(units)[:, : len(numbers.parts)].T @ np.hstack(units), len(numbers.parts)
     labels = [f"{block} of {part}" for block in blocks for part in numbers.parts]
     like[:J, :J] = np.abs(like[:J, :J])
-    pairs = np.argwhere(np.triu(like[:J] > SAME, 1)).tolist()
+    pairs = np.argwhere(np.triu(like > SAME, 1)).tolist()
     if pairs:
         said = ", ".join(f"the {labels[a]} and the {labels[b]}" for a, b in pairs)
         step = "Look at the names of the columns, and export the log again."
         yield from _asked(COPIED, 100.0, f"These are one column: {said}", step)
 
 
-def _likeness(columns: Array) -> Array:
-    """(k, k) correlations of columns (T, k); 0 of one that is constant but for rounding."""
-    centred = columns - columns.mean(axis=0)
+def _centred(block: Array) -> Array:
+    """Columns (T, k) less their means, of length 1; 0 where one is constant but for rounding."""
+    centred = block - block.mean(axis=0)
     size = np.linalg.norm(centred, axis=0)
-    moves = size > 1e-9 * np.linalg.norm(columns, axis=0)
-    centred = np.where(moves, centred, 0.0) / np.where(moves, size, 1.0)
-    return np.asarray(centred.T @ centred)
+    moves = size > 1e-9 * np.linalg.norm(block, axis=0).max()
+    return np.asarray(np.where(moves, centred, 0.0) / np.where(moves, size, 1.0))
 
 
-AT_ZERO = 0.02  # of a command's largest
+AT_ZERO, AWAY = 0.02, 0.05  # of a command's largest: where it comes to zero, and where it has left it
 BRIEF_S = 0.25  # s: a longer visit is rest
 
 
@@ -322,21 +329,23 @@ def _unsigned(numbers: Numbers) -> Iterator[Finding]:
         if size.min() < 0.0:
             return
         if size.max() > 0.0:
-            visits += _brief_visits(size < AT_ZERO * size.max(), numbers.step)
+            visits += _brief_visits(size / size.max(), numbers.step)
     fact = f"No command ever changes its sign, and {visits} times one comes to zero and turns back"
     step = "Log commands with their sign: a model of magnitudes is wrong for the opposite motion."
     yield from _asked(UNSIGNED, visits * math.log(2.0), fact, step)
 
 
-def _brief_visits(near: Mask, step: float) -> int:
-    """How often a mask (T,) is set for a moment inside of the log."""
-    found = [(a, b) for a, b in runs(near) if a > 0 and b < len(near)]
-    return sum((b - a) * step < BRIEF_S for a, b in found)
+def _brief_visits(size: Array, step: float) -> int:
+    """How often size (T,), of 0 to 1, comes to zero for a moment between two stretches away from it."""
+    near, rows = size < AT_ZERO, np.flatnonzero((size < AT_ZERO) | (size > AWAY))
+    found = [(a, b) for a, b in runs(near[rows]) if a > 0 and b < len(rows)]
+    return sum((rows[b - 1] - rows[a] + 1) * step < BRIEF_S for a, b in found)
 
 
 OFF_S = 0.3  # s: a shorter zero may be one
 MOVING = 0.1  # of the step that 95 % of the rows stay below
 MOSTLY = 0.2  # of an off stretch in which something moves
+STEEP = 3.0  # times the step that 95 % of the rows stay below: into a rest commands fade
 
 
 def _off(numbers: Numbers) -> Iterator[Finding]:
@@ -347,7 +356,13 @@ def _off(numbers: Numbers) -> Iterator[Finding]:
         step = np.abs(np.diff(numbers.q, axis=0, prepend=numbers.q[:1]))
         least = np.maximum(MOVING * np.quantile(step, 0.95, axis=0), np.finfo(float).tiny)
         goes: Mask = np.asarray((step > least).any(axis=1))
-        found = [(a, b) for a, b in found if goes[a:b].mean() > MOSTLY]
+        falls = np.abs(np.diff(numbers.u, axis=0))
+        fell = np.asarray((falls > STEEP * np.quantile(falls, 0.95, axis=0)).any(axis=1))
+        found = [
+            (a, b)
+            for a, b in found
+            if goes[a:b].mean() > MOSTLY and (fell[max(a - 1, 0) : a].any() or fell[b - 1 : b].any())
+        ]
     if not found or zero.all():
         return
     seconds = sum(b - a for a, b in found) * numbers.step
@@ -367,7 +382,7 @@ def _without_spans(log: Log, finding: Mendable) -> Log:
     return log.take(kept).repaired(finding.sentence)
 
 
-WHOLE_RANGE, LARGE_STEP = 0.9, 0.2  # of a command's range
+WHOLE_RANGE, LARGE_STEP, USUAL_STEP = 0.9, 0.3, 0.2  # of a command's range
 
 
 def _overflown(numbers: Numbers) -> Iterator[Finding]:
@@ -386,14 +401,15 @@ def _overflows(command: Array) -> int:
     jumps between levels that lie further inside.
     """
     step, width = np.abs(np.diff(command)), float(np.ptp(command))
-    rows = 1 + np.flatnonzero(step[1:-1] > WHOLE_RANGE * width)
-    if (
-        len(rows) < 2
-        or (usual := float(np.median(step))) == 0.0
-        or np.quantile(step, 0.9) > LARGE_STEP * width
-    ):
+    jumps = step > WHOLE_RANGE * width
+    rows = 1 + np.flatnonzero(jumps[1:-1])
+    if len(rows) < 2 or (step[~jumps] > LARGE_STEP * width).any():
         return 0
-    left = (width - step[rows]) / (step[rows - 1] + step[rows + 1] + usual)
+    usual = float(np.median(step))
+    if usual == 0.0 or np.quantile(step, 0.9) > USUAL_STEP * width:
+        return 0
+    slope = np.where(jumps, usual, step)
+    left = (width - step[rows]) / (slope[rows - 1] + slope[rows + 1] + usual)
     return len(rows) if np.median(left) < 1.0 else 0
 
 
@@ -402,25 +418,27 @@ SHARES = (0.003, 0.01, 0.03, 0.1, 0.2)  # of the rows that may be lost
 NOISIEST, BIASED = 0.3, 0.25  # of a step: scale of r, and its median from 1; beyond, r tells nothing
 LEAST_SCALE = 0.02  # of r
 SLOW = 0.1  # of the longest step: shorter ones are left out
-SLOW_SHARE = 30.0  # per cent of the steps, the slowest, that tell nothing
+LATE_ROWS = 5  # after a row that repeats, within which the sensor has caught up
 LEAST_STEPS = 100  # fast ones, whose spread tells what a lost row is against
 
 
 AROUND = (1, 2, 4)  # steps to either side whose mean may tell a step
 
 
-def _told_steps(way: Array, by_velocity: Array | None) -> tuple[Array, float]:
-    """What tells the steps way (T-1,) of a joint best: its velocity, or the mean of the steps around; and how
-    far that is off in the mean.
-    """
+def _beside_late(numbers: Numbers) -> Mask:
+    """(T-1,) steps beside a late packet: one of them is 0, and one of the next is 2."""
+    late = ~new_rows(numbers.q, numbers.u)[1:]
+    return np.convolve(late, np.ones(LATE_ROWS + 1), "full")[: len(late)] > 0.0
+
+
+def _told_steps(way: Array, by_velocity: Array | None) -> Array:
+    """What tells the steps way (T-1,) of a joint best: its velocity, or the mean of the steps around."""
     told = [] if by_velocity is None else [by_velocity]
     for count in AROUND:
         window = np.full(2 * count + 1, 1.0 / (2 * count))
         window[count] = 0.0
         told.append(np.convolve(way, window, "same"))
-    off = [float(np.abs(way - steps).mean()) for steps in told]
-    best = int(np.argmin(off))
-    return told[best], off[best]
+    return min(told, key=lambda steps: float(np.abs(way - steps).mean()))
 
 
 @dataclass(frozen=True, eq=False)
@@ -442,29 +460,26 @@ class Steps:
         dt = np.diff(numbers.t)
         if dt.std() > EVEN * numbers.step:
             return None
-        size, product = np.zeros((2, len(dt)))
+        size, product = np.zeros((2, len(dt)))  # sums over joints, in units of their noise
         for j, q in enumerate(numbers.q.T):
             v = None if numbers.v is None else numbers.v[:, j]
             way = np.diff(q)
-            said, off = _told_steps(way, None if v is None else 0.5 * (v[1:] + v[:-1]) * dt)
-            said = np.where(np.abs(said) > SLOW * np.abs(said).max(), said, 0.0) / max(off, 1e-12)
-            size += said**2
-            product += said * way / max(off, 1e-12)
-        least = max(float(np.percentile(size, SLOW_SHARE)), np.finfo(float).tiny)
-        new = new_rows(numbers.q, numbers.u)
-        single = new[1:] & new[:-1]  # beside a late packet one step is 0 and the next is 2
-        fast = np.asarray((size > least) & single)
+            said = _told_steps(way, None if v is None else 0.5 * (v[1:] + v[:-1]) * dt)
+            goes = np.abs(said) > SLOW * np.abs(said).max()
+            noise = max(float(np.abs(way - said)[goes].mean()), 1e-12) if goes.any() else np.inf
+            size += np.where(goes, said / noise, 0.0) ** 2
+            product += np.where(goes, said * way / noise**2, 0.0)
+        known = (size > 0.0) & ~_beside_late(numbers)
+        r = np.divide(product, size, out=np.ones(len(dt)), where=known)
+        spread = 1.0 / np.sqrt(np.maximum(size, np.finfo(float).tiny))
+        fast = known & (spread < NOISIEST)
         if fast.sum() < LEAST_STEPS:
             return None
-        r = product / np.maximum(size, np.finfo(float).tiny)
-        r[~single] = 1.0
         middle = float(np.median(r[fast]))
         scale = 1.5 * float(np.median(np.abs(r[fast] - middle)))
         if scale > NOISIEST or abs(middle - 1.0) > BIASED:
             return None
-        # what is slower is noisier, by as much
-        slower = np.sqrt(least / np.clip(size, 1e-12 * least, least))
-        return Steps(r, max(scale, LEAST_SCALE) * slower, fast)
+        return Steps(r, np.maximum(max(scale, LEAST_SCALE), spread), fast)
 
     def near(self, count: float | Array, wider: float = 1.0) -> Array:
         """(T-1,) log density of r about `count`: Student's, 3 degrees of freedom, as real tails are."""

@@ -10,6 +10,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from etude._runtime.rounding import MEASURED, whole_down
 from etude.errors import DataError
 from etude.logs.cleaning.smoothing import (
     Smoothed,
@@ -100,7 +101,7 @@ def sampled(log: Log, rate: float, *, averaged: bool = True) -> Log:
         averaged: means over the interval, at its middle, so that noise does not fold in; else single
             samples at its start (thesis).
     """
-    ticks = int(median_rate(log.t) / rate + 1e-6)
+    ticks = whole_down(median_rate(log.t) / rate, MEASURED)
     count = len(log) // max(ticks, 1)
     if ticks < 2 or count == 0:
         return log
@@ -143,7 +144,8 @@ def thinned(rate: float, rate_hz: float, number: int = 0) -> slice:
     `number` of the trajectory shifts the first: multiples of the golden ratio visit the step evenly,
     whatever the number of logs, so that repeated motions add samples.
     """
-    step = max(1, int(rate / rate_hz + 1e-3))
+    # 1e-3: rates are medians of time stamps, and 99.99 Hz thinned to 50 Hz is every second row
+    step = max(1, whole_down(rate / rate_hz, 1e-3))
     return slice(int(step * ((number * GOLDEN) % 1.0)), None, step)
 
 
@@ -178,6 +180,7 @@ def command_lag(logs: Sequence[Log], states: Sequence[str], longest: float = LON
     Returns:
         0 if no log can tell.
     """
+    # twenty times the longest lag: else a correlation is of too few rows
     able = [log for log in logs if 1 <= int(longest * median_rate(log.t)) < len(log) / 20.0 - 1.0]
     names = [name for name in states if all(name in log for log in able)]
     if not able or not names:

@@ -97,6 +97,7 @@ def looks_scaled(log: Log, channels: Sequence[Channel], limits: Limits) -> bool:
             steps = np.diff(log.t)
             for j, q in enumerate(log[channel.name].T):
                 shares.append(float((np.abs(np.diff(q)) > 2 * top[j] * steps).mean()))
+    # a tenth of the rows: more than wild values and rests, less than a wrong unit leaves
     return max(shares) > 0.1
 
 
@@ -127,6 +128,7 @@ def _check_slope(log: Log, values: Array, channel: Channel) -> None:
                 (f"{channel.derivative_of} in {unit}", ratio),
                 (f"{channel.name} in {unit} per second", 1 / ratio),
             ):
+                # a factor is met within a quarter: velocities are filtered, and lose that much
                 if like > LIKE and 0.8 < abs(factor) / expected < 1.25:
                     raise DataError(
                         f"{channel.derivative_of} and {channel.name} disagree by a factor {factor:.3g}: "
@@ -179,6 +181,7 @@ def _checked_command(log: Log, channel: Channel, j: int, lower: float, upper: fl
     limit = f"{upper:.4g}{behind}" if lower == -upper else f"{lower:.4g} to {upper:.4g}{behind}"
     where = f"{log.source}, {channel.name} {channel.parts[j]}"
     if excess > COMMAND_EXCESS:
+        # inside the limit as thousandths, and beyond what an overload explains
         milli = excess * 1e-3 <= 1.0 and excess > 30.0
         raise DataError(
             f"the command of {channel.parts[j]} reaches {largest:.4g}, its limit is {limit}",

@@ -175,7 +175,7 @@ def note_pauses(log: Log) -> Log:
 
 
 WILD, FURTHER = 20.0, 5.0  # times what rows usually are off the middle of their neighbours; times large steps
-LEAST_WILD = 1e-2  # of a range: less is the flicker of an encoder
+FLICKER = 10.0  # times the least step: less is an encoder at the edge of two counts
 
 
 def drop_spikes(log: Log) -> Log:
@@ -195,8 +195,10 @@ def _wild(q: Array) -> Mask:
     if len(q) < 3:
         return np.zeros(0, dtype=np.bool_)
     off, step = np.abs(q[1:-1] - 0.5 * (q[:-2] + q[2:])), np.abs(np.diff(q))
+    # 1.5: from a median to a deviation (1.48), about; twice the steps that all but one in twenty keep
     usual, large = 1.5 * float(np.median(off)), 2.0 * float(np.quantile(step, 0.95))
-    least = max(WILD * usual, FURTHER * large, LEAST_WILD * float(np.ptp(q)))
+    quantum = float(np.min(step, where=step > 0.0, initial=np.inf))
+    least = max(WILD * usual, FURTHER * large, FLICKER * quantum)
     return np.asarray((off > least) & (np.abs(q[2:] - q[:-2]) < 2.0 * large + 1e-2 * off))
 
 

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from etude._runtime.rounding import MEASURED, whole_down
 from etude.types import Array
 
 BAND_ENERGY = 0.9  # share of the velocity's energy that defines the motion's band
@@ -57,7 +58,7 @@ def segments(t: Array) -> list[slice]:
 
 def uniform_grid(t: Array, rate: float) -> Array:
     """Times from t[0] to t[-1] at `rate` Hz. A grid that is already uniform is reproduced to rounding."""
-    count = int(np.floor((t[-1] - t[0]) * rate + 1e-6)) + 1
+    count = whole_down((t[-1] - t[0]) * rate, MEASURED) + 1
     return np.asarray(t[0] + np.arange(count) / rate)
 
 

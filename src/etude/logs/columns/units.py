@@ -204,6 +204,7 @@ def check_lengths(log: Log, stated: Collection[str] = ()) -> Log:
         if name in log and name not in stated:
             own = [j for j, part in enumerate(log.channels[name].parts) if part in parts]
             largest = float(np.abs(log[name][:, own]).max(initial=0.0))
+            # half a turn is the largest angle that is logged, and 5 % more may be noise
             if largest > 1.05 * np.pi:
                 raise _degrees(log, name, f"the {name} reaches {largest:.4g} rad and looks like degrees")
     return log

@@ -420,6 +420,7 @@ def _all_numbers(blocks: Iterator[bytes], form: _Form, path: Path) -> dict[str, 
         own = _numeric_columns(block, form, path)
         end = rows + len(own[0])
         if end > len(columns[0]):
+            # rows of the whole file, by this block's, and a tenth more since numbers differ in length
             expected = int(1.1 * len(own[0]) * path.stat().st_size / len(block))
             columns = [_longer(column, rows, max(expected, 2 * end)) for column in columns]
         for column, values in zip(columns, own, strict=True):

@@ -133,6 +133,7 @@ def check_shape(data: bytes, room: MemoryBudget) -> None:
     Raises:
         ValueError: with what does not fit. DataError: there is no room for its values.
     """
+    # PAR1, ..., the footer, its length in 4 bytes, PAR1
     if len(data) < 12 or data[:4] != MAGIC or data[-4:] != MAGIC:
         raise ValueError("it does not begin and end as a Parquet file")
     length = int.from_bytes(data[-8:-4], "little")
@@ -156,6 +157,7 @@ def _check_chunk(data: bytes, end: int, chunk: Mapping[int, Any], rows: int) -> 
     values, size = chunk[5], chunk[7]
     if values == 0:
         return
+    # fields of ColumnMetaData in parquet.thrift: 9 is the first data page, 11 the dictionary's
     start = min(chunk[9], chunk.get(11) or chunk[9])
     if not (4 <= start <= start + size <= end) or values < 1 or (len(chunk[3]) == 1 and values != rows):
         raise ValueError("a column is not where the footer says, or not as long")

@@ -192,6 +192,7 @@ def contiguous_blocks(t: Array, group: Index, seconds: float) -> Index:
         own = group == number
         span = float(np.ptp(t[own]))
         count = max(1, round(span / seconds))
+        # 1e-12 s: a group of one row has no span
         inside = np.minimum(((t[own] - t[own].min()) / max(span, 1e-12) * count).astype(np.int64), count - 1)
         blocks[own] = next_number + inside
         next_number += count
@@ -235,4 +236,5 @@ def near(t: Array, test: Mask, gap_s: float) -> Mask:
     times = np.sort(t[test])
     after = np.clip(np.searchsorted(times, t), 1, len(times) - 1) if len(times) > 1 else np.zeros(len(t), int)
     nearest = np.minimum(np.abs(t - times[after - 1]), np.abs(t - times[after]))
+    # 1 ns: rows of a grid are as far apart as the gap only up to rounding
     return np.asarray(nearest < gap_s - 1e-9)

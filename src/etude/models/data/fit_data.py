@@ -122,6 +122,7 @@ def apart(t: Array, group: Index, spacing: float) -> Index:
     """Positions that keep each trajectory's samples `spacing` apart, greedily from its first one."""
     kept, last_t, last_group = [], -np.inf, None
     for i, (time, number) in enumerate(zip(t.tolist(), group.tolist(), strict=True)):
+        # rows of a grid are `spacing` apart only up to rounding
         if number != last_group or time - last_t >= spacing * (1 - 1e-9):
             kept.append(i)
             last_t, last_group = time, number
@@ -151,10 +152,10 @@ def rows_of(folds: Folds, group: tuple[int, ...], rng: np.random.Generator, *, a
     spacing = config.fit_spacing_s
     if config.kernel in OF_ARMS or config.process == "all_lin":
         spacing = min(spacing, seconds_of(samples) / LEAST_FIT)
-    told: Mask = use
+    usable: Mask = use
     if config.schedule == "first":
-        told = np.asarray(use & (samples.group == samples.group.min()))
-    chosen = spread_points(samples.t, samples.group, told, config.fit_points, spacing, rng)
+        usable = np.asarray(use & (samples.group == samples.group.min()))
+    chosen = spread_points(samples.t, samples.group, usable, config.fit_points, spacing, rng)
     return Rows(np.flatnonzero(use), kept, chosen)
 
 
@@ -168,6 +169,7 @@ def units_of(target: Array, rows: Rows, config: ModelConfig) -> Array:
     if not config.standardised:
         return np.stack([offset, np.ones_like(offset)])
     deviation = seen.std(axis=0)
+    # the deviation of a constant is rounding: some 1e-16 of its size
     constant = deviation <= 1e-12 * (1.0 + np.abs(seen).max(axis=0))
     fallback = float(deviation[~constant].max()) if not constant.all() else 1.0
     return np.stack([offset, np.where(constant, fallback, deviation)])

@@ -153,6 +153,7 @@ def with_jitter(
     if not FIRST_JITTER * scale > 0.0:  # a jitter that is rounded to zero would be raised for ever
         raise NumericalError("the covariance matrix is zero", next_step="Look at the hyperparameters.")
     jitter = 0.0
+    # 1.001: the last power of ten is tried too, however it is rounded
     while jitter <= 1.001 * LAST_JITTER * scale:
         found = attempt(diagonal + jitter)
         if found is not None:

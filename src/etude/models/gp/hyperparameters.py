@@ -195,8 +195,10 @@ def _lbfgs(objective: Objective, start: Array, steps: int) -> Array:
         value, gradient = objective(parameters)
         if value < best[0]:
             best = (value, parameters.copy())
+        # worse than all that was seen, but finite: the line search turns back by itself
         return (value, gradient) if np.isfinite(value) else (abs(best[0]) * 1e3 + 1e10, gradient)
 
     bounds = [(p - REACH, p + REACH) for p in start]
+    # a step of L-BFGS takes one or two evaluations; twenty end a search that has lost its way
     minimise(remembered, start, steps=steps, evaluations=20 * steps, bounds=bounds)
     return best[1]

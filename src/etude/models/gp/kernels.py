@@ -434,6 +434,7 @@ def remembering(columns: Sequence[Column], commands: tuple[str, ...]) -> Kernel:
         )
     return (
         Linear(memory)
+        # friction changes within a part of a joint's range: lengths start at a quarter of half of it
         + Linear(own) * SquaredExponential(position, unit=True, share=0.25)
         + RestNoise(rest[0])
     )

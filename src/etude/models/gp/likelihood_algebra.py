@@ -208,6 +208,7 @@ class _Pass:
 
     def at(self, row: int, column: int) -> Any:
         """The address of an entry."""
+        # 8 bytes a float64
         return place(self.start + 8 * (row + column * self.stride))
 
     def through(self, first: int, last: int) -> bool:

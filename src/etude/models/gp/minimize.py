@@ -191,6 +191,7 @@ class _Line:
 def _beyond(near: _Probe, far: _Probe) -> float:
     """Where the cubic through two points has its minimum, kept between a little and STRETCH further."""
     gap = far.step - near.step
+    # the slope of the cubic (Hermite) at a distance s from `near` is slope + 2 b s / gap² + a s² / gap³
     a = 6.0 * (near.value - far.value) + 3.0 * (far.slope + near.slope) * gap
     b = 3.0 * (far.value - near.value) - (2.0 * near.slope + far.slope) * gap
     inside = b * b - a * near.slope * gap
@@ -206,6 +207,7 @@ def _between(low: _Probe, high: _Probe, *, quadratic: bool) -> float:
     if quadratic:
         step = low.step - 0.5 * low.slope * gap**2 / _nonzero(high.value - low.value - low.slope * gap)
     else:
+        # the slope of the cubic (Hermite) at a distance s from `low` is slope + (2 b s + a s²) / gap²
         a = 6.0 * (low.value - high.value) / gap + 3.0 * (high.slope + low.slope)
         b = 3.0 * (high.value - low.value) - (2.0 * low.slope + high.slope) * gap
         inside = b * b - a * low.slope * gap**2

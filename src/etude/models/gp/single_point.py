@@ -139,9 +139,11 @@ def _exponential(e: Array, bits: Array, n: int) -> None:
         k = bits[i] - ROUNDER
         e[i] = (x - k * LN2_HIGH) - k * LN2_LOW
     for i in range(n):
+        # the integer as the exponent of a float64: its bias is 1023, its fraction has 52 bits
         scale[i] = (scale[i] + 1023) << 52
     for i in range(n):
         r = e[i]
+        # Taylor's series of exp up to r^13 / 13! by Horner: with |r| <= ln 2 / 2 the rest is below 1e-17
         p = 1.0 / 6227020800.0
         p = p * r + 1.0 / 479001600.0
         p = p * r + 1.0 / 39916800.0

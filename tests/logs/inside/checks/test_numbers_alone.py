@@ -103,9 +103,41 @@ def holding_weight(log: Log) -> Log:
     return changed(log, command=100.0 + log["command"])
 
 
+def slow_and_coarse(log: Log) -> Log:
+    """An encoder whose count changes every few rows, by one."""
+    slow = 0.1 * np.sin(0.1 * np.pi * log.t)[:, None] * np.ones(3)
+    return changed(log, q=np.round(slow, 3)).without("qd")
+
+
+def switched_at_rest(log: Log) -> Log:
+    """A friction compensation whose sign follows the noise of a standing joint."""
+    rng = np.random.default_rng(3)
+    rest = (log.t > 5) & (log.t < 6)
+    command = log["command"].copy()
+    command[rest] = rng.choice([-60.0, 0.0, 60.0], size=(int(rest.sum()), 3))
+    return changed(log, command=command)
+
+
+def noisy_above_zero(log: Log) -> Log:
+    """A weight that is nearly balanced at the end of each swing, with noise."""
+    rng = np.random.default_rng(4)
+    return changed(log, command=1.0 + np.cos(log.t)[:, None] + 0.01 * np.abs(rng.normal(size=(len(log), 3))))
+
+
 @pytest.mark.parametrize(
     "change",
-    [coarse, late_packets, program_of_steps, relay, dry_friction, resting_at_zero, holding_weight],
+    [
+        slow_and_coarse,
+        switched_at_rest,
+        noisy_above_zero,
+        coarse,
+        late_packets,
+        program_of_steps,
+        relay,
+        dry_friction,
+        resting_at_zero,
+        holding_weight,
+    ],
 )
 def test_logs_that_look_odd_and_are_right_are_silent(change: Change) -> None:
     found = told(change(noisy()))
