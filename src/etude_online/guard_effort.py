@@ -68,7 +68,7 @@ class FeedbackLaw:
 
 
 @dataclass(frozen=True, eq=False)
-class ToldFeedback:
+class StatedFeedback:
     """A controller that says what it adds: the channel `command_fb` of every measured row."""
 
     sigma: Array
@@ -107,7 +107,7 @@ def feedback_of(
     command = next(c for c in channels if c.role == "command")
     least = FLOOR * np.maximum(*np.abs(limits))
     if command.acts_on != path:
-        return ToldFeedback(least)
+        return StatedFeedback(least)
     each = [_decisions(log, path, limits, rate) for log in logs]
     parts = [part for found in each for part in found]
     if not parts:

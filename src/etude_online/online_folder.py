@@ -24,7 +24,7 @@ from etude_online.command import learning_command
 from etude_online.guard_effort import (
     Feedback,
     FeedbackLaw,
-    ToldFeedback,
+    StatedFeedback,
     command_limits,
     feedback_of,
 )
@@ -92,7 +92,7 @@ def write(
 
 
 @dataclass(frozen=True)
-class Told:
+class FolderOptions:
     """Options of the target: what the campaign supplies, how to learn, what its learners draw, and the s in
     which what they learned counts half (None: for ever), a number or its text.
     """
@@ -113,7 +113,7 @@ class Online:
 
     def __call__(self, model: Any, kind: Kind, spec: Any, options: Mapping[str, Any]) -> Delivered:
         """Errors as `write`; UsageError: an option or a method that there is not."""
-        told = taken(options, Told, "online")
+        told = taken(options, FolderOptions, "online")
         own = OnlineOptions(
             told.description,
             told.logs,
@@ -151,7 +151,7 @@ def read_feedback(words: Mapping[str, Any]) -> Feedback:
         law = words["law"]
         kp, kd, sigma = (np.array(law[name]) for name in ("kp", "kd", "sigma"))
         return FeedbackLaw(kp, kd, sigma, law["path"])
-    return ToldFeedback(np.array(words["told"]["sigma"]))
+    return StatedFeedback(np.array(words["told"]["sigma"]))
 
 
 def _settings(kind: Kind, config: Any, options: OnlineOptions, feedback: Feedback) -> dict[str, Any]:

@@ -8,7 +8,7 @@ if TYPE_CHECKING:
     from etude.campaign.create import RobotPart, create_campaign, find_robot
     from etude.campaign.deployment.predict import states_for, write_table
     from etude.campaign.evaluate.confirm import ask_to_confirm
-    from etude.campaign.ingest.ingest_result import Told
+    from etude.campaign.ingest.ingest_result import IngestResult
     from etude.campaign.ingest.inspection import Inspected, inspect
     from etude.campaign.ingest.questions import Answers, LogQuestions, judged_commands
     from etude.campaign.ingest.tell import abandon
@@ -64,6 +64,7 @@ __all__ = [
     "Event",
     "Exported",
     "Fact",
+    "IngestResult",
     "Inspected",
     "LogQuestions",
     "PrequentialScore",
@@ -72,7 +73,6 @@ __all__ = [
     "Round",
     "State",
     "There",
-    "Told",
     "Trained",
     "TrainingOutcome",
     "abandon",

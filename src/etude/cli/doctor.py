@@ -94,8 +94,8 @@ def versions() -> list[Check]:
 
 def _name() -> list[Check]:
     """A red one where another distribution's files lie in the package."""
-    told = conflict()
-    return [Check("name", "red", f"{told}. {OWN_ENVIRONMENT}")] if told else []
+    clash = conflict()
+    return [Check("name", "red", f"{clash}. {OWN_ENVIRONMENT}")] if clash else []
 
 
 def threads() -> list[Check]:
@@ -121,14 +121,16 @@ def threads() -> list[Check]:
 def places() -> list[Check]:
     """Where campaigns and compiled code would be written."""
     here = Path.cwd()
-    told = Check("this folder", "green", f"can be written: {here}")
+    folder_check = Check("this folder", "green", f"can be written: {here}")
     if not _writable(here):
-        told = Check("this folder", "yellow", f"cannot be written: {here}; campaigns need another one")
+        folder_check = Check(
+            "this folder", "yellow", f"cannot be written: {here}; campaigns need another one"
+        )
     cache = _cache_folder()
     if cache is None:
         words = "no folder for compiled code: every command compiles again; set NUMBA_CACHE_DIR"
-        return [told, Check("numba cache", "yellow", words)]
-    return [told, Check("numba cache", "green", f"in {cache}")]
+        return [folder_check, Check("numba cache", "yellow", words)]
+    return [folder_check, Check("numba cache", "green", f"in {cache}")]
 
 
 def compilers() -> list[Check]:

@@ -177,8 +177,8 @@ def _guarded(given: list[str]) -> int:
         fact = f"the machine refused: {error.strerror or error}"
         return _report(as_json, "MachineError", fact, where, MACHINE, 1)
     except Exception as error:
-        if isinstance(error, ImportError | AttributeError) and (told := conflict()):
-            return _report(as_json, "MachineError", f"{error}: {told}", "", OWN_ENVIRONMENT, 1)
+        if isinstance(error, ImportError | AttributeError) and (clash := conflict()):
+            return _report(as_json, "MachineError", f"{error}: {clash}", "", OWN_ENVIRONMENT, 1)
         traceback.print_exc()
         if (own := _plugin_error(error)) is not None:
             return _report(as_json, "PluginError", *own, 2)
@@ -201,8 +201,8 @@ def _plugin_error(error: Exception) -> tuple[str, str, str] | None:
 def _run(given: list[str]) -> int:
     if given == ["--version"]:
         print(f"etude {__version__}", flush=True)
-        if told := conflict():
-            _tell(f"Warning: {told}.\n{OWN_ENVIRONMENT}")
+        if clash := conflict():
+            _tell(f"Warning: {clash}.\n{OWN_ENVIRONMENT}")
         return 0
     from etude.cli.outcome import to_json
     from etude.cli.parse import command as command_of

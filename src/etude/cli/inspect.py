@@ -78,7 +78,7 @@ def _text(found: Inspected, described: bool) -> str:
     width = max(len(f.check) for f in found.findings)
     lines = [line for f in found.findings for line in _lines(f, width)]
     counts = Counter(f.light for f in found.findings)
-    told = ", ".join(f"{counts[light]} {light}" for light in ("green", "yellow", "red", "cannot tell"))
+    summary = ", ".join(f"{counts[light]} {light}" for light in ("green", "yellow", "red", "cannot tell"))
     asked = " ".join(dict.fromkeys(f"--accept {f.flag}" for f in found.findings if f.flag))
     end = "tell would take this log as it is."
     if not described:
@@ -87,7 +87,7 @@ def _text(found: Inspected, described: bool) -> str:
         end = "tell would refuse this log."
     elif asked:
         end = f"tell would ask first; {asked} takes it as it is."
-    return "\n".join([*lines, "", f"{told}: {end}"])
+    return "\n".join([*lines, "", f"{summary}: {end}"])
 
 
 def _lines(finding: Finding, width: int) -> list[str]:

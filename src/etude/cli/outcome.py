@@ -132,11 +132,11 @@ def _pages(widths: list[int], keys: int) -> list[list[int]]:
 
 
 def _aligned(lines: list[list[str]], widths: list[int], columns: list[int]) -> str:
-    told = []
+    printed = []
     for line in lines:
         cells = [line[i].rjust(widths[i]) if i else line[i].ljust(widths[i]) for i in columns]
-        told.append("  ".join(cells).rstrip())
-    return "\n".join(told)
+        printed.append("  ".join(cells).rstrip())
+    return "\n".join(printed)
 
 
 def code_of(*, changed: bool, refused: bool = False) -> int:

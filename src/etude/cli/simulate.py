@@ -78,8 +78,8 @@ class Simulate(Common):
             "waiting": [r.number for r in state.awaiting_answer],
             "confirmed": confirmed,
         }
-        told = [] if confirmed is None else [_confirmed(confirmed)]
-        text = "\n".join([_table(baselines, rounds, unit), *told, _next(self.folder, state)])
+        confirmation = [] if confirmed is None else [_confirmed(confirmed)]
+        text = "\n".join([_table(baselines, rounds, unit), *confirmation, _next(self.folder, state)])
         return Outcome(text, data, code_of(changed=bool(state.awaiting_answer)))
 
 

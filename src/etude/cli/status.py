@@ -51,8 +51,8 @@ def _lines(found: Mapping[str, Any]) -> list[str]:
         lines.append(f"Calibration factor {factor:.2f} (held-out z^2 of the last logs; 1 is right).")
     if found["forecast_fraction"] is not None:
         fraction = found["forecast_fraction"]
-        told = f"{100 * fraction:.2g} %" if fraction < 1.0 else "as large as the limit, or larger"
-        lines.append(f"Expected command error: {told} {'of the limit ' * (fraction < 1.0)}(worst axis).")
+        share = f"{100 * fraction:.2g} %" if fraction < 1.0 else "as large as the limit, or larger"
+        lines.append(f"Expected command error: {share} {'of the limit ' * (fraction < 1.0)}(worst axis).")
     if found["next_gain"] is not None:
         lines.append(
             f"The next trajectory is to remove {100 * found['next_gain']:.0f} % of the variance left."
@@ -184,10 +184,10 @@ def _confirmed(found: Mapping[str, Any]) -> list[str]:
 
 def _standing(found: Mapping[str, Any], moving: Mapping[str, Any], every: Mapping[str, Any]) -> list[str]:
     """The same with the samples of standing joints, if there were any."""
-    told = {kind: values for kind, values in every.items() if values}
-    if not told or all(values == moving.get(kind) for kind, values in told.items()):
+    known = {kind: values for kind, values in every.items() if values}
+    if not known or all(values == moving.get(kind) for kind, values in known.items()):
         return []
-    return ["The same, joints at rest included while others move:", _by_output(found, told)]
+    return ["The same, joints at rest included while others move:", _by_output(found, known)]
 
 
 def _in_use(found: Mapping[str, Any]) -> str:

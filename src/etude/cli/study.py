@@ -111,8 +111,8 @@ def functions() -> dict[str, str]:
     found = {}
     for name, own in _loaded().items():
         if not isinstance(own, StudyRoom):
-            told = inspect.getdoc(inspect.getmodule(own)) or ""
-            found[name] = told.partition("\n")[0].partition(": ")[2]
+            text = inspect.getdoc(inspect.getmodule(own)) or ""
+            found[name] = text.partition("\n")[0].partition(": ")[2]
     return found
 
 

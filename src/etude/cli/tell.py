@@ -11,7 +11,7 @@ import tyro
 from etude.cli.outcome import Common, Folder, Outcome, Say, code_of, opened
 
 if TYPE_CHECKING:
-    from etude.campaign.ingest.ingest_result import Told
+    from etude.campaign.ingest.ingest_result import IngestResult
     from etude.campaign.ingest.tell import IngestedFile, IngestedMany
 
 
@@ -89,7 +89,7 @@ class Tell(Common):
         return Outcome("\n".join([*_table(many), following]), data, code)
 
 
-def _lines(found: Told) -> list[str]:
+def _lines(found: IngestResult) -> list[str]:
     if found.run:
         told = " was told before" if found.repeated else ""
         return [f"Run {found.run} the feedforward of trajectory {found.number}{told}: measured, not learned."]
@@ -104,7 +104,7 @@ def _lines(found: Told) -> list[str]:
     return [*lines, *_learned(found.learned), *(f"Warning: {notice}" for notice in found.warnings)]
 
 
-def _held(found: Told) -> list[str]:
+def _held(found: IngestResult) -> list[str]:
     """What is to be answered before the log is learned."""
     if not found.awaits_answer:
         return []
@@ -128,7 +128,7 @@ def _table(many: IngestedMany) -> list[str]:
     return [*lines, *_learned(many.learned), *(f"Warning: {notice}" for notice in many.warnings)]
 
 
-def _data(found: Told) -> dict[str, Any]:
+def _data(found: IngestResult) -> dict[str, Any]:
     from dataclasses import asdict
 
     return {

@@ -55,9 +55,9 @@ def fading(model: LearnedModel) -> str:
     for c, mean in used:
         if mean is None:
             level[list(c.commands)] += c.weights * level_of(c)
-    told = ", ".join(f"{name} {level[model.commands.index(name)]:.3g}" for name in bare)
+    levels = ", ".join(f"{name} {level[model.commands.index(name)]:.3g}" for name in bare)
     return (
         "where the model knows no more than before any data no physics stand behind these commands, and each "
-        f"goes to a level, the part of its mean in training that was steady: {told}. Nothing but your "
+        f"goes to a level, the part of its mean in training that was steady: {levels}. Nothing but your "
         "feedback holds the robot there."
     )

@@ -81,8 +81,8 @@ class Along:
             said = (*said, *sentences)
         units = next((c.units for c in kind.channels(spec) if c.role == "command"), ())
         words = ", ".join(dict.fromkeys(units)) or "1"
-        told = f"{TABLE}: set-points, commands and deviations ({words}), {rate:g} times a second."
-        return Delivered(files, (told, *said), {"rate": rate, "formats": list(formats)})
+        sentence = f"{TABLE}: set-points, commands and deviations ({words}), {rate:g} times a second."
+        return Delivered(files, (sentence, *said), {"rate": rate, "formats": list(formats)})
 
 
 def _columns(model: LearnedModel, log: Log, what: Commanded) -> dict[str, Array]:
@@ -91,8 +91,8 @@ def _columns(model: LearnedModel, log: Log, what: Commanded) -> dict[str, Array]
     for word, values in (("command", mean), ("deviation", np.sqrt(variance))):
         found |= {f"{word}_{name}": column for name, column in zip(model.commands, values.T, strict=True)}
     if what.acceleration is not None:
-        told = what.acceleration(log.t)
-        found |= {f"a{axis}_command": column for axis, column in zip(SPACE, told.T, strict=True)}
+        setpoints = what.acceleration(log.t)
+        found |= {f"a{axis}_command": column for axis, column in zip(SPACE, setpoints.T, strict=True)}
     return found
 
 

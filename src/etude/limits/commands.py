@@ -357,9 +357,9 @@ def credible(limit: CommandLimit, ran: Trajectory) -> Array:
     mean, spread = limit.mean(motion), limit.spread(motion, ran.duration, SELDOM)
     half = 0.5 * (limit.upper - limit.lower)
     off = np.abs(mean - 0.5 * (limit.upper + limit.lower))
-    told = (off <= NEAR_LIMIT * half) & (spread > 0.0)
+    near = (off <= NEAR_LIMIT * half) & (spread > 0.0)
     with np.errstate(divide="ignore"):
-        parts = np.where(told, BELIEVED_ROOM * (half - off) / spread, np.inf)
+        parts = np.where(near, BELIEVED_ROOM * (half - off) / spread, np.inf)
     return np.asarray(np.clip(parts.min(axis=0), LEAST_BELIEVED, 1.0))
 
 

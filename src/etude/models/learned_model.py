@@ -178,8 +178,8 @@ class LearnedModel:
         found = tuple(
             replace(c, weights=share_of(c) * float(c.structure == structure)) for c in self.candidates
         )
-        told = {j for c in found if c.structure == structure for j in c.commands}
-        if len(told) < len(self.commands):
+        covered = {j for c in found if c.structure == structure for j in c.commands}
+        if len(covered) < len(self.commands):
             raise UsageError(
                 f"the model has no structure {structure!r} for every command",
                 next_step=f"It has {', '.join(self.structures)}.",

@@ -86,8 +86,8 @@ def digest_of(paths: Iterable[Path]) -> str:
     for path in paths:
         for own in sorted(path.rglob("*")) if path.is_dir() else [path]:
             with suppress(OSError):
-                told = own.stat()
-                found.append(f"{told.st_size}.{told.st_mtime_ns}")
+                stat = own.stat()
+                found.append(f"{stat.st_size}.{stat.st_mtime_ns}")
     return f"{len(found)}-{hash(tuple(found)) & 0xFFFFFFFFFFFFFFFF:x}"
 
 

@@ -31,7 +31,7 @@ NOTHING = 0.05
 
 
 @dataclass(frozen=True)
-class Told:
+class UrdfOptions:
     """What the campaign supplies."""
 
     samples: Samples
@@ -46,7 +46,7 @@ class Urdf:
     def __call__(self, model: Any, kind: Kind, spec: Any, options: Mapping[str, Any]) -> Delivered:  # noqa: ARG002
         """Errors: UsageError: not an arm, no model file, or commands that are no forces."""
         _require_forces(spec)
-        samples = taken(options, Told, "urdf").samples
+        samples = taken(options, UrdfOptions, "urdf").samples
         found = identified(samples, spec, ArmPhysics(spec)(samples))
         bodies = {name: found.result.phi[place] for name, place in found.links.told_of}
         name, data = written(spec.model_file, bodies, found.terms(spec))

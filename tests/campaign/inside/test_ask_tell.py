@@ -11,13 +11,21 @@ import pytest
 from small_robot import ROBOT, make_campaign, random_motion, stub_learner, write_log
 
 from etude import ask, tell
-from etude.campaign import Asked, Campaign, Told, abandon, create_campaign, open_campaign, stored_trajectory
+from etude.campaign import (
+    Asked,
+    Campaign,
+    IngestResult,
+    abandon,
+    create_campaign,
+    open_campaign,
+    stored_trajectory,
+)
 from etude.campaign.record.journal import damaged_files
 from etude.errors import DataError, UnsafeTrajectoryError, UsageError
 from etude.limits import certify
 
 
-def told(campaign: Campaign, log: Path, **options: object) -> Told:
+def told(campaign: Campaign, log: Path, **options: object) -> IngestResult:
     return tell(campaign, log, learner=stub_learner, **options)  # type: ignore[arg-type]
 
 

@@ -13,7 +13,15 @@ import pytest
 from small_robot import make_campaign, random_motion, stub_learner, write_log
 
 from etude import ask, status, tell, untell
-from etude.campaign import Campaign, Told, abandon, event_to_json, open_campaign, replay, stored_trajectory
+from etude.campaign import (
+    Campaign,
+    IngestResult,
+    abandon,
+    event_to_json,
+    open_campaign,
+    replay,
+    stored_trajectory,
+)
 from etude.campaign.ingest.tell import IngestedMany
 from etude.campaign.record.journal import damaged_files
 from etude.cli import main
@@ -135,7 +143,7 @@ def test_a_copy_replays_as_the_original(campaign: Campaign, mixed: list[Path]) -
 
 
 def test_one_path_gives_one_answer_and_a_number_belongs_to_one(campaign: Campaign, mixed: list[Path]) -> None:
-    assert isinstance(tell(campaign, str(mixed[0]), learner=stub_learner), Told)
+    assert isinstance(tell(campaign, str(mixed[0]), learner=stub_learner), IngestResult)
     with pytest.raises(UsageError, match="belongs to one log"):
         tell(campaign, mixed, number=1)
 

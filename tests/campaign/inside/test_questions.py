@@ -12,14 +12,14 @@ from small_robot import random_motion, stub_learner, write_log
 
 import etude
 from etude import tell
-from etude.campaign import Campaign, Told
+from etude.campaign import Campaign, IngestResult
 from etude.campaign.ingest.ingest_result import read as read_told
 from etude.cli import main
 from etude.errors import DataError, UsageError
 from etude.logs import read_log_file
 
 
-def told(campaign: Campaign, path: Path, **answers: tuple[str, ...]) -> Told:
+def told(campaign: Campaign, path: Path, **answers: tuple[str, ...]) -> IngestResult:
     return tell(campaign, path, foreign=True, learner=stub_learner, **answers)  # type: ignore[arg-type]
 
 

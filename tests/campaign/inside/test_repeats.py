@@ -11,7 +11,15 @@ import pytest
 from small_robot import make_campaign, random_motion, stub_learner, write_log
 
 from etude import ask, status, tell
-from etude.campaign import Asked, Campaign, Exported, Told, ingested_samples, open_campaign, stored_trajectory
+from etude.campaign import (
+    Asked,
+    Campaign,
+    Exported,
+    IngestResult,
+    ingested_samples,
+    open_campaign,
+    stored_trajectory,
+)
 from etude.campaign.ingest.tell import CHECK, planned_states, share_within
 from etude.campaign.training import _scores
 from etude.logs import read_log_file
@@ -22,7 +30,7 @@ QUICK = "[design]\nfirst = 'random'\ncandidates = 4\nrefine = 0\npoints = 20\nre
 CONFIG = "[trajectory]\nduration = 12.0\n[data]\ncutoff_hz = 5.0\n" + QUICK
 
 
-def asked_and_run(campaign: Campaign, folder: Path, motion: Trajectory | None = None) -> Told:
+def asked_and_run(campaign: Campaign, folder: Path, motion: Trajectory | None = None) -> IngestResult:
     """The log of the next proposal; of `motion` in its place, as if that had been proposed."""
     number = ask(campaign, new=True, go_on=True).number
     file = campaign.proposal(number) / "trajectory.json"
@@ -51,7 +59,7 @@ def told_once(whole: Path, tmp_path: Path) -> tuple[Campaign, Trajectory]:
     return campaign, stored_trajectory(campaign, 1)
 
 
-def repeats(told: Told) -> list[str]:
+def repeats(told: IngestResult) -> list[str]:
     return [finding.sentence for finding in told.findings if finding.check == CHECK]
 
 

@@ -16,7 +16,7 @@ from etude.models import LearnedModel
 from etude.types import Log, Motion
 from etude_online import OnlineConfig, OnlineModel, feedback_of
 from etude_online.guard import AUTHORITY, Hedge
-from etude_online.guard_effort import FeedbackLaw, ToldFeedback, decision_ticks
+from etude_online.guard_effort import FeedbackLaw, StatedFeedback, decision_ticks
 from etude_online.guard_gate import Gate, Ranges
 from etude_online.learner_state import state_bytes, state_of
 from etude_online.methods import METHODS
@@ -312,7 +312,7 @@ def test_without_a_feedback_that_is_known_nothing_is_learned(log: Log, word: str
 def test_a_command_on_no_coordinate_is_judged_by_what_the_controller_says() -> None:
     channels = [replace(c, acts_on="") if c.name == "command" else c for c in CHANNELS.values()]
     told = feedback_of([], channels, "q", LIMITS, RATE)
-    assert isinstance(told, ToldFeedback)
+    assert isinstance(told, StatedFeedback)
     np.testing.assert_array_equal(told.effort({"command_fb": np.ones((3, 2))}, 0.01), np.ones((3, 2)))
     online = OnlineModel(trained_once(), channels, None, LIMITS, CONFIG, RATE, np.random.default_rng(0), told)
     with pytest.raises(UsageError, match="command_fb"):

@@ -192,7 +192,7 @@ def _fresh_logs(campaign: Campaign, state: State, logs: Sequence[int], known: se
         group
         for number, own in groups.items()
         for _, group in own
-        if (told := state.rounds[number].ingested) is not None and told.sha256 in known
+        if (ingested := state.rounds[number].ingested) is not None and ingested.sha256 in known
     }
     return sorted({group for own in groups.values() for _, group in own} - seen)
 
@@ -225,9 +225,9 @@ def _misfits(commands: Sequence[str], wide: Array, calibrated: bool) -> list[Not
     """What is said of intervals that are narrower than the errors."""
     out = [] if calibrated else [Notice(Refusal.NOT_CALIBRATED)]
     low = uncalibrated(wide)
-    told = tuple(Notice(Phrase.COVERAGE, {"output": commands[j], "part": float(wide[j])}) for j in low)
-    fields = {"coverage": told, "least": LEAST_COVERED}
-    return [*out, Notice(Refusal.INTERVALS_MISS, fields)] if told else out
+    missed = tuple(Notice(Phrase.COVERAGE, {"output": commands[j], "part": float(wide[j])}) for j in low)
+    fields = {"coverage": missed, "least": LEAST_COVERED}
+    return [*out, Notice(Refusal.INTERVALS_MISS, fields)] if missed else out
 
 
 def _recorded(found: Promotion, reason: str) -> Promoted:

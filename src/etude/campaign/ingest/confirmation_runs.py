@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from etude.campaign.ingest.ingest_result import How, Told, aligned_with, read
+from etude.campaign.ingest.ingest_result import How, IngestResult, aligned_with, read
 from etude.campaign.ingest.questions import LogQuestions, answers_of
 from etude.campaign.record.confirmation import FEEDFORWARD, RUNS, errors, moving, without_it
 from etude.campaign.record.events import Confirmed, Figures
@@ -24,7 +24,9 @@ from etude.storage import write_atomic
 from etude.types import Array, Log
 
 
-def take_run(campaign: Campaign, state: State, path: Path, digest: str, number: int | None, how: How) -> Told:
+def take_run(
+    campaign: Campaign, state: State, path: Path, digest: str, number: int | None, how: How
+) -> IngestResult:
     """Measures and stores a run of a motion that confirms. The caller holds the lock. Errors as `tell`."""
     run = how["confirm"]
     if run not in RUNS:
@@ -38,7 +40,7 @@ def take_run(campaign: Campaign, state: State, path: Path, digest: str, number: 
         )
     again = [n for n in known if run in state.rounds[n].runs and state.rounds[n].runs[run].sha256 == digest]
     if again:
-        return Told(again[0], True, False, (), (), run=run)
+        return IngestResult(again[0], True, False, (), (), run=run)
     answers = answers_of(state, how.get("accept", ()), how.get("repair", ()))
     asked = LogQuestions(campaign.kind, campaign.spec, answers)
     log = read(campaign, path, degrees=how.get("degrees", False), topics=how.get("topics", ()), asked=asked)
@@ -49,7 +51,7 @@ def take_run(campaign: Campaign, state: State, path: Path, digest: str, number: 
     write_atomic(place, log_bytes(replace(aligned, source=path.name)))
     found = replace(found, sha256=digest, source=path.name, repairs=aligned.repairs)
     campaign.commit(found, number, [place])
-    return Told(number, False, False, aligned.repairs, (), findings=tuple(asked.accepted), run=run)
+    return IngestResult(number, False, False, aligned.repairs, (), findings=tuple(asked.accepted), run=run)
 
 
 def _confirming(campaign: Campaign, log: Log, numbers: Sequence[int]) -> tuple[int, Log]:

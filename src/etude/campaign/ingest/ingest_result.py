@@ -39,7 +39,7 @@ class How(TypedDict, total=False):
 
 
 @dataclass(frozen=True)
-class Told:
+class IngestResult:
     """What became of a log.
 
     Attributes:

@@ -77,12 +77,12 @@ def _finding(model: LearnedModel, samples: Samples, seconds: float) -> Finding |
     return Finding(CHANGED, "red", sentence, STEP, FLAG, ((at, float(t[-1])),))
 
 
-def answer(campaign: Campaign, state: State, choice: str, told: Sequence[int]) -> bool:
+def answer(campaign: Campaign, state: State, choice: str, numbers: Sequence[int]) -> bool:
     """Records what became of the robot; False if there is nothing left to record. The caller holds the lock.
 
     Args:
         choice: one of `ANSWERS`.
-        told: numbers of the logs that the answer came with; it speaks of those that wait, too.
+        numbers: of the logs that the answer came with; it speaks of those that wait, too.
 
     Raises:
         UsageError: another word, or there is no log that the answer could speak of.
@@ -90,8 +90,8 @@ def answer(campaign: Campaign, state: State, choice: str, told: Sequence[int]) -
     if choice not in ANSWERS:
         raise UsageError(f"{FLAG} {choice}: no such answer", next_step=f"Answers: {', '.join(ANSWERS)}.")
     waiting = [r.number for r in state.awaiting_answer]
-    meant = sorted({*waiting, *told} & {r.number for r in state.ingested})
-    if not waiting and not told:
+    meant = sorted({*waiting, *numbers} & {r.number for r in state.ingested})
+    if not waiting and not numbers:
         raise UsageError(
             "no log waits for the answer to whether the robot has changed",
             where=str(campaign.path),

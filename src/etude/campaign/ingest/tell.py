@@ -15,7 +15,7 @@ from typing import Unpack, overload
 import numpy as np
 
 from etude.campaign.ingest.confirmation_runs import check_no_confirmation, take_run
-from etude.campaign.ingest.ingest_result import How, Told, aligned_with, read
+from etude.campaign.ingest.ingest_result import How, IngestResult, aligned_with, read
 from etude.campaign.ingest.questions import LogQuestions, answers_of
 from etude.campaign.ingest.robot_changed import answer, change_found
 from etude.campaign.propose.constraints import start_in_words, with_tracking_errors
@@ -54,7 +54,7 @@ def tell_one(
     learner: Learner | None = None,
     say: Say = lambda _: None,
     **how: Unpack[How],
-) -> Told:
+) -> IngestResult:
     """Stores the log in `path` and learns it; also learns what an interrupted run left.
 
     A log that is not of the robot that the model in use knows is stored and not learned until `changed` says
@@ -81,8 +81,8 @@ def tell_one(
 
 
 def finished(
-    campaign: Campaign, ingested: Sequence[Told], changed: str, learner: Learner | None, say: Say
-) -> list[Told]:
+    campaign: Campaign, ingested: Sequence[IngestResult], changed: str, learner: Learner | None, say: Say
+) -> list[IngestResult]:
     """The same logs after the answer was recorded and one training. The caller holds the lock."""
     if changed:
         answer(campaign, campaign.state(), changed, [one.number for one in ingested])
@@ -211,7 +211,7 @@ def warning(earlier: int, share: float) -> Finding:
     )
 
 
-def take(campaign: Campaign, path: Path, number: int | None = None, **how: Unpack[How]) -> Told:
+def take(campaign: Campaign, path: Path, number: int | None = None, **how: Unpack[How]) -> IngestResult:
     """Stores the log in `path` and learns nothing. The caller holds the lock. Errors as `tell`."""
     digest = sha256_of_log(path)
     state = campaign.state()
@@ -223,7 +223,7 @@ def take(campaign: Campaign, path: Path, number: int | None = None, **how: Unpac
         check_same_number(known, number, path)
         before = known.ingested
         repairs, findings = (before.repairs, before.findings) if before else ((), ())
-        return Told(known.number, True, known.asked is None, repairs, (), findings=findings)
+        return IngestResult(known.number, True, known.asked is None, repairs, (), findings=findings)
     control = how.get("control", "")
     required(control)
     answers = answers_of(state, how.get("accept", ()), how.get("repair", ()))
@@ -259,7 +259,7 @@ def take(campaign: Campaign, path: Path, number: int | None = None, **how: Unpac
         fact = _with_motion(campaign, number, log, fact, control)
     _store(campaign, number, log, path, fact)
     start = start_in_words(campaign, fact)
-    return Told(number, False, answered is None, log.repairs, (), findings=findings, start=start)
+    return IngestResult(number, False, answered is None, log.repairs, (), findings=findings, start=start)
 
 
 def newest_warnings(campaign: Campaign, state: State) -> tuple[Notice, ...]:
@@ -394,7 +394,7 @@ class IngestedFile:
     """What became of one of several files: `told`, or the error for which it was refused."""
 
     path: Path
-    ingested: Told | None
+    ingested: IngestResult | None
     refused: DataError | None = None
 
     @property
@@ -446,7 +446,7 @@ def tell(  # type: ignore[overload-overlap]  # a str is a Sequence[str], and mea
     learner: Learner | None = None,
     say: Say = lambda _: None,
     **how: Unpack[How],
-) -> Told: ...
+) -> IngestResult: ...
 
 
 @overload
@@ -471,7 +471,7 @@ def tell(
     learner: Learner | None = None,
     say: Say = lambda _: None,
     **how: Unpack[How],
-) -> Told | IngestedMany:
+) -> IngestResult | IngestedMany:
     """Stores a log, or several, and learns them: `tell_one` and `tell_many`, by what is given."""
     if isinstance(path, str | Path):
         return tell_one(

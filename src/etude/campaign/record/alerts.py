@@ -150,13 +150,13 @@ def _scores(r: Round, structure: str | None) -> PrequentialScore:
     return r.trained.score_of(structure or "") if r.trained else PrequentialScore()
 
 
-def _named(outputs: Sequence[str], values: Sequence[Any], told: Any, others: Sequence[Any]) -> list[str]:
-    """Outputs whose value is told of, beside that of linear regression; inf where that is not known."""
+def _named(outputs: Sequence[str], values: Sequence[Any], notable: Any, others: Sequence[Any]) -> list[str]:
+    """Outputs whose value is notable, beside that of linear regression; inf where that is not known."""
     rows = [*others, *[None] * (len(values) - len(others))]
     return [
         name
         for name, value, other in zip(outputs, values, rows, strict=False)
-        if value is not None and told(value, math.inf if other is None else other)
+        if value is not None and notable(value, math.inf if other is None else other)
     ]
 
 

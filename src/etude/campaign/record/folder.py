@@ -166,13 +166,15 @@ def require_plain(names: Iterable[str], where: str) -> None:
     for name in names:
         bad = [c for c in name if unicodedata.category(c) in REFUSED or c in TURNING]
         if bad:
-            told = f"holds {unicodedata.name(bad[0], f'U+{ord(bad[0]):04X}')}, which no line of text can show"
+            fault = (
+                f"holds {unicodedata.name(bad[0], f'U+{ord(bad[0]):04X}')}, which no line of text can show"
+            )
         elif name != name.strip() or not name:
-            told = "is empty, or begins or ends with a blank"
+            fault = "is empty, or begins or ends with a blank"
         else:
             continue
         raise UsageError(
-            f"the name {name!r} {told}",
+            f"the name {name!r} {fault}",
             where=where,
             next_step="Rename it in the robot's file: names are headers of tables, and words on the screen.",
         )

@@ -128,8 +128,8 @@ def _models(campaign: Campaign, state: State, of_robot: Sequence[str]) -> Iterat
     trained = [e for e in events if isinstance(e.fact, Trained) and state.trained]
     for code in _of_training(campaign, trained[-1], of_robot) if trained else ():
         number = trained[-1].number or 0
-        told = state.rounds[number].ingested if number in state.rounds else None
-        log = told.source if told is not None else "LOG"
+        ingested = state.rounds[number].ingested if number in state.rounds else None
+        log = ingested.source if ingested is not None else "LOG"
         again = f"etude untell {path} {number}, then etude tell {path} {log}"
         yield Affected(code, f"the model of log {number}", f"models/{number:04d}", again)
     promoted = [e for e in events if isinstance(e.fact, Promoted)]

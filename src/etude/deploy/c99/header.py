@@ -243,19 +243,19 @@ def _inputs(plan: Plan, states: list[str]) -> str:
     lines = []
     for i, ((channel, part), label, name) in enumerate(zip(plan.parts, plan.labels, states, strict=True)):
         unit = channel.units[part] or "1"
-        told = "" if label == name else f"  ({_plain(label)})"
+        note = "" if label == name else f"  ({_plain(label)})"
         known = abs(plan.low[i]) < UNBOUNDED
         ranges = f"{plan.low[i]:.6g} .. {plan.high[i]:.6g}" if known else "(not known)"
-        lines.append(f"    {i:3} {name:<28} {unit:<8} {ranges}{told}")
+        lines.append(f"    {i:3} {name:<28} {unit:<8} {ranges}{note}")
     return "\n".join(lines)
 
 
 def _commands(plan: Plan, commands: list[str]) -> str:
     lines = []
     for j, (name, old) in enumerate(zip(commands, plan.model.commands, strict=True)):
-        told = "" if name == old else f"  ({_plain(old)})"
+        note = "" if name == old else f"  ({_plain(old)})"
         lines.append(
-            f"    {j:3} {name:<28} {plan.units[j] or '1':<8} {plan.least[j]:.6g} .. {plan.most[j]:.6g}{told}"
+            f"    {j:3} {name:<28} {plan.units[j] or '1':<8} {plan.least[j]:.6g} .. {plan.most[j]:.6g}{note}"
         )
     return "\n".join(lines)
 

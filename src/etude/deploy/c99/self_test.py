@@ -72,6 +72,7 @@ def golden(
     half = 0.5 * (plan.high - plan.low)
     half = np.where(plan.high >= UNBOUNDED, 10.0, half)
     t = np.linspace(0.0, 1.0, count)[:, None]
+    # a few swings within the states that are answered, each input at a pace of its own
     cycles = rng.uniform(1.0, 9.0, size=len(half))
     growing = BEYOND * np.linspace(LEAST, 1.0, count)[:, None]  # the first are near what was trained on
     states = middle + growing * half * np.sin(2.0 * np.pi * (cycles * t + rng.uniform(size=len(half))))
@@ -121,10 +122,10 @@ def self_test(plan: Plan, form: CForm, vectors: Golden, exact: float) -> str:
     ]
     if form.deviations:
         checked.append(("predict", "predict(&state, inputs[i], command, variance)"))
-    told = {"mean": vectors.mean, "gravity": vectors.gravity, "instant": vectors.instant}
+    wanted = {"mean": vectors.mean, "gravity": vectors.gravity, "instant": vectors.instant}
     tables = [_table("inputs", f"static const {own}_real", vectors.inputs, form.single)]
     for name in dict.fromkeys("mean" if name == "predict" else name for name, _ in checked):
-        tables.append(_table(f"want_{name}", "static const double", told[name], False))
+        tables.append(_table(f"want_{name}", "static const double", wanted[name], False))
     if form.deviations:
         tables.append(_table("want_variance", "static const double", vectors.variance, False))
     flags = ", ".join(str(int(flag)) for flag in vectors.flags)

@@ -59,10 +59,10 @@ def errors(model: LearnedModel) -> str:
     """Held-out errors of the candidates in use, in words."""
     found: dict[str, Array] = {}
     for candidate in model.candidates:
-        told = candidate.error if isinstance(candidate, EnsembleMember) else None
+        own_errors = candidate.error if isinstance(candidate, EnsembleMember) else None
         for i, j in enumerate(candidate.commands):
-            if candidate.weights[i] and told is not None:
-                found[model.commands[j]] = told[i]
+            if candidate.weights[i] and own_errors is not None:
+                found[model.commands[j]] = own_errors[i]
     if not found:
         return "its held-out error was not stored with this model; learn a log again"
     each = ", ".join(f"{name} {float(value):.3g}" for name, value in found.items())
@@ -157,8 +157,8 @@ def C99(model: Any, kind: Kind, spec: Any, options: Mapping[str, Any]) -> Delive
         return Delivered(made.files, said, facts)
     own = made.plan.name
     cmake = made.files["CMakeLists.txt"].replace(f" {own}.c)".encode(), f" {own}.c {own}_lean.c)".encode())
-    told = f"{own}_lean.h: what to add to accelerations, so that they hold against the learned drag."
-    return Delivered({**made.files, **lean, "CMakeLists.txt": cmake}, (*said, told), facts)
+    sentence = f"{own}_lean.h: what to add to accelerations, so that they hold against the learned drag."
+    return Delivered({**made.files, **lean, "CMakeLists.txt": cmake}, (*said, sentence), facts)
 
 
 COMPILERS = ("cc", "gcc", "clang")

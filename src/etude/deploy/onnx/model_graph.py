@@ -301,8 +301,8 @@ def _together(graph: Graph, x: str, own: Sequence[Any], variance: bool) -> Momen
     if not variance:
         return mean, ""
     factors = np.stack([p.L_inverse if isinstance(p, ExactPosterior) else p.half for p in own])
-    told = _told(graph, k, np.swapaxes(factors, 1, 2))
-    left = graph.op("Sub", prior(graph, x, in_parts(own[0].kernel), theta), told)
+    explained = _told(graph, k, np.swapaxes(factors, 1, 2))
+    left = graph.op("Sub", prior(graph, x, in_parts(own[0].kernel), theta), explained)
     return mean, graph.op("Max", left, np.array(0.0))
 
 
@@ -385,10 +385,10 @@ def written(
     graph, J = Graph(dtype), len(parts.model.commands)
     states = _channels(graph, parts, widths)
     x, physics, after = _drawn(graph, parts, states)
-    told = variance or fade or beyond
-    terms = [_term(graph, x, candidate, physics, told) for candidate in parts.used]
+    second_moments = variance or fade or beyond
+    terms = [_term(graph, x, candidate, physics, second_moments) for candidate in parts.used]
     command = _sum(graph, [_placed(graph, own, c, J) for c, own, _ in terms])
-    spread = _variance(graph, parts.model, terms, command) if told else ""
+    spread = _variance(graph, parts.model, terms, command) if second_moments else ""
     unknown = _unknown(graph, parts.model, x, terms, spread) if fade or beyond else None
     if fade and unknown is not None:
         command = _trusted(Value(graph, command), unknown, parts, physics).name
@@ -471,6 +471,7 @@ def _trusted(command: Value, unknown: Value, parts: Parts, physics: Mapping[int,
     full, none = thresholds(parts.model.signal_deviation, parts.model.known)
     s = (unknown - full[None]) * (1.0 / (none - full))[None]
     s = s.most(np.array(0.0)).least(np.array(1.0))
+    # `models.trust.smoothstep`, in the same order of operations
     part = 1.0 - s * s * s * (10.0 - 15.0 * s + 6.0 * (s * s))
     believed = s.made("Less", s, np.array(1.0))
     return believed.made("Where", believed, safe + part * (command - safe), safe)

@@ -150,14 +150,14 @@ def deviation(
     """
     states = _swinging(takes).astype(dtype)
     log = log_of(takes.channels, states.astype(float), "states")
-    told = parts.model.predict(log, fade=fade)
+    expected = parts.model.predict(log, fade=fade)
     own = in_turn(data, parts, states)
-    found = [float(np.abs((own["command"] - told.mean) / limit).max())]
+    found = [float(np.abs((own["command"] - expected.mean) / limit).max())]
     if "variance" in own:
-        found.append(float(np.abs((own["variance"] - told.variance) / limit**2).max()))
+        found.append(float(np.abs((own["variance"] - expected.variance) / limit**2).max()))
     if "outside" in own:
-        other = own["outside"].astype(np.bool_) != outside(told.unknown, parts.model.known)
-        beside = np.abs(told.unknown - np.minimum(parts.model.known, np.finfo(dtype).max)) / limit**2
+        other = own["outside"].astype(np.bool_) != outside(expected.unknown, parts.model.known)
+        beside = np.abs(expected.unknown - np.minimum(parts.model.known, np.finfo(dtype).max)) / limit**2
         found.append(float(beside[other].max(initial=0.0)))
     return max(found)
 
@@ -166,6 +166,7 @@ def _swinging(takes: Taken) -> Array:
     rng = np.random.default_rng(SEED)
     low, high = takes.ranges
     t, N = np.linspace(0.0, 1.0, COUNT)[:, None], len(low)
+    # a few swings within the rows, each input at a pace of its own
     swing = np.sin(2.0 * np.pi * (rng.uniform(1.0, 9.0, N) * t + rng.uniform(size=N)))
     growing = np.linspace(LEAST_SWING, LARGEST_SWING, COUNT)[:, None]
     return np.asarray(0.5 * (low + high) + 0.5 * (high - low) * growing * swing)

@@ -152,10 +152,10 @@ def rows_of(folds: Folds, group: tuple[int, ...], rng: np.random.Generator, *, a
     spacing = config.fit_spacing_s
     if config.kernel in OF_ARMS or config.process == "all_lin":
         spacing = min(spacing, seconds_of(samples) / LEAST_FIT)
-    told: Mask = use
+    usable: Mask = use
     if config.schedule == "first":
-        told = np.asarray(use & (samples.group == samples.group.min()))
-    chosen = spread_points(samples.t, samples.group, told, config.fit_points, spacing, rng)
+        usable = np.asarray(use & (samples.group == samples.group.min()))
+    chosen = spread_points(samples.t, samples.group, usable, config.fit_points, spacing, rng)
     return Rows(np.flatnonzero(use), kept, chosen)
 
 

@@ -322,13 +322,13 @@ class FixedInducing:
         V = self.L_inverse @ gp.kernel.value(gp.theta, self.Z, at)
         with threads_for(len(self.Z)):
             fold, here = self.root_inverse @ self.V[:, out], self.root_inverse @ V
-            told = self.root_inverse @ (self.V @ scaled - self.V[:, out] @ scaled[out])
+            kept = self.root_inverse @ (self.V @ scaled - self.V[:, out] @ scaled[out])
             back = np.zeros((0, len(self.Z)))
             if len(out):
                 left, _ = factorise(np.asfortranarray(-(fold.T @ fold)), 1.0, announce=False)
                 back = triangular_inverse(left) @ fold.T
             lost, missing = back @ here, gp.kernel.diagonal(gp.theta, at) - np.einsum("un,un->n", V, V)
-            mean = here.T @ told + lost.T @ (back @ told)
+            mean = here.T @ kept + lost.T @ (back @ kept)
         spread = np.einsum("un,un->n", here, here) + np.einsum("kn,kn->n", lost, lost)
         return mean, np.maximum(missing, 0.0) + spread + gp.noise_variance
 

@@ -220,8 +220,11 @@ def everywhere(
     if len(missing) and len(own) == 1 and process is not None:
         rows = replace(learned.rows, kept=missing)
         more = process_held_out(folds, candidate.commands, rows, candidate.units, process, base)
-        told = np.isnan(error) & np.isfinite(more.error)
-        error, variance = np.where(told, more.error, error), np.where(told, more.variance, variance)
+        newly_known = np.isnan(error) & np.isfinite(more.error)
+        error, variance = (
+            np.where(newly_known, more.error, error),
+            np.where(newly_known, more.variance, variance),
+        )
     return error, variance * candidate.calibration
 
 
@@ -252,9 +255,9 @@ def averaged(
     """The candidates of a structure, weighed for each command by their density over what all predicted."""
     parts, J = [*defaults, *others], len(folds.commands)
     use = _compared(defaults, (len(folds.X), J))
-    told = [everywhere(folds, part, base, use) for part in parts]
+    scored = [everywhere(folds, part, base, use) for part in parts]
     errors, variances = (np.full((len(parts), len(folds.X), J), np.nan) for _ in range(2))
-    for k, (part, (error, variance)) in enumerate(zip(parts, told, strict=True)):
+    for k, (part, (error, variance)) in enumerate(zip(parts, scored, strict=True)):
         columns = list(part.candidate.commands)
         errors[k][:, columns], variances[k][:, columns] = error, variance
     weights = np.stack([weighed(errors[:, :, j], variances[:, :, j]) for j in range(J)], axis=1)

@@ -322,8 +322,8 @@ def _score(samples: Samples, error: Array, variance: Array, trivial: Array) -> P
 
 
 def _student(error: Array, variance: Array) -> StudentT | None:
-    told = np.isfinite(error)
-    return fit_student(error[told] / np.sqrt(variance[told]))
+    known = np.isfinite(error)
+    return fit_student(error[known] / np.sqrt(variance[known]))
 
 
 PHYSICS = ("identified", "nominal", "linear")

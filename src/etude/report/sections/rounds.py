@@ -117,8 +117,8 @@ def confirmation(record: Record) -> Html:
     if record.campaign is None:
         return Html("")
     found = [confirmed(record.campaign, one) for one in record.state.confirmations]
-    told = [one for one in found if one["units"] is not None]
-    if not told:
+    complete = [one for one in found if one["units"] is not None]
+    if not complete:
         return Html("")
     text = paragraph(
         "Mean absolute tracking errors on a motion that no model was trained on, under the robot's own "
@@ -127,7 +127,7 @@ def confirmation(record: Record) -> Html:
         "times the error without it, and what stays: the encoder's noise, and at most a lag of "
         "all axes. Of one that stands nothing is forecast: friction holds what its command leaves over."
     )
-    return section("confirmation", TITLE, text, *(_table(one) for one in told))
+    return section("confirmation", TITLE, text, *(_table(one) for one in complete))
 
 
 def _table(one: Mapping[str, Any]) -> Html:
@@ -150,12 +150,12 @@ def _figure(value: float | tuple[float, float] | None) -> str:
 def repairs(record: Record) -> Html:
     """What was changed in each log while reading it; nothing is repaired in silence."""
     title = "Repairs made on the logs"
-    told = record.state.ingested
-    if not told:
+    ingested = record.state.ingested
+    if not ingested:
         return section("repairs", title, missing("No log has come back yet."))
-    rows = [[f"{r.number}", sentence] for r in told if r.ingested for sentence in r.ingested.repairs]
+    rows = [[f"{r.number}", sentence] for r in ingested if r.ingested for sentence in r.ingested.repairs]
     if not rows:
-        return section("repairs", title, paragraph(f"None: {len(told)} logs were used as they came."))
+        return section("repairs", title, paragraph(f"None: {len(ingested)} logs were used as they came."))
     return section("repairs", title, table(["log", "repair"], rows))
 
 
