@@ -219,8 +219,12 @@ def _check_direction(motion: Motion, drag: Drag) -> None:
     for d in drag[:2]:
         force = motion.orders[2] + up + d * motion.orders[1]
         size = np.linalg.norm(force, axis=1)
+        # a thousandth of the least lift: less than that is rounding, which has no direction
         _refuse_below(
-            motion.t, size, 1e-3 * least, "a + g z + d v is {value:.3g} m/s^2: thrust has no direction"
+            motion.t,
+            size,
+            1e-3 * least,
+            "a + g z + d v is {value:.3g} m/s^2: thrust has no direction",
         )
         sideways = np.hypot(force[:, 0], force[:, 2]) / size
         text = "a + g z + d v lies along the body's left axis (sine of the angle {value:.3g})"

@@ -148,6 +148,7 @@ def _turning(flight: Flight) -> Finding | None:
                     _axes("the gyroscope", axes, turn),
                 ]
                 count = changes + bool(unit) + _count(turn)
+                # 1e-300: a log without motion explains nothing
                 found.append(Reading("; ".join(filter(None, parts)), count, left / max(size, 1e-300)))
     return _judged(RATES, found, "The gyroscope does not match the turns of the attitude")
 
@@ -208,6 +209,7 @@ def _pushing(flight: Flight) -> Finding | None:
                         )
                     parts = [words, frames, force, _axes("the position", axes, turn)]
                     count = changes + one + two + _count(turn)
+                    # 1e-300: a log without motion explains nothing
                     found.append(Reading("; ".join(filter(None, parts)), count, left / max(size, 1e-300)))
     return _judged(
         FORCE, found, "The accelerometer, turned by the attitude, does not match the motion of the position"

@@ -259,6 +259,7 @@ def _length(Q: Array, b: Array, x: Array, step: Array, weight: float, value: flo
     while length > 1e-12:
         new = x + length * step
         after = 0.5 * float(new @ Q @ new) - float(b @ new) + weight * _barrier(new, only_value=True)[0]
+        # Armijo's rule
         if after <= before - 0.1 * length * decrease:
             return length
         length *= 0.5

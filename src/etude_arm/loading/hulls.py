@@ -100,4 +100,5 @@ def volume(points: Array) -> float:
     """Volume of the hull of points, m^3."""
     vertices, faces = hull(points)
     a, b, c = (vertices[faces[:, i]] for i in range(3))
+    # tetrahedra from the origin to each face: a · (b x c) / 6
     return float(np.einsum("fi,fi->", a, np.cross(b, c)) / 6)

@@ -172,6 +172,7 @@ def _large(spec: ArmSpec, motors: Motors, scales: Scales) -> list[str]:
     """Joints whose torque limits no motion comes near, while friction and rotors are made from them."""
     # as above: all poses but the worst twentieth
     needed = np.quantile(np.abs(scales.gravity), 0.95, axis=0) + scales.median * spec.acceleration
+    # a joint that needs nothing has as much torque as one likes
     parts = motors.torque / np.maximum(needed, 1e-12)
     large = [
         f"{name} ({p:.0f} times)" for name, p in zip(spec.names, parts.tolist(), strict=True) if p > LARGE

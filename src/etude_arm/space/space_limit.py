@@ -153,6 +153,7 @@ class SpaceLimit:
         rows, (places, speeds, gentle) = self.rows, self._bends(piece)
         loose = [LOOSE * (high - low) for _, _, low, high in rows]
         fits = [
+            # from h²/8 of the second derivative, as in the proof below
             math.sqrt(8.0 * room / bend) if bend > 0.0 else math.inf
             for room, bend in zip(loose, speeds if gentle else places, strict=True)
         ]

@@ -159,6 +159,7 @@ def _of_full(pulses: Array, i: int, parameters: Mapping[str, Any], said: list[st
         said.append(f"Output {i + 1} is no pulse width (median {median:.4g}) and was taken as it is.")
         return pulses
     ends = []
+    # us, PX4's defaults
     for end, usual in (("MIN", 1000.0), ("MAX", 2000.0)):
         names = (f"PWM_MAIN_{end}{i + 1}", f"PWM_MAIN_{end}", f"PWM_{end}")
         ends.append(next((float(parameters[n]) for n in names if parameters.get(n, -1) > 0), usual))
@@ -323,6 +324,7 @@ def _flight(
 def _log(data: Dataset, columns: Mapping[str, Array], path: Path, said: tuple[str, ...]) -> Log:
     """Raw columns at the times of the topic, s since the vehicle started."""
     signals = {name: np.asarray(values, dtype=np.float64) for name, values in columns.items()}
+    # PX4 stamps in us
     t = np.asarray(data["timestamp"], dtype=np.float64) * 1e-6
     return replace(raw_log(signals, path.name, said), t=t)
 

@@ -162,6 +162,7 @@ def identify_vehicle(
 def prior_deviation(vehicle: Vehicle) -> Array:
     """(13,) how far each coefficient may be from nominal, in physical scale."""
     drag = vehicle.mass  # N per m/s: the drag would stop the vehicle within about a second
+    # V: motors and propellers of one kind differ by some per cent
     trim = 0.1 * vehicle.hover_voltage
     # moments and forces of drag, then parts of the nominal coefficients, then volts of trim
     return np.array([drag * vehicle.arm, drag, 0.5, 0.5, 0.2, 1.0, 1.0, 1.0, 1.0, *[trim] * 4])

@@ -48,6 +48,7 @@ class Scales:
         # the deviation of a constant is rounding: it is left in its own unit
         spread = np.where(spread > 1e-12 * np.abs(X).max(axis=0, initial=0.0), spread, 1.0)
         output = float(y.std())
+        # as above: a constant is left in its own unit
         if not output > 1e-12 * float(np.abs(y).max()):
             output = 1.0
         first = initial_metric((X - centre) / spread) if metric is None else metric

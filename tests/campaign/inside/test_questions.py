@@ -119,6 +119,24 @@ def test_held_rows_are_dropped_unasked_unless_they_are_accepted(campaign: Campai
     assert sizes[2] > 0.9 * sizes[1]
 
 
+def test_angles_from_0_to_a_turn_are_refused_and_repaired_when_asked(
+    campaign: Campaign, tmp_path: Path
+) -> None:
+    def wrapping(rows: np.ndarray) -> np.ndarray:
+        return np.column_stack([rows[:, 0], rows[:, 1:3] % (2.0 * np.pi), rows[:, 3:]])
+
+    motion = random_motion(campaign, 1)
+    right = write_log(tmp_path / "right.csv", motion, 1)
+    wrong = rewritten(write_log(tmp_path / "wrong.csv", motion, 1), wrapping)
+    with pytest.raises(DataError, match="jumps of one turn") as refused:
+        told(campaign, wrong)
+    assert "--repair turns" in refused.value.next_step
+    found = told(campaign, wrong, repair=("turns",))
+    assert any(s.endswith("were unwrapped.") for s in found.repairs)
+    logs = [read_log_file(campaign.run_file(one.number)) for one in (found, told(campaign, right))]
+    np.testing.assert_allclose(logs[0]["q"], logs[1]["q"], atol=1e-9)
+
+
 def test_what_a_repair_does_not_put_right_is_refused(
     campaign: Campaign, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -106,6 +106,7 @@ def left_over(model: LearnedModel, trajectory: Trajectory, trained: Array) -> li
     use = moving(trajectory, t, trained)
     needed = np.hypot(mean, left)
     return [
+        # 1e-300: a joint that needs no command has none left
         float(left[own, j].sum() / max(needed[own, j].sum(), 1e-300)) if own.sum() >= LEAST else None
         for j, own in enumerate(use.T)
     ]

@@ -72,6 +72,7 @@ def golden(
     half = 0.5 * (plan.high - plan.low)
     half = np.where(plan.high >= UNBOUNDED, 10.0, half)
     t = np.linspace(0.0, 1.0, count)[:, None]
+    # a few swings within the states that are answered, each input at a pace of its own
     cycles = rng.uniform(1.0, 9.0, size=len(half))
     growing = BEYOND * np.linspace(LEAST, 1.0, count)[:, None]  # the first are near what was trained on
     states = middle + growing * half * np.sin(2.0 * np.pi * (cycles * t + rng.uniform(size=len(half))))

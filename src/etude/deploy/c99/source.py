@@ -57,6 +57,7 @@ def tables(data: Mapping[str, Any], single: bool) -> tuple[str, int]:
             continue
         known[key] = name
         text.append(table(name, plain, single))
+        # bytes of int or float, else of double
         size += plain.size * (4 if whole or single else 8)
     return "".join(text), size
 
@@ -105,6 +106,7 @@ enum {{RUN, INSTANT, STILL}};
             ("most", plan.most, "const"),
         )
     ]
+    # bytes of float or double
     size += (2 * len(plan.low) + 2 * len(plan.limit)) * (4 if form.single else 8)
     return "\n".join([head + resolved(prelude(rest), words), *own, text, rest]), size
 

@@ -471,6 +471,7 @@ def _trusted(command: Value, unknown: Value, parts: Parts, physics: Mapping[int,
     full, none = thresholds(parts.model.signal_deviation, parts.model.known)
     s = (unknown - full[None]) * (1.0 / (none - full))[None]
     s = s.most(np.array(0.0)).least(np.array(1.0))
+    # `models.trust.smoothstep`, in the same order of operations
     part = 1.0 - s * s * s * (10.0 - 15.0 * s + 6.0 * (s * s))
     believed = s.made("Less", s, np.array(1.0))
     return believed.made("Where", believed, safe + part * (command - safe), safe)

@@ -166,6 +166,7 @@ def _swinging(takes: Taken) -> Array:
     rng = np.random.default_rng(SEED)
     low, high = takes.ranges
     t, N = np.linspace(0.0, 1.0, COUNT)[:, None], len(low)
+    # a few swings within the rows, each input at a pace of its own
     swing = np.sin(2.0 * np.pi * (rng.uniform(1.0, 9.0, N) * t + rng.uniform(size=N)))
     growing = np.linspace(LEAST_SWING, LARGEST_SWING, COUNT)[:, None]
     return np.asarray(0.5 * (low + high) + 0.5 * (high - low) * growing * swing)

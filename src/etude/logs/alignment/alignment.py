@@ -309,6 +309,7 @@ class Overlap:
         if not inside.any():
             return Overlap(motion, wanted, np.inf, np.full(len(plan.scale), np.inf), np.nan)
         error = np.sqrt((((motion - wanted) / plan.scale) ** 2).mean(axis=0))
+        # a coordinate that stands still has no spread to compare with
         spread = np.maximum((wanted / plan.scale).std(axis=0), 1e-12)
         pooled = float(np.linalg.norm(error) / np.linalg.norm(spread))
         return Overlap(motion, wanted, pooled, error / spread, _rate_error(motion, wanted, plan))
@@ -475,6 +476,7 @@ def _cause(overlap: Overlap, parts: Sequence[str]) -> str:
     if len(overlap.motion) < 2:
         return ""
     a, b = (values - values.mean(axis=0) for values in (overlap.motion, overlap.wanted))
+    # 1e-300: a coordinate that stands still is like no other
     norms = np.outer(np.sqrt((a * a).sum(axis=0)), np.sqrt((b * b).sum(axis=0))) + 1e-300
     likeness = (a.T @ b) / norms
     slope = (a * b).sum(axis=0) / ((b * b).sum(axis=0) + 1e-300)

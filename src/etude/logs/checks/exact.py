@@ -125,7 +125,6 @@ REGULAR = 0.8  # of the gaps between new rows are alike
 ALIKE_ROWS = 0.1  # of a gap, and one row at least
 SEVERAL = 20  # gaps that tell a rule
 SLOW_COMMANDS = 2.0, 60.0  # Hz between which commands are held and no program of steps, nor a drive's clock
-FRESHER = 1.8  # times as fresh as the held block, the other one
 
 
 def new_rows(*blocks: Array) -> Mask:
@@ -188,10 +187,10 @@ def _blocks_held(numbers: Numbers) -> Iterator[Finding]:
     share, others = float(fresh.mean()), float(given.mean())
     if min(share, others) > 0.5:
         return
-    if share < others and (each := repeats(fresh, numbers.q)) > 2.0 and others > FRESHER / each:
-        if not _counted(numbers.q):
+    if share < others:
+        if (each := repeats(fresh, numbers.q)) > 2.0 and not _counted(numbers.q):
             yield from _held_fact("Every position", each, numbers.step)
-    elif (each := repeats(given, numbers.q)) > 2.0 and share > FRESHER / each:
+    elif (each := repeats(given, numbers.q)) > 2.0 and not _counted(numbers.u):
         slowest, fastest = SLOW_COMMANDS
         if slowest < rate / each < fastest:
             yield from _asked(

@@ -167,7 +167,7 @@ def _leaping(log: Log) -> Finding:
         "jumps",
         "yellow",
         f"{_listed(names)} leaps {len(rows)} time{'s'[: len(rows) > 1]}, first at {log.t[rows[0]]:.3g} s.",
-        "Single wild rows are dropped; unwrap angles, and cut the file where another recording begins.",
+        "Single wild rows are dropped; cut the file where another recording begins.",
         spans=spans_of(log.t, np.array(sorted(set(rows)))),
     )
 

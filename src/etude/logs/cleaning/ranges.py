@@ -122,6 +122,7 @@ def _check_slope(log: Log, values: Array, channel: Channel) -> None:
         slope = np.gradient(values[:, j], log.t)
         product = float(slope @ rate)
         factor = product / float(rate @ rate)
+        # 1e-300: without motion there is no likeness
         like = abs(product) / float(np.linalg.norm(slope) * np.linalg.norm(rate) + 1e-300)
         for unit, ratio in {"degrees": 180 / np.pi, "milliradians (or mm)": 1e3}.items():
             for text, expected in (

@@ -199,6 +199,7 @@ def _wild(q: Array) -> Mask:
     usual, large = 1.5 * float(np.median(off)), 2.0 * float(np.quantile(step, 0.95))
     quantum = float(np.min(step, where=step > 0.0, initial=np.inf))
     least = max(WILD * usual, FURTHER * large, FLICKER * quantum)
+    # the rows beside a wild one are as near to each other as two steps, and a hundredth of how far it is off
     return np.asarray((off > least) & (np.abs(q[2:] - q[:-2]) < 2.0 * large + 1e-2 * off))
 
 

@@ -95,7 +95,7 @@ def dry_friction(log: Log) -> Log:
 
 def resting_at_zero(log: Log) -> Log:
     """A lift that only ever pushes, and rests with drives off."""
-    lift = np.clip(np.sin(0.2 * np.pi * log.t), 0.0, None)[:, None] * np.ones(3)
+    lift = np.clip(np.sin(0.2 * np.pi * log.t[:, None] + [0.0, 0.2, 0.4]), 0.0, None)
     return changed(log, command=30.0 * lift + 0.0 * log["command"], q=lift + 1e-4 * log["q"]).without("qd")
 
 
@@ -103,10 +103,51 @@ def holding_weight(log: Log) -> Log:
     return changed(log, command=100.0 + log["command"])
 
 
+def counting(log: Log, each: int) -> Array:
+    """(T, 3) an encoder at constant speed, there and back, whose count changes every `each` rows by one."""
+    counts = (np.arange(len(log))[:, None] + np.array([0, 150, 300])) // each
+    return np.asarray(1e-3 * np.abs((counts + 200) % 400 - 200))
+
+
 def slow_and_coarse(log: Log) -> Log:
-    """An encoder whose count changes every few rows, by one."""
-    slow = 0.1 * np.sin(0.1 * np.pi * log.t)[:, None] * np.ones(3)
-    return changed(log, q=np.round(slow, 3)).without("qd")
+    return changed(log, q=counting(log, 3)).without("qd")
+
+
+def slow_and_coarse_throughout(log: Log) -> Log:
+    return changed(log, q=counting(log, 3), command=100.0 - 1e3 * counting(log, 3)).without("qd")
+
+
+def point_to_point(log: Log) -> Log:
+    """Short moves between rests, velocities with much noise."""
+    way = np.clip((log.t % 2.0) / 0.4, 0.0, 1.0)
+    q = 0.4 * (log.t // 2.0 + way**2 * (3.0 - 2.0 * way))[:, None] * [1.0, -1.0, 0.5]
+    rng = np.random.default_rng(5)
+    qd = np.gradient(q, log.t, axis=0) + 0.1 * rng.normal(size=q.shape)
+    return changed(log, q=q + 2e-4 * rng.normal(size=q.shape), qd=qd)
+
+
+def coasting(log: Log) -> Log:
+    """Commands that fade to zero, and come back, while the joints go on."""
+    return changed(log, command=log["command"] * np.clip(np.abs(log.t - 10.0) - 1.0, 0.0, 1.0)[:, None])
+
+
+def drives_off_at_rest(log: Log) -> Log:
+    rest = (log.t > 5.0) & (log.t < 7.0)
+    q, command = log["q"].copy(), log["command"].copy()
+    q[rest], command[rest] = q[rest][0], 0.0
+    q[log.t >= 7.0] += q[rest][0] - log["q"][log.t >= 7.0][0]
+    return changed(log, q=q, command=command).without("qd")
+
+
+def controlled_at_100_hz(log: Log) -> Log:
+    """In a log of 1 kHz: drives have no faster set-points."""
+    return replace(held(log, 10.0, "command"), t=0.1 * log.t).without("qd")
+
+
+def rounded_to_nothing(log: Log) -> Log:
+    command = log["command"].copy()
+    command[:, 2] = 1e-13 * log["q"][:, 0]
+    return changed(log, command=command)
 
 
 def switched_at_rest(log: Log) -> Log:
@@ -128,6 +169,12 @@ def noisy_above_zero(log: Log) -> Log:
     "change",
     [
         slow_and_coarse,
+        slow_and_coarse_throughout,
+        point_to_point,
+        coasting,
+        drives_off_at_rest,
+        controlled_at_100_hz,
+        rounded_to_nothing,
         switched_at_rest,
         noisy_above_zero,
         coarse,
@@ -140,9 +187,7 @@ def noisy_above_zero(log: Log) -> Log:
     ],
 )
 def test_logs_that_look_odd_and_are_right_are_silent(change: Change) -> None:
-    found = told(change(noisy()))
-    assert [f.sentence for f in found] == [] or change is resting_at_zero, found
-    assert "unsigned" not in {f.check for f in found}
+    assert [f.sentence for f in told(change(noisy(seconds=60.0)))] == []
 
 
 @pytest.mark.parametrize("rows", [1.6, 2.0, 3.0, 8.0])
@@ -164,6 +209,14 @@ def test_rest_among_held_rows_changes_nothing() -> None:
     stand = np.concatenate([np.arange(800), np.full(300, 800), np.arange(800, len(wrong))])
     found = one(replace(wrong.take(stand), t=np.arange(len(stand)) / RATE))
     assert "stands 4 times" in found.sentence
+
+
+def test_held_rows_are_told_by_the_fast_motion_of_a_coarse_sensor() -> None:
+    log = coarse(noisy(seconds=60.0))
+    slow = np.where(log.t % 10.0 < 8.0, 0.02, 1.0)[:, None]
+    q = np.cumsum(np.diff(log["q"], axis=0, prepend=log["q"][:1]) * slow, axis=0)
+    crawling = changed(log, q=2e-3 * np.round(500.0 * q), command=np.round(log["command"] * slow, 0))
+    assert one(held(crawling, 4.0, "q", "command")).check == "held"
 
 
 def test_positions_that_are_held_beside_fresh_commands_leave_the_new_rows() -> None:
