@@ -189,15 +189,3 @@ def runs(marked: Mask) -> Sequence[tuple[int, int]]:
     """First and one past the last of each stretch of neighbours that are marked."""
     edges = np.flatnonzero(np.diff(marked.astype(np.int8), prepend=0, append=0)).tolist()
     return list(zip(edges[::2], edges[1::2], strict=True))
-
-
-def memory(values: Array, step: float) -> Array:
-    """(k,) s between independent samples of signals (n, k) that are `step` s apart: the integral of the
-    autocorrelation over both sides, up to where it first crosses zero (Geyer 1992); `step` of a constant.
-    """
-    n = len(values)
-    spectrum = np.fft.rfft(values - values.mean(axis=0), 2 * n, axis=0)
-    products = np.fft.irfft(np.abs(spectrum) ** 2, 2 * n, axis=0)[:n]
-    likeness = products / np.maximum(products[0], np.finfo(float).tiny)
-    until = np.cumprod(likeness > 0.0, axis=0)
-    return np.asarray(step * np.maximum(1.0, 2.0 * (likeness * until).sum(axis=0) - 1.0))
