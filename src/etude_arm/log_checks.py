@@ -13,7 +13,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from etude.logs.checks.command_columns import APART_S, LEAST_ROWS
 from etude.logs.checks.filtered_motion import MOVING, Seen, seen
 from etude.logs.checks.plausibility import brake_finding
 from etude.logs.cleaning.filters import median_rate
@@ -32,6 +31,8 @@ def findings(spec: ArmSpec, log: Log) -> Sequence[Finding]:
 
 
 MOUNTING = "mounting"
+APART_S = 0.5  # s between independent samples
+LEAST_ROWS = 20  # of motion, of which gravity is found
 TURNED = 20.0  # degrees off the file's gravity: no zero of a joint that is a little off
 EARTH = 9.81  # m/s^2
 OFF = 1.4  # factor by which the size may be off: beyond, masses or units are wrong

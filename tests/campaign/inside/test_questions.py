@@ -11,7 +11,7 @@ import pytest
 from small_robot import random_motion, stub_learner, write_log
 
 import etude
-from etude import tell
+from etude import tell, untell
 from etude.campaign import Campaign, IngestResult
 from etude.campaign.ingest.ingest_result import read as read_told
 from etude.cli import main
@@ -37,7 +37,7 @@ def changed(campaign: Campaign, path: Path, seed: int, **factors: float) -> Path
 
 def test_a_wrong_sign_is_a_question_and_nothing_is_stored(campaign: Campaign, tmp_path: Path) -> None:
     path = changed(campaign, tmp_path / "log.csv", 1, tau_hip=-1.0)
-    with pytest.raises(DataError, match="commands of hip take power out") as refused:
+    with pytest.raises(DataError, match="sign of the commands of hip is inverted") as refused:
         told(campaign, path)
     assert "--repair sign" in refused.value.next_step
     assert "--accept sign" in refused.value.next_step
@@ -65,11 +65,31 @@ def test_an_answer_holds_for_later_logs_of_which_the_same_is_found(
         told(campaign, changed(campaign, tmp_path / "other.csv", 3, tau_knee=-1.0))
 
 
-def test_the_newest_answer_counts(campaign: Campaign, tmp_path: Path) -> None:
-    for seed, answers in enumerate(({"accept": ("sign",)}, {"repair": ("sign",)}), start=1):
-        told(campaign, changed(campaign, tmp_path / f"{seed}.csv", seed, tau_hip=-1.0), **answers)
-    later = told(campaign, changed(campaign, tmp_path / "3.csv", 3, tau_hip=-1.0))
-    assert any("was turned, as asked" in s for s in later.repairs)
+def test_a_repair_is_of_all_logs_or_of_none(campaign: Campaign, tmp_path: Path) -> None:
+    """The first was taken as it is: the advice that refuses the second leads to both, put right."""
+    paths = [changed(campaign, tmp_path / f"{seed}.csv", seed, tau_hip=-1.0) for seed in (1, 2, 3)]
+    first = told(campaign, paths[0], accept=("sign",))
+    with pytest.raises(DataError, match="hip is inverted in all 2 logs") as refused:
+        told(campaign, paths[1], repair=("sign",))
+    assert "Learned so before: log 1. Take that back (etude untell" in refused.value.next_step
+    assert untell(campaign, first.number, learner=stub_learner)
+    found = tell(campaign, paths[:2], foreign=True, learner=stub_learner, repair=("sign",))
+    repairs = [file.ingested.repairs for file in found.files if file.ingested is not None]
+    assert [any("was turned, as asked" in s for s in own) for own in repairs] == [True, True]
+    # the newest answer holds for later logs
+    assert any("was turned, as asked" in s for s in told(campaign, paths[2]).repairs)
+
+
+def test_logs_told_together_are_judged_together(campaign: Campaign, tmp_path: Path) -> None:
+    """One log against the others is named, and the others are not asked."""
+    right = [write_log(tmp_path / f"{seed}.csv", random_motion(campaign, seed), seed) for seed in (1, 2)]
+    wrong = changed(campaign, tmp_path / "wrong.csv", 3, tau_hip=-1.0, tau_knee=-1.0)
+    found = tell(campaign, [*right, wrong], foreign=True, learner=stub_learner)
+    (refused,) = found.refused
+    assert refused.path == wrong
+    assert refused.refused is not None
+    assert "hip and knee is inverted in wrong.csv alone" in refused.refused.fact
+    assert "--repair sign" in refused.refused.next_step
 
 
 def rewritten(path: Path, change: Callable[[np.ndarray], np.ndarray]) -> Path:
@@ -121,8 +141,8 @@ def test_what_a_repair_does_not_put_right_is_refused(
     campaign: Campaign, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = changed(campaign, tmp_path / "log.csv", 1, tau_hip=-1.0)
-    monkeypatch.setattr("etude.campaign.ingest.questions.repaired", lambda log, _: log)
-    with pytest.raises(DataError, match="commands of hip take power out"):
+    monkeypatch.setattr("etude.campaign.ingest.command_decisions.repaired", lambda log, _: log)
+    with pytest.raises(DataError, match="commands of hip is inverted"):
         told(campaign, path, repair=("sign",))
 
 

@@ -131,7 +131,7 @@ def ending(wrong: Wrong, found: list[Finding], right: list[Finding]) -> tuple[st
         if (f.flag or f.light == "red" or f.check in (*CUT, *OF_NUMBERS)) and f.light != "green"
     ]
     news = [f for f in told if f.sentence not in before]
-    mine = [f for f in news if _names(wrong, f)]
+    mine = [f for f in news if _names(wrong, f, right)]
     if mine:
         return "right", mine[0].sentence
     if news:
@@ -150,15 +150,19 @@ def _unsure(wrong: Wrong, asked: list[Finding]) -> bool:
     return wrong.error == "sign" and any("cannot be told" in f.sentence for f in asked)
 
 
-def _names(wrong: Wrong, finding: Finding) -> bool:
-    """Whether a finding says what was done."""
+def _names(wrong: Wrong, finding: Finding, right: list[Finding]) -> bool:
+    """Whether a finding says what was done: no more, and no less."""
+    by = finding.by if isinstance(finding, Mendable) else ()
     if wrong.error in OF_NUMBERS:
         return finding.check == wrong.check
     if wrong.error == "sign":
-        return finding.check == "sign" and isinstance(finding, Mendable)
+        before = next(
+            (f.by for f in right if f.check == "sign" and isinstance(f, Mendable)), (1.0,) * len(by)
+        )
+        flipped = tuple(-sign if j == wrong.part else sign for j, sign in enumerate(before))
+        return finding.check == "sign" and by == flipped
     if wrong.error == "swapped":
-        order = tuple(int(j) for j in finding.by) if isinstance(finding, Mendable) else wrong.order
-        return finding.check == "swapped" and order == wrong.order
+        return finding.check == "swapped" and (not by or tuple(int(j) for j in by) == wrong.order)
     return any(words in finding.sentence for words in wrong.says)
 
 

@@ -10,7 +10,7 @@ from typing import Literal
 import numpy as np
 
 from etude.campaign.ingest.ingest_result import read
-from etude.campaign.ingest.questions import Answers, LogQuestions, answers_of
+from etude.campaign.ingest.questions import Answers, answers_of, questions_of
 from etude.campaign.ingest.robot_changed import CAUSES, KINDS
 from etude.campaign.propose.ask import Proposal, ask
 from etude.campaign.record.deployed_model import DeployedModel, deployed_model
@@ -128,7 +128,7 @@ def watch(
 
 def _one(campaign: Campaign, used: DeployedModel, path: Path, degrees: bool, answers: Answers) -> WatchedLog:
     try:
-        asked = LogQuestions(campaign.kind, campaign.spec, answers)
+        asked = questions_of(campaign, campaign.state(), answers)
         log = start_at_zero(read(campaign, path, degrees=degrees, asked=asked))
         group = np.zeros(len(log), dtype=np.int64)
         samples = campaign.kind.samples(campaign.spec, campaign.config, [log], [group])

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from etude.campaign.ingest.ingest_result import How, IngestResult, aligned_with, read
-from etude.campaign.ingest.questions import LogQuestions, answers_of
+from etude.campaign.ingest.questions import answers_of, questions_of
 from etude.campaign.record.confirmation import FEEDFORWARD, RUNS, errors, moving, without_it
 from etude.campaign.record.events import Confirmed, Figures
 from etude.campaign.record.folder import Campaign
@@ -42,7 +42,7 @@ def take_run(
     if again:
         return IngestResult(again[0], True, False, (), (), run=run)
     answers = answers_of(state, how.get("accept", ()), how.get("repair", ()))
-    asked = LogQuestions(campaign.kind, campaign.spec, answers)
+    asked = questions_of(campaign, state, answers)
     log = read(campaign, path, degrees=how.get("degrees", False), topics=how.get("topics", ()), asked=asked)
     number, aligned = _confirming(campaign, log, known if number is None else [number])
     sent = Sent.of(campaign, number)

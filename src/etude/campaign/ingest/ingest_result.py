@@ -11,7 +11,7 @@ from etude.campaign.ingest.questions import Answers, LogQuestions
 from etude.campaign.record.folder import Campaign
 from etude.codes import Notice
 from etude.logs.alignment.alignment import align
-from etude.logs.cleaning.read import read_log
+from etude.logs.cleaning.read import Settle, read_log
 from etude.protocols import Trajectory
 from etude.types import Finding, Log
 
@@ -94,9 +94,16 @@ def read(
         DataError: it cannot be used; by the doctor of all logs, by the truth tests, or by what the kind
             looks for.
     """
-    expected = campaign.kind.expected(campaign.spec)
     asked = asked or LogQuestions(campaign.kind, campaign.spec, Answers())
-    log = read_log(
+    return asked.cleaned(read_settled(campaign, path, asked.whole, degrees=degrees, topics=topics))
+
+
+def read_settled(
+    campaign: Campaign, path: Path, settle: Settle, *, degrees: bool = False, topics: Sequence[str] = ()
+) -> Log:
+    """The log in a file after the doctor of all logs, who asks `settle`. Arguments and errors as `read`."""
+    expected = campaign.kind.expected(campaign.spec)
+    return read_log(
         path,
         campaign.channels,
         rate=expected.rate,
@@ -105,6 +112,5 @@ def read(
         topics=topics,
         config=campaign.config.log,
         own_clock=True,
-        settle=asked.whole,
+        settle=settle,
     )
-    return asked.cleaned(log)

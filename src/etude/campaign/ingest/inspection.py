@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -11,13 +11,14 @@ from typing import Any
 import numpy as np
 
 from etude.campaign.create import find_robot, reading
+from etude.campaign.ingest.command_decisions import told_logs
 from etude.campaign.ingest.questions import Answers, LogQuestions, judged_commands
 from etude.campaign.record.config_file import CONFIG
 from etude.campaign.record.folder import Campaign, open_campaign
 from etude.errors import DataError, EtudeError
 from etude.logs.checks.exact import judge_numbers
 from etude.logs.checks.filtered_motion import Seen, seen
-from etude.logs.checks.plausibility import judge_commands, judge_motion, mended
+from etude.logs.checks.plausibility import DELAY, judge_motion, mended
 from etude.logs.checks.recording_quality import clock_findings, column_findings, motion_findings
 from etude.logs.cleaning import read as logs
 from etude.logs.cleaning.read import clean_log, matched_log
@@ -57,7 +58,9 @@ class Inspected:
 
 @dataclass(frozen=True)
 class _KnownRobot:
-    """What is known of the robot: described by its kind, or guessed from the headers; why: no channels."""
+    """What is known of the robot: described by its kind, or guessed from the headers; why: no channels; told:
+    by name, its logs so far.
+    """
 
     channels: Sequence[Channel]
     limits: Limits
@@ -67,6 +70,7 @@ class _KnownRobot:
     spec: Any = None
     config: LogConfig = field(default_factory=LogConfig)
     why: str = ""
+    told: Mapping[str, Log] = field(default_factory=dict)
 
 
 def inspect(
@@ -105,17 +109,18 @@ def mapping_of(path: Path, robot: str, topics: Sequence[str] = ()) -> str:
 
 
 def _described(robot: str) -> _KnownRobot:
-    config = LogConfig()
+    config, told = LogConfig(), {}
     if (Path(robot) / CONFIG).is_file():
         campaign = open_campaign(Path(robot))
         kind, spec, config = campaign.kind, campaign.spec, campaign.config.log
+        told = told_logs(campaign, campaign.state())
     else:
         kind, place = find_robot(robot)
         with reading(place):
             spec = kind.spec(place)
     expected = kind.expected(spec)
     return _KnownRobot(
-        tuple(kind.channels(spec)), expected.limits, expected.rate, kind.path, kind, spec, config
+        tuple(kind.channels(spec)), expected.limits, expected.rate, kind.path, kind, spec, config, told=told
     )
 
 
@@ -240,10 +245,20 @@ def _judged(log: Log, known: _KnownRobot, stated: set[str]) -> Inspected:
     if any(f.light == "red" for f in found):
         later = "Ranges and commands are looked at when the motion is right."
         return Inspected(rows, (*found, Finding("commands", "cannot tell", later)))
-    found += _tried("commands", lambda: _commands(rows, known, motion))
+    found = _one_delay(found, _tried("commands", lambda: _commands(rows, known, motion)))
     clean, ranges = _ranges(rows, known, stated)
     found += [*ranges, *_tried("robot", lambda: _own(clean, known))]
     return Inspected(rows, tuple(found))
+
+
+def _one_delay(motion: Sequence[Finding], commands: Sequence[Finding]) -> list[Finding]:
+    """Both without the delay that says less."""
+    noted = any(f.check == DELAY and f.light != "green" for f in commands)
+    far = not noted and any(f.check == DELAY for f in motion)
+    return [
+        *(f for f in motion if not (noted and f.check == DELAY)),
+        *(f for f in commands if not (far and f.check == DELAY)),
+    ]
 
 
 def _columns(log: Log, known: _KnownRobot) -> Finding:
@@ -291,9 +306,7 @@ def _units(log: Log, stated: set[str]) -> tuple[Finding, ...]:
 
 
 def _commands(log: Log, known: _KnownRobot, motion: Seen | None) -> tuple[Finding, ...]:
-    if known.kind is None:
-        return judge_commands(log, motion=motion)
-    return judged_commands(known.kind, known.spec, log, motion)
+    return judged_commands(known.kind, known.spec, log, motion, known.told)
 
 
 def _own(log: Log, known: _KnownRobot) -> Sequence[Finding]:

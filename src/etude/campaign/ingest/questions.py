@@ -1,26 +1,29 @@
 """What a log is asked before it is learned: what is false is refused, what is likely is a question.
 
 A question is answered by its check's name: accepted, the log is taken as it is; repaired, it is put right
-with a sentence. Answers stand in the journal, and hold for later logs of which the same is found.
+with a sentence. Answers stand in the journal, and hold for later logs of which the same is found. Commands
+are judged over all logs of the robot together (`command_decisions`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+from etude.campaign.ingest.command_decisions import Step, decided, told_logs
 from etude.campaign.record.config import preset_config
 from etude.campaign.record.events import Given
+from etude.campaign.record.folder import Campaign
 from etude.campaign.record.state import State
 from etude.errors import DataError, UsageError
 from etude.logs.checks import exact
-from etude.logs.checks.filtered_motion import Seen
+from etude.logs.checks.filtered_motion import Seen, joints
 from etude.logs.checks.finding_texts import Excludable, Mendable
 from etude.logs.checks.plausibility import (
     REPAIRS,
-    judge_commands,
     judge_motion,
+    judge_unit,
     repaired,
 )
 from etude.logs.cleaning.ranges import check_consistency
@@ -30,7 +33,7 @@ from etude.types import Finding, Log
 
 CHECKS = (
     *exact.NAMES,
-    *("time", "direction", "degrees", "velocity", "swapped", "sign", "scale", "gravity"),
+    *("time", "direction", "degrees", "velocity", "delay", "swapped", "sign", "scale", "gravity"),
     *("ground", "brake", "jump"),
     *("gyroscope", "accelerometer", "motor_delay"),
 )
@@ -80,12 +83,14 @@ class LogQuestions:
     """The questions of one log as it is read.
 
     Attributes:
+        steps: what was decided of the log's commands, if it was judged with others; None: by itself.
         given: collects the answers that were of use. accepted: what was found and is taken as it is.
     """
 
     kind: Kind
     spec: Any
     answers: Answers
+    steps: Callable[[Log], Sequence[Step]] | None = None
     given: list[Given] = field(default_factory=list)
     accepted: list[Finding] = field(default_factory=list)
 
@@ -107,10 +112,28 @@ class LogQuestions:
         check_consistency(log.without(*velocities))
         return log
 
+    def prepared(self, log: Log) -> Log:
+        """The same, before anything is decided of its commands. Errors as in `motion`."""
+        return check_commanded(self.motion(log))
+
     def whole(self, log: Log) -> Log:
         """The same with its commands settled, before exchanged ones exceed each other's limits."""
-        moved = check_commanded(self.motion(log))
-        return self._settled(moved, lambda log: judged_commands(self.kind, self.spec, log))
+        log = self.prepared(log)
+        body = body_of(self.kind, self.spec)
+        steps = decided([log], {}, self.answers.to, body)[0] if self.steps is None else self.steps(log)
+        for step in steps:
+            log = self._stepped(log, step)
+        return self._settled(log, lambda log: unit_findings(self.kind, self.spec, log))
+
+    def _stepped(self, log: Log, step: Step) -> Log:
+        """The log after one decision. DataError: it is an open question."""
+        if step.what == "open":
+            raise refusal([step.finding], log.source)
+        if step.what != "note":
+            self._note(step.what, step.finding)
+        if step.what == "accept":
+            return log.repaired(self._taken(step.finding).sentence)
+        return repaired(log, step.finding)
 
     def cleaned(self, log: Log) -> Log:
         """The cleaned log with what the kind looks for. Errors as in `motion`.
@@ -166,6 +189,24 @@ class LogQuestions:
         self.given.append((what, *_what(finding)))
 
 
+def questions_of(
+    campaign: Campaign, state: State, answers: Answers, steps: Sequence[Step] | None = None
+) -> LogQuestions:
+    """Of a log of a campaign; its commands are judged with those of the logs so far.
+
+    Args:
+        steps: what was decided of its commands already.
+    """
+
+    def judged(log: Log) -> Sequence[Step]:
+        if steps is not None:
+            return steps
+        body = body_of(campaign.kind, campaign.spec)
+        return decided([log], told_logs(campaign, state), answers.to, body)[0]
+
+    return LogQuestions(campaign.kind, campaign.spec, answers, judged)
+
+
 def _what(finding: Finding) -> tuple[str, tuple[float, ...]]:
     return finding.check, finding.by if isinstance(finding, Mendable) else ()
 
@@ -180,11 +221,35 @@ def refusal(found: Sequence[Finding], where: str) -> DataError:
     return DataError(facts, where=where, next_step=" ".join(f.step for f in found))
 
 
-def judged_commands(kind: Kind, spec: Any, log: Log, motion: Seen | None = None) -> tuple[Finding, ...]:
-    """The truth tests of the commands, with the model file's word where there is one for forces."""
-    if not any(c.acts_on for c in log.channels.values()):
-        return ()
-    return judge_commands(log, body_of(kind, spec), kind.limit(spec), motion)
+def judged_commands(
+    kind: Kind | None, spec: Any, log: Log, motion: Seen | None = None, told: Mapping[str, Log] | None = None
+) -> tuple[Finding, ...]:
+    """All that is said of the commands of one log: whose they are, their signs, delay and unit.
+
+    Args:
+        kind: None of a robot that nobody described.
+        motion: what is seen of the log, if that is known already.
+        told: by name, logs of the robot that were told before.
+    """
+    body = None if kind is None else body_of(kind, spec)
+    steps, last = decided([log], told or {}, lambda _: "", body)
+    found = [step.finding for step in steps]
+    if any(step.what == "open" for step in steps) or last is None:
+        return tuple(found)
+    from etude.logs.evidence.findings import green
+
+    path = joints(log)
+    assert path is not None
+    unit = () if kind is None else unit_findings(kind, spec, log, motion)
+    right = [one for one in green(last, path.parts) if one.check not in {f.check for f in found}]
+    return (*found, *right, *unit)
+
+
+def unit_findings(kind: Kind, spec: Any, log: Log, motion: Seen | None = None) -> tuple[Finding, ...]:
+    """The unit of the commands, by a model file; nothing without one, or where they act on no joint."""
+    body = body_of(kind, spec) if any(c.acts_on for c in log.channels.values()) else None
+    found = None if body is None else judge_unit(log, body, kind.limit(spec), motion)
+    return () if found is None else (found,)
 
 
 def body_of(kind: Kind, spec: Any) -> Mean | None:

@@ -4,6 +4,7 @@ learned in one training. untell and abandon take that back.
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import json
 import math
@@ -14,9 +15,10 @@ from typing import Unpack, overload
 
 import numpy as np
 
+from etude.campaign.ingest.command_decisions import MOST_NEW, Survey, told_logs
 from etude.campaign.ingest.confirmation_runs import check_no_confirmation, take_run
-from etude.campaign.ingest.ingest_result import How, IngestResult, aligned_with, read
-from etude.campaign.ingest.questions import LogQuestions, answers_of
+from etude.campaign.ingest.ingest_result import How, IngestResult, aligned_with, read, read_settled
+from etude.campaign.ingest.questions import Answers, LogQuestions, answers_of, body_of, questions_of
 from etude.campaign.ingest.robot_changed import answer, change_found
 from etude.campaign.propose.constraints import start_in_words, with_tracking_errors
 from etude.campaign.record.controls import required
@@ -211,8 +213,18 @@ def warning(earlier: int, share: float) -> Finding:
     )
 
 
-def take(campaign: Campaign, path: Path, number: int | None = None, **how: Unpack[How]) -> IngestResult:
-    """Stores the log in `path` and learns nothing. The caller holds the lock. Errors as `tell`."""
+def take(
+    campaign: Campaign,
+    path: Path,
+    number: int | None = None,
+    survey: Survey | None = None,
+    **how: Unpack[How],
+) -> IngestResult:
+    """Stores the log in `path` and learns nothing. The caller holds the lock. Errors as `tell`.
+
+    Args:
+        survey: of the files that are told with it.
+    """
     digest = sha256_of_log(path)
     state = campaign.state()
     require_description(campaign)
@@ -227,7 +239,7 @@ def take(campaign: Campaign, path: Path, number: int | None = None, **how: Unpac
     control = how.get("control", "")
     required(control)
     answers = answers_of(state, how.get("accept", ()), how.get("repair", ()))
-    asked = LogQuestions(campaign.kind, campaign.spec, answers)
+    asked = questions_of(campaign, state, answers, None if survey is None else survey.of(path))
     log = read(campaign, path, degrees=how.get("degrees", False), topics=how.get("topics", ()), asked=asked)
     log, answered, speed = _identify(campaign, state, path, number, how.get("foreign", False), log)
     if answered is not None and not holds_enough(log, stored_trajectory(campaign, answered, speed).duration):
@@ -525,10 +537,11 @@ def _taken(campaign: Campaign, paths: Sequence[Path], how: How, say: Say) -> lis
     """Every file, stored or refused, in the order in which they were given."""
     found: dict[Path, IngestedFile] = {}
     left = sorted(set(paths), key=lambda path: (path.name, str(path)))
+    survey = surveyed(campaign, left, how) if len(left) > 1 else None
     while left:
         open_before, refused = len(campaign.state().proposals), []
         for path in left:
-            found[path] = _one(campaign, path, how)
+            found[path] = _one(campaign, path, how, survey)
             say(f"{path.name}: {found[path].sentence}.")
             refused += [path] if found[path].ingested is None else []
         # what fitted none of several open proposals may answer none at all
@@ -536,8 +549,36 @@ def _taken(campaign: Campaign, paths: Sequence[Path], how: How, say: Say) -> lis
     return [found[path] for path in dict.fromkeys(paths)]
 
 
-def _one(campaign: Campaign, path: Path, how: How) -> IngestedFile:
+def _one(campaign: Campaign, path: Path, how: How, survey: Survey | None) -> IngestedFile:
     try:
-        return IngestedFile(path, take(campaign, path, **how))
+        return IngestedFile(path, take(campaign, path, survey=survey, **how))
     except DataError as error:
         return IngestedFile(path, None, error)
+
+
+def surveyed(campaign: Campaign, paths: Sequence[Path], how: How) -> Survey | None:
+    """The new logs in these files, for their commands to be judged together; None where nothing is to be."""
+    if how.get("confirm") or not any(c.acts_on for c in campaign.channels):
+        return None
+    state = campaign.state()
+    answers = answers_of(state, how.get("accept", ()), how.get("repair", ()))
+    found: dict[Path, Log] = {}
+    for path in paths[:MOST_NEW]:
+        with contextlib.suppress(DataError):  # what is wrong is said when the file is taken
+            if state.round_of_log(sha256_of_log(path)) is None:
+                found |= _prepared(campaign, path, how, answers)
+    body = body_of(campaign.kind, campaign.spec)
+    return Survey(found, told_logs(campaign, state), answers.to, body)
+
+
+def _prepared(campaign: Campaign, path: Path, how: How, answers: Answers) -> dict[Path, Log]:
+    """The log in a file, its motion settled; none of one that is refused whatever its commands are."""
+    found: dict[Path, Log] = {}
+
+    def settle(log: Log) -> Log:
+        found[path] = LogQuestions(campaign.kind, campaign.spec, answers).prepared(log)
+        return found[path]
+
+    with contextlib.suppress(DataError):  # ranges may refuse what is put right
+        read_settled(campaign, path, settle, degrees=how.get("degrees", False), topics=how.get("topics", ()))
+    return found

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -109,6 +109,24 @@ def _widest(way: Array, path: Channel) -> Array:
     return np.array(
         [max(w for w, u in zip(way, path.units, strict=True) if u == unit) for unit in path.units]
     )
+
+
+def states_of(t: Array, path: Channel, q: Array, qd: Array, qdd: Array) -> Log:
+    """A motion as a log of states, for a mean to predict commands of."""
+    log = Log(t, {}, {}, "seen").put(path, q)
+    for name, values in ((f"{path.name}d", qd), (f"{path.name}dd", qdd)):
+        log = log.put(replace(path, name=name), values)
+    return log
+
+
+LEAST_WAY = 0.04  # rad or m: a joint that goes less far is shaken by others
+LEAST_SHARE, WIDEST = 0.03, 2.0  # of the widest way, which counts up to so many rad or m
+
+
+def goes_far(q: Array) -> Mask:
+    """(k,) joints whose positions q (n, k) vary by enough that their commands have a say."""
+    way = np.ptp(q, axis=0)
+    return np.asarray(way > np.maximum(LEAST_WAY, LEAST_SHARE * min(float(way.max()), WIDEST)))
 
 
 def noise(q: Array) -> Array:

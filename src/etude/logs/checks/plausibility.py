@@ -13,22 +13,19 @@ from dataclasses import replace
 import numpy as np
 
 from etude.errors import UsageError
-from etude.logs.checks import command_columns, exact, velocities
-from etude.logs.checks.command_columns import scale_findings
-from etude.logs.checks.filtered_motion import Seen, joints, runs, seen
+from etude.logs.checks import exact, velocities
+from etude.logs.checks.command_units import scale_finding
+from etude.logs.checks.filtered_motion import Seen, joints, runs, seen, states_of
 from etude.logs.checks.finding_texts import Excludable, Mendable, named
 from etude.logs.checks.velocities import degrees_finding, speed_finding
 from etude.logs.cleaning.ranges import top_speed
 from etude.logs.cleaning.repairs import leap_finding
-from etude.logs.cleaning.smoothing import GAP_FACTOR, median_rate
+from etude.logs.cleaning.smoothing import GAP_FACTOR, median_rate, resample
 from etude.logs.columns.units import Limits
 from etude.protocols import Mean
 from etude.types import Array, Channel, Finding, Log, Mask
 
-TOO_SHORT = (
-    f"Less than {command_columns.LEAST_S:g} s of motion: "
-    "too little to tell whose a command is, its sign or unit."
-)
+SWAPPED, SIGN, DELAY = "swapped", "sign", "delay"
 STILL = "Nothing moves: no joint changes its position by more than its noise."
 
 
@@ -80,60 +77,25 @@ def _leap(log: Log, path: str, channels: Sequence[Channel], limits: Limits) -> F
     return leap_finding(log, channel, top, upper - lower)
 
 
-def judge_commands(
-    log: Log, body: Mean | None = None, limit: Array | None = None, motion: Seen | None = None
-) -> tuple[Finding, ...]:
-    """Order, sign and scale of the commands, of a log whose clock is right; nothing where they act on no
-    joint.
+def judge_unit(log: Log, body: Mean, limit: Array, motion: Seen | None = None) -> Finding | None:
+    """Unit of the commands, of a log whose clock and order are right; None where they act on no joint.
 
     Args:
-        body: what a model file says of the commands, by itself; None without one.
+        body: what a model file says of the commands, by itself.
         limit: (J,) how far each command reaches.
         motion: what is seen of it, if that is known already.
     """
-    motion = motion or commanded(log)
-    if motion is None or motion.command is None:
-        return ()
-    if len(motion.t) * motion.step < command_columns.LEAST_S:
-        return (Finding("commands", "cannot tell", TOO_SHORT),)
-    path = joints(log)
-    assert path is not None
-    states = None if body is None else _states(motion, path)
-    torque = None if body is None or states is None else body.predict(states)
-    order = command_columns.order_of(motion, torque)
-    found = (command_columns.finding_of(order, motion.parts), _sign(motion, order, torque))
-    if body is None or states is None or torque is None or (order is not None and order.doubtful):
-        return found
-    reach = np.full(len(motion.parts), np.inf) if limit is None else limit
-    return (*found, *scale_findings(motion, torque, body.static(states), reach))
+    motion, path = motion or commanded(log), joints(log)
+    if motion is None or path is None or motion.command is None:
+        return None
+    states = states_of(motion.t, path, motion.q, motion.qd, motion.qdd)
+    return scale_finding(motion, body.predict(states), limit)
 
 
 def commanded(log: Log) -> Seen | None:
     """What is seen of the joints that commands act on; None of a robot without, or of too short a log."""
     path = joints(log)
     return None if path is None else seen(log, path)
-
-
-def _states(motion: Seen, path: Channel) -> Log:
-    """The motion as a log of states, for a mean to predict commands of."""
-    log = Log(motion.t, {}, {}, "seen").put(path, motion.q)
-    for name, values in ((f"{path.name}d", motion.qd), (f"{path.name}dd", motion.qdd)):
-        log = log.put(replace(path, name=name), values)
-    return log
-
-
-def _sign(motion: Seen, order: command_columns.Order | None, torque: Array | None) -> Finding:
-    """Signs of the commands in the order that fits; exchanged ones say nothing."""
-    if order is None or not order.doubtful:
-        return command_columns.sign_finding(motion, torque)
-    if motion.command is None or not order.named:
-        fact = "Which command is whose is not known, so neither is a sign."
-        return Finding(command_columns.SIGN, "cannot tell", fact)
-    own = command_columns.sign_finding(replace(motion, command=motion.command[:, order.best]), torque)
-    if not isinstance(own, Mendable):
-        return own
-    # of the columns as they stand in the log
-    return replace(own, by=tuple(own.by[j] for j in np.argsort(order.best)))
 
 
 def repaired(log: Log, finding: Finding) -> Log:
@@ -176,6 +138,15 @@ def _signed(log: Log, finding: Mendable) -> Log:
     return log.put(channel, log[channel.name] * signs).repaired(sentence)
 
 
+def _shifted(log: Log, finding: Mendable) -> Log:
+    """by: s by which the commands are late; rows that have no command then are cut."""
+    channel, late = _command(log), finding.by[0]
+    kept = (log.t + late >= log.t[0]) & (log.t + late <= log.t[-1])
+    command = resample(log.t, log[channel.name], log.t[kept] + late)
+    sentence = f"{finding.sentence} They were shifted by that."
+    return log.take(kept).put(channel, command).repaired(sentence)
+
+
 def _command(log: Log) -> Channel:
     return next(c for c in log.channels.values() if c.role == "command" and c.acts_on in log)
 
@@ -191,8 +162,9 @@ REPAIRS: Mapping[str, Callable[[Log, Mendable], Log]] = {
     **exact.REPAIRS,
     velocities.TIME: _scaled,
     velocities.DIRECTION: _turned,
-    command_columns.SWAPPED: _ordered,
-    command_columns.SIGN: _signed,
+    SWAPPED: _ordered,
+    SIGN: _signed,
+    DELAY: _shifted,
 }
 """Of the other checks, the answer is to take the log as it is, or to correct it by hand."""
 

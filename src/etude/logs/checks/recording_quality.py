@@ -266,7 +266,7 @@ def motion_findings(log: Log, path: Channel, motion: Seen, limits: Limits) -> tu
     if motion.moves.any():
         found.append(_rest(motion))
     if not _commanded_elsewhere(log, path):
-        found.append(_delay(motion, path))
+        found += _delay(motion, path)
     if path.name in limits:
         found.append(_coverage(log, path, motion, limits))
     return tuple(found)
@@ -336,11 +336,11 @@ def _coverage(log: Log, path: Channel, motion: Seen, limits: Limits) -> Finding:
     )
 
 
-def _delay(motion: Seen, path: Channel) -> Finding:
-    """How far the motion is behind the commands, to a fraction of a row at 50 Hz."""
-    if motion.command is None or not motion.moves.any():
-        return Finding("delay", "cannot tell", "No commands of moving joints are logged.")
+def _delay(motion: Seen, path: Channel) -> list[Finding]:
+    """A motion far behind the commands; delays of a few rows are those of `logs.evidence`."""
     own = np.flatnonzero(motion.moves)
+    if motion.command is None or not len(own):
+        return []
     log = Log(np.asarray(motion.step * np.arange(len(motion.t)), dtype=np.float64), {}, {}, "seen")
     parts = tuple(path.parts[j] for j in own)
     commands: Array = motion.command[:, own]
@@ -354,12 +354,9 @@ def _delay(motion: Seen, path: Channel) -> Finding:
     if lag >= LONGEST_LAG - motion.step:  # the best of those tried is no best one: a longer delay, or none
         longest = min(LATEST_S, LATEST * motion.step * len(motion.t))
         lag = command_lag([log], states, longest) if longest > LONGEST_LAG else longest
-        if lag < longest - motion.step:
-            return Finding("delay", "yellow", _behind(lag), SAME_CLOCK)
-        return Finding("delay", "cannot tell", "The motion is too slow to tell how far it is behind.")
-    if lag < LATE_S:
-        return Finding("delay", "green", _behind(lag))
-    return Finding("delay", "yellow", _behind(lag), SAME_CLOCK)
+        if lag >= longest - motion.step:
+            return [Finding("delay", "cannot tell", "The motion is too slow to tell how far it is behind.")]
+    return [Finding("delay", "yellow", _behind(lag), SAME_CLOCK)] if lag >= LATE_S else []
 
 
 def _behind(lag: float) -> str:

@@ -67,11 +67,11 @@ def resample(t: Array, values: Array, grid: Array) -> Array:
     return np.column_stack([np.interp(grid, t, column) for column in values.T])
 
 
-def smooth(t: Array, values: Array, cutoff_hz: float) -> Smoothed:
+def smooth(t: Array, values: Array, cutoff_hz: float, order: int = 2) -> Smoothed:
     """Zero-phase low-pass and derivatives of values (T, k) given on a uniform grid t (T,).
 
     The line through the end points is set aside and the rest continued oddly, so that the signal is
-    periodic with continuous slope and the ends do not ring. The squared gain is 1 / (1 + (f / fc)^4);
+    periodic with continuous slope and the ends do not ring. The squared gain is 1 / (1 + (f / fc)^(2 order));
     `cutoff_hz` = inf differentiates without filtering.
     """
     n, step = len(t), float(t[-1] - t[0]) / (len(t) - 1)
@@ -80,7 +80,7 @@ def smooth(t: Array, values: Array, cutoff_hz: float) -> Smoothed:
     rest = values - line
     odd = np.concatenate([rest[:-1], -rest[:0:-1]])
     frequency = np.fft.rfftfreq(len(odd), step)[:, None]
-    spectrum = np.fft.rfft(odd, axis=0) / (1.0 + (frequency / cutoff_hz) ** 4)
+    spectrum = np.fft.rfft(odd, axis=0) / (1.0 + (frequency / cutoff_hz) ** (2 * order))
     omega = 2 * np.pi * frequency
     parts = [np.fft.irfft(spectrum * (1j * omega) ** k, len(odd), axis=0)[:n] for k in range(3)]
     return Smoothed(t, line + parts[0], slope + parts[1], parts[2])

@@ -8,21 +8,29 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from made_motion import CHANNELS, COMMAND, GRAVITY, LIMITS, QD, RATE, Q, command_of, moved
-from scipy.optimize import linear_sum_assignment
 
 from etude.errors import UsageError
 from etude.logs import judge_motion
-from etude.logs.checks import command_columns
 from etude.logs.checks import velocities as rates
-from etude.logs.checks.plausibility import REPAIRS, commanded, judge_commands, repaired
+from etude.logs.checks.command_units import scale_finding
+from etude.logs.checks.command_units import slopes as slopes_of
+from etude.logs.checks.plausibility import REPAIRS, commanded, judge_unit, repaired
+from etude.logs.evidence.decisions import judge
+from etude.logs.evidence.findings import finding_of
 from etude.types import Array, Finding, Log
 
 
 def told(log: Log, usual: float | None = RATE) -> dict[str, Finding]:
     """What is flagged, by check; the commands only where the motion is right."""
     motion = judge_motion(log, "q", CHANNELS, LIMITS, usual)
-    flagged = [f for f in motion if f.flag] or [f for f in judge_commands(log) if f.flag]
+    flagged = [f for f in motion if f.flag] or [f for f in judged(log) if f.flag]
     return {f.check: f for f in flagged}
+
+
+def judged(log: Log) -> list[Finding]:
+    """What is said of the commands that is not silent."""
+    found = judge([log], Q) if COMMAND.name in log else None
+    return [] if found is None or found.level == "silent" else [finding_of(found, Q.parts, [log.source])]
 
 
 def with_command(log: Log, columns: Array) -> Log:
@@ -41,7 +49,7 @@ WRONG: dict[str, tuple[Callable[[Log], Log], str, str]] = {
     "sign of one": (
         lambda log: with_command(log, log["command"] * [1, -1, 1]),
         "sign",
-        "commands of knee take",
+        "commands of knee is inverted",
     ),
     "all signs": (lambda log: with_command(log, -log["command"]), "sign", "hip, knee and toe"),
     "half the rate": (lambda log: replace(log, t=2.0 * log.t), "time", "2 times too slow"),
@@ -58,11 +66,6 @@ WRONG: dict[str, tuple[Callable[[Log], Log], str, str]] = {
         "swapped",
         "hip fits the",
     ),
-    "commands rotated": (
-        lambda log: with_command(log, log["command"][:, [1, 2, 0]]),
-        "swapped",
-        "hip fits the",
-    ),
     "velocities swapped": (lambda log: log.put(QD, log["qd"][:, [0, 2, 1]]), "velocity", "is toe's"),
     "one velocity's sign": (lambda log: log.put(QD, log["qd"] * [1, 1, -1]), "velocity", "the opposite sign"),
     "one velocity's unit": (lambda log: log.put(QD, log["qd"] * [1, 57.3, 1]), "velocity", "57.3 times the"),
@@ -70,7 +73,7 @@ WRONG: dict[str, tuple[Callable[[Log], Log], str, str]] = {
 WITHOUT = {
     "seconds as minutes": "60 times too slow",
     "minutes as seconds": "60 times too fast",
-    "reversed": "or the rows run backwards in time",
+    "reversed": "Rows that run backwards in time would look the same",
     "positions in degrees": "look like degrees",
 }
 
@@ -125,10 +128,6 @@ def test_swapped_and_inverted_at_once_are_repaired_one_after_the_other() -> None
     once = repaired(wrong, told(wrong)["swapped"])
     assert list(told(once)) == ["sign"]
     np.testing.assert_array_equal(repaired(once, told(once)["sign"])["command"], log["command"])
-    # the sign's repair alone turns the column that is wrong, wherever it stands
-    np.testing.assert_array_equal(
-        repaired(wrong, told(wrong)["sign"])["command"], log["command"][:, [1, 0, 2]]
-    )
 
 
 def test_a_single_wild_position_decides_nothing() -> None:
@@ -143,18 +142,6 @@ def test_what_nothing_repairs_is_said() -> None:
         repaired(moved(), told(in_degrees(moved(), "q"))["degrees"])
 
 
-def test_the_power_of_friction_alone_is_all_of_it() -> None:
-    """Dry friction's power equals its absolute value; a spring's cancels over whole periods."""
-    log = moved(velocities=False)
-    seen = commanded(log)
-    assert seen is not None
-    rubbing = replace(seen, command=np.sign(seen.qd))
-    np.testing.assert_allclose(command_columns.agreement(rubbing), 1.0)
-    springy = command_columns.agreement(replace(seen, command=seen.q - seen.q.mean(axis=0)))
-    assert np.abs(springy).max() < 0.05
-    assert command_columns.sign_finding(replace(seen, command=seen.q)).light == "cannot tell"
-
-
 def test_slope_and_correlation_are_those_of_least_squares() -> None:
     log = moved()
     noisy = log.put(QD, 1.5 * log["qd"])
@@ -166,12 +153,6 @@ def test_slope_and_correlation_are_those_of_least_squares() -> None:
     np.testing.assert_allclose(found.r, 1.0, atol=1e-4)
 
 
-def test_a_short_motion_says_nothing_of_signs() -> None:
-    seen = commanded(moved().take(slice(0, 400)))
-    assert seen is not None
-    assert command_columns.sign_finding(seen).light == "cannot tell"
-
-
 def test_joints_that_stand_are_left_out() -> None:
     log = moved()
     still = log["q"].copy()
@@ -180,10 +161,11 @@ def test_joints_that_stand_are_left_out() -> None:
     assert told(log) == {}
     seen = commanded(log)
     assert seen is not None
-    assert np.isnan(command_columns.agreement(seen)[2])
-    order = command_columns.order_of(seen)
-    assert order is not None
-    assert order.best[2] == 2
+    assert judge([log], Q).moving.tolist() == [True, True, False]
+
+
+FAR = np.full(3, np.inf)
+"""How far commands reach, of a robot without limits."""
 
 
 class Body:
@@ -207,42 +189,26 @@ class Body:
 )
 def test_another_unit_of_the_commands_is_named(factor: float, words: str) -> None:
     log = with_command(moved(), factor * moved()["command"])
-    found = {f.check: f for f in judge_commands(log, Body())}  # type: ignore[arg-type]
-    assert found["scale"].light == "yellow"
-    assert words in found["scale"].sentence
+    found = judge_unit(log, Body(), FAR)  # type: ignore[arg-type]
+    assert found is not None
+    assert found.light == "yellow"
+    assert words in found.sentence
 
 
 def test_percents_of_the_limit_are_named() -> None:
     limit = np.array([20.0, 30.0, 8.0])
     log = with_command(moved(), 100.0 * moved()["command"] / limit)
-    found = {f.check: f for f in judge_commands(log, Body(), limit)}  # type: ignore[arg-type]
-    assert "percents of the limit" in found["scale"].sentence
-
-
-def test_gravity_that_is_taken_out_is_named() -> None:
-    log = moved()
-    left = with_command(log, log["command"] - GRAVITY * np.sin(log["q"]))
-    found = {f.check: f for f in judge_commands(left, Body(5.0))}  # type: ignore[arg-type]
-    assert found["gravity"].flag == "gravity"
-    assert "taken out" in found["gravity"].sentence
+    found = judge_unit(log, Body(), limit)  # type: ignore[arg-type]
+    assert found is not None
+    assert "percents of the limit" in found.sentence
 
 
 def test_the_right_unit_is_green() -> None:
-    found = {f.check: f for f in judge_commands(moved(), Body())}  # type: ignore[arg-type]
-    assert found["scale"].light == "green"
-    slope, like = command_columns.slopes(2.0 * np.eye(3)[:, :1], np.eye(3)[:, :1])
+    found = judge_unit(moved(), Body(), FAR)  # type: ignore[arg-type]
+    assert found is not None
+    assert found.light == "green"
+    slope, like = slopes_of(2.0 * np.eye(3)[:, :1], np.eye(3)[:, :1])
     assert (slope, like) == (pytest.approx([2.0]), pytest.approx([1.0]))
-
-
-def test_the_order_given_is_kept_unless_another_is_cheaper() -> None:
-    """Against scipy's assignment, over costs in which the order given is often the best."""
-    rng, kept = np.random.default_rng(5), 0
-    for k in (1, 2, 3, 5, 7) * 40:
-        costs = rng.normal(size=(k, k)) - rng.choice([0.0, 1.0, 3.0]) * np.eye(k)
-        best = linear_sum_assignment(costs)[1]
-        assert (command_columns.assigned(costs) == best).all()
-        kept += int((best == np.arange(k)).all())
-    assert 50 < kept < 150
 
 
 @pytest.mark.parametrize(("way", "moves"), [(0.004, False), (0.02, True)])
@@ -296,26 +262,6 @@ def test_noise_in_a_position_is_no_wrong_velocity(joint: int) -> None:
     assert rates.rate_finding(wrong, RATE).light == "red"
 
 
-def test_a_joint_that_holds_weight_with_little_friction_is_told_by_the_model_file() -> None:
-    """Its power is near zero in sum; a torque of one sign, opposite to the file's, is not."""
-    log = moved()
-    seen = commanded(log)
-    assert seen is not None
-    assert seen.command is not None
-    torque = seen.command.copy()
-    torque[:, 2] = 8.0 + 2.0 * np.sin(seen.q[:, 2])  # holds an arm that hardly turns, without friction
-    heavy = replace(seen, command=-torque)
-    alone, beside = command_columns.sign_finding(heavy), command_columns.sign_finding(heavy, torque)
-    assert "Of toe it cannot be told" in alone.sentence
-    assert getattr(alone, "by", None) == (-1.0, -1.0, 1.0)
-    assert "toe are opposite to the model file's torque" in beside.sentence
-    assert getattr(beside, "by", None) == (-1.0, -1.0, -1.0)
-    right = command_columns.sign_finding(replace(seen, command=torque), torque)
-    assert right.light == "green"
-    one = replace(seen, command=torque * [1.0, 1.0, -1.0])
-    assert getattr(command_columns.sign_finding(one, torque), "by", None) == (1.0, 1.0, -1.0)
-
-
 def test_row_numbers_taken_for_times_are_one_fact_not_one_a_joint() -> None:
     """0.25 in each of three joints: the log has 4 rows a second, says its time column."""
     log = moved()
@@ -347,7 +293,8 @@ def test_a_weight_that_is_let_down_is_no_inverted_sign() -> None:
     log = Log(t, {}, {}, "made").put(Q, q).put(COMMAND, command_of(q, qd, 0.0 * q))
     seen = commanded(log)
     assert seen is not None
-    assert command_columns.agreement(seen)[0] < -command_columns.SURE
+    assert seen.command is not None
+    assert (seen.command * seen.qd).sum(axis=0)[0] < 0.0
     assert told(log) == {}
 
 
@@ -359,18 +306,13 @@ def test_a_joint_that_moves_for_a_moment_does_not_condemn_its_velocity() -> None
     assert told(log.put(Q, q).put(QD, qd)) == {}
 
 
-def test_less_than_five_seconds_say_nothing_of_commands() -> None:
-    log = moved(4.5)
-    found = judge_commands(with_command(log, -log["command"][:, [1, 0, 2]]))
-    assert [(f.check, f.light) for f in found] == [("commands", "cannot tell")]
-
-
 def test_a_torque_that_the_file_hardly_knows_says_nothing_of_a_unit() -> None:
     seen = commanded(moved())
     assert seen is not None
     assert seen.command is not None
     torque = seen.command * [1.0, 1.0, 1e-5]
-    (found,) = command_columns.scale_findings(seen, torque, torque, np.full(3, 100.0))
+    found = scale_finding(seen, torque, np.full(3, 100.0))
+    assert found is not None
     assert found.light == "green"
     assert "toe" not in found.sentence
 

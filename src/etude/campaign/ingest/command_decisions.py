@@ -1,0 +1,124 @@
+"""What becomes of the commands of the logs that are told now, judged with those that were told before.
+
+One finding after the other: what is repaired is judged again, until nothing is found or a question is open.
+Each applies to all logs that it is about, or to none: where one of them was learned, nothing is repaired.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal
+
+from etude.campaign.record.folder import Campaign
+from etude.campaign.record.state import State
+from etude.campaign.record.stored_models import stored_log
+from etude.errors import EtudeError
+from etude.logs.checks.filtered_motion import joints
+from etude.logs.checks.plausibility import repaired
+from etude.protocols import Mean
+from etude.types import Finding, Log
+
+if TYPE_CHECKING:
+    from etude.logs.evidence.decisions import Decision
+
+MOST_TOLD, MOST_NEW = 12, 48  # logs that are judged together: the newest told ones, the first new ones
+ROUNDS = 8  # of repairs, each of which is judged again
+FORCES = ("N m", "N")
+Answer = Callable[[Finding], str]
+
+
+@dataclass(frozen=True)
+class Step:
+    """One thing that is decided of the commands: a finding and what becomes of it. logs: of the new ones."""
+
+    what: Literal["note", "repair", "accept", "open"]
+    finding: Finding
+    logs: frozenset[int]
+
+
+def decided(
+    new: Sequence[Log], told: Mapping[str, Log], answer: Answer, body: Mean | None
+) -> tuple[list[Step], Decision | None]:
+    """The steps of new logs, and the last decision; none where commands act on no joint.
+
+    Args:
+        new: their motion settled. told: by name, as they are stored.
+        answer: "accept", "repair" or "" to a finding.
+        body: what a model file says of the commands by itself.
+    """
+    path = joints(new[0]) if new else None
+    if path is None:
+        return [], None
+    from etude.logs.evidence.decisions import judge
+    from etude.logs.evidence.findings import finding_of
+
+    old = [log for log in told.values() if joints(log) is not None]
+    names = [name for name, log in told.items() if joints(log) is not None]
+    logs, sources = list(new), [*names, *(log.source for log in new)]
+    force = all(unit in FORCES for c in new[0].channels.values() if c.acts_on for unit in c.units)
+    fresh = range(len(old), len(old) + len(new))
+    steps: list[Step] = []
+    for _ in range(ROUNDS):
+        accepted = {step.finding.check for step in steps if step.what == "accept"}
+        found = judge([*old, *logs], path, body, fresh=fresh, force=force, accepted=accepted)
+        if found.level == "silent":
+            return steps, found
+        finding = finding_of(found, path.parts, sources, len(old))
+        own = frozenset(i - len(old) for i in found.logs if i >= len(old))
+        again = any(step.finding == finding for step in steps)
+        what = "open" if again else _what(found, answer(finding), whole=len(own) == len(found.logs))
+        steps.append(Step(what, finding, own or frozenset(range(len(new)))))
+        if what == "open":
+            return steps, found
+        if what != "accept":
+            logs = [repaired(log, finding) if i in own else log for i, log in enumerate(logs)]
+    return steps, found
+
+
+def _what(found: Decision, answer: str, whole: bool) -> Literal["note", "repair", "accept", "open"]:
+    if found.level == "note":
+        return "accept" if answer == "accept" else "note"
+    if answer == "repair" and not whole:
+        return "open"
+    return "repair" if answer == "repair" else "accept" if answer == "accept" else "open"
+
+
+def told_logs(campaign: Campaign, state: State) -> dict[str, Log]:
+    """The newest logs that were told, by name; of a damaged one training will speak."""
+    if not any(c.acts_on for c in campaign.channels):
+        return {}
+    found = {}
+    for known in state.ingested[-MOST_TOLD:]:
+        try:
+            found[f"log {known.number}"] = stored_log(campaign, known.number)
+        except EtudeError:
+            continue
+    return found
+
+
+@dataclass(frozen=True, eq=False)
+class Survey:
+    """Files that are told at once, looked at before any of them is taken.
+
+    Attributes:
+        logs: by file, their motion settled. told, answer, body: as in `decided`.
+    """
+
+    logs: Mapping[Path, Log]
+    told: Mapping[str, Log]
+    answer: Answer
+    body: Mean | None
+
+    @cached_property
+    def _steps(self) -> list[Step]:
+        return decided(list(self.logs.values()), self.told, self.answer, self.body)[0]
+
+    def of(self, path: Path) -> list[Step]:
+        """Of one of the files; of another one what all have."""
+        paths = list(self.logs)
+        if path in self.logs:
+            return [step for step in self._steps if paths.index(path) in step.logs]
+        return [step for step in self._steps if len(step.logs) == len(paths)]

@@ -1,0 +1,91 @@
+"""The unit of commands, by the model file: slope and correlation of each command on the file's torque.
+
+Judged are commands that follow it (correlation above 0.7): right ones have a slope near 1, another unit lies
+a factor of 19 or more away. A joint that hardly moves holds what others do to it, and is not judged.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from etude.logs.checks.filtered_motion import Seen, goes_far
+from etude.logs.checks.finding_texts import accepted, named
+from etude.types import Array, Finding, Mask
+
+SCALE = "scale"
+FOLLOWS, SLOPE = 0.7, 3.0  # correlation from which a slope is judged, and how far off it may be
+FAINT = 1e-3  # of the largest torque in the file: what moves by less says nothing of a unit
+UNITS = {
+    "thousandths of N m": 1e3,
+    "kN m": 1e-3,
+    "N m taken for degrees": np.pi / 180.0,
+    "N m taken for radians": 180.0 / np.pi,
+}
+NEAR_FACTOR = 1.25  # a known unit explains a slope that is nearer than this
+
+
+def scale_finding(seen: Seen, torque: Array, limit: Array) -> Finding | None:
+    """Unit of commands that ought to be forces; None where no commands are logged.
+
+    Args:
+        torque: (n, k) what the model file says of the commands.
+        limit: (k,) largest commands, for percents.
+    """
+    if seen.command is None:
+        return None
+    slope, like = slopes(seen.command, torque)
+    size = torque.std(axis=0)
+    judged = (like > FOLLOWS) & (size > FAINT * size.max()) & goes_far(seen.q)
+    wrong = judged & ((np.abs(slope) > SLOPE) | (np.abs(slope) < 1.0 / SLOPE))
+    if wrong.any():
+        return _unit(seen, slope, wrong, limit)
+    if not judged.any():
+        return Finding(SCALE, "cannot tell", "No command follows the model file closely enough.")
+    values = ", ".join(f"{value:.2g}" for value in slope[judged])
+    said = f"Commands of {named(seen.parts, judged)} are {values} times the file's {_words(seen, judged)[0]}."
+    return Finding(SCALE, "green", said)
+
+
+def slopes(command: Array, torque: Array) -> tuple[Array, Array]:
+    """(k,) slope and correlation of each command on the file's torque; 0 where either is constant."""
+    a, b = torque - torque.mean(axis=0), command - command.mean(axis=0)
+    product, square, other = (a * b).sum(axis=0), (a * a).sum(axis=0), (b * b).sum(axis=0)
+    tiny = np.finfo(float).tiny
+    return product / np.maximum(square, tiny), product / np.sqrt(np.maximum(square * other, tiny))
+
+
+def _unit(seen: Seen, slope: Array, wrong: Mask, limit: Array) -> Finding:
+    values = ", ".join(f"{value:.3g}" for value in slope[wrong])
+    word, unit = _words(seen, wrong)
+    return Finding(
+        SCALE,
+        "yellow",
+        f"The commands of {named(seen.parts, wrong)} are {values} times the {word} of the model file: "
+        f"{_guess(np.abs(slope[wrong]), limit[wrong]).replace('N m', unit)}",
+        "State the unit in the header or in the robot file (command_unit), or convert them; "
+        + accepted(SCALE)
+        + ".",
+        flag=SCALE,
+    )
+
+
+def _words(seen: Seen, joints: Mask) -> tuple[str, str]:
+    """What those joints are driven by, and its unit: forces where all of them slide."""
+    kinds = {unit for unit, own in zip(seen.units, joints.tolist(), strict=True) if own}
+    return {("m",): ("force", "N"), ("m", "rad"): ("torque or force", "N m (N)")}.get(
+        tuple(sorted(kinds)), ("torque", "N m")
+    )
+
+
+def _guess(slope: Array, limit: Array) -> str:
+    """The factor nearest in logarithm, in words."""
+    percent = float(np.exp(np.abs(np.log(slope * limit / 100.0)).max()))
+    if percent < NEAR_FACTOR:
+        return "they look like percents of the limit."
+    middle = float(np.exp(np.median(np.log(slope))))
+    name, factor = min(UNITS.items(), key=lambda row: abs(np.log(middle / row[1])))
+    if abs(np.log(middle / factor)) < np.log(NEAR_FACTOR):
+        return f"they look like {name}."
+    if middle < 1.0:
+        return f"they look like a current, or like torques before a gear of about {1.0 / middle:.3g}."
+    return "they look like another unit."

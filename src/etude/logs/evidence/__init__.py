@@ -1,0 +1,1 @@
+"""Which joint, log, sign, order and direction do recorded commands belong to? One likelihood for all logs."""

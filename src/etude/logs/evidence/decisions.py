@@ -1,0 +1,431 @@
+"""What to believe of a robot's logs: one decision over all joints and all logs, with its odds.
+
+Hypotheses are weighed in the order in which one spoils the next: signs of some logs against the others,
+commands late, columns exchanged, rows reversed, signs of all logs, gravity taken out. Odds are natural
+logarithms against the logs as they are. What is decided is put right, and the logs are judged again.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Sequence
+from dataclasses import dataclass, replace
+from math import comb, lgamma
+from typing import Literal
+
+import numpy as np
+from scipy.special import logsumexp
+
+from etude.logs.checks.plausibility import DELAY, SIGN, SWAPPED
+from etude.logs.checks.velocities import DIRECTION
+from etude.logs.evidence.likelihood import NEITHER, ColumnEvidence, evidence_of, least
+from etude.logs.evidence.rows import AS_LOGGED, DELAYS, FilteredRows, rows_of
+from etude.protocols import Mean
+from etude.types import Array, Channel, Index, Log, Mask
+
+Level = Literal["certain", "ask", "note", "silent"]
+GRAVITY = "gravity"
+SURE, ASK = float(np.log(1e6)), float(np.log(20.0))
+LEAST_ROWS, LEAST_HALF = 40, 20  # fewer tell nothing; of half the rows
+
+
+@dataclass(frozen=True, eq=False)
+class Decision:
+    """What is believed of logs that were judged together; k joints.
+
+    Attributes:
+        level: certain: refused unless put right; ask: a question; note: put right and said; silent.
+        check: what it is about; "" of a silent one.
+        logs: which of the logs it is about; orders, directions and weights are judged of new ones.
+        by: of a sign: 1 or -1 (k,); of an order: the column of each joint's command (k,); of a delay: s.
+        odds: log odds against the logs as they are. ahead: against the next best decision.
+        told: (k,) log odds of the right sign to the inverted one, of the commands as they are.
+        moving, strange: (k,) joints that have a say, and those that no sign explains.
+        why: "weight" of a sign that the model file's weight tells; "time" of one that reversed rows would
+            explain as well; "order" of one that is neither a pair nor the reversal, and is not named.
+    """
+
+    level: Level
+    told: Array
+    moving: Mask
+    strange: Mask
+    check: str = ""
+    logs: tuple[int, ...] = ()
+    by: tuple[float, ...] = ()
+    odds: float = 0.0
+    ahead: float = np.inf
+    why: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class _Judged:
+    """The evidence of moving joints `own` (m,) with their own columns (m x d) and all columns (m x m)."""
+
+    rows: FilteredRows
+    own: Index
+    columns: ColumnEvidence
+    crossed: ColumnEvidence
+
+    @classmethod
+    def of(cls, rows: FilteredRows | None) -> _Judged | None:
+        """None of rows that are too few, or where nothing moves."""
+        if rows is None or len(rows.t) < LEAST_ROWS or not rows.moving.any():
+            return None
+        own = np.flatnonzero(rows.moving)
+        m, d = len(own), rows.command.shape[2]
+        joints = np.concatenate([np.repeat(np.arange(m), d), np.repeat(np.arange(m), m)])
+        columns = np.concatenate([np.repeat(np.arange(m), d), np.tile(np.arange(m), m)])
+        variants = np.concatenate([np.tile(np.arange(d), m), np.full(m * m, AS_LOGGED)])
+        found = evidence_of(rows, own, joints, columns, variants)
+        return cls(rows, own, found.take(slice(0, m * d)), found.take(slice(m * d, None)))
+
+    def variant(self, number: int) -> ColumnEvidence:
+        """Of each joint's own column in one variant."""
+        return self.columns.take(np.arange(len(self.own)) * self.rows.command.shape[2] + number)
+
+    def over(self, values: Array | Mask, fill: float) -> Array:
+        """(k,) of all joints, from those of the moving ones (m,)."""
+        found = np.full(len(self.rows.parts), fill, dtype=values.dtype)
+        found[self.own] = values
+        return np.asarray(found)
+
+    def decision(self, level: Level, **more: object) -> Decision:
+        given = self.variant(AS_LOGGED)
+        right, inverted = given.signs()
+        told, strange = self.over(right - inverted, 0.0), self.over(given.strange(), False)
+        return Decision(level, told, self.rows.moving, strange, **more)  # type: ignore[arg-type]
+
+
+def judge(
+    logs: Sequence[Log],
+    path: Channel,
+    body: Mean | None = None,
+    *,
+    fresh: Sequence[int] | None = None,
+    force: bool = True,
+    accepted: Collection[str] = (),
+) -> Decision:
+    """The decision over all logs together.
+
+    Args:
+        logs: with positions `path` and commands on them; their clocks are right.
+        body: what a model file says of the commands by itself; None without one.
+        fresh: indices of the logs that are new; the others were judged before. None: all.
+        force: whether commands are forces in SI, which may hold gravity.
+        accepted: checks of which nothing is said any more.
+    """
+    fresh = tuple(range(len(logs)) if fresh is None else fresh)
+    judged = _Judged.of(rows_of(logs, path, body, groups_of(len(logs), fresh), fresh))
+    if judged is None:
+        none = np.zeros(len(path.parts))
+        return Decision("silent", none, none > 0.0, none > 0.0)
+    new = [logs[i] for i in fresh]
+    # what was told before has its order and its direction
+    alone = judged if len(new) == len(logs) else _Judged.of(rows_of(new, path, body))
+    timed = all(_with_velocities(log, path) for log in new)
+
+    def hypotheses() -> Iterator[Decision | None]:
+        order, gain = (np.arange(0), -np.inf) if alone is None else order_of(alone)
+        exchanged = None
+        if alone is not None and gain >= ORDER:
+            exchanged = _exchanged(alone, new, path, body, order, gain)
+        turned = _signs(judged, fresh, doubtful=gain >= ASK)
+        yield exchanged if len(new) == 1 else None
+        yield turned if turned is not None and len(turned.logs) < len(logs) else None
+        yield _late(judged, fresh)
+        yield exchanged  # of several logs, one that is inverted looks like another order
+        yield None if timed or alone is None else _reversed(alone)
+        yield turned
+        yield None if alone is None else _weights(alone, force)
+
+    told = (found for found in hypotheses() if found is not None and found.check not in accepted)
+    found = next(told, None)
+    if found is None:
+        return judged.decision("silent")
+    return found if found.logs else replace(found, logs=fresh)
+
+
+def _with_velocities(log: Log, path: Channel) -> bool:
+    return any(c.derivative_of == path.name and c.name in log for c in log.channels.values())
+
+
+def groups_of(count: int, fresh: Sequence[int]) -> list[tuple[int, ...]]:
+    """Logs that may differ from the others: each by itself, and all new ones."""
+    if count < 2:
+        return []
+    new = tuple(fresh)
+    more = [new] if 1 < len(new) < count else []
+    return [*((i,) for i in range(max(0, count - MOST_GROUPS), count)), *more]
+
+
+AS_IS, EACH = 0.9, 0.15  # prior of the logs as they are; of each joint's sign, where some are inverted
+ALL, SOME = 0.03, 0.07  # prior that all signs are inverted, or some, in all logs
+MOST_GROUPS = 12  # logs that may differ from the others, of the newest
+GROUP, OLD_GROUP = 0.02, 0.002  # in some logs alone; where those were judged before
+
+
+@dataclass(frozen=True, eq=False)
+class Signs:
+    """The likeliest signs: turned (m,) in the logs of a group (-1: none is), odds as in `Decision`."""
+
+    turned: Mask
+    group: int
+    odds: float
+    ahead: float
+
+
+def signs_of(as_is: Array, turned: Sequence[Array], priors: Sequence[tuple[float, float]]) -> Signs:
+    """The best of all sets of joints in all groups of logs, without looking at each.
+
+    A set S of joints that are inverted in one group has evidence sum_{S} turned + sum_{others} as_is. Its
+    prior is every [S is every joint] + some EACH^|S| (1 - EACH)^(m - |S|), `priors` (every, some) of its
+    group. The second is a product, so its best set and the sum over its others follow joint by joint.
+
+    Args:
+        as_is: (m,) evidence of each joint as it is. turned: of each group, (m,) of its negated commands.
+    """
+    kept, whole = np.log1p(-EACH) + as_is, float(as_is.sum())
+    nothing = np.zeros(len(as_is), dtype=np.bool_)
+    none = [np.log(AS_IS) + whole, *(np.log(some) + kept.sum() for _, some in priors)]
+    found, rest = [(float(logsumexp(none)), nothing, -1)], []
+    for g, (own, (every, some)) in enumerate(zip(turned, priors, strict=True)):
+        other = np.log(EACH) + own
+        mixed = np.asarray(other > kept)
+        full = np.logaddexp(np.log(every) + own.sum(), np.log(some) + other.sum())
+        best = float(np.log(some) + np.maximum(kept, other).sum())
+        found.append((float(full), ~nothing, g))
+        if mixed.any() and not mixed.all():
+            found.append((best, mixed, g))
+        rest.append(best + _others(np.abs(other - kept)))
+    first = max(range(len(found)), key=lambda i: found[i][0])
+    score, joints, group = found[first]
+    next_ = float(logsumexp([*rest, *(one[0] for i, one in enumerate(found) if i != first)]))
+    return Signs(joints, group, score - found[0][0], score - next_)
+
+
+SMALL = -30.0  # log: log1p(x) and expm1(x) are x to rounding
+
+
+def _others(apart: Array) -> float:
+    """log(prod(1 + exp(-apart)) - 1), for odds (m,) >= 0 of any size."""
+    near = np.log(np.log1p(np.exp(-np.minimum(apart, -SMALL))))
+    small = float(logsumexp(np.where(apart > -SMALL, -apart, near)))
+    return small if small < SMALL else float(np.log(np.expm1(np.exp(small))))
+
+
+def _signs(judged: _Judged, fresh: Sequence[int], doubtful: bool) -> Decision | None:
+    """The likeliest inverted signs and the logs that have them; None where the logs are right as they are.
+
+    Of one log's commands negated, the evidence of right signs is that of this log inverted, the evidence of
+    inverted signs that of all the others. What the negation gains is that of the least favourable class, and
+    no more than what the sign is then known by; what it loses, no more than the sign is known by as it is:
+    where friction is not told from a function of the place, one log there and one back agree better with
+    one of them negated.
+    """
+    given = judged.variant(AS_LOGGED)
+    as_is, turned = given.signs()
+    whole, classes = np.maximum(as_is, turned), given.by_class()
+    lost = np.maximum(np.abs(as_is - turned), ASK)
+    everyone = tuple(range(int(judged.rows.log.max()) + 1))
+    found = {everyone: (turned, (ALL, SOME), AS_LOGGED)}
+    for g, group in enumerate(judged.rows.groups):
+        others, number = tuple(i for i in everyone if i not in group), len(DELAYS) + g
+        negated = judged.variant(number)
+        right, inverted = negated.signs()
+        known = np.abs(right - inverted)
+        gain = np.clip(least(negated.by_class(), classes), -np.maximum(lost, known), known)
+        gain += whole - np.maximum(right, inverted)
+        for logs, value in ((group, right + gain), (others, inverted + gain)):
+            share = GROUP if set(logs) <= set(fresh) else OLD_GROUP
+            found.setdefault(logs, (value, (share, share), number))
+    values, priors, numbers = zip(*found.values(), strict=True)
+    best = signs_of(as_is, values, priors)
+    if best.group < 0 or best.odds < ASK:
+        return None
+    logs = list(found)[best.group]
+    part = logs != everyone and not best.turned.all()  # of some logs some joints: rare, and easily misjudged
+    sure = best.odds >= SURE and best.ahead >= (2.0 if part else 1.0) * SURE
+    sure = sure and not (doubtful and logs == everyone)
+    # certain only as a whole: a joint that no sign explains makes it a question
+    sure = sure and not judged.variant(numbers[best.group]).strange().any()
+    by = np.where(judged.over(best.turned, False), -1.0, 1.0)
+    level: Level = "certain" if sure else "ask"
+    return judged.decision(
+        level, check=SIGN, logs=logs, by=tuple(by.tolist()), odds=best.odds, ahead=best.ahead
+    )
+
+
+SHIFT = 3.0 * SURE  # log odds from which commands are shifted: 15 in a right simulated log, 28 in real ones
+LEAST_DELAY = 0.03  # s: real sensors have less without harm
+DELAY_PRIOR = 100.0  # 1/s: log prior that falls with a delay
+
+
+def _late(judged: _Judged, fresh: Sequence[int]) -> Decision | None:
+    """Commands of the new logs before or behind the motion, alike in all joints."""
+    whole = [judged.variant(i).whole() for i in range(len(DELAYS))]
+    total = np.sum(whole, axis=1) - DELAY_PRIOR * np.abs(DELAYS)
+    long = np.abs(DELAYS) >= LEAST_DELAY
+    best, near = int(total.argmax()), int(np.where(long, -np.inf, total).argmax())
+    if not long[best] or best in (0, len(DELAYS) - 1):  # beyond what is tried it may be any
+        return None
+    sizes = [judged.variant(i).by_class() for i in (best, near)]
+    odds = float(least(*sizes).sum() + DELAY_PRIOR * (abs(DELAYS[near]) - abs(DELAYS[best])))
+    if odds < SHIFT:
+        return None
+    return judged.decision("note", check=DELAY, logs=tuple(fresh), by=(DELAYS[best],), odds=odds)
+
+
+ORDER = 2.0 * SURE  # log odds from which anything is said: right simulated logs reached 22
+PAIR, ANY_ORDER = 0.05, 0.005  # prior of one exchanged pair, of any other order
+
+
+def _gains(judged: _Judged) -> Array:
+    """(m, m) how much better column k fits joint j than its own joint, by the least favourable class, and no
+    more than the sign of k is known by under j: what depends on the place fits any joint by chance.
+    """
+    size, m = judged.crossed.by_class(), len(judged.own)
+    right, inverted = judged.crossed.signs()
+    own = np.tile(size[np.arange(m) * m + np.arange(m)], (m, 1))
+    gains = np.minimum(least(size, own), np.abs(right - inverted)).reshape(m, m)
+    np.fill_diagonal(gains, 0.0)
+    return gains
+
+
+def order_of(judged: _Judged) -> tuple[Index, float]:
+    """(m,) the column of each moving joint in the best order, and its log odds; -inf of the order given."""
+    from scipy.optimize import linear_sum_assignment
+
+    gains = _gains(judged)
+    order = np.asarray(linear_sum_assignment(-gains)[1])
+    m = len(order)
+    moved = int((order != np.arange(m)).sum())
+    if not moved:
+        return order, -np.inf
+    prior = np.log(PAIR / comb(m, 2)) if moved == 2 else np.log(ANY_ORDER) - lgamma(m + 1)
+    return order, float(gains[np.arange(m), order].sum() + prior)
+
+
+def _exchanged(
+    judged: _Judged, logs: Sequence[Log], path: Channel, body: Mean | None, order: Index, gain: float
+) -> Decision | None:
+    """Exchanged columns, if either half of every log says so by itself."""
+    m = len(order)
+    halves = [_half_gain(logs, path, body, judged.own, order, first) for first in (True, False)]
+    if min(halves) <= 0.0:
+        return None
+    usual = int((order != np.arange(m)).sum()) == 2 or bool((order == np.arange(m)[::-1]).all())
+    level: Level = "certain" if usual and min(halves) >= ASK else "ask"
+    best = np.arange(len(judged.rows.parts))
+    best[judged.own] = judged.own[order]
+    by = tuple(best.astype(np.float64).tolist())
+    why = "" if usual else "order"
+    return judged.decision(level, check=SWAPPED, by=by, odds=gain, why=why)
+
+
+def _half_gain(
+    logs: Sequence[Log], path: Channel, body: Mean | None, own: Index, order: Index, first: bool
+) -> float:
+    """What the order gains over half of every log."""
+    parts = [log.take((log.t <= 0.5 * (log.t[0] + log.t[-1])) == first) for log in logs]
+    rows = rows_of(parts, path, body)
+    if rows is None or len(rows.t) < LEAST_HALF:
+        return 0.0
+    m = len(own)
+    joints, columns = np.repeat(np.arange(m), m), np.tile(np.arange(m), m)
+    found = evidence_of(rows, own, joints, columns, np.full(m * m, AS_LOGGED))
+    return float(_gains(_Judged(rows, own, found, found))[np.arange(m), order].sum())
+
+
+BACKWARDS = float(np.log(0.02))  # log prior of reversed rows
+EXPLAINED = 0.7  # of the joints, at least, that reversed rows explain
+
+
+def _reversed(judged: _Judged) -> Decision | None:
+    """Rows that run backwards: inertia and weight right, friction inverted. All signs inverted look alike
+    but for these, so where the two cannot be told apart one question names both.
+    """
+    given = judged.variant(AS_LOGGED)
+    right, inverted, back = (logsumexp(x, axis=1) for x in (given.right, given.inverted, given.reversed))
+    turned = BACKWARDS + float((back - right).sum())
+    flipped = float(np.log(ALL)) + float((inverted - right).sum())
+    as_is, other = given.signs()
+    signs = signs_of(as_is, [other], [(ALL, SOME)])
+    rest = -np.inf if signs.group < 0 or signs.turned.all() else signs.odds
+    explained = np.mean(back > logsumexp(given.free, axis=1) + NEITHER) > EXPLAINED
+    if max(turned, flipped) < ASK or max(turned, flipped) < rest + ASK:
+        return None
+    if turned > flipped + ASK and explained:
+        sure = turned >= SURE and turned > flipped + SURE
+        level: Level = "certain" if sure else "ask"
+        return judged.decision(level, check=DIRECTION, by=(-1.0,), odds=turned, ahead=turned - flipped)
+    if abs(turned - flipped) < ASK and not given.strange().any():
+        by = np.where(judged.rows.moving, -1.0, 1.0)
+        return judged.decision(
+            "ask",
+            check=SIGN,
+            by=tuple(by.tolist()),
+            odds=flipped,
+            ahead=flipped - turned,
+            why="time",
+        )
+    return None
+
+
+APART = 5.0  # rows that one independent row is worth
+FLOOR = 1e-3  # of a command's variance that no model explains
+CLEAR, UPSIDE_DOWN, LITTLE = 6.0, 0.4, 0.25  # deviations; parts of the file's gravity
+
+
+@dataclass(frozen=True, eq=False)
+class Weight:
+    """Of the model file's gravity: the part that commands hold, over all joints and by joint (m,), and the
+    deviations of both.
+    """
+
+    part: float
+    deviation: float
+    parts: Array
+    deviations: Array
+
+
+def weight_of(rows: FilteredRows, own: Index) -> Weight | None:
+    """By least squares, beside the file's other torques, inertia and friction; each joint is weighed by what
+    is left of it. None without a model file, or where it has no weight.
+    """
+    if rows.torque is None or rows.static is None:
+        return None
+    product, square = np.zeros(len(own)), np.zeros(len(own))
+    for i, j in enumerate(own.tolist()):
+        y, g = rows.command[:, j, AS_LOGGED], rows.static[:, j]
+        others = [np.ones_like(y), rows.torque[:, j] - g, rows.qdd[:, j], rows.qd[:, j], rows.friction[:, j]]
+        Q = np.linalg.qr(np.column_stack(others))[0]
+        g, z = g - Q @ (Q.T @ g), y - Q @ (Q.T @ y)
+        if (size := float(g @ g)) > FAINT:
+            left = float(((z - g * (g @ z) / size) ** 2).mean()) + FLOOR * float(y.var())
+            product[i], square[i] = float(g @ z) / left, size / left
+    if not square.any():
+        return None
+    with np.errstate(divide="ignore", invalid="ignore"):
+        parts, deviations = np.where(square > 0.0, product / square, 0.0), np.sqrt(APART / square)
+    return Weight(
+        float(product.sum() / square.sum()), float(np.sqrt(APART / square.sum())), parts, deviations
+    )
+
+
+FAINT = 1e-12  # squared N m: no weight
+
+
+def _weights(judged: _Judged, force: bool) -> Decision | None:
+    """Weight upside down in a joint whose friction tells nothing, or none at all: taken out already."""
+    weight = weight_of(judged.rows, judged.own)
+    if weight is None:
+        return None
+    told = (np.abs(weight.parts) > CLEAR * weight.deviations) & (np.abs(weight.parts) > UPSIDE_DOWN)
+    down = judged.over(told & (weight.parts < 0.0), False)
+    if down.any():
+        by = tuple(np.where(down, -1.0, 1.0).tolist())
+        return judged.decision("ask", check=SIGN, by=by, odds=CLEAR, why="weight")
+    little = abs(weight.part) < LITTLE and (1.0 - weight.part) > CLEAR * weight.deviation
+    if force and little and not told.any():
+        by = (weight.part, weight.deviation)
+        return judged.decision("ask", check=GRAVITY, by=by, odds=CLEAR)
+    return None

@@ -1,0 +1,169 @@
+"""A decision in words: findings of `tell` and `inspect`, with the answers that each of them takes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Literal
+
+import numpy as np
+
+from etude.logs.checks.finding_texts import Mendable, accepted, both, named
+from etude.logs.checks.plausibility import DELAY, SIGN, SWAPPED
+from etude.logs.checks.velocities import DIRECTION
+from etude.logs.evidence.decisions import ASK, GRAVITY, LEAST_DELAY, Decision
+from etude.types import Finding
+
+COMMANDS = "commands"
+MOST = 1000.0  # log odds that are written out
+
+
+def finding_of(decision: Decision, parts: Sequence[str], sources: Sequence[str], old: int = 0) -> Finding:
+    """What a decision that is not silent says.
+
+    Args:
+        parts: names of the joints.
+        sources: names of the logs that were judged, the oldest first.
+        old: how many of them were told before, so that nothing repairs them now.
+    """
+    where = _where(decision, sources)
+    if decision.check == SIGN:
+        found = _sign(decision, parts, where)
+    elif decision.check == SWAPPED:
+        found = _swapped(decision, parts, where)
+    elif decision.check == DIRECTION:
+        found = _direction(decision, where)
+    elif decision.check == DELAY:
+        return _delay(decision, where)
+    else:
+        return _gravity(decision)
+    told = [i for i in decision.logs if i < old]
+    return _of_told(found, [sources[i] for i in told]) if told else found
+
+
+def green(decision: Decision, parts: Sequence[str]) -> list[Finding]:
+    """What a silent decision says of delay, order and signs."""
+    if not decision.moving.any():
+        fact = "Too little motion to tell whose a command is, its sign or its delay."
+        return [Finding(COMMANDS, "cannot tell", fact)]
+    known = np.asarray(decision.told >= ASK)
+    unsure = named(parts, ~known)
+    if not known.any():
+        fact = "Neither sign of any command explains the motion better."
+        signs = Finding(
+            SIGN, "cannot tell", fact, "A longer motion, or a model file with masses, tells more."
+        )
+    else:
+        rest = f" Of {unsure} it cannot be told." if unsure else ""
+        signs = Finding(SIGN, "green", f"The sign of the commands of {named(parts, known)} is right.{rest}")
+    step = f"The commands are in step with the motion, to {1e3 * LEAST_DELAY:.0f} ms."
+    order = Finding(SWAPPED, "green", "No other order of the commands fits better.")
+    return [Finding(DELAY, "green", step), *([order] if decision.moving.sum() > 1 else []), signs]
+
+
+def _where(decision: Decision, sources: Sequence[str]) -> str:
+    """ " in all 3 logs", " in b.csv alone"; "" of a single log."""
+    if len(sources) == 1:
+        return ""
+    if len(decision.logs) == len(sources):
+        return f" in all {len(sources)} logs"
+    return f" in {', '.join(sources[i] for i in decision.logs)} alone"
+
+
+def _light(decision: Decision) -> Literal["red", "yellow"]:
+    return "red" if decision.level == "certain" else "yellow"
+
+
+def _odds(decision: Decision) -> str:
+    """ "odds e^40 to 1; e^8 to 1 against the next best"."""
+    ahead = f"; {_power(decision.ahead)} against the next best" if np.isfinite(decision.ahead) else ""
+    return f"odds {_power(decision.odds)}{ahead}"
+
+
+def _power(odds: float) -> str:
+    return f"e^{odds:.0f} to 1" if odds < MOST else f"above e^{MOST:.0f} to 1"
+
+
+def _sure(decision: Decision) -> str:
+    return "" if decision.level == "certain" else "very probably "
+
+
+def _sign(decision: Decision, parts: Sequence[str], where: str) -> Finding:
+    turned = np.array(decision.by) < 0.0
+    names = named(parts, turned)
+    if decision.why == "weight":
+        fact = f"The weight that the model file gives is upside down in the commands of {names}{where}: very "
+        fact += "probably their sign is inverted."
+    else:
+        fact = f"The sign of the commands of {names} is {_sure(decision)}inverted{where} ({_odds(decision)})."
+    if decision.why == "time":
+        fact += " Rows that run backwards in time would look the same."
+    strange = np.asarray(decision.strange & decision.moving)
+    if strange.any():
+        fact += f" Neither sign explains the commands of {named(parts, strange)}."
+    repair = both(SIGN, f"turn the sign of {names}{where}")
+    settle = (
+        "" if decision.level == "certain" else " A longer motion, or a model file with masses, tells more."
+    )
+    turn = " If the rows run backwards, turn the file round instead." if decision.why == "time" else ""
+    return Mendable(SIGN, _light(decision), fact, repair + turn + settle, flag=SIGN, by=decision.by)
+
+
+def _swapped(decision: Decision, parts: Sequence[str], where: str) -> Finding:
+    order = [int(j) for j in decision.by]
+    moved = np.asarray([j != i for i, j in enumerate(order)])
+    if decision.why == "order":
+        return Finding(
+            SWAPPED,
+            "yellow",
+            f"The commands of {named(parts, moved)} fit these joints better in another order{where} "
+            f"({_odds(decision)}), which is not certain.",
+            f"Check the order of the columns; {accepted(SWAPPED)}.",
+            flag=SWAPPED,
+        )
+    pairs = ", ".join(f"{parts[i]} fits the column of {parts[j]}" for i, j in enumerate(order) if i != j)
+    return Mendable(
+        SWAPPED,
+        _light(decision),
+        f"The commands of {named(parts, moved)} are {_sure(decision)}swapped{where}: {pairs} "
+        f"({_odds(decision)}).",
+        both(SWAPPED, "put them into this order"),
+        flag=SWAPPED,
+        by=decision.by,
+    )
+
+
+def _direction(decision: Decision, where: str) -> Finding:
+    fact = (
+        f"The rows {_sure(decision)}run backwards in time{where}: inertia is positive and friction "
+        f"negative in the commands of all joints ({_odds(decision)})."
+    )
+    return Mendable(DIRECTION, _light(decision), fact, both(DIRECTION, "turn the rows round"), flag=DIRECTION)
+
+
+def _delay(decision: Decision, where: str) -> Finding:
+    late = decision.by[0]
+    way = "behind" if late > 0.0 else "ahead of"
+    fact = f"The commands are {1e3 * abs(late):.0f} ms {way} the motion{where} ({_odds(decision)})."
+    return Mendable(DELAY, "yellow", fact, "They are shifted by that when the log is told.", by=decision.by)
+
+
+def _gravity(decision: Decision) -> Finding:
+    part, deviation = decision.by
+    return Finding(
+        GRAVITY,
+        "yellow",
+        f"The commands hold {part:.2f} +- {deviation:.2f} of the model file's gravity over all joints: it "
+        "seems to be taken out already.",
+        f"Log the whole command, or check masses and mounting in the model file; {accepted(GRAVITY)}.",
+        flag=GRAVITY,
+    )
+
+
+def _of_told(found: Finding, sources: Sequence[str]) -> Finding:
+    """The same of logs that were told before: nothing is repaired in part."""
+    step = (
+        f"Learned so before: {', '.join(sources)}. Take that back (etude untell FOLDER NUMBER) and tell all "
+        f"logs together with --repair {found.check}; {accepted(found.check)}."
+    )
+    return replace(found, step=step)

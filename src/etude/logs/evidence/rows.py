@@ -1,0 +1,147 @@
+"""Rows of all logs of a robot through one zero-phase filter: motion, regressors, and commands to explain.
+
+Positions pass 5 Hz, regressors and commands 2 Hz. The friction column is formed between the two filters: its
+step at a reversal has to pass the filter that the command passes. A few hundred rows are kept: a command
+behind a filter of 2 Hz says little more.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from etude.logs.checks.filtered_motion import goes_far, states_of
+from etude.logs.cleaning.smoothing import median_rate, quick_length, resample, segments, smooth, uniform_grid
+from etude.protocols import Mean
+from etude.types import Array, Channel, Index, Log, Mask
+
+MOST_ROWS = 360  # over all logs: the cost of a covariance matrix grows with their cube
+MOST_RATE = 10.0  # rows a second: beyond, neighbours say the same
+FILTER_RATE = 200.0  # Hz at which logs are filtered, at most
+KEPT_RATE = 50.0  # Hz at which regressors are formed
+MOTION_HZ, COMMAND_HZ = 5.0, 2.0  # cutoffs of positions, and of commands and their regressors
+ORDER = 3  # of the Butterworth filter whose squared gain is applied
+EDGE_S = 0.3  # s at either end that hold the filter's own ends
+STEP_SPEED = 0.03  # of a joint's top speed, over which Coulomb friction changes its sign
+LEAST_S = 1.0  # s of a stretch that is looked at
+APART_S = 1e4  # s between logs: noise has no memory from one to the next
+DELAYS = (-0.1, -0.06, -0.04, -0.02, 0.0, 0.02, 0.04, 0.06, 0.1, 0.15)  # s by which commands may be late
+AS_LOGGED = DELAYS.index(0.0)
+
+
+@dataclass(frozen=True, eq=False)
+class FilteredRows:
+    """n rows of all logs; k joints; d variants of the commands.
+
+    Attributes:
+        t: (n,) s, logs far apart. log: (n,) the index of each row's log.
+        q, qd, qdd: (n, k) rad or m and their rates, through the filters.
+        friction: (n, k) a smooth sign of the velocity, through the filter.
+        command: (n, k, d) at each of DELAYS, and then with the commands of each group of logs negated.
+        torque, static: (n, k) what the model file says of the commands, whole and at rest; None without one.
+        groups: the logs whose commands are negated in each variant after the delays.
+        parts, units: of the positions.
+    """
+
+    t: Array
+    log: Index
+    q: Array
+    qd: Array
+    qdd: Array
+    friction: Array
+    command: Array
+    torque: Array | None
+    static: Array | None
+    groups: tuple[tuple[int, ...], ...]
+    parts: tuple[str, ...]
+    units: tuple[str, ...]
+
+    @property
+    def moving(self) -> Mask:
+        """(k,) joints that go far enough to have a say."""
+        return goes_far(self.q)
+
+
+def rows_of(
+    logs: Sequence[Log],
+    path: Channel,
+    body: Mean | None = None,
+    groups: Sequence[tuple[int, ...]] = (),
+    late: Sequence[int] | None = None,
+) -> FilteredRows | None:
+    """The rows of logs that hold positions `path` and the commands on them; None of too short ones.
+
+    Args:
+        body: what a model file says of the commands by itself.
+        groups: logs whose commands are negated together, one variant each.
+        late: logs whose commands are delayed; None: all.
+    """
+    pieces = [(i, log.take(piece)) for i, log in enumerate(logs) for piece in _stretches(log)]
+    if not pieces:
+        return None
+    rate = min(MOST_RATE, MOST_ROWS / sum(float(np.ptp(log.t)) for _, log in pieces))
+    found = []
+    for i, log in pieces:
+        delays = DELAYS if late is None or i in late else (0.0,) * len(DELAYS)
+        found.append(_filtered(log, path, body, rate, delays))
+    which = np.concatenate([np.full(len(one["t"]), i) for (i, _), one in zip(pieces, found, strict=True)])
+    whole = {name: np.concatenate([one[name] for one in found]) for name in found[0]}
+    return FilteredRows(
+        t=whole["t"] + APART_S * which,
+        log=which,
+        q=whole["q"],
+        qd=whole["qd"],
+        qdd=whole["qdd"],
+        friction=whole["friction"],
+        command=_with_groups(whole["command"], which, groups),
+        torque=whole.get("torque"),
+        static=whole.get("static"),
+        groups=tuple(groups),
+        parts=path.parts,
+        units=path.units,
+    )
+
+
+def _stretches(log: Log) -> list[slice]:
+    return [piece for piece in segments(log.t) if np.ptp(log.t[piece]) >= LEAST_S]
+
+
+def _with_groups(command: Array, which: Index, groups: Sequence[tuple[int, ...]]) -> Array:
+    """(n, k, d) with one variant more for each group, whose commands are negated."""
+    turned = [
+        np.where(np.isin(which, group)[:, None], -1.0, 1.0) * command[..., AS_LOGGED] for group in groups
+    ]
+    return np.concatenate([command, *(one[..., None] for one in turned)], axis=2)
+
+
+def _filtered(
+    log: Log, path: Channel, body: Mean | None, rate: float, delays: Sequence[float]
+) -> dict[str, Array]:
+    """Rows of one stretch by name, `rate` a second, without the ends of the filter."""
+    fine = min(FILTER_RATE, median_rate(log.t))
+    grid = uniform_grid(log.t, fine)
+    grid = grid[: quick_length(len(grid))]
+    thin = slice(None, None, max(1, int(fine / KEPT_RATE)))
+    cutoff = min(COMMAND_HZ, 0.35 * max(rate, 2.0))
+    command = next(c for c in log.channels.values() if c.role == "command" and c.acts_on == path.name)
+    moved = smooth(grid, resample(log.t, log[path.name], grid), MOTION_HZ, ORDER)
+    q, qd, qdd = moved.value[thin], moved.first[thin], moved.second[thin]
+    t = grid[thin]
+    top = np.abs(qd).max(axis=0) + np.finfo(float).tiny
+    parts = {"qd": qd, "qdd": qdd, "friction": np.tanh(qd / (STEP_SPEED * top))}
+    if body is not None:
+        states = states_of(t, path, q, qd, qdd)
+        parts |= {"torque": body.predict(states), "static": body.static(states)}
+    asked = smooth(grid, resample(log.t, log[command.name], grid), cutoff, ORDER).value
+    keep = _kept(t, rate)
+    rows = {name: smooth(t, values, cutoff, ORDER).value[keep] for name, values in parts.items()}
+    late = [resample(grid, asked, t[keep] + delay) for delay in delays]
+    return rows | {"t": t[keep], "q": q[keep], "command": np.stack(late, axis=2)}
+
+
+def _kept(t: Array, rate: float) -> slice:
+    step = float(t[-1] - t[0]) / (len(t) - 1)
+    edge = int(EDGE_S / step)
+    return slice(edge, len(t) - max(1, edge), max(1, round(1.0 / (rate * step))))

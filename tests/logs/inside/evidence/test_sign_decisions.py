@@ -1,0 +1,196 @@
+"""One decision over all joints and logs: what is wrong is named, what is right is not asked about."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from itertools import product
+
+import numpy as np
+import pytest
+from made_motion import COMMAND, GRAVITY, NAMES, RATE, Q, command_of, moved
+
+from etude.logs.checks.plausibility import repaired
+from etude.logs.evidence.decisions import AS_IS, EACH, Decision, judge, signs_of
+from etude.logs.evidence.findings import finding_of
+from etude.types import Array, Log
+
+SIGNS = np.array([1.0, -1.0, 1.0])
+
+
+def with_command(log: Log, command: Array) -> Log:
+    return log.put(COMMAND, np.ascontiguousarray(command))
+
+
+def inverted(log: Log, signs: Array | float = -1.0) -> Log:
+    return with_command(log, log["command"] * signs)
+
+
+def reversed_rows(log: Log) -> Log:
+    return replace(log, values={name: part[::-1].copy() for name, part in log.values.items()})
+
+
+def late(log: Log, seconds: float) -> Log:
+    return with_command(
+        log, np.column_stack([np.interp(log.t - seconds, log.t, u) for u in log["command"].T])
+    )
+
+
+def decided(*logs: Log, fresh: Sequence[int] | None = None, body: object = None) -> Decision:
+    return judge(logs, Q, body, fresh=fresh)  # type: ignore[arg-type]
+
+
+WRONG: dict[str, tuple[Callable[[Log], Log], str, tuple[float, ...]]] = {
+    "one sign": (lambda log: inverted(log, SIGNS), "sign", (1.0, -1.0, 1.0)),
+    "all signs": (inverted, "sign", (-1.0, -1.0, -1.0)),
+    "a pair": (lambda log: with_command(log, log["command"][:, [1, 0, 2]]), "swapped", (1.0, 0.0, 2.0)),
+}
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_right_logs_are_not_asked_about(seed: int) -> None:
+    log, other = moved(seed=seed), moved(seed=seed + 10)
+    for logs in ((log,), (log.without("qd"),), (log, other)):
+        found = decided(*logs)
+        assert (found.level, found.check) == ("silent", "")
+    assert (decided(log).told > 20.0).all()
+
+
+@pytest.mark.parametrize("name", WRONG)
+def test_a_wrong_log_is_certain_and_silent_once_repaired(name: str) -> None:
+    change, check, by = WRONG[name]
+    wrong = change(moved())
+    found = decided(wrong)
+    assert (found.level, found.check, found.by) == ("certain", check, by)
+    mended = repaired(wrong, finding_of(found, NAMES, ["a.csv"]))
+    np.testing.assert_array_equal(mended["command"], moved()["command"])
+    assert decided(mended).level == "silent"
+
+
+def test_another_order_than_a_pair_is_a_question_that_names_none() -> None:
+    found = decided(with_command(moved(), moved()["command"][:, [1, 2, 0]]))
+    assert (found.level, found.check) == ("ask", "swapped")
+    said = finding_of(found, NAMES, ["a.csv"])
+    assert "another order" in said.sentence
+    assert "--repair" not in said.step
+
+
+def test_all_logs_have_one_decision() -> None:
+    logs = [inverted(moved(seed=seed), SIGNS) for seed in range(3)]
+    found = decided(*logs)
+    assert (found.level, found.check, found.logs) == ("certain", "sign", (0, 1, 2))
+    assert found.by == tuple(SIGNS)
+    assert "in all 3 logs" in finding_of(found, NAMES, ["a", "b", "c"]).sentence
+
+
+@pytest.mark.parametrize("signs", [SIGNS, -np.ones(3)])
+@pytest.mark.parametrize("odd", [0, 1, 2])
+def test_one_log_against_its_fellows(odd: int, signs: Array) -> None:
+    logs = [moved(seed=seed) for seed in range(3)]
+    logs[odd] = inverted(logs[odd], signs)
+    found = decided(*logs)
+    assert (found.check, found.logs, found.by) == ("sign", (odd,), tuple(signs))
+    assert found.level == "certain"
+
+
+def test_new_logs_are_held_against_those_before() -> None:
+    logs = [moved(seed=0), *(inverted(moved(seed=seed)) for seed in (1, 2))]
+    found = decided(*logs, fresh=[1, 2])
+    assert (found.check, found.logs) == ("sign", (1, 2))
+    # a log that was learned is not put right by a later one
+    old = finding_of(decided(inverted(moved()), moved(seed=1), fresh=[1]), NAMES, ["log 1", "b.csv"], old=1)
+    assert "log 1 alone" in old.sentence
+    assert "etude untell" in old.step
+
+
+def test_an_exchanged_pair_is_found_beside_logs_that_were_told() -> None:
+    wrong = with_command(moved(seed=2), moved(seed=2)["command"][:, [1, 0, 2]])
+    found = decided(moved(seed=0), moved(seed=1), wrong, fresh=[2])
+    assert (found.level, found.check, found.logs) == ("certain", "swapped", (2,))
+
+
+def test_reversed_rows_look_like_inverted_signs_without_velocities() -> None:
+    found = decided(reversed_rows(moved()).without("qd"))
+    assert (found.level, found.check, found.why) == ("ask", "sign", "time")
+    assert "backwards" in finding_of(found, NAMES, ["a.csv"]).sentence
+
+
+class Body:
+    """What a model file would say of the made motion: all but friction."""
+
+    def __init__(self, masses: float = 1.0) -> None:
+        self.masses = masses
+
+    def predict(self, log: Log) -> Array:
+        q = log["q"]
+        return np.asarray(self.masses * command_of(q, np.zeros_like(q), log["qdd"]))
+
+    def static(self, log: Log) -> Array:
+        return np.asarray(self.masses * GRAVITY * np.sin(log["q"]))
+
+
+def test_gravity_that_is_taken_out_is_asked_about() -> None:
+    left = with_command(moved(), moved()["command"] - GRAVITY * np.sin(moved()["q"]))
+    found = decided(left, body=Body())
+    assert (found.level, found.check) == ("ask", "gravity")
+    assert abs(found.by[0]) < 0.05
+    assert decided(moved(), body=Body()).level == "silent"
+    assert judge([left], Q, Body(), force=False).level == "silent"  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("seconds", [-0.04, 0.04, 0.06])
+def test_commands_that_are_late_or_early_are_noted_and_shifted(seconds: float) -> None:
+    wrong = late(moved(), seconds)
+    found = decided(wrong)
+    assert (found.level, found.check, found.by) == ("note", "delay", (seconds,))
+    mended = repaired(wrong, finding_of(found, NAMES, ["a.csv"]))
+    assert decided(mended).level == "silent"
+    rows = slice(200, -200)
+    right = np.interp(mended.t, moved().t, moved()["command"][:, 0])
+    np.testing.assert_allclose(mended["command"][rows, 0], right[rows], atol=0.05)
+
+
+def test_a_circle_with_friction_is_not_asked_about() -> None:
+    """One sine for each joint: a force that depends on the place may take as much power as friction."""
+    t = np.arange(3000) / RATE
+    angle = 2.0 * np.pi * t[:, None] / 6.0 + np.array([0.0, 0.5 * np.pi, 1.0])
+    q, qd = np.sin(angle), np.cos(angle) * 2.0 * np.pi / 6.0
+    turning = -3.0 * q[:, [1, 2, 0]]
+    command = command_of(q, qd, -q * (2.0 * np.pi / 6.0) ** 2) + turning
+    assert decided(Log(t, {}, {}, "made").put(Q, q).put(COMMAND, command)).level == "silent"
+
+
+@pytest.mark.parametrize("moving", [0, 2])
+def test_a_joint_that_barely_moves_has_no_say(moving: int) -> None:
+    log = moved()
+    q = np.where(np.arange(3) == moving, log["q"], 0.3 + 1e-3 * log["q"])
+    found = decided(inverted(log.put(Q, q).without("qd"), np.where(np.arange(3) == moving, 1.0, -1.0)))
+    assert found.level == "silent"
+    assert found.moving.tolist() == [j == moving for j in range(3)]
+
+
+def test_nothing_is_said_of_a_moment() -> None:
+    assert not decided(moved(1.2)).moving.any()
+    assert decided(moved().take(slice(0, 60))).level == "silent"
+
+
+def test_the_best_signs_are_those_of_all_sets() -> None:
+    """Against all 2^m sets in each group, added up one by one."""
+    rng = np.random.default_rng(0)
+    for _ in range(20):
+        as_is, turned = rng.normal(0.0, 4.0, 3), list(rng.normal(0.0, 4.0, (2, 3)))
+        priors = [(0.03, 0.07), (0.02, 0.02)]
+        weights: dict[tuple[int, tuple[bool, ...]], float] = {(-1, (False,) * 3): np.log(AS_IS) + as_is.sum()}
+        for g, (own, (every, some)) in enumerate(zip(turned, priors, strict=True)):
+            for chosen in product([False, True], repeat=3):
+                prior = some * np.prod(np.where(chosen, EACH, 1.0 - EACH)) + every * all(chosen)
+                key = (g if any(chosen) else -1, chosen)
+                value = np.log(prior) + np.where(chosen, own, as_is).sum()
+                weights[key] = float(np.logaddexp(weights.get(key, -np.inf), value))
+        best = max(weights, key=lambda key: weights[key])
+        found = signs_of(as_is, turned, priors)
+        assert (found.group, tuple(found.turned)) == best
+        none = weights[(-1, (False,) * 3)]
+        assert found.odds == pytest.approx(weights[best] - none)
+        rest = np.logaddexp.reduce([value for key, value in weights.items() if key != best])
+        assert weights[best] - rest - np.log(2.0) < found.ahead < weights[best] - rest + 1e-9

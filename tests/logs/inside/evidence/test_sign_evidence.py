@@ -1,0 +1,121 @@
+"""The evidence of a command's sign: exact orthants, and figures of real logs.
+
+The figures were made by another implementation, whose filter is digital and of finite differences; that of
+`logs.evidence.rows` has the same gain in the frequency domain, so they agree to a few parts in a hundred.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.special import log_ndtr, logsumexp
+from scipy.stats import multivariate_normal
+
+import etude
+from etude.logs.evidence.likelihood import ColumnEvidence, evidence_of, least, log_orthant
+from etude.logs.evidence.rows import AS_LOGGED, DELAYS, FilteredRows, rows_of
+from etude.types import Array, Log
+
+EXAMPLES = Path(__file__).parents[4] / "examples"
+
+
+@cache
+def example(name: str) -> Log:
+    return etude.read_log(EXAMPLES / name / f"{name}_exciting.csv", EXAMPLES / name / f"{name}.toml")
+
+
+@cache
+def rows(name: str) -> FilteredRows:
+    found = rows_of([example(name)], example(name).channels["q"])
+    assert found is not None
+    return found
+
+
+def own_columns(rows: FilteredRows, variants: int = 1) -> ColumnEvidence:
+    """Of each joint's own column as it was logged, or in each variant."""
+    own = np.arange(rows.q.shape[1])
+    joints = np.repeat(own, variants)
+    numbers = np.tile(np.arange(variants) if variants > 1 else [AS_LOGGED], len(own))
+    return evidence_of(rows, own, joints, joints, numbers)
+
+
+def test_two_independent_halves_are_their_product() -> None:
+    (found,) = log_orthant(np.array([[-3.0, -3.0]]), np.eye(2)[None])
+    assert found == pytest.approx(2.0 * log_ndtr(-3.0), abs=1e-12)
+    assert found == pytest.approx(-13.21545, abs=1e-5)
+
+
+@pytest.mark.parametrize("k", [1, 2, 3, 4])
+def test_an_orthant_is_near_the_integral(k: int) -> None:
+    rng = np.random.default_rng(k)
+    A = rng.normal(size=(6, k, k))
+    S, m = A @ A.transpose(0, 2, 1) + 0.2 * np.eye(k), rng.normal(size=(6, k))
+    exact = [np.log(multivariate_normal.cdf(mean, np.zeros(k), cov)) for mean, cov in zip(m, S, strict=True)]
+    np.testing.assert_allclose(log_orthant(m, S), exact, atol=0.02)
+
+
+def test_an_orthant_far_away_is_finite() -> None:
+    mean = np.array([[-1e4, -3e4, 5.0], [1e8, -1e7, 1.0]])
+    assert np.isfinite(log_orthant(mean, np.stack([np.eye(3), 0.5 * np.eye(3) + 0.4]))).all()
+
+
+def test_the_evidence_of_one_joint() -> None:
+    """TX40, joint 1: unrestricted, right, inverted and reversed in time."""
+    found = own_columns(rows("tx40")).take(np.array([0]))
+    right, inverted, back, free = (
+        float(logsumexp(one)) for one in (found.right, found.inverted, found.reversed, found.free)
+    )
+    assert free == pytest.approx(233.8, abs=0.5)
+    assert right == pytest.approx(235.9, abs=0.5)
+    assert right - free == pytest.approx(3.0 * np.log(2.0), abs=0.01)  # all mass is in the orthant
+    assert inverted == pytest.approx(-1158.5, rel=0.01)
+    assert back == pytest.approx(-976.6, rel=0.01)
+
+
+@pytest.mark.parametrize(
+    ("name", "odds"),
+    [
+        ("ur10", [4577, 2324, 3603, 5337, 2507, 617]),
+        ("tx40", [1381, 354, 707, 8388, 150, 364]),
+        ("tiago", [1, 338, 358, -399, -262]),
+    ],
+)
+def test_log_odds_of_signs(name: str, odds: list[float]) -> None:
+    right, inverted = own_columns(rows(name)).signs()
+    np.testing.assert_allclose(right - inverted, odds, rtol=0.03, atol=3.0)
+
+
+def test_an_inverted_command_has_the_opposite_odds() -> None:
+    log = example("tx40")
+    turned = rows_of([log.put(log.channels["command"], -log["command"])], log.channels["q"])
+    assert turned is not None
+    for own, other in zip(own_columns(turned).signs(), own_columns(rows("tx40")).signs()[::-1], strict=True):
+        np.testing.assert_allclose(own, other, atol=1e-6)
+
+
+def test_no_unit_matters() -> None:
+    log = example("tx40")
+    times = rows_of([log.put(log.channels["command"], 1e-3 * log["command"])], log.channels["q"])
+    assert times is not None
+    np.testing.assert_allclose(own_columns(times).right, own_columns(rows("tx40")).right, atol=1e-6)
+
+
+def test_the_curve_of_delays() -> None:
+    """UR10: the log is nearest to 20 ms, and falls on both sides."""
+    whole = own_columns(rows("ur10"), len(DELAYS)).whole().reshape(-1, len(DELAYS)).sum(axis=0)
+    curve = whole - 100.0 * np.abs(DELAYS)
+    assert DELAYS[int(curve.argmax())] == 0.02
+    best = int(curve.argmax())
+    assert (np.diff(curve)[:best] > 0.0).all()
+    assert (np.diff(curve)[best:] < 0.0).all()
+
+
+def test_the_least_odds_are_those_of_classes_that_have_a_say() -> None:
+    one = np.array([[10.0, 3.0, -90.0], [5.0, 0.0, -np.inf], [0.0, -np.inf, -np.inf]])
+    other = np.array([[2.0, 1.0, 0.0], [9.0, -2.0, -np.inf], [-np.inf, -60.0, -np.inf]])
+    found: Array = least(one, other)
+    assert found.tolist() == [0.0, 0.0, 100.0]  # the first two differ in sign, the third is FAR below -60
+    assert least(one[:, :2], other[:, :2]).tolist() == [2.0, 0.0, 100.0]
