@@ -76,8 +76,10 @@ def _light(decision: Decision) -> Literal["red", "yellow"]:
 
 def _odds(decision: Decision) -> str:
     """ "odds e^40 to 1; e^8 to 1 against the next best"."""
-    ahead = f"; {_power(decision.ahead)} against the next best" if np.isfinite(decision.ahead) else ""
-    return f"odds {_power(decision.odds)}{ahead}"
+    if not np.isfinite(decision.ahead):
+        return f"odds {_power(decision.odds)}"
+    close = "; another set is as likely" if decision.ahead < 1.0 else ""
+    return f"odds {_power(decision.odds)}{close or f'; {_power(decision.ahead)} against the next best'}"
 
 
 def _power(odds: float) -> str:
