@@ -31,6 +31,8 @@ SHARED = "etude._runtime"
 
 @cache
 def face(room: str) -> frozenset[str]:
+    if find_spec(room) is None:  # the studies are a distribution of their own, and have no face
+        return frozenset()
     return frozenset(getattr(importlib.import_module(room), "__all__", ()))
 
 

@@ -151,7 +151,7 @@ def test_a_campaigns_copy_is_the_robot(name: str, tmp_path: Path) -> None:
     from etude_arm.loading.load import load_arm
 
     joints = ("arm_*_joint",) if "tiago" in name else ()
-    described = KIND.chosen(example_robot(name), joints, {}, ())
+    described = KIND.chosen(example_robot(name), joints, {}, (), {})
     for file, data in described.files.items():
         (tmp_path / file).parent.mkdir(exist_ok=True)
         (tmp_path / file).write_bytes(data)
