@@ -107,6 +107,7 @@ def test_the_advice_for_a_wrong_description_can_be_followed(learned: Path, tmp_p
     assert not any("robot.toml changed" in sentence for sentence in found.certificate.not_verified)
 
 
+@pytest.mark.slow
 def test_the_advice_for_a_changed_robot_can_be_followed(learned: Path, tmp_path: Path) -> None:
     lab = edited(learned, tmp_path, PAYLOAD)
     asked = etude.ask(open_campaign(lab), new=True)

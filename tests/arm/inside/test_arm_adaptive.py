@@ -133,6 +133,7 @@ def test_parameters_that_are_right_stay_right(law: str) -> None:
     assert np.abs(start.weights - before).max() < 0.01 * np.abs(before).max()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("law", "seconds", "part"), [("slotine_li", 6.0, 0.2), ("craig", 12.0, 0.4)])
 def test_the_simulated_arm_errs_less_from_run_to_run(law: str, seconds: float, part: float) -> None:
     make, _ = LAWS[law]

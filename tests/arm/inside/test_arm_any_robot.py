@@ -45,6 +45,7 @@ def row_of(name: str, campaign: Campaign) -> str:
     return f"| {name} | {len(campaign.axes)} | {means} | {moves} |"
 
 
+@pytest.mark.slow
 def test_a_ur5_learns_in_one_short_motion_of_its_stand_in(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -148,6 +148,7 @@ def test_a_corrected_limit_is_asked_for_and_held(tmp_path: Path) -> None:
     assert (row.lower, row.upper) == (-30.0, 30.0)
 
 
+@pytest.mark.slow
 def test_a_motion_beyond_what_drives_hold_is_drawn_back(tmp_path: Path) -> None:
     """Held at home, not everywhere: what is asked stays where the limit holds gravity and motion."""
     (tmp_path / "made.urdf").write_text(ARM)

@@ -57,6 +57,7 @@ def made(folder: Path, text: str, *more: str) -> tuple[Path, list[str]]:
     return lab, list(open_campaign(lab).spec.confirm)
 
 
+@pytest.mark.slow
 def test_a_robot_without_masses_keeps_clear_is_asked_and_learns(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -236,6 +236,7 @@ def test_without_margins_nothing_is_said_of_controls(tmp_path: Path) -> None:
     assert all("control" not in row for row in rows(lab, 1))
 
 
+@pytest.mark.slow
 def test_a_simulated_robot_is_run_under_what_its_margins_are_of(tmp_path: Path) -> None:
     """Vehicles lean against the drag from the second flight on; an open proposal is flown as it was asked."""
     from etude.campaign import create_campaign

@@ -86,6 +86,7 @@ def test_each_is_taken_in_by_itself_and_all_in_one_training(campaign: Campaign, 
     assert {t["standing"] for t in status(campaign)["trajectories"]} == {"learned"}
 
 
+@pytest.mark.slow
 def test_the_order_of_the_files_changes_nothing(
     campaign: Campaign, mixed: list[Path], tmp_path: Path
 ) -> None:

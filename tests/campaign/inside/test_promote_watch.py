@@ -278,6 +278,7 @@ def test_runs_that_confirm_are_measured_and_never_learned(fresh: Campaign, tmp_p
         tell(fresh, write_log(tmp_path / "o.csv", random_motion(fresh, 9), 9), confirm="with")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("words", "kind"), [("a load was", "payload"), ("friction has", "friction")])
 def test_watch_names_a_change_and_proposes_a_motion(
     fresh: Campaign, tmp_path: Path, words: str, kind: str, capsys: pytest.CaptureFixture[str]

@@ -169,6 +169,7 @@ def test_a_flight_into_the_wall_is_refused_and_says_where(tmp_path):
     assert campaign.state().proposals[0].number == 1
 
 
+@pytest.mark.slow
 def test_a_simulation_gives_up_a_flight_that_broke_off(tmp_path, monkeypatch):
     """The first answer is refused, as that of a flight into a wall; another flight takes its place."""
     refused = []

@@ -327,6 +327,7 @@ def test_what_it_cannot_prove_is_refused(given: dict[str, Any]) -> None:
         reached(**given)
 
 
+@pytest.mark.slow
 def test_wrong_slopes_in_a_table_name_the_joint(place, capsys) -> None:
     path, right = place / "arm.toml", "reach = [0.75, 0.75, 0.4, 0.1]"
     text = path.read_text()

@@ -97,6 +97,7 @@ def test_what_a_vehicle_and_its_sensors_do_is_no_jump(rate: float) -> None:
         assert (found.light, found.spans) == ("green", ()), (name, found.sentence)
 
 
+@pytest.mark.slow
 def test_simulated_flights_do_not_jump_and_one_that_does_is_cut_unless_accepted() -> None:
     kind = plugins.load("etude.robots", "quadrotor")
     for name in ("quadrotor", "pelican"):

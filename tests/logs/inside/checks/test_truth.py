@@ -278,6 +278,7 @@ def pieces(seconds: float) -> list[Log]:
     return [log.take((log.t >= a) & (log.t < a + seconds)) for a in starts]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seconds", [0.6, 2.0, 4.0, 6.0, 9.0, 14.0])
 def test_a_right_log_that_was_cut_is_not_suspected(seconds: float) -> None:
     for piece in pieces(seconds):
