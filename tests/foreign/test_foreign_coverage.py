@@ -53,6 +53,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return tmp_path_factory.mktemp("arms")
 
 
+@pytest.mark.slow
 def test_a_first_motion_sweeps_most_of_the_clear_range(folder: Path) -> None:
     motion, ruler = first_of("ur5", folder)
     found = swept([motion], *ruler.clear_range(np.random.default_rng(1)))

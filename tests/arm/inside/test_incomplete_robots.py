@@ -186,6 +186,7 @@ def test_several_packages_of_one_name_are_refused_and_both_named(tmp_path: Path)
     assert round(2.0 * float(model.geom_aabb[:, 3].max()), 6) == 0.2
 
 
+@pytest.mark.slow
 def test_the_force_of_a_slide_is_in_newton(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     kinds = ("revolute", "prismatic", "revolute")
     text = arm("", *(inertial(m, i) + ROD for m, i in ((3, 0.02), (2, 0.01), (1, 0.005))), kinds=kinds)

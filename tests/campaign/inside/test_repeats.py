@@ -63,6 +63,7 @@ def repeats(told: IngestResult) -> list[str]:
     return [finding.sentence for finding in told.findings if finding.check == CHECK]
 
 
+@pytest.mark.slow
 def test_the_same_motion_again_is_no_new_group(
     told_once: tuple[Campaign, Trajectory], tmp_path: Path
 ) -> None:
