@@ -71,7 +71,7 @@ def test_a_repair_is_of_all_logs_or_of_none(campaign: Campaign, tmp_path: Path) 
     first = told(campaign, paths[0], accept=("sign",))
     with pytest.raises(DataError, match="hip is inverted in all 2 logs") as refused:
         told(campaign, paths[1], repair=("sign",))
-    assert "Learned so before: log 1. Take that back (etude untell" in refused.value.next_step
+    assert "These logs were learned as they are: log 1. Exclude them (etude untell" in refused.value.next_step
     assert untell(campaign, first.number, learner=stub_learner)
     found = tell(campaign, paths[:2], foreign=True, learner=stub_learner, repair=("sign",))
     repairs = [file.ingested.repairs for file in found.files if file.ingested is not None]

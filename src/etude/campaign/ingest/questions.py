@@ -119,11 +119,12 @@ class LogQuestions:
     def whole(self, log: Log) -> Log:
         """The same with its commands settled, before exchanged ones exceed each other's limits."""
         log = self.prepared(log)
-        body = body_of(self.kind, self.spec)
-        steps = decided([log], {}, self.answers.to, body)[0] if self.steps is None else self.steps(log)
-        for step in steps:
+        for step in self._alone(log) if self.steps is None else self.steps(log):
             log = self._stepped(log, step)
         return self._settled(log, lambda log: unit_findings(self.kind, self.spec, log))
+
+    def _alone(self, log: Log) -> Sequence[Step]:
+        return decided([log], {}, self.answers.to, body_of(self.kind, self.spec))[0]
 
     def _stepped(self, log: Log, step: Step) -> Log:
         """The log after one decision. DataError: it is an open question."""

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from etude.logs.checks.filtered_motion import joints, runs
-from etude.logs.checks.finding_texts import Mendable, accepted, both, named
+from etude.logs.checks.finding_texts import Mendable, accepted, both, named, without_spans
 from etude.logs.columns.units import Limits
 from etude.types import Array, Channel, Finding, Log, Mask
 
@@ -375,10 +375,7 @@ def _off(numbers: Numbers) -> Iterator[Finding]:
 
 
 def _without_spans(log: Log, finding: Mendable) -> Log:
-    kept = np.ones(len(log), dtype=np.bool_)
-    for start, end in finding.spans:
-        kept &= (log.t < start) | (log.t >= end)
-    return log.take(kept).repaired(finding.sentence)
+    return without_spans(log, finding).repaired(finding.sentence)
 
 
 WHOLE_RANGE, LARGE_STEP, USUAL_STEP = 0.9, 0.3, 0.2  # of a command's range

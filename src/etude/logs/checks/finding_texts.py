@@ -28,10 +28,15 @@ class Excludable(Finding):
 
     def cut(self, log: Log) -> Log:
         """The log less the finding's spans; what is left has pauses there."""
-        kept = np.ones(len(log), dtype=np.bool_)
-        for start, end in self.spans:
-            kept &= (log.t < start) | (log.t >= end)
-        return log.take(kept).repaired(f"{self.sentence} That was cut.")
+        return without_spans(log, self).repaired(f"{self.sentence} That was cut.")
+
+
+def without_spans(log: Log, finding: Finding) -> Log:
+    """The log less the rows in the finding's spans."""
+    kept = np.ones(len(log), dtype=np.bool_)
+    for start, end in finding.spans:
+        kept &= (log.t < start) | (log.t >= end)
+    return log.take(kept)
 
 
 def named(parts: Sequence[str], which: Mask) -> str:

@@ -15,6 +15,7 @@ from typing import Literal
 import numpy as np
 from scipy.special import logsumexp
 
+from etude.logs.checks.exact import CERTAIN, LIKELY
 from etude.logs.checks.plausibility import DELAY, SIGN, SWAPPED
 from etude.logs.checks.velocities import DIRECTION
 from etude.logs.evidence.likelihood import NEITHER, ColumnEvidence, evidence_of, least
@@ -24,7 +25,6 @@ from etude.types import Array, Channel, Index, Log, Mask
 
 Level = Literal["certain", "ask", "note", "silent"]
 GRAVITY = "gravity"
-SURE, ASK = float(np.log(1e6)), float(np.log(20.0))
 LEAST_ROWS, LEAST_HALF = 40, 20  # fewer tell nothing; of half the rows
 
 
@@ -128,7 +128,7 @@ def judge(
         exchanged = None
         if alone is not None and gain >= ORDER:
             exchanged = _exchanged(alone, new, path, body, order, gain)
-        turned = _signs(judged, fresh, doubtful=gain >= ASK)
+        turned = _signs(judged, fresh, doubtful=gain >= LIKELY)
         yield exchanged if len(new) == 1 else None
         yield turned if turned is not None and len(turned.logs) < len(logs) else None
         yield _late(judged, fresh)
@@ -224,7 +224,7 @@ def _signs(judged: _Judged, fresh: Sequence[int], doubtful: bool) -> Decision | 
     given = judged.variant(AS_LOGGED)
     as_is, turned = given.signs()
     whole, classes = np.maximum(as_is, turned), given.by_class()
-    lost = np.maximum(np.abs(as_is - turned), ASK)
+    lost = np.maximum(np.abs(as_is - turned), LIKELY)
     everyone = tuple(range(int(judged.rows.log.max()) + 1))
     found = {everyone: (turned, (ALL, SOME), AS_LOGGED)}
     for g, group in enumerate(judged.rows.groups):
@@ -239,11 +239,11 @@ def _signs(judged: _Judged, fresh: Sequence[int], doubtful: bool) -> Decision | 
             found.setdefault(logs, (value, (share, share), number))
     values, priors, numbers = zip(*found.values(), strict=True)
     best = signs_of(as_is, values, priors)
-    if best.group < 0 or best.odds < ASK:
+    if best.group < 0 or best.odds < LIKELY:
         return None
     logs = list(found)[best.group]
     part = logs != everyone and not best.turned.all()  # of some logs some joints: rare, and easily misjudged
-    sure = best.odds >= SURE and best.ahead >= (2.0 if part else 1.0) * SURE
+    sure = best.odds >= CERTAIN and best.ahead >= (2.0 if part else 1.0) * CERTAIN
     sure = sure and not (doubtful and logs == everyone)
     # certain only as a whole: a joint that no sign explains makes it a question
     sure = sure and not judged.variant(numbers[best.group]).strange().any()
@@ -254,7 +254,9 @@ def _signs(judged: _Judged, fresh: Sequence[int], doubtful: bool) -> Decision | 
     )
 
 
-SHIFT = 3.0 * SURE  # log odds from which commands are shifted: 15 in a right simulated log, 28 in real ones
+SHIFT = (
+    3.0 * CERTAIN
+)  # log odds from which commands are shifted: 15 in a right simulated log, 28 in real ones
 LEAST_DELAY = 0.03  # s: real sensors have less without harm
 DELAY_PRIOR = 100.0  # 1/s: log prior that falls with a delay
 
@@ -274,7 +276,7 @@ def _late(judged: _Judged, fresh: Sequence[int]) -> Decision | None:
     return judged.decision("note", check=DELAY, logs=tuple(fresh), by=(DELAYS[best],), odds=odds)
 
 
-ORDER = 2.0 * SURE  # log odds from which anything is said: right simulated logs reached 22
+ORDER = 2.0 * CERTAIN  # log odds from which anything is said: right simulated logs reached 22
 PAIR, ANY_ORDER = 0.05, 0.005  # prior of one exchanged pair, of any other order
 
 
@@ -313,7 +315,7 @@ def _exchanged(
     if min(halves) <= 0.0:
         return None
     usual = int((order != np.arange(m)).sum()) == 2 or bool((order == np.arange(m)[::-1]).all())
-    level: Level = "certain" if usual and min(halves) >= ASK else "ask"
+    level: Level = "certain" if usual and min(halves) >= LIKELY else "ask"
     best = np.arange(len(judged.rows.parts))
     best[judged.own] = judged.own[order]
     by = tuple(best.astype(np.float64).tolist())
@@ -351,13 +353,13 @@ def _reversed(judged: _Judged) -> Decision | None:
     signs = signs_of(as_is, [other], [(ALL, SOME)])
     rest = -np.inf if signs.group < 0 or signs.turned.all() else signs.odds
     explained = np.mean(back > logsumexp(given.free, axis=1) + NEITHER) > EXPLAINED
-    if max(turned, flipped) < ASK or max(turned, flipped) < rest + ASK:
+    if max(turned, flipped) < LIKELY or max(turned, flipped) < rest + LIKELY:
         return None
-    if turned > flipped + ASK and explained:
-        sure = turned >= SURE and turned > flipped + SURE
+    if turned > flipped + LIKELY and explained:
+        sure = turned >= CERTAIN and turned > flipped + CERTAIN
         level: Level = "certain" if sure else "ask"
         return judged.decision(level, check=DIRECTION, by=(-1.0,), odds=turned, ahead=turned - flipped)
-    if abs(turned - flipped) < ASK and not given.strange().any():
+    if abs(turned - flipped) < LIKELY and not given.strange().any():
         by = np.where(judged.rows.moving, -1.0, 1.0)
         return judged.decision(
             "ask",

@@ -8,10 +8,11 @@ from typing import Literal
 
 import numpy as np
 
+from etude.logs.checks.exact import LIKELY
 from etude.logs.checks.finding_texts import Mendable, accepted, both, named
 from etude.logs.checks.plausibility import DELAY, SIGN, SWAPPED
 from etude.logs.checks.velocities import DIRECTION
-from etude.logs.evidence.decisions import ASK, GRAVITY, LEAST_DELAY, Decision
+from etude.logs.evidence.decisions import GRAVITY, LEAST_DELAY, Decision
 from etude.types import Finding
 
 COMMANDS = "commands"
@@ -46,7 +47,7 @@ def green(decision: Decision, parts: Sequence[str]) -> list[Finding]:
     if not decision.moving.any():
         fact = "Too little motion to tell whose a command is, its sign or its delay."
         return [Finding(COMMANDS, "cannot tell", fact)]
-    known = np.asarray(decision.told >= ASK)
+    known = np.asarray(decision.told >= LIKELY)
     unsure = named(parts, ~known)
     if not known.any():
         fact = "Neither sign of any command explains the motion better."
@@ -165,7 +166,7 @@ def _gravity(decision: Decision) -> Finding:
 def _of_told(found: Finding, sources: Sequence[str]) -> Finding:
     """The same of logs that were told before: nothing is repaired in part."""
     step = (
-        f"Learned so before: {', '.join(sources)}. Take that back (etude untell FOLDER NUMBER) and tell all "
+        f"These logs were learned as they are: {', '.join(sources)}. Exclude them (etude untell FOLDER NUMBER), and tell all "
         f"logs together with --repair {found.check}; {accepted(found.check)}."
     )
     return replace(found, step=step)
