@@ -254,9 +254,8 @@ def _signs(judged: _Judged, fresh: Sequence[int], doubtful: bool) -> Decision | 
     )
 
 
-SHIFT = (
-    3.0 * CERTAIN
-)  # log odds from which commands are shifted: 15 in a right simulated log, 28 in real ones
+# log odds from which commands are shifted: 15 in a right simulated log, 28 in real ones
+SHIFT = 3.0 * CERTAIN
 LEAST_DELAY = 0.03  # s: real sensors have less without harm
 DELAY_PRIOR = 100.0  # 1/s: log prior that falls with a delay
 

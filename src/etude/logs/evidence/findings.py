@@ -166,7 +166,7 @@ def _gravity(decision: Decision) -> Finding:
 def _of_told(found: Finding, sources: Sequence[str]) -> Finding:
     """The same of logs that were told before: nothing is repaired in part."""
     step = (
-        f"These logs were learned as they are: {', '.join(sources)}. Exclude them (etude untell FOLDER NUMBER), and tell all "
-        f"logs together with --repair {found.check}; {accepted(found.check)}."
+        f"These logs were learned as they are: {', '.join(sources)}. Exclude them (etude untell FOLDER "
+        f"NUMBER), and tell all logs together with --repair {found.check}; {accepted(found.check)}."
     )
     return replace(found, step=step)
