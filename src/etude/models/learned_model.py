@@ -77,7 +77,8 @@ def _inputs(own: list[tuple[Candidate, int]]) -> Array | None:
 
 
 def _known(own: list[tuple[Candidate, int]], X: Array) -> float:
-    """Of one command. Its candidates stand on one mean function, so that their outputs tell them apart."""
+    """Of one command. Candidates that stand on one mean function are told apart by their outputs; how far
+    mean functions are apart is not known of inputs alone, and not counted."""
     weights = np.array([float(c.weights[place]) for c, place in own])
     means, unknown, noise = [], [], 0.0
     for weight, (candidate, place) in zip(weights, own, strict=True):
@@ -89,9 +90,25 @@ def _known(own: list[tuple[Candidate, int]], X: Array) -> float:
         unknown.append(factor * latent - held)
         means.append(candidate.units[0, place] + outputs(candidate, X)[:, place])
         noise += weight * factor * white
-    average = weights @ np.stack(means)
-    apart = weights @ (np.stack(means) - average) ** 2
-    return float(known_in_training(np.mean(weights @ np.stack(unknown) + apart), np.asarray(noise)))
+    apart = np.zeros(len(X))
+    for mean in {id(candidate.mean) for candidate, _ in own}:
+        alike = [k for k, (candidate, _) in enumerate(own) if id(candidate.mean) == mean]
+        outputs_, own_weights = np.stack([means[k] for k in alike]), weights[alike]
+        average = own_weights @ outputs_ / own_weights.sum()
+        apart = apart + own_weights @ (outputs_ - average) ** 2
+    return float(
+        known_in_training(np.asarray(np.mean(weights @ np.stack(unknown) + apart)), np.asarray(noise))
+    )
+
+
+def leading(candidates: Sequence[Candidate], commands: int) -> tuple[str, ...]:
+    """The structure with most weight in each of that many commands, the first of equal ones; "" of none."""
+    found: list[dict[str, float]] = [{} for _ in range(commands)]
+    for candidate in candidates:
+        for j, weight in zip(candidate.commands, candidate.weights.tolist(), strict=True):
+            if weight > 0.0:
+                found[j][candidate.structure] = found[j].get(candidate.structure, 0.0) + weight
+    return tuple(max(own, key=lambda name: own[name], default="") for own in found)
 
 
 class Prediction(tuple[Array, Array]):
@@ -161,13 +178,13 @@ class LearnedModel:
 
     @property
     def chosen(self) -> tuple[str, ...]:
-        """The structure of each command."""
-        found = ["" for _ in self.commands]
-        for candidate in self.candidates:
-            for place, j in enumerate(candidate.commands):
-                if candidate.weights[place] > 0.0:
-                    found[j] = candidate.structure
-        return tuple(found)
+        """The structure of each command, of several that with most weight."""
+        return leading(self.candidates, len(self.commands))
+
+    @property
+    def in_use(self) -> tuple[str, ...]:
+        """The structures that any command is made of."""
+        return tuple(dict.fromkeys(candidate.structure for candidate, _ in self._in_use()))
 
     def of_structure(self, structure: str) -> LearnedModel:
         """The same model with one structure for all commands.
