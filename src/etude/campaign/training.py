@@ -171,7 +171,7 @@ def expected_variance(model: LearnedModel, command: int, X: Array) -> float:
             place = candidate.commands.index(command)
             variance = candidate.process.predict(X)[1][:, place] * candidate.units[1, place] ** 2
             found += candidate.weights[place] * candidate.calibration[place] * float(variance.mean())
-    return found
+    return found if model.width is None else found * float(model.width[command])
 
 
 def _moved(model: LearnedModel, before: LearnedModel) -> float | None:

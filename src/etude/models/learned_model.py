@@ -115,7 +115,7 @@ class Prediction(tuple[Array, Array]):
     """(mean, variance), each (n, J): `mean, variance = model.predict(log)`.
 
     Attributes:
-        unknown: (n, J) the variance without noise, at rest too.
+        unknown: (n, J) the variance without noise, at rest too, before it is widened.
         said: sentences about what the answer holds for, such as that rows counted by themselves.
     """
 
@@ -154,6 +154,8 @@ class LearnedModel:
         independence: (J,) see `worth`.
         freedom: degrees of freedom of Student's t, the tails of held-out errors over predicted deviations.
         member: name of the processes' member, to restore them by.
+        width: (J,) factor on all variances that are told, as logs left out ask for (`selection.width`); what
+            is unknown is not widened, since trust compares it with what was to be learned. None: 1.
         least: (J,) variance that is claimed anywhere at least, where motion was too short; None: none.
         student: distribution of held-out errors over predicted deviations, or None.
         warnings: of commands that linear regression predicts better, or that moved too little.
@@ -168,6 +170,7 @@ class LearnedModel:
     freedom: float = FREEDOM
     member: str = "exact"
     least: Array | None = None
+    width: Array | None = None
     student: StudentT | None = None
     warnings: tuple[Notice, ...] = ()
 
@@ -201,7 +204,8 @@ class LearnedModel:
                 f"the model has no structure {structure!r} for every command",
                 next_step=f"It has {', '.join(self.structures)}.",
             )
-        return replace(self, candidates=found, warnings=())
+        alone = self.in_use == (structure,)
+        return replace(self, candidates=found, width=self.width if alone else None, warnings=())
 
     @property
     def columns(self) -> tuple[Column, ...]:
@@ -276,7 +280,11 @@ class LearnedModel:
     def at_most(self, log: Any) -> tuple[Array, Array]:
         """As `predict`, with variances that are never below its own: for less, where processes know how."""
         average, variance, _ = self._predicted(Means(as_log(log, self.columns)), iter, _at_most)
-        return average, variance
+        return average, self.widened(variance)
+
+    def widened(self, variance: Array) -> Array:
+        """Variances (n, J) as they are told."""
+        return variance if self.width is None else np.asarray(variance * self.width)
 
     def posterior(self, log: Any) -> tuple[Array, Array]:
         """Mean and variance (n, J) of the commands given the data, nothing faded: what learning, scores and
@@ -291,7 +299,8 @@ class LearnedModel:
     def parted(self, log: Any) -> tuple[Array, Array, Array]:
         """As `posterior`, and the part (n, J) of the variance that is noise, at rest too."""
         log = log if isinstance(log, Log) else as_run(log, self.columns, self.inputs).log
-        return self._predicted(Means(log), iter)
+        average, variance, noise = self._predicted(Means(log), iter)
+        return average, self.widened(variance), self.widened(noise)
 
     def unknown(self, log: Any) -> Array:
         """(n, J) what is unknown of each command: the variance of `posterior` without noise, at rest too."""
@@ -317,7 +326,7 @@ class LearnedModel:
         command, unknown = average, variance - noise
         if fade:
             command = self._faded(average, unknown, means)
-        return Prediction.of(command, variance, unknown, run.said)
+        return Prediction.of(command, self.widened(variance), unknown, run.said)
 
     def _faded(self, average: Array, unknown: Array, means: Means) -> Array:
         return trusted(average, unknown, self.signal_deviation, self._safe(means), self.known)

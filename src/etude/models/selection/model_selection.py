@@ -39,6 +39,7 @@ from etude.models.selection.structures import (
     rows_only,
     with_process,
 )
+from etude.models.selection.width import widths
 from etude.models.student_t import StudentT, fit_student
 from etude.progress import counted, part
 from etude.protocols import Inputs, Physics
@@ -47,9 +48,8 @@ from etude.types import Array, Index, Mask, Samples
 
 OFFERED = ("gp", "identified+gp", "identified", "nominal", "linear", "linear+gp")
 """Structures of rung = "auto", as far as there are physics for them; of equal ones the first counts."""
-LEAST_CALIBRATED = 4
-"""Trajectories from which held-out ones tell how wrong a new one will be; with fewer a model is
-uncalibrated."""
+LEAST_CALIBRATED = 2
+"""Trajectories from which those left out tell how wrong a new one will be; a single one tells little."""
 STRUCTURES = 0.3
 """About the part of the time that the structures take; the rest is that of the candidates beside them."""
 
@@ -275,6 +275,12 @@ def _assembled(
     used = [k for k in range(len(parts)) if k < len(defaults) or weights[k].any() or shares[k].any()]
     candidates = [_weighed(parts[k].candidate, shares[k], weights[k]) for k in used]
     single = {j: name for j, name in enumerate(chosen) if j not in stacked}
+    least = least_variance(folds, candidates)
+    width = np.ones(len(chosen))
+    if config.calibrate:
+        doubted = np.zeros(len(chosen), dtype=np.bool_) if least is None else least > 0.0
+        width = np.where(doubted, 1.0, widths(error, spread, folds.fold, folds.trajectories))
+    spread = spread * width
     use = samples.usable & samples.moving
     z = np.where(use, error / np.sqrt(spread), np.nan)
     freedom = tails(z)
@@ -287,7 +293,8 @@ def _assembled(
         independence=independence(z, freedom, samples.t, samples.group, use),
         freedom=freedom,
         member=config.process,
-        least=least_variance(folds, candidates),
+        least=least,
+        width=width,
         student=_student(error, spread) if config.student_t else None,
         warnings=(*notes(folds), *warnings_of(folds, trained, single, held)),
     )
