@@ -92,7 +92,8 @@ class ModelConfig:
             processes learn in command units; "deviation": that of what the process learns, which is
             standardised.
         stretch_s: of a single trajectory, stretches of this length are held out.
-        calibrate: multiply variances by the held-out z² where that exceeds 1.
+        calibrate: multiply variances by the held-out z² where that exceeds 1; with replace = "stack" by what
+            makes intervals hold on the next log (`selection.width`).
         student_t: fit the tails of the held-out errors, for the reported density.
     """
 
@@ -155,6 +156,11 @@ class ModelConfig:
     def standardised(self) -> bool:
         """Whether processes learn standardised outputs; else outputs that are centred, in command units."""
         return self.floor_of == "deviation" or self.sharing == "shared"
+
+    @property
+    def stacks(self) -> bool:
+        """Whether logs left out weigh candidates, and say how wide variances are."""
+        return self.replace == "stack"
 
     @property
     def averages(self) -> bool:

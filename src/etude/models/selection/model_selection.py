@@ -30,7 +30,7 @@ from etude.models.process_abilities import EnsembleMember
 from etude.models.selection.ensemble import Average, Judged, averages, beside_default, judged
 from etude.models.selection.linear import LinearPhysics
 from etude.models.selection.selection_rule import TRAJECTORIES, choices, least_variance, notes, warnings_of
-from etude.models.selection.stacking import is_stacked, left_out, stacks
+from etude.models.selection.stacking import LEAST_LOGS, is_stacked, left_out, stacks
 from etude.models.selection.structures import (
     LearnedStructure,
     alone,
@@ -48,8 +48,9 @@ from etude.types import Array, Index, Mask, Samples
 
 OFFERED = ("gp", "identified+gp", "identified", "nominal", "linear", "linear+gp")
 """Structures of rung = "auto", as far as there are physics for them; of equal ones the first counts."""
-LEAST_CALIBRATED = 2
-"""Trajectories from which those left out tell how wrong a new one will be; a single one tells little."""
+LEAST_CALIBRATED = 4
+"""Trajectories from which z² of those held out tells how wrong a new one will be; widths hold from
+`LEAST_LOGS` on."""
 STRUCTURES = 0.3
 """About the part of the time that the structures take; the rest is that of the candidates beside them."""
 
@@ -277,7 +278,7 @@ def _assembled(
     single = {j: name for j, name in enumerate(chosen) if j not in stacked}
     least = least_variance(folds, candidates)
     width = np.ones(len(chosen))
-    if config.calibrate:
+    if config.calibrate and config.stacks:
         doubted = np.zeros(len(chosen), dtype=np.bool_) if least is None else least > 0.0
         width = np.where(doubted, 1.0, widths(error, spread, folds.fold, folds.trajectories))
     spread = spread * width
@@ -289,7 +290,8 @@ def _assembled(
         candidates=tuple(candidates),
         commands=folds.commands,
         ranges=np.stack([folds.X.min(axis=0), folds.X.max(axis=0)]),
-        calibrated=config.calibrate and folds.trajectories >= LEAST_CALIBRATED,
+        calibrated=config.calibrate
+        and folds.trajectories >= (LEAST_LOGS if config.stacks else LEAST_CALIBRATED),
         independence=independence(z, freedom, samples.t, samples.group, use),
         freedom=freedom,
         member=config.process,

@@ -43,7 +43,7 @@ LEAST_ROWS = 4
 def is_stacked(folds: Folds) -> bool:
     """Whether candidates are combined so: several may be, and there is a log to leave out."""
     config = folds.config
-    return config.rung == "auto" and config.replace == "stack" and folds.trajectories >= LEAST_LOGS
+    return config.rung == "auto" and config.stacks and folds.trajectories >= LEAST_LOGS
 
 
 @dataclass(frozen=True, eq=False)
