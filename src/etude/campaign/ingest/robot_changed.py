@@ -28,7 +28,7 @@ ANSWERS: tuple[Answer, ...] = ("new", "forget", "same")
 FLAG = "--changed"
 LEAST_LOGS = 2
 """Of the model in use, from which all evidence counts."""
-ENORMOUS, MUCH_LEFT = 300.0, 0.2
+ENORMOUS, MUCH_LEFT = 100.0, 0.2
 """Nats that count after one log, and what the size of the change may leave: what a single log did not visit
 is known badly, but it looks like no load and no factor.
 """
