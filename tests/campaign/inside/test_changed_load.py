@@ -13,9 +13,8 @@ from test_learning import CONFIG
 from etude import tell
 from etude.campaign import Campaign, create_campaign, open_campaign
 from etude.campaign.ingest.questions import body_of
-from etude.logs.checks.filtered_motion import states_of
 from etude.protocols import Trajectory
-from etude.types import Array
+from etude.types import Array, Log
 
 LINK = """<link name="{name}"><inertial><origin xyz="{far} 0 0"/><mass value="{mass}"/>
 <inertia ixx="0.002" iyy="{spin}" izz="{spin}" ixy="0" ixz="0" iyz="0"/></inertial></link>"""
@@ -53,7 +52,9 @@ def written(
     q, qd, qdd = motion.motion(t % motion.duration, 3).orders
     body = body_of(campaign.kind, campaign.spec)
     assert body is not None
-    states = states_of(t, campaign.channels[0], q, qd, qdd)
+    states = Log(t, {}, {}, "states")
+    for channel, values in zip(campaign.channels, (q, qd, qdd), strict=False):
+        states = states.put(channel, values)
     friction = rub * np.array([3.0, 4.0, 2.0]) * np.tanh(qd / 0.05)
     command = body.predict(states) + kg * body.carried(states)[:, :, 0] + friction  # type: ignore[attr-defined]
     return saved(path, t, q, command, seed)
