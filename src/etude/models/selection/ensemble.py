@@ -236,7 +236,7 @@ LEAST_WEIGHT = 0.02
 
 
 @dataclass(frozen=True, eq=False)
-class Judged:
+class CandidateErrors:
     """A candidate and what it says of samples left out.
 
     Attributes:
@@ -253,12 +253,12 @@ class Judged:
         return self.part.candidate.structure, self.part.candidate.name
 
 
-def judged(
+def candidate_errors(
     folds: Folds,
     groups: Sequence[Mapping[str, LearnedStructure]],
     others: Sequence[LearnedStructure],
     bases: Mapping[str, Base],
-) -> list[Judged]:
+) -> list[CandidateErrors]:
     """All candidates, group by group, the default's first; all on the samples of the defaults."""
     defaults = [part for group in groups for part in group.values()]
     order = list(dict.fromkeys(part.candidate.structure for part in others))
@@ -266,10 +266,13 @@ def judged(
     use = _compared(defaults, folds.samples.command.shape)
     parts = (*defaults, *others)
     used = [bases.get(part.candidate.structure.removesuffix("+gp")) for part in parts]
-    return [Judged(part, *everywhere(folds, part, base, use)) for part, base in zip(parts, used, strict=True)]
+    return [
+        CandidateErrors(part, *everywhere(folds, part, base, use))
+        for part, base in zip(parts, used, strict=True)
+    ]
 
 
-def of_command(every: Sequence[Judged], j: int) -> tuple[list[int], Array, Array]:
+def of_command(every: Sequence[CandidateErrors], j: int) -> tuple[list[int], Array, Array]:
     """Places of the candidates of command j, and their errors and variances (C, n)."""
     own = [(k, one, one.part.candidate.commands) for k, one in enumerate(every)]
     own = [(k, one, commands) for k, one, commands in own if j in commands]
@@ -291,7 +294,7 @@ class Average:
     held: HeldOut
 
 
-def averaged(folds: Folds, own: Sequence[Judged], defaults: int) -> Average:
+def averaged(folds: Folds, own: Sequence[CandidateErrors], defaults: int) -> Average:
     """The candidates of a structure, weighed for each command by their density over what all predicted.
 
     own: the `defaults` of the groups first.
@@ -356,7 +359,7 @@ def _compared(defaults: Sequence[LearnedStructure], shape: tuple[int, int]) -> M
     return use
 
 
-def averages(folds: Folds, every: Sequence[Judged], defaults: int) -> dict[str, Average]:
+def averages(folds: Folds, every: Sequence[CandidateErrors], defaults: int) -> dict[str, Average]:
     """By structure that has other candidates than its `defaults`, the first of `every`, its average."""
     found = {}
     for structure in dict.fromkeys(one.part.candidate.structure for one in every[defaults:]):

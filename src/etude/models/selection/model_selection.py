@@ -27,7 +27,13 @@ from etude.models.data.cross_validation import Base, HeldOut, fitted_base, fold_
 from etude.models.data.fit_data import Folds, Rows, in_order, rows_of
 from etude.models.learned_model import LearnedModel
 from etude.models.process_abilities import EnsembleMember
-from etude.models.selection.ensemble import Average, Judged, averages, beside_default, judged
+from etude.models.selection.ensemble import (
+    Average,
+    CandidateErrors,
+    averages,
+    beside_default,
+    candidate_errors,
+)
 from etude.models.selection.linear import LinearPhysics
 from etude.models.selection.selection_rule import TRAJECTORIES, choices, least_variance, notes, warnings_of
 from etude.models.selection.stacking import LEAST_LOGS, is_stacked, left_out, stacks
@@ -119,7 +125,7 @@ def select_structures(
             groups.append(_train_group(folds, group, rows, offered, bases, rng, previous))
     with part(1.0 - STRUCTURES):
         more, broken = beside_default(folds, groups, bases, rng, previous)
-    every = judged(folds, groups, more, bases) if more or is_stacked(folds) else []
+    every = candidate_errors(folds, groups, more, bases) if more or is_stacked(folds) else []
     selection = _assembled(folds, groups, every, baseline)
     off = stated([f"The candidate {name} takes no part: {why}" for name, why in broken.items()])
     return replace(selection, model=replace(selection.model, warnings=(*off, *selection.model.warnings)))
@@ -247,7 +253,10 @@ def _loses(
 
 
 def _assembled(
-    folds: Folds, groups: Sequence[Mapping[str, LearnedStructure]], every: Sequence[Judged], baseline: HeldOut
+    folds: Folds,
+    groups: Sequence[Mapping[str, LearnedStructure]],
+    every: Sequence[CandidateErrors],
+    baseline: HeldOut,
 ) -> ModelSelection:
     """The model of all groups, its candidates weighed for each command.
 

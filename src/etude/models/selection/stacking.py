@@ -19,7 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from etude.models.data.fit_data import Folds
-from etude.models.selection.ensemble import Judged, mixed, of_command
+from etude.models.selection.ensemble import CandidateErrors, mixed, of_command
 from etude.types import Array, Index, Mask
 
 LEAST_LOGS = 2
@@ -76,7 +76,7 @@ class Moments:
     counts: Array
 
     @staticmethod
-    def of(every: Sequence[Judged], j: int, fold: Index) -> Moments | None:
+    def of(every: Sequence[CandidateErrors], j: int, fold: Index) -> Moments | None:
         """Of command j; None where fewer than two logs say something."""
         own_places, error, _ = of_command(every, j)
         there = np.isfinite(error).any(axis=1)
@@ -98,7 +98,7 @@ class Moments:
         return self.grams[:, own][:, :, own]
 
 
-def stacks(folds: Folds, every: Sequence[Judged]) -> dict[int, Stack]:
+def stacks(folds: Folds, every: Sequence[CandidateErrors]) -> dict[int, Stack]:
     """By command its stack, where there is one."""
     if not is_stacked(folds):
         return {}
@@ -177,7 +177,7 @@ def least(square: Array) -> Array:
     return np.asarray(found / found.sum())
 
 
-def left_out(stack: Stack, every: Sequence[Judged], j: int, fold: Index) -> tuple[Array, Array]:
+def left_out(stack: Stack, every: Sequence[CandidateErrors], j: int, fold: Index) -> tuple[Array, Array]:
     """Errors and variances (n,) of a command's average, each log by the weights that did not see it."""
     error, variance = np.full(len(fold), np.nan), np.full(len(fold), np.nan)
     places, errors, variances = of_command(every, j)
