@@ -18,6 +18,7 @@ from etude.models.data.cross_validation import Base, HeldOut, process_held_out
 from etude.models.data.fit_data import Folds, Rows, apart, rows_of
 from etude.models.gp.kernels import own_columns
 from etude.models.learned_model import LearnedModel
+from etude.models.selection.candidate_errors import CandidateErrors, mixed, of_command
 from etude.models.selection.structures import LearnedStructure, earlier_of, with_process
 from etude.progress import counted
 from etude.types import Array, Index, Mask
@@ -235,24 +236,6 @@ LEAST_WEIGHT = 0.02
 """A candidate that weighs less for every command is left out."""
 
 
-@dataclass(frozen=True, eq=False)
-class CandidateErrors:
-    """A candidate and what it says of samples left out.
-
-    Attributes:
-        error, variance: (n, m) of `everywhere`, of its m commands; NaN where not predicted.
-    """
-
-    part: LearnedStructure
-    error: Array
-    variance: Array
-
-    @property
-    def key(self) -> tuple[str, str]:
-        """Its structure, and its name in that."""
-        return self.part.candidate.structure, self.part.candidate.name
-
-
 def candidate_errors(
     folds: Folds,
     groups: Sequence[Mapping[str, LearnedStructure]],
@@ -270,14 +253,6 @@ def candidate_errors(
         CandidateErrors(part, *everywhere(folds, part, base, use))
         for part, base in zip(parts, used, strict=True)
     ]
-
-
-def of_command(every: Sequence[CandidateErrors], j: int) -> tuple[list[int], Array, Array]:
-    """Places of the candidates of command j, and their errors and variances (C, n)."""
-    own = [(k, one, one.part.candidate.commands) for k, one in enumerate(every)]
-    own = [(k, one, commands) for k, one, commands in own if j in commands]
-    errors = np.array([one.error[:, commands.index(j)] for _, one, commands in own])
-    return [k for k, *_ in own], errors, np.array([one.variance[:, c.index(j)] for _, one, c in own])
 
 
 @dataclass(frozen=True, eq=False)
@@ -336,19 +311,6 @@ def weighed(error: Array, variance: Array) -> Array:
     share = np.exp(EXPONENT * (density - density.max()))
     weights[there] = share / share.sum()
     return weights
-
-
-def mixed(errors: Array, variances: Array, weights: Array) -> tuple[Array, Array]:
-    """Error and variance (n,) of the average of those (C, n), weights (C,): sum w (v + (m - average)^2).
-
-    Where a candidate predicted nothing the others share its weight.
-    """
-    w = np.where(np.isfinite(errors), weights[:, None], 0.0)
-    total = w.sum(axis=0)
-    w = w / np.where(total > 0.0, total, 1.0)
-    average = np.where(total > 0.0, np.nansum(w * np.nan_to_num(errors), axis=0), np.nan)
-    spread = np.nan_to_num(variances) + (np.nan_to_num(errors) - np.nan_to_num(average)) ** 2
-    return average, np.where(total > 0.0, np.sum(w * spread, axis=0), np.nan)
 
 
 def _compared(defaults: Sequence[LearnedStructure], shape: tuple[int, int]) -> Mask:

@@ -27,16 +27,11 @@ from etude.models.data.cross_validation import Base, HeldOut, fitted_base, fold_
 from etude.models.data.fit_data import Folds, Rows, in_order, rows_of
 from etude.models.learned_model import LearnedModel
 from etude.models.process_abilities import EnsembleMember
-from etude.models.selection.ensemble import (
-    Average,
-    CandidateErrors,
-    averages,
-    beside_default,
-    candidate_errors,
-)
+from etude.models.selection.candidate_errors import CandidateErrors
+from etude.models.selection.ensemble import Average, averages, beside_default, candidate_errors
 from etude.models.selection.linear import LinearPhysics
 from etude.models.selection.selection_rule import TRAJECTORIES, choices, least_variance, notes, warnings_of
-from etude.models.selection.stacking import LEAST_LOGS, is_stacked, left_out, stacks
+from etude.models.selection.stacking import is_stacked, left_out, stacks
 from etude.models.selection.structures import (
     LearnedStructure,
     alone,
@@ -45,7 +40,7 @@ from etude.models.selection.structures import (
     rows_only,
     with_process,
 )
-from etude.models.selection.width import widths
+from etude.models.selection.width import LEAST_LOGS, widths
 from etude.models.student_t import StudentT, fit_student
 from etude.progress import counted, part
 from etude.protocols import Inputs, Physics

@@ -19,11 +19,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from etude.models.data.fit_data import Folds
-from etude.models.selection.ensemble import CandidateErrors, mixed, of_command
+from etude.models.selection.candidate_errors import CandidateErrors, mixed, of_command
+from etude.models.selection.width import LEAST_LOGS, LEAST_ROWS
 from etude.types import Array, Index, Mask
 
-LEAST_LOGS = 2
-"""Logs from which one can be left out. Blocks of a single one say nothing of new motion."""
 OTHERS = 2.0
 """Own logs that those of all other commands count as together."""
 FLOOR = 0.05
@@ -36,8 +35,6 @@ SHRINK = 0.5
 """Part of the weights that the best single candidate gets at two logs, where each weight rests on one."""
 PRUNED = 0.05
 """Weight below which a candidate is left out: it costs as much time in every use as one of large weight."""
-LEAST_ROWS = 4
-"""Of a log that all candidates predicted; fewer say nothing."""
 
 
 def is_stacked(folds: Folds) -> bool:

@@ -16,9 +16,12 @@ from __future__ import annotations
 import numpy as np
 
 from etude.models.accuracy import NORMAL_95
-from etude.models.selection.stacking import LEAST_LOGS, LEAST_ROWS
 from etude.types import Array, Index
 
+LEAST_LOGS = 2
+"""Logs from which one can be left out. Blocks of a single one say nothing of new motion."""
+LEAST_ROWS = 4
+"""Of a log that were predicted without it; fewer say nothing."""
 PRIOR_LOGS, PRIOR_SPREAD = 4.0, 0.9
 """nu and s0 of the spread of log z2 from log to log."""
 SECOND_LOG = 2.8
