@@ -531,8 +531,8 @@ def _shrink(use: Array) -> Array:
 class Ranked:
     """Candidates by their value, drawn home only where that can decide.
 
-    Being drawn home makes a motion smaller, which tells less, so what a candidate is worth as it was sampled is
-    as good as the most that it can be worth.
+    A motion that is drawn home is smaller and tells less. So what a candidate is worth as it was sampled is
+    about the most that it can be worth.
 
     Attributes:
         candidates: the best as sampled first. values: of each, drawn home if it was.
@@ -572,7 +572,7 @@ class Ranked:
         return found[:count]
 
     def typical(self, aim: Objective, kept: NonconvexLimits) -> float:
-        """The value of the median candidate as it was sampled, drawn home; of two in the middle their mean."""
+        """The value of the median candidate, drawn home; of two in the middle their mean."""
         last = len(self.values) - 1
         return float(np.mean([self.draw(aim, kept, place) for place in (last // 2, (last + 1) // 2)]))
 
