@@ -86,7 +86,7 @@ class MemberConfig:
 
 def _rests(folds: Folds, rows: Sequence[Rows]) -> bool:  # noqa: ARG001
     """Joints stand while others move, and inputs remember how they came there."""
-    stands = while_any_moves(folds.samples) & ~folds.samples.moving
+    stands = standing(folds, range(len(folds.commands)))
     return bool(stands.any()) and any(op == "memory" for *_, op in folds.inputs.columns)
 
 
@@ -150,10 +150,9 @@ def beside_default(
                 continue
             every = tuple(j for learned in own for j in learned.candidate.commands)
             for commands in counted([every] if member_config.together else [(j,) for j in every]):
-                learned = _learned(
-                    folds, commands, name, structure, bases.get(structure.removesuffix("+gp")), rng, previous
-                )
-                found.append(learned)
+                base = bases.get(structure.removesuffix("+gp"))
+                wanted = None if len(commands) > 1 else wanted_of(folds, commands[0], own)
+                found.append(_learned(folds, commands, name, structure, base, rng, previous, wanted))
     return found, broken
 
 
@@ -165,6 +164,7 @@ def _learned(
     base: Base | None,
     rng: np.random.Generator,
     previous: LearnedModel | None,
+    wanted: Mask | None,
 ) -> LearnedStructure:
     member_config = CANDIDATES[name]
     samples = folds.samples
@@ -175,7 +175,7 @@ def _learned(
     if member_config.standing:  # at rest little is told of the motion, so those samples come on top
         rows = _beside(rows_of(replace(own, samples=folds.samples), group, rng), rows, folds, group)
     start = earlier_of(previous, structure, group, folds, name)
-    learned = with_process(own, group, rows, structure, base, start, rng)
+    learned = with_process(own, group, rows, structure, base, start, rng, wanted)
     return replace(learned, candidate=replace(learned.candidate, name=name))
 
 
@@ -215,18 +215,40 @@ def everywhere(
     """
     candidate, held = learned.candidate, learned.held
     own, process = list(candidate.commands), candidate.process
-    error, variance = held.error.copy(), held.variance.copy()
-    standing = while_any_moves(folds.samples)[:, own] & ~folds.samples.moving[:, own]
-    missing = np.flatnonzero(((standing | compared[:, own]) & ~np.isfinite(error)).any(axis=1))
+    told = held if learned.beside is None else _filled(held, learned.beside)
+    wanted = standing(folds, own) | compared[:, own]
+    missing = np.flatnonzero((wanted & ~np.isfinite(told.error)).any(axis=1))
     if len(missing) and len(own) == 1 and process is not None:
         rows = replace(learned.rows, kept=missing)
         more = process_held_out(folds, candidate.commands, rows, candidate.units, process, base)
-        newly_known = np.isnan(error) & np.isfinite(more.error)
-        error, variance = (
-            np.where(newly_known, more.error, error),
-            np.where(newly_known, more.variance, variance),
-        )
-    return error, variance * candidate.calibration
+        told = _filled(told, more)
+    return told.error, told.variance * candidate.calibration
+
+
+def _filled(held: HeldOut, more: HeldOut) -> HeldOut:
+    """With what another one says where the first says nothing."""
+    new = np.isnan(held.error) & np.isfinite(more.error)
+    return HeldOut(
+        np.where(new, more.error, held.error), np.where(new, more.variance, held.variance), held.fold
+    )
+
+
+def standing(folds: Folds, commands: Sequence[int]) -> Mask:
+    """(n, m) where the joints of those commands stand while another moves."""
+    own = list(commands)
+    return np.asarray(while_any_moves(folds.samples)[:, own] & ~folds.samples.moving[:, own])
+
+
+def wanted_of(folds: Folds, command: int, defaults: Sequence[LearnedStructure] = ()) -> Mask:
+    """(n,) samples of a command that `everywhere` compares candidates on: those of standing joints, and those
+    that the defaults held out.
+    """
+    found = standing(folds, [command])[:, 0]
+    for learned in defaults:
+        if command in learned.candidate.commands:
+            place = learned.candidate.commands.index(command)
+            found = found | np.isfinite(learned.held.error[:, place])
+    return np.asarray(found)
 
 
 EXPONENT = 4.0

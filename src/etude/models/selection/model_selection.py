@@ -28,7 +28,13 @@ from etude.models.data.fit_data import Folds, Rows, in_order, rows_of
 from etude.models.learned_model import LearnedModel
 from etude.models.process_abilities import EnsembleMember
 from etude.models.selection.candidate_errors import CandidateErrors
-from etude.models.selection.ensemble import Average, averages, beside_default, candidate_errors
+from etude.models.selection.ensemble import (
+    Average,
+    averages,
+    beside_default,
+    candidate_errors,
+    wanted_of,
+)
 from etude.models.selection.linear import LinearPhysics
 from etude.models.selection.selection_rule import TRAJECTORIES, choices, least_variance, notes, warnings_of
 from etude.models.selection.stacking import is_stacked, left_out, stacks
@@ -209,7 +215,9 @@ def _train_group(
     def process(structure: str) -> LearnedStructure:
         base = bases.get(base_of(structure))
         start = earlier_of(previous, structure, group, folds)
-        return with_process(folds, group, rows, structure, base, start, rng)
+        averaged = folds.config.averages and len(group) == 1 and len(folds.numbers) > 1
+        wanted = wanted_of(folds, group[0]) if averaged else None
+        return with_process(folds, group, rows, structure, base, start, rng, wanted)
 
     late = ["linear+gp"] if auto else []
     for structure in [
