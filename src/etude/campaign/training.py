@@ -51,6 +51,8 @@ from etude.protocols import Candidate, Inputs
 from etude.storage import write_atomic
 from etude.types import Array, Mask, Samples
 
+MOST_LOGS, MOST_SECONDS = 100, 1200.0
+"""Logs, and seconds of their motion, that a training learns from at most."""
 TRAIN_STREAM = 2
 """Separates the random numbers of training from those of asking and testing."""
 BLOCKS = 20
@@ -211,7 +213,9 @@ def learn_log(campaign: Campaign, state: State, number: int) -> TrainingOutcome:
     check_model(campaign, state)
     trained = [r for r in state.trained if r.number != number]
     waiting = [r.number for r in state.pending if r.number < number]
-    logs = [*(r.number for r in state.learned if r.number not in (number, *waiting)), *waiting, number]
+    every = [*(r.number for r in state.learned if r.number not in (number, *waiting)), *waiting, number]
+    logs = teaching(state, every)
+    waiting = [n for n in logs if n in waiting]
     samples = ingested_samples(campaign, logs)
     kind, spec, config = campaign.kind, campaign.spec, campaign.config
     inputs = kind.inputs(spec, config).fitted(samples)
@@ -230,7 +234,7 @@ def learn_log(campaign: Campaign, state: State, number: int) -> TrainingOutcome:
     save_model(path, selection.model)
     left_out = campaign.model_folder(number) / LEFT_OUT
     write_atomic(left_out, residuals_of(selection).to_bytes())
-    learned = [r.ingested for r in state.ingested if r.ingested and r.number in logs]
+    learned = [r.ingested for r in state.ingested if r.ingested and r.number in every]
     fact = Trained(
         logs=tuple(logs),
         models=_scores(before, inputs, samples, known_groups(campaign, logs[: -1 - len(waiting)])),
@@ -243,7 +247,7 @@ def learn_log(campaign: Campaign, state: State, number: int) -> TrainingOutcome:
         robot_seconds=float(sum(one.robot_seconds for one in learned)),
         recipe=tuple(_said(campaign, logs, samples)),
         inputs={name: np.asarray(a).tolist() for name, a in selection.model.inputs.arrays().items()},
-        warnings=(*_notes(selection.model.inputs), *selection.model.warnings),
+        warnings=(*_notes(selection.model.inputs), *_some(every, logs), *selection.model.warnings),
         body=body_of(campaign),
     )
     fact = with_forecast(fact, selection.model, before, campaign, state)
@@ -251,6 +255,24 @@ def learn_log(campaign: Campaign, state: State, number: int) -> TrainingOutcome:
         with part(0.5):
             fact = _with_blocks(fact, campaign, number, rng, 0.0 if foreign else GAP_S)
     return TrainingOutcome([path, left_out], fact)
+
+
+def teaching(state: State, logs: Sequence[int]) -> list[int]:
+    """Those of the logs that teach, in their order: all, or so many that a training costs no more than ever.
+
+    They are spread evenly over all of them, and the last is one of them.
+    """
+    told = [state.rounds[number].ingested for number in logs]
+    seconds = sum(one.robot_seconds for one in told if one is not None)
+    count = min(len(logs), MOST_LOGS, max(1, int(len(logs) * MOST_SECONDS / max(seconds, MOST_SECONDS))))
+    return [logs[(i + 1) * len(logs) // count - 1] for i in range(count)]
+
+
+def _some(every: Sequence[int], logs: Sequence[int]) -> tuple[Notice, ...]:
+    """That not all logs teach."""
+    return (
+        (Notice(Warn.SOME_TEACH, {"some": len(logs), "all": len(every)}),) if len(logs) < len(every) else ()
+    )
 
 
 def _notes(inputs: Inputs) -> tuple[Notice, ...]:

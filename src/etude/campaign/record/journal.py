@@ -35,6 +35,8 @@ BY_HAND = ("robot.toml", "campaign.toml")
 """Files that people edit: each event has the hashes of them as they were then."""
 
 PREVIOUS, SEAL = "previous", "seal"
+REMEMBERED = 2**15
+"""Lines that were read before: a campaign reads its journal for each step of a command."""
 _HASH = "[0-9a-f]{64}"
 _END = re.compile(
     rf'(?P<text>.*, "{PREVIOUS}": "(?P<previous>{_HASH})"), "{SEAL}": "(?P<seal>{_HASH})"\}}', re.DOTALL
@@ -66,12 +68,22 @@ def check_chain(lines: Sequence[str], path: object) -> None:
             next_step="Restore the line from a copy; or make a new campaign with etude init, and tell it the "
             "logs in runs/.",
         )
+    link = _link([])
     for i, line in enumerate(lines):
-        found = _END.fullmatch(line)
-        if found is None or found["seal"] != _sha256(found["text"]):
+        previous, following = _hashes(line)
+        if not following:
             raise _changed("this line of the journal was edited", path, i)
-        if found["previous"] != _link(lines[:i]):
+        if previous != link:
             raise _changed("a line of the journal was deleted, added or moved just before this one", path, i)
+        link = following
+
+
+@lru_cache(maxsize=REMEMBERED)
+def _hashes(line: str) -> tuple[str, str]:
+    """What a line says of the one before, and its own hash; both empty of a line that was edited."""
+    found = _END.fullmatch(line)
+    whole = found is not None and found["seal"] == _sha256(found["text"])
+    return (found["previous"], _sha256(line)) if found is not None and whole else ("", "")
 
 
 def _link(before: Sequence[str]) -> str:
@@ -178,8 +190,7 @@ def _parse(line: str, where: str) -> Event:
         ) from None
 
 
-_event = lru_cache(maxsize=1024)(event_from_json)
-"""A campaign reads its journal for each step of a command."""
+_event = lru_cache(maxsize=REMEMBERED)(event_from_json)
 
 
 def jsonable(values: Iterable[float]) -> Figures:
