@@ -14,19 +14,20 @@ from etude.abilities import SupportsNotes
 from etude.campaign.propose.typical_motions import typical_motions
 from etude.campaign.record.events import BlockScores, PrequentialScore, Trained
 from etude.campaign.record.folder import Campaign, Say
-from etude.campaign.record.journal import jsonable
+from etude.campaign.record.journal import MODEL, jsonable
 from etude.campaign.record.state import Round, State
 from etude.campaign.record.stored_models import (
     LEFT_OUT,
     LINEAR,
     MIXED,
-    MODEL,
     body_of,
     check_model,
     held_commands,
     ingested_samples,
+    is_pruned,
     known_groups,
     label,
+    prune,
     stored_log,
     stored_model,
 )
@@ -130,6 +131,7 @@ def _learn_together(campaign: Campaign, learn: Learner, numbers: Sequence[int], 
     learned = learn(campaign, campaign.state(), numbers[-1])
     together = tuple(numbers) if len(numbers) > 1 else ()
     campaign.commit(replace(learned.fact, together=together), numbers[-1], learned.files)
+    prune(campaign)
 
 
 REFERENCE_STREAM = 5
@@ -210,7 +212,8 @@ def learn_log(campaign: Campaign, state: State, number: int) -> TrainingOutcome:
     """Scores the newest model on log `number` and those that wait with it, which it has not seen, then trains
     on all logs told.
     """
-    check_model(campaign, state)
+    if not (state.trained and is_pruned(campaign, state.trained[-1].number)):
+        check_model(campaign, state)
     trained = [r for r in state.trained if r.number != number]
     waiting = [r.number for r in state.pending if r.number < number]
     every = [*(r.number for r in state.learned if r.number not in (number, *waiting)), *waiting, number]
@@ -286,8 +289,10 @@ def _held(campaign: Campaign, samples: Samples) -> Mask:
 
 
 def _comparable(campaign: Campaign, trained: Sequence[Round], inputs: Inputs) -> LearnedModel | None:
-    """The newest model, unless it looks at other inputs: some logs tell less, or [data] was edited."""
-    if not trained:
+    """The newest model, unless it looks at other inputs: some logs tell less, or [data] was edited. None too
+    where newer ones, of logs that were taken back, had superseded it.
+    """
+    if not trained or is_pruned(campaign, trained[-1].number):
         return None
     before = stored_model(campaign, trained[-1].number)
     return before if tuple(before.inputs.columns) == tuple(inputs.columns) else None

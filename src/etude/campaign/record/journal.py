@@ -23,6 +23,7 @@ from etude.campaign.record.events import (
     Fact,
     Figures,
     NewerFormatError,
+    Trained,
     event_from_json,
     event_to_json,
 )
@@ -140,9 +141,26 @@ def recorded(events: Iterable[Event]) -> dict[str, str]:
 
 def damaged_files(folder: Path, events: list[Event]) -> list[Notice]:
     """A notice for each committed file that is missing or no longer has its recorded hash; of what people
-    edit only if it is missing.
+    edit only if it is missing. Superseded models may be missing.
     """
-    return _damaged(folder, recorded(events))
+    gone = {name for name in superseded(events) if not (folder / name).exists()}
+    return _damaged(folder, {name: digest for name, digest in recorded(events).items() if name not in gone})
+
+
+MODEL = "model.npz"
+KEPT_MODELS = 8
+"""Models of the newest trainings that stay on the disk: each has megabytes, and logs teach it again."""
+
+
+def superseded(events: Iterable[Event]) -> list[str]:
+    """Names of the models of all trainings but the newest `KEPT_MODELS`, oldest first."""
+    order: dict[str, None] = {}
+    for event in events:
+        for name in event.files if isinstance(event.fact, Trained) else ():
+            if name.endswith(f"/{MODEL}"):
+                order.pop(name, None)
+                order[name] = None
+    return list(order)[:-KEPT_MODELS]
 
 
 def _damaged(folder: Path, files: Mapping[str, str]) -> list[Notice]:
