@@ -171,7 +171,7 @@ def expected_variance(model: LearnedModel, command: int, X: Array) -> float:
             place = candidate.commands.index(command)
             variance = candidate.process.predict(X)[1][:, place] * candidate.units[1, place] ** 2
             found += candidate.weights[place] * candidate.calibration[place] * float(variance.mean())
-    return found
+    return found if model.width is None else found * float(model.width[command])
 
 
 def _moved(model: LearnedModel, before: LearnedModel) -> float | None:
@@ -236,7 +236,7 @@ def learn_log(campaign: Campaign, state: State, number: int) -> TrainingOutcome:
         models=_scores(before, inputs, samples, known_groups(campaign, logs[: -1 - len(waiting)])),
         held_out_mae=_left_out(selection),
         predicted_by=trained[-1].trained.chosen if trained and trained[-1].trained else None,
-        chosen=label(selection.chosen),
+        chosen=label(selection.model.in_use),
         rungs=tuple(selection.chosen),
         calibrated=selection.model.calibrated,
         unmoved=tuple(np.array(campaign.command.parts)[held].tolist()),
@@ -282,7 +282,7 @@ def _scores(
     found: dict[str, PredictionScore] = {}
     if before is not None:
         found = prequential(before, new, samples.take(~newest))
-        if label(before.chosen) == MIXED:
+        if label(before.in_use) == MIXED:
             found[MIXED] = prediction_score(new, *before.posterior(new.log), samples.take(~newest))
     if not newest.all():  # fitted to the earlier logs alone
         mean = LinearPhysics(inputs)(samples.take(~newest))
@@ -338,7 +338,7 @@ def _held_out(campaign: Campaign, log: Samples, rng: np.random.Generator, gap_s:
         train, inputs, kind.physics(spec, config), kind.limit(spec), config.model, rng
     )
     scores = prequential(selection.model, test)
-    if label(selection.chosen) == MIXED:
+    if label(selection.model.in_use) == MIXED:
         scores[MIXED] = prediction_score(test, *selection.model.posterior(test.log))
     nmse = {structure: jsonable(found.nmse) for structure, found in scores.items() if structure != LINEAR}
     linear = LinearPhysics(selection.model.inputs)(train).predict(test.log)
@@ -348,4 +348,4 @@ def _held_out(campaign: Campaign, log: Samples, rng: np.random.Generator, gap_s:
         structure: jsonable(found.usable.nmse) for structure, found in scores.items() if structure != LINEAR
     }
     every["linear regression"] = jsonable(beside.usable.nmse)
-    return BlockScores(tuple(held_out_blocks()), BLOCKS, label(selection.chosen), nmse, every)
+    return BlockScores(tuple(held_out_blocks()), BLOCKS, label(selection.model.in_use), nmse, every)

@@ -19,7 +19,7 @@ BASES = {
 }
 """What a structure's mean is, in words."""
 MIXED = "mixed"
-MIXED_MEANS = "mixed: each output by the structure that was selected for it then."
+MIXED_MEANS = "mixed: several structures, each with its weight in each output."
 
 
 @dataclass(frozen=True, kw_only=True)

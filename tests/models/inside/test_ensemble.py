@@ -69,7 +69,7 @@ def test_the_model_predicts_the_average_and_every_weight_is_worth_keeping(averag
     average = sum(w * m for w, m, _ in parts)
     np.testing.assert_allclose(mean[:, 1], average, rtol=1e-10)
     np.testing.assert_allclose(
-        variance[:, 1], sum(w * (v + (m - average) ** 2) for w, m, v in parts), rtol=1e-9
+        variance[:, 1] / model.width[1], sum(w * (v + (m - average) ** 2) for w, m, v in parts), rtol=1e-9
     )
 
 
@@ -103,10 +103,12 @@ def test_a_rung_that_was_not_chosen_keeps_its_shares_and_is_stored(averaged) -> 
 
 def test_the_default_alone_is_what_it_was() -> None:
     data, new = trajectories(2), trajectory(9).log
-    plain = selection(data, SMALL).model.predict(new)
+    default = selection(data, SMALL).model
+    plain = default.predict(new)
     found = selection(data, BOTH).model
     alone = replace(
         found,
+        width=default.width,
         candidates=tuple(
             replace(c, weights=np.full(1, float(c.name == "default"))) for c in found.candidates
         ),

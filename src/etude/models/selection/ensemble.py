@@ -18,6 +18,7 @@ from etude.models.data.cross_validation import Base, HeldOut, process_held_out
 from etude.models.data.fit_data import Folds, Rows, apart, rows_of
 from etude.models.gp.kernels import own_columns
 from etude.models.learned_model import LearnedModel
+from etude.models.selection.candidate_errors import CandidateErrors, mixed, of_command
 from etude.models.selection.structures import LearnedStructure, earlier_of, with_process
 from etude.progress import counted
 from etude.types import Array, Index, Mask
@@ -257,6 +258,25 @@ LEAST_WEIGHT = 0.02
 """A candidate that weighs less for every command is left out."""
 
 
+def candidate_errors(
+    folds: Folds,
+    groups: Sequence[Mapping[str, LearnedStructure]],
+    others: Sequence[LearnedStructure],
+    bases: Mapping[str, Base],
+) -> list[CandidateErrors]:
+    """All candidates, group by group, the default's first; all on the samples of the defaults."""
+    defaults = [part for group in groups for part in group.values()]
+    order = list(dict.fromkeys(part.candidate.structure for part in others))
+    others = sorted(others, key=lambda part: order.index(part.candidate.structure))
+    use = _compared(defaults, folds.samples.command.shape)
+    parts = (*defaults, *others)
+    used = [bases.get(part.candidate.structure.removesuffix("+gp")) for part in parts]
+    return [
+        CandidateErrors(part, *everywhere(folds, part, base, use))
+        for part, base in zip(parts, used, strict=True)
+    ]
+
+
 @dataclass(frozen=True, eq=False)
 class Average:
     """A structure with all its candidates.
@@ -271,25 +291,26 @@ class Average:
     held: HeldOut
 
 
-def averaged(
-    folds: Folds, defaults: Sequence[LearnedStructure], others: Sequence[LearnedStructure], base: Base | None
-) -> Average:
-    """The candidates of a structure, weighed for each command by their density over what all predicted."""
-    parts, J = [*defaults, *others], len(folds.commands)
-    use = _compared(defaults, (len(folds.X), J))
-    scored = [everywhere(folds, part, base, use) for part in parts]
-    errors, variances = (np.full((len(parts), len(folds.X), J), np.nan) for _ in range(2))
-    for k, (part, (error, variance)) in enumerate(zip(parts, scored, strict=True)):
-        columns = list(part.candidate.commands)
-        errors[k][:, columns], variances[k][:, columns] = error, variance
-    weights = np.stack([weighed(errors[:, :, j], variances[:, :, j]) for j in range(J)], axis=1)
+def averaged(folds: Folds, own: Sequence[CandidateErrors], defaults: int) -> Average:
+    """The candidates of a structure, weighed for each command by their density over what all predicted.
+
+    own: the `defaults` of the groups first.
+    """
+    parts, shape = [one.part for one in own], folds.samples.command.shape
+    weights = np.zeros((len(parts), shape[1]))
+    told = [of_command(own, j) for j in range(shape[1])]
+    for j, (places, errors, variances) in enumerate(told):
+        weights[places, j] = weighed(errors, variances)
     needed = weights.max(axis=1) >= LEAST_WEIGHT
     weights = np.where(needed[:, None], weights, 0.0)
     weights /= np.maximum(weights.sum(axis=0), np.finfo(float).tiny)
-    for own, default in zip(weights, defaults, strict=False):  # where nothing was predicted it stays in use
-        own[[j for j in default.candidate.commands if not weights[:, j].any()]] = 1.0
-    held = HeldOut(*mixed(errors, variances, weights), folds.fold).at(use)
-    kept = [k for k in range(len(parts)) if needed[k] or k < len(defaults)]
+    for row, default in zip(weights, parts[:defaults], strict=False):  # unpredicted, it stays in use
+        row[[j for j in default.candidate.commands if not weights[:, j].any()]] = 1.0
+    error, variance = np.full(shape, np.nan), np.full(shape, np.nan)
+    for j, (places, errors, variances) in enumerate(told):
+        error[:, j], variance[:, j] = mixed(errors, variances, weights[places, j])
+    held = HeldOut(error, variance, folds.fold).at(_compared(parts[:defaults], shape))
+    kept = [k for k in range(len(parts)) if needed[k] or k < defaults]
     shares = tuple(weights[k, list(parts[k].candidate.commands)] for k in kept)
     return Average(tuple(parts[k] for k in kept), shares, held)
 
@@ -299,10 +320,12 @@ def weighed(error: Array, variance: Array) -> Array:
 
     The first alone where no sample was predicted by all.
     """
-    there = np.isfinite(error).any(axis=1)
-    use = np.isfinite(error[there]).all(axis=0)
+    there = np.isfinite(error).any(axis=1) if len(error) else np.zeros(0, dtype=np.bool_)
     weights = np.zeros(len(error))
-    if not there.any() or not use.any():
+    if not there.any():
+        return weights
+    use = np.isfinite(error[there]).all(axis=0)
+    if not use.any():
         weights[np.flatnonzero(there)[:1]] = 1.0
         return weights
     e, v = error[there][:, use], variance[there][:, use]
@@ -310,19 +333,6 @@ def weighed(error: Array, variance: Array) -> Array:
     share = np.exp(EXPONENT * (density - density.max()))
     weights[there] = share / share.sum()
     return weights
-
-
-def mixed(errors: Array, variances: Array, weights: Array) -> tuple[Array, Array]:
-    """Error and variance (n, J) of the average of those (C, n, J): sum w (v + (m - average)^2).
-
-    Where a candidate predicted nothing the others share its weight.
-    """
-    w = np.where(np.isfinite(errors), weights[:, None, :], 0.0)
-    total = w.sum(axis=0)
-    w = w / np.where(total > 0.0, total, 1.0)
-    average = np.where(total > 0.0, np.nansum(w * np.nan_to_num(errors), axis=0), np.nan)
-    spread = np.nan_to_num(variances) + (np.nan_to_num(errors) - np.nan_to_num(average)) ** 2
-    return average, np.where(total > 0.0, np.sum(w * spread, axis=0), np.nan)
 
 
 def _compared(defaults: Sequence[LearnedStructure], shape: tuple[int, int]) -> Mask:
@@ -333,16 +343,13 @@ def _compared(defaults: Sequence[LearnedStructure], shape: tuple[int, int]) -> M
     return use
 
 
-def averages(
-    folds: Folds,
-    groups: Sequence[Mapping[str, LearnedStructure]],
-    others: Sequence[LearnedStructure],
-    bases: Mapping[str, Base],
-) -> dict[str, Average]:
-    """By structure that has other candidates, its average."""
+def averages(folds: Folds, every: Sequence[CandidateErrors], defaults: int) -> dict[str, Average]:
+    """By structure that has other candidates than its `defaults`, the first of `every`, its average."""
     found = {}
-    for structure in dict.fromkeys(other.candidate.structure for other in others):
-        defaults = [group[structure] for group in groups if structure in group]
-        beside = [other for other in others if other.candidate.structure == structure]
-        found[structure] = averaged(folds, defaults, beside, bases.get(structure.removesuffix("+gp")))
+    for structure in dict.fromkeys(one.part.candidate.structure for one in every[defaults:]):
+        own, beside = (
+            [one for one in part if one.part.candidate.structure == structure]
+            for part in (every[:defaults], every[defaults:])
+        )
+        found[structure] = averaged(folds, [*own, *beside], len(own))
     return found
