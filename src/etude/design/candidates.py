@@ -300,7 +300,8 @@ class Roamed:
         if not regions:
             raise UnsafeTrajectoryError(
                 "no motion about any of the poses that were tried keeps all limits",
-                next_step="Widen the limits, or correct what stands around the robot.",
+                next_step="Widen the limits, or correct what stands around the robot; confirm, in the robot "
+                "file, names pairs of links whose shapes leave little room.",
             )
         return regions
 

@@ -21,6 +21,7 @@ from etude.errors import UsageError
 from etude.plugins import named_in
 from etude.protocols import Kind, Limit, Model
 from etude.storage import sha256_of, writer_lock
+from etude.toml_tables import decoded, read_text
 from etude.types import Channel, Margins
 
 if TYPE_CHECKING:
@@ -216,6 +217,7 @@ def _spec(path: Path, kind: Kind) -> Any:
             return kind.spec(path / ROBOT)
     except UsageError:
         if (path / ROBOT).is_file() and not kind.recognises(path / ROBOT):
+            decoded(read_text(path / ROBOT), str(path / ROBOT))  # what is no TOML is told so, with the line
             raise UsageError(
                 f"robot.toml does not describe a robot of the kind {kind.name!r}, which campaign.toml names",
                 where=str(path / ROBOT),
