@@ -9,11 +9,10 @@ way down. A centre of mass that is off looks like it in one joint, and not alike
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
-from etude.logs.checks.filtered_motion import MOVING, Seen, seen
+from etude.logs.checks.filtered_motion import MOVING, Seen, seen, states_of
 from etude.logs.checks.plausibility import brake_finding
 from etude.logs.cleaning.filters import median_rate
 from etude.types import Array, Finding, Log
@@ -130,16 +129,11 @@ def _mounting(spec: ArmSpec, log: Log) -> tuple[Finding, ...]:
     motion = seen(log, log.channels[PATH[0]])
     if nominal is None or motion is None:
         return ()
-    model = nominal(None).model
-
-    def commands(gravity: Array, qd: Array, qdd: Array) -> Array:
-        tree = replace(model.tree, gravity=gravity)
-        return replace(model, tree=tree).predict(motion.q, qd, qdd)
-
-    rest, none = np.zeros_like(motion.q), np.zeros(3)
-    inertial, standing = commands(none, motion.qd, motion.qdd), commands(none, rest, rest)
-    pulls = np.stack([commands(axis, rest, rest) - standing for axis in np.eye(3)], axis=2)
-    found = mounting_finding(motion, inertial, pulls, model.tree.gravity)
+    body = nominal(None)
+    states = states_of(motion.t, log.channels[PATH[0]], motion.q, motion.qd, motion.qdd)
+    pulls = body.pulls(states)
+    inertial = body.predict(states) - pulls @ body.gravity
+    found = mounting_finding(motion, inertial, pulls, body.gravity)
     return () if found is None else (found,)
 
 
