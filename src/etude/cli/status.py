@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from etude.cli.outcome import Common, Folder, Outcome, Say, opened, table
+from etude.errors import typed
 
 NO_MATTER = 0.05
 """Part of the variance below which the choice of a motion is not worth a thought."""
@@ -87,7 +88,7 @@ def _alerts(found: Mapping[str, Any]) -> list[str]:
 
 def _trajectories(found: Mapping[str, Any]) -> list[str]:
     if not found["trajectories"]:
-        return [f"Nothing asked for yet. Next: etude ask {found['folder']}"]
+        return [f"Nothing asked for yet. Next: etude ask {typed(found['folder'])}"]
     rows = [
         [
             str(t["number"]),

@@ -113,7 +113,9 @@ def test_an_upper_body_and_a_mobile_manipulator_learn_like_an_arm(
 ) -> None:
     """Each joint in its own unit: the base of the mobile one slides in m."""
     campaign = campaign_of(name, tmp_path)
-    if name == "talos":  # its hip and chest overlap in 78 % of the poses: `init` says so, and to name the pair
+    if (
+        name == "talos"
+    ):  # its hip and chest overlap in 78 % of the poses: `init` says so, and to name the pair
         campaign = ignoring(campaign, "base_link", "torso_2_link")
     assert len(campaign.axes) == joints
     list(simulate(campaign, 2))

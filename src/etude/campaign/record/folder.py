@@ -200,6 +200,7 @@ def open_campaign(path: Path) -> Campaign:
     path = Path(path)
     found = load_config(path)
     if not any(isinstance(event.fact, Created) for event in read_events(path)):
+        require_no_remains(path)
         raise UsageError(
             "this campaign was not finished being made",
             where=str(path / CONFIG),
@@ -209,6 +210,22 @@ def open_campaign(path: Path) -> Campaign:
     parts = [part for channel in found.kind.channels(spec) for part in channel.parts]
     require_plain((part for part in parts if part), str(path / ROBOT))
     return Campaign(path, found.config, found.sha256, found.kind, spec, sha256_of(path / ROBOT))
+
+
+REMAINS = ("runs", "models", "proposals", "promoted", "simulated")
+"""Folders that only a campaign in use has."""
+
+
+def require_no_remains(path: Path) -> None:
+    """UsageError: the folder holds logs or models of a campaign, and its journal holds no event."""
+    found = [name for name in REMAINS if any((path / name).glob("*"))]
+    if found:
+        raise UsageError(
+            f"the journal of this campaign is lost: it holds no event, and there is {' and '.join(found)}",
+            where=str(path / JOURNAL),
+            next_step="Restore journal.jsonl from a copy or your backup. Without one make a new campaign in "
+            "another folder, and tell it the logs in runs.",
+        )
 
 
 def _spec(path: Path, kind: Kind) -> Any:
