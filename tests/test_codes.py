@@ -51,7 +51,7 @@ def test_json_carries_code_fields_step_and_light() -> None:
         ),
         (
             Notice(Stop.OPEN, {"open": (WHERE, WHERE)}),
-            f"No stop rule applies yet: {OTHERS}; {BLOCKS}",
+            f"No stop rule applies yet: {OTHERS}; {OTHERS}",
         ),
         (
             Notice(Warn.INPUTS_MISSING, {"inputs": ("a", "b")}),
