@@ -42,7 +42,10 @@ def test_json_carries_code_fields_step_and_light() -> None:
 @pytest.mark.parametrize(
     ("notice", "sentence"),
     [
-        (NOTICE, "hip, knee: on 3 logs, each predicted from the others, a constant would have predicted as well"),
+        (
+            NOTICE,
+            "hip, knee: on 3 logs, each predicted from the others, a constant would have predicted as well",
+        ),
         (Notice(Stop.LOGS_MISSING, {"logs": 1}), "1 more log before a rule can fire"),
         (Notice(Stop.LOGS_MISSING, {"logs": 2}), "2 more logs before a rule can fire"),
         (
