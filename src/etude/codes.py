@@ -85,7 +85,7 @@ class Phrase(StrEnum):
     """Parts of sentences, where one of several stands in a field."""
 
     PREDICTED = "predicted"
-    HELD_OUT = "held_out"
+    LEFT_OUT = "left_out"
     COVERAGE = "coverage"
     TAKES = "takes"
     LOW_COVERAGE = "low_coverage"
@@ -176,7 +176,7 @@ SENTENCES: Mapping[Code | NextStep, str] = {
     Stop.LOGS_MISSING: "{logs:|more log|more logs} before a rule can fire",
     Stop.OPEN: "No stop rule applies yet: {open:; }",
     Phrase.PREDICTED: "on log {log}, predicted before it was learned",
-    Phrase.HELD_OUT: "on blocks of log {log} that were held out",
+    Phrase.LEFT_OUT: "on {logs} logs, each predicted from the others",
     Phrase.COVERAGE: "{output} {part:.0f %}",
     Phrase.TAKES: "{command} {most:.3g} {unit} of {limit:.3g}",
     Phrase.LOW_COVERAGE: "its 95 % intervals held only {part:.0f %} of an output's commands",

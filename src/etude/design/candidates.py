@@ -50,6 +50,11 @@ class Drawn:
         """(P,) standing still where all limits are kept."""
         return self.feasible.centre
 
+    def home(self, kept: NonconvexLimits) -> Drawn:
+        """As it was sampled, drawn home until its limits hold by a quick word."""
+        p = kept.shrink_to_home(self.family, self.standing, self.p, FEW_HALVINGS, quickly=True)
+        return self if p is self.p else replace(self, p=p)
+
     def allowed(self, kept: NonconvexLimits, p: Array, worth: Callable[[Array], float]) -> Drawn:
         """What a search has made of it (P,), drawn home until its limits hold, and grown where that is worth
         something.
@@ -60,10 +65,7 @@ class Drawn:
 
 @dataclass(frozen=True, eq=False)
 class Source:
-    """Where random trajectories come from: a family, its limits, a pose inside them, a way to sample.
-
-    What limits that are not convex forbid is drawn home.
-    """
+    """Where random trajectories come from: a family, its limits, a pose inside them, a way to sample."""
 
     family: Family
     limits: tuple[Limit, ...]
@@ -72,6 +74,8 @@ class Source:
 
     def candidates(self, rng: np.random.Generator, count: int) -> list[Drawn]:
         """`count` of them to choose from: a quarter of random amplitude, or half on the edge.
+
+        They keep the limits that are convex; what the others forbid is drawn home of those that may win.
 
         Raises:
             UnsafeTrajectoryError: the limits leave no room.
@@ -85,7 +89,8 @@ class Source:
 
     def typical(self, rng: np.random.Generator, count: int, *, grown: bool = False) -> list[Drawn]:
         """`count` large ones, as motions that stand in for tasks; or grown, as first trajectories."""
-        found = self._drawn(rng, count, uniform if self.sampler == "uniform" else scaled)
+        sampled = self._drawn(rng, count, uniform if self.sampler == "uniform" else scaled)
+        found = [drawn.home(NonconvexLimits.of(self.limits, drawn.family, drawn.p)) for drawn in sampled]
         return [self._grown(drawn) for drawn in found] if grown else found
 
     def _grown(self, drawn: Drawn) -> Drawn:
@@ -108,11 +113,8 @@ class Source:
         for family in {id(one): one for one in families}.values():
             places = [i for i, one in enumerate(families) if one is family]
             feasible = self._whole if family is self.family else self._set(family)
-            points, home = sample(rng, feasible, len(places)), feasible.centre
-            kept = NonconvexLimits.of(self.limits, family, home)
-            for place, p in zip(places, points, strict=True):
-                p = kept.shrink_to_home(family, home, p, FEW_HALVINGS, quickly=True)
-                found[place] = Drawn(family, feasible, p)
+            points = sample(rng, feasible, len(places))
+            found |= {place: Drawn(family, feasible, p) for place, p in zip(places, points, strict=True)}
         return [found[place] for place in range(count)]
 
 
@@ -240,6 +242,10 @@ class Region(Drawn):
     @property
     def standing(self) -> Array:
         return self.start
+
+    def home(self, kept: NonconvexLimits) -> Drawn:  # noqa: ARG002
+        """Itself: it keeps its limits already."""
+        return self
 
     def allowed(self, kept: NonconvexLimits, p: Array, worth: Callable[[Array], float]) -> Drawn:  # noqa: ARG002
         """Drawn back to what is clear, and widened again: room that it has is worth having."""

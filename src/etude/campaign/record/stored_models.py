@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 MODEL, LEFT_OUT = "model.npz", "left_out.npz"
 LINEAR, MIXED = "linear", "mixed"
-"""What every structure has to beat, and what is said where commands were given different structures."""
+"""What every structure has to beat, and what is said where commands are made of several structures."""
 
 
 def load_model(folder: str | Path) -> LearnedModel:
@@ -155,7 +155,7 @@ def of_another_body(campaign: Campaign, number: int) -> str:
 
 
 def label(structures: Sequence[str]) -> str:
-    """One word for the structures of all commands."""
+    """One word for the structures that commands are made of."""
     return structures[0] if len(set(structures)) == 1 else MIXED
 
 

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from etude.logs.checks.filtered_motion import goes_far, states_of
+from etude.logs.cleaning.filters import looked_at
 from etude.logs.cleaning.smoothing import median_rate, quick_length, resample, segments, smooth, uniform_grid
 from etude.protocols import Mean
 from etude.types import Array, Channel, Index, Log, Mask
@@ -78,6 +79,7 @@ def rows_of(
         groups: logs whose commands are negated together, one variant each.
         late: logs whose commands are delayed; None: all.
     """
+    logs = [looked_at(log) for log in logs]
     pieces = [(i, log.take(piece)) for i, log in enumerate(logs) for piece in _stretches(log)]
     if not pieces:
         return None

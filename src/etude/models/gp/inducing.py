@@ -310,11 +310,19 @@ class FixedInducing:
             found[number] = V, dsyrk(1.0, V, lower=1)
         return found
 
+    @cached_property
+    def whole(self) -> Array:
+        """(u, u) V Vᵀ of all samples, lower half."""
+        total = np.zeros((len(self.Z), len(self.Z)), order="F")
+        for _, own in self.parts.values():
+            total += own
+        return total
+
     def posterior(self, y: Array) -> BasisPosterior:
         """Given y (n,)."""
         gp = self.gp
         with threads_for(len(self.Z)):
-            root_inverse = triangular_inverse(self._root(self.places))
+            root_inverse = triangular_inverse(factorise(self.whole, 1.0, announce=False)[0])
             beta = root_inverse.T @ (root_inverse @ self._told(y[:, None], self.places)[:, 0])
             middle = -(root_inverse.T @ root_inverse)  # I - A^-1, its rows and columns reversed
             middle[np.diag_indices_from(middle)] += 1.0
@@ -329,7 +337,10 @@ class FixedInducing:
         gp, left_out = self.gp, set(folds)
         others = [number for number in self.places if number not in left_out]
         with threads_for(len(self.Z)):
-            root, V = self._root(others), self._whitened(at)
+            A = self.whole  # of all but a fold: less is rounded than jitter adds
+            for number in left_out & set(self.places):
+                A = A - self.parts[number][1]
+            root, V = factorise(A, 1.0, announce=False)[0], self._whitened(at)
             here = dtrtrs(root, V, lower=1)[0]
             kept = dtrtrs(root, self._told(Y, others), lower=1)[0]
         missing = gp.kernel.diagonal(gp.theta, at) - np.einsum("un,un->n", V, V)
@@ -340,13 +351,6 @@ class FixedInducing:
         """(u, k) L^-1 k(Z, X) at X (k, D)."""
         K = self.gp.kernel.value(self.gp.theta, X, self.Z)  # its transposed is in Fortran order
         return np.asarray(dtrmm(1.0, self.L_inverse, K.T, lower=1, overwrite_b=1))
-
-    def _root(self, folds: Iterable[int]) -> Array:
-        """(u, u) Cholesky factor of A = I + V Vᵀ, of those folds alone."""
-        A = np.zeros((len(self.Z), len(self.Z)), order="F")
-        for number in folds:
-            A += self.parts[number][1]
-        return factorise(A, 1.0, announce=False)[0]
 
     def _told(self, Y: Array, folds: Iterable[int]) -> Array:
         """(u, m) V y of those folds, of outputs Y (n, m)."""
