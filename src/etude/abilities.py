@@ -177,14 +177,14 @@ class SupportsVariations(Protocol):
     """`Mean` of a model file: what its commands change by if the file is wrong in one thing.
 
     gravity (3,): m/s^2 in the world. pulls (n, J, 3): for each m/s^2 of gravity along an axis of the world.
-    carried (n, J, 10): for mass (kg), first moments (kg m) and inertia (xx yy zz xy xz yz, kg m^2, about the
-    origin) of a load in the frame of the last link.
+    links (n, J, L, 10): for mass (kg), first moments (kg m) and inertia (xx yy zz xy xz yz, kg m^2, about the
+    origin) of each link that an axis moves, in its frame, in the order of the axes.
     """
 
     @property
     def gravity(self) -> Array: ...
     def pulls(self, log: Log) -> Array: ...
-    def carried(self, log: Log) -> Array: ...
+    def links(self, log: Log) -> Array: ...
 
 
 @runtime_checkable

@@ -12,7 +12,7 @@ import numpy as np
 from etude import plugins
 from etude.abilities import SupportsNotes
 from etude.campaign.propose.typical_motions import typical_motions
-from etude.campaign.record.events import BlockScores, PrequentialScore, Trained
+from etude.campaign.record.events import BlockScores, NewMotionScores, PrequentialScore, Trained
 from etude.campaign.record.folder import Campaign, Say
 from etude.campaign.record.journal import MODEL, jsonable
 from etude.campaign.record.state import Round, State
@@ -35,7 +35,7 @@ from etude.codes import Notice, Warn, stated
 from etude.design.latents import latents_of
 from etude.design.objective import MOTIONS, reference_states
 from etude.errors import DataError, NumericalError
-from etude.models.accuracy import PredictionScore, prediction_score
+from etude.models.accuracy import Figures, PredictionScore, figures, prediction_score, trivial_prediction
 from etude.models.data.cross_validation import held_out_blocks, split_blocks
 from etude.models.learned_model import LearnedModel
 from etude.models.process_abilities import HasKernel, SupportsFirstUse
@@ -46,6 +46,7 @@ from etude.models.selection.model_selection import (
     residuals_of,
     select_structures,
 )
+from etude.models.selection.width import LEAST_LOGS
 from etude.models.store import save_model
 from etude.progress import part
 from etude.protocols import Candidate, Inputs
@@ -225,11 +226,10 @@ def learn_log(campaign: Campaign, state: State, number: int) -> TrainingOutcome:
     before = _comparable(campaign, trained, inputs)
     rng = np.random.default_rng([state.seed, number, TRAIN_STREAM])
     physics, limit = kind.physics(spec, config), kind.limit(spec)
-    # nothing scores the first log before it is learned, and a log of another motion may be unlike all others:
-    # blocks of these are held out, and predicted from the rest
+    # from two motions on each is predicted from the others; of a single one blocks, from the rest
     ingested = state.rounds[number].ingested
     foreign = ingested is not None and ingested.foreign
-    blocks = foreign or not trained
+    blocks = len(np.unique(samples.group)) < LEAST_LOGS
     with part(0.5 if blocks else 1.0):
         held = _held(campaign, samples)
         selection = select_structures(samples, inputs, physics, limit, config.model, rng, before, held)
@@ -242,6 +242,7 @@ def learn_log(campaign: Campaign, state: State, number: int) -> TrainingOutcome:
         logs=tuple(logs),
         models=_scores(before, inputs, samples, known_groups(campaign, logs[: -1 - len(waiting)])),
         held_out_mae=_left_out(selection),
+        new_motion=None if blocks else _new_motion(selection),
         predicted_by=trained[-1].trained.chosen if trained and trained[-1].trained else None,
         chosen=label(selection.model.in_use),
         rungs=tuple(selection.chosen),
@@ -342,6 +343,22 @@ def _left_out(selection: ModelSelection) -> dict[str, float | None]:
         structure: float(np.mean(held.errors("absolute"))) for structure, held in selection.held_out.items()
     }
     return dict(zip(errors, jsonable(list(errors.values())), strict=True))
+
+
+def _new_motion(selection: ModelSelection) -> NewMotionScores:
+    """What is in use, and linear regression, on logs left out."""
+    found, linear = selection.left_out, selection.held_out[LINEAR].error
+    samples, count = selection.samples, len(np.unique(found.fold))
+    trivial = trivial_prediction(samples)
+
+    def scored(error: Array, variance: Array | None) -> Figures:
+        use = np.isfinite(error)
+        mean = np.where(use, samples.command - error, 0.0)
+        return figures(samples.command, mean, variance, use, trivial)
+
+    used, plain = scored(found.error, found.variance), scored(linear, None)
+    values = {name: jsonable(getattr(used, name)) for name in ("nmse", "z2", "coverage", "msll")}
+    return NewMotionScores(count, PrequentialScore(**values), jsonable(plain.nmse))
 
 
 def _with_blocks(

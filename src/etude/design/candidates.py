@@ -8,6 +8,7 @@ What the information criterion then refines stays inside what was found, and goe
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -15,7 +16,7 @@ from typing import Literal
 
 import numpy as np
 
-from etude.abilities import SupportsBoxes
+from etude.abilities import SupportsBlocking, SupportsBoxes
 from etude.design.nonconvex_limits import FEW_HALVINGS, NonconvexLimits
 from etude.errors import UnsafeTrajectoryError
 from etude.limits.feasible import FeasibleSet, still_at
@@ -131,6 +132,8 @@ ROUGHLY = (2.0, 1.3)
 """Factors by which each side of these is widened."""
 AGAIN = (1.3, 1.1)
 """The same of those that are chosen, and of what was refined."""
+BLOCKED = 64
+"""Poses at which limits are asked what they block, for a message."""
 WELL_INSIDE = 0.97
 """Of the way from home to the edge of the limits, beyond which no motion is centred."""
 BALANCE = 0.1
@@ -304,15 +307,33 @@ class Roamed:
             if len(regions) == JUDGED:
                 break
         if not regions:
-            raise UnsafeTrajectoryError(
-                "no motion about any of the poses that were tried keeps all limits",
-                next_step="Widen the limits, or correct what stands around the robot.",
-            )
+            raise self._none()
         return regions
 
     def typical(self, rng: np.random.Generator, count: int) -> list[Drawn]:
-        """`count` that stand in for tasks: clear, or nearly so, each about its pose."""
-        return [Drawn(one.family, self._set(one.family), one.p) for one in self._started(rng, count)]
+        """`count` that stand in for tasks: clear, or nearly so, each about its pose.
+
+        Raises:
+            UnsafeTrajectoryError: there is none.
+        """
+        found = self._started(rng, count)
+        if not found:
+            raise self._none()
+        return [Drawn(one.family, self._set(one.family), one.p) for one in found]
+
+    def _none(self) -> UnsafeTrajectoryError:
+        """No motion keeps all limits; with what holds at fewest of the poses, if a limit says so."""
+        form = self.family.trajectory(self._set(self.family).centre).form
+        poses = self.roam.reach.poses[:BLOCKED]
+        asked = [limit for limit in self.limits if isinstance(limit, SupportsBlocking)]
+        met = Counter(found for limit in asked for pose in poses if (found := limit.blocked(form, pose)))
+        often = [what for what, count in met.most_common() if 2 * count > len(poses)]
+        return UnsafeTrajectoryError(
+            "no motion about any of the poses that were tried keeps all limits"
+            + (f": most of them break {' and '.join(often)}" if often else ""),
+            next_step="Widen the limits, or correct what stands around the robot; confirm, in the robot "
+            "file, names pairs of links whose shapes leave little room.",
+        )
 
     def stand(self, family: Family) -> Callable[[Array], Array]:
         """Pose (k,) -> parameters (P,) of standing still there."""

@@ -88,13 +88,12 @@ class RigidBodyMean:
         none = standing(np.zeros(3))
         return np.stack([standing(axis) - none for axis in np.eye(3)], axis=2)
 
-    def carried(self, log: Log) -> Array:
-        """Commands (T, J, 10) for each inertial parameter of a load on the link that the last axis moves."""
+    def links(self, log: Log) -> Array:
+        """Commands (T, J, L, 10) for each inertial parameter of the link that each axis moves."""
         tree, drives, v0 = self.model.tree, self.model.drives, self.model.friction_velocity
-        last = int(tree.joint_body[-1])
         motion = (log[name] for name in (PLAN if self.desired else PATH))
         rigid, _ = command_regressors(tree, drives, v0, *motion)
-        return rigid[:, :, 10 * (last - 1) : 10 * last]
+        return rigid.reshape(*rigid.shape[:2], -1, 10)[:, :, tree.joint_body - 1]
 
     def arrays(self) -> dict[str, Array]:
         """All that `restore` of the physics takes to make it again, bit for bit."""

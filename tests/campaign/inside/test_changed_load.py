@@ -56,7 +56,7 @@ def written(
     for channel, values in zip(campaign.channels, (q, qd, qdd), strict=False):
         states = states.put(channel, values)
     friction = rub * np.array([3.0, 4.0, 2.0]) * np.tanh(qd / 0.05)
-    command = body.predict(states) + kg * body.carried(states)[:, :, 0] + friction  # type: ignore[attr-defined]
+    command = body.predict(states) + kg * body.links(states)[:, :, -1, 0] + friction  # type: ignore[attr-defined]
     return saved(path, t, q, command, seed)
 
 

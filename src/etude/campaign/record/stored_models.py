@@ -17,7 +17,7 @@ from etude.campaign.record.journal import JOURNAL, MODEL, recorded, require_inta
 from etude.campaign.record.state import Round, State
 from etude.campaign.record.stored_files import name_of, require_runs
 from etude.codes import NextStep, Notice, Warn
-from etude.errors import UsageError
+from etude.errors import UsageError, typed
 from etude.plugins import named_in
 from etude.storage import sha256_of
 from etude.types import Array, Log, Mask, Samples
@@ -78,7 +78,7 @@ def is_pruned(campaign: Campaign, number: int) -> bool:
 
 def _advice(campaign: Campaign, number: int) -> str:
     return (
-        f"Restore it from a copy, or learn anew: etude abandon {campaign.path} {number}, "
+        f"Restore it from a copy, or learn anew: etude abandon {typed(campaign.path)} {number}, "
         "then tell its log again."
     )
 
@@ -161,8 +161,8 @@ def of_another_body(campaign: Campaign, number: int) -> str:
     return (
         f" robot.toml changed since log {number} was learned, so its physics are others. "
         "Where the robot itself changed, tell its next log with --changed new. "
-        f"Where robot.toml was wrong: etude untell {campaign.path} {number}, then "
-        f"etude tell {campaign.path} {log}."
+        f"Where robot.toml was wrong: etude untell {typed(campaign.path)} {number}, then "
+        f"etude tell {typed(campaign.path)} {log}."
     )
 
 

@@ -94,7 +94,7 @@ def judge_unit(log: Log, body: Mean, limit: Array, motion: Seen | None = None) -
     found = scale_finding(motion, torque, limit)
     if found is None or not found.flag or not isinstance(body, SupportsVariations):
         return found
-    kg = load_beside(motion, torque, body.carried(states)[:, :, 0])
+    kg = load_beside(motion, torque, body.links(states)[:, :, -1, 0])
     if not kg:
         return found
     fact = f"The commands follow the model file with {kg:.2g} kg more at the last link."

@@ -89,7 +89,7 @@ def _expected(model: LearnedModel, samples: Samples, mean: Array, body: Mean | N
     def without(i: int, d: float) -> Array:
         return model.mean(log.put(channel, q - d * (np.arange(q.shape[1]) == i)))
 
-    carried = body.carried(log)[:, :, 0] if isinstance(body, SupportsVariations) else None
+    carried = body.links(log)[:, :, -1, 0] if isinstance(body, SupportsVariations) else None
     return ExpectedCommands(mean, np.ptp(q, axis=0), without, carried)
 
 
