@@ -10,14 +10,12 @@ import pytest
 from small_robot import make_campaign, random_motion, stub_learner, write_log
 
 from etude import status, tell, untell
-from etude.campaign import Campaign, State, newest_model, open_campaign, replay
-from etude.campaign.record import journal
+from etude.campaign import Campaign, Round, State, newest_model, open_campaign, replay
+from etude.campaign.record import journal, stored_models
 from etude.campaign.record.events import Ingested
-from etude.campaign.record.state import Round
 from etude.campaign.training import MOST_LOGS, MOST_SECONDS, teaching
 from etude.codes import Warn
 from etude.errors import UsageError
-from etude.logs.readers import log_file
 
 CONFIG = """\
 [trajectory]
@@ -117,8 +115,10 @@ def test_a_state_is_that_of_all_events_whoever_wrote_them(learned: Campaign, tmp
 
 def counted_tell(campaign: Campaign, path: Path, monkeypatch: pytest.MonkeyPatch) -> int:
     """Stored logs that a tell reads."""
-    read, whole = [], log_file.read_log_file
-    monkeypatch.setattr(log_file, "read_log_file", lambda path: read.append(path) or whole(path))
+    read, whole = [], stored_models.require_runs
+    monkeypatch.setattr(
+        stored_models, "require_runs", lambda lab, numbers: read.extend(numbers) or whole(lab, numbers)
+    )
     assert tell(campaign, path).learned
     monkeypatch.undo()
     return len(read)
