@@ -119,6 +119,7 @@ def test_the_same_words_for_people(lab: Path, capsys: pytest.CaptureFixture[str]
         (["ask", "LAB", "--colour"], 2, "wrong arguments"),
         (["ask", "nowhere"], 2, "there is no campaign here"),
         (["init", "LAB", "--robot", "arm4"], 2, "there is a campaign here already"),
+        (["init", "", "--robot", "arm4"], 2, "an argument is empty"),
         (["init", "new", "--robot", "nobody"], 2, "there is no robot and no file 'nobody'"),
         (["init", "new", "--robot", "arm4", "--seed", "-1"], 2, "the seed must be 0 or more"),
         (["init", "new", "--robot", "arm4", "--preset", "best"], 2, "unknown preset 'best'"),

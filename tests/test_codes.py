@@ -10,8 +10,8 @@ import pytest
 from etude.codes import SENTENCES, Alert, NextStep, Notice, OfFile, Phrase, Refusal, Stop, Warn
 
 KINDS = (Alert, Warn, OfFile, Refusal, Stop, Phrase, NextStep)
-WHERE = Notice(Phrase.HELD_OUT, {"log": 3})
-BLOCKS = "on blocks of log 3 that were held out"
+WHERE = Notice(Phrase.LEFT_OUT, {"logs": 3})
+OTHERS = "on 3 logs, each predicted from the others"
 NOTICE = Notice(
     Alert.CONSTANT_AS_GOOD, {"outputs": ("hip", "knee"), "where": WHERE}, NextStep.MOVE_JOINTS, "red"
 )
@@ -33,7 +33,7 @@ def test_a_field_that_is_missing_is_no_empty_place() -> None:
 def test_json_carries_code_fields_step_and_light() -> None:
     told = json.loads(json.dumps(NOTICE.facts()))
     assert told["code"] == "constant_as_good"
-    assert told["fields"]["where"] == {"code": "held_out", "fields": {"log": 3}}
+    assert told["fields"]["where"] == {"code": "left_out", "fields": {"logs": 3}}
     assert (told["next_step"], told["light"]) == ("move_joints", "red")
     assert told["sentence"] == NOTICE.sentence
     assert Notice.from_json(told) == NOTICE
@@ -42,7 +42,10 @@ def test_json_carries_code_fields_step_and_light() -> None:
 @pytest.mark.parametrize(
     ("notice", "sentence"),
     [
-        (NOTICE, "hip, knee: on blocks of log 3 that were held out, a constant would have predicted as well"),
+        (
+            NOTICE,
+            "hip, knee: on 3 logs, each predicted from the others, a constant would have predicted as well",
+        ),
         (Notice(Stop.LOGS_MISSING, {"logs": 1}), "1 more log before a rule can fire"),
         (Notice(Stop.LOGS_MISSING, {"logs": 2}), "2 more logs before a rule can fire"),
         (
@@ -51,7 +54,7 @@ def test_json_carries_code_fields_step_and_light() -> None:
         ),
         (
             Notice(Stop.OPEN, {"open": (WHERE, WHERE)}),
-            f"No stop rule applies yet: {BLOCKS}; {BLOCKS}",
+            f"No stop rule applies yet: {OTHERS}; {OTHERS}",
         ),
         (
             Notice(Warn.INPUTS_MISSING, {"inputs": ("a", "b")}),

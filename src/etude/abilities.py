@@ -173,6 +173,21 @@ class SupportsColumns(Protocol):
 
 
 @runtime_checkable
+class SupportsVariations(Protocol):
+    """`Mean` of a model file: what its commands change by if the file is wrong in one thing.
+
+    gravity (3,): m/s^2 in the world. pulls (n, J, 3): for each m/s^2 of gravity along an axis of the world.
+    links (n, J, L, 10): for mass (kg), first moments (kg m) and inertia (xx yy zz xy xz yz, kg m^2, about the
+    origin) of each link that an axis moves, in its frame, in the order of the axes.
+    """
+
+    @property
+    def gravity(self) -> Array: ...
+    def pulls(self, log: Log) -> Array: ...
+    def links(self, log: Log) -> Array: ...
+
+
+@runtime_checkable
 class SupportsWithout(Protocol):
     """`Physics` that shares work between folds (n,): by number of a fold what the mean without it says of all
     samples, (n, J). A fold without which nothing can be identified is missing.
@@ -414,7 +429,7 @@ ABILITIES: Mapping[str, tuple[type, ...]] = {
         SupportsDrawing,
     ),
     "Inputs": (SupportsMemory, SupportsDrag, SupportsNotes, SupportsOnnx),
-    "Mean": (SupportsOnnx, SupportsColumns),
+    "Mean": (SupportsOnnx, SupportsColumns, SupportsVariations),
     "Physics": (SupportsWithout, SupportsRegressors),
     "Model": (SupportsFastMoments,),
     "Controller": (SupportsAccelerations,),

@@ -12,6 +12,8 @@ from enum import StrEnum
 from string import Formatter
 from typing import Any, Literal
 
+from etude.errors import typed
+
 Light = Literal["red", "yellow", ""]
 """Of an alert: red, do not use what it is about; yellow, look at it."""
 
@@ -83,7 +85,7 @@ class Phrase(StrEnum):
     """Parts of sentences, where one of several stands in a field."""
 
     PREDICTED = "predicted"
-    HELD_OUT = "held_out"
+    LEFT_OUT = "left_out"
     COVERAGE = "coverage"
     TAKES = "takes"
     LOW_COVERAGE = "low_coverage"
@@ -174,7 +176,7 @@ SENTENCES: Mapping[Code | NextStep, str] = {
     Stop.LOGS_MISSING: "{logs:|more log|more logs} before a rule can fire",
     Stop.OPEN: "No stop rule applies yet: {open:; }",
     Phrase.PREDICTED: "on log {log}, predicted before it was learned",
-    Phrase.HELD_OUT: "on blocks of log {log} that were held out",
+    Phrase.LEFT_OUT: "on {logs} logs, each predicted from the others",
     Phrase.COVERAGE: "{output} {part:.0f %}",
     Phrase.TAKES: "{command} {most:.3g} {unit} of {limit:.3g}",
     Phrase.LOW_COVERAGE: "its 95 % intervals held only {part:.0f %} of an output's commands",
@@ -198,13 +200,13 @@ SENTENCES: Mapping[Code | NextStep, str] = {
     NextStep.TELL_TO_CHOOSE: "Tell another log: what errs least on it is chosen for each output.",
     NextStep.ASK_LIKE_IT: "Do not use the model on such motion; ask for more, with tasks like it (--tasks).",
     NextStep.SEE_REPAIRS: "Look at that log's repairs; if the log is wrong, exclude it with etude untell.",
-    NextStep.ASK_AGAIN: "Ask for it again, before it is run: etude ask {folder}",
-    NextStep.GIVE_UP: "Do not run it, give it up: etude abandon {folder} {number}",
+    NextStep.ASK_AGAIN: "Ask for it again, before it is run: etude ask {folder:typed}",
+    NextStep.GIVE_UP: "Do not run it, give it up: etude abandon {folder:typed} {number}",
     NextStep.TAKE_UP: "The next ask or tell takes up what it says now; ask proves an open motion again: "
-    "etude ask {folder}",
+    "etude ask {folder:typed}",
     NextStep.TELL_ANOTHER: "Tell another one.",
     NextStep.TELL_MOVING: "Tell another log that moves it.",
-    NextStep.UNTELL_SIMULATED: "Exclude the simulated ones: etude untell {folder} {newest}",
+    NextStep.UNTELL_SIMULATED: "Exclude the simulated ones: etude untell {folder:typed} {newest}",
 }
 """By code: no capital and no full stop where it may stand within a sentence."""
 
@@ -271,8 +273,8 @@ def stated(said: Sequence[str | Notice]) -> tuple[Notice, ...]:
 
 
 class _Words(Formatter):
-    """`str.format`, and of a field: "%" after a space for parts in per cent; "|one|many" for a count; of a
-    tuple what joins it.
+    """`str.format`, and of a field: "typed" for a path in a command, "%" after a space for parts in per cent,
+    "|one|many" for a count; of a tuple what joins it.
     """
 
     def format_field(self, value: Any, format_spec: str) -> str:
@@ -280,6 +282,8 @@ class _Words(Formatter):
             return value.sentence
         if isinstance(value, tuple):
             return (format_spec or ", ").join(self.format_field(one, "") for one in value)
+        if format_spec == "typed":
+            return typed(value)
         if format_spec.endswith(" %"):
             return f"{format(100.0 * value, format_spec[:-2])} %"
         if format_spec.startswith("|"):

@@ -2,6 +2,13 @@
 
 from __future__ import annotations
 
+import shlex
+
+
+def typed(path: object) -> str:
+    """A path within a command that is printed, as a shell takes it: in quotes where it holds a space."""
+    return shlex.quote(str(path))
+
 
 class EtudeError(Exception):
     """Root of every error that Étude raises on purpose.

@@ -375,7 +375,7 @@ def _imported(plugin: Plugin) -> Any:
         found: Any = importlib.import_module(module)
         for part in path.split("."):
             found = getattr(found, part)
-    except Exception as error:
+    except (Exception, SystemExit) as error:  # a module that ends the program as it is loaded is broken too
         reason = f"{type(error).__name__}: {error}"
         _failures[plugin.target] = reason
         raise UsageError(
@@ -398,7 +398,7 @@ def _note_place(module: str, target: str) -> None:
         _places[place] = target
 
 
-def _mending(module: str, error: Exception) -> str:
+def _mending(module: str, error: BaseException) -> str:
     """A file beside the campaign is not found by itself: Python looks where `etude` is installed."""
     if isinstance(error, ModuleNotFoundError) and module.split(".")[0] == error.name:
         return f"Install it, or name the folder of {error.name}.py: PYTHONPATH=FOLDER etude ..."

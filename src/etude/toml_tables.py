@@ -34,14 +34,14 @@ def decoded(text: str, where: str) -> dict[str, Any]:
 def read_text(path: Path, what: str = "file") -> str:
     """The text of a file that a person names. UsageError if there is none, or it cannot be read."""
     try:
-        return path.read_text(encoding="utf-8")
+        return path.read_text(encoding="utf-8-sig")  # some editors begin a file with a byte order mark
     except FileNotFoundError:
         raise UsageError(f"there is no {what} {path}", next_step="Check the path.") from None
     except (OSError, UnicodeDecodeError) as problem:
         raise UsageError(
             f"the {what} cannot be read: {problem}",
             where=str(path),
-            next_step="Check that it is a text file that you may read, or restore it from a copy.",
+            next_step="Check that it is a text file in UTF-8 that you may read, or restore it from a copy.",
         ) from None
 
 

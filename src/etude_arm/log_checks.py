@@ -9,14 +9,15 @@ way down. A centre of mass that is off looks like it in one joint, and not alike
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
-from etude.logs.checks.filtered_motion import MOVING, Seen, seen
+from etude.logs.checks.filtered_motion import MOVING, Seen, seen, states_of
+from etude.logs.checks.finding_texts import accepted
 from etude.logs.checks.plausibility import brake_finding
 from etude.logs.cleaning.filters import median_rate
 from etude.types import Array, Finding, Log
+from etude_arm.loading.rotations import turn_of
 from etude_arm.spec import COMMAND, PATH, ArmSpec
 
 ROBOT_RATE = "robot rate"
@@ -43,14 +44,18 @@ ROUNDS = 10  # of weighing joints by what is left of them
 OPPOSITE = 150.0  # degrees: signs that are all inverted look alike
 
 
-def mounting_finding(seen: Seen, inertial: Array, pulls: Array, gravity: Array) -> Finding | None:
+def mounting_finding(
+    seen: Seen, inertial: Array, pulls: Array, gravity: Array, base: Array | None = None
+) -> Finding | None:
     """Another direction of gravity, if the commands leave no doubt; else None, since they rarely tell.
 
     Args:
         inertial: (n, k) what the model file says of the commands without any gravity.
         pulls: (n, k, 3) what it says of 1 m/s^2 along each axis of the world.
         gravity: (3,) m/s^2 of the file.
+        base: (3, 3) its rotation as described; None: none.
     """
+    base = np.eye(3) if base is None else base
     own = np.flatnonzero(seen.moves & (seen.moving.sum(axis=0) >= LEAST_ROWS)).tolist()
     if seen.command is None or not own or not gravity.any():
         return None
@@ -59,15 +64,19 @@ def mounting_finding(seen: Seen, inertial: Array, pulls: Array, gravity: Array) 
     size = float(np.linalg.norm(found))
     if not EARTH / OFF < size < EARTH * OFF:
         return None
-    angle = float(np.degrees(np.arccos(np.clip(found @ gravity / size / np.linalg.norm(gravity), -1.0, 1.0))))
     best, file = (_left(parts, g) for g in (found, _scaled(parts, weights, gravity)))
     count = seen.seconds[own] / APART_S
     margin = float(0.5 * (count * np.log(file / np.maximum(best, np.finfo(float).tiny))).sum())
     whole = _left(parts, np.zeros(3))
     clear = (best < LEFT * whole) & (file > CLEARER * best)
-    if angle < TURNED or margin < MARGIN or best.sum() > LEFT * whole.sum() or clear.sum() < JOINTS:
+    if (
+        angle_between(found, gravity) < TURNED
+        or margin < MARGIN
+        or best.sum() > LEFT * whole.sum()
+        or clear.sum() < JOINTS
+    ):
         return None
-    return _told(found, gravity, angle)
+    return _told(found, gravity, base)
 
 
 def _without_friction(seen: Seen, j: int, command: Array, pull: Array) -> tuple[Array, Array]:
@@ -109,17 +118,41 @@ def _left(parts: list[tuple[Array, Array]], gravity: Array) -> Array:
     return np.array([float(((y - G @ gravity) ** 2).mean()) for y, G in parts])
 
 
-def _told(found: Array, gravity: Array, angle: float) -> Finding:
+NEAR_QUARTER = 0.15  # rad: bases are mounted at quarter turns, and masses are known to so much
+
+
+def _told(found: Array, gravity: Array, base: Array) -> Finding:
+    """What to write: roll and pitch that bring gravity of (3,) in the base's present frame `base` down."""
     fits, file = (", ".join(f"{x:.3g}" for x in np.round(g, 1) + 0.0) for g in (found, gravity))
+    angle = angle_between(found, gravity)
     sign = " If it is not, the signs of all commands may be inverted." if angle > OPPOSITE else ""
+    roll, pitch = (_quarter(x) for x in tilt_of(base.T @ found))
     return Finding(
         MOUNTING,
-        "yellow",
+        "red",
         f"The commands fit gravity of ({fits}) m/s^2 in the model file's world, {angle:.0f} degrees off its "
-        f"({file}): the base is mounted otherwise than the file says.",
-        "State how the base is mounted: position and rotation of [mounting] in robot.toml, then tell the log."
-        f"{sign}",
+        f"({file}): the base is mounted otherwise than the robot file says.",
+        f"Write rotation = [{roll:.4g}, {pitch:.4g}, 0.0] into [mounting] of robot.toml (roll, pitch, yaw in "
+        f"rad; the yaw tells no weight), or check the base, then tell the log; {accepted(MOUNTING)}.{sign}",
+        flag=MOUNTING,
     )
+
+
+def angle_between(a: Array, b: Array) -> float:
+    """Degrees."""
+    cosine = float(a @ b / (np.linalg.norm(a) * np.linalg.norm(b)))
+    return float(np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0))))
+
+
+def tilt_of(down: Array) -> tuple[float, float]:
+    """Roll and pitch of a base in whose frame gravity points along `down` (3,)."""
+    x, y, z = -down / np.linalg.norm(down)
+    return float(np.arctan2(y, z)), float(np.arctan2(-x, np.hypot(y, z)))
+
+
+def _quarter(angle: float) -> float:
+    near = round(angle / (0.5 * np.pi)) * 0.5 * np.pi
+    return float(near if abs(angle - near) < NEAR_QUARTER else angle) + 0.0
 
 
 def _mounting(spec: ArmSpec, log: Log) -> tuple[Finding, ...]:
@@ -130,16 +163,12 @@ def _mounting(spec: ArmSpec, log: Log) -> tuple[Finding, ...]:
     motion = seen(log, log.channels[PATH[0]])
     if nominal is None or motion is None:
         return ()
-    model = nominal(None).model
-
-    def commands(gravity: Array, qd: Array, qdd: Array) -> Array:
-        tree = replace(model.tree, gravity=gravity)
-        return replace(model, tree=tree).predict(motion.q, qd, qdd)
-
-    rest, none = np.zeros_like(motion.q), np.zeros(3)
-    inertial, standing = commands(none, motion.qd, motion.qdd), commands(none, rest, rest)
-    pulls = np.stack([commands(axis, rest, rest) - standing for axis in np.eye(3)], axis=2)
-    found = mounting_finding(motion, inertial, pulls, model.tree.gravity)
+    body = nominal(None)
+    states = states_of(motion.t, log.channels[PATH[0]], motion.q, motion.qd, motion.qdd)
+    pulls = body.pulls(states)
+    inertial = body.predict(states) - pulls @ body.gravity
+    base = None if spec.mounting is None else turn_of(*spec.mounting.rotation)
+    found = mounting_finding(motion, inertial, pulls, body.gravity, base)
     return () if found is None else (found,)
 
 

@@ -9,7 +9,7 @@ import pytest
 from small_robot import ROBOT
 
 from etude import load_robot, plugins
-from etude.campaign import Created, create_campaign, find_robot
+from etude.campaign import Created, create_campaign, find_robot, open_campaign
 from etude.errors import UsageError
 
 
@@ -39,7 +39,7 @@ def test_what_is_no_robot_is_said(tmp_path: Path) -> None:
         (tmp_path / name).write_text(content)
         if name == "a.toml":
             continue  # without a kind it is an arm's, which then says what it lacks
-        with pytest.raises(UsageError, match=r"describes no kind of robot that is known \(arm, quadrotor"):
+        with pytest.raises(UsageError, match=r"no kind of robot ((that)|('boat')) is known \(arm, quadrotor"):
             load_robot(tmp_path / name)
 
 
@@ -96,6 +96,47 @@ def test_a_folder_that_is_a_campaign_is_refused_before_the_robot_is_read(
     assert before == {path: path.read_bytes() for path in (tmp_path / "lab").rglob("*") if path.is_file()}
     with pytest.raises(AssertionError, match="was read"):
         create_campaign(tmp_path / "other", "arm4")
+
+
+@pytest.mark.parametrize("name", ["robot.toml", "campaign.toml"])
+def test_init_overwrites_no_file_of_a_person(tmp_path: Path, name: str) -> None:
+    (tmp_path / name).write_text("# mine\n")
+    with pytest.raises(UsageError, match=f"another {name} in this folder"):
+        create_campaign(tmp_path, "arm4")
+    assert {path.name: path.read_text() for path in tmp_path.glob("*.toml")} == {name: "# mine\n"}
+
+
+@pytest.mark.parametrize("left", [None, b"", b"no event"])
+def test_a_lost_journal_sends_nobody_to_init(tmp_path: Path, left: bytes | None) -> None:
+    campaign, _ = create_campaign(tmp_path / "lab", "arm4")
+    (campaign.path / "proposals" / "0001").mkdir(parents=True)
+    journal = campaign.path / "journal.jsonl"
+    journal.unlink() if left is None else journal.write_bytes(left)
+    before = {path: path.read_bytes() for path in campaign.path.rglob("*") if path.is_file()}
+    for again in (lambda: open_campaign(campaign.path), lambda: create_campaign(campaign.path, "quadrotor")):
+        with pytest.raises(UsageError, match=r"journal of this campaign is lost.*proposals.*from a copy"):
+            again()
+    assert before == {path: path.read_bytes() for path in campaign.path.rglob("*") if path.is_file()}
+
+
+@pytest.mark.parametrize(
+    ("data", "fault"),
+    [
+        (b'kind = "arm\n', r"not valid TOML: .*line 1"),
+        ('kind = "arm"\n'.encode("utf-16"), "cannot be read.*UTF-8"),
+        (b'kind = "legged"\n', "no kind of robot 'legged' is known"),
+    ],
+)
+def test_a_robot_file_that_cannot_be_read_says_why(tmp_path: Path, data: bytes, fault: str) -> None:
+    (tmp_path / "robot.toml").write_bytes(data)
+    with pytest.raises(UsageError, match=fault):
+        load_robot(tmp_path / "robot.toml")
+
+
+def test_a_robot_file_may_begin_with_a_byte_order_mark(tmp_path: Path) -> None:
+    text = (create_campaign(tmp_path / "lab", "arm4")[0].path / "robot.toml").read_bytes()
+    (tmp_path / "lab" / "marked.toml").write_bytes(b"\xef\xbb\xbf" + text)
+    assert load_robot(tmp_path / "lab" / "marked.toml").names == load_robot("arm4").names
 
 
 def test_the_folder_says_what_it_is(tmp_path: Path) -> None:

@@ -144,7 +144,7 @@ def averaged(*models: LearnedModel, least: bool = False) -> LearnedModel:
         replace(c, weights=shares[k][list(c.commands)]) for k, m in enumerate(models) for c in m.candidates
     ]
     doubt = np.linspace(0.0, 0.2, J) if least else None
-    return replace(first, candidates=tuple(candidates), least=doubt)
+    return replace(first, candidates=tuple(candidates), least=doubt, width=np.linspace(0.4, 3.0, J))
 
 
 def alone(model: LearnedModel, *, grows: bool) -> LearnedModel:

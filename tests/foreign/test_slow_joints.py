@@ -14,7 +14,9 @@ from small_arm import URDF, campaign_of_small_arm  # noqa: E402
 
 from etude import predict, tell  # noqa: E402
 from etude.campaign import Campaign, ingested_samples, stored_log  # noqa: E402
+from etude.logs import read_log  # noqa: E402
 
+SINGLE = "row_deviation"
 CREEP = 0.03
 """Part of the top speed below which friction turns over."""
 ALIKE = 3.0
@@ -102,3 +104,18 @@ def test_slow_samples_teach_and_where_gears_stick_they_do_not(
     own = ingested_samples(lab.campaign, [1])
     monkeypatch.setattr("etude.campaign.record.stored_models.stored_log", lambda *_: stuck)
     assert own.moving.mean() > ingested_samples(lab.campaign, [1]).moving.mean() + 0.02
+
+
+def test_single_rows_scatter_by_what_the_filter_takes_away(lab: Lab) -> None:
+    """The sensor's noise and steps, which the plant knows, and what of the command lies above the cutoff."""
+    run = plant.run(lab.arm, motion(lab.arm, 16.0, 2.1), seed=5)
+    place = lab.folder / "new.csv"
+    place.write_bytes(run.log())
+    said, log = predict(lab.campaign, place), read_log(place, lab.campaign.channels, rate=250.0)
+    raw = log["command"][np.searchsorted(log.t, said.t).clip(0, len(log) - 1)]
+    held = [np.mean(np.abs(raw - said["command"]) < 1.96 * said[of], axis=0) for of in ("deviation", SINGLE)]
+    # after one log the model's own deviations are a little small (.89 of the rows of the worst joint)
+    assert (held[1] > np.maximum(0.85, held[0])).all(), held
+    more = np.sqrt(said[SINGLE] ** 2 - said["deviation"] ** 2)
+    noise = np.hypot(lab.arm.drives.torque_noise, lab.arm.drives.torque_step / np.sqrt(12.0))
+    assert ((more > 0.9 * noise) & (more < 2.0 * noise)).all(), more[0] / noise

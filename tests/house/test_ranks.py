@@ -52,6 +52,7 @@ RANKS = {
 # within one rank a room imports no other, but for these: what stands on nothing else may be used by all of
 # rank 0
 SIDEWAYS = {
+    ("codes", "errors"),
     ("storage", "errors"),
     ("plugins", "errors"),
     ("plugins", "_runtime"),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -16,13 +16,20 @@ from etude.abilities import SupportsSelection
 from etude.campaign.record.config import preset_config
 from etude.campaign.record.config_file import CONFIG, config_text, load_config
 from etude.campaign.record.events import Created
-from etude.campaign.record.folder import ROBOT, Campaign, names_of, open_campaign, require_plain
+from etude.campaign.record.folder import (
+    ROBOT,
+    Campaign,
+    names_of,
+    open_campaign,
+    require_no_remains,
+    require_plain,
+)
 from etude.campaign.record.journal import JOURNAL, commit, read_events
-from etude.errors import UsageError
+from etude.errors import UsageError, typed
 from etude.plugins import named_in
 from etude.protocols import Kind
 from etude.storage import sha256_of, write_atomic, writer_lock
-from etude.toml_tables import decoded
+from etude.toml_tables import decoded, read_text
 from etude.types import Described
 
 GROUP = "etude.robots"
@@ -65,26 +72,27 @@ def create_campaign(
         the campaign, and one sentence for each assumption that a person should confirm.
 
     Raises:
-        UsageError: there is a campaign already, no folder can be made there, or the robot is unknown or
-            impossible.
+        UsageError: there is a campaign already, or other files of the names that it needs; no folder can be
+            made there; or the robot is unknown or impossible.
     """
     path, robot = Path(path), str(robot)
-    if os.path.isfile(path / JOURNAL):  # before the robot is read, which takes seconds
-        _require_empty(path)
+    _require_empty(path)  # before the robot is read, which takes seconds
     kind, description = find_robot(robot)
     with reading(description, trust=trust):
         described = kind.described(description) if part == WHOLE else _chosen(kind, description, part)
     if ROBOT in described.files:
         require_plain(names_of(decoded(described.files[ROBOT].decode(), robot)), robot)
     config = replace(preset_config(kind, preset_name), seed=seed)
+    text = config_text(config, kind).encode()
     _make_folder(path)
     with writer_lock(path):
         _require_empty(path)
+        _require_free(path, {**described.files, CONFIG: text})
         files = _written(path, described)
         with reading(description, trust=trust):
             spec = kind.spec(path / ROBOT)
         axes = next(c.parts for c in kind.channels(spec) if c.name == kind.path)
-        write_atomic(path / CONFIG, config_text(config, kind).encode())
+        write_atomic(path / CONFIG, text)
         fact = Created(seed=seed, preset=preset_name, kind=kind.name, robot=spec.name, axes=tuple(axes))
         # campaign.toml is not listed: people may edit it, and its hash is in every event anyway
         own, robot_file = load_config(path).sha256, sha256_of(path / ROBOT)
@@ -94,11 +102,28 @@ def create_campaign(
 
 
 def _require_empty(path: Path) -> None:
-    """UsageError: there is a campaign already."""
-    if read_events(path):
+    """UsageError: there is a campaign already, or what is left of one."""
+    if os.path.isfile(path / JOURNAL) and read_events(path):
         raise UsageError(
-            "there is a campaign here already", where=str(path), next_step="Name another folder."
+            "there is a campaign here already",
+            where=str(path),
+            next_step=f"Go on with it: etude status {typed(path)} says what is next. Or name another folder.",
         )
+    require_no_remains(path)
+
+
+def _require_free(path: Path, files: Mapping[str, bytes]) -> None:
+    """UsageError: a file of that name is there with other contents; `init` overwrites nothing of a person's.
+
+    An `init` that was interrupted left the same contents, and is finished by the same command.
+    """
+    for name, data in files.items():
+        if (path / name).exists() and (not (path / name).is_file() or (path / name).read_bytes() != data):
+            raise UsageError(
+                f"there is another {name} in this folder, which a campaign would replace",
+                where=str(path / name),
+                next_step="Name another folder for the campaign: it gets a copy of the robot's description.",
+            )
 
 
 def _chosen(kind: Kind, description: Path, part: RobotPart) -> Described:
@@ -158,6 +183,7 @@ def find_robot(robot: str) -> tuple[Kind, Path]:
         raise UsageError(f"there is no robot and no file {robot!r}", next_step=known)
     found = [kind for kind in kinds if kind.recognises(path)]
     if not found:
+        _require_known_kind(path, [*(kind.name for kind in kinds), *broken])
         hint = "".join(f" {name} could not be loaded: {why}." for name, why in broken.items())
         raise UsageError(
             f"this file describes no kind of robot that is known ({', '.join(k.name for k in kinds)})",
@@ -171,6 +197,19 @@ def find_robot(robot: str) -> tuple[Kind, Path]:
             next_step='Write kind = "..." with one of them at its top.',
         )
     return found[0], path
+
+
+def _require_known_kind(path: Path, kinds: Sequence[str]) -> None:
+    """UsageError: the file is a TOML that cannot be read, or names a kind that nothing here knows."""
+    if path.suffix.lower() != ".toml":
+        return
+    named = decoded(read_text(path), str(path)).get("kind")
+    if isinstance(named, str) and named not in kinds:
+        raise UsageError(
+            f"no kind of robot {named!r} is known ({', '.join(kinds)})",
+            where=f"{path}, kind",
+            next_step="Correct the name, or install the plug-in of that kind; etude plugins lists all.",
+        )
 
 
 def _make_folder(path: Path) -> None:

@@ -24,7 +24,7 @@ from etude.campaign.record.rounds import (
 )
 from etude.campaign.record.stored_files import stored_trajectory
 from etude.campaign.record.stored_models import SIMULATED, newest_model, only_structure, real_logs
-from etude.errors import DataError, UsageError
+from etude.errors import DataError, UsageError, typed
 from etude.logs.readers.log_file import write_log
 from etude.progress import counted, part
 from etude.protocols import Controller, Model, Robot, Trajectory
@@ -346,5 +346,5 @@ def _check_answered(campaign: Campaign) -> None:
         raise UsageError(
             f"log {held[0].number} waits for the answer to whether the robot has changed",
             where=str(campaign.path),
-            next_step=f"etude tell {campaign.path} --changed new (or forget, or same).",
+            next_step=f"etude tell {typed(campaign.path)} --changed new (or forget, or same).",
         )

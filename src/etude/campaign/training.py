@@ -12,7 +12,7 @@ import numpy as np
 from etude import plugins
 from etude.abilities import SupportsNotes
 from etude.campaign.propose.typical_motions import typical_motions
-from etude.campaign.record.events import BlockScores, PrequentialScore, Trained
+from etude.campaign.record.events import BlockScores, NewMotionScores, PrequentialScore, Trained
 from etude.campaign.record.folder import Campaign, Say
 from etude.campaign.record.journal import jsonable
 from etude.campaign.record.state import Round, State
@@ -34,7 +34,7 @@ from etude.codes import Notice, Warn, stated
 from etude.design.latents import latents_of
 from etude.design.objective import MOTIONS, reference_states
 from etude.errors import DataError, NumericalError
-from etude.models.accuracy import PredictionScore, prediction_score
+from etude.models.accuracy import Figures, PredictionScore, figures, prediction_score, trivial_prediction
 from etude.models.data.cross_validation import held_out_blocks, split_blocks
 from etude.models.learned_model import LearnedModel
 from etude.models.process_abilities import HasKernel, SupportsFirstUse
@@ -45,6 +45,7 @@ from etude.models.selection.model_selection import (
     residuals_of,
     select_structures,
 )
+from etude.models.selection.width import LEAST_LOGS
 from etude.models.store import save_model
 from etude.progress import part
 from etude.protocols import Candidate, Inputs
@@ -171,7 +172,7 @@ def expected_variance(model: LearnedModel, command: int, X: Array) -> float:
             place = candidate.commands.index(command)
             variance = candidate.process.predict(X)[1][:, place] * candidate.units[1, place] ** 2
             found += candidate.weights[place] * candidate.calibration[place] * float(variance.mean())
-    return found
+    return found if model.width is None else found * float(model.width[command])
 
 
 def _moved(model: LearnedModel, before: LearnedModel) -> float | None:
@@ -218,11 +219,10 @@ def learn_log(campaign: Campaign, state: State, number: int) -> TrainingOutcome:
     before = _comparable(campaign, trained, inputs)
     rng = np.random.default_rng([state.seed, number, TRAIN_STREAM])
     physics, limit = kind.physics(spec, config), kind.limit(spec)
-    # nothing scores the first log before it is learned, and a log of another motion may be unlike all others:
-    # blocks of these are held out, and predicted from the rest
+    # from two motions on each is predicted from the others; of a single one blocks, from the rest
     ingested = state.rounds[number].ingested
     foreign = ingested is not None and ingested.foreign
-    blocks = foreign or not trained
+    blocks = len(np.unique(samples.group)) < LEAST_LOGS
     with part(0.5 if blocks else 1.0):
         held = _held(campaign, samples)
         selection = select_structures(samples, inputs, physics, limit, config.model, rng, before, held)
@@ -235,8 +235,9 @@ def learn_log(campaign: Campaign, state: State, number: int) -> TrainingOutcome:
         logs=tuple(logs),
         models=_scores(before, inputs, samples, known_groups(campaign, logs[: -1 - len(waiting)])),
         held_out_mae=_left_out(selection),
+        new_motion=None if blocks else _new_motion(selection),
         predicted_by=trained[-1].trained.chosen if trained and trained[-1].trained else None,
-        chosen=label(selection.chosen),
+        chosen=label(selection.model.in_use),
         rungs=tuple(selection.chosen),
         calibrated=selection.model.calibrated,
         unmoved=tuple(np.array(campaign.command.parts)[held].tolist()),
@@ -282,7 +283,7 @@ def _scores(
     found: dict[str, PredictionScore] = {}
     if before is not None:
         found = prequential(before, new, samples.take(~newest))
-        if label(before.chosen) == MIXED:
+        if label(before.in_use) == MIXED:
             found[MIXED] = prediction_score(new, *before.posterior(new.log), samples.take(~newest))
     if not newest.all():  # fitted to the earlier logs alone
         mean = LinearPhysics(inputs)(samples.take(~newest))
@@ -317,6 +318,22 @@ def _left_out(selection: ModelSelection) -> dict[str, float | None]:
     return dict(zip(errors, jsonable(list(errors.values())), strict=True))
 
 
+def _new_motion(selection: ModelSelection) -> NewMotionScores:
+    """What is in use, and linear regression, on logs left out."""
+    found, linear = selection.left_out, selection.held_out[LINEAR].error
+    samples, count = selection.samples, len(np.unique(found.fold))
+    trivial = trivial_prediction(samples)
+
+    def scored(error: Array, variance: Array | None) -> Figures:
+        use = np.isfinite(error)
+        mean = np.where(use, samples.command - error, 0.0)
+        return figures(samples.command, mean, variance, use, trivial)
+
+    used, plain = scored(found.error, found.variance), scored(linear, None)
+    values = {name: jsonable(getattr(used, name)) for name in ("nmse", "z2", "coverage", "msll")}
+    return NewMotionScores(count, PrequentialScore(**values), jsonable(plain.nmse))
+
+
 def _with_blocks(
     fact: Trained, campaign: Campaign, number: int, rng: np.random.Generator, gap_s: float
 ) -> Trained:
@@ -338,7 +355,7 @@ def _held_out(campaign: Campaign, log: Samples, rng: np.random.Generator, gap_s:
         train, inputs, kind.physics(spec, config), kind.limit(spec), config.model, rng
     )
     scores = prequential(selection.model, test)
-    if label(selection.chosen) == MIXED:
+    if label(selection.model.in_use) == MIXED:
         scores[MIXED] = prediction_score(test, *selection.model.posterior(test.log))
     nmse = {structure: jsonable(found.nmse) for structure, found in scores.items() if structure != LINEAR}
     linear = LinearPhysics(selection.model.inputs)(train).predict(test.log)
@@ -348,4 +365,4 @@ def _held_out(campaign: Campaign, log: Samples, rng: np.random.Generator, gap_s:
         structure: jsonable(found.usable.nmse) for structure, found in scores.items() if structure != LINEAR
     }
     every["linear regression"] = jsonable(beside.usable.nmse)
-    return BlockScores(tuple(held_out_blocks()), BLOCKS, label(selection.chosen), nmse, every)
+    return BlockScores(tuple(held_out_blocks()), BLOCKS, label(selection.model.in_use), nmse, every)

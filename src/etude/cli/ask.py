@@ -13,7 +13,7 @@ import tyro
 
 from etude.cli.outcome import Common, Folder, Outcome, Say, opened, table
 from etude.deploy.trajectory_files import to_confirm
-from etude.errors import UsageError
+from etude.errors import UsageError, typed
 
 if TYPE_CHECKING:
     from etude.campaign.propose.approach import Approached
@@ -147,10 +147,10 @@ def _swept(rows: Sequence[Swept]) -> list[str]:
 
 def _then(folder: Path, confirm: bool) -> list[str]:
     if not confirm:
-        return [f"Run it, then: etude tell {folder} LOG"]
+        return [f"Run it, then: etude tell {typed(folder)} LOG"]
     return [
-        f"Run trajectory.csv, the feedback alone: etude tell {folder} LOG --confirm without",
-        f"Run {FEEDFORWARD}, which adds the model's commands: etude tell {folder} LOG --confirm with",
+        f"Run trajectory.csv, the feedback alone: etude tell {typed(folder)} LOG --confirm without",
+        f"Run {FEEDFORWARD}, which adds the model's commands: etude tell {typed(folder)} LOG --confirm with",
     ]
 
 

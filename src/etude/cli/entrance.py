@@ -24,10 +24,11 @@ from collections.abc import Sequence
 from types import FrameType
 
 from etude import __version__
-from etude.errors import EtudeError
+from etude.errors import EtudeError, UsageError
 
 MACHINE = "Nothing committed was lost; check the permissions and the disk, and run the command again."
 KEPT = "Interrupted. Everything that was committed is kept; run the same command again to go on."
+OF_DEMO = "Interrupted. Everything that was committed is kept; etude simulate goes on in its folder."
 
 SELDOM = 50_000
 """More objects than before, at which Python looks for circles among them. A program that loads modules makes
@@ -116,8 +117,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return _guarded(list(arguments))
     gc.set_threshold(SELDOM)
     given = sys.argv[1:]
-    line = _error_line("Interrupted", KEPT, "", "", INTERRUPTED) if "--json" in given else ""
-    end_on_interrupt(_block(KEPT), line)
+    words = OF_DEMO if given[:1] == ["demo"] else KEPT
+    line = _error_line("Interrupted", words, "", "", INTERRUPTED) if "--json" in given else ""
+    end_on_interrupt(_block(words), line)
     code = _guarded(given)
     ignore_from_now()
     gc.freeze()  # Python looks for circles once more at the end, among all that was loaded; nobody needs that
@@ -158,7 +160,10 @@ def _guarded(given: list[str]) -> int:
     as_json = "--json" in given
     try:
         return _run(given)
-    except SystemExit as exit:  # tyro has printed the help (0) or what is wrong with the arguments (2)
+    except SystemExit as exit:
+        if (own := _plugin_error(exit)) is not None:
+            return _report(as_json, "PluginError", *own, 2)
+        # tyro has printed the help (0) or what is wrong with the arguments (2)
         if exit.code and as_json:
             _print_error("UsageError", "wrong arguments", "", "See etude --help.", 2)
         return 2 if exit.code else 0
@@ -186,7 +191,7 @@ def _guarded(given: list[str]) -> int:
         return _report(as_json, "Bug", fact, "", "Nothing committed was lost; please report it.", 1)
 
 
-def _plugin_error(error: Exception) -> tuple[str, str, str] | None:
+def _plugin_error(error: BaseException) -> tuple[str, str, str] | None:
     """Fact, place and next step of an error that arose in a plug-in's code; None if in ours."""
     from etude.plugins import raised_in
 
@@ -199,6 +204,7 @@ def _plugin_error(error: Exception) -> tuple[str, str, str] | None:
 
 
 def _run(given: list[str]) -> int:
+    _require_no_empty(given)
     if given == ["--version"]:
         print(f"etude {__version__}", flush=True)
         if clash := conflict():
@@ -221,6 +227,16 @@ def _run(given: list[str]) -> int:
     return outcome.exit_code
 
 
+def _require_no_empty(given: Sequence[str]) -> None:
+    """UsageError: an argument is empty, which would name the folder that one is in; an option's may be."""
+    for before, argument in zip(["", *given], given, strict=False):
+        if not argument and not before.startswith("--"):
+            raise UsageError(
+                "an argument is empty",
+                next_step="Is a variable of the shell not set? Name the folder or file.",
+            )
+
+
 def _tell(text: str) -> None:
     from etude.cli.terminal import fitted
 
@@ -235,7 +251,9 @@ def _report(as_json: bool, kind: str, fact: str, where: str, next_step: str, exi
 
 
 def _block(fact: str, where: str = "", next_step: str = "") -> str:
-    named = "/" in fact.partition(" ")[0]  # a file keeps its name
+    first, _, rest = fact.partition(" ")
+    # files, code and keys keep their names
+    named = bool(re.search(r"[/:._]", first)) or rest.startswith("= ")
     lines = [f"etude: {fact if named else fact[:1].upper() + fact[1:]}"]
     lines += [f"  where: {where}"] if where else []
     lines += [f"  next:  {next_step}"] if next_step else []

@@ -66,7 +66,7 @@ class Predict(Common):
     outside of what that command was learned from: its deviation is more than twice that of training. Commands
     fade to physics, or to a level, where nothing is known, as in every export. The deviation is that of one
     sample as the model learns it, its noise included: logs are filtered or averaged to the model's rate.
-    Single rows of a faster log scatter more.
+    row_deviation is that of a single recorded row, which scatters more.
     """
 
     folder: Folder

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from etude.cli.outcome import Common, Folder, Outcome, Say
+from etude.errors import typed
 
 if TYPE_CHECKING:
     from etude.campaign.record.folder import Campaign
@@ -69,7 +70,9 @@ class Init(Common):
                 "Please confirm, and take out of confirm in robot.toml:",
                 *(f"  - {sentence}" for sentence in confirm),
             ]
-        lines.append(f"Next: etude ask {self.folder}, or etude tell {self.folder} LOG if you have one.")
+        lines.append(
+            f"Next: etude ask {typed(self.folder)}, or etude tell {typed(self.folder)} LOG if you have one."
+        )
         data = {"folder": str(self.folder), "robot": campaign.name, "axes": campaign.axes, "confirm": confirm}
         return Outcome("\n".join(lines), {**data, "preset": self.preset, "seed": self.seed})
 

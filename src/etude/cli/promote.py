@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import tyro
 
 from etude.cli.outcome import Common, Folder, Outcome, Say, code_of, opened, table
+from etude.errors import typed
 
 if TYPE_CHECKING:
     from etude.campaign.deployment.monitor import Watched, WatchedLog
@@ -45,7 +46,9 @@ class Promote(Common):
         data |= {"known_faults": [asdict(one) for one in left]}
         lines += faults([asdict(one) | {"sentence": one.sentence} for one in left])
         if found.promoted:
-            lines.append(f"Next: etude export {self.folder} --to c, and etude watch {self.folder} LOG.")
+            lines.append(
+                f"Next: etude export {typed(self.folder)} --to c, and etude watch {typed(self.folder)} LOG."
+            )
         text = "\n".join(lines)
         return Outcome(text, data, 0 if found.promoted else REFUSED)
 
@@ -137,8 +140,8 @@ def _watched_lines(found: Watched, folder: Path) -> list[str]:
     if found.proposal is not None:
         made = found.proposal
         lines.append(f"Proposed: trajectory {made.number}, {made.duration:g} s, in {made.folder}")
-        lines.append(f"Run it, then: etude tell {folder} LOG --changed new")
-        lines.append(f"Then one more: etude ask {folder}. One log alone may teach less than is known.")
+        lines.append(f"Run it, then: etude tell {typed(folder)} LOG --changed new")
+        lines.append(f"Then one more: etude ask {typed(folder)}. One log alone may teach less than is known.")
     elif found.no_proposal:
         lines.append(f"No motion is proposed: {found.no_proposal}.")
     return lines

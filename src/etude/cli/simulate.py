@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import tyro
 
 from etude.cli.outcome import Common, Folder, Outcome, Say, code_of, opened, table
+from etude.errors import typed
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -86,10 +87,10 @@ class Simulate(Common):
 def _next(folder: Path, state: State) -> str:
     """What a person may do now."""
     if state.awaiting_answer:
-        return f"Next: etude tell {folder} --changed new (or forget, or same)."
+        return f"Next: etude tell {typed(folder)} --changed new (or forget, or same)."
     if not state.trained:
-        return f"Next: etude simulate {folder} --rounds 1"
-    return f"Next: etude status {folder}, etude report {folder}, etude promote {folder}"
+        return f"Next: etude simulate {typed(folder)} --rounds 1"
+    return f"Next: etude status {typed(folder)}, etude report {typed(folder)}, etude promote {typed(folder)}"
 
 
 def _confirmed(found: Mapping[str, Any]) -> str:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from etude.cli.outcome import Common, Folder, Outcome, Say, opened, table
+from etude.errors import typed
 
 NO_MATTER = 0.05
 """Part of the variance below which the choice of a motion is not worth a thought."""
@@ -19,7 +20,7 @@ BASES = {
 }
 """What a structure's mean is, in words."""
 MIXED = "mixed"
-MIXED_MEANS = "mixed: each output by the structure that was selected for it then."
+MIXED_MEANS = "mixed: several structures, each with its weight in each output."
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,6 +42,7 @@ def _lines(found: Mapping[str, Any]) -> list[str]:
         f"{found['robot']} ({', '.join(found['axes'])}), preset {found['preset']}, seed {found['seed']}",
         *_trajectories(found),
         *_held_out(found),
+        *_new_motion(found),
         *_prequential(found),
         *_mixed(found),
         *_in_words(found),
@@ -87,7 +89,7 @@ def _alerts(found: Mapping[str, Any]) -> list[str]:
 
 def _trajectories(found: Mapping[str, Any]) -> list[str]:
     if not found["trajectories"]:
-        return [f"Nothing asked for yet. Next: etude ask {found['folder']}"]
+        return [f"Nothing asked for yet. Next: etude ask {typed(found['folder'])}"]
     rows = [
         [
             str(t["number"]),
@@ -108,9 +110,22 @@ def _held_out(found: Mapping[str, Any]) -> list[str]:
     newest = held_out["number"] == found["scored_log"]  # later logs have chosen since
     used = f" (selected now: {_in_use(found)})" if newest and not found["prequential"] else ""
     return [
-        f"Held-out nMSE, log {held_out['number']}, blocks {blocks} of {held_out['of']}{used}:",
+        f"nMSE within log {held_out['number']}, blocks {blocks} of {held_out['of']} from the others{used}.",
+        "It says little of another motion, which may err many times as much: tell a second log.",
         _by_output(found, held_out["nmse"]),
         *_standing(found, held_out["nmse"], held_out.get("nmse_all") or {}),
+    ]
+
+
+def _new_motion(found: Mapping[str, Any]) -> list[str]:
+    """Of logs left out: how well another motion will be predicted."""
+    scores = found["new_motion"]
+    if scores is None:
+        return []
+    rows = {"in use": scores["used"].get("nmse") or [], "linear regression": scores.get("linear") or []}
+    return [
+        f"nMSE on new motion, each of {scores['logs']} logs predicted from the others:",
+        _by_output(found, rows),
     ]
 
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import tyro
 
 from etude.cli.outcome import Common, Folder, Outcome, Say, code_of, opened
+from etude.errors import typed
 
 if TYPE_CHECKING:
     from etude.campaign.ingest.ingest_result import IngestResult
@@ -70,7 +71,7 @@ class Tell(Common):
             "control": self.control,
             "say": say,
         }
-        following = f"Next: etude status {self.folder}, etude ask {self.folder}"
+        following = f"Next: etude status {typed(self.folder)}, etude ask {typed(self.folder)}"
         if len(self.logs) == 1:
             told = tell(campaign, self.logs[0], number=self.number, **options)
             return Outcome(

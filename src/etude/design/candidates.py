@@ -8,6 +8,7 @@ What the information criterion then refines stays inside what was found, and goe
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -15,7 +16,7 @@ from typing import Literal
 
 import numpy as np
 
-from etude.abilities import SupportsBoxes
+from etude.abilities import SupportsBlocking, SupportsBoxes
 from etude.design.nonconvex_limits import FEW_HALVINGS, NonconvexLimits
 from etude.errors import UnsafeTrajectoryError
 from etude.limits.feasible import FeasibleSet, still_at
@@ -49,6 +50,11 @@ class Drawn:
         """(P,) standing still where all limits are kept."""
         return self.feasible.centre
 
+    def home(self, kept: NonconvexLimits) -> Drawn:
+        """As it was sampled, drawn home until its limits hold by a quick word."""
+        p = kept.shrink_to_home(self.family, self.standing, self.p, FEW_HALVINGS, quickly=True)
+        return self if p is self.p else replace(self, p=p)
+
     def allowed(self, kept: NonconvexLimits, p: Array, worth: Callable[[Array], float]) -> Drawn:
         """What a search has made of it (P,), drawn home until its limits hold, and grown where that is worth
         something.
@@ -59,10 +65,7 @@ class Drawn:
 
 @dataclass(frozen=True, eq=False)
 class Source:
-    """Where random trajectories come from: a family, its limits, a pose inside them, a way to sample.
-
-    What limits that are not convex forbid is drawn home.
-    """
+    """Where random trajectories come from: a family, its limits, a pose inside them, a way to sample."""
 
     family: Family
     limits: tuple[Limit, ...]
@@ -71,6 +74,8 @@ class Source:
 
     def candidates(self, rng: np.random.Generator, count: int) -> list[Drawn]:
         """`count` of them to choose from: a quarter of random amplitude, or half on the edge.
+
+        They keep the limits that are convex; what the others forbid is drawn home of those that may win.
 
         Raises:
             UnsafeTrajectoryError: the limits leave no room.
@@ -84,7 +89,8 @@ class Source:
 
     def typical(self, rng: np.random.Generator, count: int, *, grown: bool = False) -> list[Drawn]:
         """`count` large ones, as motions that stand in for tasks; or grown, as first trajectories."""
-        found = self._drawn(rng, count, uniform if self.sampler == "uniform" else scaled)
+        sampled = self._drawn(rng, count, uniform if self.sampler == "uniform" else scaled)
+        found = [drawn.home(NonconvexLimits.of(self.limits, drawn.family, drawn.p)) for drawn in sampled]
         return [self._grown(drawn) for drawn in found] if grown else found
 
     def _grown(self, drawn: Drawn) -> Drawn:
@@ -107,11 +113,8 @@ class Source:
         for family in {id(one): one for one in families}.values():
             places = [i for i, one in enumerate(families) if one is family]
             feasible = self._whole if family is self.family else self._set(family)
-            points, home = sample(rng, feasible, len(places)), feasible.centre
-            kept = NonconvexLimits.of(self.limits, family, home)
-            for place, p in zip(places, points, strict=True):
-                p = kept.shrink_to_home(family, home, p, FEW_HALVINGS, quickly=True)
-                found[place] = Drawn(family, feasible, p)
+            points = sample(rng, feasible, len(places))
+            found |= {place: Drawn(family, feasible, p) for place, p in zip(places, points, strict=True)}
         return [found[place] for place in range(count)]
 
 
@@ -129,6 +132,8 @@ ROUGHLY = (2.0, 1.3)
 """Factors by which each side of these is widened."""
 AGAIN = (1.3, 1.1)
 """The same of those that are chosen, and of what was refined."""
+BLOCKED = 64
+"""Poses at which limits are asked what they block, for a message."""
 WELL_INSIDE = 0.97
 """Of the way from home to the edge of the limits, beyond which no motion is centred."""
 BALANCE = 0.1
@@ -238,6 +243,10 @@ class Region(Drawn):
     def standing(self) -> Array:
         return self.start
 
+    def home(self, kept: NonconvexLimits) -> Drawn:  # noqa: ARG002
+        """Itself: it keeps its limits already."""
+        return self
+
     def allowed(self, kept: NonconvexLimits, p: Array, worth: Callable[[Array], float]) -> Drawn:  # noqa: ARG002
         """Drawn back to what is clear, and widened again: room that it has is worth having."""
         p = kept.shrink_to_home(self.family, self.clear, p, FEW_HALVINGS, quickly=True)
@@ -298,15 +307,33 @@ class Roamed:
             if len(regions) == JUDGED:
                 break
         if not regions:
-            raise UnsafeTrajectoryError(
-                "no motion about any of the poses that were tried keeps all limits",
-                next_step="Widen the limits, or correct what stands around the robot.",
-            )
+            raise self._none()
         return regions
 
     def typical(self, rng: np.random.Generator, count: int) -> list[Drawn]:
-        """`count` that stand in for tasks: clear, or nearly so, each about its pose."""
-        return [Drawn(one.family, self._set(one.family), one.p) for one in self._started(rng, count)]
+        """`count` that stand in for tasks: clear, or nearly so, each about its pose.
+
+        Raises:
+            UnsafeTrajectoryError: there is none.
+        """
+        found = self._started(rng, count)
+        if not found:
+            raise self._none()
+        return [Drawn(one.family, self._set(one.family), one.p) for one in found]
+
+    def _none(self) -> UnsafeTrajectoryError:
+        """No motion keeps all limits; with what holds at fewest of the poses, if a limit says so."""
+        form = self.family.trajectory(self._set(self.family).centre).form
+        poses = self.roam.reach.poses[:BLOCKED]
+        asked = [limit for limit in self.limits if isinstance(limit, SupportsBlocking)]
+        met = Counter(found for limit in asked for pose in poses if (found := limit.blocked(form, pose)))
+        often = [what for what, count in met.most_common() if 2 * count > len(poses)]
+        return UnsafeTrajectoryError(
+            "no motion about any of the poses that were tried keeps all limits"
+            + (f": most of them break {' and '.join(often)}" if often else ""),
+            next_step="Widen the limits, or correct what stands around the robot; confirm, in the robot "
+            "file, names pairs of links whose shapes leave little room.",
+        )
 
     def stand(self, family: Family) -> Callable[[Array], Array]:
         """Pose (k,) -> parameters (P,) of standing still there."""

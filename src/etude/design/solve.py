@@ -270,8 +270,9 @@ def with_planned(latents: Sequence[Latent], samples: tuple[Array, Array] | None)
     )
 
 
-DRAWN = 0.2
-"""About the part of a search that candidates take; the rest refines the best of them."""
+VALUED, DRAWN = 0.1, 0.2
+"""About the parts of a search that candidates take until they are ranked, and until the best are drawn home;
+the rest refines them."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -526,25 +527,76 @@ def _shrink(use: Array) -> Array:
     return np.asarray(rest ** (-1.0 / CORNER) / larger)
 
 
+@dataclass
+class Ranked:
+    """Candidates by their value, drawn home only where that can decide.
+
+    A motion that is drawn home is smaller and tells less. So what a candidate is worth as it was sampled is
+    about the most that it can be worth.
+
+    Attributes:
+        candidates: the best as sampled first. values: of each, drawn home if it was.
+        drawn: places of those that were.
+    """
+
+    candidates: list[Drawn]
+    values: list[float]
+    drawn: list[int]
+
+    @classmethod
+    def of(cls, aim: Objective, candidates: Sequence[Drawn]) -> Ranked:
+        """None of them drawn home yet."""
+        values = [replace(aim, family=one.family).value(one.p) for one in counted(candidates)]
+        order = np.argsort(values)[::-1].tolist()
+        return cls([candidates[i] for i in order], [values[i] for i in order], [])
+
+    def draw(self, aim: Objective, kept: NonconvexLimits, place: int) -> float:
+        """The value of a candidate that is drawn home."""
+        if place not in self.drawn:
+            one = self.candidates[place]
+            home = one.home(kept)
+            if home is not one:
+                self.candidates[place] = home
+                self.values[place] = replace(aim, family=home.family).value(home.p)
+            self.drawn.append(place)
+        return self.values[place]
+
+    def best(self, aim: Objective, kept: NonconvexLimits, count: int) -> list[int]:
+        """Places of the `count` that are worth most, drawn home."""
+        found: list[int] = []
+        for place in counted(range(len(self.values))):
+            if len(found) >= count and self.values[found[count - 1]] >= self.values[place]:
+                break
+            self.draw(aim, kept, place)
+            found = sorted([*found, place], key=lambda i: -self.values[i])
+        return found[:count]
+
+    def typical(self, aim: Objective, kept: NonconvexLimits) -> float:
+        """The value of the median candidate, drawn home; of two in the middle their mean."""
+        last = len(self.values) - 1
+        return float(np.mean([self.draw(aim, kept, place) for place in (last // 2, (last + 1) // 2)]))
+
+
 def search(
     aim: Objective, candidates: Sequence[Drawn], config: DesignConfig, limits: Sequence[Limit] = ()
 ) -> SearchResult:
     """The best of the candidates and of what the best few are refined to.
 
-    The candidates are at home already, as `Source` draws them. What limits that are not convex forbid of the
-    ends is drawn home too, and the ends are grown; between, a penalty counts. All that is by quick words:
-    only the best is proved.
+    What limits that are not convex forbid is drawn home, of candidates that may win and of the ends, and the
+    ends are grown; between, a penalty counts. All that is by quick words: only the best is proved.
     """
     kept = NonconvexLimits.of(limits, candidates[0].family, candidates[0].p)
-    weight = kept.weight((drawn.family, drawn.p) for drawn in candidates)
-    aims = [replace(aim, family=drawn.family) for drawn in candidates]
+    with part(VALUED):
+        ranked = Ranked.of(aim, candidates)
     with part(DRAWN):
-        values = [one.value(drawn.p) for one, drawn in zip(aims, counted(candidates), strict=True)]
-    order = np.argsort(values)[::-1]
-    best, value, evaluations = candidates[order[0]], values[order[0]], len(values)
-    for place in counted(order[: config.refine], whole=1.0 - DRAWN):
-        start, own = candidates[place], aims[place]
-        searched = Penalised(own, kept, weight * abs(values[place])) if weight > 0.0 else own
+        places = ranked.best(aim, kept, max(config.refine, 1))
+    baseline, typical = ranked.values[places[0]], ranked.typical(aim, kept)
+    weight = kept.weight((one.family, one.p) for one in (ranked.candidates[i] for i in ranked.drawn))
+    best, value, evaluations = ranked.candidates[places[0]], baseline, len(candidates)
+    for place in counted(places[: config.refine], whole=1.0 - VALUED - DRAWN):
+        start = ranked.candidates[place]
+        own = replace(aim, family=start.family)
+        searched = Penalised(own, kept, weight * abs(ranked.values[place])) if weight > 0.0 else own
         end = refine(searched, start.feasible, start.p, config.steps)
         evaluations += end.evaluations
         found = start.allowed(kept, end.p, own.value)
@@ -557,7 +609,7 @@ def search(
         if settled is not best.p:
             best = replace(best, p=settled)
             value = replace(aim, family=best.family).value(settled)
-    return SearchResult(best, value, values[order[0]], float(np.median(values)), evaluations)
+    return SearchResult(best, value, baseline, typical, evaluations)
 
 
 def _status(config: DesignConfig, found: SearchResult) -> str:

@@ -35,11 +35,14 @@ def slack(row: Proof) -> float:
 def utilization(row: Proof) -> float:
     """Fraction of the limit that is used, 1 where it is touched; infinite if the limit has no width.
 
-    Of a limit without an upper end (a distance): the limit over what is proved.
+    Of a limit without an upper end: 1 / (1 + slack / scale). The scale of a distance is its limit, so that
+    this is the limit over what is proved; where the limit is no distance it is the range that is proved.
     """
+    if row.upper == math.inf:
+        scale = row.lower if row.lower > 0.0 else row.proved_upper - row.proved_lower
+        beyond = scale + slack(row)
+        return scale / beyond if beyond > 0.0 else math.inf
     half = 0.5 * (row.upper - row.lower)
-    if row.upper == math.inf and row.lower > 0.0:
-        return row.lower / row.proved_lower if row.proved_lower > 0.0 else math.inf
     return 1.0 - slack(row) / half if half > 0.0 else math.inf
 
 

@@ -137,8 +137,10 @@ class CommandLimit:
 
     def keeps(self, piece: Trajectory) -> bool:
         """Whether samples keep all that: for searches, whose result is then looked at closely."""
-        if piece.duration / FEW >= 2.0 * LOOK and not self.rated and self._keeps_by_far(piece):
-            return True
+        if piece.duration / FEW >= 2.0 * LOOK and not self.rated:
+            kept = self._at_first_look(piece)
+            if kept is not None:
+                return kept
         motion = self.along(piece, LOOK)
         mean, middle = self.mean(motion), 0.5 * (self.upper + self.lower)
         rates = np.abs(np.diff(mean, axis=0)) / np.diff(motion.t)[:, None]
@@ -149,16 +151,23 @@ class CommandLimit:
             return True
         return bool(np.all(self.spread(motion, piece.duration, SELDOM) <= room))
 
-    def _keeps_by_far(self, piece: Trajectory) -> bool:
-        """Whether few samples use so little of each limit that what is between them cannot matter."""
+    def _at_first_look(self, piece: Trajectory) -> bool | None:
+        """Whether few samples use so little of each limit that what is between them cannot matter, or more
+        than is allowed; None where a closer look decides.
+        """
         motion, counted = self.along(piece, piece.duration / FEW), self._counted(piece.duration)
+        middle, half = 0.5 * (self.upper + self.lower), 0.5 * (self.upper - self.lower)
+        beyond = False
         for ask in (self._both,) if self.at_most is None else (self.at_most, self._both):
             mean, deviation = ask(motion)
-            off = np.abs(mean - 0.5 * (self.upper + self.lower))
+            off = np.abs(mean - middle)
+            if np.any(off > CLOSE * half):
+                return False
             most = np.maximum(off[:-1], off[1:]) + counted * np.maximum(deviation[:-1], deviation[1:])
-            if np.all(most <= AMPLE * 0.5 * (self.upper - self.lower)):
+            if np.all(most <= AMPLE * half):
                 return True
-        return False
+            beyond = bool(np.any(off + counted * deviation > CLOSE * half))
+        return False if beyond else None
 
     def _both(self, motion: Motion) -> tuple[Array, Array]:
         """(T, J) means and deviations."""

@@ -44,8 +44,7 @@ class LipschitzLimit:
         axis: what it is of, "tool" or "vehicle".
         function: poses (T, k) of the path -> (T,) its values.
         slopes: (k,) bounds of |d function / d pose|, valid between the ends of a motion's coordinates.
-        lower, upper: ends, in the unit of the function; of a distance `lower` is above zero, and `upper` may
-            be infinite.
+        lower, upper: ends, in the unit of the function; `upper` may be infinite.
         margins: of tracking, by form of motion; each coordinate's error counts by its slope.
         drawn: what a drawing shows of it.
         order, rest: of the pose, and it asks for no rest: nothing else is proved.
@@ -66,16 +65,18 @@ class LipschitzLimit:
     _proofs: dict[str, Proof] = field(default_factory=dict, repr=False)
 
     def __post_init__(self) -> None:
-        ends = math.isfinite(self.lower) and (math.isfinite(self.upper) or self.lower > 0.0)
-        if not (ends and self.lower < self.upper):
+        if not (math.isfinite(self.lower) and self.lower < self.upper):
             raise UsageError(
                 f"the limit of {self.quantity} runs from {self.lower:g} to {self.upper:g}",
-                next_step="State two numbers, the lower first; a distance above zero needs no upper one.",
+                where=self._source,
+                next_step="State two numbers, the lower first; the upper may be infinite. Where only an "
+                "upper end is wanted, limit minus the function.",
             )
         slopes = np.asarray(self.slopes, dtype=float)
         if slopes.ndim != 1 or not np.all(np.isfinite(slopes) & (slopes >= 0.0)):
             raise UsageError(
                 f"the slopes of {self.quantity} are {slopes.tolist()}: one is negative or no number",
+                where=self._source,
                 next_step="State the largest |df/dq| of each coordinate, 0 where it does not count.",
             )
         if self.order != 0 or self.rest:

@@ -51,9 +51,11 @@ class ModelConfig:
         rung: one of `STRUCTURES`, or "auto": what the robot allows is trained, and chosen for each command.
         choose_by: held-out error by which it chooses: mean "squared" or mean "absolute" error, each
             trajectory with one vote.
-        replace: what a structure must show to replace one that is better for all commands: "chance", it
-            predicts the folds better by more than these scatter; or "every", it predicts each of them
-            better, and physics stand until some structure does.
+        replace: "stack", from two trajectories on all candidates are averaged, with the weights that predict
+            trajectories left out best (`selection.stacking`); with one, and with the others, a structure is
+            chosen. It replaces the one that is best for all commands where it predicts the folds better: by
+            more than these scatter ("chance", and "stack" with one trajectory); or each of them ("every"),
+            and physics stand until some structure does.
         process_from: trajectories from which structures with a process compete with physics; stretches of one
             trajectory are no new trajectories, and flatter processes.
         kernel: "structured" (posture, friction, linear and remainder), "ard_se" (thesis 2.3), or a plug-in.
@@ -90,7 +92,8 @@ class ModelConfig:
             processes learn in command units; "deviation": that of what the process learns, which is
             standardised.
         stretch_s: of a single trajectory, stretches of this length are held out.
-        calibrate: multiply variances by the held-out z² where that exceeds 1.
+        calibrate: multiply variances by the held-out z² where that exceeds 1; with replace = "stack" by what
+            makes intervals hold on the next log (`selection.width`).
         student_t: fit the tails of the held-out errors, for the reported density.
     """
 
@@ -118,12 +121,12 @@ class ModelConfig:
     stretch_s: float = 8.0
     calibrate: bool = True
     student_t: bool = False
-    replace: Literal["chance", "every"] = "chance"
+    replace: Literal["stack", "chance", "every"] = "stack"
 
     def __post_init__(self) -> None:
         _one_of("rung", self.rung, (*STRUCTURES, "auto"))
         _one_of("choose_by", self.choose_by, ("squared", "absolute"))
-        _one_of("replace", self.replace, ("chance", "every"))
+        _one_of("replace", self.replace, ("stack", "chance", "every"))
         _one_of("sharing", self.sharing, ("separate", "shared"))
         _one_of("method", self.method, ("lbfgs", "minimize"))
         _one_of("schedule", self.schedule, SCHEDULES)
@@ -153,6 +156,11 @@ class ModelConfig:
     def standardised(self) -> bool:
         """Whether processes learn standardised outputs; else outputs that are centred, in command units."""
         return self.floor_of == "deviation" or self.sharing == "shared"
+
+    @property
+    def stacks(self) -> bool:
+        """Whether logs left out weigh candidates, and say how wide variances are."""
+        return self.replace == "stack"
 
     @property
     def averages(self) -> bool:

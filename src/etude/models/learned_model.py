@@ -77,7 +77,8 @@ def _inputs(own: list[tuple[Candidate, int]]) -> Array | None:
 
 
 def _known(own: list[tuple[Candidate, int]], X: Array) -> float:
-    """Of one command. Its candidates stand on one mean function, so that their outputs tell them apart."""
+    """Of one command. Candidates that stand on one mean function are told apart by their outputs; how far
+    mean functions are apart is not known of inputs alone, and not counted."""
     weights = np.array([float(c.weights[place]) for c, place in own])
     means, unknown, noise = [], [], 0.0
     for weight, (candidate, place) in zip(weights, own, strict=True):
@@ -89,16 +90,32 @@ def _known(own: list[tuple[Candidate, int]], X: Array) -> float:
         unknown.append(factor * latent - held)
         means.append(candidate.units[0, place] + outputs(candidate, X)[:, place])
         noise += weight * factor * white
-    average = weights @ np.stack(means)
-    apart = weights @ (np.stack(means) - average) ** 2
-    return float(known_in_training(np.mean(weights @ np.stack(unknown) + apart), np.asarray(noise)))
+    apart = np.zeros(len(X))
+    for mean in {id(candidate.mean) for candidate, _ in own}:
+        alike = [k for k, (candidate, _) in enumerate(own) if id(candidate.mean) == mean]
+        outputs_, own_weights = np.stack([means[k] for k in alike]), weights[alike]
+        average = own_weights @ outputs_ / own_weights.sum()
+        apart = apart + own_weights @ (outputs_ - average) ** 2
+    return float(
+        known_in_training(np.asarray(np.mean(weights @ np.stack(unknown) + apart)), np.asarray(noise))
+    )
+
+
+def leading(candidates: Sequence[Candidate], commands: int) -> tuple[str, ...]:
+    """The structure with most weight in each of that many commands, the first of equal ones; "" of none."""
+    found: list[dict[str, float]] = [{} for _ in range(commands)]
+    for candidate in candidates:
+        for j, weight in zip(candidate.commands, candidate.weights.tolist(), strict=True):
+            if weight > 0.0:
+                found[j][candidate.structure] = found[j].get(candidate.structure, 0.0) + weight
+    return tuple(max(own, key=lambda name: own[name], default="") for own in found)
 
 
 class Prediction(tuple[Array, Array]):
     """(mean, variance), each (n, J): `mean, variance = model.predict(log)`.
 
     Attributes:
-        unknown: (n, J) the variance without noise, at rest too.
+        unknown: (n, J) the variance without noise, at rest too, before it is widened.
         said: sentences about what the answer holds for, such as that rows counted by themselves.
     """
 
@@ -137,6 +154,8 @@ class LearnedModel:
         independence: (J,) see `worth`.
         freedom: degrees of freedom of Student's t, the tails of held-out errors over predicted deviations.
         member: name of the processes' member, to restore them by.
+        width: (J,) factor on all variances that are told, as logs left out ask for (`selection.width`); what
+            is unknown is not widened, since trust compares it with what was to be learned. None: 1.
         least: (J,) variance that is claimed anywhere at least, where motion was too short; None: none.
         student: distribution of held-out errors over predicted deviations, or None.
         warnings: of commands that linear regression predicts better, or that moved too little.
@@ -151,6 +170,7 @@ class LearnedModel:
     freedom: float = FREEDOM
     member: str = "exact"
     least: Array | None = None
+    width: Array | None = None
     student: StudentT | None = None
     warnings: tuple[Notice, ...] = ()
 
@@ -161,13 +181,13 @@ class LearnedModel:
 
     @property
     def chosen(self) -> tuple[str, ...]:
-        """The structure of each command."""
-        found = ["" for _ in self.commands]
-        for candidate in self.candidates:
-            for place, j in enumerate(candidate.commands):
-                if candidate.weights[place] > 0.0:
-                    found[j] = candidate.structure
-        return tuple(found)
+        """The structure of each command, of several that with most weight."""
+        return leading(self.candidates, len(self.commands))
+
+    @property
+    def in_use(self) -> tuple[str, ...]:
+        """The structures that any command is made of."""
+        return tuple(dict.fromkeys(candidate.structure for candidate, _ in self._in_use()))
 
     def of_structure(self, structure: str) -> LearnedModel:
         """The same model with one structure for all commands.
@@ -184,7 +204,8 @@ class LearnedModel:
                 f"the model has no structure {structure!r} for every command",
                 next_step=f"It has {', '.join(self.structures)}.",
             )
-        return replace(self, candidates=found, warnings=())
+        alone = self.in_use == (structure,)
+        return replace(self, candidates=found, width=self.width if alone else None, warnings=())
 
     @property
     def columns(self) -> tuple[Column, ...]:
@@ -259,7 +280,11 @@ class LearnedModel:
     def at_most(self, log: Any) -> tuple[Array, Array]:
         """As `predict`, with variances that are never below its own: for less, where processes know how."""
         average, variance, _ = self._predicted(Means(as_log(log, self.columns)), iter, _at_most)
-        return average, variance
+        return average, self.widened(variance)
+
+    def widened(self, variance: Array) -> Array:
+        """Variances (n, J) as they are told."""
+        return variance if self.width is None else np.asarray(variance * self.width)
 
     def posterior(self, log: Any) -> tuple[Array, Array]:
         """Mean and variance (n, J) of the commands given the data, nothing faded: what learning, scores and
@@ -274,7 +299,8 @@ class LearnedModel:
     def parted(self, log: Any) -> tuple[Array, Array, Array]:
         """As `posterior`, and the part (n, J) of the variance that is noise, at rest too."""
         log = log if isinstance(log, Log) else as_run(log, self.columns, self.inputs).log
-        return self._predicted(Means(log), iter)
+        average, variance, noise = self._predicted(Means(log), iter)
+        return average, self.widened(variance), self.widened(noise)
 
     def unknown(self, log: Any) -> Array:
         """(n, J) what is unknown of each command: the variance of `posterior` without noise, at rest too."""
@@ -300,7 +326,7 @@ class LearnedModel:
         command, unknown = average, variance - noise
         if fade:
             command = self._faded(average, unknown, means)
-        return Prediction.of(command, variance, unknown, run.said)
+        return Prediction.of(command, self.widened(variance), unknown, run.said)
 
     def _faded(self, average: Array, unknown: Array, means: Means) -> Array:
         return trusted(average, unknown, self.signal_deviation, self._safe(means), self.known)

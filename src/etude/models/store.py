@@ -76,6 +76,8 @@ def model_bytes(model: LearnedModel) -> bytes:
     shelf.put("independence", model.independence)
     if model.least is not None:
         shelf.put("least", model.least)
+    if model.width is not None:
+        shelf.put("width", model.width)
     shelf.put_all("inputs", model.inputs.arrays())
     means: dict[int, str] = {}
     processes: dict[int, int] = {}
@@ -113,6 +115,7 @@ def model_of(
         freedom=float(words.get("freedom", FREEDOM)),
         member=words["member"],
         least=arrays.get("least"),
+        width=arrays.get("width"),
         student=None if student is None else StudentT(**student),
         warnings=stated(words["warnings"]),
     )

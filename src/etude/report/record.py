@@ -312,6 +312,12 @@ def held_out(trained: Trained | None) -> dict[str, Array]:
     return {structure: values for structure, values in scores.items() if np.isfinite(values).any()}
 
 
+def new_motion(trained: Trained | None) -> tuple[Array, Array] | None:
+    """(J,) nMSE of logs left out, of what is in use and of linear regression; None of a single log."""
+    found = trained.new_motion if trained else None
+    return None if found is None else (_numbers(found.used.nmse), _numbers(found.linear))
+
+
 def _numbers(values: Figures) -> Array:
     return np.array([np.nan if v is None else v for v in values])
 

@@ -72,6 +72,29 @@ class RigidBodyMean:
         q = log[(PLAN if self.desired else PATH)[0]]
         return self.model.predict(q, np.zeros_like(q), np.zeros_like(q))
 
+    @property
+    def gravity(self) -> Array:
+        """(3,) m/s^2 in the model file's world."""
+        return self.model.tree.gravity
+
+    def pulls(self, log: Log) -> Array:
+        """Commands (T, J, 3) for each m/s^2 of gravity along an axis of the world; see `abilities`."""
+        q = log[(PLAN if self.desired else PATH)[0]]
+        rest = np.zeros_like(q)
+
+        def standing(gravity: Array) -> Array:
+            return replace(self.model, tree=replace(self.model.tree, gravity=gravity)).predict(q, rest, rest)
+
+        none = standing(np.zeros(3))
+        return np.stack([standing(axis) - none for axis in np.eye(3)], axis=2)
+
+    def links(self, log: Log) -> Array:
+        """Commands (T, J, L, 10) for each inertial parameter of the link that each axis moves."""
+        tree, drives, v0 = self.model.tree, self.model.drives, self.model.friction_velocity
+        motion = (log[name] for name in (PLAN if self.desired else PATH))
+        rigid, _ = command_regressors(tree, drives, v0, *motion)
+        return rigid.reshape(*rigid.shape[:2], -1, 10)[:, :, tree.joint_body - 1]
+
     def arrays(self) -> dict[str, Array]:
         """All that `restore` of the physics takes to make it again, bit for bit."""
         model = self.model

@@ -10,7 +10,7 @@ from mutants import laws
 from robots_of_others import FILES, campaign_of, file_of, robot_of
 
 from etude import status
-from etude.campaign import Campaign, simulate
+from etude.campaign import Campaign, open_campaign, simulate
 from etude.errors import UsageError
 from etude.report import build_report
 from etude.testing import RobotSuite
@@ -97,6 +97,15 @@ def test_the_whole_loop_beside_another_friction(name: str, friction: str, tmp_pa
         assert learned.mean() < 0.1 * pd.mean()
 
 
+def ignoring(campaign: Campaign, one: str, other: str) -> Campaign:
+    """The campaign with one more pair of links whose distance is not looked at, as its robot file advises."""
+    robot = campaign.path / "robot.toml"
+    text = robot.read_text(encoding="utf-8")
+    assert f"{one} and {other}" in text  # the advice
+    robot.write_text(text.replace("ignore = [", f'ignore = [["{one}", "{other}"], '), encoding="utf-8")
+    return open_campaign(campaign.path)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(("name", "joints"), [("talos", 16), ("mobile_arm", 7)])
 def test_an_upper_body_and_a_mobile_manipulator_learn_like_an_arm(
@@ -104,6 +113,10 @@ def test_an_upper_body_and_a_mobile_manipulator_learn_like_an_arm(
 ) -> None:
     """Each joint in its own unit: the base of the mobile one slides in m."""
     campaign = campaign_of(name, tmp_path)
+    if (
+        name == "talos"
+    ):  # its hip and chest overlap in 78 % of the poses: `init` says so, and to name the pair
+        campaign = ignoring(campaign, "base_link", "torso_2_link")
     assert len(campaign.axes) == joints
     list(simulate(campaign, 2))
     print(row_of(name, campaign))

@@ -100,11 +100,17 @@ def test_a_short_log_stands_at_the_top(campaign: Campaign, tmp_path: Path, capsy
     assert page.index("uncertain everywhere") < page.index("<h2")
 
 
-def of_blocks(mixed: list[float | None], linear: list[float], number: int = 3) -> State:
-    """The first log, some of whose blocks were held out."""
-    nmse = {"gp": [9.0, 9.0], "mixed": mixed, "linear regression": linear}
-    blocks = {"blocks": [3], "of": 20, "chosen": "mixed", "nmse": nmse}
-    learned = trained(chosen="mixed", held_out=blocks)
+def left_out(
+    mixed: list[float | None],
+    linear: list[float],
+    number: int = 3,
+    coverage: tuple[float, float] = (0.95, 0.95),
+) -> State:
+    """Two logs, each predicted from the other; the newest one, before it was learned, was easy."""
+    used = {"nmse": mixed, "z2": [1.0, 1.0], "coverage": list(coverage)}
+    found = {"logs": 2, "used": used, "linear": linear}
+    models = {"gp": GOOD, "linear": LINEAR}
+    learned = trained(chosen="mixed", predicted_by="gp", models=models, new_motion=found)
     return State(rounds={number: Round(number, ingested=fact("told", **TOLD), trained=learned, order=1)})
 
 
@@ -117,10 +123,23 @@ def of_blocks(mixed: list[float | None], linear: list[float], number: int = 3) -
         (None, []),
     ],
 )
-def test_blocks_of_the_first_log_are_news_too(error: float | None, told: list[tuple[str, str]]) -> None:
-    found = campaign_alerts(of_blocks([0.1, error], [0.2, 0.95]), OUTPUTS, 2)
+def test_logs_left_out_decide(error: float | None, told: list[tuple[str, str]]) -> None:
+    found = campaign_alerts(left_out([0.1, error], [0.2, 0.95]), OUTPUTS, 2)
     assert [(f.code, f.light) for f in found] == told
-    assert all(f.sentence.startswith("knee: on blocks of log 3 that were held out, ") for f in found)
+    assert all(f.sentence.startswith("knee: on 2 logs, each predicted from the others, ") for f in found)
+
+
+def test_intervals_are_those_of_logs_left_out() -> None:
+    (found,) = campaign_alerts(left_out([0.1, 0.1], [0.2, 0.2], coverage=(0.95, 0.5)), OUTPUTS, 2)
+    assert (found.code, found.light) == (Alert.NARROW_INTERVALS, "red")
+    assert "knee 50 %" in found.sentence
+
+
+def test_blocks_of_a_single_log_decide_nothing() -> None:
+    nmse = {"gp": [9.0, 9.0], "linear regression": [0.1, 0.1]}
+    blocks = {"blocks": [3], "of": 20, "chosen": "gp", "nmse": nmse}
+    own = Round(3, ingested=fact("told", **TOLD), trained=trained(chosen="gp", held_out=blocks), order=1)
+    assert news(State(rounds={3: own})) == []
 
 
 @pytest.mark.parametrize(
@@ -135,17 +154,17 @@ def test_linear_regression_is_advised_only_where_no_output_gets_worse(
     mixed: list[float | None], linear: list[float], step: str
 ) -> None:
     (found,) = (
-        f for f in campaign_alerts(of_blocks(mixed, linear), OUTPUTS, 2) if f.code == Alert.LINEAR_BETTER
+        f for f in campaign_alerts(left_out(mixed, linear), OUTPUTS, 2) if f.code == Alert.LINEAR_BETTER
     )
     assert step in found.step
 
 
 def test_what_is_worse_than_a_constant_is_not_advised() -> None:
-    assert news(of_blocks([0.1, 2.9], [0.2, 1.05])) == [("constant_as_good", "red")]
+    assert news(left_out([0.1, 2.9], [0.2, 1.05])) == [("constant_as_good", "red")]
 
 
 def test_of_a_joint_that_did_not_move_that_is_said() -> None:
-    own = of_blocks([0.1, 2.9], [0.2, 0.5])
+    own = left_out([0.1, 2.9], [0.2, 0.5])
     rounds = {3: replace(own.rounds[3], trained=replace(own.newest, unmoved=("knee",)))}
     (found,) = campaign_alerts(State(rounds=rounds), OUTPUTS, 2)
     assert (found.code, found.light) == (Alert.NEVER_MOVED, "red")
@@ -175,26 +194,25 @@ def test_a_log_in_which_a_joint_stands_still_says_so_first(
     assert 'rung = "linear"' not in said
 
 
-def test_a_later_log_that_answers_a_proposal_has_the_last_word_on_blocks() -> None:
-    rounds = of_blocks([0.1, 2.9], [0.2, 0.2], 2).rounds | state(GOOD).rounds
-    assert news(State(rounds=rounds)) == []
-
-
 def test_an_output_that_nothing_tells_of_stands_at_the_top(
     campaign: Campaign, tmp_path: Path, capsys: Any
 ) -> None:
-    """After the first log: its held-out blocks say that a constant would do as well."""
-    path = write_log(tmp_path / "log.csv", random_motion(campaign, 1), 1, start=0.0)
-    header, *rows = [line.split(",") for line in path.read_text().splitlines()]
-    rng, column = np.random.default_rng(1), header.index("tau_knee")
-    for row in rows:
-        row[column] = f"{5.0 * rng.standard_normal():.4f}"
-    path.write_text("\n".join(",".join(row) for row in [header, *rows]) + "\n")
-    assert main(["tell", str(campaign.path), str(path), "--foreign"]) == 0
-    capsys.readouterr()
-    assert main(["status", str(campaign.path)]) == 0
-    said = capsys.readouterr().out
-    assert said.startswith("RED: knee: on blocks of log 1 that were held out, a constant would have")
+    """After the first log nothing is red; after the second a constant would do as well."""
+    for number in (1, 2):
+        path = write_log(tmp_path / f"log{number}.csv", random_motion(campaign, number), number, start=0.0)
+        header, *rows = [line.split(",") for line in path.read_text().splitlines()]
+        rng, column = np.random.default_rng(number), header.index("tau_knee")
+        for row in rows:
+            row[column] = f"{5.0 * rng.standard_normal():.4f}"
+        path.write_text("\n".join(",".join(row) for row in [header, *rows]) + "\n")
+        assert main(["tell", str(campaign.path), str(path), "--foreign"]) == 0
+        capsys.readouterr()
+        assert main(["status", str(campaign.path)]) == 0
+        said = capsys.readouterr().out
+        if number == 1:
+            assert "RED" not in said
+            assert "tell a second log" in said
+    assert said.startswith("RED: knee: on 2 logs, each predicted from the others, a constant would have")
     assert "First mend what is red." in said
 
 

@@ -147,6 +147,14 @@ def test_kinds_must_agree(tmp_path):
         open_campaign(tmp_path / "lab")
 
 
+def test_a_robot_file_that_is_no_toml_is_told_so_with_the_line(tmp_path):
+    made(tmp_path / "lab")
+    path = tmp_path / "lab" / "robot.toml"
+    path.write_text(path.read_text() + "\n[twice]\n[twice]\n")
+    with pytest.raises(UsageError, match=r"not valid TOML: .*line \d+"):
+        open_campaign(tmp_path / "lab")
+
+
 def test_a_vehicle_without_a_plant_cannot_be_simulated(tmp_path):
     campaign = made(tmp_path / "lab")
     with pytest.raises(UsageError, match="no simulated plant"):

@@ -141,6 +141,11 @@ def test_a_first_look_passes_only_what_is_far_inside() -> None:
         known = replace(far, at_most=lambda m, b=bound: (pendulum(m), np.full((len(m.t), 2), b)))
         assert known.keeps(long)
         assert asked == needed, "deviations are asked only where what they are at most leaves it open"
+    for part in (0.9, 0.6):  # of the mean with its deviations, and of less than the mean alone
+        counts.clear()
+        narrow = replace(own, upper=np.full(2, part * largest), lower=-np.full(2, part * largest))
+        assert not narrow.keeps(long)
+        assert not counts, "what few samples exceed needs no closer look"
     short = replace(own, both=None, mean=pendulum, deviation=None)
     asked.clear()
     assert short.keeps(SWING)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +17,7 @@ from certificate_schema import valid
 from etude import cli
 from etude.abilities import SupportsBlocking, SupportsBoxes, SupportsDrawing
 from etude.errors import UsageError
-from etude.limits import LipschitzLimit, made_limits
+from etude.limits import LipschitzLimit, made_limits, utilization
 from etude.limits.lipschitz import extremes
 from etude.plugins import _given
 from etude.protocols import Limit, Trajectory
@@ -57,6 +58,10 @@ class Fails:
 
 def fails(spec, model, margins):
     return Fails()
+
+
+def ends(spec, model, margins):
+    raise SystemExit("set FOO first")
 """
 
 
@@ -103,6 +108,16 @@ def test_an_error_in_a_limit_of_ones_own_is_told_as_such(
         n for n, text in enumerate(Path("my_limits.py").read_text().splitlines(), 1) if "zeros(99)" in text
     )
     assert f"my_limits.py:{line}" in error["where"]
+
+
+def test_a_limit_that_ends_the_program_is_told_as_such(place, capsys: pytest.CaptureFixture[str]) -> None:
+    path = place / "arm.toml"
+    path.write_text(path.read_text().split("[[limit]]")[0] + '[[limit]]\nkind = "my_limits:ends"\n')
+    assert cli.main(["init", "lab", "--robot", str(path), "--trust"]) == 0
+    capsys.readouterr()
+    assert cli.main(["ask", "lab", "--json"]) == 2
+    error = json.loads(capsys.readouterr().out)["error"]
+    assert "the plug-in my_limits:ends raised SystemExit: set FOO first" in error["fact"]
 
 
 def test_the_plane_of_the_docs_goes_the_whole_way(place, capsys) -> None:
@@ -234,7 +249,7 @@ def test_tracking_takes_a_margin_by_the_slopes() -> None:
     assert (margin, sure) == (pytest.approx(0.7), 0.9)
 
 
-@pytest.mark.parametrize("ends", [(1.0, -1.0), (-1.0, np.inf), (-np.inf, 1.0)])
+@pytest.mark.parametrize("ends", [(1.0, -1.0), (-1.0, np.nan), (-np.inf, 1.0)])
 def test_ends_that_say_nothing_are_refused(ends) -> None:
     with pytest.raises(UsageError, match="the limit of sum runs from"):
         LipschitzLimit("sum", "all", lambda q: q.sum(axis=1), np.ones(2), *ends)
@@ -355,3 +370,13 @@ def test_a_function_that_fails_is_named_as_a_plug_in(place, capsys) -> None:
     assert "my_limits:wall" in said
     assert "bug" not in said
     assert "Traceback" not in said
+
+
+def test_a_plane_below_the_base_is_a_limit_like_any_other() -> None:
+    """Without an upper end and below zero: its use is relative to the range that is proved."""
+    limit = LipschitzLimit("sum", "all", lambda q: q.sum(axis=1), np.ones(3), -60.0, np.inf)
+    (row,) = limit.prove(a_motion())
+    assert 0.0 < utilization(row) < 1.0
+    nearer = replace(row, lower=row.proved_lower)
+    assert utilization(nearer) == pytest.approx(1.0)
+    assert utilization(replace(row, lower=row.proved_lower + 100.0)) == np.inf

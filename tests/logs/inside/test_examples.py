@@ -241,7 +241,7 @@ def _renamed(lines: list[str], old: str, new: str) -> list[str]:
         (lambda lines: _renamed(lines, "gyro_y", "yaw_rate"), "channel 'rates' of y"),
         (lambda lines: _renamed(lines, "acc_z", "baro"), "channel 'specific_force' of z"),
         (lambda lines: _renamed(lines, "t [s]", "row"), "no time column"),
-        (lambda lines: _renamed(lines, "rad/s", "rpm"), "unknown unit 'rpm'"),
+        (lambda lines: _renamed(lines, "rad/s", "furlong"), "unknown unit 'furlong'"),
         (lambda lines: lines[:30], "29 usable rows"),
         (
             lambda lines: [lines[0], *(",".join(x.split(",")[:5]) + "," * 6 for x in lines[1:])],

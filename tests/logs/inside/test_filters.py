@@ -13,6 +13,7 @@ from etude.logs.cleaning.filters import (
     command_lag,
     differentiated,
     longest_stretch,
+    looked_at,
     sampled,
     saturated,
     slower,
@@ -169,3 +170,19 @@ def test_masks():
     lower, upper = np.zeros(2), np.array([1.0, 10.0])
     near = saturated(np.array([[0.0, 5.0], [0.5, 9.995], [1.2, -1.0]]), lower, upper)
     np.testing.assert_array_equal(near, [[True, False], [False, True], [True, True]])
+
+
+@pytest.mark.parametrize(("rows", "rate"), [(300_000, 200.0), (1_000_000, 1000.0), (4_000_000, 4000.0)])
+def test_of_a_very_long_log_stretches_are_looked_at(rows: int, rate: float) -> None:
+    """So that no check costs more, however long it is; each is long enough to hold some motion."""
+    log = Log(np.arange(rows) / rate, {}, {}, "long")
+    found = looked_at(log)
+    starts = np.concatenate([[0], np.flatnonzero(np.diff(found.t) > 1.5 / rate) + 1])
+    lengths = np.diff([*starts, len(found)])
+    assert len(found) <= 10 * max(10_000, 10.0 * rate)
+    assert len(starts) >= 10
+    assert lengths.min() / rate >= 9.9
+    assert found.t[0] == log.t[0]
+    assert found.t[-1] == log.t[-1]
+    short = log.take(slice(0, 200_000))
+    assert looked_at(short) is short

@@ -8,7 +8,7 @@ from log_examples import FLIGHT_CHANNELS, FLIGHT_LIMITS, FLIGHT_RATE, MOTORS
 
 from etude.errors import DataError
 from etude.logs import read_log
-from etude.logs.columns.vocabulary import GRAVITY
+from etude.logs.columns.header_units import GRAVITY
 
 RATE, COUNT = 100.0, 600
 TILTS = ("roll", "pitch", "yaw")

@@ -24,7 +24,6 @@ from etude.errors import DataError
 from etude.logs import match_columns, raw_log, read_log
 from etude.logs.cleaning.ranges import check_positions
 from etude.logs.columns.units import from_degrees, read_time, time_factor
-from etude.logs.columns.vocabulary import UNITS
 from etude.types import Array, Channel, Log
 
 DEGREE = math.pi / 180.0
@@ -38,10 +37,6 @@ KNOWN = {
     **dict.fromkeys(("mrad", "mm", "mm/s", "mnm", "ma", "mv"), 0.001),
     **{"g": 9.81, "mg": 0.00981, "%": 0.01},
 }
-
-
-def test_every_unit_of_a_column_is_known_here() -> None:
-    assert pytest.approx(KNOWN, rel=1e-12) == UNITS
 
 
 @pytest.mark.parametrize("unit", PER_SECOND)

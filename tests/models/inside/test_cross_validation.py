@@ -71,6 +71,9 @@ def test_too_short_a_log_is_refused() -> None:
 
 def test_folds_are_trajectories_or_stretches_of_a_single_one() -> None:
     np.testing.assert_array_equal(fold_numbers(trajectories(2), 8.0), trajectories(2).group)
+    many = fold_numbers(trajectories(30), 8.0)
+    assert len(np.unique(many)) == 12  # whatever their number
+    assert all(len(np.unique(many[trajectories(30).group == number])) == 1 for number in range(30))
     assert len(np.unique(fold_numbers(trajectory(0, seconds=6.0), 8.0))) == 4  # a short one too
     assert len(np.unique(fold_numbers(trajectory(0, seconds=80.0), 8.0))) == 10
 

@@ -10,6 +10,7 @@ from learning_examples import LIMIT, NAMES, PHYSICS, SMALL, Inputs, selection, t
 
 from etude.errors import UsageError
 from etude.models import Folds, ModelConfig, select_structures
+from etude.models.gp import inducing
 from etude.models.process_abilities import share_of
 from etude.models.selection import ensemble
 from etude.models.selection.ensemble import (
@@ -68,7 +69,7 @@ def test_the_model_predicts_the_average_and_every_weight_is_worth_keeping(averag
     average = sum(w * m for w, m, _ in parts)
     np.testing.assert_allclose(mean[:, 1], average, rtol=1e-10)
     np.testing.assert_allclose(
-        variance[:, 1], sum(w * (v + (m - average) ** 2) for w, m, v in parts), rtol=1e-9
+        variance[:, 1] / model.width[1], sum(w * (v + (m - average) ** 2) for w, m, v in parts), rtol=1e-9
     )
 
 
@@ -102,10 +103,12 @@ def test_a_rung_that_was_not_chosen_keeps_its_shares_and_is_stored(averaged) -> 
 
 def test_the_default_alone_is_what_it_was() -> None:
     data, new = trajectories(2), trajectory(9).log
-    plain = selection(data, SMALL).model.predict(new)
+    default = selection(data, SMALL).model
+    plain = default.predict(new)
     found = selection(data, BOTH).model
     alone = replace(
         found,
+        width=default.width,
         candidates=tuple(
             replace(c, weights=np.full(1, float(c.name == "default"))) for c in found.candidates
         ),
@@ -191,3 +194,25 @@ def test_candidates_are_compared_by_all_that_the_default_held_out(
         assert told[compared[:, j], 0].all()
         if part.candidate.name == name:
             assert len(np.setdiff1d(part.rows.kept, np.flatnonzero(compared[:, j]))) > 5, "they use others"
+
+
+def test_each_process_through_inducing_inputs_is_made_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Also for the samples of standing joints, and for those that the default held out."""
+    made: list[object] = []
+    whole = inducing.FixedInducing.__init__
+
+    def counting(self, *args, **kwargs):
+        whole(self, *args, **kwargs)
+        made.append(self)
+
+    monkeypatch.setattr(inducing.FixedInducing, "__init__", counting)
+    data, inputs = trajectories(3), Resting()
+    qd = np.where((np.arange(len(data))[:, None] + [0, 20]) % 40 < 5, 0.0, data.log["qd"])
+    data = replace(data, log=data.log.put(data.log.channels["qd"], qd), moving=qd != 0.0)
+    config = replace(
+        SMALL, candidates=("default", "standing"), inducing=40, points=40, fit_points=30, steps=2
+    )
+    found = select_structures(data, inputs, {}, LIMIT, config, np.random.default_rng(0))
+    processes = {id(one.process) for one in found.model.candidates}
+    assert len(found.model.candidates) == 4
+    assert len(made) == len(processes)

@@ -144,7 +144,9 @@ def test_variances_are_multiplied_by_what_held_out_motion_shows_and_never_shrunk
         assert not plain.calibrated
         assert found.model.calibrated
     assert (scale > 1.0).all()
-    assert not train(trajectories(3), config).calibrated
+    assert train(trajectories(2), config).calibrated
+    assert not train(trajectories(1), config).calibrated
+    assert not train(trajectories(3), replace(config, replace="chance")).calibrated
 
 
 def test_what_the_masks_hide_changes_nothing(data) -> None:

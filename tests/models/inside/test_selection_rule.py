@@ -15,7 +15,7 @@ from etude.models.selection.linear import linear_weights
 from etude.models.selection.selection_rule import _choice, _reference
 from etude.types import Samples, joined_samples
 
-AUTO = replace(SMALL, rung="auto")
+AUTO = replace(SMALL, rung="auto", replace="chance")
 
 
 def moved(samples: Samples, q: np.ndarray, command: np.ndarray) -> Samples:

@@ -184,5 +184,5 @@ def _outcome(
         linear=LinearPhysics(model.inputs)(train).predict(test.log),
         rigid=world.kind.physics(world.spec, world.config)["identified"](train).predict(test.log),
         lag=lag,
-        chosen=label(model.chosen),
+        chosen=label(model.in_use),
     )

@@ -69,7 +69,7 @@ class Judge:
             for name, test in tests.items()
         }
         reference = {"latent": self.latent(last), "latent_common": self.latent_common(last)}
-        return {"tests": scores, "reference": reference, "chosen": label(last.selection.chosen)}
+        return {"tests": scores, "reference": reference, "chosen": label(last.selection.model.in_use)}
 
     def latent(self, last: Round) -> float:
         """Mean predicted deviation of the process in use, without noise, V."""

@@ -10,7 +10,7 @@ from typing import Literal
 import numpy as np
 
 from etude.campaign.ingest.ingest_result import read
-from etude.campaign.ingest.questions import Answers, answers_of, questions_of
+from etude.campaign.ingest.questions import Answers, answers_of, body_of, questions_of
 from etude.campaign.ingest.robot_changed import CAUSES, KINDS
 from etude.campaign.propose.ask import Proposal, ask
 from etude.campaign.record.deployed_model import DeployedModel, deployed_model
@@ -132,7 +132,7 @@ def _one(campaign: Campaign, used: DeployedModel, path: Path, degrees: bool, ans
         log = start_at_zero(read(campaign, path, degrees=degrees, asked=asked))
         group = np.zeros(len(log), dtype=np.int64)
         samples = campaign.kind.samples(campaign.spec, campaign.config, [log], [group])
-        return of_samples(path, judged(used.model, samples), samples)
+        return of_samples(path, judged(used.model, samples, body_of(campaign.kind, campaign.spec)), samples)
     except KeyError as error:
         return WatchedLog(path, "refused", f"it lacks an input of the model ({error.args[0]})")
     except DataError as error:

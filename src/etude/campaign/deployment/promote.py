@@ -15,7 +15,7 @@ from etude.campaign.record.journal import jsonable
 from etude.campaign.record.state import State
 from etude.campaign.record.stored_models import LEFT_OUT, MODEL, check_model, groups_of, ingested_samples
 from etude.codes import Notice, Phrase, Refusal
-from etude.errors import DataError, UsageError
+from etude.errors import DataError, UsageError, typed
 from etude.models.accuracy import (
     LEAST_COVERED,
     LEAST_SEGMENTS,
@@ -121,7 +121,7 @@ def rollback(campaign: Campaign, *, reason: str = "") -> tuple[int, int]:
             raise UsageError(
                 what,
                 where=str(campaign.path),
-                next_step=f"Promote one: etude promote {campaign.path}.",
+                next_step=f"Promote one: etude promote {typed(campaign.path)}.",
             )
         (number, left), (before, back) = promoted[-1], promoted[-2]
         check_pinned(campaign, before, back)

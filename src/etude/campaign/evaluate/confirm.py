@@ -29,7 +29,7 @@ from etude.campaign.record.state import State
 from etude.campaign.record.stored_files import FULL, require_description, stored_trajectory, take_up
 from etude.campaign.training import learn_pending
 from etude.deploy.trajectory_files import TrajectoryFiles, column_names, read_table, render
-from etude.errors import UnsafeTrajectoryError, UsageError
+from etude.errors import UnsafeTrajectoryError, UsageError, typed
 from etude.limits.commands import require_possible
 from etude.logs.readers.cells import header_row
 from etude.models.learned_model import LearnedModel
@@ -99,7 +99,7 @@ def _fed(campaign: Campaign, number: int, files: TrajectoryFiles) -> dict[Path, 
         raise UsageError(
             f"the model whose commands are in {FEEDFORWARD} is not in use any more",
             where=str(place),
-            next_step=f"Ask for another motion: etude ask {campaign.path} --confirm --new.",
+            next_step=f"Ask for another motion: etude ask {typed(campaign.path)} --confirm --new.",
         )
     return {place: feedforward_bytes(campaign, files, model)}
 

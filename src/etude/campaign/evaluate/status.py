@@ -24,7 +24,8 @@ def status(campaign: Campaign) -> dict[str, Any]:
     learned the newest log), chosen, rungs (structure of each output), calibration_factor,
     forecast_fraction, next_gain, choice (by which part the design of the newest proposal left less variance
     than the median random motion),
-    held_out (of the newest log without proposal), in_use (the promoted model, null if there is none),
+    new_motion (of logs left out, each predicted from the others; null after one), held_out (of blocks of a
+    single log; null after more), in_use (the promoted model, null if there is none),
     confirmed (tracking errors of the motions that confirm), known_faults (what earlier versions left, and is
     not to be used: code, what, path, command), proved_otherwise (open proposals that were proved
     before robot.toml or campaign.toml changed), verdict, edited (which of robot.toml and campaign.toml were
@@ -58,6 +59,7 @@ def status(campaign: Campaign) -> dict[str, Any]:
         "forecast_fraction": evidence[-1].forecast if evidence else None,
         "next_gain": evidence[-1].gain if evidence else None,
         "choice": _choice(state),
+        "new_motion": plain(newest.new_motion) if newest and newest.new_motion else None,
         "held_out": _held_out(state),
         "in_use": _in_use(state),
         "confirmed": [confirmed(campaign, one) for one in state.confirmations],
@@ -116,6 +118,6 @@ def _choice(state: State) -> float | None:
 
 
 def _held_out(state: State) -> dict[str, Any] | None:
-    """Block scores of the newest log that has them."""
-    scored = [(r.number, r.trained.held_out) for r in state.trained if r.trained and r.trained.held_out]
-    return {"number": scored[-1][0], **plain(scored[-1][1])} if scored else None
+    """Block scores of the log that the newest model rests on alone."""
+    found = state.newest.held_out if state.newest else None
+    return None if found is None else {"number": state.trained[-1].number, **plain(found)}

@@ -36,11 +36,11 @@ class LogOutcome:
         noise_ratio: variance left over noise variance, largest over the axes; None for a model without noise.
         gain: fraction of the variance left that the next trajectory would remove; None if not designed.
         gain_minutes: robot time of that next trajectory, set-up included, min.
-        calibration: pooled held-out z^2 of the last trajectories; 1 is right, None while unknown.
+        calibration: pooled z^2 of trajectories left out; 1 is right, None while unknown.
         moved: largest move of a logarithmic length scale in the last training; None for the first one.
         robot_minutes: recorded motion so far, min.
-        coverage: part of an output's commands inside its 95 % intervals, least over the outputs, of the
-            newest log that was predicted before it was learned; None while unknown.
+        coverage: part of an output's commands inside its 95 % intervals, least over the outputs, of logs
+            left out; None while unknown.
         red: alerts that are red.
     """
 
@@ -216,7 +216,14 @@ def seen_by_the_rule(campaign: Campaign, state: State, next_gain: float | None =
 
 
 def calibration_factor(trained: list[Round]) -> float | None:
-    """Mean held-out z^2 of the model in use over the last `POOLED` logs and all axes; None while unknown."""
+    """Mean z^2 of logs left out of the model in use, over all axes; None while unknown.
+
+    Trainings of earlier versions: over the last `POOLED` logs, each predicted before it was learned.
+    """
+    newest = trained[-1].trained if trained else None
+    if newest is not None and newest.new_motion is not None:
+        known = [z2 for z2 in newest.new_motion.used.z2 if z2 is not None and math.isfinite(z2)]
+        return float(np.mean(known)) if known else None
     values = [
         value
         for facts in (r.trained for r in trained[-POOLED:])
@@ -250,5 +257,11 @@ def _evidence(campaign: Campaign, trained: list[Round], gain: float | None, minu
         calibration=calibration,
         moved=facts.moved,
         robot_minutes=facts.robot_seconds / 60.0,
-        coverage=min((c for c in coverages(trained[-1]) if c is not None), default=None),
+        coverage=min((c for c in _coverages(trained[-1]) if c is not None), default=None),
     )
+
+
+def _coverages(round_: Round) -> Sequence[float | None]:
+    """Of each output on logs left out; without, on the log before it was learned."""
+    found = round_.trained.new_motion if round_.trained else None
+    return coverages(round_) if found is None else found.used.coverage

@@ -17,7 +17,7 @@ from etude.campaign.record.folder import Campaign
 from etude.campaign.record.state import State
 from etude.campaign.record.stored_files import RESTORE, stored_bytes, stored_trajectory
 from etude.deploy.trajectory_files import read_table
-from etude.errors import DataError, UsageError
+from etude.errors import DataError, UsageError, typed
 from etude.logs.readers.log_file import log_bytes
 from etude.protocols import Trajectory
 from etude.storage import write_atomic
@@ -36,7 +36,7 @@ def take_run(
         raise UsageError(
             "no such motion to confirm was asked for",
             where=str(campaign.path),
-            next_step=f"etude ask {campaign.path} --confirm.",
+            next_step=f"etude ask {typed(campaign.path)} --confirm.",
         )
     again = [n for n in known if run in state.rounds[n].runs and state.rounds[n].runs[run].sha256 == digest]
     if again:

@@ -33,7 +33,19 @@ from etude.types import Finding, Log
 
 CHECKS = (
     *exact.NAMES,
-    *("time", "direction", "degrees", "velocity", "delay", "swapped", "sign", "scale", "gravity"),
+    *(
+        "time",
+        "direction",
+        "degrees",
+        "velocity",
+        "delay",
+        "swapped",
+        "sign",
+        "scale",
+        "gravity",
+        "zero",
+        "mounting",
+    ),
     *("ground", "brake", "jump"),
     *("gyroscope", "accelerometer", "motor_delay"),
 )
@@ -84,6 +96,7 @@ class LogQuestions:
 
     Attributes:
         steps: what was decided of the log's commands, if it was judged with others; None: by itself.
+        told: logs that were told before, by name.
         given: collects the answers that were of use. accepted: what was found and is taken as it is.
     """
 
@@ -91,6 +104,7 @@ class LogQuestions:
     spec: Any
     answers: Answers
     steps: Callable[[Log], Sequence[Step]] | None = None
+    told: Callable[[], Mapping[str, Log]] = dict
     given: list[Given] = field(default_factory=list)
     accepted: list[Finding] = field(default_factory=list)
 
@@ -121,7 +135,10 @@ class LogQuestions:
         log = self.prepared(log)
         for step in self._alone(log) if self.steps is None else self.steps(log):
             log = self._stepped(log, step)
-        return self._settled(log, lambda log: unit_findings(self.kind, self.spec, log))
+        log = self._settled(log, lambda log: unit_findings(self.kind, self.spec, log))
+        by_file = file_findings_of(self.kind, self.spec, log, self.told())
+        log = self._settled(log, lambda _: by_file)
+        return log.repaired(*(f.sentence for f in by_file if f.light == "yellow" and not f.flag))
 
     def _alone(self, log: Log) -> Sequence[Step]:
         return decided([log], {}, self.answers.to, body_of(self.kind, self.spec))[0]
@@ -205,7 +222,7 @@ def questions_of(
         body = body_of(campaign.kind, campaign.spec)
         return decided([log], told_logs(campaign, state), answers.to, body)[0]
 
-    return LogQuestions(campaign.kind, campaign.spec, answers, judged)
+    return LogQuestions(campaign.kind, campaign.spec, answers, judged, lambda: told_logs(campaign, state))
 
 
 def _what(finding: Finding) -> tuple[str, tuple[float, ...]]:
@@ -242,6 +259,7 @@ def judged_commands(
     path = joints(log)
     assert path is not None
     unit = () if kind is None else unit_findings(kind, spec, log, motion)
+    unit = unit if kind is None else (*unit, *file_findings_of(kind, spec, log, told or {}))
     right = [one for one in green(last, path.parts) if one.check not in {f.check for f in found}]
     return (*found, *right, *unit)
 
@@ -251,6 +269,21 @@ def unit_findings(kind: Kind, spec: Any, log: Log, motion: Seen | None = None) -
     body = body_of(kind, spec) if any(c.acts_on for c in log.channels.values()) else None
     found = None if body is None else judge_unit(log, body, kind.limit(spec), motion)
     return () if found is None else (found,)
+
+
+MOST_BY_FILE = 3  # of the logs that were told, the newest
+
+
+def file_findings_of(kind: Kind, spec: Any, log: Log, told: Mapping[str, Log]) -> tuple[Finding, ...]:
+    """What a model file says of the log beside those that were told, of robots driven by forces."""
+    path = joints(log)
+    body = None if path is None else body_of(kind, spec)
+    if path is None or body is None:
+        return ()
+    from etude.logs.evidence.file_hypotheses import file_findings
+
+    before = [own for own in told.values() if joints(own) is not None][-MOST_BY_FILE:]
+    return file_findings([*before, log], path, body)
 
 
 def body_of(kind: Kind, spec: Any) -> Mean | None:

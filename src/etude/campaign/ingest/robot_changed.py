@@ -11,6 +11,7 @@ from typing import Literal
 
 import numpy as np
 
+from etude.campaign.ingest.questions import body_of
 from etude.campaign.record.events import Changed
 from etude.campaign.record.folder import Campaign
 from etude.campaign.record.state import CHANGED, State
@@ -18,15 +19,19 @@ from etude.campaign.record.stored_models import stored_model
 from etude.errors import DataError, UsageError
 from etude.logs.cleaning.filters import duration
 from etude.models.change.diagnosis import SENSOR, Cause
-from etude.models.change.evidence import judged
+from etude.models.change.evidence import Judged, judged
 from etude.models.learned_model import LearnedModel
-from etude.types import Finding, Log, Samples
+from etude.types import Array, Finding, Log
 
 Answer = Literal["new", "forget", "same"]
 ANSWERS: tuple[Answer, ...] = ("new", "forget", "same")
 FLAG = "--changed"
 LEAST_LOGS = 2
-"""Of the model in use, before which nothing is said of a change."""
+"""Of the model in use, from which all evidence counts."""
+ENORMOUS, MUCH_LEFT = 100.0, 0.2
+"""Nats that count after one log, and what the size of the change may leave: what a single log did not visit
+is known badly, but it looks like no load and no factor.
+"""
 CAUSES: dict[Cause, str] = {
     "load": "a load was taken up or put down: the errors follow gravity and inertia",
     "friction": "friction has changed: the errors follow the sign of the velocity",
@@ -51,20 +56,29 @@ def change_found(campaign: Campaign, state: State, log: Log) -> Finding | None:
     The log is aligned, and not stored yet. Nothing can be said without a model, or where the log lacks what
     the model looks at.
     """
-    if state.newest is None or len(state.newest.logs) < LEAST_LOGS:
+    if state.newest is None:
         return None
     group = np.zeros(len(log), dtype=np.int64)
     samples = campaign.kind.samples(campaign.spec, campaign.config, [log], [group])
     try:
         model = stored_model(campaign, state.trained[-1].number)
-        return _finding(model, samples, duration(log))
+        found = judged(model, samples, body_of(campaign.kind, campaign.spec))
+        few = len(state.newest.logs) < LEAST_LOGS
+        return None if few and not _enormous(found) else _finding(model, found, samples.t, duration(log))
     # an input that this log lacks; of a damaged model learning speaks
     except (KeyError, DataError, UsageError):
         return None
 
 
-def _finding(model: LearnedModel, samples: Samples, seconds: float) -> Finding | None:
-    found, t = judged(model, samples), samples.t
+def _enormous(found: Judged) -> bool:
+    return (
+        float(found.evidence.max(initial=0.0)) > ENORMOUS
+        and found.size is not None
+        and found.size.left < MUCH_LEFT
+    )
+
+
+def _finding(model: LearnedModel, found: Judged, t: Array, seconds: float) -> Finding | None:
     if found.alarm is None:
         return None
     at = float(t[found.alarm])
@@ -72,9 +86,30 @@ def _finding(model: LearnedModel, samples: Samples, seconds: float) -> Finding |
     sentence = (
         f"the robot is not the one that the model knows: after {at - t[0]:.0f} s of {seconds:.0f} s the "
         f"errors were beyond chance (squared, {found.z2:.3g} times the predicted variance{place}); "
-        f"{CAUSES[found.cause]}"
+        f"{CAUSES[found.cause]}{_figure(model, found)}"
     )
     return Finding(CHANGED, "red", sentence, STEP, FLAG, ((at, float(t[-1])),))
+
+
+TURNED = -0.5  # a factor below is an inverted sign
+
+
+def _figure(model: LearnedModel, found: Judged) -> str:
+    """As ", 0.46 +- 0.02 kg at the last link"; "" where the cause has no number."""
+    size = found.size
+    if size is None:
+        return ""
+    value = f"{size.value:.2g} +- {max(size.deviation, 0.0):.1g}"
+    if found.cause == "load":
+        return f", {value} kg at the last link"
+    if found.cause == "friction":
+        return f", {size.value:.2f} times what was learned"
+    if size.joint is None:
+        return ""
+    if found.cause == "gain":
+        inverted = ", inverted" if size.value < TURNED else ""
+        return f", {size.value:.3g} times what was learned{inverted} in {model.commands[size.joint]}"
+    return f", {size.value:.2g} at {model.commands[size.joint]}"
 
 
 def answer(campaign: Campaign, state: State, choice: str, numbers: Sequence[int]) -> bool:

@@ -37,7 +37,7 @@ from etude.campaign.record.stored_models import mixed, stored_log
 from etude.campaign.training import Learner, learn_pending
 from etude.codes import Notice
 from etude.deploy.trajectory_files import COEFFICIENTS, PLANNED, SPEEDS
-from etude.errors import DataError, EtudeError, UsageError
+from etude.errors import DataError, EtudeError, UsageError, typed
 from etude.logs.alignment.alignment import holds_enough
 from etude.logs.cleaning.filters import median_rate
 from etude.logs.columns.units import start_at_zero
@@ -245,7 +245,7 @@ def take(
     if answered is not None and not holds_enough(log, stored_trajectory(campaign, answered, speed).duration):
         log = log.repaired(
             f"Less than half of proposal {answered} is in it, so that stays open: run it again, or give it "
-            f"up with etude abandon {campaign.path} {answered}."
+            f"up with etude abandon {typed(campaign.path)} {answered}."
         )
         number = answered = None
     number = answered if answered is not None else free_number(state, number)
@@ -375,7 +375,7 @@ def untell(
             raise UsageError(
                 f"no log of trajectory {number} was told",
                 where=str(campaign.path),
-                next_step=f"To give the trajectory up: etude abandon {campaign.path} {number}.",
+                next_step=f"To give the trajectory up: etude abandon {typed(campaign.path)} {number}.",
             )
         if before.ingested is not None:
             campaign.commit(Untold(sha256=before.ingested.sha256), number)

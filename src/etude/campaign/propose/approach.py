@@ -19,7 +19,7 @@ from etude.campaign.record.folder import Campaign
 from etude.campaign.record.stored_files import settle
 from etude.deploy.trajectory_files import TrajectoryFiles, column_names, render
 from etude.design.chain_design import Approaches
-from etude.errors import UnsafeTrajectoryError, UsageError
+from etude.errors import UnsafeTrajectoryError, UsageError, typed
 from etude.limits.certificate import Certificate, certify, require_certified
 from etude.limits.lead_ins import leads, with_leads
 from etude.protocols import Limit, Trajectory
@@ -79,7 +79,8 @@ def approached(
             f"no way from there to proposal {number} is proved, which stays open: {problem.fact}",
             where=problem.where,
             next_step="Bring the robot to its start by its own controller, or ask for another: "
-            f"etude abandon {campaign.path} {number}, then etude ask {campaign.path} --from {start}",
+            f"etude abandon {typed(campaign.path)} {number}, "
+            f"then etude ask {typed(campaign.path)} --from {start}",
         ) from None
     place = folder / f"from_{_label(campaign, start, pose)}"
     certificates = {stem: files.certificate for stem, files in made.items()}

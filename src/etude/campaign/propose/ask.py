@@ -32,7 +32,7 @@ from etude.campaign.record.stored_files import (
 )
 from etude.campaign.record.stored_models import is_learned, newest_model
 from etude.deploy.trajectory_files import COEFFICIENTS, TrajectoryFiles, at_speed, render
-from etude.errors import StopRuleReached, UnsafeTrajectoryError, UsageError
+from etude.errors import StopRuleReached, UnsafeTrajectoryError, UsageError, typed
 from etude.limits.commands import require_possible
 from etude.protocols import Limit, Trajectory
 from etude.storage import write_atomic
@@ -296,7 +296,7 @@ def _outside_now(campaign: Campaign, number: int, problem: UnsafeTrajectoryError
     return UnsafeTrajectoryError(
         f"trajectory {number}, which is open, is not proved{since}: {problem.fact}",
         where=problem.where,
-        next_step=f"Do not run it. Ask for another motion: etude ask {campaign.path} {confirm}--new."
+        next_step=f"Do not run it. Ask for another motion: etude ask {typed(campaign.path)} {confirm}--new."
         + (f" Or put back {why} as it was." if why else ""),
     )
 

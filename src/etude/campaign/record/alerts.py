@@ -31,8 +31,7 @@ def campaign_alerts(state: State, outputs: Sequence[str], axes: int) -> tuple[No
         outputs: names of the commands.
         axes: how many coordinates the path has.
     """
-    scores = [*_of_scores(state, outputs), *_of_blocks(state, outputs)]
-    found = [*_of_logs(state), *_of_training(state), *scores, *_of_tests(state, axes)]
+    found = [*_of_logs(state), *_of_training(state), *_of_scores(state, outputs), *_of_tests(state, axes)]
     return tuple(sorted(found, key=lambda notice: notice.light != "red"))
 
 
@@ -59,32 +58,46 @@ def _of_training(state: State) -> list[Notice]:
 
 
 def _of_scores(state: State, outputs: Sequence[str]) -> list[Notice]:
-    """Of the newest log that was predicted before it was learned."""
+    """Of logs left out, each predicted from the others. Of a single log nothing is known of new motion.
+
+    Trainings of earlier versions: of the newest log that was predicted before it was learned.
+    """
+    found = state.newest.new_motion if state.newest else None
+    if found is not None:
+        where = Notice(Phrase.LEFT_OUT, {"logs": found.logs})
+        chosen = Notice(Phrase.STRUCTURE, {"structure": state.newest.chosen if state.newest else ""})
+        return _of_figures(state, outputs, found.used, found.linear, where, chosen)
     scored = next((r for r in reversed(state.trained) if _in_use(r).nmse), None)
     if scored is None:
-        return []
-    used, linear = _in_use(scored).nmse, _scores(scored, "linear").nmse
+        return _never_moved(_unmoved(state))
     where = Notice(Phrase.PREDICTED, {"log": scored.number})
+    then = Notice(Phrase.STRUCTURE_THEN, {"structure": _then(scored)})
+    return _of_figures(state, outputs, _in_use(scored), _scores(scored, "linear").nmse, where, then)
+
+
+def _of_figures(
+    state: State,
+    outputs: Sequence[str],
+    used: PrequentialScore,
+    linear: Sequence[Any],
+    where: Notice,
+    chosen: Notice,
+) -> list[Notice]:
+    """Of the scores of what is in use, beside the nMSE of linear regression."""
     unsure = tuple(
         Notice(Phrase.COVERAGE, {"output": name, "part": part})
-        for name, part in zip(outputs, coverages(scored), strict=False)
+        for name, part in zip(outputs, used.coverage, strict=False)
         if part is not None and part < LEAST_COVERAGE
     )
     fields = {"where": where, "coverage": unsure}
     narrow = Notice(Alert.NARROW_INTERVALS, fields, NextStep.TELL_SUCH_MOTION, "red")
-    then = Notice(Phrase.STRUCTURE_THEN, {"structure": _then(scored)})
-    return [*[narrow] * bool(unsure), *_of_errors(outputs, used, linear, where, then, _unmoved(state))]
+    return [*[narrow] * bool(unsure), *_of_errors(outputs, used.nmse, linear, where, chosen, _unmoved(state))]
 
 
-def _of_blocks(state: State, outputs: Sequence[str]) -> list[Notice]:
-    """Of the newest log, where some of its blocks were held out: all there is to tell after the first one."""
-    blocks = state.newest.held_out if state.newest else None
-    if blocks is None:
-        return []
-    where = Notice(Phrase.HELD_OUT, {"log": state.trained[-1].number})
-    used, linear = blocks.nmse.get(blocks.chosen, ()), blocks.nmse.get("linear regression", ())
-    chosen = Notice(Phrase.STRUCTURE, {"structure": blocks.chosen})
-    return _of_errors(outputs, used, linear, where, chosen, _unmoved(state))
+def _never_moved(still: Sequence[str]) -> list[Notice]:
+    """Outputs that nothing is known of, if there are any."""
+    fields = {"outputs": tuple(still)}
+    return [Notice(Alert.NEVER_MOVED, fields, NextStep.MOVE_OUTPUT, "red")] if still else []
 
 
 def _unmoved(state: State) -> list[str]:
@@ -109,10 +122,9 @@ def _of_errors(
     """
     useless = _named(outputs, used, lambda value, _: value >= NO_BETTER, linear)
     beaten = _named(outputs, used, lambda value, other: BEATEN * other < value and other < NO_BETTER, linear)
-    still = [name for name in useless if name in unmoved]
+    still = [name for name in outputs if name in unmoved]
     useless, beaten = ([n for n in names if n not in unmoved] for names in (useless, beaten))
     alerts = (
-        (still, Notice(Alert.NEVER_MOVED, {}, NextStep.MOVE_OUTPUT, "red")),
         (useless, Notice(Alert.CONSTANT_AS_GOOD, {"where": where}, NextStep.MOVE_JOINTS, "red")),
         (
             beaten,
@@ -121,7 +133,8 @@ def _of_errors(
             ),
         ),
     )
-    return [replace(one, fields={"outputs": tuple(names), **one.fields}) for names, one in alerts if names]
+    told = [replace(one, fields={"outputs": tuple(names), **one.fields}) for names, one in alerts if names]
+    return [*_never_moved(still), *told]
 
 
 def _instead(used: Sequence[Any], linear: Sequence[Any]) -> NextStep:

@@ -12,7 +12,7 @@ from etude import plugins
 from etude._runtime.trusted_folders import folder_id, is_trusted, names_in, require_trusted, trust
 from etude.campaign.record.config import SECTIONS, CampaignConfig, preset_config
 from etude.campaign.record.journal import JOURNAL
-from etude.errors import UsageError
+from etude.errors import UsageError, typed
 from etude.protocols import Kind
 from etude.storage import unreadable
 from etude.toml_tables import CORRECT, decoded, read_table, refuse_unknown, write_table
@@ -78,7 +78,7 @@ def trust_campaign(folder: Path) -> None:
 
 def trusting(folder: Path) -> str:
     """The command that trusts the campaign in a folder."""
-    return f"etude status {folder} --trust"
+    return f"etude status {typed(folder)} --trust"
 
 
 def _names(data: bytes, where: str) -> dict[str, str]:

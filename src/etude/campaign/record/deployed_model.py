@@ -11,7 +11,7 @@ from etude.campaign.record.folder import Campaign
 from etude.campaign.record.state import State
 from etude.campaign.record.stored_files import require_description
 from etude.campaign.record.stored_models import MODEL, newest_model, of_another_body, read_stored
-from etude.errors import UsageError
+from etude.errors import UsageError, typed
 from etude.storage import sha256_of, write_atomic
 
 if TYPE_CHECKING:
@@ -92,8 +92,8 @@ def check_pinned(campaign: Campaign, number: int, promoted: Promoted) -> None:
         return
     what = "was changed after it was promoted" if path.is_file() else "is missing"
     folder = campaign.path
-    force = f'promote the newest: etude promote {folder} --force --reason "altered file"'
-    other = f"go back: etude rollback {folder}" if len(campaign.state().promoted) > 1 else force
+    force = f'promote the newest: etude promote {typed(folder)} --force --reason "altered file"'
+    other = f"go back: etude rollback {typed(folder)}" if len(campaign.state().promoted) > 1 else force
     raise UsageError(
         f"the promoted model of log {number} {what}",
         where=str(path),

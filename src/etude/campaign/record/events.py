@@ -207,8 +207,24 @@ class PrequentialScore:
 
 
 @dataclass(frozen=True)
+class NewMotionScores:
+    """Scores of all logs together, each predicted from the others: what a new motion will show.
+
+    One that varies little weighs little: its errors count beside the variance of all.
+
+    Attributes:
+        logs: how many, or parts of so many that are left out together. used: of what is in use. linear: nMSE
+            of linear regression.
+    """
+
+    logs: int
+    used: PrequentialScore
+    linear: Figures = ()
+
+
+@dataclass(frozen=True)
 class BlockScores:
-    """Scores on blocks of one log that were held out.
+    """Scores on blocks of one log that were held out, which say little of another motion.
 
     Attributes:
         blocks: their numbers. of: number of all blocks. chosen: structure in use.
@@ -237,7 +253,7 @@ class Trained(Fact):
         recipe: sentences of the preprocessing. inputs: fitted parameters of the inputs.
         warnings: what the training has to say.
         forecast_deviation, latent_deviation, noise_deviation, moved: see `learn.training.forecast`.
-        held_out: scores on blocks of the newest log.
+        new_motion: scores of logs left out; None of a single one. held_out: scores on blocks of that.
         body: of the description, as `abilities.SupportsBody`; "" where the kind tells none.
     """
 
@@ -258,6 +274,7 @@ class Trained(Fact):
     latent_deviation: tuple[float, ...] = ()
     noise_deviation: tuple[float, ...] | None = None
     moved: float | None = None
+    new_motion: NewMotionScores | None = None
     held_out: BlockScores | None = None
     together: tuple[int, ...] = ()
     body: str = ""

@@ -21,6 +21,7 @@ from etude.errors import UsageError
 from etude.plugins import named_in
 from etude.protocols import Kind, Limit, Model
 from etude.storage import sha256_of, writer_lock
+from etude.toml_tables import decoded, read_text
 from etude.types import Channel, Margins
 
 if TYPE_CHECKING:
@@ -199,6 +200,7 @@ def open_campaign(path: Path) -> Campaign:
     path = Path(path)
     found = load_config(path)
     if not any(isinstance(event.fact, Created) for event in read_events(path)):
+        require_no_remains(path)
         raise UsageError(
             "this campaign was not finished being made",
             where=str(path / CONFIG),
@@ -210,12 +212,29 @@ def open_campaign(path: Path) -> Campaign:
     return Campaign(path, found.config, found.sha256, found.kind, spec, sha256_of(path / ROBOT))
 
 
+REMAINS = ("runs", "models", "proposals", "promoted", "simulated")
+"""Folders that only a campaign in use has."""
+
+
+def require_no_remains(path: Path) -> None:
+    """UsageError: the folder holds logs or models of a campaign, and its journal holds no event."""
+    found = [name for name in REMAINS if any((path / name).glob("*"))]
+    if found:
+        raise UsageError(
+            f"the journal of this campaign is lost: it holds no event, and there is {' and '.join(found)}",
+            where=str(path / JOURNAL),
+            next_step="Restore journal.jsonl from a copy or your backup. Without one make a new campaign in "
+            "another folder, and tell it the logs in runs.",
+        )
+
+
 def _spec(path: Path, kind: Kind) -> Any:
     try:
         with named_in(path / ROBOT, path, folder_id(path / JOURNAL), trusting(path)):
             return kind.spec(path / ROBOT)
     except UsageError:
         if (path / ROBOT).is_file() and not kind.recognises(path / ROBOT):
+            decoded(read_text(path / ROBOT), str(path / ROBOT))  # what is no TOML is told so, with the line
             raise UsageError(
                 f"robot.toml does not describe a robot of the kind {kind.name!r}, which campaign.toml names",
                 where=str(path / ROBOT),

@@ -18,7 +18,7 @@ from etude.campaign.record.events import Asked, Event, Exported, Promoted, Train
 from etude.campaign.record.folder import Campaign
 from etude.campaign.record.state import State
 from etude.campaign.record.stored_files import EXPORTS, MARK
-from etude.errors import EtudeError
+from etude.errors import EtudeError, typed
 
 
 @dataclass(frozen=True)
@@ -108,10 +108,10 @@ def _motions(campaign: Campaign, state: State, of_robot: Sequence[str]) -> Itera
         what = f"trajectory {number}" + f" for {receiver}" * bool(receiver)
         if _is_before(event, MOUNTING) and MOUNTING in of_robot:
             again = "" if one.open else " --new"
-            yield Affected(MOUNTING, what, folder, f"etude ask {campaign.path}{again}")
+            yield Affected(MOUNTING, what, folder, f"etude ask {typed(campaign.path)}{again}")
         if _is_before(event, MOVING_END) and _in_motion(certificate):
-            give_up = f"etude abandon {campaign.path} {number}, then " if one.open else ""
-            yield Affected(MOVING_END, what, folder, f"{give_up}etude ask {campaign.path} --new")
+            give_up = f"etude abandon {typed(campaign.path)} {number}, then " if one.open else ""
+            yield Affected(MOVING_END, what, folder, f"{give_up}etude ask {typed(campaign.path)} --new")
 
 
 def _in_motion(certificate: Path) -> bool:
@@ -130,12 +130,14 @@ def _models(campaign: Campaign, state: State, of_robot: Sequence[str]) -> Iterat
         number = trained[-1].number or 0
         ingested = state.rounds[number].ingested if number in state.rounds else None
         log = ingested.source if ingested is not None else "LOG"
-        again = f"etude untell {path} {number}, then etude tell {path} {log}"
+        again = f"etude untell {typed(path)} {number}, then etude tell {typed(path)} {log}"
         yield Affected(code, f"the model of log {number}", f"models/{number:04d}", again)
     promoted = [e for e in events if isinstance(e.fact, Promoted)]
     if MOUNTING in of_robot and state.promoted and promoted and _is_before(promoted[-1], MOUNTING):
         what = f"the promoted model of log {promoted[-1].number}"
-        yield Affected(MOUNTING, what, next(iter(promoted[-1].files), "promoted"), f"etude promote {path}")
+        yield Affected(
+            MOUNTING, what, next(iter(promoted[-1].files), "promoted"), f"etude promote {typed(path)}"
+        )
 
 
 def _of_training(campaign: Campaign, event: Event, of_robot: Sequence[str]) -> Iterator[str]:
@@ -163,7 +165,7 @@ def _exports(campaign: Campaign, of_robot: Sequence[str]) -> Iterator[Affected]:
         generation, target = int(words.get("generation", 1)), str(words.get("target", ""))
         where = place.relative_to(campaign.path) if place.is_relative_to(campaign.path) else place
         output = "" if place == campaign.path / EXPORTS / target else f" --output {place}"
-        again = f"etude export {campaign.path} --to {target}{output}"
+        again = f"etude export {typed(campaign.path)} --to {target}{output}"
         if generation < FAULTS[MOUNTING].mended and MOUNTING in of_robot:
             yield Affected(MOUNTING, f"the model for {target}", str(where), again)
         if generation < FAULTS[CLAMPED].mended and target in TARGETS:

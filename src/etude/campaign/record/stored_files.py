@@ -33,7 +33,7 @@ from etude.campaign.record.events import (
 from etude.campaign.record.folder import ROBOT, Campaign
 from etude.campaign.record.journal import recorded, require_intact
 from etude.codes import NextStep, Notice, OfFile
-from etude.errors import UsageError
+from etude.errors import UsageError, typed
 from etude.protocols import Trajectory
 from etude.storage import GENERATION, unreadable, write_atomic
 
@@ -108,7 +108,7 @@ def run_advice(campaign: Campaign, number: int) -> str:
     log = ingested.source if ingested is not None else "LOG"
     return (
         f"Do not learn from it. {RESTORE[:-1]}, or take the log back and tell the original again: "
-        f"etude untell {campaign.path} {number}, then etude tell {campaign.path} {log}."
+        f"etude untell {typed(campaign.path)} {number}, then etude tell {typed(campaign.path)} {log}."
     )
 
 
@@ -287,7 +287,7 @@ def proposal_advice(campaign: Campaign, number: int) -> str:
     """What to do where a file of a proposal is not what was committed."""
     return (
         f"Do not run it. Restore the file from a copy, or give the trajectory up and ask for another: "
-        f"etude abandon {campaign.path} {number}, then etude ask {campaign.path}."
+        f"etude abandon {typed(campaign.path)} {number}, then etude ask {typed(campaign.path)}."
     )
 
 

@@ -17,7 +17,7 @@ from etude.campaign.record.journal import JOURNAL, recorded, require_intact
 from etude.campaign.record.state import Round, State
 from etude.campaign.record.stored_files import name_of, require_runs
 from etude.codes import NextStep, Notice, Warn
-from etude.errors import UsageError
+from etude.errors import UsageError, typed
 from etude.plugins import named_in
 from etude.storage import sha256_of
 from etude.types import Array, Log, Mask, Samples
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 MODEL, LEFT_OUT = "model.npz", "left_out.npz"
 LINEAR, MIXED = "linear", "mixed"
-"""What every structure has to beat, and what is said where commands were given different structures."""
+"""What every structure has to beat, and what is said where commands are made of several structures."""
 
 
 def load_model(folder: str | Path) -> LearnedModel:
@@ -66,7 +66,7 @@ def check_model(campaign: Campaign, state: State) -> None:
 
 def _advice(campaign: Campaign, number: int) -> str:
     return (
-        f"Restore it from a copy, or learn anew: etude abandon {campaign.path} {number}, "
+        f"Restore it from a copy, or learn anew: etude abandon {typed(campaign.path)} {number}, "
         "then tell its log again."
     )
 
@@ -149,13 +149,13 @@ def of_another_body(campaign: Campaign, number: int) -> str:
     return (
         f" robot.toml changed since log {number} was learned, so its physics are others. "
         "Where the robot itself changed, tell its next log with --changed new. "
-        f"Where robot.toml was wrong: etude untell {campaign.path} {number}, then "
-        f"etude tell {campaign.path} {log}."
+        f"Where robot.toml was wrong: etude untell {typed(campaign.path)} {number}, then "
+        f"etude tell {typed(campaign.path)} {log}."
     )
 
 
 def label(structures: Sequence[str]) -> str:
-    """One word for the structures of all commands."""
+    """One word for the structures that commands are made of."""
     return structures[0] if len(set(structures)) == 1 else MIXED
 
 

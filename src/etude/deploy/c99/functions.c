@@ -103,5 +103,5 @@ unsigned @NAME_predict(@NAME_state *state, const @NAME_real *input, @NAME_real *
 @KEPT    unsigned flags = @NAME_taken(state->last, input, in);
     memcpy(state->last, in, sizeof in);
     @NAME_answer(in, @MEMORY, RUN, command, variance@BESIDE);
-@BLEND    return flags | @NAME_limited(command);
+@BLEND@WIDTHS    return flags | @NAME_limited(command);
 }

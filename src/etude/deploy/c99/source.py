@@ -16,7 +16,7 @@ from etude.errors import NumericalError
 from etude.models.gp.c99 import real
 from etude.models.selection.member_prediction import level_of, rests_of
 from etude.models.trust import NEVER, ROUNDING, thresholds
-from etude.types import Code
+from etude.types import Array, Code
 
 PER_LINE = 6  # numbers: lines stay below 120 characters
 
@@ -325,6 +325,7 @@ def _functions(plan: Plan, form: CForm) -> str:
         "SPARE": ", variance, safe, noise, 0" if fade else ", 0" * form.deviations,
         "BESIDE": ", safe, noise, 1" * fade,
         "BLEND": "    flags |= @NAME_blended(command, variance, safe, noise);\n" if fade else "",
+        "WIDTHS": _widths(plan.model.width),
         "MEMORIES": str(max(plan.memory, 1)),
         "RATES": ", ".join(str(int(rate)) for rate in plan.still),
         "FULL": ", ".join(map(real, full)),
@@ -338,6 +339,14 @@ def _functions(plan: Plan, form: CForm) -> str:
     for word in dict.fromkeys(order):
         found = found.replace(f"@{word}", words[word])
     return found
+
+
+def _widths(width: Array | None) -> str:
+    """C that widens variances as they are told; what is unknown is not widened."""
+    if width is None or bool((width == 1.0).all()):
+        return ""
+    lines = [f"        variance[{j}] *= {real(factor)};" for j, factor in enumerate(width.tolist())]
+    return "\n".join(["    if (variance) {", *lines, "    }", ""])
 
 
 SHARE = 0.5

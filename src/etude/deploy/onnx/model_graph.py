@@ -392,7 +392,10 @@ def written(
     unknown = _unknown(graph, parts.model, x, terms, spread) if fade or beyond else None
     if fade and unknown is not None:
         command = _trusted(Value(graph, command), unknown, parts, physics).name
-    outputs = {"command": (command, J)} | ({"variance": (spread, J)} if variance else {})
+    outputs = {"command": (command, J)}
+    if variance:
+        width = parts.model.width
+        outputs["variance"] = (spread if width is None else graph.op("Mul", spread, width[None, :]), J)
     if beyond and unknown is not None:
         outputs["outside"] = (_outside(graph, unknown, parts.model).name, J)
     inputs = {"states": sum(widths[name] for name in parts.reads)}

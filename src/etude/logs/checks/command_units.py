@@ -22,6 +22,7 @@ UNITS = {
     "N m taken for radians": 180.0 / np.pi,
 }
 NEAR_FACTOR = 1.25  # a known unit explains a slope that is nearer than this
+NEAR_FILE = 1.6  # factor that masses of a right file may be off
 
 
 def scale_finding(seen: Seen, torque: Array, limit: Array) -> Finding | None:
@@ -44,6 +45,25 @@ def scale_finding(seen: Seen, torque: Array, limit: Array) -> Finding | None:
     values = ", ".join(f"{value:.2g}" for value in slope[judged])
     said = f"Commands of {named(seen.parts, judged)} are {values} times the file's {_words(seen, judged)[0]}."
     return Finding(SCALE, "green", said)
+
+
+def load_beside(seen: Seen, torque: Array, per_kg: Array) -> float:
+    """kg at the last link that explain slopes which no one unit does; 0 where they are alike, or it does not.
+
+    Args:
+        torque, per_kg: (n, k) what the model file says of the commands, and of each kg.
+    """
+    assert seen.command is not None
+    own = goes_far(seen.q) & (seen.command.std(axis=0) > 0.0)
+    u, F, C = (part[:, own] - part[:, own].mean(axis=0) for part in (seen.command, torque, per_kg))
+    u, F, C = (part / seen.command[:, own].std(axis=0) for part in (u, F, C))
+    before, follows = slopes(u, F)
+    square = float((C * C).sum())
+    kg = float((C * (u - F)).sum()) / square if square > 0.0 else 0.0
+    after, judged = slopes(u, F + kg * C)[0], follows > FOLLOWS
+    if not kg > 0.0 or judged.sum() < 2 or np.ptp(np.log(before[judged])) < np.log(NEAR_FACTOR):
+        return 0.0
+    return kg if (np.abs(np.log(np.maximum(after[judged], FAINT))) < np.log(NEAR_FILE)).all() else 0.0
 
 
 def slopes(command: Array, torque: Array) -> tuple[Array, Array]:

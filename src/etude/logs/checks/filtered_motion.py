@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from etude.logs.cleaning.filters import auto_cutoff, longest_stretch
+from etude.logs.cleaning.filters import auto_cutoff, longest_stretch, looked_at
 from etude.logs.cleaning.smoothing import (
     Smoothed,
     median_rate,
@@ -69,8 +69,10 @@ class Seen:
 def seen(log: Log, path: Channel) -> Seen | None:
     """What is seen of the coordinates `path`; None of a log that has no stretch to filter.
 
-    All channels pass the filter that suits the positions, so that their phases stay together.
+    All channels pass the filter that suits the positions, so that their phases stay together. Of a very long
+    log stretches are looked at.
     """
+    log = looked_at(log)
     known = [c for c in log.channels.values() if c.name in log]
     others: dict[str, Channel] = {c.role: c for c in known if c.role == "command" and c.acts_on == path.name}
     logged = next((c for c in known if _rate_of(c, path)), None)

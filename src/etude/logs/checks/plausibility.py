@@ -12,9 +12,10 @@ from dataclasses import replace
 
 import numpy as np
 
+from etude.abilities import SupportsVariations
 from etude.errors import UsageError
 from etude.logs.checks import exact, velocities
-from etude.logs.checks.command_units import scale_finding
+from etude.logs.checks.command_units import load_beside, scale_finding
 from etude.logs.checks.filtered_motion import Seen, joints, runs, seen, states_of
 from etude.logs.checks.finding_texts import Excludable, Mendable, named
 from etude.logs.checks.velocities import degrees_finding, speed_finding
@@ -89,7 +90,15 @@ def judge_unit(log: Log, body: Mean, limit: Array, motion: Seen | None = None) -
     if motion is None or path is None or motion.command is None:
         return None
     states = states_of(motion.t, path, motion.q, motion.qd, motion.qdd)
-    return scale_finding(motion, body.predict(states), limit)
+    torque = body.predict(states)
+    found = scale_finding(motion, torque, limit)
+    if found is None or not found.flag or not isinstance(body, SupportsVariations):
+        return found
+    kg = load_beside(motion, torque, body.links(states)[:, :, -1, 0])
+    if not kg:
+        return found
+    fact = f"The commands follow the model file with {kg:.2g} kg more at the last link."
+    return Finding(found.check, "green", fact)
 
 
 def commanded(log: Log) -> Seen | None:

@@ -32,6 +32,7 @@ __all__ = [
     "differentiated",
     "duration",
     "longest_stretch",
+    "looked_at",
     "median_rate",
     "motion_bands",
     "on_grid",
@@ -63,6 +64,23 @@ def longest_stretch(log: Log) -> Log:
         return log
     sentence = f"The recording pauses; the longest stretch, {rows} rows, is kept."
     return log.take(longest).repaired(sentence)
+
+
+MANY_ROWS = 200_000
+"""Of a log beyond which its motion is looked at in stretches."""
+STRETCHES, STRETCH_ROWS, STRETCH_S = 10, 10_000, 10.0
+"""Their number, and how long each is at least: at 1 kHz a tenth of a log of 1000 s."""
+
+
+def looked_at(log: Log) -> Log:
+    """The log, or of a very long one stretches of it: they say of its motion as much as all of it."""
+    if len(log) <= MANY_ROWS:
+        return log
+    rows = max(STRETCH_ROWS, round(STRETCH_S * median_rate(log.t)))
+    if STRETCHES * rows >= len(log):
+        return log
+    first = np.arange(STRETCHES) * (len(log) - rows) // (STRETCHES - 1)
+    return log.take((first[:, None] + np.arange(rows)).ravel())
 
 
 def uniform(log: Log, rate: float | None = None) -> Log:

@@ -21,6 +21,7 @@ from etude.logs.cleaning.repairs import (
     note_pauses,
     order_rows,
 )
+from etude.logs.columns.families import answer
 from etude.logs.columns.headers import Column
 from etude.logs.columns.mapping import mapped
 from etude.logs.columns.matching import Matching, match_columns
@@ -169,8 +170,10 @@ def _recorded(
     path: Path, channels: Sequence[Channel], rate: float, topics: Sequence[str], config: LogConfig
 ) -> tuple[Log, set[str]]:
     """A foreign log with its columns in place, in SI, and the channels whose unit its headers state."""
-    raw = mapped(read_raw(path, topics or config.topics), config)
-    matching = _matched(raw, channels, path.name)
+    plain = read_raw(path, topics or config.topics)
+    raw = mapped(plain, config)
+    matching = _matched(raw, channels, path.name, raw.values.keys() - plain.values.keys())
+    del plain
     t, time_repairs = read_time(raw, rate, path.name)
     repairs = [*raw.repairs, *time_repairs, *matching.repairs]
     values = {}
@@ -191,13 +194,46 @@ def _recorded(
     return with_rest_reported(log), stated
 
 
-def _matched(raw: Log, channels: Sequence[Channel], where: str) -> Matching:
-    """Whose columns are whose. DataError: some are missing; with what the reader said, which may tell why."""
+def _matched(raw: Log, channels: Sequence[Channel], where: str, told: Collection[str]) -> Matching:
+    """Whose columns are whose. DataError: some are missing, with what the reader said, which may tell why; or
+    several families may be the commands.
+    """
     try:
-        return match_columns([name for name in raw.values if not is_time(name)], channels, where)
+        found = match_columns([name for name in raw.values if not is_time(name)], channels, where, told)
+        _check_families(found, raw, channels, where)
+        return found
     except DataError as error:
         read = f"What was read: {' '.join(raw.repairs)} " if raw.repairs else ""
         raise DataError(error.fact, where=error.where, next_step=read + error.next_step) from None
+
+
+SAME = 1e-6  # of its deviation: what differs by less is a copy
+
+
+def _check_families(found: Matching, raw: Log, channels: Sequence[Channel], where: str) -> None:
+    """DataError: several families of columns may be the commands. One that stands or is a copy is none."""
+    values = {name: np.hstack([raw[column] for column in own]) for name, own in found.families.items()}
+    first = next(iter(values), "")
+    others = {name for name, own in values.items() if name != first and _says_more(own, values[first])}
+    if not others:
+        return
+    families = {name: own for name, own in found.families.items() if name == first or name in others}
+    channel = next(c for c in channels if c.role == "command" and c.acts_on)
+    raise DataError(
+        f"{', '.join(f'{own[0]} and the like' for own in families.values())} may all be the commands",
+        where=where,
+        next_step=answer(channel, families),
+    )
+
+
+def _says_more(values: Array, first: Array) -> bool:
+    """Whether columns (T, k) vary, and differ from the first ones."""
+    own, other = (
+        part[np.isfinite(values).all(axis=1) & np.isfinite(first).all(axis=1)] for part in (values, first)
+    )
+    if not len(own) or not own.std(axis=0).any():
+        return False
+    return bool(np.abs(own - other).max() > SAME * other.std(axis=0).max())
 
 
 def _taken(left: dict[str, Array], columns: Sequence[Column]) -> Array:

@@ -12,14 +12,12 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 from etude.errors import DataError
+from etude.logs.columns.header_units import NUMBER, UNITS_TO_USE, same_dimension, unit_in
 from etude.logs.columns.vocabulary import (
-    ALIKE,
     COMMANDS,
     PREFIXES,
     SETPOINTS,
     SYNONYMS,
-    UNITS,
-    UNITS_TO_USE,
     normal,
     split_suffix,
     split_unit,
@@ -41,14 +39,19 @@ class Column:
     Attributes:
         name: its header in the file.
         factor: to SI, by the unit that the header states.
-        stated: whether it states one.
+        unit: that it states; "" if none.
         word: rank of the word that was used for its channel, 0 for the channel's own name.
     """
 
     name: str
     factor: float
-    stated: bool
+    unit: str
     word: int = 0
+
+    @property
+    def stated(self) -> bool:
+        """Whether its header states a unit."""
+        return self.unit != ""
 
 
 @dataclass(frozen=True)
@@ -82,7 +85,9 @@ class Found:
 
     def note(self, claim: Claim, header: str, unit: str) -> None:
         """Adds a column."""
-        column = Column(header, UNITS[unit], unit != "", claim.word)
+        known = unit_in(unit)
+        assert known is not None
+        column = Column(header, known.factor, unit, claim.word)
         self.of(claim).setdefault(claim.part, []).append(column)
 
     def columns(self) -> Iterator[Column]:
@@ -168,7 +173,7 @@ def read_headers(headers: Sequence[str], channels: Sequence[Channel], where: str
         text, unit = split_unit(header)
         claims = () if header in again else known.claims(text)
         claims = tuple(claim for claim in claims if _may_be(unit, described[claim.channel]))
-        if claims and unit not in UNITS:
+        if claims and unit_in(unit) is None:
             raise DataError(
                 f"unknown unit '{unit}'", where=f"{where}, column '{header}'", next_step=UNITS_TO_USE
             )
@@ -183,11 +188,10 @@ def read_headers(headers: Sequence[str], channels: Sequence[Channel], where: str
 
 def _may_be(unit: str, channel: Channel) -> bool:
     """Whether a header in brackets may be of a channel: a desired torque is no desired position."""
-    if channel.role != "plan" or unit not in UNITS:
+    known = unit_in(unit)
+    if channel.role != "plan" or known is None or known.dimension == NUMBER:
         return True
-    own = dict.fromkeys(channel.units)
-    alike = [one for name in own for one in (*ALIKE.get(name, ()), name, name.replace("^", ""))]
-    return unit in ("", "1", "°", "°/s", *alike)
+    return any(same_dimension(unit, own) for own in dict.fromkeys(channel.units))
 
 
 def _add_suffixed(
@@ -195,12 +199,11 @@ def _add_suffixed(
 ) -> None:
     """Columns whose headers end with a unit; of two of a part that in SI."""
     more = Found()
-    for header in sorted(headers, key=lambda h: UNITS.get(split_suffix(h)[1]) != 1.0):
+    for header in sorted(headers, key=_not_si):
         text, unit = split_suffix(header)
         for claim in known.claims(text) if unit else ():
-            units = described[claim.channel].units
-            alike = [one for own in dict.fromkeys(units) for one in ALIKE.get(own, ())]
-            if unit in alike and claim.part not in more.of(claim):
+            units = dict.fromkeys(described[claim.channel].units)
+            if any(same_dimension(unit, own) for own in units) and claim.part not in more.of(claim):
                 more.note(claim, header, unit)
     for place in ("named", "numbered", "bare"):
         for name, columns in getattr(more, place).items():
@@ -208,6 +211,11 @@ def _add_suffixed(
             elsewhere = any(name in getattr(found, p) for p in ("named", "numbered", "bare") if p != place)
             if len({*own, *columns}) == len(described[name].parts) and not elsewhere:
                 getattr(found, place)[name] = {**columns, **own}
+
+
+def _not_si(header: str) -> bool:
+    unit = unit_in(split_suffix(header)[1])
+    return unit is None or unit.factor != 1.0
 
 
 def column_names(channel: Channel) -> list[str]:
@@ -264,6 +272,11 @@ def _aliases(channel: Channel) -> dict[str, str]:
     short = [normal(part).removesuffix("_joint") for part in channel.parts]
     unique = {s: part for s, part in zip(short, channel.parts, strict=True) if short.count(s) == 1}
     return {**unique, **exact}
+
+
+def part_names(channel: Channel) -> list[str]:
+    """Normalised names of its parts, as headers may spell them; longest first."""
+    return sorted(_aliases(channel), key=len, reverse=True)
 
 
 def _bare(channels: Sequence[Channel]) -> dict[str, tuple[tuple[str, str], ...]]:

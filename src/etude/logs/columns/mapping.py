@@ -4,19 +4,27 @@
     "q_shoulder [deg]" = "ActPos1"
 
 reads the column ActPos1 as if its header were `q_shoulder [deg]`. Left is a header as `columns` understands
-it (what to write there is listed in `vocabulary`), right the header in the file.
+it (what to write there is listed in `vocabulary`), right the header in the file. A scale or a sign may stand
+before it, and a word for the columns of all joints:
+
+    "tau_elbow" = "-0.061 * Cur3"
+    "command" = "TorqueSm"
 """
 
 from __future__ import annotations
 
 import difflib
 import json
-from collections.abc import Mapping, Sequence
+import re
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
 from etude.errors import DataError
+from etude.logs.columns.families import members
+from etude.logs.columns.header_units import NUMBER, unit_in
 from etude.logs.columns.headers import Found, read_headers
 from etude.logs.columns.vocabulary import NUMBERED, is_time, split_unit, unit_of
 from etude.logs.config import LogConfig
@@ -54,11 +62,12 @@ def _timed(raw: Log, rate: float) -> Log:
 
 def _renamed(raw: Log, config: LogConfig) -> Log:
     left = {name: values for name, values in raw.values.items() if name not in config.ignored}
-    used = {to: header for to, header in config.columns.items() if header in left}
+    named = _sources(config.columns, left)
+    used = {to: source for to, source in named.items() if source.header in left}
     if not used:
         _check_header(raw)
         return _with(raw, left)
-    missing = [header for header in config.columns.values() if header not in left]
+    missing = [source.header for source in named.values() if source.header not in left]
     if missing:
         near = difflib.get_close_matches(missing[0], list(left), 1)
         hint = f"Did you mean {near[0]}? " if near else ""
@@ -67,10 +76,50 @@ def _renamed(raw: Log, config: LogConfig) -> Log:
             where=raw.source,
             next_step=f"{hint}Correct it in campaign.toml; the file has {', '.join(list(left)[:40])}.",
         )
-    named = {_with_unit(to, header): left[header] for to, header in used.items()}
-    rest = {name: values for name, values in left.items() if name not in (*used.values(), *named)}
-    said = ", ".join(f"{header} as {to}" for to, header in used.items())
-    return _with(raw, {**named, **rest}).repaired(f"By [log] columns, {said} were read.")
+    read = {_with_unit(to, own): own.scale * left[own.header] for to, own in used.items()}
+    taken = {source.header for source in used.values()}
+    rest = {name: values for name, values in left.items() if name not in taken and name not in read}
+    said = ", ".join(f"{source.said} as {to}" for to, source in used.items())
+    return _with(raw, {**read, **rest}).repaired(f"By [log] columns, {said} were read.")
+
+
+class _Source(NamedTuple):
+    """A column of the file, and what it is multiplied by."""
+
+    header: str
+    scale: float = 1.0
+
+    @property
+    def said(self) -> str:
+        return self.header if self.scale == 1.0 else f"{self.scale:g} * {self.header}"
+
+
+SCALED = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*\*\s*(.+)")
+TURNED = re.compile(r"\s*-\s*(.+)")
+
+
+def _sources(columns: Mapping[str, str], headers: Collection[str]) -> dict[str, _Source]:
+    """What to read each column as -> where it comes from; a word for all joints gives one for each."""
+    found: dict[str, _Source] = {}
+    for to, text in columns.items():
+        header, scale = _source(text, headers)
+        own = {} if header in headers else members(headers, header)
+        bare, unit = split_unit(to)
+        unit = f" [{unit}]" if unit else ""
+        each = {f"{bare}_{part}{unit}": _Source(name, scale) for part, name in own.items()}
+        found |= each or {to: _Source(header, scale)}
+    return found
+
+
+def _source(text: str, headers: Collection[str]) -> _Source:
+    """ "0.5 * Cur1" or "-Cur1"; a header that is in the file as it stands is one."""
+    scaled, turned = SCALED.fullmatch(text), TURNED.fullmatch(text)
+    if text in headers or not (scaled or turned):
+        return _Source(text)
+    if scaled:
+        return _Source(scaled[2].strip(), float(scaled[1]))
+    assert turned is not None
+    return _Source(turned[1].strip(), -1.0)
 
 
 def _check_header(raw: Log) -> None:
@@ -134,9 +183,13 @@ def _quoted(text: str) -> str:
     return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
 
 
-def _with_unit(to: str, header: str) -> str:
-    unit = unit_of(header)
-    return f"{to} [{unit}]" if unit and not split_unit(to)[1] else to
+def _with_unit(to: str, source: _Source) -> str:
+    """With the file's unit, unless another is stated, or a scale converts counts and parts of a whole."""
+    unit = unit_of(source.header)
+    known = unit_in(unit)
+    whole = known is None or not (known.counted or known.dimension == NUMBER)
+    kept = unit and not split_unit(to)[1] and (whole or abs(source.scale) == 1.0)
+    return f"{to} [{unit}]" if kept else to
 
 
 def _with(raw: Log, values: Mapping[str, object]) -> Log:

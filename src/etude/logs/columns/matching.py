@@ -10,12 +10,14 @@ from __future__ import annotations
 
 import difflib
 import re
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 from etude.errors import DataError
+from etude.logs.columns.families import answer, family_of, rivals
+from etude.logs.columns.header_units import NUMBER, UNITS_TO_USE, same_dimension, unit_in
 from etude.logs.columns.headers import Column, Found, other_unit, read_headers, settle_bare, words_of
-from etude.logs.columns.vocabulary import DIMENSIONS, SENSORS, unit_of
+from etude.logs.columns.vocabulary import SENSORS
 from etude.types import Channel
 
 LISTED = 12  # columns in a message
@@ -23,15 +25,28 @@ LISTED = 12  # columns in a message
 
 @dataclass(frozen=True)
 class Matching:
-    """The columns of each channel in the order of its parts, what was ignored, and the repairs to report."""
+    """What the headers of a file mean.
+
+    Attributes:
+        channels: the columns of each channel in the order of its parts.
+        ignored: headers without a meaning. repairs: sentences to report.
+        families: of the commands, if others than those in `channels` may be meant: the columns of each
+            family, that in `channels` first.
+    """
 
     channels: dict[str, tuple[Column, ...]]
     ignored: tuple[str, ...]
     repairs: tuple[str, ...]
+    families: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
 
 
-def match_columns(headers: Sequence[str], channels: Sequence[Channel], where: str) -> Matching:
+def match_columns(
+    headers: Sequence[str], channels: Sequence[Channel], where: str, told: Collection[str] = ()
+) -> Matching:
     """Finds the columns of every channel; of those not required, the ones that are there.
+
+    Args:
+        told: headers that the owner gave: where they mean a part, no other column does.
 
     Raises:
         DataError: a required channel lacks a part, a part has two columns, a unit is unknown, or the
@@ -42,14 +57,49 @@ def match_columns(headers: Sequence[str], channels: Sequence[Channel], where: st
     matched: dict[str, tuple[Column, ...]] = {}
     repairs: list[str] = []
     for channel in sorted(channels, key=lambda c: not c.required):
-        columns = _of_channel(channel, found, repairs, where)
+        columns = _of_channel(channel, _preferring(found, channel, told), repairs, where)
         if columns is not None:
             matched[channel.name] = columns
     used = {column.name for columns in matched.values() for column in columns}
     ignored = tuple(header for header in headers if header not in used)
     if ignored:
         repairs.append(f"Columns without a meaning here were ignored: {', '.join(ignored)}.")
-    return Matching({c.name: matched[c.name] for c in channels if c.name in matched}, ignored, tuple(repairs))
+    families = _families(channels, matched, ignored, told)
+    matched = {c.name: matched[c.name] for c in channels if c.name in matched}
+    return Matching(matched, ignored, tuple(repairs), families)
+
+
+def _preferring(found: Found, channel: Channel, told: Collection[str]) -> Found:
+    """Of parts of this channel that the owner named, without what else may mean them."""
+    if not told:
+        return found
+
+    def chosen(of: Mapping[str, dict[str, list[Column]]]) -> dict[str, dict[str, list[Column]]]:
+        own = {p: [c for c in cs if c.name in told] or cs for p, cs in of.get(channel.name, {}).items()}
+        return {**of, channel.name: own} if own else dict(of)
+
+    named, numbered = chosen(found.named), chosen(found.numbered)
+    given = [c for cs in numbered.get(channel.name, {}).values() for c in cs if c.name in told]
+    if given and not any(c.name in told for cs in named.get(channel.name, {}).values() for c in cs):
+        named.pop(channel.name, None)
+    return replace(found, named=named, numbered=numbered)
+
+
+def _families(
+    channels: Sequence[Channel],
+    matched: Mapping[str, tuple[Column, ...]],
+    ignored: Sequence[str],
+    told: Collection[str],
+) -> dict[str, tuple[str, ...]]:
+    """Of commands that do work on coordinates: all families that may be meant, if there are several."""
+    for channel in channels:
+        own = [column.name for column in matched.get(channel.name, ())]
+        if channel.role != "command" or not channel.acts_on or not own or set(own) & set(told):
+            continue
+        others = rivals(channel, own, ignored)
+        if others:
+            return {family_of(own[0], channel)[0]: tuple(own), **others}
+    return {}
 
 
 def _of_channel(channel: Channel, found: Found, repairs: list[str], where: str) -> tuple[Column, ...] | None:
@@ -64,7 +114,9 @@ def _of_channel(channel: Channel, found: Found, repairs: list[str], where: str) 
     if not missing:
         mine = _in_its_unit(channel, mine)
         _check_single(channel, mine, where)
-        return tuple(mine[part][0] for part in channel.parts)
+        columns = tuple(mine[part][0] for part in channel.parts)
+        repairs += _checked_units(channel, columns, where)
+        return columns
     if channel.required or (mine and channel.role == "state" and channel.name not in SENSORS):
         raise DataError(
             f"no column for channel '{channel.name}' of {', '.join(missing)}",
@@ -115,7 +167,7 @@ def _in_its_unit(channel: Channel, mine: dict[str, list[Column]]) -> dict[str, l
     """The columns, and of a part that has several the one whose header states a unit of the channel."""
     kept = dict(mine)
     for part, unit in zip(channel.parts, channel.units, strict=True):
-        own = [c for c in mine[part] if c.stated and unit_of(c.name) in DIMENSIONS.get(unit, ())]
+        own = [c for c in mine[part] if c.stated and same_dimension(c.unit, unit)]
         if len(mine[part]) > 1 and len(own) == 1:
             kept[part] = own
     return kept
@@ -124,11 +176,45 @@ def _in_its_unit(channel: Channel, mine: dict[str, list[Column]]) -> dict[str, l
 def _check_single(channel: Channel, mine: dict[str, list[Column]], where: str) -> None:
     double = [[c.name for c in columns] for columns in mine.values() if len(columns) > 1]
     if double:
+        families = [family_of(name, channel)[0] for name in double[0]]
+        which = f"{answer(channel, families)} " if all(families) and len(channel.parts) > 1 else ""
         raise DataError(
             f"columns {' and '.join(double[0])} mean the same thing (channel '{channel.name}')",
             where=where,
-            next_step='Remove one of them, rename it, or leave it out: ignored = ["header"] in [log].',
+            next_step=f"{which}Remove one of them, rename it, or leave it out: "
+            'ignored = ["header"] in [log].',
         )
+
+
+def _checked_units(channel: Channel, columns: Sequence[Column], where: str) -> list[str]:
+    """What is to be said of commands in a unit that nobody but the drive knows in SI.
+
+    Raises:
+        DataError: a command is stated in the unit of another quantity, or the coordinates in counts.
+    """
+    if not channel.acts_on and channel.role == "command":
+        return []
+    said = []
+    for column, unit in zip(columns, channel.units, strict=True):
+        stated, own = unit_in(column.unit), unit_in(unit)
+        if not column.unit or stated is None or own is None or stated.dimension == own.dimension:
+            continue
+        if channel.role == "command" and (stated.counted or stated.dimension == NUMBER):
+            said.append(column.name)
+        elif stated.counted or channel.role == "command":
+            raise _other_unit(channel, column, unit, where)
+    way = "[log.columns] of campaign.toml takes a scale"
+    return [f"Commands are taken in the unit of the drive: {', '.join(said)}; {way}."] if said else []
+
+
+def _other_unit(channel: Channel, column: Column, unit: str, where: str) -> DataError:
+    to = f'"{channel.name}_{channel.parts[0]} [{unit}]" = "0.01 * {column.name}"'
+    return DataError(
+        f"the column is in {column.unit}, and {channel.name} is in {unit}",
+        where=f"{where}, column '{column.name}'",
+        next_step=f"Say in the table [log.columns] of campaign.toml what one is in {unit}, as in {to}, or "
+        f"correct the header or the robot file. {UNITS_TO_USE}",
+    )
 
 
 def _advice(channel: Channel, part: str, ignored: list[str]) -> str:

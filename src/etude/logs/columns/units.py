@@ -9,10 +9,11 @@ from dataclasses import replace
 import numpy as np
 
 from etude.errors import DataError
+from etude.logs.columns.header_units import GRAVITY
 from etude.logs.columns.vocabulary import (
-    GRAVITY,
     MINUTES,
     STAMP_WORDS,
+    TIME_SPELLINGS,
     TIME_UNITS,
     TIME_WORDS,
     is_time,
@@ -101,7 +102,8 @@ def _seconds(header: str, values: Array, rate: float, where: str) -> tuple[Array
         )
     bare, unit = split_unit(header)
     known = {**TIME_UNITS, **MINUTES}
-    stated = unit or next((u for u in known if normal(bare).endswith(f"_{u}")), "")
+    stated = unit or next((u for u in (*known, *TIME_SPELLINGS) if normal(bare).endswith(f"_{u}")), "")
+    stated = TIME_SPELLINGS.get(stated, stated)
     factor, name = (known[stated], stated) if stated in known else time_factor(finite, rate, where)
     if stated in known:
         _check_step(finite, factor, stated, f"{where}, column {header}")

@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Mapping
 
-GRAVITY = 9.81
-"""m/s^2."""
 DESIRED = ("des", "desired", "ref", "reference", "target", "setpoint", "goal")
 """Words that say of a quantity that it is asked for, before its name or after it; alone, of the position."""
 
@@ -69,34 +66,17 @@ PREFIXES = (
     *("joint_states", "joint_state", "joint", "joints", "state", "states", "robot", "robot_state"),
     "field",
 )
-UNITS: Mapping[str, float] = {
-    **dict.fromkeys(("", "1", "rad", "rad/s", "rad/s2", "rad/s^2", "rad/s²"), 1.0),
-    **dict.fromkeys(("m", "m/s", "m/s2", "m/s^2", "m/s²", "nm", "n m", "n*m", "n.m", "n"), 1.0),
-    **dict.fromkeys(("a", "v", "pwm"), 1.0),
-    **dict.fromkeys(("deg", "deg/s", "deg/s2", "deg/s^2", "deg/s²"), math.pi / 180),
-    **dict.fromkeys(("°", "°/s", "degrees", "dps"), math.pi / 180),
-    **dict.fromkeys(("mrad", "mm", "mm/s", "mnm", "ma", "mv"), 1e-3),
-    **{"g": GRAVITY, "mg": 1e-3 * GRAVITY, "%": 0.01},
-}
-"""Unit in a header -> factor to SI."""
-DIMENSIONS: Mapping[str, tuple[str, ...]] = {
-    **{"N m": ("nm", "n m", "n*m", "n.m", "mnm"), "N": ("n",), "A": ("a", "ma"), "V": ("v", "mv")},
-    **{"pwm": ("pwm", "%"), "1": ("1", "pwm", "%")},
-}
-"""Unit of a command -> units in a header that can be converted to it."""
 SUFFIXES: Mapping[str, str] = {
-    **{unit: unit for unit in ("rad", "deg", "degrees", "dps", "mrad", "mm", "nm", "mnm", "ma", "mv")},
+    **{unit: unit for unit in ("rad", "deg", "degrees", "dps", "mrad", "mm", "nm", "mnm", "ma", "mv", "rpm")},
+    **{
+        unit: unit
+        for unit in ("radians", "degree", "amps", "volts", "counts", "ticks", "percent", "permille")
+    },
     **{"rad_s": "rad/s", "rad_per_s": "rad/s", "rads": "rad/s", "radps": "rad/s", "rad_s2": "rad/s2"},
     **{"deg_s": "deg/s", "deg_per_s": "deg/s", "degps": "deg/s", "deg_s2": "deg/s2", "mm_s": "mm/s"},
+    **{"rad_sec": "rad/s", "deg_sec": "deg/s", "rad_per_sec": "rad/s", "deg_per_sec": "deg/s", "n_m": "nm"},
 }
 """Units at the end of a header without brackets, normalised; single letters are no units there."""
-ALIKE: Mapping[str, tuple[str, ...]] = {
-    **{"rad": ("rad", "deg", "degrees", "mrad"), "rad/s": ("rad/s", "deg/s", "dps")},
-    **{"rad/s^2": ("rad/s2", "deg/s2"), "m": ("mm",), "m/s": ("mm/s",)},
-    **DIMENSIONS,
-}
-"""Unit of a channel -> units of `SUFFIXES` that are of the same dimension: others are none of its."""
-UNITS_TO_USE = "Use rad, rad/s, rad/s^2, deg, deg/s, m, m/s, m/s^2, g, N m, A, V or pwm."
 
 TIME_WORDS = ("t", "time", "timestamp", "stamp", "time_stamp", "seconds", "timestamps")
 STAMP_WORDS = {"sec": ("header_stamp_sec", "stamp_sec", "sec"), "nanosec": ("nanosec", "stamp_nanosec")}
@@ -109,6 +89,14 @@ INDEX = re.compile(r"unnamed(_column)?_\d+|index(_level_\d+)?")
 """Normalised headers of an index, as pandas and polars write one."""
 MINUTES = {"min": 60.0}
 """Too near to seconds to be told from the rate: only where a header says so."""
+TIME_SPELLINGS: Mapping[str, str] = {
+    **dict.fromkeys(("sec", "secs", "second", "seconds"), "s"),
+    **dict.fromkeys(("msec", "msecs", "millis", "milliseconds"), "ms"),
+    **dict.fromkeys(("usec", "usecs", "µs", "μs", "micros", "microseconds"), "us"),
+    **dict.fromkeys(("nsec", "nsecs", "nanosec", "nanos", "nanoseconds"), "ns"),
+    **dict.fromkeys(("minute", "minutes"), "min"),
+}
+"""Other spellings of the units of time."""
 
 
 def split_unit(header: str) -> tuple[str, str]:
@@ -149,7 +137,9 @@ def is_time(header: str) -> bool:
 
 def time_word(text: str) -> str:
     """A normalised header less a unit at its end: "time" of "time_ms"."""
-    for unit in (*TIME_UNITS, *MINUTES):
+    if text in (word for words in STAMP_WORDS.values() for word in words):
+        return text
+    for unit in (*TIME_UNITS, *MINUTES, *TIME_SPELLINGS):
         if text.endswith(f"_{unit}"):
             return text.removesuffix(f"_{unit}")
     return text

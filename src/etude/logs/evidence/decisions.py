@@ -18,6 +18,7 @@ from scipy.special import logsumexp
 from etude.logs.checks.exact import CERTAIN, LIKELY
 from etude.logs.checks.plausibility import DELAY, SIGN, SWAPPED
 from etude.logs.checks.velocities import DIRECTION
+from etude.logs.evidence.file_hypotheses import weight_elsewhere
 from etude.logs.evidence.likelihood import NEITHER, ColumnEvidence, evidence_of, least
 from etude.logs.evidence.rows import AS_LOGGED, DELAYS, FilteredRows, rows_of
 from etude.protocols import Mean
@@ -140,7 +141,8 @@ def judge(
         yield exchanged  # of several logs, one that is inverted looks like another order
         yield None if timed or alone is None else _reversed(alone)
         yield turned
-        yield None if alone is None else _weights(alone, force)
+        weight = None if alone is None else _weights(alone, force)
+        yield None if weight is not None and weight_elsewhere(new, path, body) else weight
 
     told = (found for found in hypotheses() if found is not None and found.check not in accepted)
     found = next(told, None)

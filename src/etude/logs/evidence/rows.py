@@ -15,6 +15,7 @@ from scipy.linalg import block_diag
 from scipy.ndimage import uniform_filter1d
 
 from etude.logs.checks.filtered_motion import goes_far, runs, states_of
+from etude.logs.cleaning.filters import looked_at
 from etude.logs.cleaning.smoothing import median_rate, quick_length, resample, segments, smooth, uniform_grid
 from etude.protocols import Mean
 from etude.types import Array, Channel, Index, Log, Mask
@@ -87,6 +88,7 @@ def rows_of(
         groups: logs whose commands are negated together, one variant each.
         late: logs whose commands are delayed; None: all.
     """
+    logs = [looked_at(log) for log in logs]
     pieces = [(i, log.take(piece)) for i, log in enumerate(logs) for piece in _stretches(log)]
     if not pieces:
         return None

@@ -23,7 +23,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from etude.errors import DataError
-from etude.logs.columns.vocabulary import MINUTES, NAMELESS, NUMBERED, TIME_UNITS, UNITS
+from etude.logs.columns.header_units import unit_in
+from etude.logs.columns.vocabulary import MINUTES, NAMELESS, NUMBERED, TIME_SPELLINGS, TIME_UNITS
 from etude.logs.readers.cells import numbers_of, restored
 from etude.logs.readers.frames import frame_log, guarded, raw_log
 from etude.types import Array, Log
@@ -296,8 +297,8 @@ def _second(found: Header, rows: Sequence[_TextLine], where: str) -> Header:
     cells = _cells(rows[0].text, found.separator, where) if rows else []
     if len(cells) != len(found.names) or not any(cells) or any(is_number(cell) for cell in cells):
         return found
-    units = [cell.strip("[]() ").lower().replace("-", "") for cell in cells]
-    if all(unit in UNITS or unit in TIME_UNITS or unit in MINUTES for unit in units):
+    units = [cell.strip("[]() -").lower() for cell in cells]
+    if all(unit_in(unit) or unit in {**TIME_UNITS, **MINUTES, **TIME_SPELLINGS} for unit in units):
         pairs = zip(found.names, units, strict=True)
         names, said = (
             [f"{name} [{u}]" if u else name for name, u in pairs],

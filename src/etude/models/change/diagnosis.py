@@ -36,11 +36,13 @@ class ExpectedCommands:
         ranges: (k,) of the positions.
         without: (i, d) -> (n, J) commands predicted if position i were d less: what is true if its encoder
             reads d too much.
+        carried: (n, J) commands for each kg at the last link, by a model file; None without one.
     """
 
     mean: Array
     ranges: Array
     without: Callable[[int, float], Array]
+    carried: Array | None = None
 
 
 def cause(
@@ -75,13 +77,20 @@ def cause(
         squares[j], along[j] = z @ z, np.sign(z @ (static / deviation[own, j]))
     total = squares.sum()
     load, friction, constant = left / total if total > 0.0 else np.ones(3)
+    at_link = (
+        np.inf
+        if expected is None or expected.carried is None or total <= 0.0
+        else (_left((error / deviation)[use], (expected.carried / deviation)[use][:, None]) / total)
+    )
     if expected is not None and total > 0.0:
         sensor, leaves = _sensor(error, deviation, use, expected, squares)
-        leaves, best = leaves / total, min(load, friction)
+        leaves, best = leaves / total, min(load, friction, at_link)
         if leaves <= NAMED and leaves <= AHEAD * best:
             return sensor
         if best > AHEAD * leaves:
             return "unknown"
+    if at_link <= NAMED and at_link <= AHEAD * friction:
+        return "load"  # one number for all outputs
     if friction <= NAMED and friction <= AHEAD * load:
         return "friction"
     if load > NAMED or load > AHEAD * friction:
@@ -106,24 +115,37 @@ def _sensor(
 
 
 def _encoder(error: Array, deviation: Array, use: Mask, expected: ExpectedCommands) -> float:
-    """What the likeliest offset of one encoder leaves.
+    """What the likeliest offset of one encoder leaves."""
+    if not (expected.ranges > 0.0).any():
+        return np.inf
+    return _left_by(error, deviation, use, expected, *encoder_offset(error, deviation, use, expected))
+
+
+def _left_by(
+    error: Array, deviation: Array, use: Mask, expected: ExpectedCommands, i: int, d: float
+) -> float:
+    z = (error - expected.without(i, d) + expected.mean) / deviation
+    return float(np.sum(z[use] ** 2))
+
+
+def encoder_offset(
+    error: Array, deviation: Array, use: Mask, expected: ExpectedCommands
+) -> tuple[int, float]:
+    """The position whose encoder is likeliest to read too much, and by how much. Some position moves.
 
     Commands may be no straight line within it (a ripple), so offsets are tried, and the best is refined.
     """
     from scipy.optimize import minimize_scalar
 
     def left(i: int, d: float) -> float:
-        z = (error - expected.without(i, d) + expected.mean) / deviation
-        return float(np.sum(z[use] ** 2))
+        return _left_by(error, deviation, use, expected, i, d)
 
     moved = np.flatnonzero(expected.ranges > 0.0).tolist()
     tried = [(i, s * share * float(expected.ranges[i])) for i in moved for share in SHARES for s in (1, -1)]
-    if not tried:
-        return np.inf
     i, d = min(tried, key=lambda pair: left(*pair))
     # SHARES are 1.7 times apart: the best of them is refined within 1.5 times its size
     ends = sorted((d / 1.5, d * 1.5))
-    return float(minimize_scalar(lambda x: left(i, x), bounds=ends, method="bounded").fun)
+    return i, float(minimize_scalar(lambda x: left(i, x), bounds=ends, method="bounded").x)
 
 
 def alone(error: Array, deviation: Array, use: Mask) -> int | None:

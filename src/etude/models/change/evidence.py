@@ -8,9 +8,12 @@ from typing import Literal
 
 import numpy as np
 
+from etude.abilities import SupportsVariations
 from etude.models.change.change_detection import ALARM, doubted, evidence, first_alarm, scores
+from etude.models.change.change_size import Size, size_of
 from etude.models.change.diagnosis import Cause, ExpectedCommands, alone, cause, stuck
 from etude.models.learned_model import LearnedModel
+from etude.protocols import Mean
 from etude.types import Array, Mask, Samples
 
 MOST_ROWS = 200
@@ -28,6 +31,7 @@ class Judged:
         z2: mean square of the errors over their predicted deviations.
         cause: what has changed; "unknown" as long as there is no alarm.
         output: the command that holds nearly all of the errors, if one does.
+        size: of what has changed, where the cause has one number.
         sizes: (B,) root mean squares of the errors over their deviations, `doubted`, in blocks of
             `drift_onset.BLOCK_S`.
     """
@@ -37,11 +41,15 @@ class Judged:
     z2: float
     cause: Cause = "unknown"
     output: int | None = None
+    size: Size | None = None
     sizes: Array = field(default_factory=lambda: np.zeros(0))
 
 
-def judged(model: LearnedModel, samples: Samples) -> Judged:
+def judged(model: LearnedModel, samples: Samples, body: Mean | None = None) -> Judged:
     """The test of one log's samples, in the order of time, where they move.
+
+    Args:
+        body: what a model file says of the commands by itself.
 
     Raises:
         KeyError: the log lacks an input of the model.
@@ -61,16 +69,18 @@ def judged(model: LearnedModel, samples: Samples) -> Judged:
         return quiet
     motion = _motion(model, samples)
     what: Cause = "unknown"
+    size = None
     if motion is not None:
         rows = np.unique(np.linspace(0, len(samples) - 1, MOST_ROWS).astype(np.int64))
         static, velocity, acceleration = (part[rows] for part in motion)
-        expected = _expected(model, samples.take(rows), mean[rows])
+        expected = _expected(model, samples.take(rows), mean[rows], body)
         own = static, velocity, acceleration
         what = cause(error[rows], deviation[rows], use[rows], own, expected)
-    return replace(quiet, cause=what, output=alone(error, deviation, use))
+        size = size_of(what, error[rows], deviation[rows], use[rows], own, expected)
+    return replace(quiet, cause=what, output=alone(error, deviation, use), size=size)
 
 
-def _expected(model: LearnedModel, samples: Samples, mean: Array) -> ExpectedCommands:
+def _expected(model: LearnedModel, samples: Samples, mean: Array, body: Mean | None) -> ExpectedCommands:
     """What the model says of the commands, if positions were others."""
     log = samples.log
     channel = log.channels[log.channels["command"].acts_on]
@@ -79,7 +89,8 @@ def _expected(model: LearnedModel, samples: Samples, mean: Array) -> ExpectedCom
     def without(i: int, d: float) -> Array:
         return model.mean(log.put(channel, q - d * (np.arange(q.shape[1]) == i)))
 
-    return ExpectedCommands(mean, np.ptp(q, axis=0), without)
+    carried = body.links(log)[:, :, -1, 0] if isinstance(body, SupportsVariations) else None
+    return ExpectedCommands(mean, np.ptp(q, axis=0), without, carried)
 
 
 def _evidence(z: Array, worth: Array, use: Mask) -> Array:

@@ -17,6 +17,8 @@ from etude.types import Array, Index, Mask, Samples
 
 LEAST_BLOCKS = 4
 """Of a single trajectory at least so many stretches, however short it is."""
+MOST_FOLDS = 12
+"""Folds of many trajectories, which take turns: the cost of holding out does not grow with their number."""
 COUNT, FIRST, EVERY = 20, 3, 5
 """20 blocks of equally many samples; blocks 3, 8, 13 and 18, counted from 0, are held out of one log."""
 
@@ -172,9 +174,13 @@ def process_held_out(
 
 
 def fold_numbers(samples: Samples, stretch_s: float) -> Index:
-    """(n,) what is left out together: trajectories, or stretches of a single one, s."""
-    if len(np.unique(samples.group)) > 1:
-        return samples.group
+    """(n,) what is left out together: trajectories, or stretches of a single one, s.
+
+    More than `MOST_FOLDS` trajectories are dealt out to so many folds, in their order.
+    """
+    numbers, place = np.unique(samples.group, return_inverse=True)
+    if len(numbers) > 1:
+        return samples.group if len(numbers) <= MOST_FOLDS else np.asarray(place % MOST_FOLDS, dtype=np.int64)
     span = float(np.ptp(samples.t)) or 1.0
     return contiguous_blocks(samples.t, samples.group, min(stretch_s, span / LEAST_BLOCKS))
 

@@ -1,20 +1,21 @@
 """Gaussian processes that see the data through a few inducing inputs: FITC (SPGP) and the variational VFE.
 
 `FixedInducing` (Titsias 2009) takes hyperparameters as given. Nothing is optimised, so a fold is left out in
-closed form. With V = L^-1 K_uf Λ^-1/2 and A = I + V Vᵀ, Λ the samples' noise, samples F go out of A by
-Woodbury's identity with the small matrix I - V_Fᵀ A^-1 V_F.
+closed form. With V = L^-1 K_uf Λ^-1/2, Λ the samples' noise, A = I + V Vᵀ is a sum over folds, and what the
+others teach is the sum without one.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from typing import Literal
 
 import numpy as np
 
-from etude._runtime.scipy_parts import dpotrs
+from etude._runtime.scipy_parts import dpotrs, dsyrk, dtrmm, dtrtrs
 from etude.errors import NumericalError, UsageError
 from etude.models.gp.basis_posterior import BasisPosterior, lower_root
 from etude.models.gp.cholesky import factorise, triangular_inverse
@@ -273,11 +274,13 @@ class FixedInducing:
 
     Attributes:
         gp: kernel, hyperparameters and noise.
+        fold: (n,) what each sample is left out with; None: nothing is.
     """
 
     gp: ExactGP
     Z: Array
     X: Array
+    fold: Index | None = None
 
     @cached_property
     def L_inverse(self) -> Array:
@@ -293,22 +296,35 @@ class FixedInducing:
         return np.asarray(np.sqrt(self.gp.noise_variance + rest))
 
     @cached_property
-    def V(self) -> Array:
-        """(u, n) L^-1 k(Z, X), each sample in deviations of its noise."""
-        return np.asarray(self.L_inverse @ self.gp.kernel.value(self.gp.theta, self.Z, self.X) / self.roots)
+    def places(self) -> dict[int, Index]:
+        """By fold, its samples: all of them in one if there are none."""
+        fold = np.zeros(len(self.X), dtype=np.int64) if self.fold is None else self.fold
+        return {number: np.flatnonzero(fold == number) for number in np.unique(fold).tolist()}
 
     @cached_property
-    def root_inverse(self) -> Array:
-        """(u, u) inverse of the Cholesky factor of A = I + V Vᵀ."""
-        root, _ = factorise(np.asfortranarray(self.V @ self.V.T), 1.0, announce=False)
-        return triangular_inverse(root)
+    def parts(self) -> dict[int, tuple[Array, Array]]:
+        """By fold, V (u, k) = L^-1 k(Z, X), each sample in deviations of its noise, and V Vᵀ, lower half."""
+        found = {}
+        for number, own in self.places.items():
+            V = self._whitened(self.X[own]) / self.roots[own]
+            found[number] = V, dsyrk(1.0, V, lower=1)
+        return found
+
+    @cached_property
+    def whole(self) -> Array:
+        """(u, u) V Vᵀ of all samples, lower half."""
+        total = np.zeros((len(self.Z), len(self.Z)), order="F")
+        for _, own in self.parts.values():
+            total += own
+        return total
 
     def posterior(self, y: Array) -> BasisPosterior:
         """Given y (n,)."""
         gp = self.gp
         with threads_for(len(self.Z)):
-            beta = self._solved(self.V @ (y / self.roots))
-            middle = -(self.root_inverse.T @ self.root_inverse)  # I - A^-1, its rows and columns reversed
+            root_inverse = triangular_inverse(factorise(self.whole, 1.0, announce=False)[0])
+            beta = root_inverse.T @ (root_inverse @ self._told(y[:, None], self.places)[:, 0])
+            middle = -(root_inverse.T @ root_inverse)  # I - A^-1, its rows and columns reversed
             middle[np.diag_indices_from(middle)] += 1.0
             upper, _ = factorise(np.asfortranarray(middle[::-1, ::-1]), ROUNDING, announce=False)
             half = np.asfortranarray(upper.T[::-1, ::-1] @ self.L_inverse)
@@ -316,24 +332,33 @@ class FixedInducing:
             weights = self.L_inverse.T @ beta
         return BasisPosterior(gp.kernel, gp.theta, gp.noise_variance, signal, self.Z, weights, half)
 
-    def held_out(self, y: Array, out: Index, at: Array) -> tuple[Array, Array]:
-        """Means and variances with noise (k,) at inputs (k, D), from the samples that are not in `out`."""
-        gp, scaled = self.gp, y / self.roots
-        V = self.L_inverse @ gp.kernel.value(gp.theta, self.Z, at)
+    def held_out(self, Y: Array, folds: Iterable[int], at: Array) -> tuple[Array, Array]:
+        """Means (k, m) and variances (k,) with noise at inputs (k, D), from outputs (n, m) of other folds."""
+        gp, left_out = self.gp, set(folds)
+        others = [number for number in self.places if number not in left_out]
         with threads_for(len(self.Z)):
-            fold, here = self.root_inverse @ self.V[:, out], self.root_inverse @ V
-            kept = self.root_inverse @ (self.V @ scaled - self.V[:, out] @ scaled[out])
-            back = np.zeros((0, len(self.Z)))
-            if len(out):
-                left, _ = factorise(np.asfortranarray(-(fold.T @ fold)), 1.0, announce=False)
-                back = triangular_inverse(left) @ fold.T
-            lost, missing = back @ here, gp.kernel.diagonal(gp.theta, at) - np.einsum("un,un->n", V, V)
-            mean = here.T @ kept + lost.T @ (back @ kept)
-        spread = np.einsum("un,un->n", here, here) + np.einsum("kn,kn->n", lost, lost)
-        return mean, np.maximum(missing, 0.0) + spread + gp.noise_variance
+            A = self.whole  # of all but a fold: less is rounded than jitter adds
+            for number in left_out & set(self.places):
+                A = A - self.parts[number][1]
+            root, V = factorise(A, 1.0, announce=False)[0], self._whitened(at)
+            here = dtrtrs(root, V, lower=1)[0]
+            kept = dtrtrs(root, self._told(Y, others), lower=1)[0]
+        missing = gp.kernel.diagonal(gp.theta, at) - np.einsum("un,un->n", V, V)
+        spread = np.einsum("un,un->n", here, here)
+        return here.T @ kept, np.maximum(missing, 0.0) + spread + gp.noise_variance
 
-    def _solved(self, b: Array) -> Array:
-        return np.asarray(self.root_inverse.T @ (self.root_inverse @ b))
+    def _whitened(self, X: Array) -> Array:
+        """(u, k) L^-1 k(Z, X) at X (k, D)."""
+        K = self.gp.kernel.value(self.gp.theta, X, self.Z)  # its transposed is in Fortran order
+        return np.asarray(dtrmm(1.0, self.L_inverse, K.T, lower=1, overwrite_b=1))
+
+    def _told(self, Y: Array, folds: Iterable[int]) -> Array:
+        """(u, m) V y of those folds, of outputs Y (n, m)."""
+        told = np.zeros((len(self.Z), Y.shape[1]))
+        for number in folds:
+            own = self.places[number]
+            told += self.parts[number][0] @ (Y[own] / self.roots[own, None])
+        return told
 
 
 @dataclass(frozen=True, eq=False)
@@ -362,12 +387,11 @@ class Induced:
         Args:
             fold: numbers of those left out. Y: (N, m) outputs of every sample.
         """
-        out = np.flatnonzero(np.isin(self.fold[self.taught], fold))
-        pairs = [_seen(self).held_out(y, out, own) for y in np.ascontiguousarray(Y[self.taught].T)]
-        return np.stack([mean for mean, _ in pairs], axis=1), np.stack([v for _, v in pairs], axis=1)
+        mean, variance = _seen(self).held_out(Y[self.taught], fold.tolist(), own)
+        return mean, np.repeat(variance[:, None], mean.shape[1], axis=1)
 
 
 @lru_cache(maxsize=1)
 def _seen(induced: Induced) -> FixedInducing:
     """What all its folds share: tens of megabytes, so only the latest stays."""
-    return FixedInducing(induced.gp, induced.Z, induced.X)
+    return FixedInducing(induced.gp, induced.Z, induced.X, induced.fold[induced.taught])

@@ -18,6 +18,7 @@ from etude.models.data.cross_validation import Base, HeldOut, process_held_out
 from etude.models.data.fit_data import Folds, Rows, apart, rows_of
 from etude.models.gp.kernels import own_columns
 from etude.models.learned_model import LearnedModel
+from etude.models.selection.candidate_errors import CandidateErrors, mixed, of_command
 from etude.models.selection.structures import LearnedStructure, earlier_of, with_process
 from etude.progress import counted
 from etude.types import Array, Index, Mask
@@ -85,7 +86,7 @@ class MemberConfig:
 
 def _rests(folds: Folds, rows: Sequence[Rows]) -> bool:  # noqa: ARG001
     """Joints stand while others move, and inputs remember how they came there."""
-    stands = while_any_moves(folds.samples) & ~folds.samples.moving
+    stands = standing(folds, range(len(folds.commands)))
     return bool(stands.any()) and any(op == "memory" for *_, op in folds.inputs.columns)
 
 
@@ -149,10 +150,9 @@ def beside_default(
                 continue
             every = tuple(j for learned in own for j in learned.candidate.commands)
             for commands in counted([every] if member_config.together else [(j,) for j in every]):
-                learned = _learned(
-                    folds, commands, name, structure, bases.get(structure.removesuffix("+gp")), rng, previous
-                )
-                found.append(learned)
+                base = bases.get(structure.removesuffix("+gp"))
+                wanted = None if len(commands) > 1 else wanted_of(folds, commands[0], own)
+                found.append(_learned(folds, commands, name, structure, base, rng, previous, wanted))
     return found, broken
 
 
@@ -164,6 +164,7 @@ def _learned(
     base: Base | None,
     rng: np.random.Generator,
     previous: LearnedModel | None,
+    wanted: Mask | None,
 ) -> LearnedStructure:
     member_config = CANDIDATES[name]
     samples = folds.samples
@@ -174,7 +175,7 @@ def _learned(
     if member_config.standing:  # at rest little is told of the motion, so those samples come on top
         rows = _beside(rows_of(replace(own, samples=folds.samples), group, rng), rows, folds, group)
     start = earlier_of(previous, structure, group, folds, name)
-    learned = with_process(own, group, rows, structure, base, start, rng)
+    learned = with_process(own, group, rows, structure, base, start, rng, wanted)
     return replace(learned, candidate=replace(learned.candidate, name=name))
 
 
@@ -214,18 +215,40 @@ def everywhere(
     """
     candidate, held = learned.candidate, learned.held
     own, process = list(candidate.commands), candidate.process
-    error, variance = held.error.copy(), held.variance.copy()
-    standing = while_any_moves(folds.samples)[:, own] & ~folds.samples.moving[:, own]
-    missing = np.flatnonzero(((standing | compared[:, own]) & ~np.isfinite(error)).any(axis=1))
+    told = held if learned.beside is None else _filled(held, learned.beside)
+    wanted = standing(folds, own) | compared[:, own]
+    missing = np.flatnonzero((wanted & ~np.isfinite(told.error)).any(axis=1))
     if len(missing) and len(own) == 1 and process is not None:
         rows = replace(learned.rows, kept=missing)
         more = process_held_out(folds, candidate.commands, rows, candidate.units, process, base)
-        newly_known = np.isnan(error) & np.isfinite(more.error)
-        error, variance = (
-            np.where(newly_known, more.error, error),
-            np.where(newly_known, more.variance, variance),
-        )
-    return error, variance * candidate.calibration
+        told = _filled(told, more)
+    return told.error, told.variance * candidate.calibration
+
+
+def _filled(held: HeldOut, more: HeldOut) -> HeldOut:
+    """With what another one says where the first says nothing."""
+    new = np.isnan(held.error) & np.isfinite(more.error)
+    return HeldOut(
+        np.where(new, more.error, held.error), np.where(new, more.variance, held.variance), held.fold
+    )
+
+
+def standing(folds: Folds, commands: Sequence[int]) -> Mask:
+    """(n, m) where the joints of those commands stand while another moves."""
+    own = list(commands)
+    return np.asarray(while_any_moves(folds.samples)[:, own] & ~folds.samples.moving[:, own])
+
+
+def wanted_of(folds: Folds, command: int, defaults: Sequence[LearnedStructure] = ()) -> Mask:
+    """(n,) samples of a command that `everywhere` compares candidates on: those of standing joints, and those
+    that the defaults held out.
+    """
+    found = standing(folds, [command])[:, 0]
+    for learned in defaults:
+        if command in learned.candidate.commands:
+            place = learned.candidate.commands.index(command)
+            found = found | np.isfinite(learned.held.error[:, place])
+    return np.asarray(found)
 
 
 EXPONENT = 4.0
@@ -233,6 +256,25 @@ EXPONENT = 4.0
 much. It was chosen by its errors on the real logs of docs/real_logs.md, where it matters little."""
 LEAST_WEIGHT = 0.02
 """A candidate that weighs less for every command is left out."""
+
+
+def candidate_errors(
+    folds: Folds,
+    groups: Sequence[Mapping[str, LearnedStructure]],
+    others: Sequence[LearnedStructure],
+    bases: Mapping[str, Base],
+) -> list[CandidateErrors]:
+    """All candidates, group by group, the default's first; all on the samples of the defaults."""
+    defaults = [part for group in groups for part in group.values()]
+    order = list(dict.fromkeys(part.candidate.structure for part in others))
+    others = sorted(others, key=lambda part: order.index(part.candidate.structure))
+    use = _compared(defaults, folds.samples.command.shape)
+    parts = (*defaults, *others)
+    used = [bases.get(part.candidate.structure.removesuffix("+gp")) for part in parts]
+    return [
+        CandidateErrors(part, *everywhere(folds, part, base, use))
+        for part, base in zip(parts, used, strict=True)
+    ]
 
 
 @dataclass(frozen=True, eq=False)
@@ -249,25 +291,26 @@ class Average:
     held: HeldOut
 
 
-def averaged(
-    folds: Folds, defaults: Sequence[LearnedStructure], others: Sequence[LearnedStructure], base: Base | None
-) -> Average:
-    """The candidates of a structure, weighed for each command by their density over what all predicted."""
-    parts, J = [*defaults, *others], len(folds.commands)
-    use = _compared(defaults, (len(folds.X), J))
-    scored = [everywhere(folds, part, base, use) for part in parts]
-    errors, variances = (np.full((len(parts), len(folds.X), J), np.nan) for _ in range(2))
-    for k, (part, (error, variance)) in enumerate(zip(parts, scored, strict=True)):
-        columns = list(part.candidate.commands)
-        errors[k][:, columns], variances[k][:, columns] = error, variance
-    weights = np.stack([weighed(errors[:, :, j], variances[:, :, j]) for j in range(J)], axis=1)
+def averaged(folds: Folds, own: Sequence[CandidateErrors], defaults: int) -> Average:
+    """The candidates of a structure, weighed for each command by their density over what all predicted.
+
+    own: the `defaults` of the groups first.
+    """
+    parts, shape = [one.part for one in own], folds.samples.command.shape
+    weights = np.zeros((len(parts), shape[1]))
+    told = [of_command(own, j) for j in range(shape[1])]
+    for j, (places, errors, variances) in enumerate(told):
+        weights[places, j] = weighed(errors, variances)
     needed = weights.max(axis=1) >= LEAST_WEIGHT
     weights = np.where(needed[:, None], weights, 0.0)
     weights /= np.maximum(weights.sum(axis=0), np.finfo(float).tiny)
-    for own, default in zip(weights, defaults, strict=False):  # where nothing was predicted it stays in use
-        own[[j for j in default.candidate.commands if not weights[:, j].any()]] = 1.0
-    held = HeldOut(*mixed(errors, variances, weights), folds.fold).at(use)
-    kept = [k for k in range(len(parts)) if needed[k] or k < len(defaults)]
+    for row, default in zip(weights, parts[:defaults], strict=False):  # unpredicted, it stays in use
+        row[[j for j in default.candidate.commands if not weights[:, j].any()]] = 1.0
+    error, variance = np.full(shape, np.nan), np.full(shape, np.nan)
+    for j, (places, errors, variances) in enumerate(told):
+        error[:, j], variance[:, j] = mixed(errors, variances, weights[places, j])
+    held = HeldOut(error, variance, folds.fold).at(_compared(parts[:defaults], shape))
+    kept = [k for k in range(len(parts)) if needed[k] or k < defaults]
     shares = tuple(weights[k, list(parts[k].candidate.commands)] for k in kept)
     return Average(tuple(parts[k] for k in kept), shares, held)
 
@@ -277,10 +320,12 @@ def weighed(error: Array, variance: Array) -> Array:
 
     The first alone where no sample was predicted by all.
     """
-    there = np.isfinite(error).any(axis=1)
-    use = np.isfinite(error[there]).all(axis=0)
+    there = np.isfinite(error).any(axis=1) if len(error) else np.zeros(0, dtype=np.bool_)
     weights = np.zeros(len(error))
-    if not there.any() or not use.any():
+    if not there.any():
+        return weights
+    use = np.isfinite(error[there]).all(axis=0)
+    if not use.any():
         weights[np.flatnonzero(there)[:1]] = 1.0
         return weights
     e, v = error[there][:, use], variance[there][:, use]
@@ -288,19 +333,6 @@ def weighed(error: Array, variance: Array) -> Array:
     share = np.exp(EXPONENT * (density - density.max()))
     weights[there] = share / share.sum()
     return weights
-
-
-def mixed(errors: Array, variances: Array, weights: Array) -> tuple[Array, Array]:
-    """Error and variance (n, J) of the average of those (C, n, J): sum w (v + (m - average)^2).
-
-    Where a candidate predicted nothing the others share its weight.
-    """
-    w = np.where(np.isfinite(errors), weights[:, None, :], 0.0)
-    total = w.sum(axis=0)
-    w = w / np.where(total > 0.0, total, 1.0)
-    average = np.where(total > 0.0, np.nansum(w * np.nan_to_num(errors), axis=0), np.nan)
-    spread = np.nan_to_num(variances) + (np.nan_to_num(errors) - np.nan_to_num(average)) ** 2
-    return average, np.where(total > 0.0, np.sum(w * spread, axis=0), np.nan)
 
 
 def _compared(defaults: Sequence[LearnedStructure], shape: tuple[int, int]) -> Mask:
@@ -311,16 +343,13 @@ def _compared(defaults: Sequence[LearnedStructure], shape: tuple[int, int]) -> M
     return use
 
 
-def averages(
-    folds: Folds,
-    groups: Sequence[Mapping[str, LearnedStructure]],
-    others: Sequence[LearnedStructure],
-    bases: Mapping[str, Base],
-) -> dict[str, Average]:
-    """By structure that has other candidates, its average."""
+def averages(folds: Folds, every: Sequence[CandidateErrors], defaults: int) -> dict[str, Average]:
+    """By structure that has other candidates than its `defaults`, the first of `every`, its average."""
     found = {}
-    for structure in dict.fromkeys(other.candidate.structure for other in others):
-        defaults = [group[structure] for group in groups if structure in group]
-        beside = [other for other in others if other.candidate.structure == structure]
-        found[structure] = averaged(folds, defaults, beside, bases.get(structure.removesuffix("+gp")))
+    for structure in dict.fromkeys(one.part.candidate.structure for one in every[defaults:]):
+        own, beside = (
+            [one for one in part if one.part.candidate.structure == structure]
+            for part in (every[:defaults], every[defaults:])
+        )
+        found[structure] = averaged(folds, [*own, *beside], len(own))
     return found

@@ -12,7 +12,7 @@ the process, and which structure is used, were chosen with all segments.
 from __future__ import annotations
 
 import io
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -27,9 +27,17 @@ from etude.models.data.cross_validation import Base, HeldOut, fitted_base, fold_
 from etude.models.data.fit_data import Folds, Rows, in_order, rows_of
 from etude.models.learned_model import LearnedModel
 from etude.models.process_abilities import EnsembleMember
-from etude.models.selection.ensemble import Average, averages, beside_default
+from etude.models.selection.candidate_errors import CandidateErrors
+from etude.models.selection.ensemble import (
+    Average,
+    averages,
+    beside_default,
+    candidate_errors,
+    wanted_of,
+)
 from etude.models.selection.linear import LinearPhysics
 from etude.models.selection.selection_rule import TRAJECTORIES, choices, least_variance, notes, warnings_of
+from etude.models.selection.stacking import is_stacked, left_out, stacks
 from etude.models.selection.structures import (
     LearnedStructure,
     alone,
@@ -38,6 +46,7 @@ from etude.models.selection.structures import (
     rows_only,
     with_process,
 )
+from etude.models.selection.width import LEAST_LOGS, widths
 from etude.models.student_t import StudentT, fit_student
 from etude.progress import counted, part
 from etude.protocols import Inputs, Physics
@@ -47,8 +56,8 @@ from etude.types import Array, Index, Mask, Samples
 OFFERED = ("gp", "identified+gp", "identified", "nominal", "linear", "linear+gp")
 """Structures of rung = "auto", as far as there are physics for them; of equal ones the first counts."""
 LEAST_CALIBRATED = 4
-"""Trajectories from which held-out ones tell how wrong a new one will be; with fewer a model is
-uncalibrated."""
+"""Trajectories from which z² of those held out tells how wrong a new one will be; widths hold from
+`LEAST_LOGS` on."""
 STRUCTURES = 0.3
 """About the part of the time that the structures take; the rest is that of the candidates beside them."""
 
@@ -117,7 +126,8 @@ def select_structures(
             groups.append(_train_group(folds, group, rows, offered, bases, rng, previous))
     with part(1.0 - STRUCTURES):
         more, broken = beside_default(folds, groups, bases, rng, previous)
-    selection = _assembled(folds, groups, averages(folds, groups, more, bases), baseline)
+    every = candidate_errors(folds, groups, more, bases) if more or is_stacked(folds) else []
+    selection = _assembled(folds, groups, every, baseline)
     off = stated([f"The candidate {name} takes no part: {why}" for name, why in broken.items()])
     return replace(selection, model=replace(selection.model, warnings=(*off, *selection.model.warnings)))
 
@@ -205,7 +215,9 @@ def _train_group(
     def process(structure: str) -> LearnedStructure:
         base = bases.get(base_of(structure))
         start = earlier_of(previous, structure, group, folds)
-        return with_process(folds, group, rows, structure, base, start, rng)
+        averaged = folds.config.averages and len(group) == 1 and len(folds.numbers) > 1
+        wanted = wanted_of(folds, group[0]) if averaged else None
+        return with_process(folds, group, rows, structure, base, start, rng, wanted)
 
     late = ["linear+gp"] if auto else []
     for structure in [
@@ -246,11 +258,16 @@ def _loses(
 def _assembled(
     folds: Folds,
     groups: Sequence[Mapping[str, LearnedStructure]],
-    averaged: Mapping[str, Average],
+    every: Sequence[CandidateErrors],
     baseline: HeldOut,
 ) -> ModelSelection:
-    """The model of all groups, with the choice for each command."""
+    """The model of all groups, its candidates weighed for each command.
+
+    every: all candidates, the defaults of the groups first; none where these are all and one is chosen.
+    """
     config, samples, pairs = folds.config, folds.samples, list(zip(folds.groups, groups, strict=True))
+    defaults = [own for group in groups for own in group.values()]
+    averaged = averages(folds, every, len(defaults)) if every else {}
     held, calibrated = _joined(folds, pairs)
     held |= {structure: average.held for structure, average in averaged.items()}
     calibrated |= {structure: average.held.variance for structure, average in averaged.items()}
@@ -258,14 +275,25 @@ def _assembled(
     held.setdefault("linear", baseline.at(kept))
     trained = [list(own) for j in range(len(folds.commands)) for group, own in pairs if j in group]
     chosen = choices(folds, trained, held)
-    parts = {
-        id(own): (own, np.ones(len(own.candidate.commands))) for group in groups for own in group.values()
-    }
-    for average in averaged.values():
-        parts |= {id(own): (own, share) for own, share in zip(average.parts, average.shares, strict=True)}
-    candidates = [_weighed(own.candidate, share, chosen) for own, share in parts.values()]
     error = np.column_stack([held[structure].error[:, j] for j, structure in enumerate(chosen)])
     spread = np.column_stack([calibrated[structure][:, j] for j, structure in enumerate(chosen)])
+    parts = [one.part for one in every] or defaults
+    shares = _shares(parts, averaged.values(), len(chosen))
+    weights = shares * [[float(part.candidate.structure == name) for name in chosen] for part in parts]
+    stacked = stacks(folds, every)
+    for j, stack in stacked.items():
+        weights[:, j] = stack.weights
+        own = left_out(stack, every, j, folds.fold)
+        error[:, j], spread[:, j] = (np.where(kept[:, j], values, np.nan) for values in own)
+    used = [k for k in range(len(parts)) if k < len(defaults) or weights[k].any() or shares[k].any()]
+    candidates = [_weighed(parts[k].candidate, shares[k], weights[k]) for k in used]
+    single = {j: name for j, name in enumerate(chosen) if j not in stacked}
+    least = least_variance(folds, candidates)
+    width = np.ones(len(chosen))
+    if config.calibrate and config.stacks:
+        doubted = np.zeros(len(chosen), dtype=np.bool_) if least is None else least > 0.0
+        width = np.where(doubted, 1.0, widths(error, spread, folds.fold, folds.trajectories))
+    spread = spread * width
     use = samples.usable & samples.moving
     z = np.where(use, error / np.sqrt(spread), np.nan)
     freedom = tails(z)
@@ -274,13 +302,15 @@ def _assembled(
         candidates=tuple(candidates),
         commands=folds.commands,
         ranges=np.stack([folds.X.min(axis=0), folds.X.max(axis=0)]),
-        calibrated=config.calibrate and folds.trajectories >= LEAST_CALIBRATED,
+        calibrated=config.calibrate
+        and folds.trajectories >= (LEAST_LOGS if config.stacks else LEAST_CALIBRATED),
         independence=independence(z, freedom, samples.t, samples.group, use),
         freedom=freedom,
         member=config.process,
-        least=least_variance(folds, candidates),
+        least=least,
+        width=width,
         student=_student(error, spread) if config.student_t else None,
-        warnings=(*notes(folds), *warnings_of(folds, trained, chosen, held)),
+        warnings=(*notes(folds), *warnings_of(folds, trained, single, held)),
     )
     errors = {structure: own.errors(config.choose_by) for structure, own in held.items()}
     trivial = trivial_prediction(folds.samples)
@@ -291,10 +321,21 @@ def _assembled(
     return ModelSelection(model, errors, held, scores, HeldOut(error, spread, folds.fold), samples)
 
 
-def _weighed(candidate: EnsembleMember, share: Array, chosen: Sequence[str]) -> EnsembleMember:
-    """With its part of the answer of the commands that were given its structure."""
-    weights = share * np.array([float(chosen[j] == candidate.structure) for j in candidate.commands])
-    return replace(candidate, weights=weights, share=share)
+def _shares(parts: Sequence[LearnedStructure], averaged: Collection[Average], J: int) -> Array:
+    """(K, J) weights of candidates within their structures; 1 of one that is alone in it."""
+    known = {id(own): share for one in averaged for own, share in zip(one.parts, one.shares, strict=True)}
+    several = {own.candidate.structure for one in averaged for own in one.parts}
+    found = np.zeros((len(parts), J))
+    for row, own in zip(found, parts, strict=True):
+        single = float(own.candidate.structure not in several)
+        row[list(own.candidate.commands)] = known.get(id(own), single)
+    return found
+
+
+def _weighed(candidate: EnsembleMember, share: Array, weight: Array) -> EnsembleMember:
+    """With its weights in the answer and within its structure, each (J,)."""
+    own = list(candidate.commands)
+    return replace(candidate, weights=weight[own], share=share[own])
 
 
 def _joined(

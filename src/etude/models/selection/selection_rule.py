@@ -115,12 +115,16 @@ def _least(errors: Mapping[str, float], rounding: float) -> str:
 
 
 def warnings_of(
-    folds: Folds, trained: Sequence[Sequence[str]], chosen: Sequence[str], held: Mapping[str, HeldOut]
+    folds: Folds, trained: Sequence[Sequence[str]], chosen: Mapping[int, str], held: Mapping[str, HeldOut]
 ) -> tuple[Notice, ...]:
-    """A notice for each command of which linear regression predicts more than a process by itself."""
+    """A notice for each command of which linear regression predicts more than a process by itself.
+
+    chosen: by command the structure alone in use.
+    """
     found = []
     squared = {structure: own.errors("squared") for structure, own in held.items()}
-    for j, (structures, structure) in enumerate(zip(trained, chosen, strict=True)):
+    for j, structure in chosen.items():
+        structures = trained[j]
         rival = "gp" if structure.startswith("linear") and "gp" in structures else structure
         if not rival.endswith("gp") or rival == "linear+gp":
             continue

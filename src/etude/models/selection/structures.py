@@ -13,15 +13,21 @@ from etude.models.members import member_named
 from etude.models.process import Silent
 from etude.models.process_abilities import EnsembleMember, name_of
 from etude.protocols import Candidate
+from etude.types import Mask
 
 
 @dataclass(frozen=True, eq=False)
 class LearnedStructure:
-    """A structure of one group of commands, and what it says of samples held out."""
+    """A structure of one group of commands, and what it says of samples held out.
+
+    Attributes:
+        held: of those that it was conditioned on. beside: of others that were wanted; None: of none.
+    """
 
     candidate: EnsembleMember
     held: HeldOut
     rows: Rows
+    beside: HeldOut | None = None
 
 
 def base_of(structure: str) -> str:
@@ -60,8 +66,12 @@ def with_process(
     base: Base | None,
     earlier: Candidate | None,
     rng: np.random.Generator,
+    wanted: Mask | None = None,
 ) -> LearnedStructure:
-    """A process on what the mean function leaves, with the noise floor that predicts best."""
+    """A process on what the mean function leaves, with the noise floor that predicts best.
+
+    wanted: (n,) samples that it is asked about too, without their folds, while it still has them at hand.
+    """
     config, own, member = folds.config, list(group), member_named(folds.config.process)
     command = folds.samples.command[:, own]
     target = command if base is None else command - base.whole[:, own]
@@ -94,7 +104,12 @@ def with_process(
         if config.floor_of == "deviation":
             start = process
     assert found is not None
-    return found
+    assert found.candidate.process is not None
+    if wanted is None:
+        return found
+    more = replace(rows, kept=np.flatnonzero(wanted & ~np.isfinite(found.held.error).all(axis=1)))
+    beside = process_held_out(folds, group, more, found.candidate.units, found.candidate.process, base)
+    return replace(found, beside=beside)
 
 
 def alone(

@@ -25,7 +25,7 @@ from etude.report.record import (
     Record,
     Test,
     chosen_structure,
-    held_out,
+    new_motion,
     robot_seconds,
     score,
     structure_name,
@@ -144,13 +144,11 @@ def _untrained(record: Record) -> Html:
 
 
 def _held_out(record: Record, structure: str | None) -> tuple[Array | None, Array | None]:
-    """(dof,) nMSE of the model in use and of linear regression: on a new log, else on held-out blocks."""
+    """(dof,) nMSE of the model in use and of linear regression: on logs left out, else on a new log; None
+    after a single one, which says nothing of new motion.
+    """
     last = record.state.trained[-1].trained
-    error, linear = score(last, structure, "nmse"), score(last, "linear", "nmse")
-    if error is not None:
-        return error, linear
-    newest = next((b for r in reversed(record.state.trained) if (b := held_out(r.trained))), {})
-    return newest.get(str(structure)), newest.get("linear regression")
+    return new_motion(last) or (score(last, structure, "nmse"), score(last, "linear", "nmse"))
 
 
 def _prequential(record: Record) -> Html:

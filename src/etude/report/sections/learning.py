@@ -141,7 +141,8 @@ def _blocks(record: Record) -> list[Html]:
     text = paragraph(
         f"Log {scored[-1].number} was cut into {blocks.of} blocks; models that "
         "learned the others were scored on the blocks held out. nMSE is the mean squared error over "
-        "the command's variance: 0 is perfect, 1 is no better than the mean."
+        "the command's variance: 0 is perfect, 1 is no better than the mean. Blocks of one log say little of "
+        "another motion, which may err many times as much."
     )
     rows = [
         [structure_name(structure), float(np.nanmean(v)), *map(float, v)] for structure, v in scores.items()

@@ -54,6 +54,8 @@ class ArmSettings:
     def config(self) -> CampaignConfig:
         """The preset with these keys. UsageError for a value that is not possible."""
         base = world_of(self.robot, self.preset).config
+        # runs of the default protocol were made when one structure was chosen
+        base = replace(base, model=replace(base.model, replace="chance"))
         return replace(
             base,
             data=replace(base.data, **self.data),

@@ -16,7 +16,9 @@ from design_examples import (
     assert_same,
 )
 
-from etude.design import Design, DesignConfig, NonconvexLimits, design
+from etude.design import Design, DesignConfig, NonconvexLimits, Source, design, design_objective
+from etude.design.candidates import Drawn
+from etude.design.solve import Ranked
 from etude.errors import UnsafeTrajectoryError
 from etude.limits import certify
 from etude.protocols import Family, Trajectory
@@ -100,3 +102,29 @@ def test_what_is_drawn_home_ends_close_to_the_last_point_that_holds() -> None:
     said = r"home does not keep the limits: disc of arm is \S+, limit 0\.6"
     with pytest.raises(UnsafeTrajectoryError, match=said):
         NonconvexLimits.of([Disc(tuple(arm_home()), 0.6)], family, at).shrink_to_home(family, home, at)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_candidates_are_drawn_home_only_while_they_can_win(
+    seed: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    limits, model, family = (*arm_limits(), DISC), arm_model(), arm_family()
+    source = Source(family, limits, arm_home(), "scaled")
+    other = family.trajectory(arm_point(np.random.default_rng(9), family))
+    aim = design_objective(family, model.inputs, model, QUICK, (), [other])
+    candidates = source.candidates(np.random.default_rng(seed), 24)
+    kept = NonconvexLimits.of(limits, family, candidates[0].p)
+    home = [one.home(kept) for one in candidates]
+    assert any(one is not before for one, before in zip(home, candidates, strict=True)), (
+        "the disc is in the way"
+    )
+    every = sorted((aim.objective.value(one.p) for one in home), reverse=True)
+    asked: list[Drawn] = []
+    monkeypatch.setattr(
+        Drawn, "home", lambda self, kept, whole=Drawn.home: asked.append(self) or whole(self, kept)
+    )
+    ranked = Ranked.of(aim.objective, candidates)
+    best = ranked.best(aim.objective, kept, 2)
+    assert [ranked.values[place] for place in best] == every[:2], "as if all had been drawn home"
+    assert 2 <= len(asked) < 24, "and not all were"
+    assert all(kept.proved(family, ranked.candidates[place].p) for place in best)

@@ -1,0 +1,87 @@
+"""Families of columns that mean the same: measured torques beside commanded ones and those from currents.
+
+A family is a word and a column for each part of a channel: `TorqueSm1`, `TorqueSm2`, or `elbow.effort_raw`
+and `hip.effort_raw`. No name tells which of several is to be learned, so it is asked. The answer stands in
+[log.columns]: `command = "TorqueSm"` names a family as a whole. What was desired is none of them.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping, Sequence
+
+from etude.logs.columns.header_units import same_dimension
+from etude.logs.columns.headers import COLUMN, part_names, words_of
+from etude.logs.columns.vocabulary import DESIRED, normal, split_suffix, split_unit, unit_of
+from etude.types import Channel
+
+LEAST_LETTERS = 3  # of a word for commands inside of another word
+OTHER_QUANTITIES = (
+    *DESIRED,
+    *("limit", "lim", "max", "min", "error", "err", "temp", "temperature", "rate", "dot", "offset", "bias"),
+    *("const", "constant", "std", "var", "status", "enable", "enabled", "mode", "ff", "fb", "feedforward"),
+    *("feedback", "gain", "ratio", "id", "flag", "ext", "external", "friction", "gravity", "coriolis"),
+)
+"""Words in a header that say of a torque that it is another quantity, or a part of one."""
+
+
+def members(headers: Iterable[str], family: str) -> dict[str, str]:
+    """Of a family: the part's number or name -> its header; empty if there is none."""
+    word, found = re.escape(normal(family)), {}
+    for header in headers:
+        text = normal(split_suffix(split_unit(header)[0])[0])
+        hit = re.fullmatch(rf"{word}_?(?:joint_?|j)?(\d+)|{word}_(.+)|(.+)_{word}", text)
+        if hit:
+            found[next(group for group in hit.groups() if group)] = header
+    return found
+
+
+def family_of(header: str, channel: Channel) -> tuple[str, str]:
+    """The family of a header as it is written there, and which part of the channel it is of; "" of none."""
+    text = split_suffix(split_unit(header)[0])[0]
+    for part in part_names(channel):
+        for pattern in (rf"(.+)_{re.escape(part)}", rf"{re.escape(part)}_(.+)"):
+            hit = re.fullmatch(pattern, normal(text))
+            if hit:
+                return hit[1], part
+    hit = re.fullmatch(r"(.*[^\W\d_])[\W_]*?(?:joint_?|j)?[\W_]*(\d{1,4})\W*", text, re.IGNORECASE)
+    return (hit[1], hit[2]) if hit else ("", "")
+
+
+def rivals(channel: Channel, used: Sequence[str], left: Iterable[str]) -> dict[str, tuple[str, ...]]:
+    """Family -> its columns in the order of the headers, of each that may be the command beside those `used`.
+
+    Args:
+        left: headers that mean nothing else.
+    """
+    words = [word for word in words_of(channel) if len(word) >= LEAST_LETTERS]
+    found: dict[str, dict[str, str]] = {}
+    for header in left:
+        family, part = family_of(header, channel)
+        if family and _may_be(header, normal(family), words, channel):
+            found.setdefault(family, {})[part] = header
+    own = [family_of(header, channel) for header in used]
+    whole = {part for _, part in own}
+    return {name: tuple(columns.values()) for name, columns in found.items() if set(columns) == whole}
+
+
+def _may_be(header: str, family: str, words: Sequence[str], channel: Channel) -> bool:
+    unit = unit_of(header)
+    if COLUMN.fullmatch(normal(header)) or (unit and not same_dimension(unit, channel.units[0])):
+        return False
+    tokens = family.split("_")
+    if any(token in OTHER_QUANTITIES for token in tokens) or family.endswith(OTHER_QUANTITIES):
+        return False
+    return any(family.startswith(word) or word in tokens for word in words)
+
+
+def named(families: Mapping[str, Sequence[str]]) -> str:
+    """As "Torque1, TorqueSm1 and TorqueCur1 and the like"."""
+    first = [columns[0] for columns in families.values()]
+    return f"{', '.join(first[:-1])} and {first[-1]} and the like"
+
+
+def answer(channel: Channel, families: Iterable[str]) -> str:
+    """What to write, and where."""
+    lines = " or ".join(f'{channel.name} = "{family}"' for family in families)
+    return f"Say which one in the table [log.columns] of campaign.toml, once for all logs: {lines}."

@@ -1,0 +1,231 @@
+"""What commands say of a model file whose masses are right: a joint's zero that is off, and commands that
+were computed by the file.
+
+Every hypothesis is one linear fit of all joints over all logs, with an inertia, friction, an offset and a
+factor of the file's torque for each joint. Joints are weighed by what is left of them. Centres of mass that
+are off look like a zero in one joint, and not alike in all: a zero has to explain more than they do.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from etude.abilities import SupportsVariations
+from etude.logs.checks.filtered_motion import states_of
+from etude.logs.checks.finding_texts import accepted
+from etude.logs.evidence.rows import AS_LOGGED, FilteredRows, rows_of
+from etude.protocols import Mean
+from etude.types import Array, Channel, Finding, Index, Log
+
+APART = 5.0  # rows that one independent row is worth
+FLOOR = 1e-3  # of a command's variance that no file explains
+ROUNDS = 8  # of weighing joints by what is left of them
+SCREEN = 10.0  # log odds by a straight line from which an offset is looked for
+AHEAD = 15.0  # log odds of an offset to centres of mass that are off
+TRIED = tuple(0.02 * 1.6**k for k in range(11))  # rad or m: offsets that are looked at, both ways
+STEP = 0.01  # rad or m: of differences
+ASKED = 0.05  # rad or m: an offset from which the log is questioned
+ZERO = "zero"
+COMPUTED, MOST_JOINTS = 2e-3, 0.6  # of a command's variance that is left; part of the joints
+
+
+class Zero(NamedTuple):
+    """A joint's encoder that reads too much: rad or m with their deviation, and log odds."""
+
+    joint: int
+    offset: float
+    deviation: float
+    odds: float
+
+
+def file_findings(logs: Sequence[Log], path: Channel, body: Mean | None) -> tuple[Finding, ...]:
+    """What the model file says of the logs together: a question, a sentence, or nothing.
+
+    Args:
+        logs: with positions `path` and commands on them that are forces; the others are settled.
+        body: what the model file says of the commands by itself; None without one.
+    """
+    fit = file_fit(logs, path, body)
+    if fit is None:
+        return ()
+    if is_computed(fit):
+        fact = "The commands are those that the model file gives, to 0.2 %: they seem computed, not measured."
+        return (Finding("computed", "yellow", fact, "Log the measured commands, if the robot has them."),)
+    zero = zero_of(fit)
+    return () if zero is None else (_said(zero, path),)
+
+
+def _said(zero: Zero, path: Channel) -> Finding:
+    turns = path.units[zero.joint] == "rad"
+    size, spread = ((np.degrees(x) if turns else 1e3 * x) for x in (zero.offset, zero.deviation))
+    fact = (
+        f"If the model file's masses are right, the position of {path.parts[zero.joint]} reads "
+        f"{abs(size):.2g} +- {spread:.1g} {'degrees' if turns else 'mm'} too "
+        f"{'much' if size > 0.0 else 'little'} (odds e^{zero.odds:.0f} to 1)."
+    )
+    if abs(zero.offset) < ASKED:
+        return Finding(ZERO, "green", fact)
+    step = f"Correct the joint's zero, on the robot or in the model file, and record again; {accepted(ZERO)}."
+    return Finding(ZERO, "yellow", fact, step, flag=ZERO)
+
+
+def file_fit(logs: Sequence[Log], path: Channel, body: Mean | None) -> FileFit | None:
+    """The fit over all logs; None without a model file, or where fewer than two joints go far enough."""
+    if body is None or not isinstance(body, SupportsVariations):
+        return None
+    rows = rows_of(logs, path, body)
+    if rows is None or rows.moving.sum() < 2:
+        return None
+    own = np.flatnonzero(rows.moving & (rows.command[..., AS_LOGGED].std(axis=0) > 0.0))
+    return FileFit(rows, own, path, body) if len(own) > 1 else None
+
+
+@dataclass(frozen=True, eq=False)
+class FileFit:
+    """Rows, the joints whose commands have a say, and what a file says of them.
+
+    Attributes:
+        own: (m,) indices of those joints.
+    """
+
+    rows: FilteredRows
+    own: Index
+    path: Channel
+    body: Mean
+
+    @property
+    def states(self) -> Log:
+        return self._states(self.rows.q)
+
+    def _states(self, q: Array) -> Log:
+        return states_of(self.rows.t, self.path, q, self.rows.qd, self.rows.qdd)
+
+    def torque(self, offset: Array) -> Array:
+        """(n, k) the file's torque if each position were (k,) less."""
+        rows = self.rows
+        assert rows.torque is not None
+        found = [self.body.predict(self._states(q)) for q in (rows.q - offset, rows.q)]
+        return np.asarray(rows.torque + found[0] - found[1])
+
+    def left(self, offset: Array) -> Array:
+        """(m,) part of each command's variance that is left, beside friction and a constant."""
+        torque = self.torque(offset)
+        return np.array([self._left_of(j, torque[:, j]) for j in self.own.tolist()])
+
+    def _left_of(self, j: int, torque: Array) -> float:
+        rows = self.rows
+        y = rows.command[:, j, AS_LOGGED]
+        X = np.column_stack([np.ones_like(y), torque, rows.qdd[:, j], rows.qd[:, j], rows.friction[:, j]])
+        size = np.linalg.norm(X, axis=0)
+        X = X[:, size > 0.0] / size[size > 0.0]
+        found = np.linalg.lstsq(X, y, rcond=None)[0]
+        return float(((y - X @ found) ** 2).mean() / y.var())
+
+    def score(self, offset: Array) -> float:
+        """Log likelihood, of independent rows."""
+        return self._likelihood(self.left(offset))
+
+    def _likelihood(self, left: Array) -> float:
+        return -0.5 * len(self.rows.t) / APART * float(np.log(left + FLOOR).sum())
+
+    def score_with(self, columns: Array) -> float:
+        """The same with columns (n, k, p) beside the file's torque, whose weights all joints share."""
+        assert self.rows.torque is not None
+        return self._likelihood(self.shared(columns, self.rows.torque)[0])
+
+    def shared(self, columns: Array, torque: Array) -> tuple[Array, Array]:
+        """What is left of each command (m,) and the weights (p,) of columns (n, k, p) that all joints share,
+        beside a torque (n, k) and what is a joint's own.
+        """
+        parts = [self._without_own(j, torque[:, j], columns[:, j]) for j in self.own.tolist()]
+        left = np.array([float((y**2).mean()) for y, _ in parts])
+        for _ in range(ROUNDS):
+            weights = 1.0 / np.sqrt(left + FLOOR)
+            X = np.concatenate([w * own for w, (_, own) in zip(weights, parts, strict=True)])
+            y = np.concatenate([w * own for w, (own, _) in zip(weights, parts, strict=True)])
+            found = np.linalg.lstsq(X, y, rcond=None)[0]
+            left = np.array([float(((own - C @ found) ** 2).mean()) for own, C in parts])
+        return left, np.asarray(found)
+
+    def _without_own(self, j: int, torque: Array, columns: Array) -> tuple[Array, Array]:
+        """Command and columns in deviations of the command, less what is the joint's own."""
+        rows = self.rows
+        y = rows.command[:, j, AS_LOGGED]
+        own = [np.ones_like(y), torque, rows.qdd[:, j], rows.qd[:, j], rows.friction[:, j]]
+        Q, R = np.linalg.qr(np.column_stack(own))
+        Q = Q[:, np.abs(np.diag(R)) > 1e-9 * np.abs(np.diag(R)).max()]
+        y, columns = y / y.std(), columns / y.std()
+        return y - Q @ (Q.T @ y), columns - Q @ (Q.T @ columns)
+
+
+def zero_of(fit: FileFit) -> Zero | None:
+    """The joint whose zero is likeliest off; None where centres of mass that are off explain as much."""
+    from scipy.optimize import minimize_scalar
+
+    k = fit.rows.q.shape[1]
+    before = fit.score(np.zeros(k))
+    gains = [fit.score_with(_slope(fit, i)[:, :, None]) - before for i in range(k)]
+    i = int(np.argmax(gains))
+    if gains[i] < SCREEN:
+        return None
+
+    def cost(offset: float) -> float:
+        return before - fit.score(np.where(np.arange(k) == i, offset, 0.0))
+
+    near = min((s * d for d in TRIED for s in (1, -1)), key=cost)
+    found = minimize_scalar(cost, bounds=sorted((near / 1.6, near * 1.6)), method="bounded")
+    offset, odds = float(found.x), -float(found.fun)
+    if odds < SCREEN or odds < AHEAD + _masses(fit) - before:
+        return None
+    bend = (cost(offset + STEP) - 2.0 * cost(offset) + cost(offset - STEP)) / STEP**2
+    return Zero(i, offset, float(1.0 / np.sqrt(bend)) if bend > 0.0 else np.inf, odds)
+
+
+EARTH, HELD = 9.81, 0.5  # m/s^2; part of it that commands hold in another direction
+LEFT = 0.5  # of what the file's gravity leaves
+
+
+def weight_elsewhere(logs: Sequence[Log], path: Channel, body: Mean | None) -> bool:
+    """Whether commands hold a weight, but in another direction than the file's: the base leans, and nothing
+    was taken out.
+    """
+    fit = file_fit(logs, path, body)
+    if fit is None or fit.rows.static is None or fit.rows.torque is None:
+        return False
+    assert isinstance(fit.body, SupportsVariations)
+    pulls, rest = fit.body.pulls(fit.states), fit.rows.torque - fit.rows.static
+    left, gravity = fit.shared(pulls, rest)
+    before, _ = fit.shared((pulls @ fit.body.gravity)[:, :, None], rest)
+    return bool(np.linalg.norm(gravity) > HELD * EARTH and left.sum() < LEFT * before.sum())
+
+
+def _slope(fit: FileFit, i: int) -> Array:
+    """(n, k) what commands change by, for each rad that position i reads too much."""
+    step = STEP * (np.arange(fit.rows.q.shape[1]) == i)
+    return (fit.torque(step) - fit.torque(-step)) / (2.0 * STEP)
+
+
+def _masses(fit: FileFit) -> float:
+    """The score with the first moments of one link free, or of all, less half the logarithm of the
+    independent rows for each of them (Schwarz 1978).
+    """
+    assert isinstance(fit.body, SupportsVariations)
+    moments = fit.body.links(fit.states)[:, :, :, 1:4]
+    each = [moments[:, :, b] for b in range(moments.shape[2])]
+    price = 0.5 * float(np.log(len(fit.rows.t) * len(fit.own) / APART))
+    tried = [*each, moments.reshape(*moments.shape[:2], -1)]
+    return max(fit.score_with(columns) - price * float(columns.shape[2]) for columns in tried)
+
+
+def is_computed(fit: FileFit) -> bool:
+    """Whether commands follow one factor of the file's torque more closely than any measured ones."""
+    assert fit.rows.torque is not None
+    y, F = fit.rows.command[:, fit.own, AS_LOGGED], fit.rows.torque[:, fit.own]
+    square = (F * F).sum(axis=0)
+    factor = (y * F).sum(axis=0) / np.maximum(square, np.finfo(float).tiny)
+    left = ((y - factor * F) ** 2).mean(axis=0) / (y**2).mean(axis=0)
+    return bool((left < COMPUTED).mean() > MOST_JOINTS)

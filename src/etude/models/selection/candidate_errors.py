@@ -1,0 +1,53 @@
+"""Errors of all candidates on samples left out, and those of their averages."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from etude.types import Array
+
+if TYPE_CHECKING:
+    from etude.models.selection.structures import LearnedStructure
+
+
+@dataclass(frozen=True, eq=False)
+class CandidateErrors:
+    """A candidate and what it says of samples left out.
+
+    Attributes:
+        error, variance: (n, m) of `everywhere`, of its m commands; NaN where not predicted.
+    """
+
+    part: LearnedStructure
+    error: Array
+    variance: Array
+
+    @property
+    def key(self) -> tuple[str, str]:
+        """Its structure, and its name in that."""
+        return self.part.candidate.structure, self.part.candidate.name
+
+
+def of_command(every: Sequence[CandidateErrors], j: int) -> tuple[list[int], Array, Array]:
+    """Places of the candidates of command j, and their errors and variances (C, n)."""
+    own = [(k, one, one.part.candidate.commands) for k, one in enumerate(every)]
+    own = [(k, one, commands) for k, one, commands in own if j in commands]
+    errors = np.array([one.error[:, commands.index(j)] for _, one, commands in own])
+    return [k for k, *_ in own], errors, np.array([one.variance[:, c.index(j)] for _, one, c in own])
+
+
+def mixed(errors: Array, variances: Array, weights: Array) -> tuple[Array, Array]:
+    """Error and variance (n,) of the average of those (C, n), weights (C,): sum w (v + (m - average)^2).
+
+    Where a candidate predicted nothing the others share its weight.
+    """
+    w = np.where(np.isfinite(errors), weights[:, None], 0.0)
+    total = w.sum(axis=0)
+    w = w / np.where(total > 0.0, total, 1.0)
+    average = np.where(total > 0.0, np.nansum(w * np.nan_to_num(errors), axis=0), np.nan)
+    spread = np.nan_to_num(variances) + (np.nan_to_num(errors) - np.nan_to_num(average)) ** 2
+    return average, np.where(total > 0.0, np.sum(w * spread, axis=0), np.nan)

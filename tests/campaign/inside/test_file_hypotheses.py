@@ -1,0 +1,85 @@
+"""With a model file: an encoder's zero that is off is asked about, and computed commands are said."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from small_robot import random_motion
+from test_changed_load import ARM, TIMES, arm, saved
+
+from etude import tell
+from etude.campaign import Campaign, inspect
+from etude.campaign.ingest.questions import body_of
+from etude.errors import DataError
+from etude.types import Array, Finding, Log
+
+JOINTS = ("turn", "lift", "bend")
+FRICTION = np.array([3.0, 4.0, 2.0])
+
+
+@pytest.fixture(scope="module")
+def lab(tmp_path_factory: pytest.TempPathFactory) -> Campaign:
+    return arm(tmp_path_factory.mktemp("file"))
+
+
+def log_of(
+    path: Path,
+    lab: Campaign,
+    offset: Array | float = 0.0,
+    masses: Array | float = 1.0,
+    friction: float = 1.0,
+    seed: int = 7,
+) -> Path:
+    """The arm along a motion: encoders that read `offset` (3,) too much, masses times the file's."""
+    motion = random_motion(lab, seed)
+    t = np.arange(0.0, TIMES * motion.duration, 0.02)
+    orders = motion.motion(t % motion.duration, 3).orders
+    states = Log(t, {}, {}, "states")
+    for channel, values in zip(lab.channels, orders, strict=False):
+        states = states.put(channel, values)
+    body = body_of(lab.kind, lab.spec)
+    assert body is not None
+    links = replace(body.model, inertial=body.model.inertial * np.repeat(masses * np.ones(3), 10))  # type: ignore[attr-defined]
+    command = links.predict(*orders) + friction * FRICTION * np.tanh(orders[1] / 0.05)
+    return saved(path, t, orders[0] + offset, command, seed)
+
+
+def found(path: Path, lab: Campaign) -> dict[str, Finding]:
+    return {f.check: f for f in inspect(path, lab.path).findings}
+
+
+@pytest.mark.parametrize(("joint", "degrees"), [(1, 6.0), (1, -6.0), (1, 12.0)])
+def test_a_zero_that_is_off_is_asked_about_with_its_size(
+    joint: int, degrees: float, lab: Campaign, tmp_path: Path
+) -> None:
+    path = log_of(tmp_path / "run.csv", lab, np.radians(degrees) * (np.arange(3) == joint))
+    finding = found(path, lab)["zero"]
+    assert (finding.light, finding.flag) == ("yellow", "zero")
+    told, _, words = finding.sentence.partition(" reads ")[2].partition(" +- ")
+    assert f"the position of {JOINTS[joint]}" in finding.sentence
+    assert float(told) == pytest.approx(abs(degrees), abs=1.0)
+    assert ("too much" in words) is (degrees > 0.0)
+    with pytest.raises(DataError, match="reads"):
+        tell(lab, path, foreign=True)
+
+
+@pytest.mark.parametrize("masses", [1.0, np.array([1.0, 1.3, 0.8]), np.array([0.7, 0.8, 1.25])])
+@pytest.mark.parametrize("seed", [7, 8, 9])
+def test_a_right_log_is_not_asked_about(
+    masses: Array | float, seed: int, lab: Campaign, tmp_path: Path
+) -> None:
+    path = log_of(tmp_path / "run.csv", lab, masses=masses, seed=seed)
+    checks = found(path, lab)
+    assert "computed" not in checks
+    assert [f for f in checks.values() if f.flag] == []
+
+
+def test_commands_that_were_computed_are_said_and_taken(lab: Campaign, tmp_path: Path) -> None:
+    path = log_of(tmp_path / "run.csv", lab, friction=0.0)
+    finding = found(path, lab)["computed"]
+    assert (finding.light, finding.flag) == ("yellow", "")
+    assert "seem computed, not measured" in finding.sentence
+    assert ARM.count("inertial") == 6  # the file has all masses, or nothing is told
