@@ -26,6 +26,7 @@ from etude.types import Array, Channel, Index, Log, Mask
 
 Level = Literal["certain", "ask", "note", "silent"]
 GRAVITY = "gravity"
+CLEAR = 7.0  # log odds to the next best decision: signs stated at e^3 to e^7 are wrong 1 in 17 times
 LEAST_ROWS, LEAST_HALF = 40, 20  # fewer tell nothing; of half the rows
 
 
@@ -59,7 +60,7 @@ class Decision:
     @property
     def clear(self) -> bool:
         """Whether it is far before every other decision: of a question that is not, nothing is repaired."""
-        return self.ahead >= LIKELY
+        return self.ahead >= CLEAR
 
 
 @dataclass(frozen=True, eq=False)
@@ -187,7 +188,7 @@ class Signs:
     def named(self) -> Mask:
         """(m,) the joints of the set; where others are nearly as likely, those that are in nearly all."""
         likely = np.asarray(self.each >= LIKELY)
-        return likely if self.ahead < LIKELY and likely.any() else self.turned
+        return likely if self.ahead < CLEAR and likely.any() else self.turned
 
 
 def signs_of(as_is: Array, turned: Sequence[Array], priors: Sequence[tuple[float, float]]) -> Signs:
@@ -446,19 +447,24 @@ def _reversed(judged: _Judged) -> Decision | None:
 
 APART = 5.0  # rows that one independent row is worth
 FLOOR = 1e-3  # of a command's variance that no model explains
-CLEAR, UPSIDE_DOWN, LITTLE = 6.0, 0.4, 0.25  # deviations; parts of the file's gravity
+SURE, UPSIDE_DOWN, LITTLE = 6.0, 0.4, 0.25  # deviations; parts of the file's gravity
+HEAVY = 0.5  # of a command's deviation that is weight by the file: of less, masses that are off make any sign
 
 
 @dataclass(frozen=True, eq=False)
 class Weight:
     """Of the model file's gravity: the part that commands hold, over all joints and by joint (m,), and the
     deviations of both.
+
+    Attributes:
+        sizes: (m,) deviation of the file's gravity in parts of the command's.
     """
 
     part: float
     deviation: float
     parts: Array
     deviations: Array
+    sizes: Array
 
 
 def weight_of(rows: FilteredRows, own: Index) -> Weight | None:
@@ -481,7 +487,11 @@ def weight_of(rows: FilteredRows, own: Index) -> Weight | None:
     with np.errstate(divide="ignore", invalid="ignore"):
         parts, deviations = np.where(square > 0.0, product / square, 0.0), np.sqrt(APART / square)
     return Weight(
-        float(product.sum() / square.sum()), float(np.sqrt(APART / square.sum())), parts, deviations
+        float(product.sum() / square.sum()),
+        float(np.sqrt(APART / square.sum())),
+        parts,
+        deviations,
+        rows.static[:, own].std(axis=0) / np.maximum(rows.command[:, own, AS_LOGGED].std(axis=0), FAINT),
     )
 
 
@@ -493,16 +503,18 @@ def _weights(judged: _Judged, force: bool) -> Decision | None:
     weight = weight_of(judged.rows, judged.own)
     if weight is None:
         return None
-    told = (np.abs(weight.parts) > CLEAR * weight.deviations) & (np.abs(weight.parts) > UPSIDE_DOWN)
-    down = judged.over(told & (weight.parts < 0.0), False)
+    told = (np.abs(weight.parts) > SURE * weight.deviations) & (np.abs(weight.parts) > UPSIDE_DOWN)
+    right, inverted = judged.variant(AS_LOGGED).signs()
+    heavy = np.abs(weight.parts) * weight.sizes > HEAVY
+    down = judged.over(told & heavy & (weight.parts < 0.0) & (right - inverted < LIKELY), False)
     if down.any():
         by = tuple(np.where(down, -1.0, 1.0).tolist())
-        found = judged.decision("ask", check=SIGN, by=by, odds=CLEAR, why="weight")
+        found = judged.decision("ask", check=SIGN, by=by, odds=SURE, why="weight")
         # a mounting that is upside down turns all weights, and no friction
-        mounting = not (told & (weight.parts > 0.0)).any() or (found.told[down] >= LIKELY).any()
-        return replace(found, ahead=0.0) if mounting else found
-    little = abs(weight.part) < LITTLE and (1.0 - weight.part) > CLEAR * weight.deviation
+        upright = (told & (weight.parts > 0.0)).any()
+        return found if upright else replace(found, ahead=0.0)
+    little = abs(weight.part) < LITTLE and (1.0 - weight.part) > SURE * weight.deviation
     if force and little and not told.any():
         by = (weight.part, weight.deviation)
-        return judged.decision("ask", check=GRAVITY, by=by, odds=CLEAR)
+        return judged.decision("ask", check=GRAVITY, by=by, odds=SURE)
     return None

@@ -163,6 +163,10 @@ def _direction(decision: Decision, where: str) -> Finding:
         f"The rows {_sure(decision)}run backwards in time{where}: inertia is positive and friction "
         f"negative in the commands of all joints ({_odds(decision)})."
     )
+    if not decision.clear:
+        fact += " Inverted signs are nearly as likely, so nothing is repaired."
+        step = f"A log with velocities, or a model file with masses, settles it; {accepted(DIRECTION)}."
+        return Asked(DIRECTION, "yellow", fact, step, flag=DIRECTION)
     return Mendable(DIRECTION, _light(decision), fact, both(DIRECTION, "turn the rows round"), flag=DIRECTION)
 
 
