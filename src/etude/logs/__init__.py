@@ -9,7 +9,7 @@ if TYPE_CHECKING:
     from etude.logs.alignment.tracking_errors import largest_errors, tracked
     from etude.logs.checks.exact import judge_numbers
     from etude.logs.checks.filtered_motion import Seen, seen
-    from etude.logs.checks.finding_texts import Asked, Mendable
+    from etude.logs.checks.finding_texts import Doubt, Mendable
     from etude.logs.checks.plausibility import judge_motion
     from etude.logs.cleaning.filters import duration, median_rate, smooth, without_lag
     from etude.logs.cleaning.read import clean_log, matched_log, read_log
@@ -23,8 +23,8 @@ if TYPE_CHECKING:
     from etude.logs.readers.registry import cut_sentences, read_raw
 
 __all__ = [
-    "Asked",
     "Decision",
+    "Doubt",
     "Mendable",
     "Seen",
     "align",

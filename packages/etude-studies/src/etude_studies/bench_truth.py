@@ -18,7 +18,7 @@ import numpy as np
 
 from etude.campaign import Answers, LogQuestions, judged_commands
 from etude.errors import EtudeError
-from etude.logs import Asked, Mendable, clean_log, judge_motion, judge_numbers, seen
+from etude.logs import Doubt, Mendable, clean_log, judge_motion, judge_numbers, seen
 from etude.storage import write_atomic
 from etude.types import Finding, Log
 from etude_studies.engines.each import each
@@ -152,11 +152,11 @@ def _unsure(wrong: Wrong, asked: list[Finding]) -> bool:
 
 def _names(wrong: Wrong, finding: Finding, right: list[Finding]) -> bool:
     """Whether a finding says what was done: no more, and no less."""
-    by = finding.by if isinstance(finding, Asked) else ()
+    by = finding.by if isinstance(finding, Doubt) else ()
     if wrong.error in OF_NUMBERS:
         return finding.check == wrong.check
     if wrong.error == "sign":
-        before = next((f.by for f in right if f.check == "sign" and isinstance(f, Asked)), (1.0,) * len(by))
+        before = next((f.by for f in right if f.check == "sign" and isinstance(f, Doubt)), (1.0,) * len(by))
         flipped = tuple(-sign if j == wrong.part else sign for j, sign in enumerate(before))
         return finding.check == "sign" and by == flipped
     if wrong.error == "swapped":

@@ -11,7 +11,7 @@ from etude.types import Finding, Log, Mask
 
 
 @dataclass(frozen=True)
-class Asked(Finding):
+class Doubt(Finding):
     """A question: its answer holds wherever the same is found.
 
     Attributes:
@@ -22,7 +22,7 @@ class Asked(Finding):
 
 
 @dataclass(frozen=True)
-class Mendable(Asked):
+class Mendable(Doubt):
     """A question that a repair can answer.
 
     Attributes:

@@ -249,7 +249,7 @@ def _others(apart: Array) -> float:
     return small if small < SMALL else float(np.log(np.expm1(np.exp(small))))
 
 
-def _signs(judged: _Judged, fresh: Sequence[int], order: Order | None) -> Decision | None:
+def _signs(judged: _Judged, fresh: Sequence[int], order: ColumnOrder | None) -> Decision | None:
     """The likeliest inverted signs and the logs that have them; None where the logs are right as they are.
 
     Of one log's commands negated, the evidence of right signs is that of this log inverted, the evidence of
@@ -382,7 +382,7 @@ def _gains(judged: _Judged) -> Array:
 
 
 @dataclass(frozen=True, eq=False)
-class Order:
+class ColumnOrder:
     """The best order but the one given: the column of each moving joint (m,), odds as in `Decision`."""
 
     columns: Index
@@ -403,7 +403,7 @@ class Order:
         return int((self.columns != count).sum()) == 2 or bool((self.columns == count[::-1]).all())
 
 
-def order_of(judged: _Judged) -> Order | None:
+def order_of(judged: _Judged) -> ColumnOrder | None:
     """None where the order given is the best one."""
     gains = _gains(judged)
     columns, odds = _assigned(gains)
@@ -414,7 +414,7 @@ def order_of(judged: _Judged) -> Order | None:
         barred = gains.copy()
         barred[j, k] = -1e9
         others.append(_assigned(barred)[1])
-    return Order(columns, odds, odds - max(others))
+    return ColumnOrder(columns, odds, odds - max(others))
 
 
 def _assigned(gains: Array) -> tuple[Index, float]:
@@ -428,7 +428,7 @@ def _assigned(gains: Array) -> tuple[Index, float]:
 
 
 def _exchanged(
-    judged: _Judged, logs: Sequence[Log], path: Channel, body: Mean | None, order: Order
+    judged: _Judged, logs: Sequence[Log], path: Channel, body: Mean | None, order: ColumnOrder
 ) -> Decision | None:
     """Exchanged columns, if either half of every log says so by itself."""
     m = len(order.columns)

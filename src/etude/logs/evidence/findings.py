@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 
 from etude.logs.checks.exact import LIKELY
-from etude.logs.checks.finding_texts import Asked, Mendable, accepted, both, named
+from etude.logs.checks.finding_texts import Doubt, Mendable, accepted, both, named
 from etude.logs.checks.plausibility import DELAY, SIGN, SWAPPED
 from etude.logs.checks.velocities import DIRECTION
 from etude.logs.evidence.decisions import GRAVITY, LEAST_DELAY, Decision
@@ -114,7 +114,7 @@ def _sign(decision: Decision, parts: Sequence[str], where: str) -> Finding:
     if not decision.clear:
         fact += f" {OTHERS[decision.why]}"
         step = f"{_settled(decision, parts)}; {accepted(SIGN)}."
-        return Asked(SIGN, "yellow", fact, step, SIGN, by=decision.by)
+        return Doubt(SIGN, "yellow", fact, step, SIGN, by=decision.by)
     step = both(SIGN, f"turn the sign of {names}{where}")
     more = "" if decision.level == "certain" else f" {_settled(decision, parts)}."
     return Mendable(SIGN, _light(decision), fact, step + more, flag=SIGN, by=decision.by)
@@ -144,7 +144,7 @@ def _swapped(decision: Decision, parts: Sequence[str], where: str) -> Finding:
     order = [int(j) for j in decision.by]
     moved = np.asarray([j != i for i, j in enumerate(order)])
     if decision.level != "certain":
-        return Asked(
+        return Doubt(
             SWAPPED,
             "yellow",
             f"The commands of {named(parts, moved)} fit these joints better in another order{where} "
@@ -172,7 +172,7 @@ def _direction(decision: Decision, where: str) -> Finding:
     if not decision.clear:
         fact += " Inverted signs are nearly as likely, so nothing is repaired."
         step = f"A log with velocities, or a model file with masses, settles it; {accepted(DIRECTION)}."
-        return Asked(DIRECTION, "yellow", fact, step, flag=DIRECTION)
+        return Doubt(DIRECTION, "yellow", fact, step, flag=DIRECTION)
     return Mendable(DIRECTION, _light(decision), fact, both(DIRECTION, "turn the rows round"), flag=DIRECTION)
 
 
