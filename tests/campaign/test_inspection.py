@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -191,8 +192,23 @@ def test_a_delay_is_told_however_long(rows: int, ms: int, right: Path, robot: Pa
     late = edited(right, lambda r: np.column_stack([r[:-rows, :1], r[:-rows, 1:3], r[rows:, 3:]]))
     (found,) = (f for f in inspect(late, robot).findings if f.check == "delay")
     assert found.light == "yellow"
-    told = float(found.sentence.removeprefix("The motion is ").partition(" ms")[0])
+    told = float(re.findall(r"(\d+) ms", found.sentence)[0])
     assert told == pytest.approx(ms, abs=10)
+
+
+@pytest.mark.parametrize("seconds", [-0.35, -0.2, 0.2, 0.3, 0.45])
+def test_commands_of_a_real_arm_may_be_far_behind_or_ahead(seconds: float, tmp_path: Path) -> None:
+    """Six joints of UR10 tell half a second to 35 ms, whatever their friction does."""
+    lines = (EXAMPLES / "ur10" / "ur10_exciting.csv").read_text().splitlines()
+    rows = np.array([line.split(",") for line in lines[1:2501]], dtype=float)
+    for column in range(13, 19):
+        rows[:, column] = np.interp(rows[:, 0] - seconds, rows[:, 0], rows[:, column])
+    path = tmp_path / "late.csv"
+    np.savetxt(path, rows, delimiter=",", header=lines[0], comments="")
+    found = [f for f in inspect(path, EXAMPLES / "ur10" / "ur10.toml").findings if f.check == "delay"]
+    (told,) = re.findall(r"(\d+) ms (behind|ahead)", found[0].sentence)
+    assert told[1] == ("behind" if seconds > 0.0 else "ahead")
+    assert float(told[0]) == pytest.approx(1e3 * abs(seconds), abs=35)
 
 
 def test_a_motion_that_every_delay_fits_tells_none(right: Path, robot: Path) -> None:

@@ -247,7 +247,9 @@ def _judged(log: Log, known: _KnownRobot, stated: set[str]) -> Inspected:
         return Inspected(rows, (*found, Finding("commands", "cannot tell", later)))
     found = _one_delay(found, _tried("commands", lambda: _commands(rows, known, motion)))
     clean, ranges = _ranges(rows, known, stated)
-    found += [*ranges, *_tried("robot", lambda: _own(clean, known))]
+    own = _tried("robot", lambda: _own(clean, known))
+    asked = any(f.flag or f.light == "red" for f in found)  # tell asks these first, and judges again
+    found += [*ranges, *(f for f in own if not (asked and f.flag))]
     return Inspected(rows, tuple(found))
 
 

@@ -7,7 +7,7 @@ logarithms against the logs as they are. What is decided is put right, and the l
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from math import comb, lgamma
 from typing import Literal
@@ -18,6 +18,7 @@ from scipy.special import logsumexp
 from etude.logs.checks.exact import CERTAIN, LIKELY
 from etude.logs.checks.plausibility import DELAY, SIGN, SWAPPED
 from etude.logs.checks.velocities import DIRECTION
+from etude.logs.cleaning.smoothing import resample
 from etude.logs.evidence.file_hypotheses import weight_elsewhere
 from etude.logs.evidence.likelihood import NEITHER, ColumnEvidence, evidence_of, least
 from etude.logs.evidence.rows import AS_LOGGED, DELAYS, FilteredRows, rows_of
@@ -41,8 +42,9 @@ class Decision:
         odds: log odds against the logs as they are. ahead: against the next best decision.
         told: (k,) log odds of the right sign to the inverted one, of the commands as they are.
         moving, strange: (k,) joints that have a say, and those that no sign explains.
-        why: "weight" of a sign that the model file's weight tells; "time" of one that reversed rows would
-            explain as well; "order" of one that is neither a pair nor the reversal, and is not named.
+        why: "late" of a silent one whose commands fit best with the longest delay; "weight" of a sign that
+            the model file's weight tells; "time" of one that reversed rows would explain as well;
+            "order" of one that is neither a pair nor the reversal, and is not named.
     """
 
     level: Level
@@ -124,6 +126,11 @@ def judge(
     alone = judged if len(new) == len(logs) else _Judged.of(rows_of(new, path, body))
     timed = all(_with_velocities(log, path) for log in new)
 
+    def shifted(late: float) -> _Judged | None:
+        """The same rows with the commands of new logs from so much later."""
+        moved = [_shifted(log, late) if i in fresh else log for i, log in enumerate(logs)]
+        return _Judged.of(rows_of(moved, path, body, groups_of(len(logs), fresh), fresh))
+
     def hypotheses() -> Iterator[Decision | None]:
         order, gain = (np.arange(0), -np.inf) if alone is None else order_of(alone)
         exchanged = None
@@ -132,7 +139,8 @@ def judge(
         turned = _signs(judged, fresh, doubtful=gain >= LIKELY)
         yield exchanged if len(new) == 1 else None
         yield turned if turned is not None and len(turned.logs) < len(logs) else None
-        yield _late(judged, fresh)
+        late = _late(judged, fresh)
+        yield late if late is not None or not _at_edge(judged) else _far(judged, shifted, fresh)
         yield exchanged  # of several logs, one that is inverted looks like another order
         yield None if timed or alone is None else _reversed(alone)
         yield turned
@@ -142,7 +150,7 @@ def judge(
     told = (found for found in hypotheses() if found is not None and found.check not in accepted)
     found = next(told, None)
     if found is None:
-        return judged.decision("silent")
+        return judged.decision("silent", why="late" if _at_edge(judged) else "")
     return found if found.logs else replace(found, logs=fresh)
 
 
@@ -262,10 +270,54 @@ LEAST_DELAY = 0.03  # s: real sensors have less without harm
 DELAY_PRIOR = 100.0  # 1/s: log prior that falls with a delay
 
 
+def _delays(judged: _Judged, by: float = 0.0) -> Array:
+    """(d,) log evidence of each delay, of rows whose commands were shifted by s."""
+    whole = [judged.variant(i).whole() for i in range(len(DELAYS))]
+    return np.asarray(np.sum(whole, axis=1) - DELAY_PRIOR * np.abs(np.array(DELAYS) + by))
+
+
+def _at_edge(judged: _Judged) -> bool:
+    return int(_delays(judged).argmax()) in (0, len(DELAYS) - 1)
+
+
+FAR, FARTHEST = (0.25, 0.45), 0.55  # s about which longer delays are looked for, either way, and the longest
+MOST_KNOWN = 0.5  # of the joints, at least, whose signs are told with such a delay
+
+
+def _far(
+    judged: _Judged, shifted: Callable[[float], _Judged | None], fresh: Sequence[int]
+) -> Decision | None:
+    """The same beyond the delays of the rows: first coarsely, then about the best of them. None at an end of
+    what is tried, and where signs are not right then: of a periodic motion many delays fit somehow.
+    """
+    way = float(np.sign(DELAYS[int(_delays(judged).argmax())]))
+    best, own, at = 0.0, judged, AS_LOGGED
+    for centres in ([way * far for far in FAR], None):
+        tried = [(by, moved) for by in centres or [best] if (moved := shifted(by)) is not None]
+        if not tried:
+            return None
+        by, own = max(tried, key=lambda one: float(_delays(one[1], one[0]).max()))
+        at = int(_delays(own, by).argmax())
+        best = by + DELAYS[at]
+    odds = float(least(own.variant(at).by_class(), judged.variant(AS_LOGGED).by_class()).sum())
+    odds -= DELAY_PRIOR * abs(best)
+    right, inverted = own.variant(at).signs()
+    known = np.abs(right - inverted) >= LIKELY
+    clear = known.mean() >= MOST_KNOWN and (right > inverted)[known].all()
+    if odds < SHIFT or not clear or abs(best) >= FARTHEST:
+        return None
+    return judged.decision("note", check=DELAY, logs=tuple(fresh), by=(round(best, 3),), odds=odds)
+
+
+def _shifted(log: Log, late: float) -> Log:
+    """The log with the commands of so many s later; at the ends the last ones."""
+    command = next(c for c in log.channels.values() if c.role == "command" and c.acts_on in log)
+    return log.put(command, resample(log.t, log[command.name], log.t + late))
+
+
 def _late(judged: _Judged, fresh: Sequence[int]) -> Decision | None:
     """Commands of the new logs before or behind the motion, alike in all joints."""
-    whole = [judged.variant(i).whole() for i in range(len(DELAYS))]
-    total = np.sum(whole, axis=1) - DELAY_PRIOR * np.abs(DELAYS)
+    total = _delays(judged)
     long = np.abs(DELAYS) >= LEAST_DELAY
     best, near = int(total.argmax()), int(np.where(long, -np.inf, total).argmax())
     if not long[best] or best in (0, len(DELAYS) - 1):  # beyond what is tried it may be any

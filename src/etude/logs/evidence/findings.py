@@ -58,8 +58,14 @@ def green(decision: Decision, parts: Sequence[str]) -> list[Finding]:
         rest = f" Of {unsure} it cannot be told." if unsure else ""
         signs = Finding(SIGN, "green", f"The sign of the commands of {named(parts, known)} is right.{rest}")
     step = f"The commands are in step with the motion, to {1e3 * LEAST_DELAY:.0f} ms."
+    delay = Finding(DELAY, "green", step)
+    if decision.why == "late":
+        fact = (
+            "How far the commands are before or behind the motion cannot be told: it may be more than 0.6 s."
+        )
+        delay = Finding(DELAY, "cannot tell", fact, "Record commands and motion with one clock.")
     order = Finding(SWAPPED, "green", "No other order of the commands fits better.")
-    return [Finding(DELAY, "green", step), *([order] if decision.moving.sum() > 1 else []), signs]
+    return [delay, *([order] if decision.moving.sum() > 1 else []), signs]
 
 
 def _where(decision: Decision, sources: Sequence[str]) -> str:

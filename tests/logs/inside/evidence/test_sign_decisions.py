@@ -12,7 +12,7 @@ from made_motion import COMMAND, GRAVITY, NAMES, RATE, Q, command_of, moved
 
 from etude.logs.checks.plausibility import repaired
 from etude.logs.evidence.decisions import AS_IS, EACH, Decision, judge, signs_of
-from etude.logs.evidence.findings import finding_of
+from etude.logs.evidence.findings import finding_of, green
 from etude.types import Array, Log
 
 SIGNS = np.array([1.0, -1.0, 1.0])
@@ -148,6 +148,13 @@ def test_commands_that_are_late_or_early_are_noted_and_shifted(seconds: float) -
     rows = slice(200, -200)
     right = np.interp(mended.t, moved().t, moved()["command"][:, 0])
     np.testing.assert_allclose(mended["command"][rows, 0], right[rows], atol=0.05)
+
+
+def test_a_delay_beyond_all_that_is_tried_is_not_called_none() -> None:
+    found = decided(late(moved(), 1.1))
+    assert found.check != "delay"
+    said = {one.check: one.light for one in green(found, NAMES)}
+    assert found.level != "silent" or said["delay"] == "cannot tell"
 
 
 def test_a_circle_with_friction_is_not_asked_about() -> None:
