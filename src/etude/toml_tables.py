@@ -101,13 +101,21 @@ def refuse_unknown(table: Mapping[str, Any], valid: list[str], where: str) -> No
 
 
 def write_table(name: str, value: Any, comments: Mapping[str, str]) -> str:
-    """A TOML table with every field, each followed by its comment."""
-    lines = [f"[{name}]"]
+    """A TOML table with every field, each followed by its comment; tables within it come last.
+
+    The header of an empty one is commented out: who adds it, as messages and docs say, adds it once.
+    """
+    lines, tables = [f"[{name}]"], []
     for field in dataclasses.fields(value):
-        text = f"{field.name} = {toml_value(getattr(value, field.name))}"
-        comment = comments.get(field.name, "")
+        item, comment = getattr(value, field.name), comments.get(field.name, "")
+        if isinstance(item, Mapping):
+            head = f"[{name}.{field.name}]" if item else f"# [{name}.{field.name}]"
+            rows = [f"{toml_value(key)} = {toml_value(own)}" for key, own in item.items()]
+            tables += [f"{head:<34} # {comment}" if comment else head, *rows]
+            continue
+        text = f"{field.name} = {toml_value(item)}"
         lines.append(f"{text:<34} # {comment}" if comment else text)
-    return "\n".join(lines) + "\n"
+    return "\n".join([*lines, *tables]) + "\n"
 
 
 def write_values(value: Any, comments: tuple[str, ...] = ()) -> str:

@@ -8,7 +8,14 @@ from pathlib import Path
 import pytest
 
 from etude import plugins
-from etude.campaign import CampaignConfig, config_text, load_config, preset_config
+from etude.campaign import (
+    CampaignConfig,
+    config_text,
+    create_campaign,
+    load_config,
+    open_campaign,
+    preset_config,
+)
 from etude.campaign.record.config import SECTIONS
 from etude.campaign.record.config_file import COMMENTS, ConfigFile, parse_config
 from etude.errors import UsageError
@@ -137,3 +144,15 @@ def test_bytes_that_are_no_text_are_refused() -> None:
 def test_no_campaign_is_said(tmp_path: Path) -> None:
     with pytest.raises(UsageError, match=r"no campaign here.*etude init"):
         load_config(tmp_path)
+
+
+def test_a_table_of_columns_can_be_added_at_the_end(tmp_path: Path) -> None:
+    """As messages and docs say; a written one is read again."""
+    campaign, _ = create_campaign(tmp_path / "lab", "arm4")
+    path = campaign.path / "campaign.toml"
+    path.write_text(path.read_text() + '[log.columns]\ncommand = "TorqueSm"\n"q_waist [deg]" = "ActPos1"\n')
+    wanted = {"command": "TorqueSm", "q_waist [deg]": "ActPos1"}
+    config = open_campaign(campaign.path).config
+    assert config.log.columns == wanted
+    path.write_text(config_text(config, campaign.kind))
+    assert open_campaign(campaign.path).config.log.columns == wanted

@@ -167,7 +167,7 @@ COMMENTS: dict[str, dict[str, str]] = {
         "consecutive": "logs in a row that must agree before a rule stops the campaign",
     },
     "log": {
-        "columns": 'names that differ: {"q_shoulder [deg]" = "ActPos1"}; etude inspect --write-mapping',
+        "columns": 'other names: "q_shoulder [deg]" = "ActPos1", a line each; etude inspect --write-mapping',
         "ignored": "headers of columns to leave out",
         "topics": "of logs that hold several; none: those that look like what is needed",
         "rate": "Hz, at which rows of logs without a time column stand; 0: such logs are refused",
