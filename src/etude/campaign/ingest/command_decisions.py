@@ -17,6 +17,7 @@ from etude.campaign.record.state import State
 from etude.campaign.record.stored_models import stored_log
 from etude.errors import EtudeError
 from etude.logs.checks.filtered_motion import joints
+from etude.logs.checks.finding_texts import Mendable
 from etude.logs.checks.plausibility import repaired
 from etude.protocols import Mean
 from etude.types import Finding, Log
@@ -69,7 +70,8 @@ def decided(
         finding = finding_of(found, path.parts, sources, len(old))
         own = frozenset(i - len(old) for i in found.logs if i >= len(old))
         again = any(step.finding == finding for step in steps)
-        what = "open" if again else _what(found, answer(finding), whole=len(own) == len(found.logs))
+        whole = len(own) == len(found.logs) and isinstance(finding, Mendable)
+        what = "open" if again else _what(found, answer(finding), whole)
         steps.append(Step(what, finding, own or frozenset(range(len(new)))))
         if what == "open":
             return steps, found
@@ -79,6 +81,7 @@ def decided(
 
 
 def _what(found: Decision, answer: str, whole: bool) -> Literal["note", "repair", "accept", "open"]:
+    """whole: a repair puts right all that the decision is about."""
     if found.level == "note":
         return "accept" if answer == "accept" else "note"
     if answer == "repair" and not whole:

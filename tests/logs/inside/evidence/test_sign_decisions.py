@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 from made_motion import COMMAND, GRAVITY, NAMES, RATE, Q, command_of, moved
 
+from etude.logs import Decision, finding_of, judge
 from etude.logs.checks.plausibility import repaired
-from etude.logs.evidence.decisions import AS_IS, EACH, Decision, judge, signs_of
-from etude.logs.evidence.findings import finding_of, green
+from etude.logs.evidence.decisions import AS_IS, EACH, signs_of
+from etude.logs.evidence.findings import green
 from etude.types import Array, Log
 
 SIGNS = np.array([1.0, -1.0, 1.0])
