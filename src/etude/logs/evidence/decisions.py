@@ -142,7 +142,7 @@ def judge(
         exchanged = None
         if alone is not None and order is not None and order.odds >= ORDER:
             exchanged = _exchanged(alone, new, path, body, order)
-        turned = _signs(judged, fresh, order)
+        turned = _signs(judged, fresh, order, -np.inf if timed or alone is None else _backwards(alone))
         yield exchanged if len(new) == 1 else None
         yield turned if turned is not None and len(turned.logs) < len(logs) else None
         late = _late(judged, fresh)
@@ -249,7 +249,9 @@ def _others(apart: Array) -> float:
     return small if small < SMALL else float(np.log(np.expm1(np.exp(small))))
 
 
-def _signs(judged: _Judged, fresh: Sequence[int], order: ColumnOrder | None) -> Decision | None:
+def _signs(
+    judged: _Judged, fresh: Sequence[int], order: ColumnOrder | None, backwards: float
+) -> Decision | None:
     """The likeliest inverted signs and the logs that have them; None where the logs are right as they are.
 
     Of one log's commands negated, the evidence of right signs is that of this log inverted, the evidence of
@@ -260,6 +262,7 @@ def _signs(judged: _Judged, fresh: Sequence[int], order: ColumnOrder | None) -> 
 
     Args:
         order: of columns that may explain the commands better than these, whatever their signs.
+        backwards: log odds that the rows run backwards, whatever the signs.
     """
     given = judged.variant(AS_LOGGED)
     as_is, turned = given.signs()
@@ -283,8 +286,12 @@ def _signs(judged: _Judged, fresh: Sequence[int], order: ColumnOrder | None) -> 
         return None
     logs = list(found)[best.group]
     part = logs != everyone and not best.turned.all()  # of some logs some joints: rare, and easily misjudged
+    ahead = best.ahead
+    if logs == everyone:  # `backwards` sums over classes, of which `signs` takes the least favourable
+        plain = logsumexp(given.inverted, axis=1) - logsumexp(given.right, axis=1)
+        ahead = min(ahead, best.odds + float((plain - (turned - as_is))[best.turned].sum()) - backwards)
     # certain only as a whole: a joint that no sign explains makes it a question, and so does another order
-    sure = best.odds >= CERTAIN and best.ahead >= (2.0 if part else 1.0) * CERTAIN
+    sure = best.odds >= CERTAIN and ahead >= (2.0 if part else 1.0) * CERTAIN
     sure = sure and not judged.variant(numbers[best.group]).strange().any()
     about = best.named()
     moved = order.with_any(about) if order is not None and logs == everyone else ~about & about
@@ -295,8 +302,8 @@ def _signs(judged: _Judged, fresh: Sequence[int], order: ColumnOrder | None) -> 
         logs=logs,
         by=tuple(by.tolist()),
         odds=best.odds,
-        ahead=0.0 if moved.any() else best.ahead,
-        why="order" if moved.any() else "",
+        ahead=0.0 if moved.any() else ahead,
+        why="order" if moved.any() else "time" if ahead < best.ahead else "",
     )
 
 
@@ -466,9 +473,18 @@ BACKWARDS = float(np.log(0.02))  # log prior of reversed rows
 EXPLAINED = 0.7  # of the joints, at least, that reversed rows explain
 
 
+def _backwards(judged: _Judged) -> float:
+    """Log odds of rows that run backwards, their signs right or inverted, against the logs as they are."""
+    given = judged.variant(AS_LOGGED)
+    right, back, opposed = (logsumexp(x, axis=1) for x in (given.right, given.reversed, given.opposed))
+    either = np.logaddexp(np.log1p(-EACH) + back, np.log(EACH) + opposed)
+    signs = [np.log(AS_IS) + back.sum(), np.log(SOME) + either.sum(), np.log(ALL) + opposed.sum()]
+    return float(BACKWARDS - np.log(AS_IS) + logsumexp(signs) - right.sum())
+
+
 def _reversed(judged: _Judged) -> Decision | None:
     """Rows that run backwards: inertia and weight right, friction inverted. All signs inverted look alike
-    but for these, so where the two cannot be told apart one question names both.
+    but for these; where the two cannot be told apart, the question of signs names both.
     """
     given = judged.variant(AS_LOGGED)
     right, inverted, back = (logsumexp(x, axis=1) for x in (given.right, given.inverted, given.reversed))
@@ -476,25 +492,14 @@ def _reversed(judged: _Judged) -> Decision | None:
     flipped = float(np.log(ALL)) + float((inverted - right).sum())
     as_is, other = given.signs()
     signs = signs_of(as_is, [other], [(ALL, SOME)])
-    rest = -np.inf if signs.group < 0 or signs.turned.all() else signs.odds
+    rest = max(flipped, -np.inf if signs.group < 0 or signs.turned.all() else signs.odds)
     explained = np.mean(back > logsumexp(given.free, axis=1) + NEITHER) > EXPLAINED
-    if max(turned, flipped) < LIKELY or max(turned, flipped) < rest + LIKELY:
+    if turned < LIKELY or turned < rest + LIKELY or not explained:
         return None
-    if turned > flipped + LIKELY and explained:
-        sure = turned >= CERTAIN and turned > flipped + CERTAIN
-        level: Level = "certain" if sure else "ask"
-        return judged.decision(level, check=DIRECTION, by=(-1.0,), odds=turned, ahead=turned - flipped)
-    if abs(turned - flipped) < LIKELY and signs.turned.any() and not given.strange().any():
-        by = np.where(judged.over(signs.named(), False), -1.0, 1.0)
-        return judged.decision(
-            "ask",
-            check=SIGN,
-            by=tuple(by.tolist()),
-            odds=flipped,
-            ahead=abs(flipped - turned),
-            why="time",
-        )
-    return None
+    sure = turned >= CERTAIN and turned > rest + CERTAIN
+    return judged.decision(
+        "certain" if sure else "ask", check=DIRECTION, by=(-1.0,), odds=turned, ahead=turned - rest
+    )
 
 
 APART = 5.0  # rows that one independent row is worth

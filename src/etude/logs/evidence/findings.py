@@ -136,7 +136,7 @@ def _settled(decision: Decision, parts: Sequence[str]) -> str:
     if decision.why == "weight":
         return "Check the mounting and the signs at the robot"
     unsure = named(parts, np.asarray(decision.moving & (np.abs(decision.told) < LIKELY)))
-    motion = f"a log in which {unsure} turns round more often" if unsure else "a longer motion"
+    motion = f"a log with more reversals of {unsure}" if unsure else "a longer motion"
     return f"A model file with masses, or {motion}, tells more"
 
 

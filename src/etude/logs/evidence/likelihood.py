@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -80,13 +80,15 @@ class ColumnEvidence:
     """Log evidences (p, c) of p pairs of a joint and a column, in c classes of processes; -inf: no say.
 
     Attributes:
-        right, inverted, reversed, free: of non-negative coefficients, of an inverted command, of rows
-            that run backwards, and of any coefficients.
+        right, inverted: of non-negative coefficients, and of an inverted command.
+        reversed, opposed: of rows that run backwards, and of an inverted command in such rows.
+        free: of any coefficients.
     """
 
     right: Array
     inverted: Array
     reversed: Array
+    opposed: Array
     free: Array
 
     def whole(self) -> Array:
@@ -114,7 +116,7 @@ class ColumnEvidence:
 
     def take(self, which: Index | slice) -> ColumnEvidence:
         """Of some pairs."""
-        return ColumnEvidence(self.right[which], self.inverted[which], self.reversed[which], self.free[which])
+        return ColumnEvidence(*(getattr(self, field.name)[which] for field in fields(self)))
 
 
 def least(one: Array, other: Array) -> Array:
@@ -288,12 +290,12 @@ def _summed(fits: list[tuple[_Fit, tuple[int, ...]]], grid: tuple[Point, ...]) -
     top = np.max([fit.evidence.max(axis=0) for fit, _ in plain], axis=0)
     found = [
         [
-            *(_class(fits, grid, one, top, way) for way in ("right", "inverted", "reversed")),
+            *(_class(fits, grid, one, top, way) for way in ("right", "inverted", "reversed", "opposed")),
             _class(plain, grid, one, top, "free"),
         ]
         for one in CLASSES
     ]
-    parts = [np.stack([row[i] for row in found], axis=1) for i in range(4)]
+    parts = [np.stack([row[i] for row in found], axis=1) for i in range(5)]
     return ColumnEvidence(*parts)
 
 
@@ -322,9 +324,9 @@ def _class(
 
 
 def _signs(indices: tuple[int, ...], way: str) -> Array:
-    if way == "reversed":
-        return np.array([-1.0 if i in FRICTION else 1.0 for i in indices])
-    return np.full(len(indices), 1.0 if way == "right" else -1.0)
+    friction = 1.0 if way in ("right", "opposed") else -1.0
+    others = 1.0 if way in ("right", "reversed") else -1.0
+    return np.array([friction if i in FRICTION else others for i in indices])
 
 
 SWEEPS = 12  # over the factors of an orthant: they settle to rounding in fewer

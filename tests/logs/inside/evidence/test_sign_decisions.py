@@ -116,6 +116,34 @@ def test_reversed_rows_look_like_inverted_signs_without_velocities() -> None:
     assert "backwards" in finding_of(found, NAMES, ["a.csv"]).sentence
 
 
+def test_some_signs_in_reversed_rows_look_like_the_others_inverted() -> None:
+    light = with_command(moved(), moved()["command"] - np.array([3.0, 3.0, 6.0]) * qdd_of(moved()))
+    found = decided(inverted(reversed_rows(light), SIGNS).without("qd"))
+    assert (found.level, found.check, found.why) == ("ask", "sign", "time")
+    said = finding_of(found, NAMES, ["a.csv"])
+    assert "--repair" not in said.step
+    assert "velocities" in said.step
+
+
+def qdd_of(log: Log) -> Array:
+    return np.gradient(log["qd"], log.t, axis=0)
+
+
+def test_signs_that_are_as_likely_name_those_in_common_and_repair_nothing() -> None:
+    """One joint with friction and reversals beside two whose force a place explains as well."""
+    log = moved()
+    q = log["q"]
+    command = log["command"].copy()
+    command[:, 1:] = np.sin(q[:, 1:])
+    found = decided(with_command(log, -command))
+    assert (found.level, found.check, found.by) == ("ask", "sign", (-1.0, 1.0, 1.0))
+    assert found.odds > 100.0 > found.ahead
+    said = finding_of(found, NAMES, ["a.csv"])
+    assert "of hip is very probably inverted" in said.sentence
+    assert "--repair" not in said.step
+    assert "a log with more reversals of knee and toe" in said.step
+
+
 class Body:
     """What a model file would say of the made motion: all but friction."""
 
