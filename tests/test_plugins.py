@@ -14,8 +14,8 @@ from etude.errors import DataError, UsageError
 
 VESSEL = """
 class KIND:
-    name = "a vessel"
-    path = tables = presets = recognises = described = spec = None
+    name, path, tables, presets = "a vessel", "p", {}, {}
+    recognises = described = spec = lambda path: None
 """
 
 
