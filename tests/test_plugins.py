@@ -14,7 +14,8 @@ from etude.errors import DataError, UsageError
 
 VESSEL = """
 class KIND:
-    name, path, tables, presets = "a vessel", "p", {}, {}
+    name, path = "a vessel", "p"
+    tables, presets = {"trajectory": dict, "data": dict}, {"default": {}, "thesis": {}}
     recognises = described = spec = lambda path: None
 """
 

@@ -1,4 +1,4 @@
-"""Kinds, readers and limits that return another value than their protocol says: named, and nothing written."""
+"""Kinds that return another value than their protocol says are named, and nothing is written."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ def made(run: Run, tmp_path: Path, more: str = "") -> tuple[int, str, str]:
         ("described = lambda self, path: None", "described of the kind of robot legged returned None"),
         (
             "spec = lambda self, path: None",
-            "spec of the kind of robot legged returned None, without the name",
+            "returned None, without the name, rate of a Description",
         ),
         ("channels = lambda self, spec: None", "channels of the kind of robot legged returned None"),
         ("tables = {'trajectory': dict}", "tables of the kind of robot legged is {"),

@@ -22,7 +22,7 @@ import numpy as np
 
 from etude.errors import UsageError
 
-NEXT = "Correct the plug-in: etude.{}.{} says what it owes. Nothing was written."
+NEXT = "Correct the plug-in: etude.{}.{} says what it owes. Nothing committed was lost."
 WORDS = {"Kind": "kind of robot", "Reader": "reader", "Exporter": "exporter", "Limit": "limit"}
 KEYS = "keys "
 TEXT = 40
