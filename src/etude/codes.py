@@ -40,6 +40,7 @@ class Warn(StrEnum):
     PERHAPS_CHANCE = "perhaps_chance"
     INPUTS_MISSING = "inputs_missing"
     NO_BLOCKS = "no_blocks"
+    SOME_TEACH = "some_teach"
     TWO_ROBOTS = "two_robots"
     BEYOND_LIMITS = "beyond_limits"
     HARDLY_MOVES = "hardly_moves"
@@ -140,6 +141,8 @@ SENTENCES: Mapping[Code | NextStep, str] = {
     Warn.PERHAPS_CHANCE: ERRED + ", which may be chance",
     Warn.INPUTS_MISSING: "Not every log tells its {inputs: and }; the model does without",
     Warn.NO_BLOCKS: "No blocks of log {log} were held out, since alone it cannot be learned: {why}",
+    Warn.SOME_TEACH: "{some} of {all} logs teach, evenly spread over all of them and the newest: a training "
+    "takes no longer however many are told",
     Warn.TWO_ROBOTS: "log {simulated} was simulated, log {real} is of the robot itself: the model learns "
     "from two robots",
     Warn.BEYOND_LIMITS: "Beyond the stated {quantity} limits, by {source}: {beyond}. Not verified: whether "

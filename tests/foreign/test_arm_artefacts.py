@@ -144,9 +144,10 @@ def test_status_after_the_first_log(lab: Lab) -> None:
     words = [sys.executable, "-m", "etude", "status", str(lab.campaign.path)]
     text = subprocess.run(words, capture_output=True, text=True, check=True).stdout
     found = json.loads(subprocess.run([*words, "--json"], capture_output=True, text=True, check=True).stdout)
-    assert "Held-out nMSE, log 1, blocks 3, 8, 13, 18 of 20" in text
+    assert "nMSE within log 1, blocks 3, 8, 13, 18 of 20 from the others" in text
     assert "linear regression" in found["held_out"]["nmse"]
     assert all(0.0 < value < 1.0 for value in found["held_out"]["nmse"][found["held_out"]["chosen"]])
-    told = [line for line in text.splitlines() if "physics identified from this log" in line]
+    assert "tell a second log" in text
+    told = [line for line in text.splitlines() if "physics identified from the logs" in line]
     assert told
-    assert all("elsewhere the physics alone" in line or line.endswith("this log alone.") for line in told)
+    assert all("elsewhere the physics alone" in line or line.endswith("the logs alone.") for line in told)

@@ -14,19 +14,20 @@ from etude.abilities import SupportsNotes
 from etude.campaign.propose.typical_motions import typical_motions
 from etude.campaign.record.events import BlockScores, NewMotionScores, PrequentialScore, Trained
 from etude.campaign.record.folder import Campaign, Say
-from etude.campaign.record.journal import jsonable
+from etude.campaign.record.journal import MODEL, jsonable
 from etude.campaign.record.state import Round, State
 from etude.campaign.record.stored_models import (
     LEFT_OUT,
     LINEAR,
     MIXED,
-    MODEL,
     body_of,
     check_model,
     held_commands,
     ingested_samples,
+    is_pruned,
     known_groups,
     label,
+    prune,
     stored_log,
     stored_model,
 )
@@ -52,6 +53,8 @@ from etude.protocols import Candidate, Inputs
 from etude.storage import write_atomic
 from etude.types import Array, Mask, Samples
 
+MOST_LOGS, MOST_SECONDS = 100, 1200.0
+"""Logs, and seconds of their motion, that a training learns from at most."""
 TRAIN_STREAM = 2
 """Separates the random numbers of training from those of asking and testing."""
 BLOCKS = 20
@@ -129,6 +132,7 @@ def _learn_together(campaign: Campaign, learn: Learner, numbers: Sequence[int], 
     learned = learn(campaign, campaign.state(), numbers[-1])
     together = tuple(numbers) if len(numbers) > 1 else ()
     campaign.commit(replace(learned.fact, together=together), numbers[-1], learned.files)
+    prune(campaign)
 
 
 REFERENCE_STREAM = 5
@@ -209,10 +213,13 @@ def learn_log(campaign: Campaign, state: State, number: int) -> TrainingOutcome:
     """Scores the newest model on log `number` and those that wait with it, which it has not seen, then trains
     on all logs told.
     """
-    check_model(campaign, state)
+    if not (state.trained and is_pruned(campaign, state.trained[-1].number)):
+        check_model(campaign, state)
     trained = [r for r in state.trained if r.number != number]
     waiting = [r.number for r in state.pending if r.number < number]
-    logs = [*(r.number for r in state.learned if r.number not in (number, *waiting)), *waiting, number]
+    every = [*(r.number for r in state.learned if r.number not in (number, *waiting)), *waiting, number]
+    logs = teaching(state, every)
+    waiting = [n for n in logs if n in waiting]
     samples = ingested_samples(campaign, logs)
     kind, spec, config = campaign.kind, campaign.spec, campaign.config
     inputs = kind.inputs(spec, config).fitted(samples)
@@ -230,7 +237,7 @@ def learn_log(campaign: Campaign, state: State, number: int) -> TrainingOutcome:
     save_model(path, selection.model)
     left_out = campaign.model_folder(number) / LEFT_OUT
     write_atomic(left_out, residuals_of(selection).to_bytes())
-    learned = [r.ingested for r in state.ingested if r.ingested and r.number in logs]
+    learned = [r.ingested for r in state.ingested if r.ingested and r.number in every]
     fact = Trained(
         logs=tuple(logs),
         models=_scores(before, inputs, samples, known_groups(campaign, logs[: -1 - len(waiting)])),
@@ -244,7 +251,7 @@ def learn_log(campaign: Campaign, state: State, number: int) -> TrainingOutcome:
         robot_seconds=float(sum(one.robot_seconds for one in learned)),
         recipe=tuple(_said(campaign, logs, samples)),
         inputs={name: np.asarray(a).tolist() for name, a in selection.model.inputs.arrays().items()},
-        warnings=(*_notes(selection.model.inputs), *selection.model.warnings),
+        warnings=(*_notes(selection.model.inputs), *_some(every, logs), *selection.model.warnings),
         body=body_of(campaign),
     )
     fact = with_forecast(fact, selection.model, before, campaign, state)
@@ -252,6 +259,24 @@ def learn_log(campaign: Campaign, state: State, number: int) -> TrainingOutcome:
         with part(0.5):
             fact = _with_blocks(fact, campaign, number, rng, 0.0 if foreign else GAP_S)
     return TrainingOutcome([path, left_out], fact)
+
+
+def teaching(state: State, logs: Sequence[int]) -> list[int]:
+    """Those of the logs that teach, in their order: all, or so many that a training costs no more than ever.
+
+    They are spread evenly over all of them, and the last is one of them.
+    """
+    told = [state.rounds[number].ingested for number in logs]
+    seconds = sum(one.robot_seconds for one in told if one is not None)
+    count = min(len(logs), MOST_LOGS, max(1, int(len(logs) * MOST_SECONDS / max(seconds, MOST_SECONDS))))
+    return [logs[(i + 1) * len(logs) // count - 1] for i in range(count)]
+
+
+def _some(every: Sequence[int], logs: Sequence[int]) -> tuple[Notice, ...]:
+    """That not all logs teach."""
+    return (
+        (Notice(Warn.SOME_TEACH, {"some": len(logs), "all": len(every)}),) if len(logs) < len(every) else ()
+    )
 
 
 def _notes(inputs: Inputs) -> tuple[Notice, ...]:
@@ -265,8 +290,10 @@ def _held(campaign: Campaign, samples: Samples) -> Mask:
 
 
 def _comparable(campaign: Campaign, trained: Sequence[Round], inputs: Inputs) -> LearnedModel | None:
-    """The newest model, unless it looks at other inputs: some logs tell less, or [data] was edited."""
-    if not trained:
+    """The newest model, unless it looks at other inputs: some logs tell less, or [data] was edited. None too
+    where newer ones, of logs that were taken back, had superseded it.
+    """
+    if not trained or is_pruned(campaign, trained[-1].number):
         return None
     before = stored_model(campaign, trained[-1].number)
     return before if tuple(before.inputs.columns) == tuple(inputs.columns) else None

@@ -14,9 +14,9 @@ NO_MATTER = 0.05
 LARGEST = 1000.0  # above it a score is told as one, not in digits
 MEND = "Next: restore these files from a copy; a command that needs one of them says what else mends it."
 BASES = {
-    "identified": "physics identified from this log",
+    "identified": "physics identified from the logs",
     "nominal": "physics of the description",
-    "linear": "linear regression on this log",
+    "linear": "linear regression on the logs",
 }
 """What a structure's mean is, in words."""
 MIXED = "mixed"

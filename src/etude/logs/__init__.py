@@ -9,11 +9,13 @@ if TYPE_CHECKING:
     from etude.logs.alignment.tracking_errors import largest_errors, tracked
     from etude.logs.checks.exact import judge_numbers
     from etude.logs.checks.filtered_motion import Seen, seen
-    from etude.logs.checks.finding_texts import Mendable
+    from etude.logs.checks.finding_texts import Doubt, Mendable
     from etude.logs.checks.plausibility import judge_motion
     from etude.logs.cleaning.filters import duration, median_rate, smooth, without_lag
     from etude.logs.cleaning.read import clean_log, matched_log, read_log
     from etude.logs.columns.matching import match_columns
+    from etude.logs.evidence.decisions import Decision, judge
+    from etude.logs.evidence.findings import finding_of
     from etude.logs.readers.cells import header_row, restored, text_cell
     from etude.logs.readers.extras import needed
     from etude.logs.readers.frames import parquet_frame, parquet_metadata, raw_log
@@ -21,13 +23,17 @@ if TYPE_CHECKING:
     from etude.logs.readers.registry import cut_sentences, read_raw
 
 __all__ = [
+    "Decision",
+    "Doubt",
     "Mendable",
     "Seen",
     "align",
     "clean_log",
     "cut_sentences",
     "duration",
+    "finding_of",
     "header_row",
+    "judge",
     "judge_motion",
     "judge_numbers",
     "largest_errors",

@@ -45,22 +45,20 @@ def _exact(words: Words, array: Lookup) -> ExactPosterior:
 
 
 def _basis(words: Words, array: Lookup) -> BasisPosterior:
-    from etude.models.gp.basis_posterior import BasisPosterior
+    from etude.models.gp.basis_posterior import BasisPosterior, unpacked
 
-    return BasisPosterior(
-        kernel_of(words["kernel"]),
-        array("theta"),
-        float(words["noise_variance"]),
-        float(words["signal_variance"]),
-        array("basis"),
-        array("weights"),
-        np.asfortranarray(array("half")),
-    )
+    basis = array("basis")
+    try:
+        half = unpacked(array("packed"), len(basis))
+    except KeyError:  # of an earlier file, which holds the upper half too
+        half = np.asfortranarray(array("half"))
+    numbers = float(words["noise_variance"]), float(words["signal_variance"])
+    return BasisPosterior(kernel_of(words["kernel"]), array("theta"), *numbers, basis, array("weights"), half)
 
 
 EXACT = Form(("theta", "X", "y"), ("noise_variance",), _exact)
 """An exact posterior, of a dictionary too, is computed again from its points."""
-BASIS = Form(("theta", "basis", "weights", "half"), ("noise_variance", "signal_variance"), _basis)
+BASIS = Form(("theta", "basis", "weights", "packed"), ("noise_variance", "signal_variance"), _basis)
 
 
 def posterior_words(posterior: Posterior) -> Words:

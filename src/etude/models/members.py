@@ -60,12 +60,19 @@ def shared_outputs(gp: ExactGP) -> Condition:
     return condition
 
 
+TEACH = 4
+"""Samples for each inducing input at most: with all of 11,000 no error of a simulated arm was less."""
+
+
 def _exact(fit: FitData) -> Teaching:
     """Exact regression on the samples kept: downsampling is in their choice.
 
-    Where these are `inducing` ones of more, all teach through them, and an exact process on `points` guides.
+    Where these are `inducing` ones of more, up to `TEACH` times as many teach through them, and an exact
+    process on `points` guides.
     """
     gp, every = trained_process(fit), counted(fit)
+    most = min(len(every), TEACH * fit.config.inducing)
+    every = every[np.arange(most) * len(every) // most] if fit.config.inducing else every
     if len(fit.kept) != fit.config.inducing or len(every) <= len(fit.kept):
         return Teaching(fit, shared_outputs(gp), fit.kept)
     from etude.models.gp.inducing import Induced

@@ -5,6 +5,7 @@ Predictions of a model that was read are the same bits on the same machine.
 
 from __future__ import annotations
 
+import hashlib
 import json
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field
@@ -134,7 +135,8 @@ class _Shelf:
         array = np.asarray(array)
         if array.dtype.hasobject:
             raise TypeError(f"the array {name!r} holds objects, which are not stored")
-        key = (array.dtype.str, array.shape, bool(array.flags.f_contiguous), array.tobytes(order="A"))
+        content = hashlib.sha256(array.tobytes(order="A")).digest()
+        key = (array.dtype.str, array.shape, bool(array.flags.f_contiguous), content)
         if key not in self._keys:
             self._keys[key] = f"a{len(self._keys)}"
             self.arrays[self._keys[key]] = array

@@ -17,7 +17,7 @@ from test_learning import CONFIG as LEARNING
 
 from etude import ask, cli, storage, tell
 from etude.campaign import Campaign, create_campaign, newest_model, open_campaign, stored_trajectory
-from etude.campaign.record.stored_models import MODEL
+from etude.campaign.record.journal import MODEL
 from etude.codes import Notice, Warn
 from etude.errors import DataError, UsageError
 from etude.models import LearnedModel, load_model, save_model

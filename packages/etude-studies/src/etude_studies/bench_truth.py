@@ -9,7 +9,7 @@ results/truth and are not run again.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from functools import partial
 from pathlib import Path
 
@@ -18,7 +18,7 @@ import numpy as np
 
 from etude.campaign import Answers, LogQuestions, judged_commands
 from etude.errors import EtudeError
-from etude.logs import Mendable, clean_log, judge_motion, judge_numbers, seen
+from etude.logs import Doubt, Mendable, clean_log, judge_motion, judge_numbers, seen
 from etude.storage import write_atomic
 from etude.types import Finding, Log
 from etude_studies.engines.each import each
@@ -152,18 +152,23 @@ def _unsure(wrong: Wrong, asked: list[Finding]) -> bool:
 
 def _names(wrong: Wrong, finding: Finding, right: list[Finding]) -> bool:
     """Whether a finding says what was done: no more, and no less."""
-    by = finding.by if isinstance(finding, Mendable) else ()
+    by = finding.by if isinstance(finding, Doubt) else ()
     if wrong.error in OF_NUMBERS:
         return finding.check == wrong.check
     if wrong.error == "sign":
-        before = next(
-            (f.by for f in right if f.check == "sign" and isinstance(f, Mendable)), (1.0,) * len(by)
-        )
+        before = next((f.by for f in right if f.check == "sign" and isinstance(f, Doubt)), (1.0,) * len(by))
         flipped = tuple(-sign if j == wrong.part else sign for j, sign in enumerate(before))
         return finding.check == "sign" and by == flipped
     if wrong.error == "swapped":
-        return finding.check == "swapped" and (not by or tuple(int(j) for j in by) == wrong.order)
+        if isinstance(finding, Mendable):
+            return finding.check == "swapped" and tuple(int(j) for j in by) == wrong.order
+        return _moved(finding.check, by) == _moved("swapped", wrong.order)
     return any(words in finding.sentence for words in wrong.says)
+
+
+def _moved(check: str, by: Sequence[float]) -> set[int]:
+    """The joints that a question of signs or columns is about."""
+    return {i for i, j in enumerate(by) if (j < 0.0 if check == "sign" else int(j) != i)}
 
 
 def truth_rows(found: dict[Source, Ended]) -> list[Row]:

@@ -11,9 +11,9 @@ import numpy as np
 from etude.campaign.record.deployed_model import check_pinned, pin, promoted_model
 from etude.campaign.record.events import Promoted, RolledBack
 from etude.campaign.record.folder import Campaign, Say
-from etude.campaign.record.journal import jsonable
+from etude.campaign.record.journal import MODEL, jsonable
 from etude.campaign.record.state import State
-from etude.campaign.record.stored_models import LEFT_OUT, MODEL, check_model, groups_of, ingested_samples
+from etude.campaign.record.stored_models import LEFT_OUT, check_model, groups_of, ingested_samples
 from etude.codes import Notice, Phrase, Refusal
 from etude.errors import DataError, UsageError, typed
 from etude.models.accuracy import (

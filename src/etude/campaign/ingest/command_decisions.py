@@ -17,6 +17,7 @@ from etude.campaign.record.state import State
 from etude.campaign.record.stored_models import stored_log
 from etude.errors import EtudeError
 from etude.logs.checks.filtered_motion import joints
+from etude.logs.checks.finding_texts import Mendable
 from etude.logs.checks.plausibility import repaired
 from etude.protocols import Mean
 from etude.types import Finding, Log
@@ -69,7 +70,8 @@ def decided(
         finding = finding_of(found, path.parts, sources, len(old))
         own = frozenset(i - len(old) for i in found.logs if i >= len(old))
         again = any(step.finding == finding for step in steps)
-        what = "open" if again else _what(found, answer(finding), whole=len(own) == len(found.logs))
+        whole = len(own) == len(found.logs) and isinstance(finding, Mendable)
+        what = "open" if again else _what(found, answer(finding), whole)
         steps.append(Step(what, finding, own or frozenset(range(len(new)))))
         if what == "open":
             return steps, found
@@ -79,6 +81,7 @@ def decided(
 
 
 def _what(found: Decision, answer: str, whole: bool) -> Literal["note", "repair", "accept", "open"]:
+    """whole: a repair puts right all that the decision is about."""
     if found.level == "note":
         return "accept" if answer == "accept" else "note"
     if answer == "repair" and not whole:
@@ -114,7 +117,29 @@ class Survey:
 
     @cached_property
     def _steps(self) -> list[Step]:
-        return decided(list(self.logs.values()), self.told, self.answer, self.body)[0]
+        steps = decided(list(self.logs.values()), self.told, self.answer, self.body)[0]
+        odd = None if any(step.what == "open" for step in steps) else self._contradiction(steps)
+        if odd is None:
+            return steps
+        what: Literal["accept", "open"] = "accept" if self.answer(odd) == "accept" else "open"
+        return [*steps, Step(what, odd, frozenset(range(len(self.logs))))]
+
+    def _contradiction(self, steps: Sequence[Step]) -> Finding | None:
+        """Whether the logs, put right, are of one robot; by a model file of forces alone."""
+        logs = [self._put_right(i, log, steps) for i, log in enumerate(self.logs.values())]
+        path = joints(logs[0]) if len(logs) > 1 else None
+        if path is None or self.body is None:
+            return None
+        from etude.logs.evidence.file_hypotheses import contradiction
+
+        return contradiction(logs, path, self.body, [log.source for log in logs])
+
+    @staticmethod
+    def _put_right(number: int, log: Log, steps: Sequence[Step]) -> Log:
+        for step in steps:
+            if number in step.logs and step.what in ("note", "repair"):
+                log = repaired(log, step.finding)
+        return log
 
     def of(self, path: Path) -> list[Step]:
         """Of one of the files; of another one what all have."""

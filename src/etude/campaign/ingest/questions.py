@@ -19,7 +19,7 @@ from etude.campaign.record.state import State
 from etude.errors import DataError, UsageError
 from etude.logs.checks import exact
 from etude.logs.checks.filtered_motion import Seen, joints
-from etude.logs.checks.finding_texts import Excludable, Mendable
+from etude.logs.checks.finding_texts import Doubt, Excludable, Mendable
 from etude.logs.checks.plausibility import (
     REPAIRS,
     judge_motion,
@@ -44,6 +44,7 @@ CHECKS = (
         "scale",
         "gravity",
         "zero",
+        "contradiction",
         "mounting",
     ),
     *("ground", "brake", "jump"),
@@ -226,7 +227,7 @@ def questions_of(
 
 
 def _what(finding: Finding) -> tuple[str, tuple[float, ...]]:
-    return finding.check, finding.by if isinstance(finding, Mendable) else ()
+    return finding.check, finding.by if isinstance(finding, Doubt) else ()
 
 
 def _is_free(finding: Finding) -> bool:

@@ -146,11 +146,14 @@ ALREADY_VISITED = 0.05
 the shortest length that a process of such inputs starts from is five times as long."""
 SHARE = 0.8
 """Part of a log's states from which it repeats another."""
+MOST_COMPARED = 50
+"""Logs that a new one is held against: reading all of thousands would take as long as learning."""
 COMPARED_HZ = 25.0  # rows a second are enough to tell two motions apart
 
 
 def repeated(campaign: Campaign, state: State, number: int, log: Log) -> tuple[int, float] | None:
-    """The earlier log that this one repeats most, and which part of it; None if it repeats none.
+    """The earlier log that this one repeats most, and which part of it; None if it repeats none of the last
+    `MOST_COMPARED`.
 
     Planned states are compared: how well a robot follows makes no other motion. A log without plan is taken
     for another motion.
@@ -159,7 +162,7 @@ def repeated(campaign: Campaign, state: State, number: int, log: Log) -> tuple[i
     if own is None:
         return None
     found: list[tuple[float, int]] = []
-    for other in state.ingested:
+    for other in state.ingested[-MOST_COMPARED:]:
         known = None if other.number == number else _stored_states(campaign, other.number)
         if known is not None and known.shape[1] == own.shape[1]:
             found.append((share_within(own, known), other.number))

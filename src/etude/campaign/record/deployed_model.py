@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING
 
 from etude.campaign.record.events import Promoted
 from etude.campaign.record.folder import Campaign
+from etude.campaign.record.journal import MODEL
 from etude.campaign.record.state import State
 from etude.campaign.record.stored_files import require_description
-from etude.campaign.record.stored_models import MODEL, newest_model, of_another_body, read_stored
+from etude.campaign.record.stored_models import newest_model, of_another_body, read_stored
 from etude.errors import UsageError, typed
 from etude.storage import sha256_of, write_atomic
 

@@ -243,13 +243,13 @@ class Trained(Fact):
     """Logs were learned.
 
     Attributes:
-        logs: numbers of all logs in the model. together: of those that were learned now, if several.
+        logs: numbers of the logs that teach. together: of those that were learned now, if several.
         models: prequential scores by structure. held_out_mae: mean absolute errors held out, by structure.
         predicted_by: structure in use before this training. chosen, rungs: structure in use after it, of all
             commands and of each.
         calibrated: enough trajectories were held out to calibrate the variances.
         unmoved: commands whose joints stood still in all logs.
-        robot_seconds: recorded motion in the model, s.
+        robot_seconds: recorded motion of all logs learned so far, s.
         recipe: sentences of the preprocessing. inputs: fitted parameters of the inputs.
         warnings: what the training has to say.
         forecast_deviation, latent_deviation, noise_deviation, moved: see `learn.training.forecast`.

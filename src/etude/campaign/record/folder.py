@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import unicodedata
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -33,6 +33,14 @@ WAIT_S = 10.0
 """How long a second writer waits; a `tell` that trains holds the place for longer."""
 Say = Callable[[str], None]
 """Receives one sentence per step."""
+
+
+@dataclass
+class _Replayed:
+    """A state, and the last event that is in it."""
+
+    state: State = field(default_factory=State)
+    last: Event | None = None
 
 
 @dataclass(frozen=True, repr=False)
@@ -72,6 +80,10 @@ class Campaign:
     def name(self) -> str:
         """Of the robot."""
         return str(self.spec.name)
+
+    @cached_property
+    def _known(self) -> _Replayed:
+        return _Replayed()
 
     @cached_property
     def models(self) -> dict[str, LearnedModel]:
@@ -124,8 +136,16 @@ class Campaign:
         return read_events(self.path)
 
     def state(self) -> State:
-        """The state that all committed events add up to."""
-        return replay(self.events())
+        """The state that all committed events add up to; only those that are new are folded in."""
+        events, known = self.events(), self._known
+        count = known.state.events
+        if not (
+            0 < count <= len(events) and events[count - 1] is known.last
+        ):  # the same line, so the same chain
+            count, known.state = 0, State()
+        known.state = replay(events[count:], known.state)
+        known.last = events[-1] if events else None
+        return known.state
 
     def commit(self, fact: Fact, number: int | None = None, files: Sequence[Path] = ()) -> None:
         """Appends a fact to the journal, with the robot and the configuration that it is of.

@@ -23,6 +23,7 @@ from etude.campaign.record.events import (
     Fact,
     Figures,
     NewerFormatError,
+    Trained,
     event_from_json,
     event_to_json,
 )
@@ -35,6 +36,8 @@ BY_HAND = ("robot.toml", "campaign.toml")
 """Files that people edit: each event has the hashes of them as they were then."""
 
 PREVIOUS, SEAL = "previous", "seal"
+REMEMBERED = 2**15
+"""Lines that were read before: a campaign reads its journal for each step of a command."""
 _HASH = "[0-9a-f]{64}"
 _END = re.compile(
     rf'(?P<text>.*, "{PREVIOUS}": "(?P<previous>{_HASH})"), "{SEAL}": "(?P<seal>{_HASH})"\}}', re.DOTALL
@@ -66,12 +69,22 @@ def check_chain(lines: Sequence[str], path: object) -> None:
             next_step="Restore the line from a copy; or make a new campaign with etude init, and tell it the "
             "logs in runs/.",
         )
+    link = _link([])
     for i, line in enumerate(lines):
-        found = _END.fullmatch(line)
-        if found is None or found["seal"] != _sha256(found["text"]):
+        previous, following = _hashes(line)
+        if not following:
             raise _changed("this line of the journal was edited", path, i)
-        if found["previous"] != _link(lines[:i]):
+        if previous != link:
             raise _changed("a line of the journal was deleted, added or moved just before this one", path, i)
+        link = following
+
+
+@lru_cache(maxsize=REMEMBERED)
+def _hashes(line: str) -> tuple[str, str]:
+    """What a line says of the one before, and its own hash; both empty of a line that was edited."""
+    found = _END.fullmatch(line)
+    whole = found is not None and found["seal"] == _sha256(found["text"])
+    return (found["previous"], _sha256(line)) if found is not None and whole else ("", "")
 
 
 def _link(before: Sequence[str]) -> str:
@@ -128,9 +141,26 @@ def recorded(events: Iterable[Event]) -> dict[str, str]:
 
 def damaged_files(folder: Path, events: list[Event]) -> list[Notice]:
     """A notice for each committed file that is missing or no longer has its recorded hash; of what people
-    edit only if it is missing.
+    edit only if it is missing. Superseded models may be missing.
     """
-    return _damaged(folder, recorded(events))
+    gone = {name for name in superseded(events) if not (folder / name).exists()}
+    return _damaged(folder, {name: digest for name, digest in recorded(events).items() if name not in gone})
+
+
+MODEL = "model.npz"
+KEPT_MODELS = 8
+"""Models of the newest trainings that stay on the disk: each has megabytes, and logs teach it again."""
+
+
+def superseded(events: Iterable[Event]) -> list[str]:
+    """Names of the models of all trainings but the newest `KEPT_MODELS`, oldest first."""
+    order: dict[str, None] = {}
+    for event in events:
+        for name in event.files if isinstance(event.fact, Trained) else ():
+            if name.endswith(f"/{MODEL}"):
+                order.pop(name, None)
+                order[name] = None
+    return list(order)[:-KEPT_MODELS]
 
 
 def _damaged(folder: Path, files: Mapping[str, str]) -> list[Notice]:
@@ -178,8 +208,7 @@ def _parse(line: str, where: str) -> Event:
         ) from None
 
 
-_event = lru_cache(maxsize=1024)(event_from_json)
-"""A campaign reads its journal for each step of a command."""
+_event = lru_cache(maxsize=REMEMBERED)(event_from_json)
 
 
 def jsonable(values: Iterable[float]) -> Figures:

@@ -155,9 +155,11 @@ class State:
         return next((r for r in known if r.ingested and r.ingested.sha256 == sha256), None)
 
 
-def replay(events: Iterable[Event]) -> State:
-    """Folds the events into a state; a pure function, so live and replayed state cannot differ."""
-    state = State()
+def replay(events: Iterable[Event], state: State | None = None) -> State:
+    """Folds the events into a state, or into one that earlier events left; a pure function, so live and
+    replayed state cannot differ.
+    """
+    state = State() if state is None else state
     for event in events:
         state = replace(_apply(state, event), events=state.events + 1)
     return state
@@ -187,7 +189,8 @@ def _in_round(state: State, event: Event, number: int) -> State:
         case Trained() as fact:
             state = _taken_in(state, number, fact.together)
     old = state.rounds.get(number, Round(number))
-    return replace(state, rounds={**state.rounds, number: _next(old, event, 1 + len(state.trained))})
+    order = 1 + len(state.trained) if isinstance(event.fact, Trained) else 0
+    return replace(state, rounds={**state.rounds, number: _next(old, event, order)})
 
 
 def _next(old: Round, event: Event, order: int) -> Round:

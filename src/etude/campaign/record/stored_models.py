@@ -13,7 +13,7 @@ from etude.abilities import SupportsBody, SupportsPlant
 from etude.campaign.record.config_file import trusting
 from etude.campaign.record.events import Trained
 from etude.campaign.record.folder import Campaign, open_campaign
-from etude.campaign.record.journal import JOURNAL, recorded, require_intact
+from etude.campaign.record.journal import JOURNAL, MODEL, recorded, require_intact, superseded
 from etude.campaign.record.state import Round, State
 from etude.campaign.record.stored_files import name_of, require_runs
 from etude.codes import NextStep, Notice, Warn
@@ -25,7 +25,7 @@ from etude.types import Array, Log, Mask, Samples
 if TYPE_CHECKING:
     from etude.models.learned_model import LearnedModel
 
-MODEL, LEFT_OUT = "model.npz", "left_out.npz"
+LEFT_OUT = "left_out.npz"
 LINEAR, MIXED = "linear", "mixed"
 """What every structure has to beat, and what is said where commands are made of several structures."""
 
@@ -62,6 +62,18 @@ def check_model(campaign: Campaign, state: State) -> None:
     number = state.trained[-1].number
     trained = [e for e in campaign.events() if isinstance(e.fact, Trained) and e.number == number]
     require_intact(campaign.path, trained[-1].files, _advice(campaign, number))
+
+
+def prune(campaign: Campaign) -> None:
+    """Removes the models that newer trainings superseded; the caller holds the lock."""
+    for name in superseded(campaign.events()):
+        (campaign.path / name).unlink(missing_ok=True)
+
+
+def is_pruned(campaign: Campaign, number: int) -> bool:
+    """Whether the model of round `number` was removed since newer ones superseded it."""
+    path = campaign.model_folder(number) / MODEL
+    return not path.exists() and name_of(campaign, path) in superseded(campaign.events())
 
 
 def _advice(campaign: Campaign, number: int) -> str:

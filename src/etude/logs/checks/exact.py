@@ -13,7 +13,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from etude.logs.checks.filtered_motion import joints, runs
+from etude.logs.checks.clipped_commands import clipped
+from etude.logs.checks.filtered_motion import goes_far, joints, runs
 from etude.logs.checks.finding_texts import Mendable, accepted, both, named, without_spans
 from etude.logs.columns.units import Limits
 from etude.types import Array, Channel, Finding, Log, Mask
@@ -23,7 +24,8 @@ BEYOND_CHANCE = 50.0 * math.log(2.0)
 """Log odds of what noisy numbers never do by chance: repeat, be equal, be zero."""
 HELD, COMMANDS_HELD, UNSIGNED, OFF = "held", "held_commands", "unsigned", "off"
 COPIED, TURNS, OVERFLOW, LOST = "copied", "turns", "overflow", "lost"
-NAMES = (HELD, COMMANDS_HELD, UNSIGNED, OFF, COPIED, TURNS, OVERFLOW, LOST)
+CLIPPED = "clipped"
+NAMES = (HELD, COMMANDS_HELD, UNSIGNED, OFF, COPIED, TURNS, OVERFLOW, LOST, CLIPPED)
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,6 +93,8 @@ def judge_numbers(log: Log, limits: Limits) -> tuple[Finding, ...]:
         return tuple(found)
     for test in (_blocks_held, _wrapped, _copied, _unsigned, _off, _overflown):
         found += test(numbers)
+    if not found:
+        found += _clipped(numbers, limits)
     if not any(f.check in (HELD, TURNS) for f in found):
         found += _rows_lost(numbers)
     return tuple(found)
@@ -301,7 +305,8 @@ def _copied(numbers: Numbers) -> Iterator[Finding]:
     like, J = np.hstack(units)[:, : len(numbers.parts)].T @ np.hstack(units), len(numbers.parts)
     labels = [f"{block} of {part}" for block in blocks for part in numbers.parts]
     like[:J, :J] = np.abs(like[:J, :J])
-    pairs = np.argwhere(np.triu(like > SAME, 1)).tolist()
+    moving = np.tile(goes_far(numbers.q), len(blocks))  # computed commands of joints that stand are alike
+    pairs = [(a, b) for a, b in np.argwhere(np.triu(like > SAME, 1)).tolist() if moving[a] or moving[b]]
     if pairs:
         said = ", ".join(f"the {labels[a]} and the {labels[b]}" for a, b in pairs)
         step = "Look at the names of the columns, and export the log again."
@@ -409,6 +414,24 @@ def _overflows(command: Array) -> int:
     return len(rows) if np.median(left) < 1.0 else 0
 
 
+def _clipped(numbers: Numbers, limits: Limits) -> Iterator[Finding]:
+    """Commands that stand at their extreme while the joint goes on."""
+    lower, upper = limits.get(COMMAND, (np.array(-np.inf), np.array(np.inf)))
+    reach = np.minimum(-lower, upper) * np.ones(len(numbers.parts))
+    found = clipped(numbers.q, numbers.u, reach)
+    if found is None:
+        return
+    levels = ", ".join(f"{level:.4g}" for level in found.levels[found.joints])
+    share = 100.0 * float(found.rows.mean())
+    fact = f"The commands of {named(numbers.parts, found.joints)} stand at {levels} while the joints move, "
+    fact += f"{share:.2g} % of the log: they were clipped"
+    step = "Log the whole range, if the recorder clips; a drive that gives no more has a smaller limit."
+    spans = tuple((float(numbers.t[a]), float(numbers.t[b - 1] + numbers.step)) for a, b in runs(found.rows))
+    for finding in _asked(CLIPPED, BEYOND_CHANCE, fact, step, mend="cut these stretches"):
+        yield replace(finding, spans=spans)
+
+
+COMMAND = "command"
 EVEN = 0.05  # of a step, deviation of stamps: a clock that counts rows; others show what was lost
 SHARES = (0.003, 0.01, 0.03, 0.1, 0.2)  # of the rows that may be lost
 NOISIEST, BIASED = 0.3, 0.25  # of a step: scale of r, and its median from 1; beyond, r tells nothing
@@ -540,5 +563,6 @@ REPAIRS: dict[str, Callable[[Log, Mendable], Log]] = {
     HELD: _fresh_rows,
     TURNS: _unwrapped,
     OFF: _without_spans,
+    CLIPPED: _without_spans,
     LOST: _retimed,
 }

@@ -11,15 +11,24 @@ from etude.types import Finding, Log, Mask
 
 
 @dataclass(frozen=True)
-class Mendable(Finding):
-    """A finding that a repair can act upon.
+class Doubt(Finding):
+    """A question: its answer holds wherever the same is found.
 
     Attributes:
-        by: what the repair needs, see `plausibility`.
-        free: nothing is lost and the data decide, so it is repaired unasked.
+        by: what is found, in numbers. Of a `Mendable`, what the repair needs, see `plausibility`.
     """
 
     by: tuple[float, ...] = ()
+
+
+@dataclass(frozen=True)
+class Mendable(Doubt):
+    """A question that a repair can answer.
+
+    Attributes:
+        free: nothing is lost and the data decide, so it is repaired unasked.
+    """
+
     free: bool = False
 
 

@@ -27,6 +27,7 @@ from etude.types import Array, Channel, Index, Log, Mask
 
 Level = Literal["certain", "ask", "note", "silent"]
 GRAVITY = "gravity"
+CLEAR = 7.0  # log odds to the next best decision: signs stated at e^3 to e^7 are wrong 1 in 17 times
 LEAST_ROWS, LEAST_HALF = 40, 20  # fewer tell nothing; of half the rows
 
 
@@ -42,9 +43,9 @@ class Decision:
         odds: log odds against the logs as they are. ahead: against the next best decision.
         told: (k,) log odds of the right sign to the inverted one, of the commands as they are.
         moving, strange: (k,) joints that have a say, and those that no sign explains.
-        why: "late" of a silent one whose commands fit best with the longest delay; "weight" of a sign that
-            the model file's weight tells; "time" of one that reversed rows would explain as well;
-            "order" of one that is neither a pair nor the reversal, and is not named.
+        why: what tells a sign, or explains as well what is found: "weight" of the model file, "time" that
+            runs backwards, another "order". "late" of a silent one whose commands fit best with the longest
+            delay.
     """
 
     level: Level
@@ -57,6 +58,11 @@ class Decision:
     odds: float = 0.0
     ahead: float = np.inf
     why: str = ""
+
+    @property
+    def clear(self) -> bool:
+        """Whether it is far before every other decision: of a question that is not, nothing is repaired."""
+        return self.ahead >= CLEAR
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,11 +138,11 @@ def judge(
         return _Judged.of(rows_of(moved, path, body, groups_of(len(logs), fresh), fresh))
 
     def hypotheses() -> Iterator[Decision | None]:
-        order, gain = (np.arange(0), -np.inf) if alone is None else order_of(alone)
+        order = None if alone is None else order_of(alone)
         exchanged = None
-        if alone is not None and gain >= ORDER:
-            exchanged = _exchanged(alone, new, path, body, order, gain)
-        turned = _signs(judged, fresh, doubtful=gain >= LIKELY)
+        if alone is not None and order is not None and order.odds >= ORDER:
+            exchanged = _exchanged(alone, new, path, body, order)
+        turned = _signs(judged, fresh, order, -np.inf if timed or alone is None else _backwards(alone))
         yield exchanged if len(new) == 1 else None
         yield turned if turned is not None and len(turned.logs) < len(logs) else None
         late = _late(judged, fresh)
@@ -175,12 +181,22 @@ GROUP, OLD_GROUP = 0.02, 0.002  # in some logs alone; where those were judged be
 
 @dataclass(frozen=True, eq=False)
 class Signs:
-    """The likeliest signs: turned (m,) in the logs of a group (-1: none is), odds as in `Decision`."""
+    """The likeliest signs: turned (m,) in the logs of a group (-1: none is), odds as in `Decision`.
+
+    Attributes:
+        each: (m,) log odds that each joint is inverted there.
+    """
 
     turned: Mask
     group: int
     odds: float
     ahead: float
+    each: Array
+
+    def named(self) -> Mask:
+        """(m,) the joints of the set; where others are nearly as likely, those that are in nearly all."""
+        likely = np.asarray(self.each >= LIKELY)
+        return likely if self.ahead < CLEAR and likely.any() else self.turned
 
 
 def signs_of(as_is: Array, turned: Sequence[Array], priors: Sequence[tuple[float, float]]) -> Signs:
@@ -209,7 +225,18 @@ def signs_of(as_is: Array, turned: Sequence[Array], priors: Sequence[tuple[float
     first = max(range(len(found)), key=lambda i: found[i][0])
     score, joints, group = found[first]
     next_ = float(logsumexp([*rest, *(one[0] for i, one in enumerate(found) if i != first)]))
-    return Signs(joints, group, score - found[0][0], score - next_)
+    each = np.zeros(len(as_is))
+    if group >= 0:
+        each = _each(kept, np.log(EACH) + turned[group], *priors[group], found[0][0])
+    return Signs(joints, group, score - found[0][0], score - next_, each)
+
+
+def _each(kept: Array, other: Array, every: float, some: float, none: float) -> Array:
+    """(m,) log odds that each joint is inverted: of all sets with it to all sets without, and to none."""
+    either = np.logaddexp(kept, other)
+    rest = np.log(some) + either.sum() - either
+    whole = np.log(every) - len(kept) * np.log(EACH) + other.sum()
+    return np.asarray(np.logaddexp(rest + other, whole) - np.logaddexp(rest + kept, none))
 
 
 SMALL = -30.0  # log: log1p(x) and expm1(x) are x to rounding
@@ -222,7 +249,9 @@ def _others(apart: Array) -> float:
     return small if small < SMALL else float(np.log(np.expm1(np.exp(small))))
 
 
-def _signs(judged: _Judged, fresh: Sequence[int], doubtful: bool) -> Decision | None:
+def _signs(
+    judged: _Judged, fresh: Sequence[int], order: ColumnOrder | None, backwards: float
+) -> Decision | None:
     """The likeliest inverted signs and the logs that have them; None where the logs are right as they are.
 
     Of one log's commands negated, the evidence of right signs is that of this log inverted, the evidence of
@@ -230,6 +259,10 @@ def _signs(judged: _Judged, fresh: Sequence[int], doubtful: bool) -> Decision | 
     no more than what the sign is then known by; what it loses, no more than the sign is known by as it is:
     where friction is not told from a function of the place, one log there and one back agree better with
     one of them negated.
+
+    Args:
+        order: of columns that may explain the commands better than these, whatever their signs.
+        backwards: log odds that the rows run backwards, whatever the signs.
     """
     given = judged.variant(AS_LOGGED)
     as_is, turned = given.signs()
@@ -253,14 +286,24 @@ def _signs(judged: _Judged, fresh: Sequence[int], doubtful: bool) -> Decision | 
         return None
     logs = list(found)[best.group]
     part = logs != everyone and not best.turned.all()  # of some logs some joints: rare, and easily misjudged
-    sure = best.odds >= CERTAIN and best.ahead >= (2.0 if part else 1.0) * CERTAIN
-    sure = sure and not (doubtful and logs == everyone)
-    # certain only as a whole: a joint that no sign explains makes it a question
+    ahead = best.ahead
+    if logs == everyone:  # `backwards` sums over classes, of which `signs` takes the least favourable
+        plain = logsumexp(given.inverted, axis=1) - logsumexp(given.right, axis=1)
+        ahead = min(ahead, best.odds + float((plain - (turned - as_is))[best.turned].sum()) - backwards)
+    # certain only as a whole: a joint that no sign explains makes it a question, and so does another order
+    sure = best.odds >= CERTAIN and ahead >= (2.0 if part else 1.0) * CERTAIN
     sure = sure and not judged.variant(numbers[best.group]).strange().any()
-    by = np.where(judged.over(best.turned, False), -1.0, 1.0)
-    level: Level = "certain" if sure else "ask"
+    about = best.named()
+    moved = order.with_any(about) if order is not None and logs == everyone else ~about & about
+    by = np.where(judged.over(about | moved, False), -1.0, 1.0)
     return judged.decision(
-        level, check=SIGN, logs=logs, by=tuple(by.tolist()), odds=best.odds, ahead=best.ahead
+        "certain" if sure and not moved.any() else "ask",
+        check=SIGN,
+        logs=logs,
+        by=tuple(by.tolist()),
+        odds=best.odds,
+        ahead=0.0 if moved.any() else ahead,
+        why="order" if moved.any() else "time" if ahead < best.ahead else "",
     )
 
 
@@ -345,35 +388,71 @@ def _gains(judged: _Judged) -> Array:
     return gains
 
 
-def order_of(judged: _Judged) -> tuple[Index, float]:
-    """(m,) the column of each moving joint in the best order, and its log odds; -inf of the order given."""
+@dataclass(frozen=True, eq=False)
+class ColumnOrder:
+    """The best order but the one given: the column of each moving joint (m,), odds as in `Decision`."""
+
+    columns: Index
+    odds: float
+    ahead: float
+
+    def with_any(self, joints: Mask) -> Mask:
+        """(m,) joints that exchange columns with any of `joints` (m,); none of an unlikely order."""
+        reached = joints if self.odds > -LIKELY else ~joints & joints
+        for _ in self.columns:
+            reached = reached | reached[self.columns]
+        return np.asarray(reached & (self.columns != np.arange(len(self.columns))))
+
+    @property
+    def usual(self) -> bool:
+        """One exchanged pair, or the reversal of all: what happens to tables."""
+        count = np.arange(len(self.columns))
+        return int((self.columns != count).sum()) == 2 or bool((self.columns == count[::-1]).all())
+
+
+def order_of(judged: _Judged) -> ColumnOrder | None:
+    """None where the order given is the best one."""
+    gains = _gains(judged)
+    columns, odds = _assigned(gains)
+    if (columns == np.arange(len(columns))).all():
+        return None
+    others = []
+    for j, k in enumerate(columns.tolist()):
+        barred = gains.copy()
+        barred[j, k] = -1e9
+        others.append(_assigned(barred)[1])
+    return ColumnOrder(columns, odds, odds - max(others))
+
+
+def _assigned(gains: Array) -> tuple[Index, float]:
+    """The columns (m,) of most gain, and their log odds."""
     from scipy.optimize import linear_sum_assignment
 
-    gains = _gains(judged)
-    order = np.asarray(linear_sum_assignment(-gains)[1])
-    m = len(order)
-    moved = int((order != np.arange(m)).sum())
-    if not moved:
-        return order, -np.inf
-    prior = np.log(PAIR / comb(m, 2)) if moved == 2 else np.log(ANY_ORDER) - lgamma(m + 1)
-    return order, float(gains[np.arange(m), order].sum() + prior)
+    columns, m = np.asarray(linear_sum_assignment(-gains)[1]), len(gains)
+    moved = int((columns != np.arange(m)).sum())
+    prior = np.log(PAIR / comb(m, 2)) if moved == 2 else np.log(ANY_ORDER) - lgamma(m + 1) if moved else 0.0
+    return columns, float(gains[np.arange(m), columns].sum() + prior)
 
 
 def _exchanged(
-    judged: _Judged, logs: Sequence[Log], path: Channel, body: Mean | None, order: Index, gain: float
+    judged: _Judged, logs: Sequence[Log], path: Channel, body: Mean | None, order: ColumnOrder
 ) -> Decision | None:
     """Exchanged columns, if either half of every log says so by itself."""
-    m = len(order)
-    halves = [_half_gain(logs, path, body, judged.own, order, first) for first in (True, False)]
+    m = len(order.columns)
+    halves = [_half_gain(logs, path, body, judged.own, order.columns, first) for first in (True, False)]
     if min(halves) <= 0.0:
         return None
-    usual = int((order != np.arange(m)).sum()) == 2 or bool((order == np.arange(m)[::-1]).all())
-    level: Level = "certain" if usual and min(halves) >= LIKELY else "ask"
+    explained = not judged.crossed.take(np.arange(m) * m + order.columns).strange().any()
+    sure = order.usual and explained and min(halves) >= LIKELY and order.ahead >= CERTAIN
     best = np.arange(len(judged.rows.parts))
-    best[judged.own] = judged.own[order]
-    by = tuple(best.astype(np.float64).tolist())
-    why = "" if usual else "order"
-    return judged.decision(level, check=SWAPPED, by=by, odds=gain, why=why)
+    best[judged.own] = judged.own[order.columns]
+    return judged.decision(
+        "certain" if sure else "ask",
+        check=SWAPPED,
+        by=tuple(best.astype(np.float64).tolist()),
+        odds=order.odds,
+        ahead=order.ahead,
+    )
 
 
 def _half_gain(
@@ -394,9 +473,18 @@ BACKWARDS = float(np.log(0.02))  # log prior of reversed rows
 EXPLAINED = 0.7  # of the joints, at least, that reversed rows explain
 
 
+def _backwards(judged: _Judged) -> float:
+    """Log odds of rows that run backwards, their signs right or inverted, against the logs as they are."""
+    given = judged.variant(AS_LOGGED)
+    right, back, opposed = (logsumexp(x, axis=1) for x in (given.right, given.reversed, given.opposed))
+    either = np.logaddexp(np.log1p(-EACH) + back, np.log(EACH) + opposed)
+    signs = [np.log(AS_IS) + back.sum(), np.log(SOME) + either.sum(), np.log(ALL) + opposed.sum()]
+    return float(BACKWARDS - np.log(AS_IS) + logsumexp(signs) - right.sum())
+
+
 def _reversed(judged: _Judged) -> Decision | None:
     """Rows that run backwards: inertia and weight right, friction inverted. All signs inverted look alike
-    but for these, so where the two cannot be told apart one question names both.
+    but for these; where the two cannot be told apart, the question of signs names both.
     """
     given = judged.variant(AS_LOGGED)
     right, inverted, back = (logsumexp(x, axis=1) for x in (given.right, given.inverted, given.reversed))
@@ -404,42 +492,36 @@ def _reversed(judged: _Judged) -> Decision | None:
     flipped = float(np.log(ALL)) + float((inverted - right).sum())
     as_is, other = given.signs()
     signs = signs_of(as_is, [other], [(ALL, SOME)])
-    rest = -np.inf if signs.group < 0 or signs.turned.all() else signs.odds
+    rest = max(flipped, -np.inf if signs.group < 0 or signs.turned.all() else signs.odds)
     explained = np.mean(back > logsumexp(given.free, axis=1) + NEITHER) > EXPLAINED
-    if max(turned, flipped) < LIKELY or max(turned, flipped) < rest + LIKELY:
+    if turned < LIKELY or turned < rest + LIKELY or not explained:
         return None
-    if turned > flipped + LIKELY and explained:
-        sure = turned >= CERTAIN and turned > flipped + CERTAIN
-        level: Level = "certain" if sure else "ask"
-        return judged.decision(level, check=DIRECTION, by=(-1.0,), odds=turned, ahead=turned - flipped)
-    if abs(turned - flipped) < LIKELY and not given.strange().any():
-        by = np.where(judged.rows.moving, -1.0, 1.0)
-        return judged.decision(
-            "ask",
-            check=SIGN,
-            by=tuple(by.tolist()),
-            odds=flipped,
-            ahead=flipped - turned,
-            why="time",
-        )
-    return None
+    sure = turned >= CERTAIN and turned > rest + CERTAIN
+    return judged.decision(
+        "certain" if sure else "ask", check=DIRECTION, by=(-1.0,), odds=turned, ahead=turned - rest
+    )
 
 
 APART = 5.0  # rows that one independent row is worth
 FLOOR = 1e-3  # of a command's variance that no model explains
-CLEAR, UPSIDE_DOWN, LITTLE = 6.0, 0.4, 0.25  # deviations; parts of the file's gravity
+SURE, UPSIDE_DOWN, LITTLE = 6.0, 0.4, 0.25  # deviations; parts of the file's gravity
+HEAVY = 0.5  # of a command's deviation that is weight by the file: of less, masses that are off make any sign
 
 
 @dataclass(frozen=True, eq=False)
 class Weight:
     """Of the model file's gravity: the part that commands hold, over all joints and by joint (m,), and the
     deviations of both.
+
+    Attributes:
+        sizes: (m,) deviation of the file's gravity in parts of the command's.
     """
 
     part: float
     deviation: float
     parts: Array
     deviations: Array
+    sizes: Array
 
 
 def weight_of(rows: FilteredRows, own: Index) -> Weight | None:
@@ -462,7 +544,11 @@ def weight_of(rows: FilteredRows, own: Index) -> Weight | None:
     with np.errstate(divide="ignore", invalid="ignore"):
         parts, deviations = np.where(square > 0.0, product / square, 0.0), np.sqrt(APART / square)
     return Weight(
-        float(product.sum() / square.sum()), float(np.sqrt(APART / square.sum())), parts, deviations
+        float(product.sum() / square.sum()),
+        float(np.sqrt(APART / square.sum())),
+        parts,
+        deviations,
+        rows.static[:, own].std(axis=0) / np.maximum(rows.command[:, own, AS_LOGGED].std(axis=0), FAINT),
     )
 
 
@@ -474,13 +560,18 @@ def _weights(judged: _Judged, force: bool) -> Decision | None:
     weight = weight_of(judged.rows, judged.own)
     if weight is None:
         return None
-    told = (np.abs(weight.parts) > CLEAR * weight.deviations) & (np.abs(weight.parts) > UPSIDE_DOWN)
-    down = judged.over(told & (weight.parts < 0.0), False)
+    told = (np.abs(weight.parts) > SURE * weight.deviations) & (np.abs(weight.parts) > UPSIDE_DOWN)
+    right, inverted = judged.variant(AS_LOGGED).signs()
+    heavy = np.abs(weight.parts) * weight.sizes > HEAVY
+    down = judged.over(told & heavy & (weight.parts < 0.0) & (right - inverted < LIKELY), False)
     if down.any():
         by = tuple(np.where(down, -1.0, 1.0).tolist())
-        return judged.decision("ask", check=SIGN, by=by, odds=CLEAR, why="weight")
-    little = abs(weight.part) < LITTLE and (1.0 - weight.part) > CLEAR * weight.deviation
+        found = judged.decision("ask", check=SIGN, by=by, odds=SURE, why="weight")
+        # a mounting that is upside down turns all weights, and no friction
+        upright = (told & (weight.parts > 0.0)).any()
+        return found if upright else replace(found, ahead=0.0)
+    little = abs(weight.part) < LITTLE and (1.0 - weight.part) > SURE * weight.deviation
     if force and little and not told.any():
         by = (weight.part, weight.deviation)
-        return judged.decision("ask", check=GRAVITY, by=by, odds=CLEAR)
+        return judged.decision("ask", check=GRAVITY, by=by, odds=SURE)
     return None

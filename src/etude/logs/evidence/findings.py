@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 
 from etude.logs.checks.exact import LIKELY
-from etude.logs.checks.finding_texts import Mendable, accepted, both, named
+from etude.logs.checks.finding_texts import Doubt, Mendable, accepted, both, named
 from etude.logs.checks.plausibility import DELAY, SIGN, SWAPPED
 from etude.logs.checks.velocities import DIRECTION
 from etude.logs.evidence.decisions import GRAVITY, LEAST_DELAY, Decision
@@ -38,8 +38,8 @@ def finding_of(decision: Decision, parts: Sequence[str], sources: Sequence[str],
         return _delay(decision, where)
     else:
         return _gravity(decision)
-    told = [i for i in decision.logs if i < old]
-    return _of_told(found, [sources[i] for i in told]) if told else found
+    told = [sources[i] for i in decision.logs if i < old]
+    return _of_told(found, told) if told and isinstance(found, Mendable) else found
 
 
 def green(decision: Decision, parts: Sequence[str]) -> list[Finding]:
@@ -83,10 +83,8 @@ def _light(decision: Decision) -> Literal["red", "yellow"]:
 
 def _odds(decision: Decision) -> str:
     """ "odds e^40 to 1; e^8 to 1 against the next best"."""
-    if not np.isfinite(decision.ahead):
-        return f"odds {_power(decision.odds)}"
-    close = "; another set is as likely" if decision.ahead < 1.0 else ""
-    return f"odds {_power(decision.odds)}{close or f'; {_power(decision.ahead)} against the next best'}"
+    next_ = f"; {_power(decision.ahead)} against the next best" if np.isfinite(decision.ahead) else ""
+    return f"odds {_power(decision.odds)}{next_}"
 
 
 def _power(odds: float) -> str:
@@ -103,39 +101,63 @@ def _sign(decision: Decision, parts: Sequence[str], where: str) -> Finding:
     if decision.why == "weight":
         fact = f"The weight that the model file gives is upside down in the commands of {names}{where}: very "
         fact += "probably their sign is inverted."
+    elif decision.why == "order":
+        fact = (
+            f"The commands of {names}{where} do not fit their joints (odds {_power(decision.odds)}): their "
+        )
+        fact += "signs are inverted, or their columns are exchanged."
     else:
         fact = f"The sign of the commands of {names} is {_sure(decision)}inverted{where} ({_odds(decision)})."
-    if decision.why == "time":
-        fact += " Rows that run backwards in time would look the same."
     strange = np.asarray(decision.strange & decision.moving)
     if strange.any():
         fact += f" Neither sign explains the commands of {named(parts, strange)}."
-    repair = both(SIGN, f"turn the sign of {names}{where}")
-    settle = (
-        "" if decision.level == "certain" else " A longer motion, or a model file with masses, tells more."
-    )
-    turn = " If the rows run backwards, turn the file round instead." if decision.why == "time" else ""
-    return Mendable(SIGN, _light(decision), fact, repair + turn + settle, flag=SIGN, by=decision.by)
+    if not decision.clear:
+        fact += f" {OTHERS[decision.why]}"
+        step = f"{_settled(decision, parts)}; {accepted(SIGN)}."
+        return Doubt(SIGN, "yellow", fact, step, SIGN, by=decision.by)
+    step = both(SIGN, f"turn the sign of {names}{where}")
+    more = "" if decision.level == "certain" else f" {_settled(decision, parts)}."
+    return Mendable(SIGN, _light(decision), fact, step + more, flag=SIGN, by=decision.by)
+
+
+OTHERS = {
+    "": "Other signs are nearly as likely, so none is repaired.",
+    "time": "Rows that run backwards in time would look the same, so none is repaired.",
+    "order": "Which, cannot be told, so nothing is repaired.",
+    "weight": "The mounting may be upside down instead, so none is repaired.",
+}
+"""Why a sign is not repaired, by `Decision.why`."""
+
+
+def _settled(decision: Decision, parts: Sequence[str]) -> str:
+    """What would settle it."""
+    if decision.why == "time":
+        return "A log with velocities, or a model file with masses, settles it"
+    if decision.why == "weight":
+        return "Check the mounting and the signs at the robot"
+    unsure = named(parts, np.asarray(decision.moving & (np.abs(decision.told) < LIKELY)))
+    motion = f"a log with more reversals of {unsure}" if unsure else "a longer motion"
+    return f"A model file with masses, or {motion}, tells more"
 
 
 def _swapped(decision: Decision, parts: Sequence[str], where: str) -> Finding:
     order = [int(j) for j in decision.by]
     moved = np.asarray([j != i for i, j in enumerate(order)])
-    if decision.why == "order":
-        return Finding(
+    if decision.level != "certain":
+        return Doubt(
             SWAPPED,
             "yellow",
             f"The commands of {named(parts, moved)} fit these joints better in another order{where} "
             f"({_odds(decision)}), which is not certain.",
-            f"Check the order of the columns; {accepted(SWAPPED)}.",
+            f"Check the order of the columns. {_settled(decision, parts)}; {accepted(SWAPPED)}.",
             flag=SWAPPED,
+            by=decision.by,
         )
     pairs = ", ".join(f"{parts[i]} fits the column of {parts[j]}" for i, j in enumerate(order) if i != j)
     return Mendable(
         SWAPPED,
         _light(decision),
-        f"The commands of {named(parts, moved)} are {_sure(decision)}swapped{where}: {pairs} "
-        f"({_odds(decision)}).",
+        f"The commands of {named(parts, moved)} are swapped{where}: {pairs} ({_odds(decision)}).",
         both(SWAPPED, "put them into this order"),
         flag=SWAPPED,
         by=decision.by,
@@ -147,6 +169,10 @@ def _direction(decision: Decision, where: str) -> Finding:
         f"The rows {_sure(decision)}run backwards in time{where}: inertia is positive and friction "
         f"negative in the commands of all joints ({_odds(decision)})."
     )
+    if not decision.clear:
+        fact += " Inverted signs are nearly as likely, so nothing is repaired."
+        step = f"A log with velocities, or a model file with masses, settles it; {accepted(DIRECTION)}."
+        return Doubt(DIRECTION, "yellow", fact, step, flag=DIRECTION)
     return Mendable(DIRECTION, _light(decision), fact, both(DIRECTION, "turn the rows round"), flag=DIRECTION)
 
 

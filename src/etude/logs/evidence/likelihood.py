@@ -5,6 +5,7 @@
 I, B, C and G are not negative; they have one normal prior, and its scale is integrated out (Jeffreys), so no
 unit matters. f is a Gaussian process: what a chain of bodies may do. What is a function of the place is
 then no friction. n is noise with memory and noise of each row. Process and noise are summed over a grid.
+Where a joint stands, static friction holds any command: a free function of time is added there.
 
 With Z the evidence without constraint, that of positive coefficients is Z 2^k Pr(beta >= 0 | data), that of
 an inverted command Z 2^k Pr(beta <= 0 | data): one fit gives both. One Cholesky factor of a point of the grid
@@ -15,7 +16,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -64,9 +65,9 @@ NEAR_FILE = tuple(
 LEVEL = 4.0  # variance of a command's mean, at least
 SWAY = 0.7  # of the chain's kernel: how much of a weight turns with one joint
 SMALL_WAY = 0.3  # rad: a joint that goes less far is no angle to the springs' kernel
-INERTIA, VISCOUS, COULOMB, TORQUE = range(4)  # regressors, in the order of their columns
-TERMS = ((INERTIA, VISCOUS, COULOMB), (INERTIA,))  # friction may be none
-FRICTION = (VISCOUS, COULOMB)
+INERTIA, VISCOUS, COULOMB, DROP, TORQUE = range(5)  # regressors, in the order of their columns
+TERMS = ((INERTIA, VISCOUS, COULOMB), (INERTIA,), (INERTIA, VISCOUS, COULOMB, DROP))  # friction may be none
+FRICTION = (VISCOUS, COULOMB, DROP)
 NEITHER = np.log(0.05)  # prior of a command that no sign explains
 INVERTED = np.log(0.03)  # prior of an inverted one, where orders and delays are compared
 BEST = 2  # points of a class whose orthants are computed
@@ -79,13 +80,15 @@ class ColumnEvidence:
     """Log evidences (p, c) of p pairs of a joint and a column, in c classes of processes; -inf: no say.
 
     Attributes:
-        right, inverted, reversed, free: of non-negative coefficients, of an inverted command, of rows
-            that run backwards, and of any coefficients.
+        right, inverted: of non-negative coefficients, and of an inverted command.
+        reversed, opposed: of rows that run backwards, and of an inverted command in such rows.
+        free: of any coefficients.
     """
 
     right: Array
     inverted: Array
     reversed: Array
+    opposed: Array
     free: Array
 
     def whole(self) -> Array:
@@ -113,7 +116,7 @@ class ColumnEvidence:
 
     def take(self, which: Index | slice) -> ColumnEvidence:
         """Of some pairs."""
-        return ColumnEvidence(self.right[which], self.inverted[which], self.reversed[which], self.free[which])
+        return ColumnEvidence(*(getattr(self, field.name)[which] for field in fields(self)))
 
 
 def least(one: Array, other: Array) -> Array:
@@ -140,16 +143,16 @@ def evidence_of(
     Args:
         own: joints whose columns are looked at; the others count as indices into it.
     """
-    terms: list[tuple[tuple[int, ...], float]] = [(indices, np.log(0.5)) for indices in TERMS]
+    terms: list[tuple[tuple[int, ...], float]] = [(indices, -np.log(len(TERMS))) for indices in TERMS]
     if rows.torque is not None:
-        terms += [((TORQUE, *indices), np.log(0.5)) for indices in TERMS]
+        terms += [((TORQUE, *indices), -np.log(len(TERMS))) for indices in TERMS]
     grid = GRID + (NEAR_FILE if rows.torque is not None else ())
-    grams, log_dets, count = _grams(rows, own, grid)
+    products = _products(rows, own, grid)
     target = columns * rows.command.shape[2] + variants
     idle = np.zeros(len(own), dtype=bool) if rows.torque is None else rows.torque[:, own].std(axis=0) == 0.0
     fits = []
     for indices, prior in terms:
-        fit = _fitted(grams, log_dets, len(rows.t), len(own), count, indices, joints, target)
+        fit = _fitted(products, len(rows.t), indices, joints, target)
         unknown = idle[joints] if TORQUE in indices else np.zeros(len(joints), dtype=bool)
         fits.append((replace(fit, evidence=np.where(unknown, -np.inf, fit.evidence + prior)), indices))
     return _summed(fits, grid)
@@ -173,24 +176,62 @@ def unit(values: Array) -> Array:
     return np.asarray(values / np.where(size > 0.0, size, 1.0))
 
 
-def _grams(rows: FilteredRows, own: Index, grid: tuple[Point, ...]) -> tuple[Array, Array, int]:
-    """Whitened products (h, p, p) of all columns and regressors, half log determinants (h,), and how many
-    columns come before the regressors.
+@dataclass(frozen=True, eq=False)
+class _Products:
+    """Whitened products at h points, for k joints, r regressors of each and c columns.
+
+    Attributes:
+        square: (h, k, c) of each column with itself. across: (h, k, r, c). regressors: (h, k, r, r).
+        log_det: (h, k) half the log determinant of the covariance.
     """
-    command = rows.command[:, own]
-    size = command[..., AS_LOGGED].std(axis=0)
-    Y = ((command - command.mean(axis=0)) / np.where(size > 0.0, size, 1.0)[:, None]).reshape(len(rows.t), -1)
-    parts = [rows.qdd, rows.qd, rows.friction, *([] if rows.torque is None else [rows.torque])]
-    right = np.asfortranarray(np.hstack([Y, *(unit(part[:, own]) for part in parts)]))
-    covariance = _covariances(rows)
-    grams = np.empty((len(grid), right.shape[1], right.shape[1]))
-    log_dets = np.empty(len(grid))
-    for i, point in enumerate(grid):
+
+    square: Array
+    across: Array
+    regressors: Array
+    log_det: Array
+
+
+def _products(rows: FilteredRows, own: Index, grid: tuple[Point, ...]) -> _Products:
+    """A joint's stands, of unit variance, are part of its own covariance (Woodbury's identity)."""
+    Y, X, stands = _columns(rows, own), _regressors(rows, own), [rows.stands[j] for j in own]
+    n, (k, r), c = len(rows.t), X.shape[1:], Y.shape[1]
+    right = np.asfortranarray(np.hstack([X.reshape(n, -1), Y, *stands]))
+    ends = np.cumsum([0, k * r, c, *(own.shape[1] for own in stands)])
+    covariance, found = _covariances(rows), []
+    for point in grid:
         L, _ = dpotrf(covariance(point), lower=1, clean=0, overwrite_a=1)
         R = solve_triangular(L, right, lower=True, check_finite=False)
-        grams[i] = R.T @ R
-        log_dets[i] = np.log(np.diag(L)).sum()
-    return grams, log_dets, Y.shape[1]
+        parts = [R[:, a:b] for a, b in itertools.pairwise(ends)]
+        half = float(np.log(np.diag(L)).sum())
+        each = [_beside(parts[0][:, j * r : (j + 1) * r], parts[1], parts[2 + j], half) for j in range(k)]
+        found.append([np.stack(values) for values in zip(*each, strict=True)])
+    return _Products(*(np.stack(values) for values in zip(*found, strict=True)))
+
+
+def _beside(X: Array, Y: Array, S: Array, log_det: float) -> tuple[Array, Array, Array, Array]:
+    """The products of one joint, with its stands S (n, m) in the covariance."""
+    square, across, own = (Y**2).sum(axis=0), X.T @ Y, X.T @ X
+    if not S.shape[1]:
+        return square, across, own, np.asarray(log_det)
+    L = np.linalg.cholesky(S.T @ S + np.eye(S.shape[1]))
+    U, V = (solve_triangular(L, S.T @ part, lower=True, check_finite=False) for part in (X, Y))
+    log_det += float(np.log(np.diag(L)).sum())
+    return square - (V**2).sum(axis=0), across - U.T @ V, own - U.T @ U, np.asarray(log_det)
+
+
+def _columns(rows: FilteredRows, own: Index) -> Array:
+    """(n, k d) commands in all variants, less their means, in deviations of the command as it was logged."""
+    command = rows.command[:, own]
+    size = command[..., AS_LOGGED].std(axis=0)
+    Y = (command - command.mean(axis=0)) / np.where(size > 0.0, size, 1.0)[:, None]
+    return np.asarray(Y.reshape(len(rows.t), -1))
+
+
+def _regressors(rows: FilteredRows, own: Index) -> Array:
+    """(n, k, r) of each joint, of unit deviation."""
+    parts = [rows.qdd, rows.qd, rows.friction, rows.drop]
+    parts += [] if rows.torque is None else [rows.torque]
+    return np.stack([unit(part[:, own]) for part in parts], axis=2)
 
 
 def _covariances(rows: FilteredRows) -> Callable[[Point], Array]:
@@ -229,35 +270,32 @@ def _place(rows: FilteredRows, length: float) -> Array:
     return np.exp(-0.5 * square / length**2) if length else chain
 
 
-def _fitted(
-    grams: Array,
-    log_dets: Array,
-    n: int,
-    k: int,
-    count: int,
-    indices: tuple[int, ...],
-    joints: Index,
-    target: Index,
-) -> _Fit:
-    """Ridge regression of each target on the regressors of its joint, at every point of the grid."""
-    places = count + np.array(indices) * k + np.arange(k)[:, None]  # (k, m)
-    A = grams[:, places[:, :, None], places[:, None, :]] + np.eye(len(indices))
-    inverse, log_det = np.linalg.inv(A), np.linalg.slogdet(A)[1]
-    product = grams[:, places[joints], target[:, None]]
+def _fitted(products: _Products, n: int, indices: tuple[int, ...], joints: Index, target: Index) -> _Fit:
+    """Ridge regression of each target on some regressors of its joint, at every point of the grid."""
+    chosen = np.array(indices)
+    A = products.regressors[:, :, chosen[:, None], chosen] + np.eye(len(indices))
+    inverse, log_det = np.linalg.inv(A), np.linalg.slogdet(A)[1] * 0.5 + products.log_det
+    product = products.across[:, joints[:, None], chosen, target[:, None]]
     mean = np.einsum("hpij,hpj->hpi", inverse[:, joints], product)
-    left = np.maximum(grams[:, target, target] - (product * mean).sum(axis=2), np.finfo(float).tiny) / n
-    evidence = -log_dets[:, None] - 0.5 * log_det[:, joints] - 0.5 * n * np.log(left)
+    left = products.square[:, joints, target] - (product * mean).sum(axis=2)
+    left = np.maximum(left, np.finfo(float).tiny) / n
+    evidence = -log_det[:, joints] - 0.5 * n * np.log(left)
     return _Fit(evidence, mean, inverse[:, joints] * left[..., None, None])
 
 
 def _summed(fits: list[tuple[_Fit, tuple[int, ...]]], grid: tuple[Point, ...]) -> ColumnEvidence:
     """By class: the sum over its best points, each with the probability of its orthants."""
-    top = np.max([fit.evidence.max(axis=0) for fit, _ in fits], axis=0)
+    # with a drop of any sign a fit shapes its steps: of another form than a command's friction
+    plain = [(fit, indices) for fit, indices in fits if DROP not in indices]
+    top = np.max([fit.evidence.max(axis=0) for fit, _ in plain], axis=0)
     found = [
-        [_class(fits, grid, one, top, way) for way in ("right", "inverted", "reversed", "free")]
+        [
+            *(_class(fits, grid, one, top, way) for way in ("right", "inverted", "reversed", "opposed")),
+            _class(plain, grid, one, top, "free"),
+        ]
         for one in CLASSES
     ]
-    parts = [np.stack([row[i] for row in found], axis=1) for i in range(4)]
+    parts = [np.stack([row[i] for row in found], axis=1) for i in range(5)]
     return ColumnEvidence(*parts)
 
 
@@ -286,9 +324,9 @@ def _class(
 
 
 def _signs(indices: tuple[int, ...], way: str) -> Array:
-    if way == "reversed":
-        return np.array([-1.0 if i in FRICTION else 1.0 for i in indices])
-    return np.full(len(indices), 1.0 if way == "right" else -1.0)
+    friction = 1.0 if way in ("right", "opposed") else -1.0
+    others = 1.0 if way in ("right", "reversed") else -1.0
+    return np.array([friction if i in FRICTION else others for i in indices])
 
 
 SWEEPS = 12  # over the factors of an orthant: they settle to rounding in fewer

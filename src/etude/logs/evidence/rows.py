@@ -11,8 +11,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.linalg import block_diag
+from scipy.ndimage import uniform_filter1d
 
-from etude.logs.checks.filtered_motion import goes_far, states_of
+from etude.logs.checks.filtered_motion import goes_far, runs, states_of
 from etude.logs.cleaning.filters import looked_at
 from etude.logs.cleaning.smoothing import median_rate, quick_length, resample, segments, smooth, uniform_grid
 from etude.protocols import Mean
@@ -26,7 +28,10 @@ MOTION_HZ, COMMAND_HZ = 5.0, 2.0  # cutoffs of positions, and of commands and th
 ORDER = 3  # of the Butterworth filter whose squared gain is applied
 EDGE_S = 0.3  # s at either end that hold the filter's own ends
 STEP_SPEED = 0.03  # of a joint's top speed, over which Coulomb friction changes its sign
+DROP_SPEED = 0.1  # of a joint's top speed, over which static friction drops to Coulomb's
 LEAST_S = 1.0  # s of a stretch that is looked at
+STAND_S = 0.5  # s for which a joint that stays below STEP_SPEED stands
+KNOT_S, MOST_KNOTS = 1.0, 60.0  # s between the knots of what it takes then, or more, so that they stay few
 APART_S = 1e4  # s between logs: noise has no memory from one to the next
 DELAYS = (-0.1, -0.06, -0.04, -0.02, 0.0, 0.02, 0.04, 0.06, 0.1, 0.15)  # s by which commands may be late
 AS_LOGGED = DELAYS.index(0.0)
@@ -41,6 +46,8 @@ class FilteredRows:
         q, qd, qdd: (n, k) rad or m and their rates, through the filters.
         friction: (n, k) a smooth sign of the velocity, through the filter.
         command: (n, k, d) at each of DELAYS, and then with the commands of each group of logs negated.
+        drop: (n, k) its part at low speeds: static friction beyond Coulomb's (Stribeck).
+        stands: by joint, (n, m) hat functions of time where it stands: static friction holds any command.
         torque, static: (n, k) what the model file says of the commands, whole and at rest; None without one.
         groups: the logs whose commands are negated in each variant after the delays.
         parts, units: of the positions.
@@ -52,6 +59,8 @@ class FilteredRows:
     qd: Array
     qdd: Array
     friction: Array
+    drop: Array
+    stands: tuple[Array, ...]
     command: Array
     torque: Array | None
     static: Array | None
@@ -83,11 +92,14 @@ def rows_of(
     pieces = [(i, log.take(piece)) for i, log in enumerate(logs) for piece in _stretches(log)]
     if not pieces:
         return None
-    rate = min(MOST_RATE, MOST_ROWS / sum(float(np.ptp(log.t)) for _, log in pieces))
-    found = []
+    seconds = sum(float(np.ptp(log.t)) for _, log in pieces)
+    rate, apart = min(MOST_RATE, MOST_ROWS / seconds), max(KNOT_S, seconds / MOST_KNOTS)
+    found, stands = [], []
     for i, log in pieces:
         delays = DELAYS if late is None or i in late else (0.0,) * len(DELAYS)
-        found.append(_filtered(log, path, body, rate, delays))
+        own, still = _filtered(log, path, body, rate, delays, apart)
+        found.append(own)
+        stands.append(still)
     which = np.concatenate([np.full(len(one["t"]), i) for (i, _), one in zip(pieces, found, strict=True)])
     whole = {name: np.concatenate([one[name] for one in found]) for name in found[0]}
     return FilteredRows(
@@ -97,6 +109,8 @@ def rows_of(
         qd=whole["qd"],
         qdd=whole["qdd"],
         friction=whole["friction"],
+        drop=whole["drop"],
+        stands=tuple(block_diag(*own) for own in zip(*stands, strict=True)),
         command=_with_groups(whole["command"], which, groups),
         torque=whole.get("torque"),
         static=whole.get("static"),
@@ -119,9 +133,9 @@ def _with_groups(command: Array, which: Index, groups: Sequence[tuple[int, ...]]
 
 
 def _filtered(
-    log: Log, path: Channel, body: Mean | None, rate: float, delays: Sequence[float]
-) -> dict[str, Array]:
-    """Rows of one stretch by name, `rate` a second, without the ends of the filter."""
+    log: Log, path: Channel, body: Mean | None, rate: float, delays: Sequence[float], apart: float
+) -> tuple[dict[str, Array], list[Array]]:
+    """Rows of one stretch by name, `rate` a second, without the ends of the filter; and of `stands`."""
     fine = min(FILTER_RATE, median_rate(log.t))
     grid = uniform_grid(log.t, fine)
     grid = grid[: quick_length(len(grid))]
@@ -132,7 +146,10 @@ def _filtered(
     q, qd, qdd = moved.value[thin], moved.first[thin], moved.second[thin]
     t = grid[thin]
     top = np.abs(qd).max(axis=0) + np.finfo(float).tiny
-    parts = {"qd": qd, "qdd": qdd, "friction": np.tanh(qd / (STEP_SPEED * top))}
+    still = _stands(t, qd, STEP_SPEED * top)
+    friction = np.where(still, 0.0, np.tanh(qd / (STEP_SPEED * top)))
+    drop = friction * np.exp(-np.abs(qd) / (DROP_SPEED * top))
+    parts = {"qd": qd, "qdd": qdd, "friction": friction, "drop": drop}
     if body is not None:
         states = states_of(t, path, q, qd, qdd)
         parts |= {"torque": body.predict(states), "static": body.static(states)}
@@ -140,7 +157,30 @@ def _filtered(
     keep = _kept(t, rate)
     rows = {name: smooth(t, values, cutoff, ORDER).value[keep] for name, values in parts.items()}
     late = [resample(grid, asked, t[keep] + delay) for delay in delays]
-    return rows | {"t": t[keep], "q": q[keep], "command": np.stack(late, axis=2)}
+    rows |= {"t": t[keep], "q": q[keep], "command": np.stack(late, axis=2)}
+    hats = (_hats(t, own, apart) for own in still.T)
+    return rows, [smooth(t, own, cutoff, ORDER).value[keep] if own.size else own[keep] for own in hats]
+
+
+def _stands(t: Array, qd: Array, slow: Array) -> Mask:
+    """(n, k) where joints stay below the speeds `slow` (k,)."""
+    width = max(1, round(STAND_S * (len(t) - 1) / float(t[-1] - t[0])))
+    found = np.asarray(np.abs(uniform_filter1d(qd, width, axis=0)) < slow)
+    for column in found.T:
+        for a, b in runs(column):
+            column[a:b] = b - a >= width
+    return found
+
+
+def _hats(t: Array, still: Mask, apart: float) -> Array:
+    """(n, m) hat functions over each stand, with knots `apart` s from each other, or less."""
+    found = [np.zeros((len(t), 0))]
+    for a, b in runs(still):
+        knots = np.linspace(t[a], t[b - 1], 2 + int((t[b - 1] - t[a]) / apart))
+        hats = np.zeros((len(t), len(knots)))
+        hats[a:b] = np.column_stack([np.interp(t[a:b], knots, one) for one in np.eye(len(knots))])
+        found.append(hats)
+    return np.hstack(found)
 
 
 def _kept(t: Array, rate: float) -> slice:

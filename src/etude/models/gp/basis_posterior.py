@@ -37,6 +37,11 @@ class BasisPosterior:
     weights: Array
     half: Array
 
+    @property
+    def packed(self) -> Array:
+        """(u (u + 1)/2,) the lower half of R, row by row: half of what a file would hold else."""
+        return self.half[np.tril_indices(len(self.half))]
+
     def factors(self, X: Array) -> CovarianceFactors:
         """What covariances and gradients at X (T, D) share; keep it for inputs that stay."""
         X = self._inputs(X)
@@ -79,6 +84,13 @@ class BasisPosterior:
         if X.ndim != 2 or X.shape[1] != self.basis.shape[1]:
             raise UsageError(f"expected inputs of shape (T, {self.basis.shape[1]}), got {X.shape}")
         return X
+
+
+def unpacked(packed: Array, u: int) -> Array:
+    """R (u, u) of its `BasisPosterior.packed`."""
+    half = np.zeros((u, u), order="F")
+    half[np.tril_indices(u)] = packed
+    return half
 
 
 def lower_root(values: Array, vectors: Array) -> Array:

@@ -411,3 +411,53 @@ def test_robots_without_positions_are_not_judged() -> None:
     log = noisy().without("q").without("qd")
     assert told(Log(log.t, {}, {}, "made").put(COMMAND, np.abs(log["command"]))) == []
     assert (Q.name, QD.name) == ("q", "qd")
+
+
+def clipped(log: Log, part: float, joint: int = 1) -> tuple[Log, float]:
+    """The command of a joint cut at a part of its largest, and that level."""
+    u = log["command"].copy()
+    level = part * float(np.abs(u[:, joint]).max())
+    u[:, joint] = np.clip(u[:, joint], -level, level)
+    return changed(log, command=u), level
+
+
+@pytest.mark.parametrize("part", [0.5, 0.7, 0.85])
+def test_clipped_commands_are_named_with_their_level_and_cut(part: float) -> None:
+    log, level = clipped(noisy(), part)
+    finding = one(log)
+    assert (finding.check, finding.light, finding.flag) == ("clipped", "red", "clipped")
+    assert f"the commands of {NAMES[1]} stand at " in finding.sentence.lower()
+    assert f"{level:.4g}" in finding.sentence
+    left = repaired(log, finding)
+    assert told(left) == []
+    assert 0 < len(log) - len(left) < 0.7 * len(log)
+
+
+def test_at_the_limit_of_the_drive_nothing_is_clipped() -> None:
+    log, level = clipped(noisy(), 0.7)
+    limits = {**ONCE, "command": (np.full(3, -level), np.full(3, level))}
+    assert told(log, limits) == []
+    assert (
+        one(log, {**ONCE, "command": (np.full(3, -1.5 * level), np.full(3, 1.5 * level))}).check == "clipped"
+    )
+
+
+def test_a_coarse_command_that_stands_everywhere_is_not_clipped() -> None:
+    log = noisy()
+    u = log["command"]
+    steps = np.round(u / (0.05 * np.abs(u).max(axis=0))) * 0.05 * np.abs(u).max(axis=0)
+    assert told(changed(log, command=steps)) == []
+
+
+def test_a_joint_that_stands_may_hold_its_largest_command() -> None:
+    log = noisy()
+    q, u = log["q"].copy(), log["command"].copy()
+    q[1000:1600] = q[1000]
+    u[1000:1600] = 1.1 * np.abs(u).max(axis=0)
+    assert not any(f.check == "clipped" for f in told(changed(log.without("qd"), q=q, command=u)))
+
+
+def test_a_drive_that_only_pushes_and_then_does_nothing_is_not_clipped() -> None:
+    log = noisy()
+    pushes = np.maximum(log["command"], 0.0)
+    assert not any(f.check == "clipped" for f in told(changed(log, command=pushes)))

@@ -10,13 +10,11 @@ import pytest
 from made_motion import CHANNELS, COMMAND, GRAVITY, LIMITS, QD, RATE, Q, command_of, moved
 
 from etude.errors import UsageError
-from etude.logs import judge_motion
+from etude.logs import finding_of, judge, judge_motion
 from etude.logs.checks import velocities as rates
 from etude.logs.checks.command_units import scale_finding
 from etude.logs.checks.command_units import slopes as slopes_of
 from etude.logs.checks.plausibility import REPAIRS, commanded, judge_unit, repaired
-from etude.logs.evidence.decisions import judge
-from etude.logs.evidence.findings import finding_of
 from etude.types import Array, Finding, Log
 
 

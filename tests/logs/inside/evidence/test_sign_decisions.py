@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 from made_motion import COMMAND, GRAVITY, NAMES, RATE, Q, command_of, moved
 
+from etude.logs import Decision, finding_of, judge
 from etude.logs.checks.plausibility import repaired
-from etude.logs.evidence.decisions import AS_IS, EACH, Decision, judge, signs_of
-from etude.logs.evidence.findings import finding_of, green
+from etude.logs.evidence.decisions import AS_IS, EACH, signs_of
+from etude.logs.evidence.findings import green
 from etude.types import Array, Log
 
 SIGNS = np.array([1.0, -1.0, 1.0])
@@ -113,6 +114,34 @@ def test_reversed_rows_look_like_inverted_signs_without_velocities() -> None:
     found = decided(reversed_rows(moved()).without("qd"))
     assert (found.level, found.check, found.why) == ("ask", "sign", "time")
     assert "backwards" in finding_of(found, NAMES, ["a.csv"]).sentence
+
+
+def test_some_signs_in_reversed_rows_look_like_the_others_inverted() -> None:
+    light = with_command(moved(), moved()["command"] - np.array([3.0, 3.0, 6.0]) * qdd_of(moved()))
+    found = decided(inverted(reversed_rows(light), SIGNS).without("qd"))
+    assert (found.level, found.check, found.why) == ("ask", "sign", "time")
+    said = finding_of(found, NAMES, ["a.csv"])
+    assert "--repair" not in said.step
+    assert "velocities" in said.step
+
+
+def qdd_of(log: Log) -> Array:
+    return np.gradient(log["qd"], log.t, axis=0)
+
+
+def test_signs_that_are_as_likely_name_those_in_common_and_repair_nothing() -> None:
+    """One joint with friction and reversals beside two whose force a place explains as well."""
+    log = moved()
+    q = log["q"]
+    command = log["command"].copy()
+    command[:, 1:] = np.sin(q[:, 1:])
+    found = decided(with_command(log, -command))
+    assert (found.level, found.check, found.by) == ("ask", "sign", (-1.0, 1.0, 1.0))
+    assert found.odds > 100.0 > found.ahead
+    said = finding_of(found, NAMES, ["a.csv"])
+    assert "of hip is very probably inverted" in said.sentence
+    assert "--repair" not in said.step
+    assert "a log with more reversals of knee and toe" in said.step
 
 
 class Body:

@@ -1,11 +1,14 @@
 """The evidence of a command's sign: exact orthants, and figures of real logs.
 
-The figures were made by another implementation, whose filter is digital and of finite differences; that of
-`logs.evidence.rows` has the same gain in the frequency domain, so they agree to a few parts in a hundred.
+The figures under `plain` were made by another implementation, without stands and Stribeck's friction. Its
+filter is digital and of finite differences; that of `logs.evidence.rows` has the same gain in the frequency
+domain, so they agree to a few parts in a hundred.
 """
 
 from __future__ import annotations
 
+import itertools
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -17,8 +20,9 @@ from scipy.stats import multivariate_normal
 import etude
 from etude.logs.evidence.likelihood import ColumnEvidence, evidence_of, least, log_orthant
 from etude.logs.evidence.rows import AS_LOGGED, DELAYS, FilteredRows, rows_of
-from etude.types import Array, Log
+from etude.types import Array, Channel, Log
 
+RATE = 100.0
 EXAMPLES = Path(__file__).parents[4] / "examples"
 
 
@@ -27,11 +31,23 @@ def example(name: str) -> Log:
     return etude.read_log(EXAMPLES / name / f"{name}_exciting.csv", EXAMPLES / name / f"{name}.toml")
 
 
-@cache
 def rows(name: str) -> FilteredRows:
-    found = rows_of([example(name)], example(name).channels["q"])
+    return rows_with(example(name))
+
+
+def rows_with(log: Log) -> FilteredRows:
+    found = rows_of([log], log.channels["q"])
     assert found is not None
     return found
+
+
+@pytest.fixture
+def plain(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Viscous and Coulomb friction alone, which also holds while a joint stands."""
+    monkeypatch.setattr(
+        "etude.logs.evidence.rows._stands", lambda t, qd, slow: np.zeros(qd.shape, dtype=bool)
+    )
+    monkeypatch.setattr("etude.logs.evidence.likelihood.TERMS", ((0, 1, 2), (0,)))
 
 
 def own_columns(rows: FilteredRows, variants: int = 1) -> ColumnEvidence:
@@ -62,6 +78,7 @@ def test_an_orthant_far_away_is_finite() -> None:
     assert np.isfinite(log_orthant(mean, np.stack([np.eye(3), 0.5 * np.eye(3) + 0.4]))).all()
 
 
+@pytest.mark.usefixtures("plain")
 def test_the_evidence_of_one_joint() -> None:
     """TX40, joint 1: unrestricted, right, inverted and reversed in time."""
     found = own_columns(rows("tx40")).take(np.array([0]))
@@ -75,6 +92,7 @@ def test_the_evidence_of_one_joint() -> None:
     assert back == pytest.approx(-976.6, rel=0.01)
 
 
+@pytest.mark.usefixtures("plain")
 @pytest.mark.parametrize(
     ("name", "odds"),
     [
@@ -88,18 +106,81 @@ def test_log_odds_of_signs(name: str, odds: list[float]) -> None:
     np.testing.assert_allclose(right - inverted, odds, rtol=0.03, atol=3.0)
 
 
+@pytest.mark.parametrize(
+    ("name", "right"), [("ur10", [1] * 6), ("tx40", [1] * 6), ("tiago", [1, 1, 1, -1, -1])]
+)
+def test_the_signs_of_real_logs(name: str, right: list[int]) -> None:
+    """Two currents of the TIAGo are very probably inverted."""
+    odds = np.subtract(*own_columns(rows(name)).signs())
+    assert (odds * right > 6.0).all()
+
+
+def stuck(seconds: float = 40.0) -> Log:
+    """A joint that stands for 4 s at each end of its way, where feedback winds up to the other sign."""
+    t = np.arange(int(seconds * RATE)) / RATE
+    phase = (t % 10.0) / 10.0
+    speed = np.where(phase < 0.1, np.sin(10.0 * np.pi * phase), 0.0)
+    speed = speed - np.where((phase >= 0.5) & (phase < 0.6), np.sin(10.0 * np.pi * (phase - 0.5)), 0.0)
+    wind = np.interp(phase, [0.0, 0.1, 0.5, 0.6, 1.0], [1.0, 1.0, -1.0, -1.0, 1.0])
+    q, qd = np.cumsum(speed)[:, None] / RATE, speed[:, None]
+    noise = 0.02 * np.random.default_rng(0).standard_normal(len(t))
+    command = np.where(np.abs(speed) > 0.02, np.sign(speed) + 0.2 * speed, wind) + noise
+    channels = [
+        Channel("q", ("hip",), ("rad",)),
+        Channel("command", ("hip",), ("N m",), "command", acts_on="q"),
+    ]
+    log = (
+        Log(t, {}, {}, "made").put(channels[0], q).put(replace(channels[1], required=True), command[:, None])
+    )
+    assert np.abs(qd).max() == pytest.approx(1.0, abs=0.01)
+    return log
+
+
+def test_a_joint_that_stands_may_hold_any_command() -> None:
+    (found,) = rows_with(stuck()).stands
+    assert found.shape[1] > 20
+    moved = np.abs(rows_with(stuck()).qd[:, 0]) > 0.2
+    assert np.abs(found[moved]).max() < 0.5  # the ends pass the filter
+    log = stuck()
+    for sign in (1.0, -1.0):
+        (right,), (inverted,) = own_columns(
+            rows_with(log.put(log.channels["command"], sign * log["command"]))
+        ).signs()
+        assert sign * (right - inverted) > 20.0
+
+
+def breaking_away(static: float) -> Log:
+    """Two joints whose static friction is so much above Coulomb's."""
+    t = np.arange(4000) / RATE
+    q, qd = np.zeros((2, len(t), 2))
+    for k, (j, size) in itertools.product((1, 2, 3), enumerate((0.5, 0.8))):
+        angle = k * np.pi * t / 5.0 + j + k
+        q[:, j] += size / k * np.sin(angle)
+        qd[:, j] += size * np.pi / 5.0 * np.cos(angle)
+    command = np.tanh(qd / 0.01) * (1.0 + static * np.exp(-np.abs(qd) / 0.2))
+    path = Channel("q", ("hip", "knee"), ("rad", "rad"))
+    log = Log(t, {}, {}, "made").put(path, q)
+    return log.put(Channel("command", path.parts, ("N m",) * 2, "command", acts_on="q"), command)
+
+
+@pytest.mark.parametrize("static", [0.0, 0.5, 1.5])
+def test_static_friction_above_coulombs_is_no_inverted_sign(static: float) -> None:
+    """It leaves a viscous term below zero, which neither sign would explain."""
+    found = own_columns(rows_with(breaking_away(static)))
+    assert not found.strange().any()
+    assert (np.subtract(*found.signs()) > 10.0).all()
+
+
 def test_an_inverted_command_has_the_opposite_odds() -> None:
     log = example("tx40")
-    turned = rows_of([log.put(log.channels["command"], -log["command"])], log.channels["q"])
-    assert turned is not None
+    turned = rows_with(log.put(log.channels["command"], -log["command"]))
     for own, other in zip(own_columns(turned).signs(), own_columns(rows("tx40")).signs()[::-1], strict=True):
         np.testing.assert_allclose(own, other, atol=1e-6)
 
 
 def test_no_unit_matters() -> None:
     log = example("tx40")
-    times = rows_of([log.put(log.channels["command"], 1e-3 * log["command"])], log.channels["q"])
-    assert times is not None
+    times = rows_with(log.put(log.channels["command"], 1e-3 * log["command"]))
     np.testing.assert_allclose(own_columns(times).right, own_columns(rows("tx40")).right, atol=1e-6)
 
 
