@@ -38,7 +38,7 @@ BASELINES = 0.15
 
 RUN_STREAM, TEST_STREAM = 3, 4
 """Separate the random numbers of simulated runs and of the tests from those of `ask` and of training."""
-CERTAIN = ("sign",)
+CERTAIN = ("sign", "delay")
 """Questions whose answer is known of a simulated robot. Joints that drag each other along exchange power, so
 that one of many may take more out of the motion than its friction puts in."""
 ASKING = 0.3

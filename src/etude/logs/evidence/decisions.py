@@ -323,19 +323,23 @@ def _at_edge(judged: _Judged) -> bool:
     return int(_delays(judged).argmax()) in (0, len(DELAYS) - 1)
 
 
-FAR, FARTHEST = (0.25, 0.45), 0.55  # s about which longer delays are looked for, either way, and the longest
+FAR, FARTHEST = (0.25, 0.45), 0.55  # s about which longer delays are looked for, and the longest
+# log odds from which a long delay is asked about: right logs of a simulated arm that sticks had 74
+FAR_ODDS = 150.0
 MOST_KNOWN = 0.5  # of the joints, at least, whose signs are told with such a delay
 
 
 def _far(
     judged: _Judged, shifted: Callable[[float], _Judged | None], fresh: Sequence[int]
 ) -> Decision | None:
-    """The same beyond the delays of the rows: first coarsely, then about the best of them. None at an end of
-    what is tried, and where signs are not right then: of a periodic motion many delays fit somehow.
+    """Commands that are late beyond the delays of the rows: first coarsely, then about the best of them. None
+    at an end of what is tried, and where signs are not right then: of a periodic motion many delays fit
+    somehow. So this is a question, and never mended unasked.
     """
-    way = float(np.sign(DELAYS[int(_delays(judged).argmax())]))
+    if DELAYS[int(_delays(judged).argmax())] < 0.0:  # no recorder writes commands so long before
+        return None
     best, own, at = 0.0, judged, AS_LOGGED
-    for centres in ([way * far for far in FAR], None):
+    for centres in (FAR, None):
         tried = [(by, moved) for by in centres or [best] if (moved := shifted(by)) is not None]
         if not tried:
             return None
@@ -347,9 +351,9 @@ def _far(
     right, inverted = own.variant(at).signs()
     known = np.abs(right - inverted) >= LIKELY
     clear = known.mean() >= MOST_KNOWN and (right > inverted)[known].all()
-    if odds < SHIFT or not clear or abs(best) >= FARTHEST:
+    if odds < FAR_ODDS or not clear or abs(best) >= FARTHEST:
         return None
-    return judged.decision("note", check=DELAY, logs=tuple(fresh), by=(round(best, 3),), odds=odds)
+    return judged.decision("ask", check=DELAY, logs=tuple(fresh), by=(round(best, 3),), odds=odds)
 
 
 def _shifted(log: Log, late: float) -> Log:

@@ -61,7 +61,7 @@ def green(decision: Decision, parts: Sequence[str]) -> list[Finding]:
     delay = Finding(DELAY, "green", step)
     if decision.why == "late":
         fact = (
-            "How far the commands are before or behind the motion cannot be told: it may be more than 0.6 s."
+            "How far the commands are before or behind the motion cannot be told: it may be more than 0.1 s."
         )
         delay = Finding(DELAY, "cannot tell", fact, "Record commands and motion with one clock.")
     order = Finding(SWAPPED, "green", "No other order of the commands fits better.")
@@ -180,7 +180,10 @@ def _delay(decision: Decision, where: str) -> Finding:
     late = decision.by[0]
     way = "behind" if late > 0.0 else "ahead of"
     fact = f"The commands are {1e3 * abs(late):.0f} ms {way} the motion{where} ({_odds(decision)})."
-    return Mendable(DELAY, "yellow", fact, "They are shifted by that when the log is told.", by=decision.by)
+    if decision.level == "note":
+        return Mendable(DELAY, "yellow", fact, "They are shifted by that when the log is told.", by=decision.by)
+    step = both(DELAY, "shift them by that")
+    return Mendable(DELAY, "yellow", fact, step, flag=DELAY, by=decision.by)
 
 
 def _gravity(decision: Decision) -> Finding:
