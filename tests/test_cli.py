@@ -113,7 +113,7 @@ def test_the_same_words_for_people(lab: Path, capsys: pytest.CaptureFixture[str]
 @pytest.mark.parametrize(
     ("arguments", "code", "fact"),
     [
-        (["dance"], 2, "Unrecognized options: dance"),
+        (["dance"], 2, "there is no command 'dance'"),
         (["ask"], 2, "Missing from etude ask: FOLDER"),
         (["ask", "LAB", "--speed", "30"], 2, "invalid choice '30' for argument '--speed'"),
         (["ask", "LAB", "--colour"], 2, "Unrecognized options: --colour"),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import difflib
 import functools
 import importlib
 import inspect
@@ -63,7 +64,7 @@ SAYS_NOTHING = ("", "None", "False", "''", "()")
 """Defaults that are not worth a reader's time: the option is simply not given."""
 FRAME = re.compile(r"^[│|]|[│|]$|─{3,}|-{10,}")
 """What is drawn of a box about a text."""
-HINTS = "Perhaps you meant: ", "Available subcommands: "
+HINTS = "Perhaps you meant: ", "Arguments are applied to "
 """With what tyro goes on where it knows what to do next."""
 ESCAPE = re.compile(r"\x1b\[[0-9;]*m")
 USAGE = re.compile(r"^(\S*usage:[^\n]* etude \[-h\] )\{[\w,-]+\}")
@@ -163,6 +164,10 @@ def command(arguments: Sequence[str]) -> Command:
     Of a command that stands first only its own module is loaded.
     """
     first = arguments[0] if arguments else ""
+    if first and first not in COMMANDS and not first.startswith("-"):
+        near = difflib.get_close_matches(first, COMMANDS, 1)
+        hint = f"Did you mean {near[0]}? " if near else ""
+        raise UsageError(f"there is no command {first!r}", next_step=f"{hint}etude --help lists all.")
     known = [first] if first in COMMANDS else list(COMMANDS)
     classes = {name: class_of(name) for name in known}
     of_one = len(known) == 1
@@ -191,7 +196,9 @@ def command(arguments: Sequence[str]) -> Command:
 
 def _refused(box: str, prog: str) -> UsageError:
     """What tyro says in a box is wrong with the arguments, as other errors are said."""
-    rows = [FRAME.sub("", ESCAPE.sub("", row)).strip() for row in box.splitlines() if row[:1] not in "╭╰+"]
+    # its title comes first; its frame is drawn only where the encoding has one
+    drawn = [ESCAPE.sub("", row) for row in box.strip("\n").splitlines()[1:]]
+    rows = [FRAME.sub("", row.strip()).strip() for row in drawn if row[:1] != "╰"]
     words = [row for row in rows if row and "helptext" not in row and not row.endswith("--help")]
     fact, mark, hint = next(
         (found for mark in HINTS if (found := " ".join(words).partition(mark))[1]), (" ".join(words), "", "")

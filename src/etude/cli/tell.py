@@ -54,8 +54,7 @@ class Tell(Common):
     or of what was learned; if not given what it was asked for. Each has its own margins of tracking."""
 
     def run(self, say: Say) -> Outcome:
-        from etude.campaign.ingest.tell import IngestedFile as FileOfTell
-        from etude.campaign.ingest.tell import tell, tell_many
+        from etude.campaign.ingest.tell import IngestedFile, tell, tell_many
         from etude.errors import UsageError
 
         if not self.logs and not self.changed:
@@ -77,7 +76,7 @@ class Tell(Common):
             told = tell(campaign, self.logs[0], number=self.number, **options)
             return Outcome(
                 "\n".join([*_lines(told), following]),
-                {**_data(told), "files": [_file(FileOfTell(self.logs[0], told))]},
+                {**_data(told), "files": [_file(IngestedFile(self.logs[0], told))]},
                 code_of(changed=told.awaits_answer),
             )
         if self.number is not None:

@@ -458,7 +458,8 @@ def event_from_json(text: str) -> Event:
     missing = {"time", "number", "config_sha256", "files"} - rest.keys()
     if missing:
         raise ValueError(f"without {missing}")
-    datetime.fromisoformat(rest["time"])
+    if rest["time"]:
+        datetime.fromisoformat(rest["time"])
     return Event(_decoded(kind, words), **rest)
 
 
