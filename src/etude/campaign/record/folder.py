@@ -227,7 +227,7 @@ def open_campaign(path: Path) -> Campaign:
             where=str(path / CONFIG),
             next_step="Run etude init again.",
         )
-    if created.kind != found.kind.name:
+    if created.kind not in ("", found.kind.name):
         raise UsageError(
             f"this campaign is of the kind {created.kind!r}, and campaign.toml says {found.kind.name!r}",
             where=f"{path / CONFIG} kind",
