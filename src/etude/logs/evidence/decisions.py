@@ -143,7 +143,8 @@ def judge(
         if alone is not None and order is not None and order.odds >= ORDER:
             exchanged = _exchanged(alone, new, path, body, order)
         turned = _signs(judged, fresh, order, -np.inf if timed or alone is None else _backwards(alone))
-        yield exchanged if len(new) == 1 else None
+        # one that is not certain may be a delay
+        yield exchanged if len(new) == 1 and exchanged is not None and exchanged.level == "certain" else None
         yield turned if turned is not None and len(turned.logs) < len(logs) else None
         late = _late(judged, fresh)
         yield late if late is not None or not _at_edge(judged) else _far(judged, shifted, fresh)
