@@ -14,8 +14,9 @@ from etude.errors import DataError, UsageError
 
 VESSEL = """
 class KIND:
-    name = "a vessel"
-    path = tables = presets = recognises = described = spec = None
+    name, path = "a vessel", "p"
+    tables, presets = {"trajectory": dict, "data": dict}, {"default": {}, "thesis": {}}
+    recognises = described = spec = lambda path: None
 """
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Annotated, Any, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -289,7 +289,7 @@ class SupportsFigure(Protocol):
 class SupportsPoses(Protocol):
     """`Kind` whose robots may stand where no motion goes: poses (k,) by name, from which its ways lead."""
 
-    def poses(self, spec: Any) -> Mapping[str, Array]: ...
+    def poses(self, spec: Any) -> Mapping[str, Annotated[Array, "(k,)"]]: ...
 
 
 @runtime_checkable
@@ -314,7 +314,7 @@ class SupportsReachable(Protocol):
 class SupportsLargestError(Protocol):
     """`Kind` that knows its robots' feedback: largest position errors (k,) that it allows, NaN: unknown."""
 
-    def largest_error(self, spec: Any) -> Array: ...
+    def largest_error(self, spec: Any) -> Annotated[Array, "(k,)", "NaN"]: ...
 
 
 @runtime_checkable

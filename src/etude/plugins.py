@@ -120,7 +120,7 @@ class Shape:
         words: for people. arguments: names of what it is called with; None of what is not called.
         attributes: that it has.
         keywords: whether it may need more by name, which its table in a file gives.
-        part: its name in `abilities.ABILITIES`, "" where it has none.
+        part: the protocol that what it gives is held against, in `protocols` with `abilities`; "": none.
     """
 
     words: str
@@ -142,7 +142,7 @@ SHAPES: Mapping[str, Shape] = {
     "etude.forms": Shape("a form of stored posteriors or kernels", None, ("arrays", "words", "make")),
     "etude.limits": Shape("a limit's factory", ("spec", "model", "margins"), keywords=True),
     "etude.criteria": Shape("a criterion", ("output", "batch", "gain")),
-    "etude.readers": Shape("a reader of logs", ("path", "topics"), ("recognises",)),
+    "etude.readers": Shape("a reader of logs", ("path", "topics"), ("recognises",), part="Reader"),
     "etude.exporters": Shape("an exporter", ("trajectory", "kind", "spec"), ("back",), part="Exporter"),
     "etude.adaptations": Shape("a way to go on learning", ("method",)),
     "etude.targets": Shape("a target of models", ("model", "kind", "spec", "options")),
@@ -260,7 +260,16 @@ def _of_group(group: str, name: str, found: Any) -> Any:
             next_step="docs/plugins.md says what a plug-in of this group is; etude plugins lists them.",
         )
     require_whole(found, shape.part, f"{group} {name}")
-    return found
+    return _guarded(found, shape.part, name) if shape.part else found
+
+
+def _guarded(found: Any, part: str, name: str) -> Any:
+    """What another package brings, so that a value of another type than the protocol's is named."""
+    from etude._runtime.plugin_values import guarded, is_own, sizes_of  # built-ins are loaded without it
+
+    if is_own(found):
+        return found
+    return guarded(found, part, name, sizes_of(found) if part == "Kind" else None)
 
 
 def _takes(found: Any, shape: Shape) -> bool:
@@ -275,6 +284,12 @@ def _takes(found: Any, shape: Shape) -> bool:
 
 def required(found: Any, protocol: type, where: str) -> Any:
     """The same, if it has all members of a protocol. UsageError names those that it lacks; where: of it."""
+    if found is None:
+        raise UsageError(
+            f"it returned nothing, where a {protocol.__name__} is wanted",
+            where=where,
+            next_step=f"Return what etude.protocols.{protocol.__name__} declares: is a return missing?",
+        )
     missing = [name for name in members(protocol) if not hasattr(found, name)]
     if missing:
         raise UsageError(
@@ -349,7 +364,8 @@ def _installed(group: str) -> tuple[Plugin, ...]:
     return tuple(found.values())
 
 
-_OWN = {target.partition(".")[0] for table in BUILT_IN.values() for target in table.values()}
+OWN = {target.partition(".")[0] for table in BUILT_IN.values() for target in table.values()}
+"""Packages that come with Étude."""
 _failures: dict[str, str] = {}
 _places: dict[str, str] = {}
 """Of plug-ins beside Étude that are in use: the module's file, or the folder of its package -> its target."""
@@ -390,7 +406,7 @@ def _imported(plugin: Plugin) -> Any:
 
 def _note_place(module: str, target: str) -> None:
     package = sys.modules[module.partition(".")[0]]
-    if package.__name__ in _OWN:
+    if package.__name__ in OWN:
         return
     folder = next(iter(getattr(package, "__path__", ())), None)
     place = folder or getattr(package, "__file__", None)

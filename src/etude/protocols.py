@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol, runtime_checkable
+from typing import Annotated, Any, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -273,11 +273,20 @@ class Robot(Protocol):
     def changed(self, **what: float) -> Robot: ...  # payload=0.2, friction=1.5; an error if it cannot
 
 
+class Description(Protocol):
+    """One robot, as its kind reads it from robot.toml: a frozen dataclass. rate: Hz of its logs."""
+
+    @property
+    def name(self) -> str: ...
+    @property
+    def rate(self) -> float: ...
+
+
 @runtime_checkable
 class Kind(Protocol):
     """The plug-in, entry point `etude.robots`: from a description (robot.toml) to everything above.
 
-    spec: the kind's frozen dataclass with `name` and `rate` (Hz of its logs). config: the campaign's tables;
+    config: the campaign's tables;
     `trajectory` (with `duration`, s) and `data` are the kind's dataclasses. path: the channel compared with
     the trajectory. home (k,): a pose inside every limit. limit (J,): how far each command reaches.
     samples: preprocessing, given all logs at once, by `etude.logs`.
@@ -289,17 +298,19 @@ class Kind(Protocol):
     @property
     def path(self) -> str: ...
     @property
-    def tables(self) -> Mapping[str, type]: ...  # dataclasses of [trajectory] and [data]
-    @property  # preset -> table -> key -> value over the defaults; "default" and "thesis" at least
-    def presets(self) -> Mapping[str, Mapping[str, Mapping[str, Any]]]: ...
+    def tables(
+        self,
+    ) -> Annotated[Mapping[str, type], "keys trajectory, data"]: ...  # dataclasses of [trajectory] and [data]
+    @property  # preset -> table -> key -> value over the defaults
+    def presets(self) -> Annotated[Mapping[str, Mapping[str, Mapping[str, Any]]], "keys default, thesis"]: ...
     @property  # table -> key -> comment in campaign.toml
     def comments(self) -> Mapping[str, Mapping[str, str]]: ...
     def built_in(self) -> Mapping[str, Path]: ...  # robots that come with it, by name
     def recognises(self, path: Path) -> bool: ...  # whether this .toml, .urdf, ... describes one
     def described(self, path: Path) -> Described: ...
-    def spec(self, path: Path) -> Any: ...
-    def home(self, spec: Any) -> Array: ...
-    def limit(self, spec: Any) -> Array: ...
+    def spec(self, path: Path) -> Annotated[Any, Description]: ...
+    def home(self, spec: Any) -> Annotated[Array, "(k,)"]: ...
+    def limit(self, spec: Any) -> Annotated[Array, "(J,)"]: ...
     def channels(self, spec: Any) -> Sequence[Channel]: ...
     def expected(self, spec: Any) -> Expected: ...
     def family(self, spec: Any, config: Any) -> Family: ...

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -334,7 +334,7 @@ class Thing:
 
     name: str
     kind: Literal["solid", "plane", "inside", "carried", "stand"]
-    points: Array
+    points: Annotated[Array, "(T, P, 3)", "NaN"]
     faces: tuple[tuple[int, ...], ...]
 
     @classmethod
@@ -360,8 +360,8 @@ class Figure:
     the points at its ends; things: what stands around it and what it carries.
     """
 
-    points: Array
-    sticks: Index
+    points: Annotated[Array, "(T, P, 3)", "NaN"]
+    sticks: Annotated[Index, "(S, 2)"]
     tips: tuple[int, ...]
     things: tuple[Thing, ...] = ()
 
@@ -373,9 +373,9 @@ class Reachable:
     home first; none where nothing has to be kept clear of.
     """
 
-    lower: Array
-    upper: Array
-    poses: Array
+    lower: Annotated[Array, "(k,)", "NaN"]
+    upper: Annotated[Array, "(k,)", "NaN"]
+    poses: Annotated[Array, "(n, k)"]
 
     @property
     def clear(self) -> tuple[Array, Array]:

@@ -22,6 +22,8 @@ from etude.types import Array, Code, Column, Index, Mask
 from etude_lagrangian.likelihood import JointHyperparameters
 from etude_lagrangian.prior import JointPrior
 
+FEW = 4
+"""One of so many instants says what deviations are at most."""
 BLOCK = 64
 """Inputs predicted at once: a few megabytes of covariances."""
 
@@ -107,16 +109,33 @@ class JointProcess:
 
     def predict(self, X: Array) -> tuple[Array, Array]:
         """Means and latent variances (T, J) at X (T, D)."""
+        return self.mean(X), self._variance(X, self.X, self.used, self.L_inverse)
+
+    def at_most(self, X: Array) -> tuple[Array, Array]:
+        """Means (T, J), and variances given a few of the instants: never below those of `predict`."""
+        return self.mean(X), self._variance(X, *self._few)
+
+    @cached_property
+    def _few(self) -> tuple[Array, Index, Array]:
+        """Every `FEW`th instant with an entry, the entries there, and their covariance's inverse factor."""
+        kept = np.flatnonzero(self.counts.any(axis=1))[::FEW]
+        X, used = np.ascontiguousarray(self.X[kept]), np.flatnonzero(self.counts[kept].T)
+        with threads_for(len(used)):
+            K = self.prior.gram(self.at.theta, X, used)
+            K[np.diag_indices(len(K))] += self.noise_variance[used // len(X)]
+            return X, used, triangular_inverse(factorise(K, 0.0)[0])
+
+    def _variance(self, X: Array, Z: Array, used: Index, L_inverse: Array) -> Array:
+        """(T, J) latent variances at X (T, D), given the entries `used` at instants Z (n, D)."""
         J, variance = len(self.commands), np.empty((len(X), len(self.commands)))
-        with threads_for(len(self.used)):
+        with threads_for(len(used)):
             prior = self.prior.diagonal(self.at.theta, X)
             for first in range(0, len(X), BLOCK):
                 here = slice(first, first + BLOCK)
-                K = self.prior.cross(self.at.theta, X[here], self.X, self.used)
-                V = K @ self.L_inverse.T
+                V = self.prior.cross(self.at.theta, X[here], Z, used) @ L_inverse.T
                 reduced = np.einsum("tu,tu->t", V, V).reshape(J, -1).T
                 variance[here] = np.maximum(prior[here] - reduced, 0.0)
-        return self.mean(X), variance
+        return variance
 
     def mean(self, X: Array) -> Array:
         """Means (T, J) alone: O(J²) for each pair of inputs."""

@@ -19,6 +19,7 @@ FIRST_FILE = 400
 """Lines of `protocols`: read in ten minutes."""
 FOREIGN = {
     "etude/plugins.py": "typing's mark of a protocol",
+    "etude/_runtime/plugin_values.py": "typing's mark of a protocol",
     "etude/design/criteria.py": "name and module of a criterion, which may be any callable",
     "etude/logs/readers/ros_messages.py": "messages of ROS, made from their definitions",
     "etude/logs/readers/log_file.py": "the operating system's word on an error",

@@ -88,10 +88,11 @@ def create_campaign(
     with writer_lock(path):
         _require_empty(path)
         _require_free(path, {**described.files, CONFIG: text})
-        files = _written(path, described)
-        with reading(description, trust=trust):
-            spec = kind.spec(path / ROBOT)
-        axes = next(c.parts for c in kind.channels(spec) if c.name == kind.path)
+        with _taken_back(path, described):
+            files = _written(path, described)
+            with reading(description, trust=trust):
+                spec = kind.spec(path / ROBOT)
+            axes = next(c.parts for c in kind.channels(spec) if c.name == kind.path)
         write_atomic(path / CONFIG, text)
         fact = Created(seed=seed, preset=preset_name, kind=kind.name, robot=spec.name, axes=tuple(axes))
         # campaign.toml is not listed: people may edit it, and its hash is in every event anyway
@@ -239,6 +240,18 @@ def _kinds() -> tuple[list[Kind], dict[str, str]]:
         except UsageError as error:
             broken[name] = error.fact
     return kinds, broken
+
+
+@contextlib.contextmanager
+def _taken_back(folder: Path, described: Described) -> Iterator[None]:
+    """Removes what was written within it if a plug-in fails, and the folder if it is empty then."""
+    new = [folder / name for name in described.files if not (folder / name).exists()]
+    try:
+        yield
+    except Exception:
+        for file in new:
+            file.unlink(missing_ok=True)
+        raise
 
 
 def _written(folder: Path, described: Described) -> list[Path]:

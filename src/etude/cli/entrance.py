@@ -177,18 +177,23 @@ def _guarded(given: list[str]) -> int:
         # the reader of our output went away (`etude status lab | head`); there is nobody left to tell
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
-    except OSError as error:  # a file or folder nobody foresaw: the machine's failing, whose words help more
+    except Exception as error:
+        return _foreseen_by_nobody(error, as_json)
+
+
+def _foreseen_by_nobody(error: Exception, as_json: bool) -> int:
+    """Says who failed: a plug-in, the machine, or Étude with its traceback. Returns the exit code."""
+    if (own := _plugin_error(error)) is not None:
+        return _report(as_json, "PluginError", *own, 2)
+    if isinstance(error, OSError):  # a file or folder: the machine's words help more
         where = "" if error.filename is None else str(error.filename)
         fact = f"the machine refused: {error.strerror or error}"
         return _report(as_json, "MachineError", fact, where, MACHINE, 1)
-    except Exception as error:
-        if isinstance(error, ImportError | AttributeError) and (clash := conflict()):
-            return _report(as_json, "MachineError", f"{error}: {clash}", "", OWN_ENVIRONMENT, 1)
-        traceback.print_exc()
-        if (own := _plugin_error(error)) is not None:
-            return _report(as_json, "PluginError", *own, 2)
-        fact = f"this is a bug in etude: {type(error).__name__}: {error}"
-        return _report(as_json, "Bug", fact, "", "Nothing committed was lost; please report it.", 1)
+    if isinstance(error, ImportError | AttributeError) and (clash := conflict()):
+        return _report(as_json, "MachineError", f"{error}: {clash}", "", OWN_ENVIRONMENT, 1)
+    traceback.print_exception(error)
+    fact = f"this is a bug in etude: {type(error).__name__}: {error}"
+    return _report(as_json, "Bug", fact, "", "Nothing committed was lost; please report it.", 1)
 
 
 def _plugin_error(error: BaseException) -> tuple[str, str, str] | None:
@@ -200,7 +205,8 @@ def _plugin_error(error: BaseException) -> tuple[str, str, str] | None:
         return None
     name, line = found
     step = "Repair the plug-in; a suite of etude.testing tells what it must do. Nothing committed was lost."
-    return f"the plug-in {name} raised {type(error).__name__}: {error}", line, step
+    said = " ".join(str(error).split())  # one sentence is one line
+    return f"the plug-in {name} raised {type(error).__name__}: {said}", line, step
 
 
 def _run(given: list[str]) -> int:
@@ -217,7 +223,9 @@ def _run(given: list[str]) -> int:
     command = command_of(given)
     if command.trust:
         _tell(f"Trusted from now on, by you: code that the files in {command.trust_files()} name.")
-    with progress_shown(silent=command.json):
+    # a plug-in may print: what a machine reads from stdout is one line of JSON
+    plain = contextlib.redirect_stdout(sys.stderr) if command.json else contextlib.nullcontext()
+    with plain, progress_shown(silent=command.json):
         outcome = command.run(_tell)
     line = fitted(outcome.text, sys.stdout)
     if command.json:

@@ -87,7 +87,8 @@ def _read(table: Mapping[str, Any], where: str) -> LimitTable:
 def _made(
     table: LimitTable, spec: Any, model: Model | None, margins: Margins, coordinates: tuple[str, ...]
 ) -> Limit:
-    from etude.limits.lipschitz import LipschitzLimit  # robot files are read without it
+    from etude._runtime.plugin_values import guarded  # robot files are read without these
+    from etude.limits.lipschitz import LipschitzLimit
 
     where, mend = f"[[limit]] {table.kind}", "Correct its table in robot.toml, or the plug-in."
     try:
@@ -98,4 +99,7 @@ def _made(
         fact = f"this limit cannot be made: {type(error).__name__}: {error}"
         raise UsageError(fact, where=where, next_step=mend) from error
     required: Limit = plugins.required(found, Limit, where)
-    return replace(required, coordinates=coordinates) if isinstance(required, LipschitzLimit) else required
+    if isinstance(required, LipschitzLimit):
+        required = replace(required, coordinates=coordinates)
+    guard: Limit = guarded(required, "Limit", table.kind)
+    return guard

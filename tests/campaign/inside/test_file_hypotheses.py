@@ -8,11 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from small_robot import random_motion
-from test_changed_load import ARM, TIMES, arm, saved
+from test_changed_load import ARM, TIMES, arm, saved, written
 
 from etude import tell
 from etude.campaign import Campaign, inspect
 from etude.campaign.ingest.questions import body_of
+from etude.campaign.ingest.tell import surveyed
 from etude.errors import DataError
 from etude.types import Array, Finding, Log
 
@@ -83,3 +84,31 @@ def test_commands_that_were_computed_are_said_and_taken(lab: Campaign, tmp_path:
     assert (finding.light, finding.flag) == ("yellow", "")
     assert "seem computed, not measured" in finding.sentence
     assert ARM.count("inertial") == 6  # the file has all masses, or nothing is told
+
+
+def test_logs_of_two_robots_told_together_contradict_each_other(lab: Campaign, tmp_path: Path) -> None:
+    """The third arm has other masses than the two before; by no load at its last link."""
+    logs = [log_of(tmp_path / f"{k}.csv", lab, seed=k) for k in (7, 8)]
+    other = log_of(tmp_path / "other.csv", lab, masses=np.array([1.0, 0.2, 2.5]), seed=9)
+    told = tell(lab, [*logs, other], foreign=True)
+    assert [file.ingested for file in told.files] == [None] * 3
+    assert "other.csv contradicts the other logs" in told.files[0].sentence
+    assert told.files[0].refused is not None
+    assert "--accept contradiction" in told.files[0].refused.next_step
+
+
+def test_a_load_in_one_of_two_logs_is_what_they_differ_by(lab: Campaign, tmp_path: Path) -> None:
+    plain = log_of(tmp_path / "plain.csv", lab, seed=7)
+    loaded = written(tmp_path / "loaded.csv", lab, random_motion(lab, 7), kg=1.5)
+    told = tell(lab, [loaded, plain], foreign=True)
+    said = told.files[0].sentence
+    assert "loaded.csv and plain.csv contradict each other" in said
+    assert float(said.split(" kg more")[0].split()[-1]) == pytest.approx(1.5, rel=0.1)
+    assert "in loaded.csv explains it" in said
+
+
+def test_logs_of_one_robot_do_not_contradict(lab: Campaign, tmp_path: Path) -> None:
+    logs = [log_of(tmp_path / f"{k}.csv", lab, masses=np.array([0.8, 1.2, 0.9]), seed=k) for k in (7, 8, 9)]
+    survey = surveyed(lab, logs, {"foreign": True})
+    assert survey is not None
+    assert [step for path in logs for step in survey.of(path)] == []

@@ -10,12 +10,12 @@ import pytest
 from small_robot import make_campaign, random_motion, stub_learner, write_log
 
 from etude import status, tell, untell
-from etude.campaign import Campaign, Round, State, newest_model, open_campaign, replay
+from etude.campaign import Campaign, Round, State, TrainingOutcome, newest_model, open_campaign, replay
 from etude.campaign.record import journal, stored_models
 from etude.campaign.record.events import Ingested
 from etude.campaign.training import MOST_LOGS, MOST_SECONDS, teaching
 from etude.codes import Warn
-from etude.errors import UsageError
+from etude.errors import DataError, UsageError
 
 CONFIG = """\
 [trajectory]
@@ -124,6 +124,10 @@ def counted_tell(campaign: Campaign, path: Path, monkeypatch: pytest.MonkeyPatch
     return len(read)
 
 
+def unlearned(campaign: Campaign, state: State, number: int) -> TrainingOutcome:
+    raise DataError("later")
+
+
 @pytest.mark.slow
 def test_a_thousand_logs_cost_a_tell_no_more_than_a_hundred(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -131,10 +135,11 @@ def test_a_thousand_logs_cost_a_tell_no_more_than_a_hundred(
     """Work is counted: logs that are read, logs that teach, lines of the journal that are read anew."""
     campaign = make_campaign(tmp_path, config=CONFIG.replace("duration = 8.0", "duration = 4.0"))
     read, taught = {}, {}
-    for first, last in ((1, 110), (111, 999)):
-        tell(campaign, logs_of(campaign, tmp_path, range(first, last)), learner=stub_learner)
-        (new,) = logs_of(campaign, tmp_path, [last])
-        read[last] = counted_tell(campaign, new, monkeypatch)
+    for first, last in ((1, 110), (112, 999)):
+        with pytest.raises(DataError, match="later"):
+            tell(campaign, logs_of(campaign, tmp_path, range(first, last)), learner=unlearned)
+        tell(campaign, logs_of(campaign, tmp_path, [last]))  # with all that wait
+        read[last] = counted_tell(campaign, *logs_of(campaign, tmp_path, [last + 1]), monkeypatch)
         newest = campaign.state().newest
         assert newest is not None
         taught[last] = len(newest.logs)

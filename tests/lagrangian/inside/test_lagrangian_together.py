@@ -267,6 +267,17 @@ def test_the_mean_is_that_of_the_covariances_and_of_single_points(learned) -> No
         point(new)
 
 
+def test_variances_of_few_instants_are_at_least_those_of_all(learned) -> None:
+    new = learned.X[::3] + 0.1
+    (mean, variance), (same, bound) = learned.predict(new), learned.at_most(new)
+    np.testing.assert_array_equal(same, mean)
+    assert (bound >= variance * (1.0 - 1e-9)).all()
+    assert (bound > 1.01 * variance).any()
+    few, used, _ = learned._few
+    assert len(few) <= -(-len(learned.X) // 4)
+    assert len(used) <= -(-len(learned.X) // 4) * len(PARTS)
+
+
 def test_designs_see_each_command_alone_with_the_shared_hyperparameters(learned) -> None:
     latents = learned.latents()
     assert [own for _, own in latents] == [(0,), (1,), (2,)]

@@ -117,7 +117,29 @@ class Survey:
 
     @cached_property
     def _steps(self) -> list[Step]:
-        return decided(list(self.logs.values()), self.told, self.answer, self.body)[0]
+        steps = decided(list(self.logs.values()), self.told, self.answer, self.body)[0]
+        odd = None if any(step.what == "open" for step in steps) else self._contradiction(steps)
+        if odd is None:
+            return steps
+        what: Literal["accept", "open"] = "accept" if self.answer(odd) == "accept" else "open"
+        return [*steps, Step(what, odd, frozenset(range(len(self.logs))))]
+
+    def _contradiction(self, steps: Sequence[Step]) -> Finding | None:
+        """Whether the logs, put right, are of one robot; by a model file of forces alone."""
+        logs = [self._put_right(i, log, steps) for i, log in enumerate(self.logs.values())]
+        path = joints(logs[0]) if len(logs) > 1 else None
+        if path is None or self.body is None:
+            return None
+        from etude.logs.evidence.file_hypotheses import contradiction
+
+        return contradiction(logs, path, self.body, [log.source for log in logs])
+
+    @staticmethod
+    def _put_right(number: int, log: Log, steps: Sequence[Step]) -> Log:
+        for step in steps:
+            if number in step.logs and step.what in ("note", "repair"):
+                log = repaired(log, step.finding)
+        return log
 
     def of(self, path: Path) -> list[Step]:
         """Of one of the files; of another one what all have."""

@@ -44,6 +44,7 @@ CHECKS = (
         "scale",
         "gravity",
         "zero",
+        "contradiction",
         "mounting",
     ),
     *("ground", "brake", "jump"),

@@ -273,10 +273,17 @@ def _last_start(campaign: Campaign, state: State, control: str) -> tuple[str, ..
 
 
 def ranges_of(campaign: Campaign) -> Ranges:
-    """Of the path and its rate, as the robot's description limits them."""
+    """Of the path and its rate, as the robot's description limits them. UsageError: home is outside."""
     limits, path = campaign.kind.expected(campaign.spec).limits, campaign.kind.path
     rate = next((c.name for c in campaign.channels if c.derivative_of == path), "")
-    home = campaign.kind.home(campaign.spec)
+    home = np.asarray(campaign.kind.home(campaign.spec))
+    lower, upper = limits[path]
+    if out := [name for name, own in zip(campaign.axes, (home < lower) | (home > upper), strict=True) if own]:
+        raise UsageError(
+            f"the home of the kind of robot {campaign.kind.name} is outside the limits of {', '.join(out)}",
+            where=campaign.spec.name,
+            next_step="Correct the limits in robot.toml, or the plug-in: no motion leads from there.",
+        )
     return Ranges.of(limits[path], limits.get(rate), home, campaign.channel(path).units)
 
 

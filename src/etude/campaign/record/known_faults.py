@@ -18,7 +18,7 @@ from etude.campaign.record.events import Asked, Event, Exported, Promoted, Train
 from etude.campaign.record.folder import Campaign
 from etude.campaign.record.state import State
 from etude.campaign.record.stored_files import EXPORTS, MARK
-from etude.errors import EtudeError, typed
+from etude.errors import EtudeError, UsageError, typed
 
 
 @dataclass(frozen=True)
@@ -84,6 +84,12 @@ def affected(campaign: Campaign, state: State) -> list[Affected]:
     """Everything of this campaign that is known to have a fault, motions first."""
     kind = campaign.kind
     of_robot = tuple(kind.mended(campaign.spec)) if isinstance(kind, SupportsKnownFaults) else ()
+    if unknown := [code for code in of_robot if code not in FAULTS]:
+        raise UsageError(
+            f"the kind of robot {kind.name} names a fault that nobody knows: {unknown[0]}",
+            where=f"{type(kind).__name__}.mended",
+            next_step=f"Correct the plug-in: known are {', '.join(FAULTS)}.",
+        )
     return [
         *_motions(campaign, state, of_robot),
         *_models(campaign, state, of_robot),

@@ -143,11 +143,10 @@ def judge(
         if alone is not None and order is not None and order.odds >= ORDER:
             exchanged = _exchanged(alone, new, path, body, order)
         turned = _signs(judged, fresh, order, -np.inf if timed or alone is None else _backwards(alone))
-        # one that is not certain may be a delay
-        yield exchanged if len(new) == 1 and exchanged is not None and exchanged.level == "certain" else None
+        yield _far(judged, shifted, fresh) if _at_edge(judged) else None  # it makes an order doubtful
+        yield exchanged if len(new) == 1 else None
         yield turned if turned is not None and len(turned.logs) < len(logs) else None
-        late = _late(judged, fresh)
-        yield late if late is not None or not _at_edge(judged) else _far(judged, shifted, fresh)
+        yield _late(judged, fresh)
         yield exchanged  # of several logs, one that is inverted looks like another order
         yield None if timed or alone is None else _reversed(alone)
         yield turned

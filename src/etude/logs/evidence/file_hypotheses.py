@@ -19,7 +19,7 @@ from etude.logs.checks.filtered_motion import states_of
 from etude.logs.checks.finding_texts import accepted
 from etude.logs.evidence.rows import AS_LOGGED, FilteredRows, rows_of
 from etude.protocols import Mean
-from etude.types import Array, Channel, Finding, Index, Log
+from etude.types import Array, Channel, Finding, Index, Log, Mask
 
 APART = 5.0  # rows that one independent row is worth
 FLOOR = 1e-3  # of a command's variance that no file explains
@@ -120,10 +120,31 @@ class FileFit:
         rows = self.rows
         y = rows.command[:, j, AS_LOGGED]
         X = np.column_stack([np.ones_like(y), torque, rows.qdd[:, j], rows.qd[:, j], rows.friction[:, j]])
-        size = np.linalg.norm(X, axis=0)
-        X = X[:, size > 0.0] / size[size > 0.0]
-        found = np.linalg.lstsq(X, y, rcond=None)[0]
-        return float(((y - X @ found) ** 2).mean() / y.var())
+        return _left(X, y) / (len(y) * float(y.var()))
+
+    def apart(self, some: Mask) -> Array:
+        """(m,) logarithm of what is left of each command over what is left if some rows (n,) have a model of
+        their own.
+        """
+        rows, found = self.rows, []
+        assert rows.torque is not None
+        for j in self.own.tolist():
+            y = rows.command[:, j, AS_LOGGED]
+            X = np.column_stack(
+                [np.ones_like(y), rows.torque[:, j], rows.qdd[:, j], rows.qd[:, j], rows.friction[:, j]]
+            )
+            floor = FLOOR * float(y.var()) * len(y)
+            both = _left(X[some], y[some]) + _left(X[~some], y[~some])
+            found.append(np.log((_left(X, y) + floor) / (both + floor)))
+        return np.array(found)
+
+    def loaded(self, some: Mask) -> tuple[float, Array]:
+        """kg at the last link in some rows (n,) that explain most, and what is left of each command (m,)."""
+        assert isinstance(self.body, SupportsVariations)
+        assert self.rows.torque is not None
+        columns = self.body.links(self.states)[:, :, -1, :1] * some[:, None, None]
+        left, found = self.shared(columns, self.rows.torque)
+        return float(found[0]), left
 
     def score(self, offset: Array) -> float:
         """Log likelihood, of independent rows."""
@@ -185,6 +206,43 @@ def zero_of(fit: FileFit) -> Zero | None:
     return Zero(i, offset, float(1.0 / np.sqrt(bend)) if bend > 0.0 else np.inf, odds)
 
 
+CONTRADICTS = "contradiction"
+TIMES = 3.0  # what logs leave together over what they leave apart, in half of the joints: right ones 1.1
+EXPLAINED = 0.5  # of the logarithms of that, by a load
+
+
+def contradiction(
+    logs: Sequence[Log], path: Channel, body: Mean | None, sources: Sequence[str]
+) -> Finding | None:
+    """The log that no model explains with the others, beside which each group is explained; None of none."""
+    fit = file_fit(logs, path, body)
+    if fit is None or len(logs) < 2:
+        return None
+    told = np.unique(fit.rows.log).tolist()
+    apart = {i: fit.apart(fit.rows.log == i) for i in told if len(told) > 1}
+    odd = max(apart, key=lambda i: float(np.median(apart[i])), default=-1)
+    if odd < 0 or np.median(apart[odd]) < np.log(TIMES):
+        return None
+    kg, left = fit.loaded(fit.rows.log == odd)
+    load = float(np.log((fit.left(np.zeros(len(path.parts))) + FLOOR) / (left + FLOOR)).sum())
+    why, two = "No sign, order, delay or load explains it", len(told) == 2
+    if load > EXPLAINED * float(apart[odd].sum()):
+        loaded = sum(told) - odd if two and kg < 0.0 else odd  # of two, that with the load
+        more = "less" if kg < 0.0 and not two else "more"
+        why = f"{abs(kg):.2g} kg {more} at the last link in {sources[loaded]} explains it"
+    ratio = float(np.exp(np.median(apart[odd])))
+    who = f"{sources[odd]} contradicts the other logs"
+    who = who if not two else f"{' and '.join(sources[i] for i in told)} contradict each other"
+    return Finding(
+        CONTRADICTS,
+        "yellow",
+        f"{who}: one model leaves {ratio:.2g} times as much of the commands as one for each. {why}.",
+        f"Tell the logs of one robot, with one load; another one is a campaign of its own. "
+        f"{accepted(CONTRADICTS).capitalize()}.",
+        flag=CONTRADICTS,
+    )
+
+
 EARTH, HELD = 9.81, 0.5  # m/s^2; part of it that commands hold in another direction
 LEFT = 0.5  # of what the file's gravity leaves
 
@@ -201,6 +259,13 @@ def weight_elsewhere(logs: Sequence[Log], path: Channel, body: Mean | None) -> b
     left, gravity = fit.shared(pulls, rest)
     before, _ = fit.shared((pulls @ fit.body.gravity)[:, :, None], rest)
     return bool(np.linalg.norm(gravity) > HELD * EARTH and left.sum() < LEFT * before.sum())
+
+
+def _left(X: Array, y: Array) -> float:
+    """Squares of y (n,) that columns X (n, p) leave."""
+    size = np.linalg.norm(X, axis=0)
+    X = X[:, size > 0.0] / size[size > 0.0]
+    return float(((y - X @ np.linalg.lstsq(X, y, rcond=None)[0]) ** 2).sum())
 
 
 def _slope(fit: FileFit, i: int) -> Array:
