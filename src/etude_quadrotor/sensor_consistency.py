@@ -125,6 +125,16 @@ def _attitudes(flight: Flight) -> Iterator[tuple[str, int, Array]]:
         yield "the quaternion's parts are x, y, z, w, under a header that says w, x, y, z", 1, turned
 
 
+SCALES = {
+    "": 1.0,
+    "the gyroscope is in degrees per second": 1.0 / DEGREES,
+    "the gyroscope is 57 times too small": DEGREES,
+    "the times are twice as long as they were": 0.5,
+    "the times are half as long as they were": 2.0,
+}
+"""What rates, or the clock, may be, and the factor that it takes."""
+
+
 def _turning(flight: Flight) -> Finding | None:
     """Rates against the turns of the attitude."""
     span = round(TURN_S / flight.step)
@@ -133,18 +143,14 @@ def _turning(flight: Flight) -> Finding | None:
     for words, changes, R in _attitudes(flight):
         turns = _vectors(R, span)
         size = float(np.mean(np.sum(turns**2, axis=1)))
-        for unit, factor in (
-            ("", 1.0),
-            ("degrees per second", 1.0 / DEGREES),
-            ("57 times too small", DEGREES),
-        ):
+        for unit, factor in SCALES.items():
             for axes, turn in _signed():
                 left = float(np.mean(np.sum((turns - factor * said @ turn.T) ** 2, axis=1)))
                 if not found and np.sqrt(left) < LEAST_TURN:  # as stated: no other reading is looked for
                     return Finding(RATES, "green", "The gyroscope matches the turns of the attitude.")
                 parts = [
                     words,
-                    f"the gyroscope is in {unit}" if unit else "",
+                    unit,
                     _axes("the gyroscope", axes, turn),
                 ]
                 count = changes + bool(unit) + _count(turn)

@@ -106,7 +106,7 @@ FAULTS = {
     "clipped": (lambda r: np.clip(r, -1.2, 100.0), "saturation", "yellow"),
     "late": (lambda r: np.column_stack([r[:-6, :1], r[:-6, 1:3], r[6:, 3:]]), "delay", "yellow"),
     "sign": (lambda r: r * [1, 1, 1, -1, 1], "sign", "red"),
-    "backwards": (lambda r: np.column_stack([r[:, 0], r[::-1, 1:]]), "direction", "red"),
+    "backwards": (lambda r: np.column_stack([r[:, 0], r[::-1, 1:]]), "direction", "yellow"),
     "swapped": (lambda r: r[:, [0, 1, 2, 4, 3]], "swapped", "red"),
     "one row": (lambda r: r[:1], "columns", "red"),
     "nothing but a header": (lambda r: r[:0], "columns", "red"),

@@ -21,7 +21,8 @@ HEADER = (
     "time,acc_x,acc_y,acc_z,gyro_x,gyro_y,gyro_z,motor_1,motor_2,motor_3,motor_4,"
     "pos_x,pos_y,pos_z,q_w,q_x,q_y,q_z"
 )
-FORCE, RATES, MOTORS, PLACE, TURN = slice(1, 4), slice(4, 7), slice(7, 11), slice(11, 14), slice(14, 18)
+TIME, FORCE, RATES, MOTORS = slice(0, 1), slice(1, 4), slice(4, 7), slice(7, 11)
+PLACE, TURN = slice(11, 14), slice(14, 18)
 FRD = np.array([1.0, -1.0, -1.0])
 
 
@@ -67,6 +68,8 @@ def _put(columns: slice, change: Callable[[Array], Array]) -> Callable[[Array], 
 
 WRONG: dict[str, tuple[Callable[[Array], None], str]] = {
     "degrees": (_put(RATES, np.degrees), "the gyroscope is in degrees per second"),
+    "clock x 2": (_put(TIME, lambda t: 2.0 * t), "the times are twice as long as they were"),
+    "clock / 2": (_put(TIME, lambda t: 0.5 * t), "the times are half as long as they were"),
     "xyzw": (_put(TURN, lambda q: q[:, [1, 2, 3, 0]]), "the quaternion's parts are x, y, z, w"),
     "inverse": (
         _put(TURN, lambda q: q * [1.0, -1.0, -1.0, -1.0]),

@@ -143,10 +143,10 @@ def judge(
         if alone is not None and order is not None and order.odds >= ORDER:
             exchanged = _exchanged(alone, new, path, body, order)
         turned = _signs(judged, fresh, order, -np.inf if timed or alone is None else _backwards(alone))
+        yield _far(judged, shifted, fresh) if _at_edge(judged) else None  # it makes an order doubtful
         yield exchanged if len(new) == 1 else None
         yield turned if turned is not None and len(turned.logs) < len(logs) else None
-        late = _late(judged, fresh)
-        yield late if late is not None or not _at_edge(judged) else _far(judged, shifted, fresh)
+        yield _late(judged, fresh)
         yield exchanged  # of several logs, one that is inverted looks like another order
         yield None if timed or alone is None else _reversed(alone)
         yield turned
@@ -566,10 +566,8 @@ def _weights(judged: _Judged, force: bool) -> Decision | None:
     down = judged.over(told & heavy & (weight.parts < 0.0) & (right - inverted < LIKELY), False)
     if down.any():
         by = tuple(np.where(down, -1.0, 1.0).tolist())
-        found = judged.decision("ask", check=SIGN, by=by, odds=SURE, why="weight")
-        # a mounting that is upside down turns all weights, and no friction
-        upright = (told & (weight.parts > 0.0)).any()
-        return found if upright else replace(found, ahead=0.0)
+        # masses or a mounting that are wrong in the file turn a weight as well, so nothing is repaired
+        return judged.decision("ask", check=SIGN, by=by, odds=SURE, ahead=0.0, why="weight")
     little = abs(weight.part) < LITTLE and (1.0 - weight.part) > SURE * weight.deviation
     if force and little and not told.any():
         by = (weight.part, weight.deviation)
