@@ -113,10 +113,10 @@ def test_the_same_words_for_people(lab: Path, capsys: pytest.CaptureFixture[str]
 @pytest.mark.parametrize(
     ("arguments", "code", "fact"),
     [
-        (["dance"], 2, "wrong arguments"),
-        (["ask"], 2, "wrong arguments"),
-        (["ask", "LAB", "--speed", "30"], 2, "wrong arguments"),
-        (["ask", "LAB", "--colour"], 2, "wrong arguments"),
+        (["dance"], 2, "there is no command 'dance'"),
+        (["ask"], 2, "Missing from etude ask: FOLDER"),
+        (["ask", "LAB", "--speed", "30"], 2, "invalid choice '30' for argument '--speed'"),
+        (["ask", "LAB", "--colour"], 2, "Unrecognized options: --colour"),
         (["ask", "nowhere"], 2, "there is no campaign here"),
         (["init", "LAB", "--robot", "arm4"], 2, "there is a campaign here already"),
         (["init", "", "--robot", "arm4"], 2, "an argument is empty"),
@@ -153,6 +153,12 @@ def test_errors_have_codes_and_words(
     assert error["error"]["exit_code"] == code
     assert (lab / "journal.jsonl").read_bytes() == events
     assert not (tmp_path / "new").exists()
+
+
+def test_a_wrong_option_is_answered_with_the_nearest(lab: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    code, error = run_json(capsys, "ask", str(lab), "--sped", "25")
+    assert (code, error["error"]["where"]) == (2, "etude ask")
+    assert error["error"]["next_step"].startswith("Perhaps you meant: --speed")
 
 
 def test_an_error_is_one_block(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
@@ -308,5 +314,5 @@ def test_without_the_studies_their_commands_say_how_to_install_them(
     monkeypatch.setattr("etude.plugins.names", lambda group: ())
     assert cli.main(command) == 2
     said = capsys.readouterr().err
-    assert "The studies are a package of their own" in said
+    assert "are in a package of their own, etude-studies" in said
     assert "pip install ./packages/etude-studies" in said

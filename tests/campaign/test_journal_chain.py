@@ -104,7 +104,7 @@ def test_a_torn_last_line_is_dropped_and_the_chain_goes_on(tmp_path: Path, lines
 def test_any_facts_chain(tmp_path_factory: pytest.TempPathFactory, facts: list[Asked]) -> None:
     folder = tmp_path_factory.mktemp("any")
     made: list[str] = []
-    events = [Event(one, "t", 1, "c") for one in facts]
+    events = [Event(one, "2026-01-02T03:04:05+00:00", 1, "c") for one in facts]
     for event in events:
         made.append(chained(event_to_json(event), made))
     write(folder, made)
@@ -116,3 +116,18 @@ def test_a_byte_that_is_no_text_is_found(tmp_path: Path, lines: list[str]) -> No
     path.write_bytes(path.read_bytes().replace(b'"created"', b'"creat\xe9d"', 1))
     with pytest.raises(UsageError, match=r"was edited \[.*journal\.jsonl:1\]"):
         read_events(tmp_path)
+
+
+def test_line_endings_that_were_changed_are_named(tmp_path: Path, lines: list[str]) -> None:
+    found = refusal(tmp_path, [f"{line}\r" for line in lines])
+    assert found == "1: the line endings of the journal were changed, LF to CRLF"
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "said"),
+    [("generation", 99, "a newer version of Étude wrote this line"), ("time", "noon", "is not an event")],
+)
+def test_a_sealed_line_of_another_version_or_time(tmp_path: Path, key: str, value: object, said: str) -> None:
+    event = Event(Asked(status=""), "2026-01-02T03:04:05+00:00", 1, "c")
+    words = {**json.loads(event_to_json(event)), key: value}
+    assert said in refusal(tmp_path, [chained(json.dumps(words), [])])

@@ -123,3 +123,11 @@ def test_what_a_plug_in_prints_is_not_in_the_line_of_json(run: Run, tmp_path: Pa
     code, out, err = run(more, "status", "--json")
     assert (code, "hello" in err) == (0, True)
     assert json.loads(out)
+
+
+def test_a_campaign_of_another_kind_is_refused(run: Run, tmp_path: Path) -> None:
+    assert made(run, tmp_path)[0] == 0
+    path = tmp_path / "lab" / "campaign.toml"
+    path.write_text(path.read_text().replace('kind = "legged"', 'kind = "arm"'))
+    code, _, err = run("", "status")
+    assert (code, "is of the kind 'legged', and campaign.toml says 'arm'" in err) == (2, True)

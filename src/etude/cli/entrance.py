@@ -20,7 +20,7 @@ import signal
 import sys
 import threading
 import traceback
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from types import FrameType
 
 from etude import __version__
@@ -36,13 +36,16 @@ many that stay, and was looked through two hundred times; matrices are not in ci
 
 
 INTERRUPTED = 130
-"""The exit code, as a shell gives it."""
+"""The exit code, as a shell gives it; 143 where somebody ended the process (SIGTERM)."""
+SIGNALS = {signal.SIGINT: signal.default_int_handler, signal.SIGTERM: signal.SIG_DFL}
+"""What ends a command, and what Python does with it unless told otherwise."""
 CURSOR = b"\r\x1b[K\x1b[?25h"
 """Clears the line of a progress bar, which is never finished now, and shows the cursor that it hid."""
 
 
-def end_on_interrupt(words: str, line: str = "") -> None:
-    """From now on Ctrl-C prints `words` on stderr and `line`, if any, on stdout, and ends with code 130.
+def end_on_interrupt(words: str, line: Callable[[int], str] = lambda _: "") -> None:
+    """From now on Ctrl-C prints `words` on stderr and `line` of the code, if any, on stdout, and ends with
+    code 130; SIGTERM does so with 143.
 
     Does nothing where the signal is ignored (a job in the background), is handled already, or cannot be
     handled (outside the main thread).
@@ -53,7 +56,8 @@ def end_on_interrupt(words: str, line: str = "") -> None:
         return
     owner, screen = os.getpid(), _screen()
 
-    def end(_: int, __: FrameType | None) -> None:
+    def end(number: int, _: FrameType | None) -> None:
+        code = 128 + number
         try:  # noqa: SIM105 - suppress() would be a call outside of it
             # C code may let us in with an error of its own pending: the first call then fails for it, and
             # takes it away. Without this line the words would be lost.
@@ -63,11 +67,13 @@ def end_on_interrupt(words: str, line: str = "") -> None:
         try:
             if os.getpid() == owner:  # a forked child ends silently
                 _end_children()
-                _say(screen, words, line)
+                _say(screen, words, line(code))
         finally:
-            os._exit(INTERRUPTED)
+            os._exit(code)
 
-    signal.signal(signal.SIGINT, end)
+    for number, usual in SIGNALS.items():
+        if signal.getsignal(number) is usual:
+            signal.signal(number, end)
 
 
 def ignore_from_now() -> None:
@@ -109,17 +115,19 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Runs one command; returns its exit code.
 
     0 ok, 1 a bug or a failing machine, 2 wrong usage, 3 unusable data, 4 unsafe or infeasible trajectory
-    (no file is written), 5 stop rule reached, 6 the robot has changed, 130 interrupted. As a program (without
-    `arguments`) Ctrl-C ends the process itself; who calls with arguments gets the KeyboardInterrupt turned
-    into 130.
+    (no file is written), 5 stop rule reached, 6 the robot has changed, 130 interrupted, 143 ended by
+    SIGTERM. As a program (without `arguments`) Ctrl-C ends the process itself; who calls with arguments gets
+    the KeyboardInterrupt turned into 130.
     """
     if arguments is not None:
         return _guarded(list(arguments))
     gc.set_threshold(SELDOM)
     given = sys.argv[1:]
     words = OF_DEMO if given[:1] == ["demo"] else KEPT
-    line = _error_line("Interrupted", words, "", "", INTERRUPTED) if "--json" in given else ""
-    end_on_interrupt(_block(words), line)
+    as_json = "--json" in given
+    end_on_interrupt(
+        _block(words), lambda code: _error_line("Interrupted", words, "", "", code) if as_json else ""
+    )
     code = _guarded(given)
     ignore_from_now()
     gc.freeze()  # Python looks for circles once more at the end, among all that was loaded; nobody needs that
@@ -163,10 +171,7 @@ def _guarded(given: list[str]) -> int:
     except SystemExit as exit:
         if (own := _plugin_error(exit)) is not None:
             return _report(as_json, "PluginError", *own, 2)
-        # tyro has printed the help (0) or what is wrong with the arguments (2)
-        if exit.code and as_json:
-            _print_error("UsageError", "wrong arguments", "", "See etude --help.", 2)
-        return 2 if exit.code else 0
+        return 2 if exit.code else 0  # tyro has printed the help
     except EtudeError as error:
         return _report(
             as_json, type(error).__name__, error.fact, error.where, error.next_step, error.exit_code

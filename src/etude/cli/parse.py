@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import difflib
 import functools
 import importlib
 import inspect
@@ -12,7 +13,7 @@ import sys
 import textwrap
 import types
 from collections.abc import Mapping, Sequence
-from contextlib import redirect_stdout
+from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import fields
 from functools import cache
 from io import StringIO
@@ -23,6 +24,7 @@ import tyro
 
 from etude.cli.outcome import Command
 from etude.cli.terminal import coloured, width
+from etude.errors import UsageError
 
 DESCRIPTION = (
     "Composes the motions that teach a robot's inverse dynamics in as little robot time as possible. "
@@ -60,6 +62,10 @@ WORDS = {Path: "PATH", int: "N", float: "NUMBER", str: "NAME", bool: ""}
 """What stands for a value of a type."""
 SAYS_NOTHING = ("", "None", "False", "''", "()")
 """Defaults that are not worth a reader's time: the option is simply not given."""
+FRAME = re.compile(r"^[│|]|[│|]$|─{3,}|-{10,}")
+"""What is drawn of a box about a text."""
+HINTS = "Perhaps you meant: ", "Arguments are applied to "
+"""With what tyro goes on where it knows what to do next."""
 ESCAPE = re.compile(r"\x1b\[[0-9;]*m")
 USAGE = re.compile(r"^(\S*usage:[^\n]* etude \[-h\] )\{[\w,-]+\}")
 
@@ -158,25 +164,51 @@ def command(arguments: Sequence[str]) -> Command:
     Of a command that stands first only its own module is loaded.
     """
     first = arguments[0] if arguments else ""
+    if first and first not in COMMANDS and not first.startswith("-"):
+        near = difflib.get_close_matches(first, COMMANDS, 1)
+        hint = f"Did you mean {near[0]}? " if near else ""
+        raise UsageError(f"there is no command {first!r}", next_step=f"{hint}etude --help lists all.")
     known = [first] if first in COMMANDS else list(COMMANDS)
     classes = {name: class_of(name) for name in known}
     of_one = len(known) == 1
     given = gathered(arguments[1:], _several(classes[first])) if of_one else list(arguments)
     for own in classes.values():
         in_words(own)
-    page = Page(sys.stdout)
+    page, wrong = Page(sys.stdout), StringIO()
+    prog = f"etude {first}" if of_one else "etude"
     try:
-        with redirect_stdout(page):
+        with redirect_stdout(page), redirect_stderr(wrong):
             found = tyro.cli(
                 classes[first] if of_one else _any_of(classes),
-                prog=f"etude {first}" if of_one else "etude",
+                prog=prog,
                 description=None if of_one else DESCRIPTION,
                 args=given,
                 config=(tyro.conf.OmitSubcommandPrefixes, tyro.conf.FlagCreatePairsOff),
             )
+    except SystemExit as exit:
+        if exit.code:
+            raise _refused(wrong.getvalue(), prog) from None
+        raise
     finally:
         page.printed()
     return cast(Command, found)
+
+
+def _refused(box: str, prog: str) -> UsageError:
+    """What tyro says in a box is wrong with the arguments, as other errors are said."""
+    # its title comes first; its frame is drawn only where the encoding has one
+    drawn = [ESCAPE.sub("", row) for row in box.strip("\n").splitlines()[1:]]
+    rows = [FRAME.sub("", row.strip()).strip() for row in drawn if row[:1] != "╰"]
+    words = [row for row in rows if row and "helptext" not in row and not row.endswith("--help")]
+    fact, mark, hint = next(
+        (found for mark in HINTS if (found := " ".join(words).partition(mark))[1]), (" ".join(words), "", "")
+    )
+    step = f"{mark}{hint}. " if mark else ""
+    return UsageError(
+        fact.strip().removesuffix(".") or "wrong arguments",
+        where=prog,
+        next_step=f"{step}{prog} --help lists what it takes.",
+    )
 
 
 def gathered(arguments: Sequence[str], several: Sequence[str]) -> list[str]:

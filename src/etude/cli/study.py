@@ -84,7 +84,7 @@ def run_study(
     Raises:
         UsageError: there is none of that name, it cannot be loaded, or has no use for an option given.
     """
-    require_studies()
+    require_studies(what)
     known = _known(what)
     if name not in known:
         listed = ", ".join(sorted(known)) or "none yet"
@@ -97,11 +97,13 @@ def run_study(
     function(**options, **more, **{key: value for key, value in optional.items() if key in taken})
 
 
-def require_studies() -> None:
-    """UsageError with the command that installs them: there are none."""
+def require_studies(what: str = "study") -> None:
+    """UsageError with the command that installs them: there are none. what: "study" or "bench"."""
     if not plugins.names(GROUP):
+        several = "benches" if what == "bench" else "studies"
         raise UsageError(
-            "the studies are a package of their own, which is not installed",
+            f"the {several} are in a package of their own, etude-studies, which is not installed",
+            where=f"etude {what}",
             next_step="In a checkout of Étude: pip install ./packages/etude-studies",
         )
 

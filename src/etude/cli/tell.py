@@ -54,7 +54,7 @@ class Tell(Common):
     or of what was learned; if not given what it was asked for. Each has its own margins of tracking."""
 
     def run(self, say: Say) -> Outcome:
-        from etude.campaign.ingest.tell import tell, tell_many
+        from etude.campaign.ingest.tell import IngestedFile, tell, tell_many
         from etude.errors import UsageError
 
         if not self.logs and not self.changed:
@@ -75,7 +75,9 @@ class Tell(Common):
         if len(self.logs) == 1:
             told = tell(campaign, self.logs[0], number=self.number, **options)
             return Outcome(
-                "\n".join([*_lines(told), following]), _data(told), code_of(changed=told.awaits_answer)
+                "\n".join([*_lines(told), following]),
+                {**_data(told), "files": [_file(IngestedFile(self.logs[0], told))]},
+                code_of(changed=told.awaits_answer),
             )
         if self.number is not None:
             raise UsageError("--number belongs to one log", next_step="Tell that log by itself.")
@@ -162,8 +164,8 @@ class Numbered(Common):
     """A command on one trajectory of a campaign, or on its log."""
 
     folder: Folder
-    number: Annotated[int, tyro.conf.Positional]
-    """Of the trajectory, which is that of its log."""
+    number: Annotated[int, tyro.conf.Positional, tyro.conf.arg(metavar="NUMBER")]
+    """Of the trajectory, which is that of its log: etude status FOLDER lists them."""
 
     def outcome(self, what: str, done: str, changed: bool) -> Outcome:
         """What was done to it, or had been done before."""

@@ -15,7 +15,14 @@ from etude.campaign.record.journal import damaged_files
 from etude.errors import UsageError
 from journal_facts import fact
 
-LINE = {"event": "created", "time": "t", "number": None, "config_sha256": "", "files": {}, "seed": 0}
+LINE = {
+    "event": "created",
+    "time": "",
+    "number": None,
+    "config_sha256": "",
+    "files": {},
+    "seed": 0,
+}
 
 
 def write(folder: Path, words: dict[str, object]) -> None:

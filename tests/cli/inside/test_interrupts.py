@@ -174,3 +174,14 @@ def test_an_interrupt_after_the_end_is_too_late(tmp_path: Path) -> None:
     )
     command = [sys.executable, "-c", code, "status", str(tmp_path)]
     assert subprocess.run(command, check=False, capture_output=True).returncode == 2
+
+
+def test_a_program_that_is_ended_says_so_with_143() -> None:
+    program = """
+import os, signal
+from etude.cli.entrance import end_on_interrupt
+end_on_interrupt("Over.", lambda code: f"line {code}")
+os.kill(os.getpid(), signal.SIGTERM)
+"""
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout, done.stderr) == (143, "line 143\n", "Over.\n")

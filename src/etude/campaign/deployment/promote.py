@@ -118,10 +118,11 @@ def rollback(campaign: Campaign, *, reason: str = "") -> tuple[int, int]:
         promoted = campaign.state().promoted
         if len(promoted) < 2:
             what = "nothing was promoted yet" if not promoted else "no model was in use before this one"
+            another = "another, once more logs are learned" if promoted else "one"
             raise UsageError(
                 what,
                 where=str(campaign.path),
-                next_step=f"Promote one: etude promote {typed(campaign.path)}.",
+                next_step=f"Promote {another}: etude promote {typed(campaign.path)}.",
             )
         (number, left), (before, back) = promoted[-1], promoted[-2]
         check_pinned(campaign, before, back)

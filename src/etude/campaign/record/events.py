@@ -9,10 +9,12 @@ import json
 import types
 from collections.abc import Mapping, Sequence
 from dataclasses import MISSING, Field, dataclass, field, fields, is_dataclass
+from datetime import datetime
 from functools import lru_cache
 from typing import Any, ClassVar, Literal, Union, get_args, get_origin, get_type_hints
 
 from etude.codes import Notice
+from etude.storage import GENERATION
 from etude.types import Finding
 
 FORMAT = 2
@@ -436,13 +438,15 @@ def event_from_json(text: str) -> Event:
 
     Raises:
         NewerFormatError: its version is newer, or the version is known and the event is not.
-        ValueError: it is no event.
+        ValueError: it is no event, or its time is none.
     """
     words = json.loads(text)
     if not isinstance(words, dict):
         raise ValueError("no object")
     if _decoded(int, words.get("version", 1)) > FORMAT:
         raise NewerFormatError(f"format {words['version']}")
+    if _decoded(int, words.get("generation", 1)) > GENERATION:
+        raise NewerFormatError(f"generation {words['generation']}")
     kind = FACTS.get(_decoded(str, words.get("event")))
     if kind is None:
         raise NewerFormatError(f"event {words['event']!r}")
@@ -454,6 +458,8 @@ def event_from_json(text: str) -> Event:
     missing = {"time", "number", "config_sha256", "files"} - rest.keys()
     if missing:
         raise ValueError(f"without {missing}")
+    if rest["time"]:
+        datetime.fromisoformat(rest["time"])
     return Event(_decoded(kind, words), **rest)
 
 

@@ -219,12 +219,19 @@ def open_campaign(path: Path) -> Campaign:
     """
     path = Path(path)
     found = load_config(path)
-    if not any(isinstance(event.fact, Created) for event in read_events(path)):
+    created = next((event.fact for event in read_events(path) if isinstance(event.fact, Created)), None)
+    if created is None:
         require_no_remains(path)
         raise UsageError(
             "this campaign was not finished being made",
             where=str(path / CONFIG),
             next_step="Run etude init again.",
+        )
+    if created.kind not in ("", found.kind.name):
+        raise UsageError(
+            f"this campaign is of the kind {created.kind!r}, and campaign.toml says {found.kind.name!r}",
+            where=f"{path / CONFIG} kind",
+            next_step=f'Write kind = "{created.kind}" again; another kind needs a folder of its own.',
         )
     spec = _spec(path, found.kind)
     parts = [part for channel in found.kind.channels(spec) for part in channel.parts]

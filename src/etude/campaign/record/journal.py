@@ -62,7 +62,7 @@ def check_chain(lines: Sequence[str], path: object) -> None:
     Raises:
         UsageError: a line was deleted, moved or edited; says which. The first line has no hashes.
     """
-    if lines and not is_chained(lines[0]):
+    if lines and not is_chained(lines[0].removesuffix("\r")):
         raise UsageError(
             "this journal has no hashes: an early version of Étude wrote it, or its first line was edited",
             where=f"{path}:1",
@@ -72,6 +72,8 @@ def check_chain(lines: Sequence[str], path: object) -> None:
     link = _link([])
     for i, line in enumerate(lines):
         previous, following = _hashes(line)
+        if line.endswith("\r"):
+            raise _changed("the line endings of the journal were changed, LF to CRLF", path, i)
         if not following:
             raise _changed("this line of the journal was edited", path, i)
         if previous != link:

@@ -570,10 +570,8 @@ def _weights(judged: _Judged, force: bool) -> Decision | None:
     down = judged.over(told & heavy & (weight.parts < 0.0) & (right - inverted < LIKELY), False)
     if down.any():
         by = tuple(np.where(down, -1.0, 1.0).tolist())
-        found = judged.decision("ask", check=SIGN, by=by, odds=SURE, why="weight")
-        # a mounting that is upside down turns all weights, and no friction
-        upright = (told & (weight.parts > 0.0)).any()
-        return found if upright else replace(found, ahead=0.0)
+        # masses or a mounting that are wrong in the file turn a weight as well, so nothing is repaired
+        return judged.decision("ask", check=SIGN, by=by, odds=SURE, ahead=0.0, why="weight")
     little = abs(weight.part) < LITTLE and (1.0 - weight.part) > SURE * weight.deviation
     if force and little and not told.any():
         by = (weight.part, weight.deviation)

@@ -64,8 +64,19 @@ def green(decision: Decision, parts: Sequence[str]) -> list[Finding]:
             "How far the commands are before or behind the motion cannot be told: it may be more than 0.1 s."
         )
         delay = Finding(DELAY, "cannot tell", fact, "Record commands and motion with one clock.")
-    order = Finding(SWAPPED, "green", "No other order of the commands fits better.")
-    return [delay, *([order] if decision.moving.sum() > 1 else []), signs]
+    return [delay, *_order_stands(decision, parts), signs]
+
+
+def _order_stands(decision: Decision, parts: Sequence[str]) -> list[Finding]:
+    """That no other order fits better; of joints whose signs are not told an exchange is not told either."""
+    silent = np.asarray(decision.moving & (np.abs(decision.told) < LIKELY))
+    if decision.moving.sum() < 2:
+        return []
+    if silent.sum() < 2:
+        return [Finding(SWAPPED, "green", "No other order of the commands fits better.")]
+    fact = f"Whether the commands of {named(parts, silent)} are exchanged cannot be told."
+    step = f"A model file with masses, or a log with more reversals of {named(parts, silent)}, tells more."
+    return [Finding(SWAPPED, "cannot tell", fact, step)]
 
 
 def _where(decision: Decision, sources: Sequence[str]) -> str:
@@ -124,7 +135,7 @@ OTHERS = {
     "": "Other signs are nearly as likely, so none is repaired.",
     "time": "Rows that run backwards in time would look the same, so none is repaired.",
     "order": "Which, cannot be told, so nothing is repaired.",
-    "weight": "The mounting may be upside down instead, so none is repaired.",
+    "weight": "Masses or the mounting may be wrong in the model file instead, so none is repaired.",
 }
 """Why a sign is not repaired, by `Decision.why`."""
 
@@ -134,7 +145,7 @@ def _settled(decision: Decision, parts: Sequence[str]) -> str:
     if decision.why == "time":
         return "A log with velocities, or a model file with masses, settles it"
     if decision.why == "weight":
-        return "Check the mounting and the signs at the robot"
+        return "Check the signs at the robot, and masses and mounting in the model file"
     unsure = named(parts, np.asarray(decision.moving & (np.abs(decision.told) < LIKELY)))
     motion = f"a log with more reversals of {unsure}" if unsure else "a longer motion"
     return f"A model file with masses, or {motion}, tells more"

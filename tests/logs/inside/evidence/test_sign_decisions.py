@@ -144,6 +144,22 @@ def test_signs_that_are_as_likely_name_those_in_common_and_repair_nothing() -> N
     assert "a log with more reversals of knee and toe" in said.step
 
 
+def test_an_exchange_is_not_told_of_joints_whose_force_the_place_explains() -> None:
+    log = moved()
+    command = log["command"].copy()
+    command[:, 1:] = np.sin(log["q"][:, 1:])
+    lights = {}
+    for name, given in (("friction", log), ("place", with_command(log, command))):
+        found = decided(given)
+        assert found.level == "silent"
+        lights[name] = {f.check: (f.light, f.sentence) for f in green(found, NAMES)}["swapped"]
+    assert lights["friction"][0] == "green"
+    assert lights["place"] == (
+        "cannot tell",
+        "Whether the commands of knee and toe are exchanged cannot be told.",
+    )
+
+
 class Body:
     """What a model file would say of the made motion: all but friction."""
 
