@@ -324,7 +324,7 @@ def _at_edge(judged: _Judged) -> bool:
 
 
 FAR, FARTHEST = (0.25, 0.45), 0.55  # s about which longer delays are looked for, and the longest
-# log odds from which a long delay is asked about: right logs of a simulated arm that sticks had 74
+# log odds from which a long delay is asked about: right logs of an arm that sticks had 74, late ones 430
 FAR_ODDS = 150.0
 MOST_KNOWN = 0.5  # of the joints, at least, whose signs are told with such a delay
 
@@ -332,14 +332,13 @@ MOST_KNOWN = 0.5  # of the joints, at least, whose signs are told with such a de
 def _far(
     judged: _Judged, shifted: Callable[[float], _Judged | None], fresh: Sequence[int]
 ) -> Decision | None:
-    """Commands that are late beyond the delays of the rows: first coarsely, then about the best of them. None
-    at an end of what is tried, and where signs are not right then: of a periodic motion many delays fit
-    somehow. So this is a question, and never mended unasked.
+    """The same beyond the delays of the rows: first coarsely, then about the best of them. None at an end of
+    what is tried, and where signs are not right then: of a periodic motion many delays fit somehow. So this
+    is a question, and nothing is shifted unasked.
     """
-    if DELAYS[int(_delays(judged).argmax())] < 0.0:  # no recorder writes commands so long before
-        return None
+    way = float(np.sign(DELAYS[int(_delays(judged).argmax())]))
     best, own, at = 0.0, judged, AS_LOGGED
-    for centres in (FAR, None):
+    for centres in ([way * far for far in FAR], None):
         tried = [(by, moved) for by in centres or [best] if (moved := shifted(by)) is not None]
         if not tried:
             return None

@@ -192,7 +192,8 @@ def _delay(decision: Decision, where: str) -> Finding:
     way = "behind" if late > 0.0 else "ahead of"
     fact = f"The commands are {1e3 * abs(late):.0f} ms {way} the motion{where} ({_odds(decision)})."
     if decision.level == "note":
-        return Mendable(DELAY, "yellow", fact, "They are shifted by that when the log is told.", by=decision.by)
+        step = "They are shifted by that when the log is told."
+        return Mendable(DELAY, "yellow", fact, step, by=decision.by)
     step = both(DELAY, "shift them by that")
     return Mendable(DELAY, "yellow", fact, step, flag=DELAY, by=decision.by)
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from etude.errors import NumericalError
 from etude.models.data.cross_validation import Base, HeldOut, process_held_out
 from etude.models.data.fit_data import Folds, Rows, fit_data, floor_of, is_held, on_schedule, units_of
 from etude.models.learned_model import LearnedModel
@@ -70,8 +71,29 @@ def with_process(
 ) -> LearnedStructure:
     """A process on what the mean function leaves, with the noise floor that predicts best.
 
+    From log to log a length may creep to where covariances are no longer computed exactly. Where training
+    from the earlier candidate fails, it begins anew from the data.
+
     wanted: (n,) samples that it is asked about too, without their folds, while it still has them at hand.
     """
+    try:
+        return _with_process(folds, group, rows, structure, base, earlier, rng, wanted)
+    except NumericalError:
+        if earlier is None:
+            raise
+        return _with_process(folds, group, rows, structure, base, None, rng, wanted)
+
+
+def _with_process(
+    folds: Folds,
+    group: tuple[int, ...],
+    rows: Rows,
+    structure: str,
+    base: Base | None,
+    earlier: Candidate | None,
+    rng: np.random.Generator,
+    wanted: Mask | None,
+) -> LearnedStructure:
     config, own, member = folds.config, list(group), member_named(folds.config.process)
     command = folds.samples.command[:, own]
     target = command if base is None else command - base.whole[:, own]
