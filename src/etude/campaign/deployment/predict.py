@@ -250,7 +250,7 @@ def write_table(path: Path, found: Log) -> None:
 
 def _columns(found: Log) -> dict[str, Array]:
     columns = {"time": found.t}
-    for name in (COMMAND, DEVIATION, SINGLE, OUTSIDE):
+    for name in (name for name in (COMMAND, DEVIATION, SINGLE, OUTSIDE) if name in found):
         channel: Channel = found.channels[name]
         columns |= {f"{name}_{part}": found[name][:, j] for j, part in enumerate(channel.parts)}
     if not np.isfinite(np.column_stack([*columns.values()])).all():

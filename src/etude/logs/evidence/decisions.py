@@ -143,7 +143,9 @@ def judge(
         if alone is not None and order is not None and order.odds >= ORDER:
             exchanged = _exchanged(alone, new, path, body, order)
         turned = _signs(judged, fresh, order, -np.inf if timed or alone is None else _backwards(alone))
-        yield _far(judged, shifted, fresh) if _at_edge(judged) else None  # it makes an order doubtful
+        far = _far(judged, shifted, fresh) if _at_edge(judged) else None  # it makes an order doubtful
+        # of a periodic motion a delay of half a period looks like a sign
+        yield None if far is None or (turned is not None and turned.odds >= far.odds) else far
         yield exchanged if len(new) == 1 else None
         yield turned if turned is not None and len(turned.logs) < len(logs) else None
         yield _late(judged, fresh)
