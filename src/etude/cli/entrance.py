@@ -229,7 +229,8 @@ def _run(given: list[str]) -> int:
     if command.trust:
         _tell(f"Trusted from now on, by you: code that the files in {command.trust_files()} name.")
     # a plug-in may print: what a machine reads from stdout is one line of JSON
-    plain = contextlib.redirect_stdout(sys.stderr) if command.json else contextlib.nullcontext()
+    aside = command.json and not command.prints
+    plain = contextlib.redirect_stdout(sys.stderr) if aside else contextlib.nullcontext()
     with plain, progress_shown(silent=command.json):
         outcome = command.run(_tell)
     line = fitted(outcome.text, sys.stdout)

@@ -7,7 +7,7 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Protocol
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Protocol
 
 import tyro
 
@@ -22,8 +22,13 @@ Folder = Annotated[Path, tyro.conf.Positional, tyro.conf.arg(help="The campaign 
 
 @dataclass(frozen=True, kw_only=True)
 class Common:
-    """Options of every command."""
+    """Options of every command.
 
+    Attributes:
+        prints: whether the command prints its own line of JSON, as studies and benches do.
+    """
+
+    prints: ClassVar[bool] = False
     json: bool = False
     """Print one line of JSON on stdout instead of text."""
     trust: bool = False
@@ -78,6 +83,8 @@ class Command(Protocol):
     def json(self) -> bool: ...
     @property
     def trust(self) -> bool: ...
+    @property
+    def prints(self) -> bool: ...
 
     def trust_files(self) -> Path:
         """Trusts them, and says which."""

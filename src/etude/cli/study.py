@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Protocol, runtime_checkable
 
 import tyro
 
@@ -159,6 +159,8 @@ class Study(Common):
     one, or write all as pages.
     """
 
+    prints: ClassVar[bool] = True
+
     action: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="list|run|show|report")]
     """list: every id with its seeds and verdict; run ID: compute it, or go on where it was stopped; show ID:
     the numbers that come with Étude; report: pages of all of them."""
@@ -274,6 +276,8 @@ def _short(text: str, room: int) -> str:
 @dataclass(frozen=True, kw_only=True)
 class Bench(Common):
     """Measure a part of Étude against what its machine can do at best."""
+
+    prints: ClassVar[bool] = True
 
     name: Annotated[str, tyro.conf.Positional]
     """Which one; an unknown name lists them."""
