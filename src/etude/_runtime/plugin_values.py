@@ -159,9 +159,18 @@ def _declared(part: str) -> Mapping[str, Declared]:
                 hint = get_type_hints(function, include_extras=True).get("return", Any)
             except NameError:  # a type for type checkers alone
                 hint = Any
-            shaped = any(sign in str(hint) for sign in ("'(", "Reachable", "Figure"))
-            found[member] = Declared(hint, one, not isinstance(value, property), shaped)
+            found[member] = Declared(hint, one, not isinstance(value, property), _is_shaped(hint))
     return found
+
+
+def _is_shaped(hint: Any) -> bool:
+    """Whether a shape stands in a type, or in a field of a dataclass that stands in it."""
+    if isinstance(hint, str):
+        return hint.startswith("(")
+    inner = get_args(hint)
+    if dataclasses.is_dataclass(hint) and isinstance(hint, type):
+        inner = tuple(own for _, own in _fields(hint))
+    return any(_is_shaped(one) for one in inner)
 
 
 def conform(value: Any, hint: Any, sizes: Sizes, name: str = "") -> Any:

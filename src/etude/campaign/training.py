@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -22,6 +23,7 @@ from etude.campaign.record.stored_models import (
     MIXED,
     body_of,
     check_model,
+    groups_of,
     held_commands,
     ingested_samples,
     is_pruned,
@@ -35,6 +37,7 @@ from etude.codes import Notice, Warn, stated
 from etude.design.latents import latents_of
 from etude.design.objective import MOTIONS, reference_states
 from etude.errors import DataError, NumericalError
+from etude.logs.cleaning.filters import LONGEST_LAG, median_rate, resample
 from etude.models.accuracy import Figures, PredictionScore, figures, prediction_score, trivial_prediction
 from etude.models.data.cross_validation import held_out_blocks, split_blocks
 from etude.models.learned_model import LearnedModel
@@ -248,6 +251,7 @@ def learn_log(campaign: Campaign, state: State, number: int) -> TrainingOutcome:
         rungs=tuple(selection.chosen),
         calibrated=selection.model.calibrated,
         unmoved=tuple(np.array(campaign.command.parts)[held].tolist()),
+        row_scatter=_row_scatter(campaign, logs, samples),
         robot_seconds=float(sum(one.robot_seconds for one in learned)),
         recipe=tuple(_said(campaign, logs, samples)),
         inputs={name: np.asarray(a).tolist() for name, a in selection.model.inputs.arrays().items()},
@@ -270,6 +274,24 @@ def teaching(state: State, logs: Sequence[int]) -> list[int]:
     seconds = sum(one.robot_seconds for one in told if one is not None)
     count = min(len(logs), MOST_LOGS, max(1, int(len(logs) * MOST_SECONDS / max(seconds, MOST_SECONDS))))
     return [logs[(i + 1) * len(logs) // count - 1] for i in range(count)]
+
+
+def _row_scatter(campaign: Campaign, logs: Sequence[int], samples: Samples) -> tuple[float, ...]:
+    """(J,) root mean square of recorded commands less what learning makes of them, in the newest log that no
+    other repeats: the sensor's noise and motion above the cutoff, which a filter takes away. () of none.
+    """
+    groups = {number: {group for _, group in own} for number, own in groups_of(campaign, logs).items()}
+    count = Counter(group for own in groups.values() for group in own)
+    single = [number for number in logs if all(count[group] == 1 for group in groups[number])]
+    if not single:
+        return ()
+    log, own = stored_log(campaign, single[-1]), samples.take(np.isin(samples.group, [*groups[single[-1]]]))
+    # commands of a vehicle are those of its motors' lag ago
+    lags = np.arange(0.0, LONGEST_LAG, 1.0 / median_rate(log.t))
+    each = [resample(log.t, log["command"], own.t - lag) - own.command for lag in lags]
+    squares = np.square(min(each, key=lambda left: float(np.mean(left**2))))
+    use = own.usable & own.moving
+    return tuple(np.sqrt(squares.sum(axis=0, where=use) / np.maximum(use.sum(axis=0), 1)).tolist())
 
 
 def _some(every: Sequence[int], logs: Sequence[int]) -> tuple[Notice, ...]:

@@ -183,10 +183,10 @@ def _guarded(given: list[str]) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
     except Exception as error:
-        return _foreseen_by_nobody(error, as_json)
+        return _unforeseen(error, as_json)
 
 
-def _foreseen_by_nobody(error: Exception, as_json: bool) -> int:
+def _unforeseen(error: Exception, as_json: bool) -> int:
     """Says who failed: a plug-in, the machine, or Étude with its traceback. Returns the exit code."""
     if (own := _plugin_error(error)) is not None:
         return _report(as_json, "PluginError", *own, 2)

@@ -200,11 +200,8 @@ def end(verdict: Verdict) -> str:
     own = verdict.check == verdict.fault
     if verdict.offered:
         return "repaired" if own and verdict.by == verdict.truth else "repaired_wrong"
-    return (
-        "asked"
-        if own and _about(verdict.check, verdict.by) == _about(verdict.fault, verdict.truth)
-        else ("asked_of_others")
-    )
+    about = _about(verdict.check, verdict.by) == _about(verdict.fault, verdict.truth)
+    return "asked" if own and about else "asked_of_others"
 
 
 def _about(check: str, by: Sequence[float]) -> set[int]:

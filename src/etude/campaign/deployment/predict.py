@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import io
 from collections.abc import Sequence
 from dataclasses import replace
@@ -13,10 +12,8 @@ import numpy as np
 
 from etude.campaign.record.deployed_model import deployed_model
 from etude.campaign.record.folder import Campaign, Say, open_campaign
-from etude.campaign.record.stored_models import ingested_samples, stored_log
 from etude.deploy.trajectory_files import csv_bytes, table_rate
 from etude.errors import DataError, UsageError
-from etude.logs.cleaning.filters import LONGEST_LAG, median_rate, resample
 from etude.logs.cleaning.read import matched_log
 from etude.logs.readers.cells import header_row
 from etude.models.data.as_log import followed
@@ -24,11 +21,9 @@ from etude.models.learned_model import LearnedModel
 from etude.protocols import Trajectory
 from etude.storage import write_atomic
 from etude.trajectories.json_text import from_json
-from etude.types import Array, Channel, Log, Mask, Samples
+from etude.types import Array, Channel, Log, Mask
 
 COMMAND, DEVIATION, OUTSIDE, SINGLE = "command", "deviation", "outside", "row_deviation"
-RECENT = 3
-"""Logs from which the scatter of single rows is taken: the newest, since sensors and settings change."""
 EVERY_ROW = {"rate_hz": 1e6, "lag_s": 0.0}
 """Of [data], where it has them: learning takes some rows and moves commands; here every row counts."""
 
@@ -45,8 +40,8 @@ def predict(
     and `repairs` says how often.
 
     "deviation" is that of one sample as the model learns it, noise included: of commands that were filtered
-    or averaged to the model's rate. "row_deviation" is that of a single recorded row, which scatters more
-    (`row_scatter`); it is the same where no stored log of the campaign tells the scatter.
+    or averaged to the model's rate. "row_deviation" is that of a single recorded row, which scatters more,
+    as the newest log did; it is the same for models of earlier versions.
 
     Args:
         campaign: the folder, or it opened.
@@ -62,7 +57,8 @@ def predict(
     campaign = campaign if isinstance(campaign, Campaign) else open_campaign(Path(campaign))
     used = deployed_model(campaign)
     say(used.sentence)
-    model = used.model
+    model, trained = used.model, campaign.round(used.number).trained
+    scatter = np.array(trained.row_scatter if trained and trained.row_scatter else 0.0)
     if not isinstance(motion, Log):
         place = Path(motion)
         if not place.exists():
@@ -72,13 +68,13 @@ def predict(
             place = place.with_suffix(".json")
         if place.suffix == ".json":
             states = model.planned(_planned(campaign, place), rate=float(campaign.spec.rate))
-            return _in_units(model, states, campaign)
+            return _in_units(model, states, campaign, scatter)
         motion = _read(campaign, place, degrees)
         try:
-            return _in_units(model, states_for(campaign, model, motion), campaign)
+            return _in_units(model, states_for(campaign, model, motion), campaign, scatter)
         except DataError as error:  # its advice is for learning, and a table lacks something else
             raise DataError(error.fact, where=str(place), next_step=_lacking(place)) from error
-    return _in_units(model, states_for(campaign, model, motion), campaign)
+    return _in_units(model, states_for(campaign, model, motion), campaign, scatter)
 
 
 def _is_plan(campaign: Campaign, place: Path) -> bool:
@@ -174,39 +170,17 @@ def _read(campaign: Campaign, path: Path, degrees: bool) -> Log:
     return order_rows(drop_unreadable(log, recorded=False))
 
 
-def _in_units(model: LearnedModel, states: Log, campaign: Campaign) -> Log:
-    """What the model says, with the robot's own channel of commands, so that their unit is known."""
+def _in_units(model: LearnedModel, states: Log, campaign: Campaign, scatter: Array) -> Log:
+    """What the model says, with the robot's own channel of commands, so that their unit is known.
+
+    scatter: (J,) or a number, of single rows about what learning makes of them.
+    """
     found = model.commanded(states)
     aside = replace(campaign.command, name=DEVIATION, role="aside")
     beyond = Channel(OUTSIDE, campaign.command.parts, ("1",) * len(campaign.command.parts), "aside")
     found = replace(found, channels={COMMAND: campaign.command, DEVIATION: aside, OUTSIDE: beyond})
-    of_rows = np.hypot(found[DEVIATION], row_scatter(campaign))
-    found = found.put(replace(aside, name=SINGLE), of_rows)
+    found = found.put(replace(aside, name=SINGLE), np.hypot(found[DEVIATION], scatter))
     return found.repaired(*_beyond(model, found[OUTSIDE] > 0.0))
-
-
-def row_scatter(campaign: Campaign) -> Array:
-    """(J,) root mean square of recorded commands less what learning makes of them, in the newest logs.
-
-    It is what a filter or an average takes away: noise of the sensor, and motion above the cutoff. 0 where no
-    log is left to tell.
-    """
-    found = [np.zeros((0, len(campaign.command.parts)))]
-    for r in campaign.state().ingested[-RECENT:]:
-        with contextlib.suppress(UsageError, DataError):  # a run that is gone or was changed tells nothing
-            log, samples = stored_log(campaign, r.number), ingested_samples(campaign, [r.number])
-            left = _left(log, samples)
-            found.append(np.where(samples.usable & samples.moving, left, np.nan))
-    squares = np.square(np.concatenate(found))
-    known = np.isfinite(squares)
-    return np.asarray(np.sqrt(np.sum(squares, axis=0, where=known) / np.maximum(known.sum(axis=0), 1)))
-
-
-def _left(log: Log, samples: Samples) -> Array:
-    """(n, J) recorded commands less those of the samples, at the lag at which these were taken, if any."""
-    lags = np.arange(0.0, LONGEST_LAG, 1.0 / median_rate(log.t))
-    each = [resample(log.t, log[COMMAND], samples.t - lag) - samples.command for lag in lags]
-    return each[int(np.argmin([float(np.mean(left**2)) for left in each]))]
 
 
 def _beyond(model: LearnedModel, beyond: Mask) -> list[str]:

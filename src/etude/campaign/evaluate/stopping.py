@@ -257,11 +257,5 @@ def _evidence(campaign: Campaign, trained: list[Round], gain: float | None, minu
         calibration=calibration,
         moved=facts.moved,
         robot_minutes=facts.robot_seconds / 60.0,
-        coverage=min((c for c in _coverages(trained[-1]) if c is not None), default=None),
+        coverage=min((c for c in coverages(trained[-1]) if c is not None), default=None),
     )
-
-
-def _coverages(round_: Round) -> Sequence[float | None]:
-    """Of each output on logs left out; without, on the log before it was learned."""
-    found = round_.trained.new_motion if round_.trained else None
-    return coverages(round_) if found is None else found.used.coverage

@@ -144,9 +144,12 @@ def _instead(used: Sequence[Any], linear: Sequence[Any]) -> NextStep:
     return NextStep.TELL_OR_LINEAR if better and len(pairs) == len(used) else NextStep.TELL_TO_CHOOSE
 
 
-def coverages(scored: Round) -> list[float | None]:
-    """Of each output, the part of the commands inside the intervals of the model then in use."""
-    return list(_in_use(scored).coverage)
+def coverages(scored: Round) -> Sequence[float | None]:
+    """Of each output, the part of the commands inside the intervals: on logs left out; without, on the log
+    before it was learned.
+    """
+    found = scored.trained.new_motion if scored.trained else None
+    return (_in_use(scored) if found is None else found.used).coverage
 
 
 def _in_use(r: Round) -> PrequentialScore:

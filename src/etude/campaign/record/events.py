@@ -251,6 +251,7 @@ class Trained(Fact):
             commands and of each.
         calibrated: enough trajectories were held out to calibrate the variances.
         unmoved: commands whose joints stood still in all logs.
+        row_scatter: of each command, root mean square of recorded rows about what learning makes of them.
         robot_seconds: recorded motion of all logs learned so far, s.
         recipe: sentences of the preprocessing. inputs: fitted parameters of the inputs.
         warnings: what the training has to say.
@@ -278,6 +279,7 @@ class Trained(Fact):
     moved: float | None = None
     new_motion: NewMotionScores | None = None
     held_out: BlockScores | None = None
+    row_scatter: tuple[float, ...] = ()
     together: tuple[int, ...] = ()
     body: str = ""
 

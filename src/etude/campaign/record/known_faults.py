@@ -136,7 +136,7 @@ def _models(campaign: Campaign, state: State, of_robot: Sequence[str]) -> Iterat
         number = trained[-1].number or 0
         ingested = state.rounds[number].ingested if number in state.rounds else None
         log = ingested.source if ingested is not None else "LOG"
-        again = f"etude untell {typed(path)} {number}, then etude tell {typed(path)} {log}"
+        again = f"etude untell {typed(path)} {number}, then etude tell {typed(path)} {typed(log)}"
         yield Affected(code, f"the model of log {number}", f"models/{number:04d}", again)
     promoted = [e for e in events if isinstance(e.fact, Promoted)]
     if MOUNTING in of_robot and state.promoted and promoted and _is_before(promoted[-1], MOUNTING):
@@ -170,7 +170,7 @@ def _exports(campaign: Campaign, of_robot: Sequence[str]) -> Iterator[Affected]:
     for place, words in _exported(campaign):
         generation, target = int(words.get("generation", 1)), str(words.get("target", ""))
         where = place.relative_to(campaign.path) if place.is_relative_to(campaign.path) else place
-        output = "" if place == campaign.path / EXPORTS / target else f" --output {place}"
+        output = "" if place == campaign.path / EXPORTS / target else f" --output {typed(place)}"
         again = f"etude export {typed(campaign.path)} --to {target}{output}"
         if generation < FAULTS[MOUNTING].mended and MOUNTING in of_robot:
             yield Affected(MOUNTING, f"the model for {target}", str(where), again)

@@ -108,7 +108,7 @@ def run_advice(campaign: Campaign, number: int) -> str:
     log = ingested.source if ingested is not None else "LOG"
     return (
         f"Do not learn from it. {RESTORE[:-1]}, or take the log back and tell the original again: "
-        f"etude untell {typed(campaign.path)} {number}, then etude tell {typed(campaign.path)} {log}."
+        f"etude untell {typed(campaign.path)} {number}, then etude tell {typed(campaign.path)} {typed(log)}."
     )
 
 

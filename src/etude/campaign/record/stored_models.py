@@ -162,7 +162,7 @@ def of_another_body(campaign: Campaign, number: int) -> str:
         f" robot.toml changed since log {number} was learned, so its physics are others. "
         "Where the robot itself changed, tell its next log with --changed new. "
         f"Where robot.toml was wrong: etude untell {typed(campaign.path)} {number}, then "
-        f"etude tell {typed(campaign.path)} {log}."
+        f"etude tell {typed(campaign.path)} {typed(log)}."
     )
 
 

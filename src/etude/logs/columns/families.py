@@ -8,7 +8,7 @@ and `hip.effort_raw`. No name tells which of several is to be learned, so it is 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 
 from etude.logs.columns.header_units import same_dimension
 from etude.logs.columns.headers import COLUMN, part_names, words_of
@@ -73,12 +73,6 @@ def _may_be(header: str, family: str, words: Sequence[str], channel: Channel) ->
     if any(token in OTHER_QUANTITIES for token in tokens) or family.endswith(OTHER_QUANTITIES):
         return False
     return any(family.startswith(word) or word in tokens for word in words)
-
-
-def named(families: Mapping[str, Sequence[str]]) -> str:
-    """As "Torque1, TorqueSm1 and TorqueCur1 and the like"."""
-    first = [columns[0] for columns in families.values()]
-    return f"{', '.join(first[:-1])} and {first[-1]} and the like"
 
 
 def answer(channel: Channel, families: Iterable[str]) -> str:

@@ -21,7 +21,7 @@ from etude.logs.checks.velocities import DIRECTION
 from etude.logs.cleaning.smoothing import resample
 from etude.logs.evidence.file_hypotheses import weight_elsewhere
 from etude.logs.evidence.likelihood import NEITHER, ColumnEvidence, evidence_of, least
-from etude.logs.evidence.rows import AS_LOGGED, DELAYS, FilteredRows, rows_of
+from etude.logs.evidence.rows import APART, AS_LOGGED, DELAYS, FLOOR, FilteredRows, rows_of
 from etude.protocols import Mean
 from etude.types import Array, Channel, Index, Log, Mask
 
@@ -130,7 +130,7 @@ def judge(
     new = [logs[i] for i in fresh]
     # what was told before has its order and its direction
     alone = judged if len(new) == len(logs) else _Judged.of(rows_of(new, path, body))
-    timed = all(_with_velocities(log, path) for log in new)
+    timed, at_edge = all(_with_velocities(log, path) for log in new), _at_edge(judged)
 
     def shifted(late: float) -> _Judged | None:
         """The same rows with the commands of new logs from so much later."""
@@ -143,7 +143,7 @@ def judge(
         if alone is not None and order is not None and order.odds >= ORDER:
             exchanged = _exchanged(alone, new, path, body, order)
         turned = _signs(judged, fresh, order, -np.inf if timed or alone is None else _backwards(alone))
-        far = _far(judged, shifted, fresh) if _at_edge(judged) else None  # it makes an order doubtful
+        far = _far(judged, shifted, fresh) if at_edge else None  # it makes an order doubtful
         # of a periodic motion a delay of half a period looks like a sign
         yield None if far is None or (turned is not None and turned.odds >= far.odds) else far
         yield exchanged if len(new) == 1 else None
@@ -158,7 +158,7 @@ def judge(
     told = (found for found in hypotheses() if found is not None and found.check not in accepted)
     found = next(told, None)
     if found is None:
-        return judged.decision("silent", why="late" if _at_edge(judged) else "")
+        return judged.decision("silent", why="late" if at_edge else "")
     return found if found.logs else replace(found, logs=fresh)
 
 
@@ -296,7 +296,7 @@ def _signs(
     sure = best.odds >= CERTAIN and ahead >= (2.0 if part else 1.0) * CERTAIN
     sure = sure and not judged.variant(numbers[best.group]).strange().any()
     about = best.named()
-    moved = order.with_any(about) if order is not None and logs == everyone else ~about & about
+    moved = order.with_any(about) if order is not None and logs == everyone else np.zeros_like(about)
     by = np.where(judged.over(about | moved, False), -1.0, 1.0)
     return judged.decision(
         "certain" if sure and not moved.any() else "ask",
@@ -403,7 +403,9 @@ class ColumnOrder:
 
     def with_any(self, joints: Mask) -> Mask:
         """(m,) joints that exchange columns with any of `joints` (m,); none of an unlikely order."""
-        reached = joints if self.odds > -LIKELY else ~joints & joints
+        if self.odds <= -LIKELY:
+            return np.zeros_like(joints)
+        reached = joints
         for _ in self.columns:
             reached = reached | reached[self.columns]
         return np.asarray(reached & (self.columns != np.arange(len(self.columns))))
@@ -507,8 +509,6 @@ def _reversed(judged: _Judged) -> Decision | None:
     )
 
 
-APART = 5.0  # rows that one independent row is worth
-FLOOR = 1e-3  # of a command's variance that no model explains
 SURE, UPSIDE_DOWN, LITTLE = 6.0, 0.4, 0.25  # deviations; parts of the file's gravity
 HEAVY = 0.5  # of a command's deviation that is weight by the file: of less, masses that are off make any sign
 

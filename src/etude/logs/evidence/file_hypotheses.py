@@ -17,12 +17,10 @@ import numpy as np
 from etude.abilities import SupportsVariations
 from etude.logs.checks.filtered_motion import states_of
 from etude.logs.checks.finding_texts import accepted
-from etude.logs.evidence.rows import AS_LOGGED, FilteredRows, rows_of
+from etude.logs.evidence.rows import APART, AS_LOGGED, FLOOR, FilteredRows, rows_of
 from etude.protocols import Mean
 from etude.types import Array, Channel, Finding, Index, Log, Mask
 
-APART = 5.0  # rows that one independent row is worth
-FLOOR = 1e-3  # of a command's variance that no file explains
 ROUNDS = 8  # of weighing joints by what is left of them
 SCREEN = 10.0  # log odds by a straight line from which an offset is looked for
 AHEAD = 15.0  # log odds of an offset to centres of mass that are off
@@ -117,10 +115,15 @@ class FileFit:
         return np.array([self._left_of(j, torque[:, j]) for j in self.own.tolist()])
 
     def _left_of(self, j: int, torque: Array) -> float:
+        y = self.rows.command[:, j, AS_LOGGED]
+        return _left(self._own_columns(j, torque), y) / (len(y) * float(y.var()))
+
+    def _own_columns(self, j: int, torque: Array) -> Array:
+        """(n, 5) what only command j has: a constant, a factor of the torque (n,), inertia and friction."""
         rows = self.rows
-        y = rows.command[:, j, AS_LOGGED]
-        X = np.column_stack([np.ones_like(y), torque, rows.qdd[:, j], rows.qd[:, j], rows.friction[:, j]])
-        return _left(X, y) / (len(y) * float(y.var()))
+        return np.column_stack(
+            [np.ones_like(torque), torque, rows.qdd[:, j], rows.qd[:, j], rows.friction[:, j]]
+        )
 
     def apart(self, some: Mask) -> Array:
         """(m,) logarithm of what is left of each command over what is left if some rows (n,) have a model of
@@ -130,9 +133,7 @@ class FileFit:
         assert rows.torque is not None
         for j in self.own.tolist():
             y = rows.command[:, j, AS_LOGGED]
-            X = np.column_stack(
-                [np.ones_like(y), rows.torque[:, j], rows.qdd[:, j], rows.qd[:, j], rows.friction[:, j]]
-            )
+            X = self._own_columns(j, rows.torque[:, j])
             floor = FLOOR * float(y.var()) * len(y)
             both = _left(X[some], y[some]) + _left(X[~some], y[~some])
             found.append(np.log((_left(X, y) + floor) / (both + floor)))
@@ -174,10 +175,8 @@ class FileFit:
 
     def _without_own(self, j: int, torque: Array, columns: Array) -> tuple[Array, Array]:
         """Command and columns in deviations of the command, less what is the joint's own."""
-        rows = self.rows
-        y = rows.command[:, j, AS_LOGGED]
-        own = [np.ones_like(y), torque, rows.qdd[:, j], rows.qd[:, j], rows.friction[:, j]]
-        Q, R = np.linalg.qr(np.column_stack(own))
+        y = self.rows.command[:, j, AS_LOGGED]
+        Q, R = np.linalg.qr(self._own_columns(j, torque))
         Q = Q[:, np.abs(np.diag(R)) > 1e-9 * np.abs(np.diag(R)).max()]
         y, columns = y / y.std(), columns / y.std()
         return y - Q @ (Q.T @ y), columns - Q @ (Q.T @ columns)

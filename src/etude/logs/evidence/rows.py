@@ -32,6 +32,7 @@ DROP_SPEED = 0.1  # of a joint's top speed, over which static friction drops to 
 LEAST_S = 1.0  # s of a stretch that is looked at
 STAND_S = 0.5  # s for which a joint that stays below STEP_SPEED stands
 KNOT_S, MOST_KNOTS = 1.0, 60.0  # s between the knots of what it takes then, or more, so that they stay few
+APART, FLOOR = 5.0, 1e-3  # rows that one independent row is worth; of a variance, what nothing explains
 APART_S = 1e4  # s between logs: noise has no memory from one to the next
 DELAYS = (-0.1, -0.06, -0.04, -0.02, 0.0, 0.02, 0.04, 0.06, 0.1, 0.15)  # s by which commands may be late
 AS_LOGGED = DELAYS.index(0.0)

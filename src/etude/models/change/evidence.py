@@ -10,8 +10,7 @@ import numpy as np
 
 from etude.abilities import SupportsVariations
 from etude.models.change.change_detection import ALARM, doubted, evidence, first_alarm, scores
-from etude.models.change.change_size import Size, size_of
-from etude.models.change.diagnosis import Cause, ExpectedCommands, alone, cause, stuck
+from etude.models.change.diagnosis import Cause, ExpectedCommands, Size, alone, cause, size_of, stuck
 from etude.models.learned_model import LearnedModel
 from etude.protocols import Mean
 from etude.types import Array, Mask, Samples
