@@ -383,6 +383,10 @@ def _without_spans(log: Log, finding: Mendable) -> Log:
     return without_spans(log, finding).repaired(finding.sentence)
 
 
+def _cut(log: Log, finding: Mendable) -> Log:
+    return without_spans(log, finding).repaired(f"{finding.sentence} These stretches were cut.")
+
+
 WHOLE_RANGE, LARGE_STEP, USUAL_STEP = 0.9, 0.3, 0.2  # of a command's range
 
 
@@ -563,6 +567,6 @@ REPAIRS: dict[str, Callable[[Log, Mendable], Log]] = {
     HELD: _fresh_rows,
     TURNS: _unwrapped,
     OFF: _without_spans,
-    CLIPPED: _without_spans,
+    CLIPPED: _cut,
     LOST: _retimed,
 }
