@@ -50,7 +50,7 @@ def _lines(found: Mapping[str, Any]) -> list[str]:
     lines += [*_deployed_model(found), *_confirmed(found)]
     if found["calibration_factor"] is not None:
         factor = found["calibration_factor"]
-        lines.append(f"Calibration factor {factor:.2f} (held-out z^2 of the last logs; 1 is right).")
+        lines.append(f"Calibration factor {factor:.2f} (z^2 of logs left out; 1 is right).")
     if found["forecast_fraction"] is not None:
         fraction = found["forecast_fraction"]
         share = f"{100 * fraction:.2g} %" if fraction < 1.0 else "as large as the limit, or larger"
