@@ -17,7 +17,7 @@ from etude.errors import UsageError
 from etude.protocols import Kind
 from etude.types import Delivered
 
-CRAZYFLIE_MOTORS = 4
+CRAZYFLIE_MOTORS = 4  # the firmware of other airframes has its own mixer
 OUTSIDE = "Far outside of what was learned the last good addition fades out within 0.2 s."
 READS: Mapping[str, Sequence[str]] = {
     "altitude": ("asked->altitude",),
