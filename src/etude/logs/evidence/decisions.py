@@ -110,10 +110,10 @@ class _Judged:
         found[self.own] = values
         return np.asarray(found)
 
-    def decision(self, level: Level, **more: object) -> Decision:
-        given = self.variant(AS_LOGGED)
-        right, inverted = given.signs()
-        told, strange = self.over(right - inverted, 0.0), self.over(given.strange(), False)
+    def decision(self, level: Level, variant: int = AS_LOGGED, **more: object) -> Decision:
+        """variant: of the commands, in which strange joints are looked for."""
+        right, inverted = self.variant(AS_LOGGED).signs()
+        told, strange = self.over(right - inverted, 0.0), self.over(self.variant(variant).strange(), False)
         return Decision(level, told, self.rows.moving, strange, **more)  # type: ignore[arg-type]
 
 
@@ -313,6 +313,7 @@ def _signs(
     by = np.where(judged.over(about | moved, False), -1.0, 1.0)
     return judged.decision(
         "certain" if sure and not moved.any() else "ask",
+        numbers[best.group],
         check=SIGN,
         logs=logs,
         by=tuple(by.tolist()),
