@@ -28,6 +28,11 @@ class EtudeError(Exception):
         super().__init__(f"{fact}{place}.{advice}")
 
 
+def reason(problem: Exception) -> str:
+    """Why something failed, for a sentence: the fact of an error of Étude, or the type and the text."""
+    return problem.fact if isinstance(problem, EtudeError) else f"{type(problem).__name__}: {problem}"
+
+
 class UsageError(EtudeError):
     """A wrong option, robot description or campaign file."""
 

@@ -90,6 +90,7 @@ BUILT_IN: Mapping[str, Mapping[str, str]] = {
     "etude.targets": {
         "online": "etude_online.online_folder:ONLINE",
         "urdf": "etude_arm.identified.target:URDF",
+        "mjcf": "etude_arm.identified.target:MJCF",
         "c": "etude.deploy.c99.target:C99",
         "ros2": "etude.deploy.ros2.target:ROS2",
         "trajectory": "etude.deploy.trajectory_target:ALONG",

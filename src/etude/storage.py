@@ -27,6 +27,8 @@ one are of generation 1. The faults of earlier ones: `campaign.record.known_faul
 
 LARGEST_ARRAYS = 2**30
 """Bytes in memory, of all arrays of one file."""
+LOCK = ".lock"
+"""File in a folder that its one writer holds locked."""
 TEMPORARY_PREFIX = ".partial-"
 # a RuntimeError covers zip features that damage seems to ask for, and JSON nested too deeply; TokenError is
 # what NumPy's reader of array headers lets through
@@ -198,7 +200,7 @@ def writer_lock(folder: Path, wait_s: float = 10.0) -> Iterator[None]:
     """
     import fcntl
 
-    lock = Path(folder) / ".lock"
+    lock = Path(folder) / LOCK
     try:
         handle = os.open(lock, os.O_RDWR | os.O_CREAT, 0o644)
     except OSError as error:

@@ -77,7 +77,7 @@ def test_a_broken_kind_harms_no_other(tmp_path: Path, monkeypatch: pytest.Monkey
     monkeypatch.setattr(plugins, "load", load)
     assert find_robot("arm4")[0].name == "arm"
     (tmp_path / "b.toml").write_text("kind = 'boat'")
-    with pytest.raises(UsageError, match=r"boat could not be loaded.*No module named 'sea'"):
+    with pytest.raises(UsageError, match=r"boat cannot be used: .*No module named 'sea'"):
         load_robot(tmp_path / "b.toml")
 
 

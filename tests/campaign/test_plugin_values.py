@@ -85,7 +85,19 @@ def test_init_names_the_kind_and_leaves_nothing(run: Run, tmp_path: Path, more: 
     assert (code, out) == (2, "")
     assert said in err
     assert "Traceback" not in err
-    assert [path for path in (tmp_path / "lab").glob("*") if path.name != ".lock"] == []
+    assert not (tmp_path / "lab").exists()
+
+
+def test_a_kind_that_cannot_be_asked_is_named_where_no_other_takes_the_file(run: Run, tmp_path: Path) -> None:
+    _, _, err = made(run, tmp_path, "recognises = lambda self, path: 1 / 0")
+    assert "legged cannot be used: ZeroDivisionError: division by zero." in err
+    assert not (tmp_path / "lab").exists()
+
+
+@pytest.mark.parametrize("more", ["recognises = lambda self, path: 1 / 0", "built_in = lambda self: 1 / 0"])
+def test_a_kind_that_fails_harms_no_other_robot(run: Run, tmp_path: Path, more: str) -> None:
+    (tmp_path / "own.toml").write_text(ROBOT)
+    assert run(more, "init", "--robot", str(tmp_path / "own.toml"))[0] == 0
 
 
 @pytest.mark.parametrize(

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import contextlib
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from etude import plugins
 from etude._runtime.trusted_folders import folder_id, is_trusted, trust_own
@@ -25,14 +26,15 @@ from etude.campaign.record.folder import (
     require_plain,
 )
 from etude.campaign.record.journal import JOURNAL, commit, read_events
-from etude.errors import UsageError, typed
+from etude.errors import UsageError, reason, typed
 from etude.plugins import named_in
 from etude.protocols import Kind
-from etude.storage import sha256_of, write_atomic, writer_lock
+from etude.storage import LOCK, sha256_of, write_atomic, writer_lock
 from etude.toml_tables import decoded, read_text
 from etude.types import Described
 
 GROUP = "etude.robots"
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -84,20 +86,21 @@ def create_campaign(
         require_plain(names_of(decoded(described.files[ROBOT].decode(), robot)), robot)
     config = replace(preset_config(kind, preset_name), seed=seed)
     text = config_text(config, kind).encode()
-    _make_folder(path)
-    with writer_lock(path):
-        _require_empty(path)
-        _require_free(path, {**described.files, CONFIG: text})
-        with _taken_back(path, described):
-            files = _written(path, described)
+    files = {**described.files, CONFIG: text}
+    with _taken_back(path, files):
+        _make_folder(path)
+        with writer_lock(path):
+            _require_empty(path)
+            _require_free(path, files)
+            written = _written(path, described)
             with reading(description, trust=trust):
                 spec = kind.spec(path / ROBOT)
             axes = next(c.parts for c in kind.channels(spec) if c.name == kind.path)
-        write_atomic(path / CONFIG, text)
-        fact = Created(seed=seed, preset=preset_name, kind=kind.name, robot=spec.name, axes=tuple(axes))
-        # campaign.toml is not listed: people may edit it, and its hash is in every event anyway
-        own, robot_file = load_config(path).sha256, sha256_of(path / ROBOT)
-        commit(path, fact, files=files, config_sha256=own, robot_sha256=robot_file)
+            write_atomic(path / CONFIG, text)
+            fact = Created(seed=seed, preset=preset_name, kind=kind.name, robot=spec.name, axes=tuple(axes))
+            # campaign.toml is not listed: people may edit it, and its hash is in every event anyway
+            own, robot_file = load_config(path).sha256, sha256_of(path / ROBOT)
+            commit(path, fact, files=written, config_sha256=own, robot_sha256=robot_file)
     trust_own(path, folder_id(path / JOURNAL))
     return open_campaign(path), described.confirm
 
@@ -173,7 +176,8 @@ def find_robot(robot: str) -> tuple[Kind, Path]:
         UsageError: no such name or file, a folder, or a file that no kind, or more than one, recognises.
     """
     kinds, broken = _kinds()
-    names = {name: (kind, path) for kind in kinds[::-1] for name, path in kind.built_in().items()}
+    built_in = {kind.name: _asked(kind.name, kind.built_in, broken) or {} for kind in kinds}
+    names = {name: (kind, path) for kind in kinds[::-1] for name, path in built_in[kind.name].items()}
     if robot in names:
         return names[robot]
     path = Path(robot)
@@ -182,10 +186,10 @@ def find_robot(robot: str) -> tuple[Kind, Path]:
         raise UsageError("this is a folder, not a robot's description", where=robot, next_step=known)
     if not path.is_file():
         raise UsageError(f"there is no robot and no file {robot!r}", next_step=known)
-    found = [kind for kind in kinds if kind.recognises(path)]
+    found = [kind for kind in kinds if _asked(kind.name, partial(kind.recognises, path), broken)]
     if not found:
         _require_known_kind(path, [*(kind.name for kind in kinds), *broken])
-        hint = "".join(f" {name} could not be loaded: {why}." for name, why in broken.items())
+        hint = "".join(f" {name} cannot be used: {why}." for name, why in broken.items())
         raise UsageError(
             f"this file describes no kind of robot that is known ({', '.join(k.name for k in kinds)})",
             where=robot,
@@ -242,15 +246,30 @@ def _kinds() -> tuple[list[Kind], dict[str, str]]:
     return kinds, broken
 
 
+def _asked(name: str, question: Callable[[], T], broken: dict[str, str]) -> T | None:
+    """The answer of a kind; None, and the reason in `broken`, where a plug-in fails."""
+    try:
+        return question()
+    except Exception as problem:
+        if name in plugins.BUILT_IN[GROUP]:
+            raise
+        broken[name] = reason(problem)
+        return None
+
+
 @contextlib.contextmanager
-def _taken_back(folder: Path, described: Described) -> Iterator[None]:
-    """Removes what was written within it if a plug-in fails, and the folder if it is empty then."""
-    new = [folder / name for name in described.files if not (folder / name).exists()]
+def _taken_back(folder: Path, files: Mapping[str, bytes]) -> Iterator[None]:
+    """Removes the files that were written within it where it fails, and the folder that was made."""
+    new = [folder / name for name in files if not (folder / name).exists()]
+    above = [own for own in (folder, *folder.parents) if not own.exists()]
     try:
         yield
     except Exception:
-        for file in new:
-            file.unlink(missing_ok=True)
+        with contextlib.suppress(OSError):  # no folder was made, or somebody else's file is in it by now
+            for file in [*new, *([folder / LOCK] if above else ())]:
+                file.unlink(missing_ok=True)
+            for own in above:
+                own.rmdir()
         raise
 
 

@@ -18,21 +18,21 @@ method with the exact derivatives, in coordinates in which every P_b0 is the uni
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from etude.errors import NumericalError
 from etude.types import Array, Index, Samples
-from etude_arm.identified.model_file_writer import JointTerms
+from etude_arm.identified.model_file_writer import APART, FUSED, JointTerms
 from etude_arm.identified.pseudo_inertia import SIZE, basis, coordinates
 from etude_arm.loading.inertia import NO_MASS
 from etude_arm.loading.load import load_arm
 from etude_arm.physics.identification import Clock, output_priors
 from etude_arm.physics.kinematics import KinematicTree
-from etude_arm.physics.mean import RigidBodyMean
-from etude_arm.physics.rigid_body import EXTRA_TERMS, command_regressors
+from etude_arm.physics.mean import RigidBodyMean, remembered_of
+from etude_arm.physics.rigid_body import SPEED, command_regressors
 from etude_arm.physics.rigid_tree import drives_from_mujoco, tree_from_mujoco
 from etude_arm.physics.transmission import Drive
 from etude_arm.spec import PATH, PLAN, ArmSpec
@@ -64,9 +64,6 @@ class Normal:
 
     def __add__(self, other: Normal) -> Normal:
         return Normal(self.A + other.A, self.b + other.b)
-
-
-FUSED, APART = 'fusestatic="true"', 'fusestatic="false"'
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,39 +107,42 @@ class WhitenedRows:
     Attributes:
         rows: of each command (n, P + E) and its commands (n,), both divided by the noise's deviation.
         group: of each command (n,), which segment a row is of.
-        weight: of one sample, since neighbours repeat each other.
+        weights: (J,) of one sample, since what a model leaves of neighbours is alike.
         own: (J, E) prior deviations of each drive's own terms.
         deviation: (J,) the noise's, command units.
     """
 
     rows: Sequence[tuple[Array, Array]]
     group: Sequence[Index]
-    weight: float
+    weights: tuple[float, ...]
     own: Array
     deviation: Array
 
     @staticmethod
     def of(samples: Samples, spec: ArmSpec, links: Links, found: RigidBodyMean) -> WhitenedRows:
-        """Of the samples in which a joint moves; noise and friction velocity are those of `found`."""
-        motion = tuple(samples.log[name] for name in (PLAN if found.desired else PATH))
+        """Of the samples in which a joint moves; noise, its memory and v0 are those of `found`."""
         model, tree, drives = found.model, links.tree, links.drives
-        v0 = model.friction_velocity
-        both = np.concatenate(command_regressors(tree, drives, v0, *motion), axis=2)
-        own = np.array([prior.extra for prior in output_priors(spec, tree, drives, v0)])
-        rows, groups = [], []
+        motion = tuple(samples.log[name] for name in (PLAN if found.desired else PATH))
+        rigid, extra = command_regressors(tree, drives, model.friction_velocity, *motion)
+        turning = remembered_of(samples.log)
+        extra = extra if turning is None else model.turned(extra, turning)
+        both, left = np.concatenate([rigid, extra], axis=2), samples.command - found.predict(samples.log)
+        own = np.array([prior.extra for prior in output_priors(spec, tree, drives, model.friction_velocity)])
+        rows, groups, weights = [], [], []
         for j in range(spec.dof):
             used = samples.moving[:, j] & samples.usable[:, j]
             noise = float(model.deviation[j])
             rows.append((both[used, j] / noise, samples.command[used, j] / noise))
             groups.append(samples.group[used])
-        return WhitenedRows(rows, groups, Clock(samples.t, samples.group).information(), own, model.deviation)
+            weights.append(Clock(samples.t[used], samples.group[used]).information(left[used, j]))
+        return WhitenedRows(rows, groups, tuple(weights), own, model.deviation)
 
     def normal(self, groups: Sequence[int] | None = None) -> Normal:
         """Of those groups, or of all."""
         found = []
-        for (rows, y), group in zip(self.rows, self.group, strict=True):
+        for (rows, y), group, weight in zip(self.rows, self.group, self.weights, strict=True):
             used = slice(None) if groups is None else np.isin(group, groups)
-            found.append((self.weight * rows[used].T @ rows[used], self.weight * rows[used].T @ y[used]))
+            found.append((weight * rows[used].T @ rows[used], weight * rows[used].T @ y[used]))
         A, b = zip(*found, strict=True)
         return Normal(np.array(A), np.array(b))
 
@@ -289,27 +289,34 @@ def _barrier(x: Array, only_value: bool = False) -> tuple[float, Array, Array]:
 class Identified:
     """Attributes:
     links: the bodies of the file. result: their parameters. own: (J, E) terms of the drives.
-    deviation: (J,) of the commands' noise. errors: on segments left out.
+    joints: armature, damping and friction of each joint with a drive of its own.
+    errors: on segments left out.
     """
 
     links: Links
     result: Consistent
     own: Array
-    deviation: Array
+    joints: Mapping[str, JointTerms]
     errors: Errors
 
-    def terms(self, spec: ArmSpec) -> dict[str, JointTerms]:
-        """Armature, damping and friction by joint, of drives that are one joint's; none below zero."""
-        found = {}
-        for j, (name, drive) in enumerate(zip(spec.names, self.links.drives, strict=True)):
-            turns = drive.gear * drive.coefficients
-            if len(drive.bodies) or np.count_nonzero(turns) != 1 or turns[j] == 0.0:
-                continue
-            own, turn = dict(zip(EXTRA_TERMS, self.own[j].tolist(), strict=True)), abs(float(turns[j]))
-            armature, damping = (max(0.0, own[term]) * turn**2 for term in ("armature", "viscous"))
-            friction = sum(value for term, value in own.items() if term.startswith("friction"))
-            found[name] = JointTerms(armature, damping, max(0.0, friction) * turn)
-        return found
+
+def _joint_terms(spec: ArmSpec, links: Links, evidence: WhitenedRows, own: Array) -> dict[str, JointTerms]:
+    """Of drives that are one joint's; none below zero. Friction c sign(v) + d v is the nearest to what was
+    identified over the logs' own speeds.
+    """
+    from scipy.optimize import nnls
+
+    found, first = {}, len(links.nominal)
+    for j, (name, drive) in enumerate(zip(spec.names, links.drives, strict=True)):
+        if not drive.side(j):
+            continue
+        turn = abs(drive.gear * float(drive.coefficients[j]))
+        columns = evidence.rows[j][0][:, first:-1] * evidence.deviation[j]
+        speed, force = columns[:, SPEED], columns[:, SPEED:] @ own[j, SPEED:-1]
+        friction, damping = nnls(np.column_stack([np.sign(speed), speed]), force)[0].tolist()
+        armature = max(0.0, float(own[j, 0])) * turn**2
+        found[name] = JointTerms(armature, damping * turn**2, friction * turn)
+    return found
 
 
 def identified(samples: Samples, spec: ArmSpec, mean: RigidBodyMean) -> Identified:
@@ -326,7 +333,8 @@ def identified(samples: Samples, spec: ArmSpec, mean: RigidBodyMean) -> Identifi
     whole = evidence.normal()
     result = consistent(*evidence.reduced(whole), links.nominal)
     own = evidence.own_terms(whole, result.phi)
-    return Identified(links, result, own, evidence.deviation, _left_out(evidence, links, samples))
+    joints = _joint_terms(spec, links, evidence, own)
+    return Identified(links, result, own, joints, _left_out(evidence, links, samples))
 
 
 def _left_out(evidence: WhitenedRows, links: Links, samples: Samples) -> Errors:

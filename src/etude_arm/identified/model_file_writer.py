@@ -1,4 +1,4 @@
-"""The model file again, with other inertias: a URDF or an MJCF, everything else in it as it was."""
+"""The model file with other inertias: as it was in all else, or as what MuJoCo reads."""
 
 from __future__ import annotations
 
@@ -13,8 +13,14 @@ import numpy as np
 from etude.errors import UsageError
 from etude.types import Array
 from etude_arm.identified.pseudo_inertia import PAIRS, inertia_of
+from etude_arm.loading.attachments import tip
 from etude_arm.loading.inertia import ENTRIES
+from etude_arm.loading.load import load_arm
 from etude_arm.loading.parsing import declared, parsed
+from etude_arm.spec import ArmSpec
+
+FUSED, APART = 'fusestatic="true"', 'fusestatic="false"'
+"""Of what a loaded model says: links that move as one are one body, or each its own."""
 
 
 @dataclass(frozen=True)
@@ -32,16 +38,17 @@ def central(phi: Array) -> tuple[float, Array, Array]:
     return mass, centre, inertia_of(phi) - mass * (centre @ centre * np.eye(3) - np.outer(centre, centre))
 
 
-def written(path: Path, bodies: Mapping[str, Array], joints: Mapping[str, JointTerms]) -> tuple[str, bytes]:
-    """Name of the new file and its bytes.
+def written(spec: ArmSpec, bodies: Mapping[str, Array], joints: Mapping[str, JointTerms]) -> dict[str, bytes]:
+    """The model file in its own form, by name.
 
     Args:
-        path: the model file.
+        spec: the robot; it has a model file.
         bodies: parameters (10,) by link or body. joints: terms by joint.
     """
-    if parsed(path).tag == "robot":
-        return f"{path.stem}.urdf", _urdf(path, bodies, joints)
-    return f"{path.stem}.xml", _mjcf(path, bodies, joints)
+    assert spec.model_file is not None
+    if parsed(spec.model_file).tag == "robot":
+        return {f"{spec.model_file.stem}.urdf": _urdf(spec.model_file, bodies, joints)}
+    return mjcf(spec, bodies, joints)
 
 
 def _urdf(path: Path, bodies: Mapping[str, Array], joints: Mapping[str, JointTerms]) -> bytes:
@@ -74,32 +81,87 @@ def _inertial(phi: Array) -> ET.Element:
     return new
 
 
-def _mjcf(path: Path, bodies: Mapping[str, Array], joints: Mapping[str, JointTerms]) -> bytes:
-    import mujoco
-
-    from etude_arm.loading.mjcf_compiled import name_joints
-
-    spec = mujoco.MjSpec.from_file(str(path))
-    name_joints(spec)
-    for body in spec.bodies:
+def mjcf(spec: ArmSpec, bodies: Mapping[str, Array], joints: Mapping[str, JointTerms]) -> dict[str, bytes]:
+    """What MuJoCo reads, and the meshes beside it, by name: an MJCF with all that it holds, a URDF's chosen
+    joints with hulls and a motor for each. Tool and payload are bodies of it. Arguments as of `written`.
+    """
+    assert spec.model_file is not None
+    model, files = _of_urdf(spec) if parsed(spec.model_file).tag == "robot" else _of_mjcf(spec)
+    _add_carried(model, spec, bodies)
+    for body in model.bodies:
         if body.name in bodies:
-            body.mass, body.ipos, inertia = central(bodies[body.name])
-            body.fullinertia = [inertia[i, j] for i, j in PAIRS]
-            body.iquat, body.inertia = [1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0]
-            body.explicitinertial = True
-    for joint in spec.joints:
+            _set_inertia(body, bodies[body.name])
+    for joint in model.joints:
         if joint.name in joints:
             terms = joints[joint.name]
             joint.armature = terms.armature
             joint.damping = _like(joint.damping, terms.damping)
             joint.frictionloss = terms.friction
     try:
-        spec.compile()
-        return str(spec.to_xml()).encode()
+        model.compile()
+        return {f"{spec.model_file.stem}.xml": str(model.to_xml()).encode(), **files}
     except ValueError as problem:
         raise UsageError(
-            f"MuJoCo cannot write the model anew: {str(problem).strip()}", where=str(path)
+            f"MuJoCo cannot write the model anew: {str(problem).strip()}", where=str(spec.model_file)
         ) from None
+
+
+def _of_mjcf(spec: ArmSpec) -> tuple[Any, dict[str, bytes]]:
+    """The file, its gravity as the robot is mounted, and the files that it names."""
+    import mujoco
+
+    from etude_arm.loading.mjcf_compiled import name_joints
+
+    assert spec.model_file is not None
+    model = mujoco.MjSpec.from_file(str(spec.model_file))
+    name_joints(model)
+    if spec.mounting is not None:
+        model.option.gravity = spec.mounting.turn.T @ model.option.gravity
+    named = {f"{model.meshdir}/{one.file}".lstrip("/") for one in (*model.meshes, *model.skins) if one.file}
+    named |= {f"{model.texturedir}/{one.file}".lstrip("/") for one in model.textures if one.file}
+    found = {name: spec.model_file.parent / name for name in sorted(named)}
+    return model, {name: path.read_bytes() for name, path in found.items() if path.is_file()}
+
+
+def _of_urdf(spec: ArmSpec) -> tuple[Any, dict[str, bytes]]:
+    """Every link a body of its own, and a motor for each axis, or a servo where its gain is known."""
+    import mujoco
+
+    loaded = load_arm(spec)
+    model = mujoco.MjSpec.from_string(loaded.xml.replace(FUSED, APART), assets=dict(loaded.assets))
+    model.modelname = spec.name
+    for body in model.bodies:
+        body.name = loaded.links.get(body.name, body.name)
+    for j, axis in enumerate(spec.axes):
+        actuator = model.add_actuator(name=axis.name, target=axis.name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
+        actuator.forcelimited, actuator.forcerange = 1, [-axis.command, axis.command]
+        if spec.gains is None:
+            actuator.set_to_motor()
+            actuator.ctrllimited, actuator.ctrlrange = 1, [-axis.command, axis.command]
+        else:
+            actuator.set_to_position(kp=spec.gains.kp[j])
+            actuator.ctrllimited, actuator.ctrlrange = 1, [axis.lower, axis.upper]
+    return model, dict(loaded.assets)
+
+
+def _add_carried(model: Any, spec: ArmSpec, bodies: Mapping[str, Array]) -> None:
+    """Bodies for tool and payload, where the model has none yet."""
+    from etude_arm.loading.mjcf_compiled import moving
+
+    for what, one in (("tool", spec.tool), ("payload", spec.payload)):
+        names = {body.name for body in model.bodies}
+        if one is None or what not in bodies or what in names:
+            continue
+        link = model.body(one.link) if one.link else None
+        carrier = link or model.joint(tip(moving(model.compile()), spec.names, what)).parent
+        _set_inertia(carrier.add_body(name=what), bodies[what])
+
+
+def _set_inertia(body: Any, phi: Array) -> None:
+    body.mass, body.ipos, inertia = central(phi)
+    body.fullinertia = [inertia[i, j] for i, j in PAIRS]
+    body.iquat, body.inertia = [1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0]
+    body.explicitinertial = True
 
 
 def _like(old: Any, value: float) -> Any:

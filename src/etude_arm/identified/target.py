@@ -1,9 +1,9 @@
-"""`etude export --to urdf`: the robot's model file with identified inertias, and what is known of each."""
+"""`etude export --to urdf`, `--to mjcf`: a model file with identified inertias, and what is known of each."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,12 +13,13 @@ from etude._runtime.options import taken
 from etude.errors import UsageError
 from etude.logs.readers.cells import text_cell
 from etude.protocols import Kind
-from etude.types import Delivered, Samples
+from etude.types import Array, Delivered, Samples
 from etude_arm.identified.consistent_parameters import Identified, identified
-from etude_arm.identified.model_file_writer import written
+from etude_arm.identified.model_file_writer import JointTerms, mjcf, written
 from etude_arm.identified.pseudo_inertia import is_possible
+from etude_arm.identified.replayed import Replayed, replayed
 from etude_arm.physics.geometry import has_masses
-from etude_arm.physics.mean import ArmPhysics
+from etude_arm.physics.mean import RigidBodyMean
 from etude_arm.spec import FORCES, ArmSpec
 
 NAMES = ("mass", "m cx", "m cy", "m cz", "Ixx", "Iyy", "Izz", "Ixy", "Ixz", "Iyz")
@@ -31,37 +32,78 @@ NOTHING = 0.05
 
 
 @dataclass(frozen=True)
-class UrdfOptions:
+class FileOptions:
     """What the campaign supplies."""
 
     samples: Samples
+    config: Any
     model_hash: str = ""
 
 
-class Urdf:
-    """The target `urdf` (`protocols.Target`)."""
+Writer = Callable[[ArmSpec, Mapping[str, Array], Mapping[str, JointTerms]], dict[str, bytes]]
 
-    needs = ("samples",)
+
+@dataclass(frozen=True)
+class ModelFile:
+    """A target (`protocols.Target`): the model file in its own form, or for MuJoCo."""
+
+    name: str
+    write: Writer
+    needs = ("samples", "config")
 
     def __call__(self, model: Any, kind: Kind, spec: Any, options: Mapping[str, Any]) -> Delivered:  # noqa: ARG002
         """Errors: UsageError: not an arm, no model file, or commands that are no forces."""
         _require_forces(spec)
-        samples = taken(options, UrdfOptions, "urdf").samples
-        found = identified(samples, spec, ArmPhysics(spec)(samples))
+        given = taken(options, FileOptions, self.name)
+        mean = kind.physics(spec, given.config)["identified"](given.samples)
+        assert isinstance(mean, RigidBodyMean)
+        found = identified(given.samples, spec, mean)
         bodies = {name: found.result.phi[place] for name, place in found.links.told_of}
-        name, data = written(spec.model_file, bodies, found.terms(spec))
+        written = self.write(spec, bodies, found.joints)
+        name, *_ = written
+        played = _played(name, written, given.samples, spec, found, mean)
         rows = _rows(found)
-        facts = {"told": found.result.told, "segments": found.errors.segments, "parameters": rows}
+        said = [*_said(found, spec, rows), *_carried(name, spec), *_played_sentences(played, spec)]
+        facts: dict[str, Any] = {"told": found.result.told, "segments": found.errors.segments}
+        if played is not None:
+            names = ("file", "physics")
+            facts["played"] = {
+                one: dict(zip(spec.names, getattr(played, one).tolist(), strict=True)) for one in names
+            }
         files = {
-            name: data,
+            **written,
             "identifiability.csv": _table(rows).encode(),
             "identifiability.json": (json.dumps(rows, indent=1) + "\n").encode(),
-            "README.md": _readme(name, found, spec, rows).encode(),
+            "README.md": _readme(name, found, spec, rows, said).encode(),
         }
-        return Delivered(files, tuple(_said(found, spec, rows)), facts)
+        return Delivered(files, tuple(said), {**facts, "parameters": rows})
 
 
-URDF = Urdf()
+URDF, MJCF = ModelFile("urdf", written), ModelFile("mjcf", mjcf)
+
+
+def _played(
+    name: str,
+    files: Mapping[str, bytes],
+    samples: Samples,
+    spec: ArmSpec,
+    found: Identified,
+    mean: RigidBodyMean,
+) -> Replayed | None:
+    """Beside the logs, where MuJoCo reads the file as it is."""
+    return None if name.endswith(".urdf") else replayed(files, samples, spec, found.links, mean)
+
+
+def _played_sentences(played: Replayed | None, spec: ArmSpec) -> list[str]:
+    if played is None:
+        return []
+    pairs = zip(spec.names, spec.command_units, played.file, played.physics, strict=True)
+    parts = ", ".join(f"{name} {_digits(file)} ({_digits(own)}) {unit}" for name, unit, file, own in pairs)
+    return [
+        f"MuJoCo's inverse dynamics of the file errs on the logs by (the model's physics by): {parts}.",
+        "frictionloss and damping are the nearest c sign(v) + d v: the file has no Stribeck's dip, no "
+        "friction that turns round over a way or differs by direction, and no offset.",
+    ]
 
 
 def _require_forces(spec: Any) -> None:
@@ -131,18 +173,24 @@ def _said(found: Identified, spec: ArmSpec, rows: list[dict[str, Any]]) -> list[
             said.append("The file's own inertias predict as well.")
     else:
         said.append("One segment alone: whether these inertias are better than the file's is not known.")
-    carried = [name for name, one in (("tool", spec.tool), ("payload", spec.payload)) if one is not None]
-    if carried:
-        said.append(f"What robot.toml adds, {' and '.join(carried)}, is not in the file, as before.")
     return said
+
+
+def _carried(name: str, spec: ArmSpec) -> list[str]:
+    added = (("tool", spec.tool), ("payload", spec.payload), ("mounting", spec.mounting))
+    carried = [name for name, one in added if one is not None]
+    if not carried:
+        return []
+    place = "is not in the file, as before" if name.endswith(".urdf") else "is in the file"
+    return [f"What robot.toml adds, {' and '.join(carried)}, {place}."]
 
 
 def _digits(value: float) -> str:
     return f"{value:#.3g}".removesuffix(".")
 
 
-def _readme(name: str, found: Identified, spec: ArmSpec, rows: list[dict[str, Any]]) -> str:
-    sentences = "\n".join(f"- {sentence}" for sentence in _said(found, spec, rows))
+def _readme(name: str, found: Identified, spec: ArmSpec, rows: list[dict[str, Any]], said: list[str]) -> str:
+    sentences = "\n".join(f"- {sentence}" for sentence in said)
     possible = all(is_possible(found.result.phi[place]) for _, place in found.links.told_of)
     head = "| link | parameter | unit | file | found | +- | known |\n|---|---|---|---|---|---|---|\n"
     lines = "".join(
@@ -157,14 +205,14 @@ def _readme(name: str, found: Identified, spec: ArmSpec, rows: list[dict[str, An
 - Only combinations of parameters show in the joints' forces. What they leave open is as near to the model
   file as it can be; `share` in identifiability.csv is the part of a parameter's variance that the logs took
   away (measured: above {MEASURED:g}, partly: above {PARTLY:g}).
-- Friction and damping of the joints are written too; a URDF has no place for armature:
-  {_armature(found, spec)}.
+- Friction and damping of the joints are written too. Armature, which a URDF has no place for:
+  {_armature(found)}.
 
 m c and I are about the link's own origin, along its axes.
 
 {head}{lines}"""
 
 
-def _armature(found: Identified, spec: ArmSpec) -> str:
-    terms = found.terms(spec)
-    return ", ".join(f"{name} {_digits(t.armature)} kg m^2" for name, t in terms.items()) or "none was found"
+def _armature(found: Identified) -> str:
+    pairs = found.joints.items()
+    return ", ".join(f"{name} {_digits(t.armature)} kg m^2" for name, t in pairs) or "none was found"

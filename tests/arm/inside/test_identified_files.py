@@ -5,6 +5,8 @@ from __future__ import annotations
 import xml.etree.ElementTree as ET
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -14,6 +16,7 @@ from loading_examples import write
 from etude.errors import UsageError
 from etude.types import Log, Samples
 from etude_arm import KIND, ArmPhysics, ArmSpec, Axis
+from etude_arm.config import ArmData
 from etude_arm.identified.consistent_parameters import Identified, identified, links_of
 from etude_arm.identified.model_file_writer import central, written
 from etude_arm.identified.pseudo_inertia import is_possible, matrix_of
@@ -72,6 +75,11 @@ def told(spec: ArmSpec, path: Path, friction: np.ndarray, noise: float = 0.01) -
     return Samples(log, np.repeat(np.arange(ROUNDS), 300), np.ones(q.shape, bool), np.abs(qd) > 0.02)
 
 
+def given(samples: Samples) -> dict[str, Any]:
+    """What a campaign supplies a target with."""
+    return {"samples": samples, "config": SimpleNamespace(data=ArmData()), "model_hash": ""}
+
+
 def heavier(path: Path, new: Path) -> Path:
     """The same robot with other masses, which is the real one."""
     root = ET.parse(path).getroot()
@@ -118,13 +126,13 @@ def test_the_written_file_plays_the_real_robots_forces(
     spec, real, found = wrong_file
     assert spec.model_file is not None
     bodies = {name: found.result.phi[place] for name, place in found.links.told_of}
-    name, data = written(spec.model_file, bodies, found.terms(spec))
-    assert name == "arm.urdf"
+    files = written(spec, bodies, found.joints)
+    assert list(files) == ["arm.urdf"]
     new = spec.model_file.with_name("new.urdf")
-    new.write_bytes(data)
+    new.write_bytes(files["arm.urdf"])
     states = motion(np.random.default_rng(99), 200, spec.dof)
     true, before, after = (torques(p, spec.names, *states) for p in (real, spec.model_file, new))
-    armature = np.array([found.terms(spec)[joint].armature for joint in spec.names]) * states[2]
+    armature = np.array([found.joints[joint].armature for joint in spec.names]) * states[2]
     wrong, left = (np.sqrt(np.mean((x - true) ** 2, axis=0)) for x in (before, after + armature))
     assert np.all(left < 0.03)
     assert np.all(left[:2] < 0.2 * wrong[:2])
@@ -151,9 +159,10 @@ def test_an_mjcf_is_written_as_one(tmp_path: Path) -> None:
     found = identified(samples, spec, ArmPhysics(spec)(samples))
     bodies = {name: found.result.phi[place] for name, place in found.links.told_of}
     assert set(bodies) == {"one", "two", "tip"}
-    name, data = written(path, bodies, found.terms(spec))
-    new = tmp_path / f"new_{name}"
-    new.write_bytes(data)
+    files = written(spec, bodies, found.joints)
+    assert list(files) == ["two.xml"]
+    new = tmp_path / "new_two.xml"
+    new.write_bytes(files["two.xml"])
     model = mujoco.MjModel.from_xml_path(str(new))
     for body, phi in bodies.items():
         mass, centre, inertia = central(phi)
@@ -161,7 +170,7 @@ def test_an_mjcf_is_written_as_one(tmp_path: Path) -> None:
         assert one.mass[0] == pytest.approx(mass, rel=1e-4)
         np.testing.assert_allclose(one.ipos, centre, atol=1e-4)
         np.testing.assert_allclose(np.sort(one.inertia), np.linalg.eigvalsh(inertia), rtol=1e-3, atol=1e-6)
-    assert model.dof_damping[1] == pytest.approx(found.terms(spec)["b"].damping, rel=1e-4)
+    assert model.dof_damping[1] == pytest.approx(found.joints["b"].damping, rel=1e-4)
     assert model.dof_frictionloss[0] == pytest.approx(0.5, rel=0.2)
     states = motion(np.random.default_rng(98), 100, 2)
     true, before, after = (torques(p, ("a", "b"), *states) for p in (real, path, new))
@@ -182,7 +191,7 @@ def test_the_target_says_what_is_known_and_refuses_what_is_no_force(
     spec, real, found = wrong_file
     assert spec.model_file is not None
     samples = told(spec, real, FRICTION)
-    delivered = URDF(None, KIND, spec, {"samples": samples, "model_hash": ""})
+    delivered = URDF(None, KIND, spec, given(samples))
     assert set(delivered.files) == {"arm.urdf", "identifiability.csv", "identifiability.json", "README.md"}
     table = delivered.files["identifiability.csv"].decode().splitlines()
     assert len(table) == 1 + 10 * 5
@@ -194,12 +203,12 @@ def test_the_target_says_what_is_known_and_refuses_what_is_no_force(
     assert any("Error on segments left out" in sentence for sentence in delivered.said)
     assert not any("do not use" in sentence for sentence in delivered.said)
     with pytest.raises(UsageError, match="motors' constants"):
-        URDF(None, KIND, replace(spec, command_unit="A"), {"samples": samples})
+        URDF(None, KIND, replace(spec, command_unit="A"), given(samples))
     with pytest.raises(UsageError, match="no model file"):
-        URDF(None, KIND, replace(spec, model_file=None), {"samples": samples})
+        URDF(None, KIND, replace(spec, model_file=None), given(samples))
     with pytest.raises(UsageError, match="no option"):
-        URDF(None, KIND, spec, {"samples": samples, "real": "float"})
+        URDF(None, KIND, spec, given(samples) | {"real": "float"})
     same = told(spec, spec.model_file, FRICTION)
-    again = URDF(None, KIND, spec, {"samples": same})
+    again = URDF(None, KIND, spec, given(same))
     assert any("predict as well" in sentence for sentence in again.said)
     assert found.result.told == delivered.facts["told"]

@@ -65,13 +65,27 @@ def test_an_answer_holds_for_later_logs_of_which_the_same_is_found(
         told(campaign, changed(campaign, tmp_path / "other.csv", 3, tau_knee=-1.0))
 
 
+def test_an_answer_about_some_logs_says_nothing_of_one_that_denies_it(
+    campaign: Campaign, tmp_path: Path
+) -> None:
+    wrong = [changed(campaign, tmp_path / f"{seed}.csv", seed, tau_hip=-1.0) for seed in (1, 2)]
+    for path, accept in zip(wrong, (("sign",), ()), strict=True):
+        told(campaign, path, accept=accept)
+    right = write_log(tmp_path / "3.csv", random_motion(campaign, 3), 3)
+    with pytest.raises(DataError, match="hip is inverted in log 1, log 2 alone") as refused:
+        told(campaign, right)
+    assert "Neither sign" not in refused.value.fact
+    assert "Exclude them (etude untell" in refused.value.next_step
+    assert any("Taken as it is" in s for s in told(campaign, right, accept=("sign",)).repairs)
+
+
 def test_a_repair_is_of_all_logs_or_of_none(campaign: Campaign, tmp_path: Path) -> None:
     """The first was taken as it is: the advice that refuses the second leads to both, put right."""
     paths = [changed(campaign, tmp_path / f"{seed}.csv", seed, tau_hip=-1.0) for seed in (1, 2, 3)]
     first = told(campaign, paths[0], accept=("sign",))
     with pytest.raises(DataError, match="hip is inverted in all 2 logs") as refused:
         told(campaign, paths[1], repair=("sign",))
-    assert "These logs were learned as they are: log 1. Exclude them (etude untell" in refused.value.next_step
+    assert "These logs were learned before: log 1. Exclude them (etude untell" in refused.value.next_step
     assert untell(campaign, first.number, learner=stub_learner)
     found = tell(campaign, paths[:2], foreign=True, learner=stub_learner, repair=("sign",))
     repairs = [file.ingested.repairs for file in found.files if file.ingested is not None]

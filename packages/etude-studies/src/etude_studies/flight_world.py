@@ -20,6 +20,9 @@ SAMPLERS = {"uniform": uniform, "scaled": timid, "boundary": boundary}
 """The random flights by name; "scaled" are of random size in a random direction."""
 THESIS_ROOM = {"lower": (-10.0, -10.0, 0.3), "margin": 0.5, "vertical_margin": None}
 """Of the studies of flights that teach; the vehicle's own file keeps more room for tracking."""
+THESIS_S = 30.0
+"""Duration of the studies' flights, the thesis's. Those of a campaign take half of it by default: as many
+harmonics in half of the time fly twice as fast, and feedback alone errs twice as much."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,7 +7,7 @@ Each applies to all logs that it is about, or to none: where one of them was lea
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
@@ -17,7 +17,7 @@ from etude.campaign.record.state import State
 from etude.campaign.record.stored_models import stored_log
 from etude.errors import EtudeError
 from etude.logs.checks.filtered_motion import joints
-from etude.logs.checks.finding_texts import Mendable
+from etude.logs.checks.finding_texts import Doubt, Mendable
 from etude.logs.checks.plausibility import repaired
 from etude.protocols import Mean
 from etude.types import Finding, Log
@@ -41,12 +41,12 @@ class Step:
 
 
 def decided(
-    new: Sequence[Log], told: Mapping[str, Log], answer: Answer, body: Mean | None
+    new: Sequence[Log], told: Mapping[int, Log], answer: Answer, body: Mean | None
 ) -> tuple[list[Step], Decision | None]:
     """The steps of new logs, and the last decision; none where commands act on no joint.
 
     Args:
-        new: their motion settled. told: by name, as they are stored.
+        new: their motion settled. told: by number, as they are stored.
         answer: "accept", "repair" or "" to a finding.
         body: what a model file says of the commands by itself.
     """
@@ -56,9 +56,9 @@ def decided(
     from etude.logs.evidence.decisions import judge
     from etude.logs.evidence.findings import finding_of
 
-    old = [log for log in told.values() if joints(log) is not None]
-    names = [name for name, log in told.items() if joints(log) is not None]
-    logs, sources = list(new), [*names, *(log.source for log in new)]
+    numbers = [number for number, log in told.items() if joints(log) is not None]
+    old = [told[number] for number in numbers]
+    logs, sources = list(new), [*(f"log {n}" for n in numbers), *(log.source for log in new)]
     force = all(unit in FORCES for c in new[0].channels.values() if c.acts_on for unit in c.units)
     fresh = range(len(old), len(old) + len(new))
     steps: list[Step] = []
@@ -67,8 +67,10 @@ def decided(
         found = judge([*old, *logs], path, body, fresh=fresh, force=force, accepted=accepted)
         if found.level == "silent":
             return steps, found
-        finding = finding_of(found, path.parts, sources, len(old))
+        finding = finding_of(found, path.parts, sources, old)
         own = frozenset(i - len(old) for i in found.logs if i >= len(old))
+        if not own and isinstance(finding, Doubt):  # an answer about these logs, not about what they hold
+            finding = replace(finding, by=(*finding.by, *(float(numbers[i]) for i in found.logs)))
         again = any(step.finding == finding for step in steps)
         whole = len(own) == len(found.logs) and isinstance(finding, Mendable)
         what = "open" if again else _what(found, answer(finding), whole)
@@ -89,14 +91,14 @@ def _what(found: Decision, answer: str, whole: bool) -> Literal["note", "repair"
     return "repair" if answer == "repair" else "accept" if answer == "accept" else "open"
 
 
-def told_logs(campaign: Campaign, state: State) -> dict[str, Log]:
-    """The newest logs that were told, by name; of a damaged one training will speak."""
+def told_logs(campaign: Campaign, state: State) -> dict[int, Log]:
+    """The newest logs that were told, by number; of a damaged one training will speak."""
     if not any(c.acts_on for c in campaign.channels):
         return {}
     found = {}
     for known in state.ingested[-MOST_TOLD:]:
         try:
-            found[f"log {known.number}"] = stored_log(campaign, known.number)
+            found[known.number] = stored_log(campaign, known.number)
         except EtudeError:
             continue
     return found
@@ -111,7 +113,7 @@ class Survey:
     """
 
     logs: Mapping[Path, Log]
-    told: Mapping[str, Log]
+    told: Mapping[int, Log]
     answer: Answer
     body: Mean | None
 

@@ -59,7 +59,7 @@ class Inspected:
 @dataclass(frozen=True)
 class _KnownRobot:
     """What is known of the robot: described by its kind, or guessed from the headers; why: no channels; told:
-    by name, its logs so far.
+    by number, its logs so far.
     """
 
     channels: Sequence[Channel]
@@ -70,7 +70,7 @@ class _KnownRobot:
     spec: Any = None
     config: LogConfig = field(default_factory=LogConfig)
     why: str = ""
-    told: Mapping[str, Log] = field(default_factory=dict)
+    told: Mapping[int, Log] = field(default_factory=dict)
 
 
 def inspect(

@@ -85,7 +85,7 @@ class LogQuestions:
 
     Attributes:
         steps: what was decided of the log's commands, if it was judged with others; None: by itself.
-        told: logs that were told before, by name.
+        told: logs that were told before, by number.
         given: collects the answers that were of use. accepted: what was found and is taken as it is.
     """
 
@@ -93,7 +93,7 @@ class LogQuestions:
     spec: Any
     answers: Answers
     steps: Callable[[Log], Sequence[Step]] | None = None
-    told: Callable[[], Mapping[str, Log]] = dict
+    told: Callable[[], Mapping[int, Log]] = dict
     given: list[Given] = field(default_factory=list)
     accepted: list[Finding] = field(default_factory=list)
 
@@ -229,14 +229,14 @@ def refusal(found: Sequence[Finding], where: str) -> DataError:
 
 
 def judged_commands(
-    kind: Kind | None, spec: Any, log: Log, motion: Seen | None = None, told: Mapping[str, Log] | None = None
+    kind: Kind | None, spec: Any, log: Log, motion: Seen | None = None, told: Mapping[int, Log] | None = None
 ) -> tuple[Finding, ...]:
     """All that is said of the commands of one log: whose they are, their signs, delay and unit.
 
     Args:
         kind: None of a robot that nobody described.
         motion: what is seen of the log, if that is known already.
-        told: by name, logs of the robot that were told before.
+        told: by number, logs of the robot that were told before.
     """
     body = None if kind is None else body_of(kind, spec)
     steps, last = decided([log], told or {}, lambda _: "", body)
@@ -263,7 +263,7 @@ def unit_findings(kind: Kind, spec: Any, log: Log, motion: Seen | None = None) -
 MOST_BY_FILE = 3  # of the logs that were told, the newest
 
 
-def file_findings_of(kind: Kind, spec: Any, log: Log, told: Mapping[str, Log]) -> tuple[Finding, ...]:
+def file_findings_of(kind: Kind, spec: Any, log: Log, told: Mapping[int, Log]) -> tuple[Finding, ...]:
     """What a model file says of the log beside those that were told, of robots driven by forces."""
     path = joints(log)
     body = None if path is None else body_of(kind, spec)

@@ -13,19 +13,21 @@ from etude.logs.checks.finding_texts import Doubt, Mendable, accepted, both, nam
 from etude.logs.checks.plausibility import DELAY, SIGN, SWAPPED
 from etude.logs.checks.velocities import DIRECTION
 from etude.logs.evidence.decisions import GRAVITY, LEAST_DELAY, Decision
-from etude.types import Finding
+from etude.types import Finding, Log
 
 COMMANDS = "commands"
 MOST = 1000.0  # log odds that are written out
 
 
-def finding_of(decision: Decision, parts: Sequence[str], sources: Sequence[str], old: int = 0) -> Finding:
+def finding_of(
+    decision: Decision, parts: Sequence[str], sources: Sequence[str], old: Sequence[Log] = ()
+) -> Finding:
     """What a decision that is not silent says.
 
     Args:
         parts: names of the joints.
         sources: names of the logs that were judged, the oldest first.
-        old: how many of them were told before, so that nothing repairs them now.
+        old: those of them that were told before, so that nothing repairs them now.
     """
     where = _where(decision, sources)
     if decision.check == SIGN:
@@ -38,7 +40,7 @@ def finding_of(decision: Decision, parts: Sequence[str], sources: Sequence[str],
         return _delay(decision, where)
     else:
         return _gravity(decision)
-    told = [sources[i] for i in decision.logs if i < old]
+    told = [_before(sources[i], old[i]) for i in decision.logs if i < len(old)]
     return _of_told(found, told) if told and isinstance(found, Mendable) else found
 
 
@@ -210,10 +212,17 @@ def _gravity(decision: Decision) -> Finding:
     )
 
 
-def _of_told(found: Finding, sources: Sequence[str]) -> Finding:
+def _before(source: str, log: Log) -> str:
+    """As "log 1" or "log 2 (the sign of the commands of elbow was turned, as asked)"."""
+    asked = [one[:1].lower() + one[1:-1] for one in log.repairs if one.endswith(", as asked.")]
+    repaired = [one for one in asked if "taken as it is" not in one.lower()]
+    return f"{source} ({'; '.join(repaired)})" if repaired else source
+
+
+def _of_told(found: Finding, told: Sequence[str]) -> Finding:
     """The same of logs that were told before: nothing is repaired in part."""
     step = (
-        f"These logs were learned as they are: {', '.join(sources)}. Exclude them (etude untell FOLDER "
-        f"NUMBER), and tell all logs together with --repair {found.check}; {accepted(found.check)}."
+        f"These logs were learned before: {', '.join(told)}. Exclude them (etude untell FOLDER NUMBER), and "
+        f"tell all logs together with --repair {found.check}; {accepted(found.check)}."
     )
     return replace(found, step=step)

@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from etude import plugins
-from etude.errors import DataError, EtudeError
+from etude.errors import DataError, EtudeError, reason
 from etude.logs.cleaning.smoothing import segments
 from etude.logs.columns.vocabulary import INDEX, is_time, normal
 from etude.logs.readers.csv_tables import csv_log
@@ -134,9 +134,7 @@ def _recognises(name: str, path: Path, head: bytes, broken: dict[str, str]) -> b
     try:
         return bool(plugins.load(GROUP, name).recognises(path, head))
     except Exception as problem:
-        broken[name] = (
-            problem.fact if isinstance(problem, EtudeError) else f"{type(problem).__name__}: {problem}"
-        )
+        broken[name] = reason(problem)
         return False
 
 

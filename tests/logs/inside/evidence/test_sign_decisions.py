@@ -99,8 +99,11 @@ def test_new_logs_are_held_against_those_before() -> None:
     found = decided(*logs, fresh=[1, 2])
     assert (found.check, found.logs) == ("sign", (1, 2))
     # a log that was learned is not put right by a later one
-    old = finding_of(decided(inverted(moved()), moved(seed=1), fresh=[1]), NAMES, ["log 1", "b.csv"], old=1)
+    told = inverted(moved()).repaired("The sign of the commands of toe was turned, as asked.")
+    found = decided(told, moved(seed=1), fresh=[1])
+    old = finding_of(found, NAMES, ["log 1", "b.csv"], [told])
     assert "log 1 alone" in old.sentence
+    assert "log 1 (the sign of the commands of toe was turned, as asked)" in old.step
     assert "etude untell" in old.step
 
 

@@ -1,0 +1,76 @@
+"""A written file beside the logs: MuJoCo's inverse dynamics of it, and the physics that the model uses."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from etude.types import Array, Samples
+from etude_arm.identified.consistent_parameters import Links
+from etude_arm.physics.kinematics import body_motion
+from etude_arm.physics.mean import RigidBodyMean
+from etude_arm.physics.transmission import drive_motion
+from etude_arm.spec import PATH, PLAN, ArmSpec
+
+if TYPE_CHECKING:
+    import mujoco
+
+
+@dataclass(frozen=True, eq=False)
+class Replayed:
+    """Root mean square errors of commands over the samples in which a joint moves, (J,), command units, with
+    the offset that was identified, which no model file can hold.
+
+    Attributes:
+        file: of MuJoCo's inverse dynamics with the written file.
+        physics: of the identified physics that the model uses.
+    """
+
+    file: Array
+    physics: Array
+
+
+def replayed(
+    files: Mapping[str, bytes], samples: Samples, spec: ArmSpec, links: Links, mean: RigidBodyMean
+) -> Replayed:
+    """Args:
+    files: an MJCF, the first of them, and its meshes. links: of the robot, for what its drives are.
+    """
+    import mujoco
+
+    name, *_ = files
+    assets = {path.rsplit("/", 1)[-1]: data for path, data in files.items() if path != name}
+    model = mujoco.MjModel.from_xml_string(files[name].decode(), assets)
+    motion = [samples.log[name] for name in (PLAN if mean.desired else PATH)]
+    torque = inverse(model, spec, *motion)
+    tree, drives = links.tree, links.drives
+    force = drive_motion(tree, drives, body_motion(tree, *motion), *motion[1:]).to_drive(torque)
+    used = samples.moving & samples.usable
+
+    def error(found: Array) -> Array:
+        return np.asarray(np.sqrt(np.mean((samples.command - found) ** 2, axis=0, where=used)))
+
+    return Replayed(error(force + mean.model.extra[:, -1]), error(mean.predict(samples.log)))
+
+
+def inverse(model: mujoco.MjModel, spec: ArmSpec, q: Array, qd: Array, qdd: Array) -> Array:
+    """(n, J) forces at the joints, with friction and armature, without contacts and stops."""
+    import mujoco
+
+    flags = mujoco.mjtDisableBit
+    model.opt.disableflags |= int(flags.mjDSBL_CONTACT) | int(flags.mjDSBL_LIMIT) | int(flags.mjDSBL_EQUALITY)
+    data = mujoco.MjData(model)
+    places = [model.joint(name) for name in spec.names]
+    at, dofs = (np.array([int(getattr(p, name)[0]) for p in places]) for name in ("qposadr", "dofadr"))
+    for name, place in spec.held.items():
+        if model.joint(name) is not None:
+            data.qpos[model.joint(name).qposadr[0]] = place
+    found = np.zeros_like(q)
+    for i in range(len(q)):
+        data.qpos[at], data.qvel[dofs], data.qacc[dofs] = q[i], qd[i], qdd[i]
+        mujoco.mj_inverse(model, data)
+        found[i] = data.qfrc_inverse[dofs]
+    return found
