@@ -396,8 +396,8 @@ def _new_motion(selection: ModelSelection) -> NewMotionScores:
 
     def scored(error: Array, variance: Array | None) -> Figures:
         use = np.isfinite(error)
-        mean = np.where(use, samples.command - error, 0.0)
-        return figures(samples.command, mean, variance, use, trivial)
+        mean = np.where(use, selection.judge - error, 0.0)
+        return figures(selection.judge, mean, variance, use, trivial)
 
     used, plain = scored(found.error, found.variance), scored(linear, None)
     values = {name: jsonable(getattr(used, name)) for name in ("nmse", "z2", "coverage", "msll")}

@@ -89,11 +89,7 @@ def models_by_rung(selection: ModelSelection) -> dict[str, LearnedModel]:
     found = {}
     for rung in selection.model.structures:
         model, held = selection.model.of_structure(rung), selection.held_out[rung]
-        scale = np.ones(len(model.commands))
-        for candidate in model.candidates:
-            if candidate.structure == rung:
-                scale[list(candidate.commands)] = candidate.calibration
-        ratio = held.error / np.sqrt(scale * held.variance)
+        ratio = held.error / np.sqrt(held.variance)
         student = None if model.student is None else fit_student(ratio[np.isfinite(ratio)])
         found[rung] = replace(model, student=student)
     return found
