@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg.blas import dgemm, dsyr, dsyrk, dtrmm, dtrsv
+from scipy.linalg.blas import dgemm, dsyr, dsyrk, dtrmm, dtrsm, dtrsv
 from scipy.linalg.lapack import dpotrf, dpotri, dpotrs, dtrtri, dtrtrs
 
 __all__ = [
@@ -17,6 +17,7 @@ __all__ = [
     "dsyr",
     "dsyrk",
     "dtrmm",
+    "dtrsm",
     "dtrsv",
     "dtrtri",
     "dtrtrs",

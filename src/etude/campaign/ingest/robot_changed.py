@@ -11,12 +11,14 @@ from typing import Literal
 
 import numpy as np
 
-from etude.campaign.ingest.questions import body_of
+from etude.campaign.ingest.command_decisions import told_logs
+from etude.campaign.ingest.questions import MOST_BY_FILE, body_of
 from etude.campaign.record.events import Changed
 from etude.campaign.record.folder import Campaign
 from etude.campaign.record.state import CHANGED, State
 from etude.campaign.record.stored_models import stored_model
 from etude.errors import DataError, UsageError
+from etude.logs.checks.filtered_motion import joints
 from etude.logs.cleaning.filters import duration
 from etude.models.change.diagnosis import SENSOR, Cause
 from etude.models.change.evidence import Judged, judged
@@ -32,6 +34,7 @@ ENORMOUS, MUCH_LEFT = 100.0, 0.2
 """Nats that count after one log, and what the size of the change may leave: what a single log did not visit
 is known badly, but it looks like no load and no factor.
 """
+OTHER = "the robot is not the one that the model knows"
 CAUSES: dict[Cause, str] = {
     "load": "a load was taken up or put down: the errors follow gravity and inertia",
     "friction": "friction has changed: the errors follow the sign of the velocity",
@@ -54,8 +57,26 @@ def change_found(campaign: Campaign, state: State, log: Log) -> Finding | None:
     """The finding that this log is not of the robot that the model in use knows; None if nothing says so.
 
     The log is aligned, and not stored yet. Nothing can be said without a model, or where the log lacks what
-    the model looks at.
+    the model looks at. After one log, which knows few states, a model file sees more.
     """
+    return _by_errors(campaign, state, log) or _by_file(campaign, state, log)
+
+
+def _by_file(campaign: Campaign, state: State, log: Log) -> Finding | None:
+    path, newest = joints(log), state.newest
+    body = None if path is None or newest is None else body_of(campaign.kind, campaign.spec)
+    if body is None or path is None or newest is None:
+        return None
+    from etude.logs.evidence.file_hypotheses import contradiction
+
+    told = told_logs(campaign, state)
+    numbers = [n for n in newest.logs if n in told][-MOST_BY_FILE:]
+    logs, names = [*(told[n] for n in numbers), log], [*(f"log {n}" for n in numbers), "this log"]
+    found = contradiction(logs, path, body, names, len(numbers))
+    return None if found is None else Finding(CHANGED, "red", f"{OTHER}: {found.sentence[:-1]}", STEP, FLAG)
+
+
+def _by_errors(campaign: Campaign, state: State, log: Log) -> Finding | None:
     if state.newest is None:
         return None
     group = np.zeros(len(log), dtype=np.int64)
@@ -84,7 +105,7 @@ def _finding(model: LearnedModel, found: Judged, t: Array, seconds: float) -> Fi
     at = float(t[found.alarm])
     place = "" if found.output is None else f", nearly all of it in {model.commands[found.output]}"
     sentence = (
-        f"the robot is not the one that the model knows: after {at - t[0]:.0f} s of {seconds:.0f} s the "
+        f"{OTHER}: after {at - t[0]:.0f} s of {seconds:.0f} s the "
         f"errors were beyond chance (squared, {found.z2:.3g} times the predicted variance{place}); "
         f"{CAUSES[found.cause]}{_figure(model, found)}"
     )

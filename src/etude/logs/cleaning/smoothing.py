@@ -9,8 +9,10 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from etude._runtime.rounding import MEASURED, whole_down
 from etude.types import Array
@@ -26,19 +28,41 @@ LONG = 10_000  # rows
 GAP_FACTOR = 10.0  # a pause of this many median intervals splits a log
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Smoothed:
-    """A filtered signal on a uniform grid.
+    """A filtered signal on a uniform grid of T rows. Each derivative is computed when it is asked for.
 
     Attributes:
         t: (T,) s, uniform.
-        value, first, second: (T, k) the filtered signal and its first two time derivatives.
+        line: (T, k) through the end points, of which `slope` (k,) is the rate.
+        spectrum: (F, k) of the rest, continued oddly and filtered.
     """
 
     t: Array
-    value: Array
-    first: Array
-    second: Array
+    line: Array
+    slope: Array
+    spectrum: NDArray[np.complex128]
+
+    @cached_property
+    def value(self) -> Array:
+        """(T, k) the filtered signal."""
+        return self.line + self._derivative(0)
+
+    @cached_property
+    def first(self) -> Array:
+        """(T, k) its first time derivative."""
+        return self.slope + self._derivative(1)
+
+    @cached_property
+    def second(self) -> Array:
+        """(T, k) its second time derivative."""
+        return self._derivative(2)
+
+    def _derivative(self, order: int) -> Array:
+        n = len(self.t)
+        step = float(self.t[-1] - self.t[0]) / (n - 1)
+        omega = 2 * np.pi * np.fft.rfftfreq(2 * (n - 1), step)[:, None]
+        return np.fft.irfft(self.spectrum * (1j * omega) ** order, 2 * (n - 1), axis=0)[:n]
 
 
 def median_rate(t: Array) -> float:
@@ -74,16 +98,14 @@ def smooth(t: Array, values: Array, cutoff_hz: float, order: int = 2) -> Smoothe
     periodic with continuous slope and the ends do not ring. The squared gain is 1 / (1 + (f / fc)^(2 order));
     `cutoff_hz` = inf differentiates without filtering.
     """
-    n, step = len(t), float(t[-1] - t[0]) / (len(t) - 1)
+    step = float(t[-1] - t[0]) / (len(t) - 1)
     slope = (values[-1] - values[0]) / (t[-1] - t[0])
     line = values[0] + (t - t[0])[:, None] * slope
     rest = values - line
     odd = np.concatenate([rest[:-1], -rest[:0:-1]])
     frequency = np.fft.rfftfreq(len(odd), step)[:, None]
     spectrum = np.fft.rfft(odd, axis=0) / (1.0 + (frequency / cutoff_hz) ** (2 * order))
-    omega = 2 * np.pi * frequency
-    parts = [np.fft.irfft(spectrum * (1j * omega) ** k, len(odd), axis=0)[:n] for k in range(3)]
-    return Smoothed(t, line + parts[0], slope + parts[1], parts[2])
+    return Smoothed(t, line, slope, spectrum)
 
 
 def quick_length(n: int) -> int:

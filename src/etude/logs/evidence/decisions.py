@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from math import comb, lgamma
 from typing import Literal
 
@@ -20,8 +21,8 @@ from etude.logs.checks.plausibility import DELAY, SIGN, SWAPPED
 from etude.logs.checks.velocities import DIRECTION
 from etude.logs.cleaning.smoothing import resample
 from etude.logs.evidence.file_hypotheses import weight_elsewhere
-from etude.logs.evidence.likelihood import NEITHER, ColumnEvidence, evidence_of, least
-from etude.logs.evidence.rows import APART, AS_LOGGED, DELAYS, FLOOR, FilteredRows, rows_of
+from etude.logs.evidence.likelihood import NEITHER, ColumnEvidence, WhitenedMotion, least
+from etude.logs.evidence.rows import APART, AS_LOGGED, DELAYS, FLOOR, FilteredRows, commands_of, rows_of
 from etude.protocols import Mean
 from etude.types import Array, Channel, Index, Log, Mask
 
@@ -67,12 +68,11 @@ class Decision:
 
 @dataclass(frozen=True, eq=False)
 class _Judged:
-    """The evidence of moving joints `own` (m,) with their own columns (m x d) and all columns (m x m)."""
+    """The evidence of moving joints `own` (m,), computed where it is asked for."""
 
     rows: FilteredRows
     own: Index
-    columns: ColumnEvidence
-    crossed: ColumnEvidence
+    motion: WhitenedMotion
 
     @classmethod
     def of(cls, rows: FilteredRows | None) -> _Judged | None:
@@ -80,12 +80,25 @@ class _Judged:
         if rows is None or len(rows.t) < LEAST_ROWS or not rows.moving.any():
             return None
         own = np.flatnonzero(rows.moving)
-        m, d = len(own), rows.command.shape[2]
-        joints = np.concatenate([np.repeat(np.arange(m), d), np.repeat(np.arange(m), m)])
-        columns = np.concatenate([np.repeat(np.arange(m), d), np.tile(np.arange(m), m)])
-        variants = np.concatenate([np.tile(np.arange(d), m), np.full(m * m, AS_LOGGED)])
-        found = evidence_of(rows, own, joints, columns, variants)
-        return cls(rows, own, found.take(slice(0, m * d)), found.take(slice(m * d, None)))
+        return cls(rows, own, WhitenedMotion.of(rows, own))
+
+    def with_command(self, command: Array) -> _Judged:
+        """The same motion with other commands (n, k, d) on it."""
+        return replace(self, rows=replace(self.rows, command=command, groups=()))
+
+    @cached_property
+    def columns(self) -> ColumnEvidence:
+        """(m d) of joints with their own columns, in all variants."""
+        (m,), d = self.own.shape, self.rows.command.shape[2]
+        joints = np.repeat(np.arange(m), d)
+        return self.motion.evidence(self.rows.command, joints, joints, np.tile(np.arange(d), m))
+
+    @cached_property
+    def crossed(self) -> ColumnEvidence:
+        """(m m) of joints with all columns, as they were logged."""
+        (m,) = self.own.shape
+        joints, columns = np.repeat(np.arange(m), m), np.tile(np.arange(m), m)
+        return self.motion.evidence(self.rows.command, joints, columns, np.full(m * m, AS_LOGGED))
 
     def variant(self, number: int) -> ColumnEvidence:
         """Of each joint's own column in one variant."""
@@ -132,10 +145,10 @@ def judge(
     alone = judged if len(new) == len(logs) else _Judged.of(rows_of(new, path, body))
     timed, at_edge = all(_with_velocities(log, path) for log in new), _at_edge(judged)
 
-    def shifted(late: float) -> _Judged | None:
+    def shifted(late: float) -> _Judged:
         """The same rows with the commands of new logs from so much later."""
         moved = [_shifted(log, late) if i in fresh else log for i, log in enumerate(logs)]
-        return _Judged.of(rows_of(moved, path, body, groups_of(len(logs), fresh), fresh))
+        return judged.with_command(commands_of(moved, path, (), fresh))
 
     def hypotheses() -> Iterator[Decision | None]:
         order = None if alone is None else order_of(alone)
@@ -332,9 +345,7 @@ FAR_ODDS = 150.0
 MOST_KNOWN = 0.5  # of the joints, at least, whose signs are told with such a delay
 
 
-def _far(
-    judged: _Judged, shifted: Callable[[float], _Judged | None], fresh: Sequence[int]
-) -> Decision | None:
+def _far(judged: _Judged, shifted: Callable[[float], _Judged], fresh: Sequence[int]) -> Decision | None:
     """The same beyond the delays of the rows: first coarsely, then about the best of them. None at an end of
     what is tried, and where signs are not right then: of a periodic motion many delays fit somehow. So this
     is a question, and nothing is shifted unasked.
@@ -342,9 +353,7 @@ def _far(
     way = float(np.sign(DELAYS[int(_delays(judged).argmax())]))
     best, own, at = 0.0, judged, AS_LOGGED
     for centres in ([way * far for far in FAR], None):
-        tried = [(by, moved) for by in centres or [best] if (moved := shifted(by)) is not None]
-        if not tried:
-            return None
+        tried = [(by, shifted(by)) for by in centres or [best]]
         by, own = max(tried, key=lambda one: float(_delays(one[1], one[0]).max()))
         at = int(_delays(own, by).argmax())
         best = by + DELAYS[at]
@@ -471,10 +480,7 @@ def _half_gain(
     rows = rows_of(parts, path, body)
     if rows is None or len(rows.t) < LEAST_HALF:
         return 0.0
-    m = len(own)
-    joints, columns = np.repeat(np.arange(m), m), np.tile(np.arange(m), m)
-    found = evidence_of(rows, own, joints, columns, np.full(m * m, AS_LOGGED))
-    return float(_gains(_Judged(rows, own, found, found))[np.arange(m), order].sum())
+    return float(_gains(_Judged(rows, own, WhitenedMotion.of(rows, own)))[np.arange(len(own)), order].sum())
 
 
 BACKWARDS = float(np.log(0.02))  # log prior of reversed rows

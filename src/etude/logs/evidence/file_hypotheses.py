@@ -211,14 +211,18 @@ EXPLAINED = 0.5  # of the logarithms of that, by a load
 
 
 def contradiction(
-    logs: Sequence[Log], path: Channel, body: Mean | None, sources: Sequence[str]
+    logs: Sequence[Log], path: Channel, body: Mean | None, sources: Sequence[str], old: int = 0
 ) -> Finding | None:
-    """The log that no model explains with the others, beside which each group is explained; None of none."""
-    fit = file_fit(logs, path, body)
-    if fit is None or len(logs) < 2:
+    """The log that no model explains with the others, beside which each group is explained; None of none.
+
+    Args:
+        old: how many of them, the first, are not doubted.
+    """
+    fit = file_fit(logs, path, body) if len(logs) > 1 else None
+    if fit is None:
         return None
     told = np.unique(fit.rows.log).tolist()
-    apart = {i: fit.apart(fit.rows.log == i) for i in told if len(told) > 1}
+    apart = {i: fit.apart(fit.rows.log == i) for i in told if len(told) > 1 and i >= old}
     odd = max(apart, key=lambda i: float(np.median(apart[i])), default=-1)
     if odd < 0 or np.median(apart[odd]) < np.log(TIMES):
         return None

@@ -20,10 +20,9 @@ from dataclasses import dataclass, fields, replace
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import solve_triangular
 from scipy.special import erfcx, log_ndtr, logsumexp
 
-from etude._runtime.scipy_parts import dpotrf
+from etude._runtime.scipy_parts import dpotrf, dtrsm
 from etude.logs.evidence.rows import AS_LOGGED, FilteredRows
 from etude.types import Array, Index, Mask
 
@@ -135,27 +134,108 @@ def _filled(values: Array) -> Array:
     return np.where(np.isneginf(values), values.max(axis=1, keepdims=True) - FAR, values)
 
 
-def evidence_of(
-    rows: FilteredRows, own: Index, joints: Index, columns: Index, variants: Index
-) -> ColumnEvidence:
-    """Of each pair: the column `columns[i]` in `variants[i]` as the command of joint `joints[i]`.
+@dataclass(frozen=True, eq=False)
+class WhitenedMotion:
+    """What rows of commands are explained by, at h points: k joints `own`, r regressors of each, n rows.
 
-    Args:
-        own: joints whose columns are looked at; the others count as indices into it.
+    Attributes:
+        factors: (n, n) lower Cholesky factor of the covariance, of each point.
+        whitened: (n, k r) regressors through its inverse, of each point.
+        stands: of each point and joint, the factor (m, m) of its stands, of unit variance, and their
+            regressors (m, r) through its inverse. They are part of the joint's own covariance (Woodbury).
+        regressors: (h, k, r, r) products. log_det: (h, k) half the log determinant of the covariance.
     """
-    terms: list[tuple[tuple[int, ...], float]] = [(indices, -np.log(len(TERMS))) for indices in TERMS]
-    if rows.torque is not None:
-        terms += [((TORQUE, *indices), -np.log(len(TERMS))) for indices in TERMS]
-    grid = GRID + (NEAR_FILE if rows.torque is not None else ())
-    products = _products(rows, own, grid)
-    target = columns * rows.command.shape[2] + variants
-    idle = np.zeros(len(own), dtype=bool) if rows.torque is None else rows.torque[:, own].std(axis=0) == 0.0
-    fits = []
-    for indices, prior in terms:
-        fit = _fitted(products, len(rows.t), indices, joints, target)
-        unknown = idle[joints] if TORQUE in indices else np.zeros(len(joints), dtype=bool)
-        fits.append((replace(fit, evidence=np.where(unknown, -np.inf, fit.evidence + prior)), indices))
-    return _summed(fits, grid)
+
+    rows: FilteredRows
+    own: Index
+    grid: tuple[Point, ...]
+    factors: list[Array]
+    whitened: list[Array]
+    stands: list[list[tuple[Array, Array]]]
+    regressors: Array
+    log_det: Array
+
+    @classmethod
+    def of(cls, rows: FilteredRows, own: Index) -> WhitenedMotion:
+        """One Cholesky factor of a point serves all joints and columns."""
+        grid = GRID + (NEAR_FILE if rows.torque is not None else ())
+        X, stands = _regressors(rows, own), [rows.stands[j] for j in own]
+        n, (k, r) = len(rows.t), X.shape[1:]
+        right = np.asfortranarray(np.hstack([X.reshape(n, -1), *stands]))
+        ends = np.cumsum([k * r, *(one.shape[1] for one in stands)])
+        covariance = _covariances(rows)
+        factors, whitened, held, products, half = [], [], [], [], np.zeros((len(grid), k))
+        for h, point in enumerate(grid):
+            L, _ = dpotrf(covariance(point), lower=1, clean=0, overwrite_a=1)
+            R = dtrsm(1.0, L, right, lower=1)
+            parts = [R[:, : k * r], *(R[:, a:b] for a, b in itertools.pairwise(ends))]
+            own_columns = [parts[0][:, j * r : (j + 1) * r] for j in range(k)]
+            beside = [_stands(S, X) for S, X in zip(parts[1:], own_columns, strict=True)]
+            half[h] = np.log(np.diag(L)).sum() + [np.log(np.diag(M)).sum() for M, _ in beside]
+            products.append([X.T @ X - U.T @ U for X, (_, U) in zip(own_columns, beside, strict=True)])
+            factors.append(L)
+            whitened.append(np.ascontiguousarray(parts[0]))
+            held.append(beside)
+        return cls(rows, own, grid, factors, whitened, held, np.array(products), half)
+
+    def evidence(self, command: Array, joints: Index, columns: Index, variants: Index) -> ColumnEvidence:
+        """Of each pair: the column `columns[i]` in `variants[i]` as the command of joint `joints[i]`.
+
+        Args:
+            command: (n, J, d) as that of the rows, of which the joints `own` are looked at; pairs count as
+                indices into these.
+        """
+        terms: list[tuple[tuple[int, ...], float]] = [(indices, -np.log(len(TERMS))) for indices in TERMS]
+        torque = self.rows.torque
+        if torque is not None:
+            terms += [((TORQUE, *indices), -np.log(len(TERMS))) for indices in TERMS]
+        target = columns * command.shape[2] + variants
+        square, across = self._products(_columns(command[:, self.own]), joints, target)
+        idle = np.zeros(len(self.own), dtype=np.bool_)
+        idle |= False if torque is None else torque[:, self.own].std(axis=0) == 0.0
+        fits = []
+        for indices, prior in terms:
+            fit = self._fitted(square, across, indices, joints)
+            unknown = idle[joints] if TORQUE in indices else np.zeros(len(joints), dtype=bool)
+            fits.append((replace(fit, evidence=np.where(unknown, -np.inf, fit.evidence + prior)), indices))
+        return _summed(fits, self.grid)
+
+    def _products(self, Y: Array, joints: Index, target: Index) -> tuple[Array, Array]:
+        """Of each pair's column, whitened: (h, p) with itself, (h, p, r) with the joint's regressors."""
+        used, target = np.unique(target, return_inverse=True)
+        h, p, (k, r) = len(self.grid), len(joints), self.regressors.shape[1:3]
+        square, across = np.empty((h, p)), np.empty((h, p, r))
+        pairs = [np.flatnonzero(joints == j) for j in range(k)]
+        Y = np.asfortranarray(Y[:, used])
+        for i, (L, X, beside) in enumerate(zip(self.factors, self.whitened, self.stands, strict=True)):
+            R = dtrsm(1.0, L, Y, lower=1)
+            size, product = (R**2).sum(axis=0), (X.T @ R).reshape(k, r, -1)
+            back = dtrsm(1.0, L, R, lower=1, trans_a=1) if any(len(M) for M, _ in beside) else R
+            for j, ((M, U), own) in enumerate(zip(beside, pairs, strict=True)):
+                columns = target[own]
+                square[i, own], across[i, own] = size[columns], product[j][:, columns].T
+                if len(M):
+                    V = dtrsm(1.0, M, self.rows.stands[self.own[j]].T @ back[:, columns], lower=1)
+                    square[i, own] -= (V**2).sum(axis=0)
+                    across[i, own] -= V.T @ U
+        return square, across
+
+    def _fitted(self, square: Array, across: Array, indices: tuple[int, ...], joints: Index) -> _Fit:
+        """Ridge regression of each pair's column on some regressors of its joint, at every point."""
+        chosen, n = np.array(indices), len(self.rows.t)
+        A = self.regressors[:, :, chosen[:, None], chosen] + np.eye(len(indices))
+        inverse, log_det = np.linalg.inv(A), np.linalg.slogdet(A)[1] * 0.5 + self.log_det
+        product = across[:, :, chosen]
+        mean = np.einsum("hpij,hpj->hpi", inverse[:, joints], product)
+        left = np.maximum(square - (product * mean).sum(axis=2), np.finfo(float).tiny) / n
+        evidence = -log_det[:, joints] - 0.5 * n * np.log(left)
+        return _Fit(evidence, mean, inverse[:, joints] * left[..., None, None])
+
+
+def _stands(S: Array, X: Array) -> tuple[Array, Array]:
+    """The factor (m, m) of whitened stands S (n, m), and the regressors X (n, r) through its inverse."""
+    M = np.asarray(np.linalg.cholesky(S.T @ S + np.eye(S.shape[1])), dtype=np.float64)
+    return M, np.asarray(dtrsm(1.0, M, S.T @ X, lower=1)) if len(M) else np.zeros((0, X.shape[1]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -176,55 +256,11 @@ def unit(values: Array) -> Array:
     return np.asarray(values / np.where(size > 0.0, size, 1.0))
 
 
-@dataclass(frozen=True, eq=False)
-class _Products:
-    """Whitened products at h points, for k joints, r regressors of each and c columns.
-
-    Attributes:
-        square: (h, k, c) of each column with itself. across: (h, k, r, c). regressors: (h, k, r, r).
-        log_det: (h, k) half the log determinant of the covariance.
-    """
-
-    square: Array
-    across: Array
-    regressors: Array
-    log_det: Array
-
-
-def _products(rows: FilteredRows, own: Index, grid: tuple[Point, ...]) -> _Products:
-    """A joint's stands, of unit variance, are part of its own covariance (Woodbury's identity)."""
-    Y, X, stands = _columns(rows, own), _regressors(rows, own), [rows.stands[j] for j in own]
-    n, (k, r), c = len(rows.t), X.shape[1:], Y.shape[1]
-    right = np.asfortranarray(np.hstack([X.reshape(n, -1), Y, *stands]))
-    ends = np.cumsum([0, k * r, c, *(own.shape[1] for own in stands)])
-    covariance, found = _covariances(rows), []
-    for point in grid:
-        L, _ = dpotrf(covariance(point), lower=1, clean=0, overwrite_a=1)
-        R = solve_triangular(L, right, lower=True, check_finite=False)
-        parts = [R[:, a:b] for a, b in itertools.pairwise(ends)]
-        half = float(np.log(np.diag(L)).sum())
-        each = [_beside(parts[0][:, j * r : (j + 1) * r], parts[1], parts[2 + j], half) for j in range(k)]
-        found.append([np.stack(values) for values in zip(*each, strict=True)])
-    return _Products(*(np.stack(values) for values in zip(*found, strict=True)))
-
-
-def _beside(X: Array, Y: Array, S: Array, log_det: float) -> tuple[Array, Array, Array, Array]:
-    """The products of one joint, with its stands S (n, m) in the covariance."""
-    square, across, own = (Y**2).sum(axis=0), X.T @ Y, X.T @ X
-    if not S.shape[1]:
-        return square, across, own, np.asarray(log_det)
-    L = np.linalg.cholesky(S.T @ S + np.eye(S.shape[1]))
-    U, V = (solve_triangular(L, S.T @ part, lower=True, check_finite=False) for part in (X, Y))
-    log_det += float(np.log(np.diag(L)).sum())
-    return square - (V**2).sum(axis=0), across - U.T @ V, own - U.T @ U, np.asarray(log_det)
-
-
-def _columns(rows: FilteredRows, own: Index) -> Array:
-    """(n, k d) commands in all variants, less their means, in deviations of the command as it was logged."""
-    command = rows.command[:, own]
+def _columns(command: Array) -> Array:
+    """(n, k d) commands (n, k, d) less their means, in deviations of the command as it was logged."""
     size = command[..., AS_LOGGED].std(axis=0)
     Y = (command - command.mean(axis=0)) / np.where(size > 0.0, size, 1.0)[:, None]
-    return np.asarray(Y.reshape(len(rows.t), -1))
+    return np.asarray(Y.reshape(len(command), -1))
 
 
 def _regressors(rows: FilteredRows, own: Index) -> Array:
@@ -270,63 +306,36 @@ def _place(rows: FilteredRows, length: float) -> Array:
     return np.exp(-0.5 * square / length**2) if length else chain
 
 
-def _fitted(products: _Products, n: int, indices: tuple[int, ...], joints: Index, target: Index) -> _Fit:
-    """Ridge regression of each target on some regressors of its joint, at every point of the grid."""
-    chosen = np.array(indices)
-    A = products.regressors[:, :, chosen[:, None], chosen] + np.eye(len(indices))
-    inverse, log_det = np.linalg.inv(A), np.linalg.slogdet(A)[1] * 0.5 + products.log_det
-    product = products.across[:, joints[:, None], chosen, target[:, None]]
-    mean = np.einsum("hpij,hpj->hpi", inverse[:, joints], product)
-    left = products.square[:, joints, target] - (product * mean).sum(axis=2)
-    left = np.maximum(left, np.finfo(float).tiny) / n
-    evidence = -log_det[:, joints] - 0.5 * n * np.log(left)
-    return _Fit(evidence, mean, inverse[:, joints] * left[..., None, None])
-
-
 def _summed(fits: list[tuple[_Fit, tuple[int, ...]]], grid: tuple[Point, ...]) -> ColumnEvidence:
     """By class: the sum over its best points, each with the probability of its orthants."""
     # with a drop of any sign a fit shapes its steps: of another form than a command's friction
-    plain = [(fit, indices) for fit, indices in fits if DROP not in indices]
-    top = np.max([fit.evidence.max(axis=0) for fit, _ in plain], axis=0)
-    found = [
-        [
-            *(_class(fits, grid, one, top, way) for way in ("right", "inverted", "reversed", "opposed")),
-            _class(plain, grid, one, top, "free"),
-        ]
-        for one in CLASSES
-    ]
-    parts = [np.stack([row[i] for row in found], axis=1) for i in range(5)]
-    return ColumnEvidence(*parts)
-
-
-def _class(
-    fits: list[tuple[_Fit, tuple[int, ...]]],
-    grid: tuple[Point, ...],
-    one: tuple[float, float],
-    top: Array,
-    way: str,
-) -> Array:
-    own = np.flatnonzero([(point.length, point.speeds) == one for point in grid])
-    sums = []
+    plain = np.array([DROP not in indices for _, indices in fits])
+    top = np.max([fit.evidence.max(axis=0) for (fit, _), one in zip(fits, plain, strict=True) if one], axis=0)
+    classes = [np.flatnonzero([(point.length, point.speeds) == one for point in grid]) for one in CLASSES]
+    values, inside = [], []
     for fit, indices in fits:
-        best = np.argsort(-fit.evidence[own], axis=0)[:BEST]
-        h, p = own[best], np.arange(fit.evidence.shape[1])
-        value = fit.evidence[h, p]
-        value = np.where(value > top - FAR, value, -np.inf)
-        if way != "free":
-            told = np.isfinite(value)
-            mean, covariance = fit.mean[h, p][told], fit.covariance[h, p][told]
-            signs = _signs(indices, way)
-            inside = log_orthant(signs * mean, np.outer(signs, signs) * covariance)
-            value[told] += len(indices) * np.log(2.0) + inside
-        sums.append(value)
-    return np.asarray(logsumexp(np.concatenate(sums), axis=0))
+        h = np.stack([own[np.argsort(-fit.evidence[own], axis=0)[:BEST]] for own in classes], axis=1)
+        value = np.take_along_axis(fit.evidence[:, None], h, axis=0)
+        values.append(np.where(value > top - FAR, value, -np.inf))
+        inside.append(values[-1] + _orthants(fit, indices, h, np.isfinite(values[-1])))
+    free = logsumexp(np.concatenate(np.array(values)[plain]), axis=0)
+    right, inverted, back, opposed = np.asarray(logsumexp(np.concatenate(inside, axis=1), axis=1))
+    return ColumnEvidence(right.T, inverted.T, back.T, opposed.T, free.T)
 
 
-def _signs(indices: tuple[int, ...], way: str) -> Array:
-    friction = 1.0 if way in ("right", "opposed") else -1.0
-    others = 1.0 if way in ("right", "reversed") else -1.0
-    return np.array([friction if i in FRICTION else others for i in indices])
+def _orthants(fit: _Fit, indices: tuple[int, ...], h: Index, told: Mask) -> Array:
+    """(4, b, c, p) of right, inverted, reversed and opposed coefficients: log of the odds that they are so,
+    over those before, at points h (b, c, p); 0 where nothing is told.
+    """
+    pairs, m = np.broadcast_to(np.arange(h.shape[-1]), h.shape)[told], len(indices)
+    mean, covariance = fit.mean[h[told], pairs], fit.covariance[h[told], pairs]
+    friction, others = np.array([(1.0, -1.0, -1.0, 1.0), (1.0, -1.0, 1.0, -1.0)])
+    signs = np.where(np.isin(indices, FRICTION), friction[:, None], others[:, None])[:, None]
+    turned = signs[..., None] * signs[:, :, None] * covariance
+    found = np.zeros((4, *h.shape))
+    log_inside = log_orthant((signs * mean).reshape(-1, m), turned.reshape(-1, m, m))
+    found[:, told] = m * np.log(2.0) + log_inside.reshape(4, -1)
+    return found
 
 
 SWEEPS = 12  # over the factors of an orthant: they settle to rounding in fewer

@@ -89,18 +89,12 @@ def rows_of(
         groups: logs whose commands are negated together, one variant each.
         late: logs whose commands are delayed; None: all.
     """
-    logs = [looked_at(log) for log in logs]
-    pieces = [(i, log.take(piece)) for i, log in enumerate(logs) for piece in _stretches(log)]
+    pieces = _pieces(logs)
     if not pieces:
         return None
-    seconds = sum(float(np.ptp(log.t)) for _, log in pieces)
-    rate, apart = min(MOST_RATE, MOST_ROWS / seconds), max(KNOT_S, seconds / MOST_KNOTS)
-    found, stands = [], []
-    for i, log in pieces:
-        delays = DELAYS if late is None or i in late else (0.0,) * len(DELAYS)
-        own, still = _filtered(log, path, body, rate, delays, apart)
-        found.append(own)
-        stands.append(still)
+    rate, apart = _spacing(pieces)
+    both = [_filtered(log, path, body, rate, apart) for _, log in pieces]
+    found, stands = [rows for rows, _ in both], [still for _, still in both]
     which = np.concatenate([np.full(len(one["t"]), i) for (i, _), one in zip(pieces, found, strict=True)])
     whole = {name: np.concatenate([one[name] for one in found]) for name in found[0]}
     return FilteredRows(
@@ -112,7 +106,7 @@ def rows_of(
         friction=whole["friction"],
         drop=whole["drop"],
         stands=tuple(block_diag(*own) for own in zip(*stands, strict=True)),
-        command=_with_groups(whole["command"], which, groups),
+        command=commands_of(logs, path, groups, late),
         torque=whole.get("torque"),
         static=whole.get("static"),
         groups=tuple(groups),
@@ -121,8 +115,35 @@ def rows_of(
     )
 
 
-def _stretches(log: Log) -> list[slice]:
-    return [piece for piece in segments(log.t) if np.ptp(log.t[piece]) >= LEAST_S]
+def commands_of(
+    logs: Sequence[Log], path: Channel, groups: Sequence[tuple[int, ...]], late: Sequence[int] | None = None
+) -> Array:
+    """(n, k, d) the commands of the rows of these logs; arguments as in `rows_of`."""
+    pieces = _pieces(logs)
+    rate, _ = _spacing(pieces)
+    found, which = [], []
+    for i, log in pieces:
+        delays = DELAYS if late is None or i in late else (0.0,) * len(DELAYS)
+        found.append(_commands(log, path, rate, delays))
+        which.append(np.full(len(found[-1]), i))
+    return _with_groups(np.concatenate(found), np.concatenate(which), groups)
+
+
+def _pieces(logs: Sequence[Log]) -> list[tuple[int, Log]]:
+    """Stretches without pauses, and the index of their log."""
+    seen = [looked_at(log) for log in logs]
+    return [
+        (i, log.take(piece))
+        for i, log in enumerate(seen)
+        for piece in segments(log.t)
+        if np.ptp(log.t[piece]) >= LEAST_S
+    ]
+
+
+def _spacing(pieces: Sequence[tuple[int, Log]]) -> tuple[float, float]:
+    """Rows a second, and s between the knots of what stands."""
+    seconds = sum(float(np.ptp(log.t)) for _, log in pieces)
+    return min(MOST_RATE, MOST_ROWS / seconds), max(KNOT_S, seconds / MOST_KNOTS)
 
 
 def _with_groups(command: Array, which: Index, groups: Sequence[tuple[int, ...]]) -> Array:
@@ -133,16 +154,37 @@ def _with_groups(command: Array, which: Index, groups: Sequence[tuple[int, ...]]
     return np.concatenate([command, *(one[..., None] for one in turned)], axis=2)
 
 
-def _filtered(
-    log: Log, path: Channel, body: Mean | None, rate: float, delays: Sequence[float], apart: float
-) -> tuple[dict[str, Array], list[Array]]:
-    """Rows of one stretch by name, `rate` a second, without the ends of the filter; and of `stands`."""
+def _grid(log: Log) -> tuple[Array, slice]:
+    """Uniform times at which a stretch is filtered, and those of them at which regressors are formed."""
     fine = min(FILTER_RATE, median_rate(log.t))
     grid = uniform_grid(log.t, fine)
-    grid = grid[: quick_length(len(grid))]
-    thin = slice(None, None, max(1, int(fine / KEPT_RATE)))
-    cutoff = min(COMMAND_HZ, 0.35 * max(rate, 2.0))
+    return grid[: quick_length(len(grid))], slice(None, None, max(1, int(fine / KEPT_RATE)))
+
+
+def _cutoff(rate: float) -> float:
+    """Hz, of commands and their regressors."""
+    return min(COMMAND_HZ, 0.35 * max(rate, 2.0))
+
+
+def _commands(log: Log, path: Channel, rate: float, delays: Sequence[float]) -> Array:
+    """(n, k, d) the rows' commands in one stretch, at each of the delays."""
+    grid, thin = _grid(log)
     command = next(c for c in log.channels.values() if c.role == "command" and c.acts_on == path.name)
+    asked = smooth(grid, resample(log.t, log[command.name], grid), _cutoff(rate), ORDER).value
+    t = grid[thin]
+    t = t[_kept(t, rate)]
+    each = {delay: resample(grid, asked, t + delay) for delay in set(delays)}
+    return np.stack([each[delay] for delay in delays], axis=2)
+
+
+def _filtered(
+    log: Log, path: Channel, body: Mean | None, rate: float, apart: float
+) -> tuple[dict[str, Array], list[Array]]:
+    """Motion and regressors of one stretch by name, `rate` a second, without the ends of the filter; and of
+    `stands`.
+    """
+    grid, thin = _grid(log)
+    cutoff = _cutoff(rate)
     moved = smooth(grid, resample(log.t, log[path.name], grid), MOTION_HZ, ORDER)
     q, qd, qdd = moved.value[thin], moved.first[thin], moved.second[thin]
     t = grid[thin]
@@ -154,11 +196,9 @@ def _filtered(
     if body is not None:
         states = states_of(t, path, q, qd, qdd)
         parts |= {"torque": body.predict(states), "static": body.static(states)}
-    asked = smooth(grid, resample(log.t, log[command.name], grid), cutoff, ORDER).value
     keep = _kept(t, rate)
     rows = {name: smooth(t, values, cutoff, ORDER).value[keep] for name, values in parts.items()}
-    late = [resample(grid, asked, t[keep] + delay) for delay in delays]
-    rows |= {"t": t[keep], "q": q[keep], "command": np.stack(late, axis=2)}
+    rows |= {"t": t[keep], "q": q[keep]}
     hats = (_hats(t, own, apart) for own in still.T)
     return rows, [smooth(t, own, cutoff, ORDER).value[keep] if own.size else own[keep] for own in hats]
 

@@ -18,7 +18,7 @@ from scipy.special import log_ndtr, logsumexp
 from scipy.stats import multivariate_normal
 
 import etude
-from etude.logs.evidence.likelihood import ColumnEvidence, evidence_of, least, log_orthant
+from etude.logs.evidence.likelihood import ColumnEvidence, WhitenedMotion, least, log_orthant
 from etude.logs.evidence.rows import AS_LOGGED, DELAYS, FilteredRows, rows_of
 from etude.types import Array, Channel, Log
 
@@ -55,7 +55,7 @@ def own_columns(rows: FilteredRows, variants: int = 1) -> ColumnEvidence:
     own = np.arange(rows.q.shape[1])
     joints = np.repeat(own, variants)
     numbers = np.tile(np.arange(variants) if variants > 1 else [AS_LOGGED], len(own))
-    return evidence_of(rows, own, joints, joints, numbers)
+    return WhitenedMotion.of(rows, own).evidence(rows.command, joints, joints, numbers)
 
 
 def test_two_independent_halves_are_their_product() -> None:
