@@ -24,6 +24,7 @@ from etude.types import (
     Index,
     Log,
     Motion,
+    PhysicalParameter,
     Proof,
     Reachable,
     Samples,
@@ -342,6 +343,17 @@ class SupportsBody(Protocol):
 
 
 @runtime_checkable
+class SupportsParameters(Protocol):
+    """`Kind` that tells its robots' physical constants from what a model was learned from: `export --to
+    parameters`. samples: as learned from; logs: as recorded.
+    """
+
+    def parameters(
+        self, spec: Any, config: Any, samples: Samples, logs: Sequence[Log]
+    ) -> Sequence[PhysicalParameter]: ...
+
+
+@runtime_checkable
 class SupportsKnownFaults(Protocol):
     """`Kind`: codes of docs/known_faults.md that earlier versions' files of this robot have."""
 
@@ -444,6 +456,7 @@ ABILITIES: Mapping[str, tuple[type, ...]] = {
         SupportsCollecting,
         SupportsStateText,
         SupportsBody,
+        SupportsParameters,
         SupportsKnownFaults,
     ),
     "Description": (SupportsCommandUnit, SupportsTableRate, SupportsConfirmation, SupportsPlant),

@@ -94,6 +94,7 @@ BUILT_IN: Mapping[str, Mapping[str, str]] = {
         "c": "etude.deploy.c99.target:C99",
         "ros2": "etude.deploy.ros2.target:ROS2",
         "trajectory": "etude.deploy.trajectory_target:ALONG",
+        "parameters": "etude.deploy.parameters_target:PARAMETERS",
         "onnx": "etude.deploy.onnx.target:ONNX",
         "px4": "etude_quadrotor.export.autopilot:PX4",
         "crazyflie": "etude_quadrotor.export.autopilot:CRAZYFLIE",

@@ -18,7 +18,8 @@ class Export(Common):
 
     folder: Folder
     to: str
-    """For whom: c, ros2, online, px4, crazyflie, trajectory, onnx, urdf, mjcf, or a name of etude plugins."""
+    """For whom: c, ros2, online, px4, crazyflie, trajectory, parameters, onnx, urdf, mjcf, or a name of etude
+    plugins."""
     output: Path | None = None
     """Folder to write; exports/TARGET in the campaign's by default. An earlier export there is replaced."""
     real: Literal["double", "float"] | None = None
