@@ -19,12 +19,12 @@ from etude.types import (
     Array,
     Code,
     Column,
+    Delivered,
     Described,
     Figure,
     Index,
     Log,
     Motion,
-    PhysicalParameter,
     Proof,
     Reachable,
     Samples,
@@ -344,13 +344,12 @@ class SupportsBody(Protocol):
 
 @runtime_checkable
 class SupportsParameters(Protocol):
-    """`Kind` that tells its robots' physical constants from what a model was learned from: `export --to
-    parameters`. samples: as learned from; logs: as recorded.
+    """`Kind`: physical constants of a robot with intervals, for `export --to parameters`.
+
+    samples: that the model was learned from; logs: the same as they were recorded.
     """
 
-    def parameters(
-        self, spec: Any, config: Any, samples: Samples, logs: Sequence[Log]
-    ) -> Sequence[PhysicalParameter]: ...
+    def parameters(self, spec: Any, config: Any, samples: Samples, logs: Sequence[Log]) -> Delivered: ...
 
 
 @runtime_checkable

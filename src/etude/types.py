@@ -394,23 +394,3 @@ class Delivered:
     files: Mapping[str, bytes]
     said: tuple[str, ...] = ()
     facts: Mapping[str, Any] = field(default_factory=dict)
-
-
-@dataclass(frozen=True)
-class PhysicalParameter:
-    """A constant of a robot that logs tell, with its 95 % interval.
-
-    Attributes:
-        name, unit: such as "hover thrust", "1".
-        value, lower, upper: in that unit; NaN where logs do not tell it.
-        known: "measured", "from the file", or "cannot tell" and why.
-        settings: name of a parameter in another program -> its value, as text.
-    """
-
-    name: str
-    unit: str
-    value: float
-    lower: float
-    upper: float
-    known: str = "measured"
-    settings: Mapping[str, str] = field(default_factory=dict)

@@ -11,14 +11,17 @@ delete-one-block jackknife instead: everything is estimated again without each s
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
 from etude.logs.cleaning.filters import median_rate
-from etude.types import Array, Index, Log, Mask, PhysicalParameter
+from etude.logs.readers.cells import text_cell
+from etude.types import Array, Delivered, Index, Log, Mask
 from etude_quadrotor.recorder import on_even_grid, with_states
 from etude_quadrotor.spec import QuadrotorSpec
 from etude_quadrotor.vehicle import GRAVITY
@@ -42,9 +45,9 @@ FULL = 65535
 CONTROL_HZ = 500.0
 """Hz of a Crazyflie's rate control, of which its INDI parameters are."""
 CANNOT = "cannot tell"
-LOW, SPAN, LEAST_HEIGHT = 4.0, 0.25, 0.1
+LOW, SPAN, LEAST_HEIGHT, EVEN = 4.0, 0.25, 0.1, 1e-3
 """Distances of the outermost rotor from the centre below which rows are left out; m that it has where nobody
-says; m by which 1/h^2 stays finite."""
+says; m by which 1/h^2 stays finite; part by which that varies in flights at one height."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -184,8 +187,13 @@ def _thrust(flights: Flights, w: Array) -> Array:
         v = flights.velocity
         columns += [v[:, 2] * columns[1], v[:, 0] ** 2 + v[:, 1] ** 2]
         columns.append(v[:, 2] * np.linalg.norm(v, axis=1))
-    if flights.height is not None:  # Cheeseman and Bennett 1955: thrust grows by a part that goes with 1/h^2
-        columns.append(columns[0] / np.maximum(flights.height, LEAST_HEIGHT) ** 2)
+    if flights.height is not None:
+        # Cheeseman and Bennett 1955: thrust grows by a part that goes with 1/h^2; about what it is on average,
+        # since flights at one height cannot tell it from the thrust
+        near = np.maximum(flights.height, LEAST_HEIGHT) ** -2
+        mean = near[flights.used].mean()
+        if np.ptp(near[flights.used]) > EVEN * mean:
+            columns.append(columns[0] * (near - mean))
     return np.column_stack(columns)
 
 
@@ -319,7 +327,61 @@ ROWS: Mapping[str, _Row] = {
 }
 
 
-def parameters(spec: QuadrotorSpec, logs: Sequence[Log]) -> tuple[PhysicalParameter, ...]:
+@dataclass(frozen=True)
+class Parameter:
+    """A constant of a vehicle with its 95 % interval.
+
+    Attributes:
+        name, unit: such as "hover thrust", "1".
+        value, lower, upper: in that unit; None where flights do not tell it.
+        known: "measured", or "cannot tell" and why.
+        settings: name of a parameter in an autopilot -> its value, as text.
+    """
+
+    name: str
+    unit: str
+    value: float | None = None
+    lower: float | None = None
+    upper: float | None = None
+    known: str = "measured"
+    settings: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def set(self) -> str:
+        """The settings in words."""
+        return "; ".join(f"{name} = {value}" for name, value in self.settings.items())
+
+    def row(self) -> dict[str, Any]:
+        """For tables."""
+        own = {"parameter": self.name, "value": self.value, "lower": self.lower, "upper": self.upper}
+        return own | {"unit": self.unit, "known": self.known, "set": self.set}
+
+    def sentence(self) -> str:
+        """For people."""
+        if self.value is None:
+            return f"{self.name}: {self.known}."
+        unit = "" if self.unit == "1" else f" {self.unit}"
+        text = f"{self.name} {self.value:.4g}{unit}, 95 % from {self.lower:.4g} to {self.upper:.4g}"
+        return f"{text}: {self.set}." if self.set else f"{text}."
+
+
+def report(spec: QuadrotorSpec, logs: Sequence[Log]) -> Delivered:
+    """parameters.csv, parameters.json, and a sentence for each parameter."""
+    found = parameters(spec, logs)
+    rows = [own.row() for own in found]
+    lines = [",".join(rows[0]), *(",".join(map(_cell, row.values())) for row in rows)]
+    files = {
+        "parameters.csv": ("\n".join(lines) + "\n").encode(),
+        "parameters.json": (json.dumps(rows, indent=1) + "\n").encode(),
+    }
+    return Delivered(files, tuple(own.sentence() for own in found), {"parameters": rows})
+
+
+def _cell(value: str | float | None) -> str:
+    return text_cell(value) if isinstance(value, str) else "" if value is None else repr(value)
+
+
+def parameters(spec: QuadrotorSpec, logs: Sequence[Log]) -> tuple[Parameter, ...]:
     """Each of NAMES with its 95 % interval and what to set; or why flights cannot tell it."""
     flights = None if min(spec.command_lower) < 0.0 else flights_of(spec, logs)
     if flights is None:
@@ -336,16 +398,16 @@ def parameters(spec: QuadrotorSpec, logs: Sequence[Log]) -> tuple[PhysicalParame
     return tuple(_parameter(spec, name, values, why) for name, values in zip(NAMES, found, strict=True))
 
 
-def _parameter(spec: QuadrotorSpec, name: str, values: Array, why: str) -> PhysicalParameter:
+def _parameter(spec: QuadrotorSpec, name: str, values: Array, why: str) -> Parameter:
     value, lower, upper = values.tolist()
     row, half = ROWS[name], 0.5 * (upper - lower)
     if not why and np.isnan(value):
         why = row.lacking
-    elif not why and not half <= row.widest * (1.0 if row.absolute else abs(value)):
+    elif not why and not half <= row.widest * (1.0 if row.absolute else value):
         why = f"the interval is {value:.3g} +- {half:.2g}; {row.step}"
     if why:
-        return PhysicalParameter(row.label, row.unit, np.nan, np.nan, np.nan, f"{CANNOT}: {why}")
-    return PhysicalParameter(row.label, row.unit, value, lower, upper, settings=_settings(spec, name, value))
+        return Parameter(row.label, row.unit, known=f"{CANNOT}: {why}")
+    return Parameter(row.label, row.unit, value, lower, upper, settings=_settings(spec, name, value))
 
 
 def _settings(spec: QuadrotorSpec, name: str, value: float) -> dict[str, str]:
@@ -357,7 +419,7 @@ def _settings(spec: QuadrotorSpec, name: str, value: float) -> dict[str, str]:
         "hover": {"MPC_THR_HOVER": f"{value:.3f}"}
         | ({"posCtlPid.thrustBase": f"{FULL * value:.0f}"} if quad else {}),
         "curve": {"THR_MDL_FAC": f"{min(max(value, 0.0), 1.0):.2f}"},
-        "hover_curved": {"MPC_THR_HOVER": f"{value:.3f}"},
+        "hover_curved": {"MPC_THR_HOVER": f"{value:.3f} with that THR_MDL_FAC"},
         "lag": {"ctrlINDI.act_dyn_p": f"{-np.expm1(-1.0 / (CONTROL_HZ * value)):.4f}"} if quad else {},
         # PX4's rotors are seen from the centre of mass, y to the right
         "centre_x": {"CA_ROTOR*_PX": f"CA_ROTOR*_PX {-value:+.4f}"},

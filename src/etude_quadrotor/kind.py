@@ -14,13 +14,13 @@ from etude.protocols import Controller, Family, Limit, Model, Physics, Robot, Tr
 from etude.types import (
     Array,
     Channel,
+    Delivered,
     Described,
     Expected,
     Finding,
     Index,
     Log,
     Margins,
-    PhysicalParameter,
     Samples,
 )
 
@@ -206,11 +206,11 @@ class QuadrotorKind:
         config: Any,  # noqa: ARG002
         samples: Samples,  # noqa: ARG002
         logs: Sequence[Log],
-    ) -> Sequence[PhysicalParameter]:
+    ) -> Delivered:
         """Hover thrust, thrust curve, motors' lag, centre of mass and drag, from the logs as recorded."""
-        from etude_quadrotor.flight_parameters import parameters
+        from etude_quadrotor.flight_parameters import report
 
-        return parameters(spec, logs)
+        return report(spec, logs)
 
     def checks(self, spec: QuadrotorSpec, log: Log) -> Sequence[Finding]:
         """Time on the ground, commands of another scale."""
