@@ -109,6 +109,8 @@ BUILT_IN: Mapping[str, Mapping[str, str]] = {
     },
     # the package etude-studies brings them; a bench is a study of the machine: its name begins with "bench_"
     "etude.studies": {},
+    # where `etude learn` learns: (workers, cluster, limit in s, say) -> a concurrent.futures.Executor
+    "etude.engines": {},
 }
 """GROUP -> name -> "module:attribute" of what comes with Étude."""
 GROUPS = tuple(BUILT_IN)

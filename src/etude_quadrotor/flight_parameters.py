@@ -188,7 +188,7 @@ def _thrust(flights: Flights, w: Array) -> Array:
         columns += [v[:, 2] * columns[1], v[:, 0] ** 2 + v[:, 1] ** 2]
         columns.append(v[:, 2] * np.linalg.norm(v, axis=1))
     if flights.height is not None:
-        # Cheeseman and Bennett 1955: thrust grows by a part that goes with 1/h^2; about what it is on average,
+        # Cheeseman and Bennett 1955: thrust grows by a part that goes with 1/h^2, here about its average,
         # since flights at one height cannot tell it from the thrust
         near = np.maximum(flights.height, LEAST_HEIGHT) ** -2
         mean = near[flights.used].mean()

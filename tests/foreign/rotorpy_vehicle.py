@@ -273,8 +273,8 @@ def attitude_of(force: Array, yaw: float) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Flight:
-    """What was flown, ENU: t (T,) s, position and the set-point's (T, 3) m; log of BODY, motors and MOTION; hover
-    thrust.
+    """What was flown, ENU: t (T,) s, position and the set-point's (T, 3) m; log of BODY, motors and MOTION;
+    hover thrust.
     """
 
     t: Array
