@@ -91,6 +91,7 @@ BUILT_IN: Mapping[str, Mapping[str, str]] = {
         "online": "etude_online.online_folder:ONLINE",
         "urdf": "etude_arm.identified.target:URDF",
         "mjcf": "etude_arm.identified.target:MJCF",
+        "parameters": "etude_arm.identified.parameter_target:PARAMETERS",
         "c": "etude.deploy.c99.target:C99",
         "ros2": "etude.deploy.ros2.target:ROS2",
         "trajectory": "etude.deploy.trajectory_target:ALONG",
