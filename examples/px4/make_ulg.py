@@ -25,7 +25,7 @@ FULL_V = 11.1
 def ulog_bytes(
     topics: Mapping[str, Mapping[str, np.ndarray]],
     types: Mapping[str, str] | None = None,
-    parameters: Mapping[str, int] | None = None,
+    parameters: Mapping[str, float] | None = None,
 ) -> bytes:
     """A ULog of these topics.
 
@@ -36,10 +36,7 @@ def ulog_bytes(
     """
     kinds = {"timestamp": "uint64_t", **(types or {})}
     parts = [MAGIC, struct.pack("<Q", 0), _message("B", bytes(40))]
-    parts += [
-        _message("P", bytes([len(f"int32_t {name}")]) + f"int32_t {name}".encode() + struct.pack("<i", value))
-        for name, value in (parameters or {}).items()
-    ]
+    parts += [_parameter(name, value) for name, value in (parameters or {}).items()]
     for name in dict.fromkeys(topic.partition(":")[0] for topic in topics):
         fields = next(data for topic, data in topics.items() if topic.partition(":")[0] == name)
         parts.append(_message("F", f"{name}:{_format(fields, kinds)}".encode()))
@@ -49,6 +46,13 @@ def ulog_bytes(
         parts.append(_message("A", struct.pack("<BH", int(instance or 0), number) + name.encode()))
         rows += _rows(number, data, kinds)
     return b"".join([*parts, *(_message("D", row) for _, row in sorted(rows, key=lambda row: row[0]))])
+
+
+def _parameter(name: str, value: float) -> bytes:
+    """Whole numbers are int32_t, as PX4's are; others float."""
+    kind = "int32_t" if isinstance(value, int) else "float"
+    text = f"{kind} {name}".encode()
+    return _message("P", bytes([len(text)]) + text + struct.pack(f"<{CODES[kind]}", value))
 
 
 def _message(kind: str, content: bytes) -> bytes:

@@ -91,6 +91,7 @@ BUILT_IN: Mapping[str, Mapping[str, str]] = {
         "online": "etude_online.online_folder:ONLINE",
         "urdf": "etude_arm.identified.target:URDF",
         "mjcf": "etude_arm.identified.target:MJCF",
+        "parameters": "etude_arm.identified.parameter_target:PARAMETERS",
         "c": "etude.deploy.c99.target:C99",
         "ros2": "etude.deploy.ros2.target:ROS2",
         "trajectory": "etude.deploy.trajectory_target:ALONG",
@@ -108,6 +109,8 @@ BUILT_IN: Mapping[str, Mapping[str, str]] = {
     },
     # the package etude-studies brings them; a bench is a study of the machine: its name begins with "bench_"
     "etude.studies": {},
+    # where `etude learn` learns: (workers, cluster, limit in s, say) -> a concurrent.futures.Executor
+    "etude.engines": {},
 }
 """GROUP -> name -> "module:attribute" of what comes with Étude."""
 GROUPS = tuple(BUILT_IN)

@@ -175,6 +175,10 @@ class Expected:
     rest: bool = True
 
 
+TARGET = "target"
+"""The channel of samples with the commands that all predictions are judged by."""
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Samples:
     """What models learn from: rows of several logs at the model's rate. log: states, plans, "command"
@@ -204,6 +208,16 @@ class Samples:
     def command(self) -> Array:
         """(n, J) what models predict."""
         return self.log["command"]
+
+    @property
+    def target(self) -> Array:
+        """(n, J) what predictions are judged by, whatever models learn from; NaN where nothing is asked.
+
+        It is the channel `TARGET`, else the usable commands while any joint moves.
+        """
+        known = self.log.get(TARGET)
+        asked = self.usable & self.moving.any(axis=1, keepdims=True)
+        return np.where(asked, self.command, np.nan) if known is None else known
 
     def take(self, index: Index | Mask | slice) -> Samples:
         """The samples at `index`."""

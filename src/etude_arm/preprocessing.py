@@ -32,7 +32,7 @@ from etude.logs.cleaning.filters import (
     thinned,
     uniform_grid,
 )
-from etude.types import Array, Index, Log, Mask, Samples, joined_samples
+from etude.types import TARGET, Array, Index, Log, Mask, Samples, joined_samples
 from etude_arm.config import ArmData
 from etude_arm.memory import remembered, turning
 from etude_arm.slow_samples import with_slow
@@ -43,6 +43,8 @@ LEFT = 2.0
 """Times the largest error of the motion."""
 LEAST_ROWS = 8
 """A stretch of fewer rows cannot be filtered."""
+TARGET_HZ = 10.0
+"""Cutoff of the commands that predictions are judged by: one for all, whatever cutoff learning takes."""
 
 
 def near_reversals(speed: Array, slow: Mask, reach: int, longest: int) -> Mask:
@@ -218,7 +220,8 @@ def _stretch(
         return []
     grid = uniform_grid(log.t, rate)
     motion = _motion(log, grid, cutoff, config)
-    command = smooth(grid, resample(log.t, log[COMMAND], grid), cutoff).value
+    recorded = resample(log.t, log[COMMAND], grid)
+    command = smooth(grid, recorded, cutoff).value
     inside = (grid >= max(0.0, grid[0] + trim) - ROUNDING) & (grid <= grid[-1] - trim + ROUNDING)
     rows = np.searchsorted(log.t, grid + ROUNDING, side="right") - 1
     own = group[rows]
@@ -232,6 +235,8 @@ def _stretch(
     for known in (MEMORY, TURNING):
         if known in log:
             whole = whole.put(log.channels[known], log[known][rows])
+    judged = smooth(grid, recorded, TARGET_HZ).value if math.isfinite(cutoff) else command
+    whole = whole.put(replace(whole.channels[COMMAND], name=TARGET, role="aside"), judged)
     near = _near_reversals(whole, rate, cutoff, spec, config)
     numbers = np.unique(own[inside & (own >= 0)]).tolist()
     pieces = [(n, inside & (own == n)) for n in numbers]
@@ -254,6 +259,8 @@ def _segment(
     names = PLAN if config.desired else PATH
     play = np.array(log.channels[names[0]].quantum) if MEMORY in log else np.zeros(spec.dof)
     moving = ~standing(log[names[1]], spec, config.stick_fraction, play, cutoff)
+    asked = np.where(moving.any(axis=1, keepdims=True), log[TARGET], np.nan)
+    log = log.put(log.channels[TARGET], asked)
     whole = Samples(log, np.full(len(log), group, dtype=np.int64), ~(near & moving), moving)
     return whole.take(thinned(rate, config.rate_hz, group if config.offset == "spread" else 0))
 

@@ -1,4 +1,4 @@
-"""Vehicles with four rotors: what they are, how they fly and what a model of them looks at."""
+"""Flat multirotors: what they are, how they fly and what a model of them looks at."""
 
 from typing import TYPE_CHECKING
 

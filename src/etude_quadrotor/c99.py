@@ -5,15 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-import numpy as np
-
 from etude.models.c99 import mean_function, posteriors_code
 from etude.models.gp.c99 import real
 from etude.types import Code
 from etude_quadrotor.vehicle import GRAVITY
 
 FORCE, RATES, TURNING = "specific_force", "rates", "angular_acceleration"
-ROTORS = 4  # of every vehicle of this kind
 
 
 def inputs_code(name: str, inputs: Any) -> Code:
@@ -39,7 +36,7 @@ def vehicle_code(name: str, model: Any, heights: tuple[float, float]) -> Code:
         reads += ("altitude",)
     call = ", ".join([*(f"c_{channel}" for channel in reads), "command"])
     lines = _loads(model, reads, heights)
-    for rotor, row in enumerate(np.linalg.inv(vehicle.allocation())):
+    for rotor, row in enumerate(vehicle.mixer()):
         slope = vehicle.resistance * vehicle.torque_constant / vehicle.motor_constant
         by_speed = vehicle.motor_constant * (1.0 + theta[4])
         lines += [
@@ -127,10 +124,11 @@ def features_code(name: str, model: Any, least_lift: float) -> Code:
     size = len(features)
     lines += [f"    real own[{size}];", "    int i, j;"]
     lines += [f"    own[{i}] = {feature} - {name}_centre[{i}];" for i, feature in enumerate(features)]
+    count = len(model.offset)
     offsets = ", ".join(real(value) for value in model.offset)
-    lines.insert(0, f"    static const real offset[{ROTORS}] = {{{offsets}}};")
+    lines.insert(0, f"    static const real offset[{count}] = {{{offsets}}};")
     lines += [
-        f"    for (j = 0; j < {ROTORS}; ++j) {{",
+        f"    for (j = 0; j < {count}; ++j) {{",
         "        command[j] = offset[j];",
         f"        for (i = 0; i < {size}; ++i)",
         f"            command[j] += {name}_weights[{size} * j + i] * own[i];",
@@ -138,8 +136,8 @@ def features_code(name: str, model: Any, least_lift: float) -> Code:
     ]
     call = ", ".join([*(f"c_{channel}" for channel in reads), "command"])
     body = mean_function(name, reads, lines, _hovering(name, reads, call))
-    # a product and a sum of each term for four commands, and about four more to make it
-    return Code(body, tables, reads=reads, work=size, operations=(12 * size, 0))
+    # a product and a sum of each term for each command, and about four more to make it
+    return Code(body, tables, reads=reads, work=size, operations=((2 * count + 4) * size, 0))
 
 
 def _hovering(name: str, reads: Sequence[str], call: str) -> list[str]:

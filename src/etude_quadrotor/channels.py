@@ -62,9 +62,11 @@ PLANNED = (POSITION_DES, VELOCITY_DES, ACCELERATION_DES, ATTITUDE_DES, RATES_DES
 
 
 def command(spec: QuadrotorSpec) -> Channel:
-    """The four commands, in the vehicle's unit."""
+    """The commands, in the vehicle's unit."""
     reach = tuple(max(abs(a), abs(b)) for a, b in zip(spec.command_lower, spec.command_upper, strict=True))
-    return Channel("command", spec.command_names, (spec.command_unit,) * 4, "command", True, reach=reach)
+    return Channel(
+        "command", spec.command_names, (spec.command_unit,) * len(reach), "command", True, reach=reach
+    )
 
 
 def readable(spec: QuadrotorSpec) -> tuple[Channel, ...]:

@@ -20,7 +20,7 @@ from etude.protocols import Controller, Model, Trajectory
 from etude.types import Array, Log, Motion, Row
 from etude_quadrotor.channels import BATTERY, STATES
 from etude_quadrotor.flatness import ORDERS, Drag, FlatMotion, flat_motion
-from etude_quadrotor.inputs import COMMANDS, QuadrotorInputs
+from etude_quadrotor.inputs import QuadrotorInputs
 from etude_quadrotor.physics.vehicle_inverse import nominal_inverse
 from etude_quadrotor.plant.flight_plan import FlightPlan, plan_on_grid
 from etude_quadrotor.spec import QuadrotorSpec
@@ -38,7 +38,7 @@ class Voltages(Protocol):
     """What a feedforward asks of an inverse model."""
 
     def predict(self, log: Log) -> Array:
-        """Commands (T, 4)."""
+        """Commands (T, n)."""
         ...
 
 
@@ -95,7 +95,7 @@ class GatedVoltages:
     limit: float = LARGEST_CORRECTION
 
     def predict(self, log: Log) -> Array:
-        """Voltages (T, 4)."""
+        """Voltages (T, n)."""
         safe = self.analytic.predict(log)
         mean, variance = self.model.posterior(log)
         near = safe + np.clip(mean - safe, -self.limit, self.limit)
@@ -108,12 +108,13 @@ class GatedVoltages:
 
 
 def prior_deviation(model: Model) -> Array:
-    """(4,) deviation of what processes learn of each command before any data, in its unit.
+    """(n,) deviation of what processes learn of each command before any data, in its unit.
 
     Of a command that is predicted by physics alone, that of a process beside them: it still says where the
     vehicle has been. Infinite, so that nothing fades, where there is no process.
     """
-    found, best = np.full(COMMANDS, np.inf), np.full(COMMANDS, -1.0)
+    count = 1 + max(c for candidate in model.candidates for c in candidate.commands)
+    found, best = np.full(count, np.inf), np.full(count, -1.0)
     chosen = {
         c: one.structure
         for one in model.candidates
@@ -153,7 +154,7 @@ class FlightFeedforward:
         return flat_motion(motion, (self.drag or LinearDrag()).coefficients)
 
     def planned(self, motion: Motion) -> Array | None:
-        """Voltages (T, 4) of the plan; None where they are left to the feedback."""
+        """Voltages (T, n) of the plan; None where they are left to the feedback."""
         return None if self.voltages is None else self.voltages.predict(states_of(self.flat(motion)))
 
     def accelerated(self, flat: FlatMotion) -> Array | None:
@@ -171,7 +172,7 @@ class FlightFeedforward:
         return None if self.drag is None else self.accelerated(self.flat(motion))
 
     def command(self, t: float, row: Row) -> tuple[Array, Array]:
-        """Voltages (4,) in a measured state, without their deviation.
+        """Voltages (n,) in a measured state, without their deviation.
 
         Raises:
             DataError: nothing plans voltages here.
@@ -184,7 +185,8 @@ class FlightFeedforward:
             )
         channels = {c.name: c for c in (*STATES, BATTERY) if c.name in row}
         log = Log(np.array([t]), channels, {name: np.atleast_2d(row[name]) for name in channels})
-        return self.voltages.predict(log)[0], np.full(COMMANDS, np.nan)
+        found = self.voltages.predict(log)[0]
+        return found, np.full(len(found), np.nan)
 
     def observe(self, t: float, row: Row) -> None:
         """Nothing is learned on the way."""
@@ -200,7 +202,7 @@ class PlannedBy:
     commands: Array
 
     def predict(self, log: Log) -> Array:  # noqa: ARG002
-        """What was planned, (T, 4)."""
+        """What was planned, (T, n)."""
         return self.commands
 
 
@@ -252,8 +254,8 @@ def states_of(flat: FlatMotion) -> Log:
 
 
 def thrust_voltage(vehicle: Vehicle, thrust: Array) -> Array:
-    """Voltage (T,) at which four equal steady motors give a thrust per mass (T,), m/s^2."""
-    speed = np.sqrt(np.maximum(vehicle.mass * thrust / (4.0 * vehicle.thrust_constant), 0.0))
+    """Voltage (T,) at which equal steady motors give a thrust per mass (T,), m/s^2."""
+    speed = np.sqrt(np.maximum(vehicle.mass * thrust / (len(vehicle.spins) * vehicle.thrust_constant), 0.0))
     return np.asarray(vehicle.steady_voltage(speed))
 
 

@@ -23,7 +23,6 @@ SOURCES = {"specific_force": "specific_force", "kinematic": "body_acceleration"}
 CHANNELS = {channel.name: channel for channel in (*STATES, BATTERY)}
 OPTIONAL = ("altitude", "body_velocity")
 """Channels that a model can do without, by the options of their name."""
-COMMANDS = 4  # one for each motor
 
 
 @dataclass(frozen=True)
@@ -42,6 +41,7 @@ class QuadrotorInputs:
         battery_voltage: whether the battery's voltage may be an input, where flights show that it helps.
         volts: V that plans assume, and logs that do not say it; learned by `fitted`. None: it is no input.
         lateral: the drag in full, for feedforward; None where no flight tells the velocity.
+        commands: how many commands there are.
     """
 
     altitude: bool = True
@@ -52,6 +52,7 @@ class QuadrotorInputs:
     battery_voltage: bool = True
     volts: float | None = None
     lateral: DragModel | None = field(default=None, compare=False, repr=False)
+    commands: int = 4
 
     def __post_init__(self) -> None:
         if self.acceleration not in SOURCES:
@@ -141,7 +142,7 @@ class QuadrotorInputs:
             return whole
 
         states = self._with_volts(flat.states, len(kept.t))
-        return Planned(self._stacked(states), np.ones((len(kept.t), COMMANDS)), vjp)
+        return Planned(self._stacked(states), np.ones((len(kept.t), self.commands)), vjp)
 
     def _split(self, in_X: Array) -> dict[str, Array]:
         """A gradient (K, D) by channel."""

@@ -1,8 +1,9 @@
-"""Vehicles with four rotors as a kind: the nouns of one vehicle, made of its description."""
+"""Flat multirotors as a kind: the nouns of one vehicle, made of its description."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -113,7 +114,7 @@ class QuadrotorKind:
         return home(spec)
 
     def limit(self, spec: QuadrotorSpec) -> Array:
-        """(4,) how far each command reaches from the middle of its range."""
+        """(n,) how far each command reaches from the middle of its range."""
         return spec.reach
 
     def channels(self, spec: QuadrotorSpec) -> Sequence[Channel]:
@@ -135,7 +136,9 @@ class QuadrotorKind:
 
     def body(self, spec: QuadrotorSpec) -> str:
         """Of the vehicle that explains the commands; those of another payload are learned anew."""
-        return sha256(repr((spec.vehicle, spec.command_unit, spec.command_names)).encode()).hexdigest()
+        return sha256(
+            repr((spec.vehicle, spec.command_unit, spec.command_names, *spec.rotors)).encode()
+        ).hexdigest()
 
     def limits(
         self,
@@ -174,8 +177,8 @@ class QuadrotorKind:
         """
         return spec.plant is None
 
-    def inputs(self, spec: QuadrotorSpec, config: Any) -> QuadrotorInputs:  # noqa: ARG002
-        return config.data.inputs()  # type: ignore[no-any-return]
+    def inputs(self, spec: QuadrotorSpec, config: Any) -> QuadrotorInputs:
+        return replace(config.data.inputs(), commands=len(spec.command_names))  # type: ignore[no-any-return]
 
     def physics(self, spec: QuadrotorSpec, config: Any) -> Mapping[str, Physics]:
         """ "nominal" only where the motors are described and commands are V."""

@@ -23,8 +23,8 @@ def vehicle_piece(model: Any, heights: tuple[float, float]) -> Piece:
 
     def draw(states: Mapping[str, Value], _: Value | None) -> tuple[Value, None]:
         load = _load(model, states, heights)
-        squares = (load @ np.linalg.inv(vehicle.allocation()).T).most(0.0)
-        return slope * squares + by_speed * squares.of("Sqrt") + theta[9:13], None
+        squares = (load @ vehicle.mixer().T).most(0.0)
+        return slope * squares + by_speed * squares.of("Sqrt") + theta[9:], None
 
     return Piece(reads, draw)
 

@@ -1,14 +1,14 @@
-"""QuadrotorSpec: what a campaign has to know of a vehicle with four rotors and of the room it may use."""
+"""QuadrotorSpec: what a campaign has to know of a flat multirotor and of the room it may use."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from etude.limits.limit_tables import LimitTable
-from etude_quadrotor.vehicle import Vehicle
+from etude_quadrotor.vehicle import Rotor, Vehicle
 
 
 @dataclass(frozen=True)
@@ -19,7 +19,7 @@ class QuadrotorSpec:
         name: short name.
         lower, upper: corners of the box of the vehicle's centre, m.
         speed: largest |v|, m/s.
-        command_names: the four learned outputs, for example the motors.
+        command_names: the n >= 4 learned outputs, for example the motors.
         command_unit: "V", or "1" for normalised set-points.
         command_lower, command_upper: limits of each command, in that unit.
         rate: of the samples that a model learns from, Hz; logs may be faster.
@@ -34,6 +34,7 @@ class QuadrotorSpec:
             for the simulated vehicles.
         vehicle: nominal body and motors, for the analytic inverse model; None if unknown.
         plant: name of the simulated vehicle that stands in for the real one, or None.
+        rotors: where each stands and its spin, in the order of the commands; (): four in an X, or unknown.
         limits: of its owner's own.
     """
 
@@ -41,10 +42,10 @@ class QuadrotorSpec:
     lower: tuple[float, float, float]
     upper: tuple[float, float, float]
     speed: float
-    command_names: tuple[str, str, str, str]
+    command_names: tuple[str, ...]
     command_unit: str
-    command_lower: tuple[float, float, float, float]
-    command_upper: tuple[float, float, float, float]
+    command_lower: tuple[float, ...]
+    command_upper: tuple[float, ...]
     rate: float
     radius: float | None = None
     tilt: float | None = None
@@ -56,6 +57,7 @@ class QuadrotorSpec:
     descent: float = 1.5
     vehicle: Vehicle | None = None
     plant: str | None = None
+    rotors: tuple[Rotor, ...] = ()
     limits: tuple[LimitTable, ...] = ()
 
     @property
@@ -76,10 +78,17 @@ class QuadrotorSpec:
 
     @property
     def reach(self) -> NDArray[np.float64]:
-        """(4,) how far each command reaches from the middle of its range, in its unit."""
+        """(n,) how far each command reaches from the middle of its range, in its unit."""
         return np.asarray(0.5 * (np.array(self.command_upper) - np.array(self.command_lower)))
+
+    @property
+    def airframe(self) -> Vehicle | None:
+        """The vehicle with its rotors where they stand; None if nobody described it."""
+        if self.vehicle is None or not self.rotors:
+            return self.vehicle
+        return replace(self.vehicle, layout=self.rotors)
 
     @property
     def body(self) -> Vehicle | None:
         """The vehicle whose motors explain the commands; None if nobody described it, or for set-points."""
-        return self.vehicle if self.command_unit == "V" else None
+        return self.airframe if self.command_unit == "V" else None

@@ -1,10 +1,10 @@
-"""The TOML file of a vehicle with four rotors: strict reading, exact writing.
+"""The TOML file of a flat multirotor: strict reading, exact writing.
 
 kind = "quadrotor"               # or "vehicle"
 name = "quadrotor"
 commands = ["front_right", "back_right", "back_left", "front_left"]
 command_unit = "V"               # V, or 1 for normalised set-points
-command_lower = [0.0, 0.0, 0.0, 0.0]
+command_lower = [0.0, 0.0, 0.0, 0.0]  # as many as commands, four or more
 command_upper = [11.1, 11.1, 11.1, 11.1]
 rate = 10.0                      # Hz of the samples a model learns from; logs may be faster
 lower = [-10.0, -10.0, 0.3]      # box of the vehicle's centre, m, z up
@@ -19,6 +19,8 @@ radius = 1.5                     # optional: of a cylinder about the z axis, m
 tilt = 0.5                       # optional: largest angle of the thrust from the vertical, rad
 thrust = [4.0, 16.0]             # optional: least and largest thrust per mass, m/s^2
 plant = "quadrotor"              # optional: simulated stand-in
+rotors = [[0.1, -0.1, 1.0], ...] # of other than four in an X: x, y (m) and spin of each command's rotor;
+                                 # x forward, y left, spin +1 against the clock seen from above, else -1
 [vehicle]                        # optional: the fields of `vehicle.Vehicle`, for the analytic inverse model
 [[limit]]                        # optional: limits of one's own, see `etude.limits.limit_tables`
 """
@@ -26,25 +28,31 @@ plant = "quadrotor"              # optional: simulated stand-in
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
 import msgspec
+import numpy as np
 
 from etude.errors import UsageError
 from etude.limits.limit_tables import read_limits
 from etude.toml_tables import decoded, read_text
 from etude_quadrotor.spec import QuadrotorSpec
-from etude_quadrotor.vehicle import GRAVITY, Vehicle
+from etude_quadrotor.vehicle import GRAVITY, SPINS, Rotor, Vehicle
 
 KIND = "quadrotor"
 KINDS = (KIND, "vehicle")
 """What a file may call it; "vehicle" is the older word."""
-MOTORS = 4  # of every vehicle of this kind
+LEAST = 4
+"""Motors: fewer do not give thrust and three moments apart."""
+APART = 1e-3
+"""Of the largest singular value of an allocation, with rotors within a unit circle: one below it is none."""
+FORCES = ("thrust", "roll moment", "pitch moment", "yaw moment")
+"""Rows of an allocation."""
 UNITS = ("V", "1")
 Three = tuple[float, float, float]
-Four = tuple[float, float, float, float]
 
 
 class QuadrotorTable(msgspec.Struct, forbid_unknown_fields=True, omit_defaults=True):
@@ -52,10 +60,10 @@ class QuadrotorTable(msgspec.Struct, forbid_unknown_fields=True, omit_defaults=T
 
     kind: str
     name: str
-    commands: tuple[str, str, str, str]
+    commands: tuple[str, ...]
     command_unit: str
-    command_lower: Four
-    command_upper: Four
+    command_lower: tuple[float, ...]
+    command_upper: tuple[float, ...]
     rate: float
     lower: Three
     upper: Three
@@ -69,6 +77,7 @@ class QuadrotorTable(msgspec.Struct, forbid_unknown_fields=True, omit_defaults=T
     tilt: float | None = None
     thrust: tuple[float, float] | None = None
     plant: str | None = None
+    rotors: tuple[Rotor, ...] = ()
     units_checked: bool = False
     vehicle: dict[str, Any] | None = None
     limit: tuple[dict[str, Any], ...] = ()
@@ -88,13 +97,6 @@ def spec_from_table(data: dict[str, Any], *, where: str) -> QuadrotorSpec:
     if data.get("kind") not in KINDS:
         raise UsageError(
             f"kind = {data.get('kind')!r} is no {KIND}", where=where, next_step=f'Write kind = "{KIND}".'
-        )
-    motors = data.get("commands")
-    if isinstance(motors, list) and len(motors) != MOTORS:
-        raise UsageError(
-            f"a {KIND} has {MOTORS} motors, this vehicle has {len(motors)} commands",
-            where=where,
-            next_step="Other airframes (hexarotors, octorotors, VTOLs) are not supported.",
         )
     try:
         table = msgspec.convert(data, QuadrotorTable)
@@ -126,6 +128,7 @@ def spec_from_table(data: dict[str, Any], *, where: str) -> QuadrotorSpec:
         descent=table.descent,
         vehicle=vehicle,
         plant=table.plant,
+        rotors=table.rotors,
         limits=read_limits(table.limit, where),
     )
     check_spec(spec, where=where)
@@ -138,7 +141,7 @@ def spec_from_table(data: dict[str, Any], *, where: str) -> QuadrotorSpec:
 
 
 def _refuse_unknown(table: dict[str, Any], where: str) -> None:
-    known = [field.name for field in fields(Vehicle)]
+    known = [field.name for field in fields(Vehicle) if field.name != "layout"]
     for key in table:
         if key not in known:
             raise UsageError(
@@ -167,8 +170,8 @@ def check_spec(spec: QuadrotorSpec, *, where: str = "") -> None:
             raise UsageError(f"a margin must be 0 or more, not {margin}", where=where)
     if spec.command_unit not in UNITS:
         raise UsageError(f"unknown command_unit '{spec.command_unit}'", where=where, next_step="Use V or 1.")
-    if len(set(spec.command_names)) < 4 or "" in spec.command_names:
-        raise UsageError("the four commands need four different names", where=f"{where} commands")
+    _check_commands(spec, where)
+    _check_rotors(spec, where)
     _check_room(spec, where)
     for name, low, high in zip(spec.command_names, spec.command_lower, spec.command_upper, strict=True):
         _check_order(f"command {name}", low, high, where)
@@ -180,13 +183,80 @@ def check_spec(spec: QuadrotorSpec, *, where: str = "") -> None:
                 where=f"{where} thrust",
                 next_step=f"The limits are per mass and have {GRAVITY} between them.",
             )
-    vehicle = spec.vehicle
+    vehicle = spec.airframe
     if vehicle is not None and vehicle.hover_voltage >= vehicle.voltage_limit:
         raise UsageError(
             f"it would hover at {vehicle.hover_voltage:.3g} V, over its limit of {vehicle.voltage_limit:g} V",
             where=f"{where} [vehicle]",
             next_step="Check mass, thrust_constant, motor_constant and resistance; all are SI.",
         )
+
+
+def _check_commands(spec: QuadrotorSpec, where: str) -> None:
+    names, count = spec.command_names, len(spec.command_names)
+    if count < LEAST:
+        raise UsageError(
+            f"a flat multirotor has {LEAST} motors or more, this vehicle has {count} commands",
+            where=where,
+            next_step="Tricopters, helicopters, VTOLs and planes are not supported.",
+        )
+    if len(set(names)) < count or "" in names:
+        raise UsageError(f"the {count} commands need {count} different names", where=f"{where} commands")
+    for key, values in (("command_lower", spec.command_lower), ("command_upper", spec.command_upper)):
+        if len(values) != count:
+            raise UsageError(
+                f"{key} has {len(values)} limits for {count} commands",
+                where=f"{where} {key}",
+                next_step="Give one for each command, in their order.",
+            )
+    if spec.plant is not None and count != LEAST:
+        raise UsageError(
+            f"the simulated vehicles have {LEAST} motors, this one has {count}",
+            where=f"{where} plant",
+            next_step="Leave plant out: logs of the real vehicle teach it.",
+        )
+
+
+def _check_rotors(spec: QuadrotorSpec, where: str) -> None:
+    """UsageError: rotors that are not those of the commands, or cannot make thrust and moments apart."""
+    place, count = f"{where} rotors", len(spec.command_names)
+    if not spec.rotors:
+        if spec.body is not None and count != LEAST:
+            raise UsageError(
+                f"[vehicle] does not say where its {count} rotors are",
+                where=where,
+                next_step="Write rotors = [[x, y, spin], ...], one for each command, in m.",
+            )
+        return
+    if len(spec.rotors) != count:
+        raise UsageError(f"there are {len(spec.rotors)} rotors for {count} commands", where=place)
+    if any(spin not in SPINS or not math.isfinite(x + y) for x, y, spin in spec.rotors):
+        raise UsageError(
+            "a rotor is [x, y, spin]: two numbers in m, and 1 or -1",
+            where=place,
+            next_step="1: it turns against the clock, seen from above.",
+        )
+    lacking = lacking_forces(spec.rotors)
+    if lacking:
+        raise UsageError(
+            f"the allocation matrix is singular: these rotors cannot make {lacking}",
+            where=place,
+            next_step="Check positions and spins: not all in one line, and some turn each way.",
+        )
+
+
+def lacking_forces(rotors: Sequence[Rotor]) -> str:
+    """What of thrust and moments rotors cannot make apart from the rest, in words; "" where they make all."""
+    x, y, spins = np.array(rotors).T
+    size = float(np.hypot(x, y).max()) or 1.0
+    allocation = np.stack([np.ones(len(x)), y / size, -x / size, -spins])
+    left, values, _ = np.linalg.svd(allocation, full_matrices=True)
+    lost = np.pad(values, (0, len(FORCES) - len(values))) < APART * values[0]
+    if not lost.any():
+        return ""
+    parts = np.linalg.norm(left[:, lost], axis=1)
+    names = [name for name, part in zip(FORCES, parts, strict=True) if part > 0.1]
+    return f"{' and '.join(names)} apart from one another" if len(names) > 1 else f"any {names[0]}"
 
 
 def _vehicle_numbers(vehicle: Vehicle) -> dict[str, float]:
@@ -243,7 +313,8 @@ def unit_suspicion(spec: QuadrotorSpec) -> str:
 
 def spec_to_toml(spec: QuadrotorSpec) -> str:
     """TOML text that reads back to the same spec."""
-    vehicle = None if spec.vehicle is None else msgspec.to_builtins(spec.vehicle)
+    vehicle = {} if spec.vehicle is None else msgspec.to_builtins(spec.vehicle)
+    vehicle.pop("layout", None)
     table = QuadrotorTable(
         kind=KIND,
         name=spec.name,
@@ -264,12 +335,13 @@ def spec_to_toml(spec: QuadrotorSpec) -> str:
         tilt=spec.tilt,
         thrust=spec.thrust,
         plant=spec.plant,
+        rotors=spec.rotors,
         units_checked=bool(unit_suspicion(spec)),
     )
     lines = [
         f"{key} = {_text(value)}" for key, value in msgspec.to_builtins(table).items() if value is not None
     ]
-    if vehicle is not None:
+    if vehicle:
         lines += ["", "[vehicle]", *(f"{key} = {_text(value)}" for key, value in vehicle.items())]
     for limit in spec.limits:
         lines += ["", "[[limit]]", *(f"{key} = {_text(value)}" for key, value in limit.table().items())]

@@ -1,12 +1,12 @@
-"""Vehicle: what its owner can know of a quadrotor's body and motors.
+"""Vehicle: what its owner can know of a multirotor's body and motors.
 
-Body frame: x forward, y left, z up; the arms are an X.
+Body frame: x forward, y left, z up. Rotors lie in a plane and lift along z; unless told, four arms are an X.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,9 +21,13 @@ SPINS = (1.0, -1.0, 1.0, -1.0)
 """+1: turns about +z (seen from above, against the clock), so that its drag turns the body about -z."""
 
 
+Rotor = tuple[float, float, float]
+"""x and y in the body frame, m, and spin, one of SPINS."""
+
+
 @dataclass(frozen=True)
 class Vehicle:
-    """A rigid body with four direct-current motors; thrust and drag torque are quadratic in rotor speed.
+    """A rigid body with direct-current motors; thrust and drag torque are quadratic in rotor speed.
 
     Attributes:
         mass: kg.
@@ -35,6 +39,7 @@ class Vehicle:
         resistance: ohm.
         rotor_inertia: of rotor, gear and motor, seen at the rotor, kg m^2.
         voltage_limit: largest voltage of a motor, V; the least is 0.
+        layout: the rotors in the order of the commands; (): four in an X.
     """
 
     mass: float
@@ -46,17 +51,33 @@ class Vehicle:
     resistance: float
     rotor_inertia: float
     voltage_limit: float
+    layout: tuple[Rotor, ...] = field(default=(), repr=False)
 
     @property
     def rotors(self) -> Array:
-        """(4, 2) positions x, y of the rotors in the body frame, m."""
+        """(n, 2) positions x, y of the rotors in the body frame, m."""
+        if self.layout:
+            return np.array(self.layout)[:, :2]
         return np.array(CORNERS) * (self.arm / math.sqrt(2.0))
 
+    @property
+    def spins(self) -> Array:
+        """(n,) as of SPINS."""
+        return np.array(self.layout)[:, 2] if self.layout else np.array(SPINS)
+
     def allocation(self) -> Array:
-        """(4, 4) matrix from squared rotor speeds to thrust, N, and moments about x, y, z, N m."""
+        """(4, n) matrix from squared rotor speeds to thrust, N, and moments about x, y, z, N m."""
         x, y = self.rotors.T
         kf, kq = self.thrust_constant, self.torque_constant
-        return np.stack([np.full(4, kf), kf * y, -kf * x, -kq * np.array(SPINS)])
+        return np.stack([np.full(len(x), kf), kf * y, -kf * x, -kq * self.spins])
+
+    def mixer(self) -> Array:
+        """(n, 4) from thrust and moments to squared rotor speeds: of more than four the least, as allocators
+        choose them.
+        """
+        found = self.allocation()
+        square = len(found.T) == len(found)
+        return np.asarray(np.linalg.inv(found) if square else np.linalg.pinv(found))
 
     def steady_voltage(self, speed: Array) -> Array:
         """Voltage that keeps up a rotor speed in rad/s: back-EMF, and the current that balances the drag."""
@@ -65,8 +86,8 @@ class Vehicle:
 
     @property
     def hover_speed(self) -> float:
-        """Rotor speed at which four rotors carry the weight, rad/s."""
-        return math.sqrt(self.mass * GRAVITY / (4.0 * self.thrust_constant))
+        """Rotor speed at which all rotors carry the weight, rad/s."""
+        return math.sqrt(self.mass * GRAVITY / (len(self.spins) * self.thrust_constant))
 
     @property
     def hover_voltage(self) -> float:

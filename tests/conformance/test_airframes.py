@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import json
 from pathlib import Path
 from typing import Any
 
@@ -27,15 +28,40 @@ def writer() -> Any:
     return module
 
 
-def flight(path: Path, status: dict[str, int], parameters: dict[str, int]) -> Path:
-    """A log whose first four motors move, with what it says of its airframe."""
-    swing = np.stack([np.sin(k * T) for k in (1, 2, 3)], axis=1)
-    control = np.hstack([0.5 + 0.1 * swing[:, [0, 1, 2, 0]], np.full((len(T), 8), np.nan)])
+HEXA = {  # PX4's generic hexarotor in an X: forward, right, and positive against the clock
+    "CA_AIRFRAME": 0,
+    "CA_ROTOR_COUNT": 6,
+    **{
+        f"CA_ROTOR{i}_{key}": value
+        for i, place in enumerate(
+            [
+                (0.0, 0.275, -0.05),
+                (0.0, -0.275, 0.05),
+                (0.238, -0.1375, -0.05),
+                (-0.238, 0.1375, 0.05),
+                (0.238, 0.1375, 0.05),
+                (-0.238, -0.1375, -0.05),
+            ]
+        )
+        for key, value in zip(("PX", "PY", "KM"), place, strict=True)
+    },
+}
+
+
+def flight(
+    path: Path, status: dict[str, int], parameters: dict[str, float], motors: int = 4, topic: str = "motors"
+) -> Path:
+    """A log whose first motors move, with what it says of its airframe."""
+    swing = np.stack([np.sin(k * T) for k in range(1, 13)], axis=1)
+    moving = np.where(np.arange(12) < motors, 0.5 + 0.1 * swing, np.nan)
     topics: dict[str, Any] = {
-        "vehicle_angular_velocity": {"timestamp": STAMPS, "xyz": swing},
-        "sensor_combined": {"timestamp": STAMPS, "accelerometer_m_s2": 0.1 * swing - [0.0, 0.0, 9.8]},
-        "actuator_motors": {"timestamp": STAMPS, "control": control},
+        "vehicle_angular_velocity": {"timestamp": STAMPS, "xyz": swing[:, :3]},
+        "sensor_combined": {"timestamp": STAMPS, "accelerometer_m_s2": 0.1 * swing[:, :3] - [0.0, 0.0, 9.8]},
+        "actuator_motors": {"timestamp": STAMPS, "control": moving},
     }
+    if topic == "outputs":
+        del topics["actuator_motors"]
+        topics["actuator_outputs"] = {"timestamp": STAMPS, "output": 1000.0 + 1000.0 * np.nan_to_num(moving)}
     if status:
         rows = {name: np.full(len(T) // 50, value) for name, value in status.items()}
         topics["vehicle_status"] = {"timestamp": STAMPS[::50], **rows}
@@ -44,23 +70,42 @@ def flight(path: Path, status: dict[str, int], parameters: dict[str, int]) -> Pa
     return path
 
 
+def described(path: Path, count: int, **more: Any) -> Path:
+    """The example's vehicle with so many motors."""
+    own = {
+        "commands": [f"motor_{i}" for i in range(1, count + 1)],
+        "command_lower": [0.0] * count,
+        "command_upper": [1.0] * count,
+        **more,
+    }
+    text = (EXAMPLES / "px4" / "px4_quad.toml").read_text().splitlines()
+    kept = [line for line in text if line.partition(" =")[0] not in own]
+    at = next(i for i, line in enumerate(kept) if line.startswith("name"))
+    lines = [f"{key} = {json.dumps(value)}" for key, value in own.items()]
+    path.write_text("\n".join([*kept[: at + 1], *lines, *kept[at + 1 :]]) + "\n")
+    return path
+
+
 @pytest.mark.parametrize(
     ("status", "parameters", "said"),
     [
-        ({}, {"MAV_TYPE": 13}, "a hexarotor (MAV_TYPE 13)"),
+        ({}, {"MAV_TYPE": 4}, "a helicopter (MAV_TYPE 4)"),
+        ({}, {"MAV_TYPE": 15}, "a tricopter (MAV_TYPE 15)"),
         ({}, {"MAV_TYPE": 22}, "a VTOL aircraft (MAV_TYPE 22)"),
-        ({"system_type": 14}, {}, "an octorotor (vehicle_status.system_type 14)"),
+        ({"system_type": 1}, {}, "a fixed-wing aircraft (vehicle_status.system_type 1)"),
         ({"system_type": 0, "vehicle_type": 2}, {}, "a fixed-wing aircraft (vehicle_status.vehicle_type 2)"),
         ({"system_type": 2, "is_vtol": 1}, {"MAV_TYPE": 2}, "a VTOL aircraft (vehicle_status.is_vtol)"),
         ({}, {"CA_AIRFRAME": 2}, "a VTOL aircraft (CA_AIRFRAME 2)"),
-        ({}, {"CA_AIRFRAME": 0, "CA_ROTOR_COUNT": 6}, "a vehicle of 6 rotors (CA_ROTOR_COUNT 6)"),
+        ({}, {"CA_AIRFRAME": 0, "CA_ROTOR_COUNT": 3}, "a vehicle of 3 rotors (CA_ROTOR_COUNT 3)"),
+        ({}, HEXA | {"CA_ROTOR4_AX": 0.2}, "a multirotor with tilted rotors (CA_ROTOR4_AX 0.2)"),
+        ({}, HEXA | {"CA_ROTOR5_TILT": 1}, "a multirotor whose rotors tilt (CA_ROTOR5_TILT 1)"),
     ],
 )
 def test_a_log_of_another_airframe_is_refused(
-    tmp_path: Path, status: dict[str, int], parameters: dict[str, int], said: str
+    tmp_path: Path, status: dict[str, int], parameters: dict[str, float], said: str
 ) -> None:
     pytest.importorskip("pyulog", reason="PX4 logs need the extra 'px4'")
-    with pytest.raises(DataError, match="only quadrotors are supported") as problem:
+    with pytest.raises(DataError, match="only flat multirotors are supported") as problem:
         read_raw(flight(tmp_path / "own.ulg", status, parameters))
     assert said in problem.value.fact
 
@@ -81,18 +126,47 @@ def test_quadrotors_and_logs_that_do_not_say_are_read(
     assert found is not None
 
 
-def test_a_description_of_six_motors_is_refused_in_a_sentence(
+@pytest.mark.parametrize(
+    ("parameters", "topic"),
+    [(HEXA, "motors"), (HEXA, "outputs"), ({"MAV_TYPE": 13}, "outputs")],
+)
+def test_the_motors_of_a_hexarotor_are_read_in_their_order(
+    tmp_path: Path, parameters: dict[str, float], topic: str
+) -> None:
+    pytest.importorskip("pyulog", reason="PX4 logs need the extra 'px4'")
+    raw = read_raw(flight(tmp_path / "own.ulg", {}, parameters, 6, topic))
+    names = [name for name in raw.values if name.startswith("motor_")]
+    assert names == [f"motor_{i}" for i in range(1, 7)]
+    for i, name in enumerate(names):
+        np.testing.assert_allclose(raw[name][:, 0], 0.5 + 0.1 * np.sin((i + 1) * T), atol=1e-6)
+    said = [sentence for sentence in raw.repairs if "robot.toml" in sentence]
+    if "CA_ROTOR_COUNT" not in parameters:
+        assert not said
+        return
+    (rotors,) = (json.loads(sentence.partition("rotors = ")[2].rstrip(".")) for sentence in said)
+    right, left = rotors[:2]  # x forward, y left; PX4's first motor is the right one, with the clock
+    assert right == [0.0, -0.275, -1.0]
+    assert left == [0.0, 0.275, 1.0]
+    assert rotors[2] == [0.238, 0.1375, -1.0]
+
+
+def test_an_allocation_that_is_singular_is_refused_with_what_it_lacks(tmp_path: Path) -> None:
+    pytest.importorskip("pyulog", reason="PX4 logs need the extra 'px4'")
+    alike = HEXA | {f"CA_ROTOR{i}_KM": 0.05 for i in range(6)}
+    with pytest.raises(DataError, match="singular: these rotors cannot make thrust and yaw moment apart"):
+        read_raw(flight(tmp_path / "own.ulg", {}, alike, 6))
+
+
+def test_a_hexarotor_learns_from_its_log_and_a_quadrotor_does_not(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    six, (low, high) = [f"motor_{i}" for i in range(1, 7)], ([0.0] * 6, [1.0] * 6)
-    text = (EXAMPLES / "px4" / "px4_quad.toml").read_text().splitlines()
-    kept = [line for line in text if not line.startswith("command")]
-    more = [f"commands = {six}".replace("'", '"'), 'command_unit = "1"']
-    more += [f"command_lower = {low}", f"command_upper = {high}"]
-    at = next(i for i, line in enumerate(kept) if line.startswith("name"))
-    (tmp_path / "hexa.toml").write_text("\n".join([*kept[: at + 1], *more, *kept[at + 1 :]]) + "\n")
-    assert main(["init", str(tmp_path / "lab"), "--robot", str(tmp_path / "hexa.toml")]) == 2
-    said = " ".join(capsys.readouterr().err.split())
-    assert "A quadrotor has 4 motors, this vehicle has 6 commands" in said
-    assert "are not supported" in said
-    assert not (tmp_path / "lab").exists()
+    pytest.importorskip("pyulog", reason="PX4 logs need the extra 'px4'")
+    log = flight(tmp_path / "own.ulg", {}, HEXA, 6)
+    for count, code in ((6, 0), (4, 3)):
+        lab, robot = tmp_path / f"lab{count}", described(tmp_path / f"{count}.toml", count, rate=25.0)
+        assert main(["init", str(lab), "--robot", str(robot)]) == 0
+        said = capsys.readouterr()
+        assert main(["tell", str(lab), str(log), "--foreign"]) == code, said
+        said = capsys.readouterr()
+        assert ("Learned: 1" in said.out) == (count == 6), said
+        assert ("1, 2, 3, 4, 5, 6, which are not the 4" in said.err) == (count == 4), said

@@ -159,7 +159,27 @@ def alone(model: LearnedModel, *, grows: bool) -> LearnedModel:
 
 
 def quadrotor_spec(name: str) -> Any:
-    return QUADROTOR.spec(QUADROTOR.built_in()[name])
+    """A built-in vehicle; "hexa": six described motors in V; "octo": eight of which nobody knows."""
+    if name not in ("hexa", "octo"):
+        return QUADROTOR.spec(QUADROTOR.built_in()[name])
+    own, count = quadrotor_spec("quadrotor"), {"hexa": 6, "octo": 8}[name]
+    angles = 2.0 * np.pi * (np.arange(count) + 0.5) / count
+    rotors = [(0.2 * float(np.cos(a)), 0.2 * float(np.sin(a)), (-1.0) ** i) for i, a in enumerate(angles)]
+    return replace(
+        own,
+        name=name,
+        command_names=tuple(f"motor_{i + 1}" for i in range(count)),
+        command_unit="V" if name == "hexa" else "1",
+        command_lower=(0.0,) * count,
+        command_upper=(11.1 if name == "hexa" else 1.0,) * count,
+        plant=None,
+        vehicle=own.vehicle if name == "hexa" else None,
+        rotors=tuple(rotors) if name == "hexa" else (),
+    )
+
+
+TURNS, RATES = [0, 1, 2, 0, 1, 2, 0, 1], [0, 1, 2, 1, 0, 2, 2, 0]
+"""Axes that move each motor."""
 
 
 def quadrotor_log(spec: Any, count: int, seed: int = 0) -> Log:
@@ -177,8 +197,10 @@ def quadrotor_log(spec: Any, count: int, seed: int = 0) -> Log:
     channels = {c.name: c for c in QUADROTOR.channels(spec)}
     lower, upper = np.asarray(spec.command_lower), np.asarray(spec.command_upper)
     size = 0.3 * (upper - lower)
-    push = values["specific_force"][:, 2:] / 9.81 + 0.02 * values["angular_acceleration"][:, [0, 1, 2, 0]]
-    values["command"] = lower + size * (push + 0.1 * np.sin(values["rates"][:, [0, 1, 2, 1]]))
+    push = (
+        values["specific_force"][:, 2:] / 9.81 + 0.02 * values["angular_acceleration"][:, TURNS[: len(size)]]
+    )
+    values["command"] = lower + size * (push + 0.1 * np.sin(values["rates"][:, RATES[: len(size)]]))
     return Log(np.arange(count) / 10.0, {name: channels[name] for name in values}, values)
 
 
@@ -189,7 +211,8 @@ def quadrotor_model(
     from etude_quadrotor import QuadrotorInputs
 
     spec = spec or quadrotor_spec(name)
-    inputs = QuadrotorInputs()
+    count = len(spec.command_names)
+    inputs = QuadrotorInputs(commands=count)
     log = quadrotor_log(spec, points)
     every = np.ones(log["command"].shape, dtype=np.bool_)
     samples = Samples(log, np.repeat(np.arange(2), points // 2), every, every)
@@ -201,7 +224,9 @@ def quadrotor_model(
     kernel = ard_se(inputs.columns, names)
     fit = fit_data(X, (left - units[0]) / units[1], inputs.columns, names, kernel, config)
     process: Any = member_named("exact")(fit)
-    candidate = Candidate(f"{physics}+gp", (0, 1, 2, 3), np.ones(4), mean, process, units, np.full(4, 1.1))
+    candidate = Candidate(
+        f"{physics}+gp", tuple(range(count)), np.ones(count), mean, process, units, np.full(count, 1.1)
+    )
     return _model(inputs, [candidate], names, X)
 
 

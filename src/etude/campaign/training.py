@@ -117,6 +117,27 @@ def learn_pending(campaign: Campaign, learner: Learner | None = None, say: Say =
     return done
 
 
+def learn_again(campaign: Campaign, learner: Learner | None = None, say: Say = lambda _: None) -> list[int]:
+    """Learns all logs that teach in a new training: those that wait, or else those of the last one once more.
+
+    For campaigns that an earlier version learned, or whose campaign.toml was edited. A promoted model stays
+    in use. Returns the numbers of the logs that the training ended with; [] where nothing was told.
+
+    Raises:
+        UsageError: another process is writing to the campaign.
+        DataError, NumericalError: as `learn_pending`.
+    """
+    with campaign.writing():
+        state = campaign.state()
+        if state.pending or not state.trained:
+            return learn_pending(campaign, learner, say)
+        last = state.trained[-1]
+        together = last.trained.together if last.trained else ()
+        numbers = [n for n in together if state.rounds[n].learned] or [last.number]
+        _learn_together(campaign, learner or learn_log, numbers, say)
+        return numbers
+
+
 def _say_if_compiling(campaign: Campaign, say: Callable[[str], None]) -> None:
     if not campaign.state().pending:
         return
@@ -375,8 +396,8 @@ def _new_motion(selection: ModelSelection) -> NewMotionScores:
 
     def scored(error: Array, variance: Array | None) -> Figures:
         use = np.isfinite(error)
-        mean = np.where(use, samples.command - error, 0.0)
-        return figures(samples.command, mean, variance, use, trivial)
+        mean = np.where(use, selection.judge - error, 0.0)
+        return figures(selection.judge, mean, variance, use, trivial)
 
     used, plain = scored(found.error, found.variance), scored(linear, None)
     values = {name: jsonable(getattr(used, name)) for name in ("nmse", "z2", "coverage", "msll")}

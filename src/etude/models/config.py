@@ -163,6 +163,11 @@ class ModelConfig:
         return self.replace == "stack"
 
     @property
+    def weighs(self) -> bool:
+        """Whether candidates are compared on more than what each holds out."""
+        return self.stacks or self.averages
+
+    @property
     def averages(self) -> bool:
         """Whether other candidates than the default can take part."""
         own = (self.kernel, self.process, self.sharing) == ("structured", "exact", "separate")

@@ -17,7 +17,7 @@ from etude.errors import UsageError
 from etude.protocols import Kind
 from etude.types import Delivered
 
-MOTORS = 4  # of every vehicle of this kind
+CRAZYFLIE_MOTORS = 4  # the firmware of other airframes has its own mixer
 OUTSIDE = "Far outside of what was learned the last good addition fades out within 0.2 s."
 READS: Mapping[str, Sequence[str]] = {
     "altitude": ("asked->altitude",),
@@ -207,6 +207,8 @@ def _fill(plan: Plan, into: str, told_by: Mapping[str, Sequence[str]], indent: s
 
 def _motors(plan: Plan, target: str) -> list[int]:
     """Of each command its motor, from 0: names of commands end in the autopilot's numbers, from 1."""
+    if target == CRAZYFLIE.name and len(plan.units) != CRAZYFLIE_MOTORS:
+        raise UsageError(f"a Crazyflie has {CRAZYFLIE_MOTORS} motors, this vehicle has {len(plan.units)}")
     if set(plan.units) - {"1", ""}:
         raise UsageError(
             f"{target} takes parts of full scale, and commands are in {', '.join(dict.fromkeys(plan.units))}",
@@ -214,10 +216,10 @@ def _motors(plan: Plan, target: str) -> list[int]:
         )
     found = [re.search(r"(\d+)$", name) for name in plan.model.commands]
     numbers = [int(match[1]) - 1 for match in found if match]
-    if sorted(numbers) != list(range(MOTORS)):
+    if sorted(numbers) != list(range(len(found))):
         raise UsageError(
             f"which motor is which is not said by {', '.join(plan.model.commands)}",
-            next_step=f"Let commands in robot.toml end in {target}'s numbers of the motors: m1, m2, m3, m4.",
+            next_step=f"Let commands in robot.toml end in {target}'s numbers of the motors: m1, m2, m3, ...",
         )
     return numbers
 

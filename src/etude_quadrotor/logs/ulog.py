@@ -19,6 +19,8 @@ from etude.errors import DataError
 from etude.logs.readers.extras import READING, needed
 from etude.logs.readers.frames import raw_log
 from etude.types import Array, Log
+from etude_quadrotor.spec_file import lacking_forces
+from etude_quadrotor.vehicle import Rotor
 
 MAGIC = b"\x55\x4c\x6f\x67\x01\x12\x35"
 HEADER = 3
@@ -98,7 +100,7 @@ MOTORS = ("actuator_motors", "actuator_outputs")
 PULSE = (800.0, 2200.0)
 """us: what a pulse to a motor may be."""
 ROTORS = 4
-"""Where PX4's parameter CA_ROTOR_COUNT does not say."""
+"""Where nothing in the log says how many."""
 SLOW = 50.0
 """Hz below which set-points of motors miss much of what they do."""
 
@@ -117,8 +119,8 @@ def motors_of(
         parameters: PX4's, at the beginning of the log.
         said: takes a sentence for whatever is to be known of them.
     """
-    stem = "control" if topic == "actuator_motors" else "output"
-    data = max(instances, key=lambda one: sum(moves(one, f"{stem}[{i}]") for i in range(ROTORS)))
+    stem, count = "control" if topic == "actuator_motors" else "output", rotor_count(parameters)
+    data = max(instances, key=lambda one: sum(moves(one, f"{stem}[{i}]") for i in range(count or ROTORS)))
     rate = (len(data["timestamp"]) - 1) / max(1e-6 * float(np.ptp(data["timestamp"].astype(float))), 1e-6)
     if rate < SLOW:
         said.append(
@@ -126,10 +128,10 @@ def motors_of(
             "the log: set SDLOG_PROFILE on the vehicle to record it faster."
         )
     if topic == "actuator_motors":
-        told = [i for i in range(12) if f"control[{i}]" in data and np.isfinite(data[f"control[{i}]"]).any()]
+        named = [i for i in range(count or MOST) if f"control[{i}]" in data]
+        told = [i for i in named if np.isfinite(data[f"control[{i}]"]).any()]
         return data, _stopped({f"motor_{i + 1}": data[f"control[{i}]"] for i in told}, said)
-    count = int(parameters.get("CA_ROTOR_COUNT", 0)) or ROTORS
-    told = [i for i in range(count) if f"output[{i}]" in data]
+    told = [i for i in range(count or ROTORS) if f"output[{i}]" in data]
     said.append(f"Outputs 1 to {len(told)} of {topic} were taken for the motors.")
     return data, {f"motor_{i + 1}": _of_full(data[f"output[{i}]"], i, parameters, said) for i in told}
 
@@ -169,7 +171,10 @@ def _of_full(pulses: Array, i: int, parameters: Mapping[str, Any], said: list[st
 
 STATUS = "vehicle_status"
 """The topic that repeats MAV_TYPE as `system_type`, and says `vehicle_type` and `is_vtol`."""
-QUADROTOR, OF_QUADROTOR = 2, 4  # MAV_TYPE, and its number of motors
+MULTIROTORS: Mapping[int, int] = {2: 4, 13: 6, 14: 8, 29: 12, 35: 10}
+"""MAV_TYPE of what may be a flat multirotor, and its number of motors."""
+MOST = 12
+"""Motors in actuator_motors."""
 # MAV_TYPE of MAVLink's common.xml; the same numbers stand in vehicle_status.system_type
 TYPES: Mapping[int, str] = {
     1: "a fixed-wing aircraft",
@@ -179,12 +184,8 @@ TYPES: Mapping[int, str] = {
     10: "a ground rover",
     11: "a boat",
     12: "a submarine",
-    13: "a hexarotor",
-    14: "an octorotor",
     15: "a tricopter",
     **dict.fromkeys(range(19, 26), "a VTOL aircraft"),
-    29: "a dodecarotor",
-    35: "a decarotor",
 }
 AIRFRAMES: Mapping[int, str] = {
     1: "a fixed-wing aircraft",
@@ -192,53 +193,104 @@ AIRFRAMES: Mapping[int, str] = {
     5: "a rover",
     6: "a rover",
     7: "an underwater vehicle",
-    10: "a helicopter",
-    11: "a helicopter",
+    8: "a multirotor whose rotors tilt",
+    **dict.fromkeys((10, 11, 12), "a helicopter"),
+    13: "a rover",
 }
 """Of PX4's parameter CA_AIRFRAME; 0 is a multirotor, the others may be anything."""
 VEHICLES: Mapping[int, str] = {2: "a fixed-wing aircraft", 3: "a rover", 4: "an airship"}
 """vehicle_status.vehicle_type; 1 is a rotary wing."""
 
 
-def require_quadrotor(parameters: Mapping[str, Any], status: Sequence[Mapping[str, Any]], path: Path) -> None:
-    """Refuses the log of another airframe, whose actuators would be taken for four motors.
+AXIS = {"AX": 0.0, "AY": 0.0, "AZ": -1.0}
+"""Of each rotor's thrust, by PX4's parameters CA_ROTORi_AX, ...; forward, right, down."""
+TILTED = 0.02
+"""By which that may be off: 1 degree."""
+
+
+def rotor_count(parameters: Mapping[str, Any]) -> int:
+    """By CA_ROTOR_COUNT, else by MAV_TYPE; 0 where neither says."""
+    return int(parameters.get("CA_ROTOR_COUNT", 0)) or MULTIROTORS.get(int(parameters.get("MAV_TYPE", 0)), 0)
+
+
+def rotors_of(parameters: Mapping[str, Any]) -> tuple[Rotor, ...]:
+    """Where the motors of a log stand and how they spin, in PX4's order; () where its parameters do not say.
+
+    PX4: x forward, y right; KM is positive for a rotor that turns against the clock, seen from above.
+    """
+    names = [f"CA_ROTOR{i}_" for i in range(rotor_count(parameters))]
+    if not all(f"{name}{key}" in parameters for name in names for key in ("PX", "PY", "KM")):
+        return ()
+    return tuple(
+        (
+            float(parameters[f"{name}PX"]),
+            0.0 - float(parameters[f"{name}PY"]),
+            float(np.sign(parameters[f"{name}KM"])),
+        )
+        for name in names
+    )
+
+
+def require_flat_multirotor(
+    parameters: Mapping[str, Any], status: Sequence[Mapping[str, Any]], path: Path
+) -> None:
+    """Refuses the log of another airframe, whose actuators would be taken for motors that lift along z.
 
     Args:
         parameters: PX4's, at the beginning of the log. status: instances of STATUS.
 
     Raises:
-        DataError: it says which airframe it is, and by what.
+        DataError: it says which airframe it is, and by what; or what its rotors cannot make.
     """
     found = _other(parameters, status[0] if status else {})
-    if found is None:
-        return
-    name, said = found
-    raise DataError(
-        f"the vehicle of this log is {name} ({said}), and only quadrotors are supported",
-        where=str(path),
-        next_step="Bring a log of a quadrotor, with MAV_TYPE 2; --topic NAME reads a topic as recorded.",
-    )
+    if found is not None:
+        name, said = found
+        raise DataError(
+            f"the vehicle of this log is {name} ({said}), and only flat multirotors are supported",
+            where=str(path),
+            next_step="Bring a log of a vehicle with four rotors or more that all lift along its z axis; "
+            "--topic NAME reads a topic as recorded.",
+        )
+    rotors = rotors_of(parameters)
+    if lacking := lacking_forces(rotors) if rotors else "":
+        raise DataError(
+            f"the allocation matrix of CA_ROTOR parameters is singular: these rotors cannot make {lacking}",
+            where=str(path),
+            next_step="Correct CA_ROTORi_PX, _PY and _KM on the vehicle; --topic NAME reads one as recorded.",
+        )
 
 
 def _other(parameters: Mapping[str, Any], status: Mapping[str, Any]) -> tuple[str, str] | None:
-    """What it is and what says so; None for a quadrotor, and where nothing says what it is."""
+    """What it is and what says so; None for a flat multirotor, and where nothing says what it is."""
     if int(_first(status, "is_vtol", 0)):
         return "a VTOL aircraft", f"{STATUS}.is_vtol"
     for said, number in (
         ("MAV_TYPE", int(parameters.get("MAV_TYPE", 0))),
         (f"{STATUS}.system_type", int(_first(status, "system_type", 0))),
     ):
-        if number not in (0, QUADROTOR):
-            return TYPES.get(number, "no quadrotor"), f"{said} {number}"
+        if number and number not in MULTIROTORS:
+            return TYPES.get(number, "no multirotor"), f"{said} {number}"
     frame = int(parameters.get("CA_AIRFRAME", 0))
     if frame in AIRFRAMES:
         return AIRFRAMES[frame], f"CA_AIRFRAME {frame}"
     kind = int(_first(status, "vehicle_type", 1))
     if kind in VEHICLES:
         return VEHICLES[kind], f"{STATUS}.vehicle_type {kind}"
-    count = int(parameters.get("CA_ROTOR_COUNT", 0))
-    if count not in (0, OF_QUADROTOR):
+    count = rotor_count(parameters)
+    if count and not ROTORS <= count <= MOST:
         return f"a vehicle of {count} rotors", f"CA_ROTOR_COUNT {count}"
+    return _tilted(parameters, count)
+
+
+def _tilted(parameters: Mapping[str, Any], count: int) -> tuple[str, str] | None:
+    """A multirotor that is not flat, by the first axis of a rotor that is not along z."""
+    for i in range(count):
+        for axis, flat in AXIS.items():
+            value = float(parameters.get(name := f"CA_ROTOR{i}_{axis}", flat))
+            if abs(value - flat) > TILTED:
+                return "a multirotor with tilted rotors", f"{name} {value:g}"
+        if int(parameters.get(name := f"CA_ROTOR{i}_TILT", 0)):
+            return "a multirotor whose rotors tilt", f"{name} {parameters[name]}"
     return None
 
 
@@ -300,10 +352,15 @@ def _flight(
     Raises:
         DataError: nothing tells what the body or the motors did.
     """
-    require_quadrotor(parameters, found.get(STATUS, ()), path)
+    require_flat_multirotor(parameters, found.get(STATUS, ()), path)
     if lacking := [names for names in (GYRO, FORCE, MOTORS) if not any(name in found for name in names)]:
         raise _lacks(path, lacking[0], found)
     sentences = ["Axes were turned: body x forward, y left, z up; world east, north, up."]
+    if rotors := rotors_of(parameters):
+        text = ", ".join(f"[{x:.4g}, {y:.4g}, {spin:g}]" for x, y, spin in rotors)
+        sentences.append(
+            f"Motors 1 to {len(rotors)} by CA_ROTOR parameters, for robot.toml: rotors = [{text}]."
+        )
     parts: list[tuple[str, Dataset, dict[str, Array]]] = []
     for names, columns_of in SIGNALS:
         name = next((one for one in names if one in found), None)

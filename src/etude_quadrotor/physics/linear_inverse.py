@@ -30,7 +30,7 @@ class LinearInverse:
     Attributes:
         uses: names of the optional channels among the features.
         centre, spread: (F,) of the features in the data.
-        weights: (F, 4). offset: (4,). Command units.
+        weights: (F, n). offset: (n,). Command units.
     """
 
     uses: tuple[str, ...]
@@ -58,11 +58,11 @@ class LinearInverse:
         return {"uses": uses, **own}
 
     def predict(self, log: Log) -> Array:
-        """Commands (T, 4); DataError if the log lacks a quantity that the model was identified with."""
+        """Commands (T, n); DataError if the log lacks a quantity that the model was identified with."""
         return self.offset + (physical_features(log, self.uses) - self.centre) / self.spread @ self.weights
 
     def static(self, log: Log) -> Array:
-        """Commands (T, 4) that would hold the vehicle where it is."""
+        """Commands (T, n) that would hold the vehicle where it is."""
         return self.predict(hovering(log))
 
     def c(self, name: str) -> Code:
@@ -109,12 +109,13 @@ def identify_linear(log: Log, weight: float = 0.2, use: Mask | None = None) -> L
 
     Args:
         weight: votes of one sample against the prior.
-        use: (T, 4) which commands say something; None: all.
+        use: (T, n) which commands say something; None: all.
 
     Raises:
         DataError: no sample, or NaN in states or command.
     """
     command, every = log["command"], np.ones(log["command"].shape, dtype=np.bool_)
+    count = command.shape[1]
     use = every if use is None else use
     uses = tuple(name for name in OPTIONAL if name in log)
     features = physical_features(log, uses)
@@ -123,9 +124,9 @@ def identify_linear(log: Log, weight: float = 0.2, use: Mask | None = None) -> L
     centre, spread = features.mean(axis=0), features.std(axis=0)
     # a constant column says nothing, whatever it is later
     spread = np.where(spread > 1e-9 * (1.0 + np.abs(centre)), spread, HUGE)
-    offset = np.array([command[use[:, j], j].mean() for j in range(4)])
+    offset = np.array([command[use[:, j], j].mean() for j in range(count)])
     scaled = (features - centre) / spread
-    columns = [_weights(scaled[use[:, j]], command[use[:, j], j] - offset[j], weight) for j in range(4)]
+    columns = [_weights(scaled[use[:, j]], command[use[:, j], j] - offset[j], weight) for j in range(count)]
     return LinearInverse(uses, centre, spread, np.column_stack(columns), offset)
 
 

@@ -1,4 +1,4 @@
-"""Inverse model of a quadrotor from its physics: motor voltages from states, nominal or with coefficients.
+"""Inverse model of a multirotor from its physics: motor voltages from states, nominal or with coefficients.
 
     thrust = m f_z,  moments = J α + ω × J ω,  W² = A⁻¹ [thrust, moments],  V = (R kq / Ke) W² + Ke W
 
@@ -21,7 +21,7 @@ from etude_quadrotor.channels import hovering
 from etude_quadrotor.physics.linear_inverse import map_fit
 from etude_quadrotor.vehicle import GRAVITY, Vehicle
 
-COEFFICIENTS = (
+SHARED = (
     "drag_lateral",
     "drag_vertical",
     "ground_near",
@@ -31,12 +31,8 @@ COEFFICIENTS = (
     "moment_x",
     "moment_y",
     "moment_z",
-    "trim_1",
-    "trim_2",
-    "trim_3",
-    "trim_4",
 )
-"""What least squares may change, each 0 in the nominal model.
+"""What least squares may change beside the trims, each 0 in the nominal model.
 
 drag_lateral: moment of the drag of body x and y, which acts off the centre, N m per m/s. drag_vertical: N per
 m/s. ground_near, ground_far: part of the thrust that the ground gives at altitude 0. The next five are
@@ -44,11 +40,16 @@ relative: the back-EMF constant, the thrust's deviation from the weight, the mom
 motor, V, for motors that differ and a payload off the centre. Near hover a back-EMF and four equal trims look
 alike: the prior shares the effect between them, the prediction is the same.
 """
-BACK_EMF = COEFFICIENTS.index("back_emf")
-TRIM = COEFFICIENTS.index("trim_1")
+BACK_EMF = SHARED.index("back_emf")
+TRIM = len(SHARED)
 NEAR, FAR = 1.5, 5.0
 """Heights over which the ground effect decays by a factor e, in arm lengths. A generic form: two
 exponentials, whatever the vehicle's true curve."""
+
+
+def coefficient_names(vehicle: Vehicle) -> tuple[str, ...]:
+    """(9 + n) SHARED, then a trim for each of the n motors."""
+    return (*SHARED, *(f"trim_{i + 1}" for i in range(len(vehicle.spins))))
 
 
 @dataclass(frozen=True)
@@ -57,8 +58,8 @@ class VehicleInverse:
 
     Attributes:
         vehicle: nominal body and motors.
-        coefficients: (13,) in the order of `COEFFICIENTS`; zero for the nominal model.
-        deviation: (13,) of the coefficients, infinite where data do not tell; None for the nominal model.
+        coefficients: (9 + n,) in the order of `coefficient_names`; zero for the nominal model.
+        deviation: (9 + n,) of the coefficients, infinite where data do not tell; None for the nominal model.
     """
 
     vehicle: Vehicle
@@ -70,7 +71,7 @@ class VehicleInverse:
         if self.deviation is None:
             return {}
         pairs = zip(self.coefficients.tolist(), self.deviation.tolist(), strict=True)
-        return dict(zip(COEFFICIENTS, pairs, strict=True))
+        return dict(zip(coefficient_names(self.vehicle), pairs, strict=True))
 
     def arrays(self) -> Mapping[str, Array]:
         """What it was identified to be."""
@@ -78,11 +79,11 @@ class VehicleInverse:
         return stored if self.deviation is None else stored | {"deviation": self.deviation}
 
     def predict(self, log: Log) -> Array:
-        """Voltages (T, 4); terms of a velocity or altitude that the log lacks drop out."""
+        """Voltages (T, n); terms of a velocity or altitude that the log lacks drop out."""
         return self.linearised(log)[0]
 
     def static(self, log: Log) -> Array:
-        """Voltages (T, 4) that would hold the vehicle where it is."""
+        """Voltages (T, n) that would hold the vehicle where it is."""
         return self.predict(hovering(log))
 
     def c(self, name: str) -> Code:
@@ -98,10 +99,10 @@ class VehicleInverse:
         return vehicle_piece(self, (NEAR, FAR))
 
     def linearised(self, log: Log) -> tuple[Array, Array]:
-        """Voltages (T, 4) and their derivative (T, 4, 13) in the coefficients."""
+        """Voltages (T, n) and their derivative (T, n, 9 + n) in the coefficients."""
         vehicle, theta = self.vehicle, self.coefficients
         load, change = load_terms(vehicle, log)
-        inverse = np.linalg.inv(vehicle.allocation())
+        inverse = vehicle.mixer()
         squared = (load + change @ theta) @ inverse.T
         speed = np.sqrt(np.maximum(squared, 0.0))
         by_speed = vehicle.motor_constant * (1.0 + theta[BACK_EMF])
@@ -112,19 +113,19 @@ class VehicleInverse:
         gain = np.where(flows, slope + 0.5 * by_speed / np.where(flows, speed, 1.0), 0.0)
         jacobian = gain[:, :, None] * np.einsum("rl,tlp->trp", inverse, change)
         jacobian[:, :, BACK_EMF] = vehicle.motor_constant * speed
-        jacobian[:, :, TRIM:] = np.eye(4)
+        jacobian[:, :, TRIM:] = np.eye(len(inverse))
         return voltage, jacobian
 
 
 def nominal_inverse(vehicle: Vehicle) -> VehicleInverse:
     """The model without drag and ground effect: thesis 5's analytic baseline."""
-    return VehicleInverse(vehicle, np.zeros(len(COEFFICIENTS)))
+    return VehicleInverse(vehicle, np.zeros(len(coefficient_names(vehicle))))
 
 
 def unreachable(vehicle: Vehicle, log: Log) -> NDArray[np.bool_]:
     """(T,) samples whose thrust and moments ask a negative W² of some rotor; its voltage is then set to 0."""
     load, _ = load_terms(vehicle, log)
-    return np.asarray((load @ np.linalg.inv(vehicle.allocation()).T < 0.0).any(axis=1))
+    return np.asarray((load @ vehicle.mixer().T < 0.0).any(axis=1))
 
 
 def identify_vehicle(
@@ -142,14 +143,14 @@ def identify_vehicle(
     Args:
         weight: votes of one sample against the prior: neighbours within a correlation time share one.
         trims: whether each motor has a constant of its own.
-        use: (T, 4) which voltages say something; None: all.
+        use: (T, n) which voltages say something; None: all.
 
     Raises:
         DataError: NaN in states or command, or no sample.
     """
-    free = len(COEFFICIENTS) if trims else TRIM
-
-    none = np.zeros(len(COEFFICIENTS) - free)
+    every = len(coefficient_names(vehicle))
+    free = every if trims else TRIM
+    none = np.zeros(every - free)
 
     def linearised(theta: Array) -> tuple[Array, Array]:
         voltage, jacobian = VehicleInverse(vehicle, np.append(theta, none)).linearised(log)
@@ -160,21 +161,23 @@ def identify_vehicle(
 
 
 def prior_deviation(vehicle: Vehicle) -> Array:
-    """(13,) how far each coefficient may be from nominal, in physical scale."""
+    """(9 + n,) how far each coefficient may be from nominal, in physical scale."""
     drag = vehicle.mass  # N per m/s: the drag would stop the vehicle within about a second
     # V: motors and propellers of one kind differ by some per cent
     trim = 0.1 * vehicle.hover_voltage
     # moments and forces of drag, then parts of the nominal coefficients, then volts of trim
-    return np.array([drag * vehicle.arm, drag, 0.5, 0.5, 0.2, 1.0, 1.0, 1.0, 1.0, *[trim] * 4])
+    return np.array(
+        [drag * vehicle.arm, drag, 0.5, 0.5, 0.2, 1.0, 1.0, 1.0, 1.0, *[trim] * len(vehicle.spins)]
+    )
 
 
 def load_terms(vehicle: Vehicle, log: Log) -> tuple[Array, Array]:
-    """Thrust and moments (T, 4) of the nominal model, and their derivative (T, 4, 13) in the coefficients."""
+    """Thrust and moments (T, 4) of the nominal model; their derivative (T, 4, 9 + n) in the coefficients."""
     inertia = np.array(vehicle.inertia)
     lift, rates = vehicle.mass * log["specific_force"][:, 2], log["rates"]
     # Euler's equation in the body frame
     moments = inertia * log["angular_acceleration"] + np.cross(rates, inertia * rates)
-    change = np.zeros((len(lift), 4, len(COEFFICIENTS)))
+    change = np.zeros((len(lift), 4, len(coefficient_names(vehicle))))
     velocity, altitude = log.get("body_velocity"), log.get("altitude")
     if velocity is not None:
         # drag -D v at height h above the centre turns it by h D (v_y, -v_x), which the rotors hold

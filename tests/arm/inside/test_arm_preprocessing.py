@@ -21,6 +21,7 @@ OMEGA = np.array([1.5, 2.5])
 
 
 CHANNELS = {channel.name: channel for channel in SPEC.channels()}
+THESIS_MEASURED = ArmData(**{**KIND.presets["thesis"]["data"], "inputs": "measured"})
 DEFAULT, THESIS = ArmData(), ArmData(**KIND.presets["thesis"]["data"])
 
 
@@ -78,6 +79,28 @@ def test_position_and_command_pass_the_same_filter() -> None:
     np.testing.assert_allclose(
         data.command, 2 * data.log["qdd"] + 3 * data.log["qd"] + data.log["q"], atol=2e-3
     )
+
+
+def test_the_target_is_the_same_whatever_learning_takes() -> None:
+    q, t = LOG["q"].copy(), LOG.t
+    q[t > 20.0] = q[np.searchsorted(t, 20.0)]  # both joints stand from then on
+    log = LOG.put(CHANNELS["q"], q)
+    config = ArmData(cutoff_hz=6.0, trim_s=1.0, plenty=0)
+    usual, other = (
+        build(log, SPEC, replace(config, **more)) for more in ({}, {"cutoff_hz": 1.5, "reversal": 0.0})
+    )
+    np.testing.assert_array_equal(usual.t, other.t)
+    moves = usual.moving.any(axis=1) & other.moving.any(axis=1) & (usual.t < 19.0)
+    exact = LOG["command"][np.searchsorted(t, usual.t[moves] - 1e-6)]
+    np.testing.assert_allclose(usual.target[moves], exact, atol=0.1)
+    assert np.abs(other.command - usual.command)[moves].max() > 0.05
+    np.testing.assert_array_equal(other.target[moves], usual.target[moves])
+    assert np.isnan(usual.target[usual.t > 21.0]).all()
+    slow = moves & ~usual.moving.all(axis=1)
+    assert slow.any()
+    assert not usual.usable.all()
+    raw = build(log, SPEC, THESIS_MEASURED)
+    np.testing.assert_array_equal(raw.target[raw.moving.any(axis=1)], raw.command[raw.moving.any(axis=1)])
 
 
 def test_lead_in_and_edges_are_trimmed() -> None:

@@ -165,7 +165,7 @@ def test_only_segments_that_the_model_in_use_has_not_learned_are_compared(
     left_out = read_residuals(fresh.model_folder(6) / LEFT_OUT)
     own = left_out.group == left_out.group.max()
     samples = in_order(ingested_samples(fresh, [1, 2, 3, 4, 5, 6])).take(left_out.rows[own])
-    error = samples.command - deployed_model(fresh).model.posterior(samples.log)[0]
+    error = samples.target - deployed_model(fresh).model.posterior(samples.log)[0]
     knee = np.isfinite(left_out.error[own][:, 1])
     rms = [np.sqrt(np.mean(e[knee, 1] ** 2)) for e in (left_out.error[own], error)]
     assert used.by_command[1] == pytest.approx(rms[0] / rms[1])

@@ -56,12 +56,14 @@ CASES = {
     "doubted": Case(lambda: alone(arm_model(physics=True), grows=True)),
     "quadrotor": Case(lambda: quadrotor_model("quadrotor"), QUADROTOR, lambda: quadrotor_spec("quadrotor")),
     "pelican": Case(lambda: quadrotor_model("pelican"), QUADROTOR, lambda: quadrotor_spec("pelican")),
+    "hexa": Case(lambda: quadrotor_model("hexa"), QUADROTOR, lambda: quadrotor_spec("hexa")),
+    "octo": Case(lambda: quadrotor_model("octo"), QUADROTOR, lambda: quadrotor_spec("octo")),
     "mobile": Case(
         lambda: arm_model(physics=True, memory=True, spec=arm_spec("mobile_arm")),
         spec=lambda: arm_spec("mobile_arm"),
     ),
 }
-EVERYDAY = ("structured", "ssgp_fixed", "fitc")
+EVERYDAY = ("structured", "ssgp_fixed", "fitc", "hexa", "octo")
 
 
 def written(folder: Path, name: str, form: CForm) -> Any:

@@ -269,7 +269,7 @@ def test_physics_agree(robot: str, memory: bool) -> None:
     agrees(model, np.float64, 1e-9, spec)
 
 
-@pytest.mark.parametrize("robot", ["quadrotor", "pelican"])
+@pytest.mark.parametrize("robot", ["quadrotor", "pelican", "hexa", "octo"])
 def test_a_vehicle_agrees(robot: str) -> None:
     """Voltages by Euler's equation, and least squares where nobody described the motors."""
     spec = quadrotor_spec(robot)

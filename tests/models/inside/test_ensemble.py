@@ -168,8 +168,9 @@ def test_of_one_rest_few_samples_teach_and_those_in_between_none() -> None:
 
 
 @pytest.mark.parametrize("name", ["gip_lin", "standing"])
-def test_candidates_are_compared_by_all_that_the_default_held_out(
-    name: str, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize("rule", ["stack", "chance"])
+def test_candidates_are_compared_on_the_same_samples(
+    rule: str, name: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Of many samples each is conditioned on others, and hardly any are held out by all."""
     seen: list[tuple[LearnedStructure, LearnedStructure, np.ndarray]] = []
@@ -185,14 +186,15 @@ def test_candidates_are_compared_by_all_that_the_default_held_out(
     if name == "standing":
         qd = np.where((np.arange(len(data))[:, None] + [0, 20]) % 40 < 5, 0.0, data.log["qd"])
         data = replace(data, log=data.log.put(data.log.channels["qd"], qd), moving=qd != 0.0)
-    config = replace(SMALL, candidates=("default", name), points=40, fit_points=30, steps=2)
+    config = replace(SMALL, candidates=("default", name), points=40, fit_points=30, steps=2, replace=rule)
     select_structures(data, inputs, {}, LIMIT, config, np.random.default_rng(0))
     assert {part.candidate.name for part, _, _ in seen} == {"default", name}
+    asked = {"stack": data.moving.any(axis=1).sum(), "chance": 40}[rule]
     for part, compared, told in seen:
         (j,) = part.candidate.commands
-        assert compared[:, j].sum() == 40
+        assert compared[:, j].sum() == asked
         assert told[compared[:, j], 0].all()
-        if part.candidate.name == name:
+        if part.candidate.name == name and rule == "chance":
             assert len(np.setdiff1d(part.rows.kept, np.flatnonzero(compared[:, j]))) > 5, "they use others"
 
 

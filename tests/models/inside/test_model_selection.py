@@ -27,7 +27,7 @@ from etude.models.config import STRUCTURES
 from etude.models.gp.shared_exact import condition_shared
 from etude.models.selection.ensemble import CANDIDATES
 from etude.models.selection.model_selection import OFFERED, prequential
-from etude.types import Samples, joined_samples
+from etude.types import TARGET, Samples, joined_samples
 
 AUTO = replace(SMALL, rung="auto")
 BOTH = pytest.mark.parametrize("config", [SMALL, TOGETHER], ids=["separate", "together"])
@@ -97,7 +97,7 @@ def test_without_physics_process_and_linear_regression_compete(data) -> None:
 @pytest.mark.parametrize("structure", ["gp", "identified+gp"])
 @BOTH
 def test_held_out_is_conditioning_without_the_fold_and_its_physics(structure, config, data) -> None:
-    found = selection(data, replace(config, rung=structure))
+    found = selection(data, replace(config, rung=structure, replace="chance"))
     held, model = found.held_out[structure], found.model
     own, rest = data.group == 1, data.group != 1
     mean = (
@@ -113,7 +113,8 @@ def test_held_out_is_conditioning_without_the_fold_and_its_physics(structure, co
         expected, latent = condition_shared(gp, X[kept & rest], Y[kept & rest]).predict(X[kept & own])
         error = candidate.units[1] * (Y[kept & own] - expected)
         np.testing.assert_allclose(held.error[kept & own][:, group], error, atol=1e-8)
-        spread = np.outer(latent + first.noise_variance, candidate.units[1] ** 2)
+        scale = candidate.calibration * candidate.units[1] ** 2
+        spread = np.outer(latent + first.noise_variance, scale)
         np.testing.assert_allclose(held.variance[kept & own][:, group], spread, rtol=1e-6)
 
 
@@ -133,11 +134,12 @@ def test_variances_are_multiplied_by_what_held_out_motion_shows_and_never_shrunk
     data = trajectories(4)
     jump = commanded(data, data.command + np.where(data.group % 2 == 0, 6.0, -6.0)[:, None])
     for own in (data, jump):
-        found = selection(own, config)
+        found = selection(own, replace(config, replace="chance"))
         held = found.held_out["gp"]
         kept = np.isfinite(held.error)
-        z2 = [np.mean(held.error[k, j] ** 2 / held.variance[k, j]) for j, k in enumerate(kept.T)]
         scale = np.concatenate([c.calibration for c in found.model.candidates])
+        uncalibrated = held.variance / scale
+        z2 = [np.mean(held.error[k, j] ** 2 / uncalibrated[k, j]) for j, k in enumerate(kept.T)]
         np.testing.assert_allclose(scale, np.maximum(1.0, z2), rtol=1e-9)
         plain = train(own, replace(config, calibrate=False))
         assert all((c.calibration == 1.0).all() for c in plain.candidates)
@@ -155,11 +157,26 @@ def test_what_the_masks_hide_changes_nothing(data) -> None:
     spoiled = commanded(data, np.where(hidden, 50.0, data.command))
     new = trajectory(9).log
     for config in (SMALL, replace(SMALL, rung="identified+gp"), TOGETHER):
-        same(train(spoiled, config).predict(new), train(data, config).predict(new))
+        same(train(spoiled, config).mean(new), train(data, config).mean(new))
     unusable = replace(spoiled, usable=data.moving)
     for structure in ("linear", "linear+gp"):
         once = train(replace(data, usable=data.moving), replace(SMALL, rung=structure)).predict(new)
         same(train(unusable, replace(SMALL, rung=structure)).predict(new), once)
+
+
+@BOTH
+def test_what_is_left_out_is_judged_by_one_target_where_joints_stand_too(config, data) -> None:
+    asked = data.moving.any(axis=1, keepdims=True)
+    target = np.where(asked, data.command + 1.0, np.nan)
+    channel = replace(data.log.channels["command"], name=TARGET)
+    told, found = (
+        selection(replace(data, log=log), config).left_out
+        for log in (data.log, data.log.put(channel, target))
+    )
+    assert (np.isfinite(found.error) == asked).all()
+    np.testing.assert_allclose(found.error, told.error + 1.0, atol=1e-9)
+    spread = found.variance / told.variance
+    assert np.nanmin(spread) > 1.2, "errors against the target widen"
 
 
 @BOTH
@@ -289,7 +306,7 @@ def test_static_is_the_part_at_rest_and_safe_the_part_of_physics(full) -> None:
 def test_an_axis_that_moved_in_one_trajectory_only_cannot_be_held_out(data) -> None:
     moving = data.moving.copy()
     moving[data.group != 1, 1] = False
-    found = selection(replace(data, moving=moving), AUTO)
+    found = selection(replace(data, moving=moving), replace(AUTO, replace="chance"))
     assert np.isnan(found.errors["gp"][1])
     assert np.isfinite(found.errors["gp"][0])
     assert np.isfinite(found.model.predict(trajectory(9).log)[1]).all()

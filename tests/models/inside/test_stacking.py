@@ -43,7 +43,7 @@ def test_the_stack_is_as_good_as_the_best_structure_on_new_motion(scale: tuple[f
 
 
 def test_weights_add_up_and_none_is_small() -> None:
-    model = selection(half_right(3), AUTO).model
+    model = selection(half_right(4), AUTO).model
     weights = np.zeros((len(model.candidates), 2))
     for k, candidate in enumerate(model.candidates):
         weights[k, list(candidate.commands)] = candidate.weights
@@ -62,7 +62,7 @@ def test_one_log_leaves_the_choice() -> None:
 
 
 def test_several_structures_are_stored_and_read_as_they_are(tmp_path) -> None:
-    model, new = selection(half_right(3), AUTO).model, trajectory(9).log
+    model, new = selection(half_right(4), AUTO).model, trajectory(9).log
     assert len(model.in_use) > 1
     save_model(tmp_path / "model.npz", model)
     again = load_model(tmp_path / "model.npz", Inputs().restore, PHYSICS)

@@ -72,8 +72,13 @@ def test_optional_limits_read_back():
         ({"command_upper": [11100.0] * 4}, "looks like millivolts"),
         ({"thrust": [10.0, 20.0]}, "cannot hover"),
         ({"command_unit": "kV"}, "unknown command_unit"),
-        ({"commands": ["a", "a", "b", "c"]}, "four different names"),
-        ({"commands": ["a", "b", "c"]}, "has 4 motors, this vehicle has 3"),
+        ({"commands": ["a", "a", "b", "c"]}, "4 different names"),
+        ({"commands": ["a", "b", "c"]}, "has 4 motors or more, this vehicle has 3"),
+        ({"commands": ["a", "b", "c", "d", "e"]}, "command_lower has 4 limits for 5 commands"),
+        ({"rotors": [[0.1, 0.1, 1.0]]}, "1 rotors for 4 commands"),
+        ({"rotors": [[0.1, y, s] for y, s in ((1, 2), (-1, 1), (2, -1), (-2, 1))]}, "1 or -1"),
+        ({"rotors": [[0.0, y, s] for y, s in ((1, 1), (-1, 1), (2, -1), (-2, -1))]}, "any pitch moment"),
+        ({"rotors": [[x, y, 1] for x in (1, -1) for y in (1, -1)]}, "thrust and yaw moment apart"),
     ],
 )
 def test_what_cannot_be_is_refused(table, change, message):
@@ -102,6 +107,26 @@ def test_the_owner_can_vouch_for_units(table):
     flight = spec_from_table(checked, where="")
     assert flight.upper[0] == 10000.0
     assert spec_from_table(msgspec.toml.decode(spec_to_toml(flight)), where="") == flight
+
+
+@pytest.mark.parametrize("count", [6, 8])
+def test_a_vehicle_of_more_motors_reads_back(table, count):
+    angles = 2.0 * np.pi * np.arange(count) / count
+    rotors = [[0.2 * float(np.cos(a)), 0.2 * float(np.sin(a)), (-1.0) ** i] for i, a in enumerate(angles)]
+    own = {"commands": [f"m{i}" for i in range(count)], "command_lower": [0.0] * count}
+    own |= {"command_upper": [11.1] * count, "rotors": rotors}
+    del table["plant"]
+    flight = spec_from_table(table | own, where="")
+    assert spec_from_table(msgspec.toml.decode(spec_to_toml(flight)), where="") == flight
+    assert KIND.limit(flight).shape == (count,)
+    turned = spec_from_table(table | own | {"rotors": rotors[::-1]}, where="")
+    assert KIND.body(turned) != KIND.body(flight)
+    loads = flight.body.allocation() @ flight.body.mixer()
+    np.testing.assert_allclose(loads, np.eye(4), atol=1e-12)
+    with pytest.raises(UsageError, match="simulated vehicles have 4 motors"):
+        spec_from_table(table | own | {"plant": "quadrotor"}, where="")
+    with pytest.raises(UsageError, match=f"where its {count} rotors are"):
+        spec_from_table(table | own | {"rotors": []}, where="")
 
 
 @pytest.mark.parametrize("name", PLANTS)

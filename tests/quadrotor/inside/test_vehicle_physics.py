@@ -14,14 +14,15 @@ from etude_quadrotor import nominal_inverse
 from etude_quadrotor.physics.flight_physics import Identified, Nominal
 from etude_quadrotor.physics.linear_inverse import LinearInverse, identify_linear
 from etude_quadrotor.physics.vehicle_inverse import (
-    COEFFICIENTS,
     VehicleInverse,
+    coefficient_names,
     identify_vehicle,
     unreachable,
 )
 from etude_quadrotor.vehicle import GRAVITY
 
 NOMINAL = nominal_inverse(VEHICLE)
+COEFFICIENTS = coefficient_names(VEHICLE)
 WEIGHT = np.array([0.0, 0.0, GRAVITY])
 
 

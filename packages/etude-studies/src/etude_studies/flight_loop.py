@@ -28,7 +28,7 @@ from etude_quadrotor import (
     nominal_inverse,
 )
 from etude_studies.engines.each import each
-from etude_studies.flight_world import Flights
+from etude_studies.flight_world import THESIS_S, Flights
 from etude_studies.rows import Row, mean_rows, rows_json, table
 
 TESTS = 8
@@ -116,7 +116,7 @@ def seed_errors(
 ) -> dict[str, float]:
     """Mean error over the test flights of every variant, in calm air and of some in disturbed, m."""
     rng, most = np.random.default_rng(cell.seed), max(learned_from)
-    flights = Flights.of(cell.robot, "low", start=cell.start, harmonics=cell.harmonics)
+    flights = Flights.of(cell.robot, "low", start=cell.start, harmonics=cell.harmonics, duration=THESIS_S)
     drawn = flights.drawn(rng, most + tests)
     controllers = _controllers(flights, flights.flown(drawn[:most], rng), learned_from, rng)
     errors: dict[str, float] = {}

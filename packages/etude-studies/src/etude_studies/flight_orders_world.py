@@ -8,7 +8,7 @@ from functools import cached_property
 from etude.models import ModelConfig
 from etude.protocols import Inputs
 from etude_quadrotor import Drag, QuadrotorInputs
-from etude_studies.flight_world import THESIS_ROOM, Flights
+from etude_studies.flight_world import THESIS_ROOM, THESIS_S, Flights
 
 NO_DRAG = (0.0, 0.0, 0.0)
 
@@ -64,7 +64,7 @@ class World:
     def of(cls, preset: str, points: int) -> World:
         """The world of a preset of that name."""
         chosen = PRESETS[preset]
-        flights = Flights.of("quadrotor", chosen.noise, chosen.campaign, THESIS_ROOM)
+        flights = Flights.of("quadrotor", chosen.noise, chosen.campaign, THESIS_ROOM, duration=THESIS_S)
         return cls(flights, chosen, min(points, chosen.points))
 
     def config(self, *, every_kind: bool) -> ModelConfig:
@@ -72,7 +72,8 @@ class World:
         config = self.flights.world.config.model
         if self.preset.noise_floor is not None:
             config = replace(config, noise_floor=self.preset.noise_floor)
-        return replace(config, rung="auto" if every_kind else "gp", points=self.points)
+        # its tables have what is selected
+        return replace(config, rung="auto" if every_kind else "gp", points=self.points, replace="chance")
 
     def planning(self, inputs: Inputs) -> Inputs:
         """Of a plan made after the flights that the inputs are tuned to: with their drag, or none."""

@@ -20,6 +20,9 @@ SAMPLERS = {"uniform": uniform, "scaled": timid, "boundary": boundary}
 """The random flights by name; "scaled" are of random size in a random direction."""
 THESIS_ROOM = {"lower": (-10.0, -10.0, 0.3), "margin": 0.5, "vertical_margin": None}
 """Of the studies of flights that teach; the vehicle's own file keeps more room for tracking."""
+THESIS_S = 30.0
+"""Duration of the studies' flights, the thesis's. Those of a campaign take half of it by default: as many
+harmonics in half of the time fly twice as fast, and feedback alone errs twice as much."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,11 +89,7 @@ def models_by_rung(selection: ModelSelection) -> dict[str, LearnedModel]:
     found = {}
     for rung in selection.model.structures:
         model, held = selection.model.of_structure(rung), selection.held_out[rung]
-        scale = np.ones(len(model.commands))
-        for candidate in model.candidates:
-            if candidate.structure == rung:
-                scale[list(candidate.commands)] = candidate.calibration
-        ratio = held.error / np.sqrt(scale * held.variance)
+        ratio = held.error / np.sqrt(held.variance)
         student = None if model.student is None else fit_student(ratio[np.isfinite(ratio)])
         found[rung] = replace(model, student=student)
     return found

@@ -20,7 +20,7 @@ def errors():
 def test_what_is_learned_helps_and_what_is_disturbed_hurts(errors):
     # without noise one flight teaches what the analytic model gets wrong, its drag, as well as can be known
     assert errors["learned_1/calm"] < 1.05 * errors["exact_drag/calm"] < 0.75 * errors["analytic/calm"]
-    assert errors["analytic/calm"] < 0.5 * errors["pid/calm"]
+    assert errors["analytic/calm"] < 0.85 * errors["pid/calm"]
     # a steady wind may help on a single test flight; a gust comes from nowhere
     assert errors["exact_drag/gust"] > 1.2 * errors["exact_drag/calm"]
     assert {name.split("/")[1] for name in errors} == {"calm", "wind", "gust", "sag"}

@@ -116,7 +116,7 @@ def test_more_flights_leave_less_deviation(world: World, taught: list[Round]) ->
     # a law under common hyperparameters; refitted ones may say otherwise
     first, second = taught
     judge = Judge.of(world, intended_flights(world, 3), first)
-    assert len(known_by(second.process)[0].X) == 300  # nothing thinned out
+    assert len(known_by(second.process)[0].X) == 600  # nothing thinned out
     assert np.isclose(judge.latent(first), judge.latent_common(first), rtol=1e-6)
     assert judge.latent_common(second) < judge.latent_common(first)
 

@@ -25,7 +25,7 @@ from etude.models.accuracy import (
     coverage,
     uncalibrated,
 )
-from etude.models.data.fit_data import in_order
+from etude.models.data.fit_data import in_order, judge
 from etude.models.learned_model import LearnedModel
 from etude.models.selection.model_selection import CONSTANT, CrossValidationResiduals, read_residuals
 from etude.storage import sha256_of
@@ -171,7 +171,7 @@ def _with_deployed_model(campaign: Campaign, state: State, left_out: CrossValida
             next_step="campaign.toml was edited since: tell another log, and all are learned again.",
         )
     fresh = _fresh_logs(campaign, state, logs, set(promoted.logs))
-    error = _errors(before, samples)
+    error = _errors(before, samples, judge(samples, campaign.config.model))
     # of the same samples, or the pair would not be one
     both = np.isfinite(left_out.error) & np.isfinite(error)
     own, other = (np.where(both, e, np.nan) for e in (left_out.error, error))
@@ -179,9 +179,9 @@ def _with_deployed_model(campaign: Campaign, state: State, left_out: CrossValida
     return compared(f"the model in use, of log {number}", *pair)
 
 
-def _errors(model: LearnedModel, samples: Samples) -> Array:
+def _errors(model: LearnedModel, samples: Samples, command: Array) -> Array:
     try:
-        return np.asarray(samples.command - model.posterior(samples.log)[0])
+        return np.asarray(command - model.posterior(samples.log)[0])
     except KeyError as error:
         raise DataError(f"the logs lack an input of the model in use ({error.args[0]})") from error
 

@@ -212,7 +212,8 @@ class PrequentialScore:
 class NewMotionScores:
     """Scores of all logs together, each predicted from the others: what a new motion will show.
 
-    One that varies little weighs little: its errors count beside the variance of all.
+    One that varies little weighs little: its errors count beside the variance of all. They are of
+    `Samples.target`, while any joint moves.
 
     Attributes:
         logs: how many, or parts of so many that are left out together. used: of what is in use. linear: nMSE

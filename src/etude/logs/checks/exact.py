@@ -387,7 +387,7 @@ def _cut(log: Log, finding: Mendable) -> Log:
     return without_spans(log, finding).repaired(f"{finding.sentence} These stretches were cut.")
 
 
-WHOLE_RANGE, LARGE_STEP, USUAL_STEP = 0.9, 0.3, 0.2  # of a command's range
+WHOLE_RANGE, BETWEEN = 0.9, (0.35, 0.65)  # of a command's range: a wrap, and steps that are neither
 
 
 def _overflown(numbers: Numbers) -> Iterator[Finding]:
@@ -403,17 +403,15 @@ def _overflown(numbers: Numbers) -> Iterator[Finding]:
 
 def _overflows(command: Array) -> int:
     """How often a command (T,) wraps: at its ends, to what its slope beside leaves open. A switch with noise
-    jumps between levels that lie further inside.
+    jumps between levels that lie further inside, and one of many levels as often by half the range.
     """
     step, width = np.abs(np.diff(command)), float(np.ptp(command))
-    jumps = step > WHOLE_RANGE * width
-    rows = 1 + np.flatnonzero(jumps[1:-1])
-    if len(rows) < 2 or (step[~jumps] > LARGE_STEP * width).any():
+    usual, (low, high) = float(np.median(step)), (width * share for share in BETWEEN)
+    rows = 1 + np.flatnonzero(step[1:-1] > WHOLE_RANGE * width)
+    between = int(((step > low) & (step < high)).sum())
+    if len(rows) < 2 or usual == 0.0 or between > (step > high).sum():
         return 0
-    usual = float(np.median(step))
-    if usual == 0.0 or np.quantile(step, 0.9) > USUAL_STEP * width:
-        return 0
-    slope = np.where(jumps, usual, step)
+    slope = np.where(step > 0.5 * width, width - step, step)
     left = (width - step[rows]) / (slope[rows - 1] + slope[rows + 1] + usual)
     return len(rows) if np.median(left) < 1.0 else 0
 

@@ -83,7 +83,7 @@ class _Judged:
 
     def with_command(self, command: Array) -> _Judged:
         """The same motion with other commands (n, k, d) on it."""
-        return replace(self, rows=replace(self.rows, command=command, groups=()))
+        return replace(self, rows=replace(self.rows, command=command))
 
     @cached_property
     def columns(self) -> ColumnEvidence:
@@ -135,26 +135,31 @@ def judge(
         accepted: checks of which nothing is said any more.
     """
     fresh = tuple(range(len(logs)) if fresh is None else fresh)
-    judged = _Judged.of(rows_of(logs, path, body, groups_of(len(logs), fresh), fresh))
+    groups = groups_of(len(logs), fresh)
+    judged = _Judged.of(rows_of(logs, path, body, groups, fresh))
     if judged is None:
         none = np.zeros(len(path.parts))
         return Decision("silent", none, none > 0.0, none > 0.0)
-    new = [logs[i] for i in fresh]
-    # what was told before has its order and its direction
-    alone = judged if len(new) == len(logs) else _Judged.of(rows_of(new, path, body))
-    timed, at_edge = all(_with_velocities(log, path) for log in new), _at_edge(judged)
 
     def shifted(late: float) -> _Judged:
         """The same rows with the commands of new logs from so much later."""
         moved = [_shifted(log, late) if i in fresh else log for i, log in enumerate(logs)]
-        return judged.with_command(commands_of(moved, path, (), fresh))
+        return judged.with_command(commands_of(moved, path, groups, fresh))
+
+    # commands that are late, too little to be told so, look like another order or sign
+    by, at_edge = _in_step(judged), _at_edge(judged)
+    stepped = shifted(by) if by else judged
+    new = [_shifted(logs[i], by) if by else logs[i] for i in fresh]
+    # what was told before has its order and its direction
+    alone = stepped if len(new) == len(logs) else _Judged.of(rows_of(new, path, body))
+    timed = all(_with_velocities(log, path) for log in new)
 
     def hypotheses() -> Iterator[Decision | None]:
         order = None if alone is None else order_of(alone)
         exchanged = None
         if alone is not None and order is not None and order.odds >= ORDER:
             exchanged = _exchanged(alone, new, path, body, order)
-        turned = _signs(judged, fresh, order, -np.inf if timed or alone is None else _backwards(alone))
+        turned = _signs(stepped, fresh, order, -np.inf if timed or alone is None else _backwards(alone))
         far = _far(judged, shifted, fresh) if at_edge else None  # it makes an order doubtful
         # of a periodic motion a delay of half a period looks like a sign
         yield None if far is None or (turned is not None and turned.odds >= far.odds) else far
@@ -170,7 +175,7 @@ def judge(
     told = (found for found in hypotheses() if found is not None and found.check not in accepted)
     found = next(told, None)
     if found is None:
-        return judged.decision("silent", why="late" if at_edge else "")
+        return stepped.decision("silent", why="late" if at_edge else "")
     return found if found.logs else replace(found, logs=fresh)
 
 
@@ -336,6 +341,13 @@ def _delays(judged: _Judged, by: float = 0.0) -> Array:
 
 def _at_edge(judged: _Judged) -> bool:
     return int(_delays(judged).argmax()) in (0, len(DELAYS) - 1)
+
+
+def _in_step(judged: _Judged) -> float:
+    """s by which the commands of new logs fit the motion best; 0 where that is not certain, or at an end."""
+    total = _delays(judged)
+    certain = total.max() - total[AS_LOGGED] >= CERTAIN and not _at_edge(judged)
+    return DELAYS[int(total.argmax())] if certain else 0.0
 
 
 FAR, FARTHEST = (0.25, 0.45), 0.55  # s about which longer delays are looked for, and the longest

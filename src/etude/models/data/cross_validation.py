@@ -90,13 +90,17 @@ class Base:
     without: dict[int, Array]
 
     def held_out(self, folds: Folds) -> HeldOut:
-        """Errors of every sample that says something; their mean square is the variance."""
+        """Errors of every sample that teaches; their mean square is the variance."""
         samples = folds.samples
-        error = np.full_like(samples.command, np.nan)
+        return self.errors_at(folds, samples.command, samples.usable & samples.moving)
+
+    def errors_at(self, folds: Folds, command: Array, use: Mask) -> HeldOut:
+        """Errors of those commands (n, J) where `use` (n, J) is set; their mean square is the variance."""
+        error = np.full_like(command, np.nan)
         for number, predicted in self.without.items():
             own = folds.fold == number
-            error[own] = samples.command[own] - predicted[own]
-        error[~(samples.usable & samples.moving)] = np.nan
+            error[own] = command[own] - predicted[own]
+        error[~use] = np.nan
         squared = np.array([fold_mean(column**2) for column in error.T])
         variance = np.maximum(np.where(np.isfinite(squared), squared, 1.0), np.finfo(float).tiny)
         return HeldOut(error, np.broadcast_to(variance, error.shape), folds.fold)

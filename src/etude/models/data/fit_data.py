@@ -25,6 +25,8 @@ LARGEST_FLOOR = 0.1
 """Limit of the noise floor as a part of the command's own deviation: a joint may use little of its range."""
 OF_ARMS = ("structured", "standing", "gip_lin")
 """Kernels of an arm's command, with many hyperparameters."""
+JUDGED = 1000
+"""Samples by which candidates are judged, at most."""
 LEAST_FIT = 80
 """Spacings that all trajectories together last at least: an arm's kernel has some 80 hyperparameters for six
 joints. Where logs are too short for `fit_spacing_s`, samples for these are taken nearer to each other."""
@@ -39,6 +41,8 @@ class Folds:
         fold: (n,) number of what each sample is held out with. limit: (J,) of the commands.
         config: see `ModelConfig`. commands: names of the J commands.
         held: (J,) commands whose coordinates no log has moved: they answer what else moves. None: none.
+        judged: (n,) samples that all candidates are judged by, those that teach none too; None: each by what
+            the default is conditioned on.
     """
 
     samples: Samples
@@ -49,6 +53,20 @@ class Folds:
     config: ModelConfig
     commands: tuple[str, ...]
     held: Mask | None = None
+    judged: Mask | None = None
+
+    @property
+    def judge(self) -> Array:
+        """(n, J) what errors are of."""
+        return judge(self.samples, self.config)
+
+    @property
+    def asked(self) -> Mask:
+        """(n, J) where errors count: at the samples that judge, or at those that teach."""
+        samples = self.samples
+        if self.judged is None:
+            return np.asarray(samples.usable & samples.moving)
+        return np.asarray(self.judged[:, None] & np.isfinite(samples.target))
 
     @property
     def trajectories(self) -> int:
@@ -111,6 +129,22 @@ def spread_points(
         return candidates
     places = (np.arange(count) + rng.uniform()) * (len(candidates) / count)
     return np.asarray(candidates[places.astype(np.int64)])
+
+
+def judge(samples: Samples, config: ModelConfig) -> Array:
+    """(n, J) commands that errors on samples left out are of: where candidates are stacked, one target."""
+    return samples.target if config.stacks else samples.command
+
+
+def judged_samples(samples: Samples) -> Mask:
+    """(n,) at most `JUDGED` samples of which a prediction is asked, evenly spread: predicting more takes time
+    and says no more.
+    """
+    asked = np.flatnonzero(np.isfinite(samples.target).any(axis=1))
+    found = np.zeros(len(samples), dtype=np.bool_)
+    count = min(len(asked), JUDGED)
+    found[asked[np.arange(count) * len(asked) // max(count, 1)]] = True
+    return found
 
 
 def seconds_of(samples: Samples) -> float:

@@ -26,6 +26,11 @@ class CandidateErrors:
     error: Array
     variance: Array
 
+    @staticmethod
+    def of(part: LearnedStructure) -> CandidateErrors:
+        """On the samples that it was conditioned on."""
+        return CandidateErrors(part, part.held.error, part.candidate.calibration * part.held.variance)
+
     @property
     def key(self) -> tuple[str, str]:
         """Its structure, and its name in that."""

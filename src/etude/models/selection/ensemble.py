@@ -209,20 +209,23 @@ def everywhere(
 ) -> tuple[Array, Array]:
     """Errors and calibrated variances (n, m) held out, of standing joints too; NaN where not predicted.
 
-    Each candidate is conditioned on samples of its own, so that together they use more of them. What the
-    default held out, `compared` (n, J), others say something of too, or there were little to compare. What
-    learns all commands together, from few samples, is compared by what it held out itself.
+    Each candidate is conditioned on samples of its own, so that together they use more of them. All are
+    compared on the same ones: those by which candidates are judged, or what the default held out, `compared`
+    (n, J), beside standing joints. Without a judge what learns all commands together, from few samples, is
+    compared by what it held out itself.
     """
     candidate, held = learned.candidate, learned.held
     own, process = list(candidate.commands), candidate.process
     told = held if learned.beside is None else _filled(held, learned.beside)
-    wanted = standing(folds, own) | compared[:, own]
+    wanted = compared[:, own] if folds.judged is not None else standing(folds, own) | compared[:, own]
     missing = np.flatnonzero((wanted & ~np.isfinite(told.error)).any(axis=1))
-    if len(missing) and len(own) == 1 and process is not None:
+    if len(missing) and process is not None and (len(own) == 1 or folds.judged is not None):
         rows = replace(learned.rows, kept=missing)
         more = process_held_out(folds, candidate.commands, rows, candidate.units, process, base)
         told = _filled(told, more)
-    return told.error, told.variance * candidate.calibration
+    beside = (folds.judge - folds.samples.command)[:, own]
+    error = told.error if folds.judged is None else np.where(wanted, told.error + beside, np.nan)
+    return error, told.variance * candidate.calibration
 
 
 def _filled(held: HeldOut, more: HeldOut) -> HeldOut:
@@ -240,9 +243,11 @@ def standing(folds: Folds, commands: Sequence[int]) -> Mask:
 
 
 def wanted_of(folds: Folds, command: int, defaults: Sequence[LearnedStructure] = ()) -> Mask:
-    """(n,) samples of a command that `everywhere` compares candidates on: those of standing joints, and those
-    that the defaults held out.
+    """(n,) samples of a command that `everywhere` compares candidates on: those that judge, or without them
+    those of standing joints, and those that the defaults held out.
     """
+    if folds.judged is not None:
+        return folds.judged
     found = standing(folds, [command])[:, 0]
     for learned in defaults:
         if command in learned.candidate.commands:
@@ -268,7 +273,7 @@ def candidate_errors(
     defaults = [part for group in groups for part in group.values()]
     order = list(dict.fromkeys(part.candidate.structure for part in others))
     others = sorted(others, key=lambda part: order.index(part.candidate.structure))
-    use = _compared(defaults, folds.samples.command.shape)
+    use = _compared(folds, defaults)
     parts = (*defaults, *others)
     used = [bases.get(part.candidate.structure.removesuffix("+gp")) for part in parts]
     return [
@@ -309,7 +314,7 @@ def averaged(folds: Folds, own: Sequence[CandidateErrors], defaults: int) -> Ave
     error, variance = np.full(shape, np.nan), np.full(shape, np.nan)
     for j, (places, errors, variances) in enumerate(told):
         error[:, j], variance[:, j] = mixed(errors, variances, weights[places, j])
-    held = HeldOut(error, variance, folds.fold).at(_compared(parts[:defaults], shape))
+    held = HeldOut(error, variance, folds.fold).at(_compared(folds, parts[:defaults]))
     kept = [k for k in range(len(parts)) if needed[k] or k < defaults]
     shares = tuple(weights[k, list(parts[k].candidate.commands)] for k in kept)
     return Average(tuple(parts[k] for k in kept), shares, held)
@@ -335,9 +340,13 @@ def weighed(error: Array, variance: Array) -> Array:
     return weights
 
 
-def _compared(defaults: Sequence[LearnedStructure], shape: tuple[int, int]) -> Mask:
-    """(n, J) the samples on which structures are compared: those that the defaults were conditioned on."""
-    use = np.zeros(shape, dtype=np.bool_)
+def _compared(folds: Folds, defaults: Sequence[LearnedStructure]) -> Mask:
+    """(n, J) the samples on which structures are compared: those that judge all candidates, or those that the
+    defaults were conditioned on.
+    """
+    if folds.judged is not None:
+        return folds.asked
+    use = np.zeros(folds.samples.command.shape, dtype=np.bool_)
     for part in defaults:
         use[:, list(part.candidate.commands)] = np.isfinite(part.held.error)
     return use

@@ -24,7 +24,7 @@ from etude.models.accuracy import PredictionScore, figures, prediction_score, tr
 from etude.models.change.change_detection import independence, tails
 from etude.models.config import ModelConfig
 from etude.models.data.cross_validation import Base, HeldOut, fitted_base, fold_mean, fold_numbers
-from etude.models.data.fit_data import Folds, Rows, in_order, rows_of
+from etude.models.data.fit_data import Folds, Rows, in_order, judged_samples, rows_of
 from etude.models.learned_model import LearnedModel
 from etude.models.process_abilities import EnsembleMember
 from etude.models.selection.candidate_errors import CandidateErrors
@@ -37,7 +37,7 @@ from etude.models.selection.ensemble import (
 )
 from etude.models.selection.linear import LinearPhysics
 from etude.models.selection.selection_rule import TRAJECTORIES, choices, least_variance, notes, warnings_of
-from etude.models.selection.stacking import is_stacked, left_out, stacks
+from etude.models.selection.stacking import left_out, stacks
 from etude.models.selection.structures import (
     LearnedStructure,
     alone,
@@ -69,10 +69,11 @@ class ModelSelection:
     Attributes:
         model: with every structure, weighted by the choice.
         errors: by structure, (J,) held-out error that decided; "linear" is there even if it was not offered.
-        held_out: by structure, what it says of each sample without having seen its trajectory.
+        held_out: by structure, what it says of each sample without having seen its trajectory, its variances
+            calibrated.
         scores: by structure, of the same.
-        left_out: of the choice, the same as `held_out`, its variances calibrated.
-        samples: those that it is of, in their order.
+        left_out: of the choice, the same as `held_out`.
+        samples: those that it is of, in their order. judge: (n, J) commands that errors are of.
     """
 
     model: LearnedModel
@@ -81,6 +82,7 @@ class ModelSelection:
     scores: dict[str, PredictionScore]
     left_out: HeldOut
     samples: Samples
+    judge: Array
 
     @property
     def chosen(self) -> tuple[str, ...]:
@@ -118,7 +120,6 @@ def select_structures(
     known = {"linear": LinearPhysics(folds.inputs), **physics}
     names = dict.fromkeys(["linear", *(base_of(structure) for structure in offered)])
     bases = {name: fitted_base(folds, name, known[name]) for name in names if name}
-    baseline = bases["linear"].held_out(folds)
     groups = []
     with part(STRUCTURES):
         for group in counted(folds.groups):
@@ -126,8 +127,8 @@ def select_structures(
             groups.append(_train_group(folds, group, rows, offered, bases, rng, previous))
     with part(1.0 - STRUCTURES):
         more, broken = beside_default(folds, groups, bases, rng, previous)
-    every = candidate_errors(folds, groups, more, bases) if more or is_stacked(folds) else []
-    selection = _assembled(folds, groups, every, baseline)
+    every = candidate_errors(folds, groups, more, bases) if more or config.stacks else []
+    selection = _assembled(folds, groups, every, bases["linear"])
     off = stated([f"The candidate {name} takes no part: {why}" for name, why in broken.items()])
     return replace(selection, model=replace(selection.model, warnings=(*off, *selection.model.warnings)))
 
@@ -181,7 +182,9 @@ def _folds(
             next_step="Repair the log, or turn the input off that it lacks.",
         )
     fold = fold_numbers(samples, config.stretch_s)
-    return Folds(samples, inputs, X, fold, limit, config.for_commands(len(commands)), commands, held)
+    judged = judged_samples(samples) if config.stacks else None
+    config = config.for_commands(len(commands))
+    return Folds(samples, inputs, X, fold, limit, config, commands, held, judged)
 
 
 def _offered(config: ModelConfig, physics: Mapping[str, Physics]) -> list[str]:
@@ -215,8 +218,8 @@ def _train_group(
     def process(structure: str) -> LearnedStructure:
         base = bases.get(base_of(structure))
         start = earlier_of(previous, structure, group, folds)
-        averaged = folds.config.averages and len(group) == 1 and len(folds.numbers) > 1
-        wanted = wanted_of(folds, group[0]) if averaged else None
+        single = len(group) == 1 and len(folds.numbers) > 1
+        wanted = wanted_of(folds, group[0]) if single and folds.config.weighs else None
         return with_process(folds, group, rows, structure, base, start, rng, wanted)
 
     late = ["linear+gp"] if auto else []
@@ -259,7 +262,7 @@ def _assembled(
     folds: Folds,
     groups: Sequence[Mapping[str, LearnedStructure]],
     every: Sequence[CandidateErrors],
-    baseline: HeldOut,
+    linear: Base,
 ) -> ModelSelection:
     """The model of all groups, its candidates weighed for each command.
 
@@ -268,15 +271,14 @@ def _assembled(
     config, samples, pairs = folds.config, folds.samples, list(zip(folds.groups, groups, strict=True))
     defaults = [own for group in groups for own in group.values()]
     averaged = averages(folds, every, len(defaults)) if every else {}
-    held, calibrated = _joined(folds, pairs)
-    held |= {structure: average.held for structure, average in averaged.items()}
-    calibrated |= {structure: average.held.variance for structure, average in averaged.items()}
+    told = every[: len(defaults)] if config.stacks else [CandidateErrors.of(own) for own in defaults]
+    held = _joined(folds, told) | {structure: average.held for structure, average in averaged.items()}
     kept = np.any([np.isfinite(own.error) for own in held.values()], axis=0)
-    held.setdefault("linear", baseline.at(kept))
+    held.setdefault("linear", linear.errors_at(folds, folds.judge, folds.asked).at(kept))
     trained = [list(own) for j in range(len(folds.commands)) for group, own in pairs if j in group]
     chosen = choices(folds, trained, held)
     error = np.column_stack([held[structure].error[:, j] for j, structure in enumerate(chosen)])
-    spread = np.column_stack([calibrated[structure][:, j] for j, structure in enumerate(chosen)])
+    spread = np.column_stack([held[structure].variance[:, j] for j, structure in enumerate(chosen)])
     parts = [one.part for one in every] or defaults
     shares = _shares(parts, averaged.values(), len(chosen))
     weights = shares * [[float(part.candidate.structure == name) for name in chosen] for part in parts]
@@ -295,7 +297,7 @@ def _assembled(
         width = np.where(doubted, 1.0, widths(error, spread, folds.fold, folds.trajectories))
     spread = spread * width
     use = samples.usable & samples.moving
-    z = np.where(use, error / np.sqrt(spread), np.nan)
+    z = np.where(use, (error - (folds.judge - samples.command)) / np.sqrt(spread), np.nan)
     freedom = tails(z)
     model = LearnedModel(
         inputs=folds.inputs,
@@ -314,11 +316,9 @@ def _assembled(
     )
     errors = {structure: own.errors(config.choose_by) for structure, own in held.items()}
     trivial = trivial_prediction(folds.samples)
-    scores = {
-        structure: _score(folds.samples, own.error, calibrated.get(structure, own.variance), trivial)
-        for structure, own in held.items()
-    }
-    return ModelSelection(model, errors, held, scores, HeldOut(error, spread, folds.fold), samples)
+    scores = {structure: _score(folds, own, trivial) for structure, own in held.items()}
+    of_choice = HeldOut(error, spread, folds.fold)
+    return ModelSelection(model, errors, held, scores, of_choice, samples, folds.judge)
 
 
 def _shares(parts: Sequence[LearnedStructure], averaged: Collection[Average], J: int) -> Array:
@@ -338,27 +338,22 @@ def _weighed(candidate: EnsembleMember, share: Array, weight: Array) -> Ensemble
     return replace(candidate, weights=weight[own], share=share[own])
 
 
-def _joined(
-    folds: Folds, pairs: Sequence[tuple[tuple[int, ...], Mapping[str, LearnedStructure]]]
-) -> tuple[dict[str, HeldOut], dict[str, Array]]:
-    """By structure, what it says of all commands, with calibrated variances; NaN where it was not trained."""
+def _joined(folds: Folds, told: Sequence[CandidateErrors]) -> dict[str, HeldOut]:
+    """By structure, what its default candidates say of all commands; NaN where it was not trained."""
     held: dict[str, HeldOut] = {}
-    calibrated: dict[str, Array] = {}
-    for structure in dict.fromkeys(structure for _, own in pairs for structure in own):
-        error, variance, spread = (np.full_like(folds.samples.command, np.nan) for _ in range(3))
-        for group, own in pairs:
-            if structure in own:
-                columns, found = list(group), own[structure]
-                error[:, columns], variance[:, columns] = found.held.error, found.held.variance
-                spread[:, columns] = found.candidate.calibration * found.held.variance
-        held[structure], calibrated[structure] = HeldOut(error, variance, folds.fold), spread
-    return held, calibrated
+    for one in told:
+        candidate = one.part.candidate
+        error, variance = (np.full_like(folds.samples.command, np.nan) for _ in range(2))
+        own = held.setdefault(candidate.structure, HeldOut(error, variance, folds.fold))
+        columns = list(candidate.commands)
+        own.error[:, columns], own.variance[:, columns] = one.error, one.variance
+    return held
 
 
-def _score(samples: Samples, error: Array, variance: Array, trivial: Array) -> PredictionScore:
-    """Of predictions that were held out; those that stood still were not."""
-    use = np.isfinite(error)
-    found = figures(samples.command, np.where(use, samples.command - error, 0.0), variance, use, trivial)
+def _score(folds: Folds, held: HeldOut, trivial: Array) -> PredictionScore:
+    """Of predictions that were held out."""
+    use, command = np.isfinite(held.error), folds.judge
+    found = figures(command, np.where(use, command - held.error, 0.0), held.variance, use, trivial)
     return PredictionScore(**vars(found), usable=found)
 
 
@@ -384,7 +379,7 @@ class CrossValidationResiduals:
     Attributes:
         rows: (n,) places among the samples in order (`rows.in_order`).
         group: (n,) segment.
-        error: (n, J) command less prediction, command units.
+        error: (n, J) what was asked less prediction, command units.
         variance: (n, J) predicted, noise and calibration included.
         physics: (n, J) error of physics alone; of a model that is no more than these, of what there was
             before: the model file's physics, else a constant command.
@@ -421,7 +416,7 @@ def _before(selection: ModelSelection) -> tuple[str, Array]:
         held = selection.held_out.get(structure)
         if held is not None and not np.array_equal(held.error, selection.left_out.error, equal_nan=True):
             return structure, held.error
-    command, fold, error = selection.samples.command, selection.left_out.fold, selection.left_out.error
+    command, fold, error = selection.judge, selection.left_out.fold, selection.left_out.error
     known = np.where(np.isfinite(error), command, np.nan)
     left = np.full_like(known, np.nan)
     for number in np.unique(fold):

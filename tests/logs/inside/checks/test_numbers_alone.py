@@ -349,9 +349,12 @@ def test_a_stretch_without_commands_is_cut() -> None:
     )
 
 
-def test_a_command_that_overflows_is_named() -> None:
+@pytest.mark.parametrize("noise", [0.0, 0.05])
+def test_a_command_that_overflows_is_named(noise: float) -> None:
+    """Also one whose noise, in parts of its range, is not small beside a wrap."""
     log = noisy()
     command = log["command"].copy()
+    command[:, 0] += noise * np.ptp(command[:, 0]) * np.random.default_rng(6).normal(size=len(log))
     top = 0.7 * np.abs(command[:, 0]).max()
     command[:, 0] = (command[:, 0] + top) % (2.0 * top) - top
     found = one(changed(log, command=command))
