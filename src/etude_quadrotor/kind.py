@@ -76,10 +76,9 @@ class QuadrotorKind:
 
     @property
     def presets(self) -> Mapping[str, Mapping[str, Mapping[str, Any]]]:
-        from etude.toml_tables import decoded, read_text
+        from etude.toml_tables import packaged
 
-        path = HERE / "presets.toml"
-        return decoded(read_text(path), path.name)
+        return packaged(HERE / "presets.toml")
 
     @property
     def comments(self) -> Mapping[str, Mapping[str, str]]:
