@@ -14,7 +14,6 @@ from math import comb, lgamma
 from typing import Literal
 
 import numpy as np
-from scipy.special import logsumexp
 
 from etude.logs.checks.exact import CERTAIN, LIKELY
 from etude.logs.checks.filtered_motion import measured_rates
@@ -22,7 +21,7 @@ from etude.logs.checks.plausibility import DELAY, SIGN, SWAPPED
 from etude.logs.checks.velocities import DIRECTION
 from etude.logs.cleaning.smoothing import resample
 from etude.logs.evidence.file_hypotheses import weight_elsewhere
-from etude.logs.evidence.likelihood import NEITHER, ColumnEvidence, WhitenedMotion, least
+from etude.logs.evidence.likelihood import NEITHER, ColumnEvidence, WhitenedMotion, least, log_sum
 from etude.logs.evidence.rows import APART, AS_LOGGED, DELAYS, FLOOR, FilteredRows, commands_of, rows_of
 from etude.protocols import Mean
 from etude.types import Array, Channel, Index, Log, Mask
@@ -229,7 +228,7 @@ def signs_of(as_is: Array, turned: Sequence[Array], priors: Sequence[tuple[float
     kept, whole = np.log1p(-EACH) + as_is, float(as_is.sum())
     nothing = np.zeros(len(as_is), dtype=np.bool_)
     none = [np.log(AS_IS) + whole, *(np.log(some) + kept.sum() for _, some in priors)]
-    found, rest = [(float(logsumexp(none)), nothing, -1)], []
+    found, rest = [(float(log_sum(none)), nothing, -1)], []
     for g, (own, (every, some)) in enumerate(zip(turned, priors, strict=True)):
         other = np.log(EACH) + own
         mixed = np.asarray(other > kept)
@@ -241,7 +240,7 @@ def signs_of(as_is: Array, turned: Sequence[Array], priors: Sequence[tuple[float
         rest.append(best + _others(np.abs(other - kept)))
     first = max(range(len(found)), key=lambda i: found[i][0])
     score, joints, group = found[first]
-    next_ = float(logsumexp([*rest, *(one[0] for i, one in enumerate(found) if i != first)]))
+    next_ = float(log_sum([*rest, *(one[0] for i, one in enumerate(found) if i != first)]))
     each = np.zeros(len(as_is))
     if group >= 0:
         each = _each(kept, np.log(EACH) + turned[group], *priors[group], found[0][0])
@@ -262,7 +261,7 @@ SMALL = -30.0  # log: log1p(x) and expm1(x) are x to rounding
 def _others(apart: Array) -> float:
     """log(prod(1 + exp(-apart)) - 1), for odds (m,) >= 0 of any size."""
     near = np.log(np.log1p(np.exp(-np.minimum(apart, -SMALL))))
-    small = float(logsumexp(np.where(apart > -SMALL, -apart, near)))
+    small = float(log_sum(np.where(apart > -SMALL, -apart, near)))
     return small if small < SMALL else float(np.log(np.expm1(np.exp(small))))
 
 
@@ -305,7 +304,7 @@ def _signs(
     part = logs != everyone and not best.turned.all()  # of some logs some joints: rare, and easily misjudged
     ahead = best.ahead
     if logs == everyone:  # `backwards` sums over classes, of which `signs` takes the least favourable
-        plain = logsumexp(given.inverted, axis=1) - logsumexp(given.right, axis=1)
+        plain = log_sum(given.inverted, axis=1) - log_sum(given.right, axis=1)
         ahead = min(ahead, best.odds + float((plain - (turned - as_is))[best.turned].sum()) - backwards)
     # certain only as a whole: a joint that no sign explains makes it a question, and so does another order
     sure = best.odds >= CERTAIN and ahead >= (2.0 if part else 1.0) * CERTAIN
@@ -333,8 +332,8 @@ DELAY_PRIOR = 100.0  # 1/s: log prior that falls with a delay
 
 def _delays(judged: _Judged, by: float = 0.0) -> Array:
     """(d,) log evidence of each delay, of rows whose commands were shifted by s."""
-    whole = [judged.variant(i).whole() for i in range(len(DELAYS))]
-    return np.asarray(np.sum(whole, axis=1) - DELAY_PRIOR * np.abs(np.array(DELAYS) + by))
+    whole = judged.columns.whole().reshape(len(judged.own), -1)[:, : len(DELAYS)]
+    return np.asarray(whole.sum(axis=0) - DELAY_PRIOR * np.abs(np.array(DELAYS) + by))
 
 
 def _at_edge(judged: _Judged) -> bool:
@@ -499,10 +498,10 @@ EXPLAINED = 0.7  # of the joints, at least, that reversed rows explain
 def _backwards(judged: _Judged) -> float:
     """Log odds of rows that run backwards, their signs right or inverted, against the logs as they are."""
     given = judged.variant(AS_LOGGED)
-    right, back, opposed = (logsumexp(x, axis=1) for x in (given.right, given.reversed, given.opposed))
+    right, back, opposed = (log_sum(x, axis=1) for x in (given.right, given.reversed, given.opposed))
     either = np.logaddexp(np.log1p(-EACH) + back, np.log(EACH) + opposed)
     signs = [np.log(AS_IS) + back.sum(), np.log(SOME) + either.sum(), np.log(ALL) + opposed.sum()]
-    return float(BACKWARDS - np.log(AS_IS) + logsumexp(signs) - right.sum())
+    return float(BACKWARDS - np.log(AS_IS) + log_sum(signs) - right.sum())
 
 
 def _reversed(judged: _Judged) -> Decision | None:
@@ -510,13 +509,13 @@ def _reversed(judged: _Judged) -> Decision | None:
     but for these; where the two cannot be told apart, the question of signs names both.
     """
     given = judged.variant(AS_LOGGED)
-    right, inverted, back = (logsumexp(x, axis=1) for x in (given.right, given.inverted, given.reversed))
+    right, inverted, back = (log_sum(x, axis=1) for x in (given.right, given.inverted, given.reversed))
     turned = BACKWARDS + float((back - right).sum())
     flipped = float(np.log(ALL)) + float((inverted - right).sum())
     as_is, other = given.signs()
     signs = signs_of(as_is, [other], [(ALL, SOME)])
     rest = max(flipped, -np.inf if signs.group < 0 or signs.turned.all() else signs.odds)
-    explained = np.mean(back > logsumexp(given.free, axis=1) + NEITHER) > EXPLAINED
+    explained = np.mean(back > log_sum(given.free, axis=1) + NEITHER) > EXPLAINED
     if turned < LIKELY or turned < rest + LIKELY or not explained:
         return None
     sure = turned >= CERTAIN and turned > rest + CERTAIN
