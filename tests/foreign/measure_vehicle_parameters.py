@@ -27,14 +27,6 @@ from scipy.optimize import root  # noqa: E402
 from etude import plugins  # noqa: E402
 from etude.types import Log  # noqa: E402
 from etude_quadrotor import KIND, QuadrotorSpec  # noqa: E402
-from etude_quadrotor.channels import (  # noqa: E402
-    ORIENTATION,
-    POSITION,
-    RATES,
-    SPECIFIC_FORCE,
-    VELOCITY,
-    command,
-)
 
 FRAMES = {"quadrotor": Airframe(), "hexacopter": Airframe(rotors=6), "octocopter": Airframe(rotors=8)}
 SEEDS, FLIGHTS = tuple(range(10, 20)), 6
@@ -81,17 +73,12 @@ def spec_of(frame: Airframe) -> QuadrotorSpec:
 
 def log_of(spec: QuadrotorSpec, rows: Array) -> Log:
     """What `Flight.log` holds as a log."""
-    n = len(spec.command_names)
+    channels, first = {c.name: c for c in KIND.channels(spec)}, 1
     found = Log(rows[:, 0], {}, {}, "rotorpy")
-    for channel, first in (
-        (SPECIFIC_FORCE, 1),
-        (RATES, 4),
-        (command(spec), 7),
-        (POSITION, 7 + n),
-        (VELOCITY, 10 + n),
-        (ORIENTATION, 13 + n),
-    ):
-        found = found.put(channel, rows[:, first : first + len(channel.parts)])
+    for name in ("specific_force", "rates", "command", "position", "velocity", "orientation"):
+        width = len(channels[name].parts)
+        found = found.put(channels[name], rows[:, first : first + width])
+        first += width
     return found
 
 
