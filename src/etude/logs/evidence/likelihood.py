@@ -141,8 +141,8 @@ class WhitenedMotion:
     """What rows of commands are explained by, at h points: k joints `own`, r regressors of each, n rows.
 
     Attributes:
-        factors: (n, n) lower Cholesky factor of the covariance, of each point.
-        whitened: (n, k r) regressors through its inverse, of each point.
+        factors: (h, n, n) of the covariance K = U^T U. One array each: the system gets it back.
+        whitened: (h, n, k r) regressors through the inverse of U^T.
         stands: of each point and joint that stands, the factor (m, m) of its stands, of unit variance, and
             regressors (m, r) through its inverse. They are part of its own covariance (Woodbury).
         regressors: (h, k, r, r) products. log_det: (h, k) half the log determinant of the covariance.
@@ -151,8 +151,8 @@ class WhitenedMotion:
     rows: FilteredRows
     own: Index
     grid: tuple[Point, ...]
-    factors: list[Array]
-    whitened: list[Array]
+    factors: Array
+    whitened: Array
     stands: list[dict[int, tuple[Array, Array]]]
     regressors: Array
     log_det: Array
@@ -168,19 +168,18 @@ class WhitenedMotion:
         which = [(j, slice(a, b)) for j, (a, b) in enumerate(itertools.pairwise(ends)) if b > a]
         covariance, h = _covariances(rows), len(grid)
         products, half = np.empty((h, k, r, r)), np.empty((h, k))
-        factors, whitened, held = [], [], []
+        factors, whitened, held = np.empty((h, n, n)), np.empty((h, n, k * r)), []
         for i, point in enumerate(grid):
             L, _ = dpotrf(covariance(point), lower=1, clean=0, overwrite_a=1)
             R = dtrsm(1.0, L, right, lower=1)
-            X = R[:, : k * r].copy()
+            factors[i], whitened[i] = L.T, R[:, : k * r]
+            X = whitened[i]
             products[i] = (X.T @ X).reshape(k, r, k, r)[range(k), :, range(k)]
             half[i] = np.log(np.diag(L)).sum()
             beside = {j: _stands(R[:, own], X[:, j * r : (j + 1) * r]) for j, own in which}
             for j, (M, U) in beside.items():
                 half[i, j] += np.log(np.diag(M)).sum()
                 products[i, j] -= U.T @ U
-            factors.append(L)
-            whitened.append(X)
             held.append(beside)
         return cls(rows, own, grid, factors, whitened, held, products, half)
 
@@ -213,7 +212,8 @@ class WhitenedMotion:
         square, across = np.empty((h, p)), np.empty((h, p, r))
         pairs = [np.flatnonzero(joints == j) for j in range(k)]
         Y = np.asfortranarray(Y[:, used])
-        for i, (L, X, beside) in enumerate(zip(self.factors, self.whitened, self.stands, strict=True)):
+        for i, (X, beside) in enumerate(zip(self.whitened, self.stands, strict=True)):
+            L = self.factors[i].T  # in the order that needs no copy
             R = dtrsm(1.0, L, Y, lower=1)
             square[i] = (R**2).sum(axis=0)[target]
             across[i] = (X.T @ R).reshape(k, r, -1)[joints, :, target]
