@@ -15,6 +15,7 @@ from etude.storage import sha256_of
 from etude.types import (
     Array,
     Channel,
+    Delivered,
     Described,
     Expected,
     Figure,
@@ -238,6 +239,18 @@ class ArmKind:
         from etude_arm.physics.mean import physics_of
 
         return physics_of(spec, config.data.friction_fraction, config.data.desired)
+
+    def parameters(
+        self,
+        spec: ArmSpec,
+        config: Any,
+        samples: Samples,
+        logs: Sequence[Log],  # noqa: ARG002
+    ) -> Delivered:
+        """Base parameters and friction."""
+        from etude_arm.identified.parameter_report import report
+
+        return report(spec, self.physics(spec, config).get("identified"), samples)
 
     def checks(self, spec: ArmSpec, log: Log) -> Sequence[Finding]:
         """Another rate than the robot file's, which may be another clock."""

@@ -169,4 +169,7 @@ def test_a_hexarotor_learns_from_its_log_and_a_quadrotor_does_not(
         assert main(["tell", str(lab), str(log), "--foreign"]) == code, said
         said = capsys.readouterr()
         assert ("Learned: 1" in said.out) == (count == 6), said
+        if count == 6:
+            assert main(["export", str(lab), "--to", "parameters"]) == 0
+            assert "30 s of flight above the ground are needed" in capsys.readouterr().out
         assert ("1, 2, 3, 4, 5, 6, which are not the 4" in said.err) == (count == 4), said

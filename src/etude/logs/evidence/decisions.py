@@ -16,6 +16,7 @@ from typing import Literal
 import numpy as np
 
 from etude.logs.checks.exact import CERTAIN, LIKELY
+from etude.logs.checks.filtered_motion import measured_rates
 from etude.logs.checks.plausibility import DELAY, SIGN, SWAPPED
 from etude.logs.checks.velocities import DIRECTION
 from etude.logs.cleaning.smoothing import resample
@@ -156,7 +157,7 @@ def judge(
     new = [_shifted(logs[i], by) if by else logs[i] for i in fresh]
     # what was told before has its order and its direction
     alone = stepped if len(new) == len(logs) else _Judged.of(rows_of(new, path, body))
-    timed = all(_with_velocities(log, path) for log in new)
+    timed = all(measured_rates(log, path) for log in new)
 
     def hypotheses() -> Iterator[Decision | None]:
         order = None if alone is None else order_of(alone)
@@ -181,10 +182,6 @@ def judge(
     if found is None:
         return stepped.decision("silent", why="late" if at_edge else "")
     return found if found.logs else replace(found, logs=fresh)
-
-
-def _with_velocities(log: Log, path: Channel) -> bool:
-    return any(c.derivative_of == path.name and c.name in log for c in log.channels.values())
 
 
 def groups_of(count: int, fresh: Sequence[int]) -> list[tuple[int, ...]]:
