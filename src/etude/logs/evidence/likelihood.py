@@ -137,7 +137,7 @@ def _filled(values: Array) -> Array:
     return np.where(np.isneginf(values), values.max(axis=1, keepdims=True) - FAR, values)
 
 
-class _Known(NamedTuple):
+class _Whitened(NamedTuple):
     """What is kept of a point: it is small. The factor (n, n) of the covariance is made again.
 
     Attributes:
@@ -159,14 +159,14 @@ class WhitenedMotion:
 
     rows: FilteredRows
     own: Index
-    known: list[_Known] = field(default_factory=list)
+    known: list[_Whitened] = field(default_factory=list)
 
     @cached_property
     def grid(self) -> tuple[Point, ...]:
         """Of as many points as there are sizes and memories."""
         return GRID + (NEAR_FILE if self.rows.torque is not None else ())
 
-    def _points(self) -> Iterator[tuple[Array, _Known]]:
+    def _points(self) -> Iterator[tuple[Array, _Whitened]]:
         """Of each point, the lower Cholesky factor of the covariance, which serves all joints and columns."""
         for i, point in enumerate(self.grid):
             L, _ = dpotrf(self._covariance(point), lower=1, clean=0, overwrite_a=1)
@@ -187,7 +187,7 @@ class WhitenedMotion:
         which = [(j, slice(a, b)) for j, (a, b) in enumerate(itertools.pairwise(ends)) if b > a]
         return np.asfortranarray(np.hstack([flat, *stands])), which
 
-    def _at(self, L: Array) -> _Known:
+    def _at(self, L: Array) -> _Whitened:
         right, which = self._right
         R, k = dtrsm(1.0, L, right, lower=1), len(self.own)
         r = (which[0][1].start if which else R.shape[1]) // k
@@ -198,7 +198,7 @@ class WhitenedMotion:
         for j, (M, U) in stands.items():
             half[j] += np.log(np.diag(M)).sum()
             products[j] -= U.T @ U
-        return _Known(X, stands, products, half)
+        return _Whitened(X, stands, products, half)
 
     def evidence(self, command: Array, joints: Index, columns: Index, variants: Index) -> ColumnEvidence:
         """Of each pair: the column `columns[i]` in `variants[i]` as the command of joint `joints[i]`.
