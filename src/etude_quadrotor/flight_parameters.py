@@ -317,7 +317,7 @@ ROWS: Mapping[str, _Row] = {
     "hover": _Row("hover thrust", "1", 0.1, "", UP_AND_DOWN),
     "curve": _Row("thrust curve", "1", 0.2, "", UP_AND_DOWN, absolute=True),
     "hover_curved": _Row("hover thrust with that curve", "1", 0.1, "", UP_AND_DOWN),
-    "lag": _Row("motor time constant", "s", 0.5, SLOW, UP_AND_DOWN),
+    "lag": _Row("motor time constant", "s", 0.25, SLOW, "fly longer"),
     "centre_x": _Row("centre of mass x", "m", 0.01, NO_ROTORS, "fly longer", absolute=True),
     "centre_y": _Row("centre of mass y", "m", 0.01, NO_ROTORS, "fly longer", absolute=True),
     "rotor_drag_x": _Row("rotor drag x", "1/s", 0.5, NO_VELOCITY, FASTER),
