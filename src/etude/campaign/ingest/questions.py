@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cache
 from typing import Any
 
 from etude.campaign.ingest.command_decisions import Step, decided, told_logs
@@ -206,13 +207,16 @@ def questions_of(
         steps: what was decided of its commands already.
     """
 
+    @cache
+    def told() -> Mapping[int, Log]:
+        return told_logs(campaign, state)
+
     def judged(log: Log) -> Sequence[Step]:
         if steps is not None:
             return steps
-        body = body_of(campaign.kind, campaign.spec)
-        return decided([log], told_logs(campaign, state), answers.to, body)[0]
+        return decided([log], told(), answers.to, body_of(campaign.kind, campaign.spec))[0]
 
-    return LogQuestions(campaign.kind, campaign.spec, answers, judged, lambda: told_logs(campaign, state))
+    return LogQuestions(campaign.kind, campaign.spec, answers, judged, told)
 
 
 def _what(finding: Finding) -> tuple[str, tuple[float, ...]]:

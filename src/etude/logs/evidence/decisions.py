@@ -80,25 +80,29 @@ class _Judged:
         if rows is None or len(rows.t) < LEAST_ROWS or not rows.moving.any():
             return None
         own = np.flatnonzero(rows.moving)
-        return cls(rows, own, WhitenedMotion.of(rows, own))
+        return cls(rows, own, WhitenedMotion(rows, own))
 
     def with_command(self, command: Array) -> _Judged:
         """The same motion with other commands (n, k, d) on it."""
         return replace(self, rows=replace(self.rows, command=command))
 
     @cached_property
+    def _evidence(self) -> ColumnEvidence:
+        (m,), d = self.own.shape, self.rows.command.shape[2]
+        joints = np.concatenate([np.repeat(np.arange(m), d), np.repeat(np.arange(m), m)])
+        columns = np.concatenate([np.repeat(np.arange(m), d), np.tile(np.arange(m), m)])
+        variants = np.concatenate([np.tile(np.arange(d), m), np.full(m * m, AS_LOGGED)])
+        return self.motion.evidence(self.rows.command, joints, columns, variants)
+
+    @property
     def columns(self) -> ColumnEvidence:
         """(m d) of joints with their own columns, in all variants."""
-        (m,), d = self.own.shape, self.rows.command.shape[2]
-        joints = np.repeat(np.arange(m), d)
-        return self.motion.evidence(self.rows.command, joints, joints, np.tile(np.arange(d), m))
+        return self._evidence.take(slice(0, len(self.own) * self.rows.command.shape[2]))
 
-    @cached_property
+    @property
     def crossed(self) -> ColumnEvidence:
         """(m m) of joints with all columns, as they were logged."""
-        (m,) = self.own.shape
-        joints, columns = np.repeat(np.arange(m), m), np.tile(np.arange(m), m)
-        return self.motion.evidence(self.rows.command, joints, columns, np.full(m * m, AS_LOGGED))
+        return self._evidence.take(slice(len(self.own) * self.rows.command.shape[2], None))
 
     def variant(self, number: int) -> ColumnEvidence:
         """Of each joint's own column in one variant."""
@@ -488,7 +492,7 @@ def _half_gain(
     rows = rows_of(parts, path, body)
     if rows is None or len(rows.t) < LEAST_HALF:
         return 0.0
-    return float(_gains(_Judged(rows, own, WhitenedMotion.of(rows, own)))[np.arange(len(own)), order].sum())
+    return float(_gains(_Judged(rows, own, WhitenedMotion(rows, own)))[np.arange(len(own)), order].sum())
 
 
 BACKWARDS = float(np.log(0.02))  # log prior of reversed rows
