@@ -274,7 +274,7 @@ def learn_log(campaign: Campaign, state: State, number: int) -> TrainingOutcome:
         unmoved=tuple(np.array(campaign.command.parts)[held].tolist()),
         row_scatter=_row_scatter(campaign, logs, samples),
         robot_seconds=float(sum(one.robot_seconds for one in learned)),
-        recipe=tuple(_said(campaign, logs, samples)),
+        recipe=tuple(_said(state, logs, samples)),
         inputs={name: np.asarray(a).tolist() for name, a in selection.model.inputs.arrays().items()},
         warnings=(*_notes(selection.model.inputs), *_some(every, logs), *selection.model.warnings),
         body=body_of(campaign),
@@ -361,9 +361,10 @@ def _scores(
     return {structure: _plain(one) for structure, one in found.items()}
 
 
-def _said(campaign: Campaign, logs: Sequence[int], samples: Samples) -> list[str]:
+def _said(state: State, logs: Sequence[int], samples: Samples) -> list[str]:
     """What the recipe found and did, beside the repairs of each log: the lag of motors, for example."""
-    ingested = {sentence for n in logs for sentence in stored_log(campaign, n).repairs}
+    told = [state.rounds[n].ingested for n in logs]
+    ingested = {sentence for one in told if one is not None for sentence in one.repairs}
     return [sentence for sentence in samples.log.repairs if sentence not in ingested]
 
 

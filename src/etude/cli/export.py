@@ -74,7 +74,8 @@ class Predict(Common):
     folder: Folder
     motion: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="MOTION")]
     """A trajectory.json, or a table with a time and the robot's columns, named as in logs. Velocities and
-    accelerations that it lacks are made of the positions, as learning makes them."""
+    accelerations that it lacks are made of the positions, as learning makes them. Of a vehicle t, x, y, z
+    are enough: the path is then planned."""
     output: Path | None = None
     """CSV or Parquet to write; MOTION.commands.csv beside the motion by default."""
     degrees: bool = False

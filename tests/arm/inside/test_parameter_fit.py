@@ -16,6 +16,7 @@ from loading_examples import write
 from test_identified_files import FRICTION, NAMES, given, heavier, motion, spec_of, torques
 
 from compilers import STRICT, run, tool
+from etude import plugins
 from etude.errors import UsageError
 from etude.types import Log, Samples
 from etude_arm import KIND, ArmPhysics, ArmSpec
@@ -28,8 +29,9 @@ from etude_arm.identified.parameter_fit import (
     settled,
     since_reversal,
 )
-from etude_arm.identified.parameter_target import PARAMETERS, friction_c
+from etude_arm.identified.parameter_report import friction_c
 
+PARAMETERS = plugins.load("etude.targets", "parameters")
 Law = Callable[[np.ndarray, np.ndarray], np.ndarray]
 V0 = 0.04
 VISCOUS = np.array([0.5, 0.3, 0.1])
@@ -154,7 +156,7 @@ def test_the_c_function_is_the_friction(
 def test_the_tables_say_what_is_known(robot: tuple[ArmSpec, Path]) -> None:
     spec, real = robot
     samples = samples_of(spec, real, usual, 1)
-    delivered = PARAMETERS(None, KIND, spec, given(samples))
+    delivered = PARAMETERS(None, KIND, spec, {**given(samples), "logs": ()})
     rows = list(csv.DictReader(io.StringIO(delivered.files["parameters.csv"].decode())))
     known = {row["parameter"]: row["known"] for row in rows}
     assert set(known.values()) <= {"measured", "partly", "from the file", "not identifiable"}
@@ -176,11 +178,11 @@ def test_the_tables_say_what_is_known(robot: tuple[ArmSpec, Path]) -> None:
 def test_without_forces_there_is_friction_alone(robot: tuple[ArmSpec, Path]) -> None:
     spec = replace(robot[0], command_unit="V")
     samples = samples_of(spec, robot[1], usual, 2)
-    delivered = PARAMETERS(None, KIND, spec, given(samples))
+    delivered = PARAMETERS(None, KIND, spec, {**given(samples), "logs": ()})
     assert "parameters.csv" not in delivered.files
     assert any("no mass follows" in sentence for sentence in delivered.said)
     friction = {(row["joint"], row["term"]): row for row in json.loads(delivered.files["friction.json"])}
     assert friction[NAMES[0], "coulomb"]["unit"] == "V"
     assert friction[NAMES[0], "coulomb"]["value"] == pytest.approx(FRICTION[0], rel=0.1)
     with pytest.raises(UsageError, match="no model file with masses"):
-        PARAMETERS(None, KIND, replace(spec, model_file=None), given(samples))
+        PARAMETERS(None, KIND, replace(spec, model_file=None), {**given(samples), "logs": ()})

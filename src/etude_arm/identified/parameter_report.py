@@ -8,11 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from etude._runtime.options import taken
 from etude.errors import UsageError
 from etude.models.accuracy import NORMAL_95
-from etude.protocols import Kind
-from etude.types import Array, Delivered
+from etude.protocols import Physics
+from etude.types import Array, Delivered, Samples
 from etude_arm.identified.parameter_fit import (
     SHOWN,
     TERMS,
@@ -22,7 +21,7 @@ from etude_arm.identified.parameter_fit import (
     parameter_fit,
     settled,
 )
-from etude_arm.identified.target import MEASURED, NAMES, PARTLY, UNITS, FileOptions, digits, table
+from etude_arm.identified.target import MEASURED, NAMES, PARTLY, UNITS, digits, table
 from etude_arm.loading.load import load_arm
 from etude_arm.physics.mean import RigidBodyMean
 from etude_arm.spec import ArmSpec
@@ -30,38 +29,28 @@ from etude_arm.spec import ArmSpec
 TERM_UNITS = ("{u} s^2/{x}", "{u} s/{x}", "{u}", "{u}", "1", "{u} s/{x}", "{u}")
 
 
-class Parameters:
-    """The target `parameters` (`protocols.Target`)."""
-
-    needs = ("samples", "config")
-
-    def __call__(self, model: Any, kind: Kind, spec: Any, options: Mapping[str, Any]) -> Delivered:  # noqa: ARG002
-        """UsageError: not an arm, or no model file with masses."""
-        given = taken(options, FileOptions, "parameters")
-        physics = kind.physics(spec, given.config).get("identified") if isinstance(spec, ArmSpec) else None
-        if physics is None:
-            raise UsageError(
-                f"robot '{spec.name}' has no model file with masses, which would tell links from friction",
-                next_step="Name a URDF or MJCF with masses as model_file in robot.toml.",
-            )
-        mean = physics(given.samples)
-        assert isinstance(mean, RigidBodyMean)
-        fit = parameter_fit(settled(given.samples, spec, mean))
-        inertial, friction = _inertial_rows(fit, spec), _friction_rows(fit, spec)
-        said = _said(fit, spec, inertial, friction)
-        files = {
-            "parameters.csv": table([_flat(row) for row in inertial]) if inertial else "",
-            "parameters.json": json.dumps(inertial, indent=1) + "\n",
-            "friction.csv": table(friction),
-            "friction.json": json.dumps(friction, indent=1) + "\n",
-            "friction.h": friction_c(fit, spec),
-            "README.md": _readme(spec, said, inertial, friction),
-        }
-        encoded = {name: text.encode() for name, text in files.items() if text}
-        return Delivered(encoded, tuple(said), {"parameters": inertial, "friction": friction})
-
-
-PARAMETERS = Parameters()
+def report(spec: ArmSpec, physics: Physics | None, samples: Samples) -> Delivered:
+    """Tables, sentences and friction.h. UsageError: no model file with masses, and so no physics."""
+    if physics is None:
+        raise UsageError(
+            f"robot '{spec.name}' has no model file with masses, which would tell links from friction",
+            next_step="Name a URDF or MJCF with masses as model_file in robot.toml.",
+        )
+    mean = physics(samples)
+    assert isinstance(mean, RigidBodyMean)
+    fit = parameter_fit(settled(samples, spec, mean))
+    inertial, friction = _inertial_rows(fit, spec), _friction_rows(fit, spec)
+    said = _said(fit, spec, inertial, friction)
+    files = {
+        "parameters.csv": table([_flat(row) for row in inertial]) if inertial else "",
+        "parameters.json": json.dumps(inertial, indent=1) + "\n",
+        "friction.csv": table(friction),
+        "friction.json": json.dumps(friction, indent=1) + "\n",
+        "friction.h": friction_c(fit, spec),
+        "README.md": _readme(spec, said, inertial, friction),
+    }
+    encoded = {name: text.encode() for name, text in files.items() if text}
+    return Delivered(encoded, tuple(said), {"parameters": inertial, "friction": friction})
 
 
 def _names(spec: ArmSpec) -> list[tuple[str, str, str]]:
