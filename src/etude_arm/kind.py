@@ -240,6 +240,12 @@ class ArmKind:
 
         return physics_of(spec, config.data.friction_fraction, config.data.desired)
 
+    def with_payload(self, spec: ArmSpec, text: str, mass: float, centre: Array) -> str:
+        """The robot file with a load added."""
+        from etude_arm.payload_table import with_payload
+
+        return with_payload(text, spec, mass, centre)
+
     def parameters(
         self,
         spec: ArmSpec,

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
+import numpy as np
 import pytest
 
 pytest.importorskip("rotorpy", reason="rotorpy is not installed: pip install 'rotorpy>=2.1'")
 
 from measure_vehicle_parameters import FRAMES, SEEDS, TARGETS, covered, flown, measured, off
+from rotorpy_vehicle import fly
 
 
 def worst(rows: list[dict], word: str) -> float:
@@ -18,10 +22,19 @@ def worst(rows: list[dict], word: str) -> float:
 
 @pytest.mark.slow
 def test_two_flights_of_a_hexacopter_tell_hover_thrust_centre_and_drag() -> None:
+    """With the thrust curve and the hover thrust that they tell it hovers at once."""
     frame = FRAMES["hexacopter"]
     rows = measured(frame, [own.log for own in flown(frame, 1, 2)])
     for word in ("hover thrust", "centre of mass", "rotor drag"):
         assert worst(rows, word) < TARGETS[word], word
+    told = {row["parameter"]: row["value"] for row in rows}
+    set_right = replace(frame, curve=min(told["thrust curve"], 1.0))
+    hovering = np.tile([0.0, 0.0, 3.0, *[0.0] * 6], (150, 1))
+    own, other = (
+        fly(hovering, frame=set_right, hover=h) for h in (told["hover thrust with that curve"], 0.5)
+    )
+    sunk, jumped = (float(np.abs(flight.position[:, 2] - 3.0).max()) for flight in (own, other))
+    assert sunk < 0.05 < jumped
 
 
 @pytest.mark.slow
