@@ -35,7 +35,6 @@ from etude.logs.cleaning.filters import (
 from etude.types import TARGET, Array, Index, Log, Mask, Samples, joined_samples
 from etude_arm.config import ArmData
 from etude_arm.memory import remembered, turning
-from etude_arm.slow_samples import with_slow
 from etude_arm.spec import COMMAND, MEMORY, PATH, PLAN, TURNING, ArmSpec
 
 ROUNDING = 1e-6  # s: time stamps are sums of steps
@@ -93,8 +92,7 @@ def samples_of(spec: ArmSpec, config: ArmData, logs: Sequence[Log], groups: Sequ
     if not logs:
         raise DataError("there is no log to learn from", next_step="Tell one first.")
     parts = [_of_log(spec, config, log, group) for log, group in zip(logs, groups, strict=True)]
-    found = spared(joined_samples(parts), config.plenty)
-    return with_slow(found, spec, config.stick_fraction, config.friction_fraction, config.desired)
+    return spared(joined_samples(parts), config.plenty)
 
 
 def _of_log(spec: ArmSpec, config: ArmData, log: Log, group: Index) -> Samples:
