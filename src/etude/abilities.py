@@ -19,6 +19,7 @@ from etude.types import (
     Array,
     Code,
     Column,
+    Delivered,
     Described,
     Figure,
     Index,
@@ -351,6 +352,16 @@ class SupportsBody(Protocol):
 
 
 @runtime_checkable
+class SupportsParameters(Protocol):
+    """`Kind`: physical constants of a robot with intervals, for `export --to parameters`.
+
+    samples: that the model was learned from; logs: the same as they were recorded.
+    """
+
+    def parameters(self, spec: Any, config: Any, samples: Samples, logs: Sequence[Log]) -> Delivered: ...
+
+
+@runtime_checkable
 class SupportsKnownFaults(Protocol):
     """`Kind`: codes of docs/known_faults.md that earlier versions' files of this robot have."""
 
@@ -453,6 +464,7 @@ ABILITIES: Mapping[str, tuple[type, ...]] = {
         SupportsCollecting,
         SupportsStateText,
         SupportsBody,
+        SupportsParameters,
         SupportsKnownFaults,
     ),
     "Description": (SupportsCommandUnit, SupportsTableRate, SupportsConfirmation, SupportsPlant),

@@ -94,6 +94,7 @@ BUILT_IN: Mapping[str, Mapping[str, str]] = {
         "c": "etude.deploy.c99.target:C99",
         "ros2": "etude.deploy.ros2.target:ROS2",
         "trajectory": "etude.deploy.trajectory_target:ALONG",
+        "parameters": "etude.deploy.parameters_target:PARAMETERS",
         "onnx": "etude.deploy.onnx.target:ONNX",
         "px4": "etude_quadrotor.export.autopilot:PX4",
         "crazyflie": "etude_quadrotor.export.autopilot:CRAZYFLIE",
@@ -108,6 +109,8 @@ BUILT_IN: Mapping[str, Mapping[str, str]] = {
     },
     # the package etude-studies brings them; a bench is a study of the machine: its name begins with "bench_"
     "etude.studies": {},
+    # where `etude learn` learns: (workers, cluster, limit in s, say) -> a concurrent.futures.Executor
+    "etude.engines": {},
 }
 """GROUP -> name -> "module:attribute" of what comes with Étude."""
 GROUPS = tuple(BUILT_IN)

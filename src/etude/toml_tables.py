@@ -8,9 +8,10 @@ from __future__ import annotations
 
 import dataclasses
 import difflib
+import functools
 import json
 import typing
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -18,6 +19,8 @@ from etude.errors import UsageError
 
 T = TypeVar("T")
 CORRECT = "Correct that place, or restore the file from a copy."
+types_of: Callable[[Any], dict[str, Any]] = functools.lru_cache(typing.get_type_hints)
+"""Types of a dataclass's fields, by name: annotations are text, which takes long to read."""
 STATE_ALL = "Nothing is guessed: state each of them."
 
 
@@ -29,6 +32,12 @@ def decoded(text: str, where: str) -> dict[str, Any]:
         return tomllib.loads(text)
     except tomllib.TOMLDecodeError as problem:
         raise UsageError(f"not valid TOML: {problem}", where=where, next_step=CORRECT) from None
+
+
+@functools.cache
+def packaged(path: Path) -> Mapping[str, Any]:
+    """The tables of a file that comes with the code, which is read once."""
+    return decoded(read_text(path), path.name)
 
 
 def read_text(path: Path, what: str = "file") -> str:
@@ -60,7 +69,7 @@ def read_table(kind: type[T], table: Any, start: T, where: str) -> T:
     _require_table(table, where)
     names = [field.name for field in _fields(kind)]
     refuse_unknown(table, names, where)
-    types = typing.get_type_hints(kind)
+    types = types_of(kind)
     given = {key: converted(types[key], value, key, where) for key, value in table.items()}
     return _made(kind, {**{name: getattr(start, name) for name in names}, **given}, where)
 
@@ -80,7 +89,7 @@ def from_table(kind: type[T], table: Any, where: str) -> T:
     missing = [field.name for field in fields if _required(field) and field.name not in table]
     if missing:
         raise UsageError(f"missing {', '.join(missing)}", where=where, next_step=STATE_ALL)
-    types = typing.get_type_hints(kind)
+    types = types_of(kind)
     values = {
         field.name: _nested(field, types[field.name], table[field.name], where)
         for field in fields

@@ -15,6 +15,7 @@ from etude.storage import sha256_of
 from etude.types import (
     Array,
     Channel,
+    Delivered,
     Described,
     Expected,
     Figure,
@@ -102,10 +103,9 @@ class ArmKind:
 
     @property
     def presets(self) -> Mapping[str, Mapping[str, Mapping[str, Any]]]:
-        from etude.toml_tables import decoded, read_text
+        from etude.toml_tables import packaged
 
-        path = HERE / "presets.toml"
-        return decoded(read_text(path), path.name)
+        return packaged(HERE / "presets.toml")
 
     @property
     def comments(self) -> Mapping[str, Mapping[str, str]]:
@@ -240,6 +240,18 @@ class ArmKind:
 
         data = config.data
         return physics_of(spec, data.friction_fraction, data.desired, data.stick_fraction)
+
+    def parameters(
+        self,
+        spec: ArmSpec,
+        config: Any,
+        samples: Samples,
+        logs: Sequence[Log],  # noqa: ARG002
+    ) -> Delivered:
+        """Base parameters and friction."""
+        from etude_arm.identified.parameter_report import report
+
+        return report(spec, self.physics(spec, config).get("identified"), samples)
 
     def checks(self, spec: ArmSpec, log: Log) -> Sequence[Finding]:
         """Another rate than the robot file's, which may be another clock."""

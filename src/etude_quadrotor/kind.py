@@ -11,7 +11,18 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from etude.protocols import Controller, Family, Limit, Model, Physics, Robot, Trajectory
-from etude.types import Array, Channel, Described, Expected, Finding, Index, Log, Margins, Samples
+from etude.types import (
+    Array,
+    Channel,
+    Delivered,
+    Described,
+    Expected,
+    Finding,
+    Index,
+    Log,
+    Margins,
+    Samples,
+)
 
 if TYPE_CHECKING:
     from etude_quadrotor.inputs import QuadrotorInputs
@@ -65,10 +76,9 @@ class QuadrotorKind:
 
     @property
     def presets(self) -> Mapping[str, Mapping[str, Mapping[str, Any]]]:
-        from etude.toml_tables import decoded, read_text
+        from etude.toml_tables import packaged
 
-        path = HERE / "presets.toml"
-        return decoded(read_text(path), path.name)
+        return packaged(HERE / "presets.toml")
 
     @property
     def comments(self) -> Mapping[str, Mapping[str, str]]:
@@ -137,8 +147,9 @@ class QuadrotorKind:
 
     def body(self, spec: QuadrotorSpec) -> str:
         """Of the vehicle that explains the commands; those of another payload are learned anew."""
+        curve = (spec.thrust_curve,) if spec.thrust_curve else ()
         return sha256(
-            repr((spec.vehicle, spec.command_unit, spec.command_names, *spec.rotors)).encode()
+            repr((spec.vehicle, spec.command_unit, spec.command_names, *spec.rotors, *curve)).encode()
         ).hexdigest()
 
     def limits(
@@ -187,6 +198,18 @@ class QuadrotorKind:
 
         found: dict[str, Physics] = {"identified": Identified(spec.body, config.data.trims)}
         return found if spec.body is None else {"nominal": Nominal(spec.body), **found}
+
+    def parameters(
+        self,
+        spec: QuadrotorSpec,
+        config: Any,  # noqa: ARG002
+        samples: Samples,  # noqa: ARG002
+        logs: Sequence[Log],
+    ) -> Delivered:
+        """Hover thrust, thrust curve, motors' lag, centre of mass and drag, from the logs as recorded."""
+        from etude_quadrotor.flight_parameters import report
+
+        return report(spec, logs)
 
     def checks(self, spec: QuadrotorSpec, log: Log) -> Sequence[Finding]:
         """Time on the ground, commands of another scale."""

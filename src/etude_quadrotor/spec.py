@@ -35,6 +35,7 @@ class QuadrotorSpec:
         vehicle: nominal body and motors, for the analytic inverse model; None if unknown.
         plant: name of the simulated vehicle that stands in for the real one, or None.
         rotors: where each stands and its spin, in the order of the commands; (): four in an X, or unknown.
+        thrust_curve: THR_MDL_FAC of PX4 in the flights; commands in logs stand before it.
         limits: of its owner's own.
     """
 
@@ -58,6 +59,7 @@ class QuadrotorSpec:
     vehicle: Vehicle | None = None
     plant: str | None = None
     rotors: tuple[Rotor, ...] = ()
+    thrust_curve: float = 0.0
     limits: tuple[LimitTable, ...] = ()
 
     @property

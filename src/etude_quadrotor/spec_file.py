@@ -21,6 +21,7 @@ thrust = [4.0, 16.0]             # optional: least and largest thrust per mass, 
 plant = "quadrotor"              # optional: simulated stand-in
 rotors = [[0.1, -0.1, 1.0], ...] # of other than four in an X: x, y (m) and spin of each command's rotor;
                                  # x forward, y left, spin +1 against the clock seen from above, else -1
+thrust_curve = 0.3               # optional: PX4's THR_MDL_FAC in the flights
 [vehicle]                        # optional: the fields of `vehicle.Vehicle`, for the analytic inverse model
 [[limit]]                        # optional: limits of one's own, see `etude.limits.limit_tables`
 """
@@ -78,6 +79,7 @@ class QuadrotorTable(msgspec.Struct, forbid_unknown_fields=True, omit_defaults=T
     thrust: tuple[float, float] | None = None
     plant: str | None = None
     rotors: tuple[Rotor, ...] = ()
+    thrust_curve: float = 0.0
     units_checked: bool = False
     vehicle: dict[str, Any] | None = None
     limit: tuple[dict[str, Any], ...] = ()
@@ -129,6 +131,7 @@ def spec_from_table(data: dict[str, Any], *, where: str) -> QuadrotorSpec:
         vehicle=vehicle,
         plant=table.plant,
         rotors=table.rotors,
+        thrust_curve=table.thrust_curve,
         limits=read_limits(table.limit, where),
     )
     check_spec(spec, where=where)
@@ -170,6 +173,8 @@ def check_spec(spec: QuadrotorSpec, *, where: str = "") -> None:
             raise UsageError(f"a margin must be 0 or more, not {margin}", where=where)
     if spec.command_unit not in UNITS:
         raise UsageError(f"unknown command_unit '{spec.command_unit}'", where=where, next_step="Use V or 1.")
+    if not 0.0 <= spec.thrust_curve <= 1.0:
+        raise UsageError(f"thrust_curve is from 0 to 1, not {spec.thrust_curve:g}", where=where)
     _check_commands(spec, where)
     _check_rotors(spec, where)
     _check_room(spec, where)
@@ -336,6 +341,7 @@ def spec_to_toml(spec: QuadrotorSpec) -> str:
         thrust=spec.thrust,
         plant=spec.plant,
         rotors=spec.rotors,
+        thrust_curve=spec.thrust_curve,
         units_checked=bool(unit_suspicion(spec)),
     )
     lines = [

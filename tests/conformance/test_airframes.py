@@ -128,7 +128,7 @@ def test_quadrotors_and_logs_that_do_not_say_are_read(
 
 @pytest.mark.parametrize(
     ("parameters", "topic"),
-    [(HEXA, "motors"), (HEXA, "outputs"), ({"MAV_TYPE": 13}, "outputs")],
+    [(HEXA | {"THR_MDL_FAC": 0.3}, "motors"), (HEXA, "outputs"), ({"MAV_TYPE": 13}, "outputs")],
 )
 def test_the_motors_of_a_hexarotor_are_read_in_their_order(
     tmp_path: Path, parameters: dict[str, float], topic: str
@@ -139,7 +139,9 @@ def test_the_motors_of_a_hexarotor_are_read_in_their_order(
     assert names == [f"motor_{i}" for i in range(1, 7)]
     for i, name in enumerate(names):
         np.testing.assert_allclose(raw[name][:, 0], 0.5 + 0.1 * np.sin((i + 1) * T), atol=1e-6)
-    said = [sentence for sentence in raw.repairs if "robot.toml" in sentence]
+    curved = "THR_MDL_FAC is 0.3, for robot.toml: thrust_curve = 0.3."
+    assert (curved in raw.repairs) == ("THR_MDL_FAC" in parameters)
+    said = [sentence for sentence in raw.repairs if "rotors = " in sentence]
     if "CA_ROTOR_COUNT" not in parameters:
         assert not said
         return
@@ -169,4 +171,7 @@ def test_a_hexarotor_learns_from_its_log_and_a_quadrotor_does_not(
         assert main(["tell", str(lab), str(log), "--foreign"]) == code, said
         said = capsys.readouterr()
         assert ("Learned: 1" in said.out) == (count == 6), said
+        if count == 6:
+            assert main(["export", str(lab), "--to", "parameters"]) == 0
+            assert "30 s of flight above the ground are needed" in capsys.readouterr().out
         assert ("1, 2, 3, 4, 5, 6, which are not the 4" in said.err) == (count == 4), said

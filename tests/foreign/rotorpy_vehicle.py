@@ -34,17 +34,19 @@ G = 9.80665
 NED = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
 RADIUS = 0.30
 """m: radius of the disk that stands for four rotors in ground effect."""
-HEADER = (
-    *("time", "acc_x", "acc_y", "acc_z", "gyro_x", "gyro_y", "gyro_z"),
-    *(f"motor_{i}" for i in range(1, 5)),
+BODY = ("time", "acc_x", "acc_y", "acc_z", "gyro_x", "gyro_y", "gyro_z")
+"""Columns of a log before those of the motors, and behind them."""
+MOTION = (
     *("position_x", "position_y", "position_z", "velocity_x", "velocity_y", "velocity_z"),
     *("q_w", "q_x", "q_y", "q_z"),
 )
+ARMS = {6: 0.2, 8: 0.24}
+"""Rotors of a hexacopter and an octocopter, and their distance from the centre, m."""
 
 
 @dataclass(frozen=True)
 class Airframe:
-    """A Hummingbird with a load.
+    """A Hummingbird with a load, or a hexacopter or octocopter of its motors.
 
     Attributes:
         load: kg, at `place` (3,) m from the centre of the rotors.
@@ -60,10 +62,30 @@ class Airframe:
     curve: float = 0.0
     full: float = 800.0
     drag: float = 1.0
+    rotors: int = 4
+
+    def bare(self) -> dict[str, Any]:
+        """rotorpy's parameters without the load. Of more motors: a regular polygon, mass as thrust."""
+        own, count = dict(quad_params), self.rotors
+        if count == 4:
+            return own
+        angles, arm, share = np.pi * (2.0 * np.arange(count) + 1.0) / count, ARMS[count], count / 4.0
+        own["rotor_pos"] = {
+            f"r{i + 1}": arm * np.array([math.cos(a), math.sin(a), 0.0]) for i, a in enumerate(angles)
+        }
+        own["rotor_directions"] = np.array([1, -1] * (count // 2))
+        own |= {name: share * own[name] for name in ("mass", "c_Dx", "c_Dy", "c_Dz")}
+        own |= {name: share * (arm / 0.17) ** 2 * own[name] for name in ("Ixx", "Iyy", "Izz")}
+        return own | {"num_rotors": count}
+
+    def still(self) -> float:
+        """rad/s at which its rotors carry it."""
+        own = self.parameters()
+        return math.sqrt(own["mass"] * 9.81 / self.rotors / own["k_eta"])
 
     def parameters(self) -> dict[str, Any]:
         """rotorpy's: positions from the centre of mass, inertia about it (parallel axes)."""
-        own = dict(quad_params)
+        own = self.bare()
         bare, place = own["mass"], np.array(self.place)
         mass = bare + self.load
         shift = self.load / mass * place
@@ -87,6 +109,23 @@ class NearGround(Multirotor):
     """rotorpy's multirotor, whose rotors lift more near the ground; `height` is set before each step."""
 
     height = 10.0
+
+    def __init__(self, own: dict[str, Any]) -> None:
+        """rotorpy inverts the allocation of four rotors; its equations of motion take any number."""
+        four = dict(list(own["rotor_pos"].items())[:4])
+        super().__init__(
+            own | {"num_rotors": 4, "rotor_pos": four, "rotor_directions": own["rotor_directions"][:4]}
+        )
+        self.num_rotors, self.rotor_pos = own["num_rotors"], own["rotor_pos"]
+        self.rotor_dir = own["rotor_directions"]
+        self.extract_geometry()
+
+    def statedot(self, state: dict[str, Array], control: dict[str, Array], t_step: float) -> dict[str, Array]:
+        """As rotorpy's, which packs the state of four rotors."""
+        names = ("x", "v", "q", "w", "wind", "rotor_speeds")
+        speeds = np.clip(control["cmd_motor_speeds"], self.rotor_speed_min, self.rotor_speed_max)
+        rate = self._s_dot_fn(0.0, np.concatenate([state[name] for name in names]), speeds)
+        return {"vdot": rate[3:6], "wdot": rate[10:13]}
 
     def compute_body_wrench(
         self, body_rates: Array, rotor_speeds: Array, airspeed: Array
@@ -140,7 +179,7 @@ class Cascade:
         self.wanted, self.thrust = np.eye(3), 0.0
         self.vertical = np.zeros(3)
         self.rate_integral, self.filtered = np.zeros(3), np.zeros(3)
-        self.mix = _allocation()
+        self.mix = _allocation(self.frame)
 
     def position(self, state: tuple[Array, Array, Array], row: Array, yaw: float, dt: float) -> None:
         """A new wanted attitude and thrust; state and row in east, north, up."""
@@ -160,7 +199,7 @@ class Cascade:
         self.outer.given = replace(self.outer.given, hover=after)
 
     def motors(self, attitude: Array, rates: Array, dt: float) -> Array:
-        """(4,) controls of the allocator."""
+        """(n,) controls of the allocator."""
         error = Rotation.from_matrix(attitude.T @ self.wanted).as_rotvec()
         wanted = np.array([6.5, 6.5, 2.8]) * error  # MC_ROLL_P, MC_PITCH_P, MC_YAW_P
         limit = np.radians([220.0, 220.0, 200.0])
@@ -211,15 +250,16 @@ class Geometric(Cascade):
         return np.asarray(np.clip(controls, 0.0, 1.0))
 
 
-def _allocation() -> Array:
-    """(4, 4) thrust and torques to motors: the inverse of the bare frame, normalised as PX4 does."""
-    places = np.stack(list(quad_params["rotor_pos"].values()))
-    spins = quad_params["rotor_directions"]
-    effect = np.stack([np.ones(4), places[:, 1], -places[:, 0], 0.05 * spins])
-    mix = np.linalg.inv(effect)
+def _allocation(frame: Airframe) -> Array:
+    """(n, 4) thrust and torques to motors: the inverse of the bare frame, normalised as PX4 does."""
+    own = frame.bare()
+    places = np.stack(list(own["rotor_pos"].values()))
+    spins = own["rotor_directions"]
+    effect = np.stack([np.ones(len(spins)), places[:, 1], -places[:, 0], 0.05 * spins])
+    mix = np.linalg.pinv(effect)
     mix[:, 0] /= mix[:, 0].mean()
     for j in (1, 2, 3):
-        mix[:, j] /= math.sqrt((mix[:, j] ** 2).sum() / 2.0)
+        mix[:, j] /= math.sqrt((mix[:, j] ** 2).sum() / (0.5 * len(spins)))
     return mix
 
 
@@ -233,7 +273,9 @@ def attitude_of(force: Array, yaw: float) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Flight:
-    """What was flown, ENU: t (T,) s, position and the set-point's (T, 3) m; log as HEADER; hover thrust."""
+    """What was flown, ENU: t (T,) s, position and the set-point's (T, 3) m; log of BODY, motors and MOTION;
+    hover thrust.
+    """
 
     t: Array
     position: Array
@@ -249,7 +291,8 @@ class Flight:
     def csv(self) -> str:
         """The log as a table."""
         rows = "\n".join(",".join(f"{value:.9g}" for value in row) for row in self.log)
-        return ",".join(HEADER) + "\n" + rows + "\n"
+        motors = [f"motor_{i + 1}" for i in range(self.log.shape[1] - len(BODY) - len(MOTION))]
+        return ",".join([*BODY, *motors, *MOTION]) + "\n" + rows + "\n"
 
 
 Onboard = Callable[[Array, float, float, Array], Array]
@@ -284,7 +327,7 @@ def fly(
     rng, own = np.random.default_rng(seed), frame.parameters()
     plant = NearGround(own)
     first = table[0]
-    still = math.sqrt(own["mass"] * 9.81 / 4.0 / own["k_eta"])
+    still = frame.still()
     usual = _uncurved(still / frame.full, frame.curve) if hover is None else hover
     control = controller(frame, hover=HoverThrust(usual))
     state = {
@@ -293,7 +336,7 @@ def fly(
         "q": Rotation.from_euler("z", 0.0).as_quat(),
         "w": np.zeros(3),
         "wind": np.zeros(3),
-        "rotor_speeds": np.full(4, still),
+        "rotor_speeds": np.full(frame.rotors, still),
     }
     count = round((lead + tail + len(table) / 50.0) / DT)
     kept: list[Array] = []
@@ -320,7 +363,7 @@ def fly(
         speeds = _curved(motors, frame.curve) * frame.full
         if k % LOG_EVERY == 0 and t >= 0.0:
             force = push + noise * 0.25 * rng.standard_normal(3)
-            shown = np.clip(motors + noise * 0.002 * rng.standard_normal(4), 0.0, 1.0)
+            shown = np.clip(motors + noise * 0.002 * rng.standard_normal(frame.rotors), 0.0, 1.0)
             quat = state["q"][[3, 0, 1, 2]]
             kept.append(np.concatenate([[t], force, gyro, shown, seen[0], seen[1], quat]))
             places.append(np.concatenate([[t], state["x"], row[:3]]))

@@ -117,6 +117,27 @@ def learn_pending(campaign: Campaign, learner: Learner | None = None, say: Say =
     return done
 
 
+def learn_again(campaign: Campaign, learner: Learner | None = None, say: Say = lambda _: None) -> list[int]:
+    """Learns all logs that teach in a new training: those that wait, or else those of the last one once more.
+
+    For campaigns that an earlier version learned, or whose campaign.toml was edited. A promoted model stays
+    in use. Returns the numbers of the logs that the training ended with; [] where nothing was told.
+
+    Raises:
+        UsageError: another process is writing to the campaign.
+        DataError, NumericalError: as `learn_pending`.
+    """
+    with campaign.writing():
+        state = campaign.state()
+        if state.pending or not state.trained:
+            return learn_pending(campaign, learner, say)
+        last = state.trained[-1]
+        together = last.trained.together if last.trained else ()
+        numbers = [n for n in together if state.rounds[n].learned] or [last.number]
+        _learn_together(campaign, learner or learn_log, numbers, say)
+        return numbers
+
+
 def _say_if_compiling(campaign: Campaign, say: Callable[[str], None]) -> None:
     if not campaign.state().pending:
         return
@@ -253,7 +274,7 @@ def learn_log(campaign: Campaign, state: State, number: int) -> TrainingOutcome:
         unmoved=tuple(np.array(campaign.command.parts)[held].tolist()),
         row_scatter=_row_scatter(campaign, logs, samples),
         robot_seconds=float(sum(one.robot_seconds for one in learned)),
-        recipe=tuple(_said(campaign, logs, samples)),
+        recipe=tuple(_said(state, logs, samples)),
         inputs={name: np.asarray(a).tolist() for name, a in selection.model.inputs.arrays().items()},
         warnings=(*_notes(selection.model.inputs), *_some(every, logs), *selection.model.warnings),
         body=body_of(campaign),
@@ -340,9 +361,10 @@ def _scores(
     return {structure: _plain(one) for structure, one in found.items()}
 
 
-def _said(campaign: Campaign, logs: Sequence[int], samples: Samples) -> list[str]:
+def _said(state: State, logs: Sequence[int], samples: Samples) -> list[str]:
     """What the recipe found and did, beside the repairs of each log: the lag of motors, for example."""
-    ingested = {sentence for n in logs for sentence in stored_log(campaign, n).repairs}
+    told = [state.rounds[n].ingested for n in logs]
+    ingested = {sentence for one in told if one is not None for sentence in one.repairs}
     return [sentence for sentence in samples.log.repairs if sentence not in ingested]
 
 

@@ -14,11 +14,13 @@ from etude.cli.outcome import Common, Folder, Outcome, Say, opened
 @dataclass(frozen=True, kw_only=True)
 class Export(Common):
     """Write the model as what another program runs: C99 for a controller's loop, a controller for ROS 2, an
-    addition to PX4 or a Crazyflie, a trajectory with commands, ONNX."""
+    addition to PX4 or a Crazyflie, a trajectory with commands, ONNX; or what was identified, as a model file
+    or a table."""
 
     folder: Folder
     to: str
-    """For whom: c, ros2, online, px4, crazyflie, trajectory, onnx, urdf, mjcf, or a name of etude plugins."""
+    """For whom: c, ros2, online, px4, crazyflie, trajectory, onnx, urdf, mjcf, parameters, or another name of
+    etude plugins."""
     output: Path | None = None
     """Folder to write; exports/TARGET in the campaign's by default. An earlier export there is replaced."""
     real: Literal["double", "float"] | None = None
@@ -72,7 +74,8 @@ class Predict(Common):
     folder: Folder
     motion: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="MOTION")]
     """A trajectory.json, or a table with a time and the robot's columns, named as in logs. Velocities and
-    accelerations that it lacks are made of the positions, as learning makes them."""
+    accelerations that it lacks are made of the positions, as learning makes them. Of a vehicle t, x, y, z
+    are enough: the path is then planned."""
     output: Path | None = None
     """CSV or Parquet to write; MOTION.commands.csv beside the motion by default."""
     degrees: bool = False

@@ -37,6 +37,7 @@ COMMANDS = {
     "ask": "etude.cli.ask:Ask",
     "tell": "etude.cli.tell:Tell",
     "inspect": "etude.cli.inspect:Inspect",
+    "learn": "etude.cli.learn:Learn",
     "untell": "etude.cli.tell:Untell",
     "abandon": "etude.cli.tell:Abandon",
     "promote": "etude.cli.promote:Promote",

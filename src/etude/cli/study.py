@@ -35,6 +35,8 @@ SEEDS = 4
 
 
 GROUP, BENCH = "etude.studies", "bench_"
+BROUGHT = {"study": "studies", "bench": "benches", "learn": "processes and clusters that learn campaigns"}
+"""What a command needs of the package of studies."""
 FLAGS = {"pythons": "--python", "logs": "--logs"}
 """Options that must not be given in vain."""
 
@@ -98,11 +100,10 @@ def run_study(
 
 
 def require_studies(what: str = "study") -> None:
-    """UsageError with the command that installs them: there are none. what: "study" or "bench"."""
+    """UsageError with the command that installs them: there are none. what: the command that needs them."""
     if not plugins.names(GROUP):
-        several = "benches" if what == "bench" else "studies"
         raise UsageError(
-            f"the {several} are in a package of their own, etude-studies, which is not installed",
+            f"the {BROUGHT[what]} are in a package of their own, etude-studies, which is not installed",
             where=f"etude {what}",
             next_step="In a checkout of Étude: pip install ./packages/etude-studies",
         )

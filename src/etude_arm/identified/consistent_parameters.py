@@ -24,20 +24,21 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from etude.errors import NumericalError
-from etude.types import Array, Index, Samples
+from etude.types import Array, Index, Mask, Samples
 from etude_arm.identified.model_file_writer import APART, FUSED, JointTerms
+from etude_arm.identified.parameter_fit import FRICTION, OFFSET_TERM, Settled, settled
 from etude_arm.identified.pseudo_inertia import SIZE, basis, coordinates
 from etude_arm.loading.inertia import NO_MASS
 from etude_arm.loading.load import load_arm
-from etude_arm.physics.identification import Clock, output_priors
 from etude_arm.physics.kinematics import KinematicTree
-from etude_arm.physics.mean import RigidBodyMean, remembered_of
+from etude_arm.physics.mean import RigidBodyMean
 from etude_arm.physics.rigid_body import SPEED, command_regressors
 from etude_arm.physics.rigid_tree import drives_from_mujoco, tree_from_mujoco
 from etude_arm.physics.transmission import Drive
 from etude_arm.spec import PATH, PLAN, ArmSpec
 
 MOST_FOLDS = 10  # of segments held out in turn
+DROPPED = 1e-9  # prior deviation, command units
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,7 +109,7 @@ class WhitenedRows:
         rows: of each command (n, P + E) and its commands (n,), both divided by the noise's deviation.
         group: of each command (n,), which segment a row is of.
         weights: (J,) of one sample, since what a model leaves of neighbours is alike.
-        own: (J, E) prior deviations of each drive's own terms.
+        own: (J, E) prior deviations of each drive's own terms, as of `parameter_fit`.
         deviation: (J,) the noise's, command units.
     """
 
@@ -119,23 +120,21 @@ class WhitenedRows:
     deviation: Array
 
     @staticmethod
-    def of(samples: Samples, spec: ArmSpec, links: Links, found: RigidBodyMean) -> WhitenedRows:
-        """Of the samples in which a joint moves; noise, its memory and v0 are those of `found`."""
-        model, tree, drives = found.model, links.tree, links.drives
-        motion = tuple(samples.log[name] for name in (PLAN if found.desired else PATH))
-        rigid, extra = command_regressors(tree, drives, model.friction_velocity, *motion)
-        turning = remembered_of(samples.log)
-        extra = extra if turning is None else model.turned(extra, turning)
-        both, left = np.concatenate([rigid, extra], axis=2), samples.command - found.predict(samples.log)
-        own = np.array([prior.extra for prior in output_priors(spec, tree, drives, model.friction_velocity)])
-        rows, groups, weights = [], [], []
-        for j in range(spec.dof):
-            used = samples.moving[:, j] & samples.usable[:, j]
-            noise = float(model.deviation[j])
-            rows.append((both[used, j] / noise, samples.command[used, j] / noise))
+    def of(links: Links, found: Settled) -> WhitenedRows:
+        """Of the samples, drives' terms, noise and its memory of the base parameters' fit."""
+        problem, fit, samples = found.problem, found.fit, found.problem.samples
+        model, first = problem.mean.model, len(fit.z)
+        motion = tuple(samples.log[name] for name in (PLAN if problem.mean.desired else PATH))
+        rigid, _ = command_regressors(links.tree, links.drives, model.friction_velocity, *motion)
+        rows, groups = [], []
+        for j, output in enumerate(found.outputs):
+            used, noise = problem.used[:, j], float(fit.noise[j])
+            both = np.concatenate([rigid[used, j], output.columns[:, first:]], axis=1)
+            rows.append((both / noise, samples.command[used, j] / noise))
             groups.append(samples.group[used])
-            weights.append(Clock(samples.t[used], samples.group[used]).information(left[used, j]))
-        return WhitenedRows(rows, groups, tuple(weights), own, model.deviation)
+        # a term that was dropped stays at zero
+        own = np.array([np.maximum(output.deviations, DROPPED) for output in found.outputs])
+        return WhitenedRows(rows, groups, tuple(fit.weight.tolist()), own, fit.noise)
 
     def normal(self, groups: Sequence[int] | None = None) -> Normal:
         """Of those groups, or of all."""
@@ -290,13 +289,16 @@ class Identified:
     """Attributes:
     links: the bodies of the file. result: their parameters. own: (J, E) terms of the drives.
     joints: armature, damping and friction of each joint with a drive of its own.
-    errors: on segments left out.
+    ripple: (J,) rms of what returns with each hinge's position, as cogging, command units.
+    errors: on segments left out. used: (n, J) samples in which a joint moves and has not just turned.
     """
 
     links: Links
     result: Consistent
     own: Array
+    used: Mask
     joints: Mapping[str, JointTerms]
+    ripple: Array
     errors: Errors
 
 
@@ -311,8 +313,8 @@ def _joint_terms(spec: ArmSpec, links: Links, evidence: WhitenedRows, own: Array
         if not drive.side(j):
             continue
         turn = abs(drive.gear * float(drive.coefficients[j]))
-        columns = evidence.rows[j][0][:, first:-1] * evidence.deviation[j]
-        speed, force = columns[:, SPEED], columns[:, SPEED:] @ own[j, SPEED:-1]
+        columns = evidence.rows[j][0][:, first:] * evidence.deviation[j]
+        speed, force = columns[:, SPEED], columns[:, FRICTION] @ own[j, FRICTION]
         friction, damping = nnls(np.column_stack([np.sign(speed), speed]), force)[0].tolist()
         armature = max(0.0, float(own[j, 0])) * turn**2
         found[name] = JointTerms(armature, damping * turn**2, friction * turn)
@@ -329,12 +331,19 @@ def identified(samples: Samples, spec: ArmSpec, mean: RigidBodyMean) -> Identifi
         NumericalError: no possible inertias explain the commands.
     """
     links = links_of(spec)
-    evidence = WhitenedRows.of(samples, spec, links, mean)
+    found = settled(samples, spec, mean)
+    evidence = WhitenedRows.of(links, found)
     whole = evidence.normal()
     result = consistent(*evidence.reduced(whole), links.nominal)
     own = evidence.own_terms(whole, result.phi)
     joints = _joint_terms(spec, links, evidence, own)
-    return Identified(links, result, own, joints, _left_out(evidence, links, samples))
+    waves = len(links.nominal) + OFFSET_TERM + 1
+    pairs = zip(evidence.rows, own[:, OFFSET_TERM + 1 :], strict=True)
+    ripple = np.array([np.sqrt(np.mean((rows[:, waves:] @ size) ** 2)) for (rows, _), size in pairs])
+    ripple *= evidence.deviation
+    return Identified(
+        links, result, own, found.problem.used, joints, ripple, _left_out(evidence, links, samples)
+    )
 
 
 def _left_out(evidence: WhitenedRows, links: Links, samples: Samples) -> Errors:

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from etude.types import Array, Samples
-from etude_arm.identified.consistent_parameters import Links
+from etude_arm.identified.consistent_parameters import Identified
+from etude_arm.identified.parameter_fit import OFFSET_TERM
 from etude_arm.physics.kinematics import body_motion
 from etude_arm.physics.mean import RigidBodyMean
 from etude_arm.physics.transmission import drive_motion
@@ -21,8 +22,8 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Replayed:
-    """Root mean square errors of commands over the samples in which a joint moves, (J,), command units, with
-    the offset that was identified, which no model file can hold.
+    """Root mean square errors of commands, (J,), command units, over the samples in which a joint moves and
+    has not just turned round, with the offset that was identified, which no model file can hold.
 
     Attributes:
         file: of MuJoCo's inverse dynamics with the written file.
@@ -34,10 +35,10 @@ class Replayed:
 
 
 def replayed(
-    files: Mapping[str, bytes], samples: Samples, spec: ArmSpec, links: Links, mean: RigidBodyMean
+    files: Mapping[str, bytes], samples: Samples, spec: ArmSpec, found: Identified, mean: RigidBodyMean
 ) -> Replayed:
     """Args:
-    files: an MJCF, the first of them, and its meshes. links: of the robot, for what its drives are.
+    files: an MJCF, the first of them, and its meshes. found: what it was written of.
     """
     import mujoco
 
@@ -46,14 +47,13 @@ def replayed(
     model = mujoco.MjModel.from_xml_string(files[name].decode(), assets)
     motion = [samples.log[name] for name in (PLAN if mean.desired else PATH)]
     torque = inverse(model, spec, *motion)
-    tree, drives = links.tree, links.drives
+    tree, drives = found.links.tree, found.links.drives
     force = drive_motion(tree, drives, body_motion(tree, *motion), *motion[1:]).to_drive(torque)
-    used = samples.moving & samples.usable
 
-    def error(found: Array) -> Array:
-        return np.asarray(np.sqrt(np.mean((samples.command - found) ** 2, axis=0, where=used)))
+    def error(predicted: Array) -> Array:
+        return np.asarray(np.sqrt(np.mean((samples.command - predicted) ** 2, axis=0, where=found.used)))
 
-    return Replayed(error(force + mean.model.extra[:, -1]), error(mean.predict(samples.log)))
+    return Replayed(error(force + found.own[:, OFFSET_TERM]), error(mean.predict(samples.log)))
 
 
 def inverse(model: mujoco.MjModel, spec: ArmSpec, q: Array, qd: Array, qdd: Array) -> Array:

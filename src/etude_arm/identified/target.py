@@ -63,7 +63,7 @@ class ModelFile:
         name, *_ = written
         played = _played(name, written, given.samples, spec, found, mean)
         rows = _rows(found)
-        said = [*_said(found, spec, rows), *_carried(name, spec), *_played_sentences(played, spec)]
+        said = [*_said(found, spec, rows), *_carried(name, spec), *_played_sentences(played, found, spec)]
         facts: dict[str, Any] = {"told": found.result.told, "segments": found.errors.segments}
         if played is not None:
             names = ("file", "physics")
@@ -72,7 +72,7 @@ class ModelFile:
             }
         files = {
             **written,
-            "identifiability.csv": _table(rows).encode(),
+            "identifiability.csv": table(rows).encode(),
             "identifiability.json": (json.dumps(rows, indent=1) + "\n").encode(),
             "README.md": _readme(name, found, spec, rows, said).encode(),
         }
@@ -91,16 +91,19 @@ def _played(
     mean: RigidBodyMean,
 ) -> Replayed | None:
     """Beside the logs, where MuJoCo reads the file as it is."""
-    return None if name.endswith(".urdf") else replayed(files, samples, spec, found.links, mean)
+    return None if name.endswith(".urdf") else replayed(files, samples, spec, found, mean)
 
 
-def _played_sentences(played: Replayed | None, spec: ArmSpec) -> list[str]:
+def _played_sentences(played: Replayed | None, found: Identified, spec: ArmSpec) -> list[str]:
     if played is None:
         return []
     pairs = zip(spec.names, spec.command_units, played.file, played.physics, strict=True)
-    parts = ", ".join(f"{name} {_digits(file)} ({_digits(own)}) {unit}" for name, unit, file, own in pairs)
+    parts = ", ".join(f"{name} {digits(file)} ({digits(own)}) {unit}" for name, unit, file, own in pairs)
+    waves = zip(spec.names, spec.command_units, found.ripple.tolist(), strict=True)
+    ripple = ", ".join(f"{name} {digits(size)} {unit}" for name, unit, size in waves)
     return [
         f"MuJoCo's inverse dynamics of the file errs on the logs by (the model's physics by): {parts}.",
+        f"The file has no cogging, which was told from gravity (rms): {ripple}.",
         "frictionloss and damping are the nearest c sign(v) + d v: the file has no Stribeck's dip, no "
         "friction that turns round over a way or differs by direction, and no offset.",
     ]
@@ -142,10 +145,15 @@ def _rows(found: Identified) -> list[dict[str, Any]]:
     return rows
 
 
-def _table(rows: list[dict[str, Any]]) -> str:
+def table(rows: list[dict[str, Any]]) -> str:
+    """CSV; what is None is empty."""
     lines = [",".join(rows[0])]
-    lines += [",".join(text_cell(v) if isinstance(v, str) else repr(v) for v in row.values()) for row in rows]
+    lines += [",".join(map(_cell, row.values())) for row in rows]
     return "\n".join(lines) + "\n"
+
+
+def _cell(value: Any) -> str:
+    return "" if value is None else text_cell(value) if isinstance(value, str) else repr(value)
 
 
 def _count(rows: list[dict[str, Any]], known: str) -> int:
@@ -162,7 +170,7 @@ def _said(found: Identified, spec: ArmSpec, rows: list[dict[str, Any]]) -> list[
     if errors.segments:
         pairs = zip(spec.names, spec.command_units, errors.file, errors.found, strict=True)
         parts = ", ".join(
-            f"{name} {_digits(before)} -> {_digits(after)} {unit}" for name, unit, before, after in pairs
+            f"{name} {digits(before)} -> {digits(after)} {unit}" for name, unit, before, after in pairs
         )
         said.append(f"Error on segments left out: {parts}.")
         ratios = dict(zip(spec.names, errors.found / errors.file, strict=True))
@@ -185,7 +193,8 @@ def _carried(name: str, spec: ArmSpec) -> list[str]:
     return [f"What robot.toml adds, {' and '.join(carried)}, {place}."]
 
 
-def _digits(value: float) -> str:
+def digits(value: float) -> str:
+    """As people read it: three digits."""
     return f"{value:#.3g}".removesuffix(".")
 
 
@@ -215,4 +224,4 @@ m c and I are about the link's own origin, along its axes.
 
 def _armature(found: Identified) -> str:
     pairs = found.joints.items()
-    return ", ".join(f"{name} {_digits(t.armature)} kg m^2" for name, t in pairs) or "none was found"
+    return ", ".join(f"{name} {digits(t.armature)} kg m^2" for name, t in pairs) or "none was found"

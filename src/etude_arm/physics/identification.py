@@ -376,12 +376,21 @@ class OutputColumns:
 
 @dataclass(frozen=True)
 class SharedFit:
-    """z (r,) of all commands, extra (J, E) of the drives with posterior deviations (J, E), noise (J,)."""
+    """z (r,) of all commands, extra (J, E) of the drives, noise (J,), weight (J,) of one sample, and the
+    covariance of (z, e_1 .. e_J).
+    """
 
     z: Array
     extra: Array
-    spread: Array
     noise: Array
+    weight: Array
+    covariance: Array
+
+    @property
+    def spread(self) -> Array:
+        """(J, E) posterior deviations of extra."""
+        variance = self.covariance.diagonal()[len(self.z) :]
+        return np.asarray(np.sqrt(np.maximum(variance, 0.0)).reshape(self.extra.shape))
 
 
 def shared_fit(outputs: Sequence[OutputColumns], r: int, limits: Array) -> SharedFit:
@@ -399,8 +408,7 @@ def shared_fit(outputs: Sequence[OutputColumns], r: int, limits: Array) -> Share
         noise = np.array([np.sqrt(np.mean(one**2)) for one in left])
         noise = np.clip(noise, LEAST_NOISE * limits, MOST_NOISE * limits)
         weight = np.array([o.clock.information(one) for o, one in zip(outputs, left, strict=True)])
-    spread = np.sqrt(np.maximum(covariance.diagonal()[r:], 0.0)).reshape(extra.shape)
-    return SharedFit(x[:r], extra, spread, noise)
+    return SharedFit(x[:r], extra, noise, weight, covariance)
 
 
 def _solved(

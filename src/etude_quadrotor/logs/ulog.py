@@ -361,6 +361,8 @@ def _flight(
         sentences.append(
             f"Motors 1 to {len(rotors)} by CA_ROTOR parameters, for robot.toml: rotors = [{text}]."
         )
+    if (curve := float(parameters.get("THR_MDL_FAC", 0.0))) > 0.0:
+        sentences.append(f"THR_MDL_FAC is {curve:.3g}, for robot.toml: thrust_curve = {curve:.3g}.")
     parts: list[tuple[str, Dataset, dict[str, Array]]] = []
     for names, columns_of in SIGNALS:
         name = next((one for one in names if one in found), None)

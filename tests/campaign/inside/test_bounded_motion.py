@@ -23,6 +23,12 @@ def test_the_newest_proposal_or_a_file(tmp_path: Path) -> None:
     found = bounded_motion(lab, tmp_path / "own.json")
     t = np.linspace(0.0, own.duration, 7)
     np.testing.assert_array_equal(found.trajectory.motion(t, 3).orders, own.motion(t, 3).orders)
+    t = np.linspace(0.0, own.duration, 101)
+    places = own.motion(t, 1).orders[0]
+    header = ",".join(["t", *(f"q_{name}" for name in lab.axes)])
+    np.savetxt(tmp_path / "own.csv", np.column_stack([t, places]), delimiter=",", header=header, comments="")
+    found = bounded_motion(lab, tmp_path / "own.csv")
+    assert np.abs(found.trajectory.motion(t, 1).orders[0] - places).max() < 0.01 * np.ptp(places)
     proposal = ask(lab, learner=stub_learner)
     found = bounded_motion(lab, None)
     assert found.trajectory.duration == proposal.duration

@@ -15,6 +15,7 @@ from etude.campaign import Campaign, inspect
 from etude.campaign.ingest.questions import body_of
 from etude.campaign.ingest.tell import surveyed
 from etude.errors import DataError
+from etude.logs import Mendable
 from etude.types import Array, Finding, Log
 
 JOINTS = ("turn", "lift", "bend")
@@ -33,8 +34,11 @@ def log_of(
     masses: Array | float = 1.0,
     friction: float = 1.0,
     seed: int = 7,
+    clock: float = 1.0,
 ) -> Path:
-    """The arm along a motion: encoders that read `offset` (3,) too much, masses times the file's."""
+    """The arm along a motion: encoders that read `offset` (3,) too much, masses times the file's, times that
+    are `clock` times too long.
+    """
     motion = random_motion(lab, seed)
     t = np.arange(0.0, TIMES * motion.duration, 0.02)
     orders = motion.motion(t % motion.duration, 3).orders
@@ -45,7 +49,7 @@ def log_of(
     assert body is not None
     links = replace(body.model, inertial=body.model.inertial * np.repeat(masses * np.ones(3), 10))  # type: ignore[attr-defined]
     command = links.predict(*orders) + friction * FRICTION * np.tanh(orders[1] / 0.05)
-    return saved(path, t, orders[0] + offset, command, seed)
+    return saved(path, clock * t, orders[0] + offset, command, seed)
 
 
 def found(path: Path, lab: Campaign) -> dict[str, Finding]:
@@ -65,6 +69,19 @@ def test_a_zero_that_is_off_is_asked_about_with_its_size(
     assert ("too much" in words) is (degrees > 0.0)
     with pytest.raises(DataError, match="reads"):
         tell(lab, path, foreign=True)
+
+
+@pytest.mark.parametrize(("clock", "said"), [(2.0, "2 times too slow"), (0.5, "2 times too fast")])
+def test_a_clock_that_is_off_is_seen_by_the_model_file(
+    clock: float, said: str, lab: Campaign, tmp_path: Path
+) -> None:
+    """No velocities are logged; masses are not those of the file, friction is small beside inertia."""
+    path = log_of(tmp_path / "run.csv", lab, masses=np.array([1.0, 1.3, 0.8]), friction=0.1, clock=clock)
+    finding = found(path, lab)["time"]
+    assert (finding.light, finding.flag) == ("yellow", "time")
+    assert said in finding.sentence
+    assert isinstance(finding, Mendable)  # what --repair divides the times by
+    assert finding.by == (clock,)
 
 
 @pytest.mark.parametrize("masses", [1.0, np.array([1.0, 1.3, 0.8]), np.array([0.7, 0.8, 1.25])])

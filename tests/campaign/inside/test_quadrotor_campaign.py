@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from certificate_schema import valid
-from etude import ask, load_model, status, tell
+from etude import ask, export, load_model, predict, status, tell
 from etude.campaign import create_campaign, ingested_samples, open_campaign, simulate, stored_trajectory
 from etude.campaign import simulation as simulating
 from etude.campaign.record.controls import asked_under
@@ -128,6 +128,66 @@ def test_stored_models_predict_as_told(flown):
     assert mean.shape == data.command.shape
     assert np.all(variance > 0.0)
     assert np.mean((mean - data.command) ** 2) < 0.1 * np.var(data.command, axis=0).mean()
+
+
+def path_file(path, t, places, header="t,x,y,z,yaw", yaw=0.0):
+    rows = np.column_stack([t, places, np.full(len(t), yaw)])
+    path.write_text("\n".join([header, *(",".join(f"{v:.6f}" for v in row) for row in rows)]) + "\n")
+    return path
+
+
+def circle(t):
+    """(T, 3) from rest to rest in 10 s, about 2 m above the ground."""
+    part = t / 10.0
+    angle = 2.0 * np.pi * part**4 * (35.0 - 84.0 * part + 70.0 * part**2 - 20.0 * part**3)
+    return np.column_stack([np.cos(angle) - 1.0, np.sin(angle), 2.0 + 0.0 * t])
+
+
+@pytest.mark.parametrize(("rate", "header"), [(20.0, "t,x,y,z,yaw"), (2.0, "time,pos_x,pos_y,pos_z,heading")])
+def test_commands_along_a_path_of_ones_own_are_those_of_the_motion(flown, tmp_path, rate, header):
+    campaign, _ = flown
+    motion = stored_trajectory(campaign, 1)
+    t = np.arange(0.0, motion.duration + 1e-9, 1.0 / rate)
+    own = path_file(tmp_path / "own.csv", t, motion.motion(t, 1).orders[0], header)
+    (tmp_path / "plan.json").write_text(motion.to_json())
+    said = []
+    found = predict(campaign, own, say=said.append)
+    planned = predict(campaign, tmp_path / "plan.json")
+    assert any("holds a path alone" in sentence for sentence in said)
+    inside = slice(5, -5)  # at the ends a fit to rows of a moving motion is less sure
+    off = np.abs(found["command"] - planned["command"])[inside]
+    assert np.median(off) < 0.01 * np.ptp(planned["command"])
+
+
+def test_a_path_of_ones_own_leaves_with_a_proof(flown, tmp_path):
+    campaign, _ = flown
+    t = np.arange(0.0, 10.01, 0.05)
+    own = path_file(tmp_path / "own.csv", t, circle(t))
+    folder = export(campaign, "trajectory", tmp_path / "out", motion=str(own), format="px4").folder
+    proof = valid((folder / "px4" / "certificate.json").read_text())
+    assert proof["ok"]
+    rows = np.genfromtxt(folder / "px4" / "setpoints.csv", delimiter=",", names=True)
+    assert np.abs(np.interp(t, rows["time"], rows["east"]) - circle(t)[:, 0]).max() < 0.01
+    assert np.abs([rows[f"v{axis}"][[0, -1]] for axis in ("north", "east", "down")]).max() == 0.0
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"yaw": 0.5}, "yaw is up to 0.5, and planned flights have the heading 0"),
+        ({"count": 5}, "the table has 5 rows, a smooth motion takes 8 or more"),
+        ({"leap": 0.5}, "no smooth motion follows these rows"),
+    ],
+)
+def test_a_path_that_cannot_be_flown_so_is_refused(flown, tmp_path, change, message):
+    campaign, _ = flown
+    t = 0.05 * np.arange(change.get("count", 201))
+    places = circle(t) + change.get("leap", 0.0) * (t > 5.0)[:, None]
+    own = path_file(tmp_path / "own.csv", t, places, yaw=change.get("yaw", 0.0))
+    with pytest.raises(UsageError, match=message):
+        predict(campaign, own)
+    with pytest.raises(UsageError, match=message):
+        export(campaign, "trajectory", tmp_path / "out", motion=str(own))
 
 
 def test_the_thesis_preset_runs(tmp_path):

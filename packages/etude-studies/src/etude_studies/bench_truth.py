@@ -34,6 +34,8 @@ REFUSED = "refused"
 CUT = ("ground", "jump")
 """Checks that ask nothing: what they find is cut, and said."""
 OF_NUMBERS = ("held", "held_commands", "unsigned", "off", "copied", "turns", "overflow", "lost")
+OF_ODDS = ("sign", "swapped")
+"""Of simulated logs `etude bench odds` counts these, over more arms."""
 ERRORS = ("sign", "x2", "x60", "reversed", "degrees", "swapped", "ground", "jump", *OF_NUMBERS)
 
 
@@ -91,6 +93,8 @@ def judged(source: Source) -> Ended:
     sentences: dict[str, str] = {}
     missing = []
     for wrong in wrongs(log, path, moves):
+        if wrong.error in OF_ODDS and not source.real:
+            continue
         found = findings(world, wrong.made(log))
         end, sentence = ending(wrong, found, right)
         counts.setdefault(wrong.error, Counter())[end] += 1

@@ -12,6 +12,7 @@ from typing import Any
 from etude import __version__, plugins
 from etude._runtime.options import MODEL_HASH
 from etude.abilities import SupportsNeeds
+from etude.campaign.deployment.motion_files import TABLES, is_plan, motion_of_table
 from etude.campaign.propose.constraints import constraints_now, constraints_under
 from etude.campaign.record.controls import LEARNED
 from etude.campaign.record.deployed_model import deployed_model
@@ -53,7 +54,7 @@ def bounded_motion(campaign: Campaign, motion: str | Path | Trajectory | None) -
     """A motion with its limits, less the margins of tracking with the learned feedforward.
 
     Args:
-        motion: a trajectory.json, or it read; None: the newest proposal.
+        motion: a trajectory.json, a table of times and places, or it read; None: the newest proposal.
 
     Raises:
         UsageError: no such file, none was proposed, or its file was changed.
@@ -66,17 +67,25 @@ def _given(campaign: Campaign, motion: str | Path | Trajectory) -> Bounded:
         place = Path(motion)
         if not place.is_file():
             raise UsageError("there is no such motion", where=str(place), next_step="Check the path.")
-        try:
-            motion = from_json(place.read_bytes())
-        except UsageError as problem:
-            raise UsageError(
-                problem.fact,
-                where=str(place),
-                next_step="Name a trajectory.json: those in proposals/NUMBER hold the motion's coefficients, "
-                "tables (CSV) do not.",
-            ) from None
+        motion = _read(campaign, place)
     kept = constraints_now(campaign, campaign.state(), LEARNED)
     return Bounded(motion, kept.limits_as_played(campaign, motion), kept.control)
+
+
+def _read(campaign: Campaign, place: Path) -> Trajectory:
+    """The motion of a trajectory.json, or of a table of times and places. UsageError, DataError: none."""
+    if is_plan(campaign, place):
+        place = place.with_suffix(".json")
+    if place.suffix in TABLES:
+        return motion_of_table(campaign, place)
+    try:
+        return from_json(place.read_bytes())
+    except UsageError as problem:
+        raise UsageError(
+            problem.fact,
+            where=str(place),
+            next_step="Name a trajectory.json, as in proposals/NUMBER, or a table with a time and the path.",
+        ) from None
 
 
 def _proposed(campaign: Campaign) -> Bounded:

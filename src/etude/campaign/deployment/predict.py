@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 
+from etude.campaign.deployment.motion_files import is_path_alone, is_plan, motion_of_table
 from etude.campaign.record.deployed_model import deployed_model
 from etude.campaign.record.folder import Campaign, Say, open_campaign
-from etude.deploy.trajectory_files import csv_bytes, table_rate
 from etude.errors import DataError, UsageError
 from etude.logs.cleaning.read import matched_log
 from etude.logs.readers.cells import header_row
@@ -63,12 +63,14 @@ def predict(
         place = Path(motion)
         if not place.exists():
             raise UsageError("there is no such motion", where=str(place), next_step="Check the path.")
-        if _is_plan(campaign, place):
+        if is_plan(campaign, place):
             say(f"{place.name} is the table of {place.stem}.json: the motion itself was taken.")
             place = place.with_suffix(".json")
         if place.suffix == ".json":
-            states = model.planned(_planned(campaign, place), rate=float(campaign.spec.rate))
-            return _in_units(model, states, campaign, scatter)
+            return _along(campaign, model, _planned(campaign, place), scatter)
+        if is_path_alone(campaign, place):
+            say(f"{place.name} holds a path alone: commands are those along it, as it is planned.")
+            return _along(campaign, model, motion_of_table(campaign, place), scatter)
         motion = _read(campaign, place, degrees)
         try:
             return _in_units(model, states_for(campaign, model, motion), campaign, scatter)
@@ -77,19 +79,9 @@ def predict(
     return _in_units(model, states_for(campaign, model, motion), campaign, scatter)
 
 
-def _is_plan(campaign: Campaign, place: Path) -> bool:
-    """Whether a table is that of the motion beside it: of a flight it holds what is planned, which are no
-    states, and its accelerations are not what an accelerometer measures.
-    """
-    planned = place.with_suffix(".json")
-    if place.suffix != ".csv" or not planned.is_file():
-        return False
-    try:
-        motion = from_json(planned.read_bytes())
-    except UsageError:
-        return False
-    inputs = campaign.kind.inputs(campaign.spec, campaign.config)
-    return place.read_bytes() == csv_bytes(motion, inputs, table_rate(campaign.spec))
+def _along(campaign: Campaign, model: LearnedModel, motion: Trajectory, scatter: Array) -> Log:
+    states = model.planned(motion, rate=float(campaign.spec.rate))
+    return _in_units(model, states, campaign, scatter)
 
 
 def _lacking(place: Path) -> str:

@@ -12,7 +12,7 @@ import numpy as np
 
 from etude.campaign.create import find_robot, reading
 from etude.campaign.ingest.command_decisions import told_logs
-from etude.campaign.ingest.questions import Answers, LogQuestions, judged_commands
+from etude.campaign.ingest.questions import Answers, LogQuestions, clock_by_file_of, judged_commands
 from etude.campaign.record.config_file import CONFIG
 from etude.campaign.record.folder import Campaign, open_campaign
 from etude.errors import DataError, EtudeError
@@ -283,7 +283,8 @@ def _motion(log: Log, known: _KnownRobot, motion: Seen | None) -> tuple[Finding,
         return (Finding("motion", "cannot tell", fact),)
     usual = known.rate if known.kind else None
     truth = judge_motion(log, known.path, known.channels, known.limits, usual, motion)
-    return (*motion_findings(log, log.channels[known.path], motion, known.limits), *truth)
+    clock = () if known.kind is None else clock_by_file_of(known.kind, known.spec, log)
+    return (*motion_findings(log, log.channels[known.path], motion, known.limits), *truth, *clock)
 
 
 def _ranges(log: Log, known: _KnownRobot, stated: set[str]) -> tuple[Log, tuple[Finding, ...]]:

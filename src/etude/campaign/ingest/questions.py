@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cache
 from typing import Any
 
 from etude.campaign.ingest.command_decisions import Step, decided, told_logs
@@ -111,6 +112,7 @@ class LogQuestions:
 
         log = self._settled(log, lambda log: exact.judge_numbers(log, known.limits))
         log = self._settled(log, judged)
+        log = self._settled(log, lambda log: clock_by_file_of(self.kind, self.spec, log))
         velocities = [n for n, c in log.channels.items() if c.derivative_of == self.kind.path]
         check_consistency(log.without(*velocities))
         return log
@@ -205,13 +207,16 @@ def questions_of(
         steps: what was decided of its commands already.
     """
 
+    @cache
+    def told() -> Mapping[int, Log]:
+        return told_logs(campaign, state)
+
     def judged(log: Log) -> Sequence[Step]:
         if steps is not None:
             return steps
-        body = body_of(campaign.kind, campaign.spec)
-        return decided([log], told_logs(campaign, state), answers.to, body)[0]
+        return decided([log], told(), answers.to, body_of(campaign.kind, campaign.spec))[0]
 
-    return LogQuestions(campaign.kind, campaign.spec, answers, judged, lambda: told_logs(campaign, state))
+    return LogQuestions(campaign.kind, campaign.spec, answers, judged, told)
 
 
 def _what(finding: Finding) -> tuple[str, tuple[float, ...]]:
@@ -257,6 +262,18 @@ def unit_findings(kind: Kind, spec: Any, log: Log, motion: Seen | None = None) -
     """The unit of the commands, by a model file; nothing without one, or where they act on no joint."""
     body = body_of(kind, spec) if any(c.acts_on for c in log.channels.values()) else None
     found = None if body is None else judge_unit(log, body, kind.limit(spec), motion)
+    return () if found is None else (found,)
+
+
+def clock_by_file_of(kind: Kind, spec: Any, log: Log) -> tuple[Finding, ...]:
+    """That the times are too long or too short by a model file, of robots driven by forces."""
+    path = joints(log)
+    body = None if path is None else body_of(kind, spec)
+    if path is None or body is None:
+        return ()
+    from etude.logs.evidence.file_hypotheses import clock_by_file
+
+    found = clock_by_file(log, path, body)
     return () if found is None else (found,)
 
 

@@ -9,8 +9,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Literal
 
-import numpy as np
-
 from etude.campaign.ingest.command_decisions import told_logs
 from etude.campaign.ingest.questions import MOST_BY_FILE, body_of
 from etude.campaign.record.events import Changed
@@ -23,7 +21,7 @@ from etude.logs.cleaning.filters import duration
 from etude.models.change.diagnosis import SENSOR, Cause
 from etude.models.change.evidence import Judged, judged
 from etude.models.learned_model import LearnedModel
-from etude.types import Array, Finding, Log
+from etude.types import Array, Finding, Log, Samples
 
 Answer = Literal["new", "forget", "same"]
 ANSWERS: tuple[Answer, ...] = ("new", "forget", "same")
@@ -53,13 +51,13 @@ STEP = (
 )
 
 
-def change_found(campaign: Campaign, state: State, log: Log) -> Finding | None:
+def change_found(campaign: Campaign, state: State, log: Log, samples: Samples) -> Finding | None:
     """The finding that this log is not of the robot that the model in use knows; None if nothing says so.
 
     The log is aligned, and not stored yet. Nothing can be said without a model, or where the log lacks what
-    the model looks at. After one log, which knows few states, a model file sees more.
+    the model looks at. After one log, which knows few states, a model file sees more. samples: of the log.
     """
-    return _by_errors(campaign, state, log) or _by_file(campaign, state, log)
+    return _by_errors(campaign, state, log, samples) or _by_file(campaign, state, log)
 
 
 def _by_file(campaign: Campaign, state: State, log: Log) -> Finding | None:
@@ -76,11 +74,9 @@ def _by_file(campaign: Campaign, state: State, log: Log) -> Finding | None:
     return None if found is None else Finding(CHANGED, "red", f"{OTHER}: {found.sentence[:-1]}", STEP, FLAG)
 
 
-def _by_errors(campaign: Campaign, state: State, log: Log) -> Finding | None:
+def _by_errors(campaign: Campaign, state: State, log: Log, samples: Samples) -> Finding | None:
     if state.newest is None:
         return None
-    group = np.zeros(len(log), dtype=np.int64)
-    samples = campaign.kind.samples(campaign.spec, campaign.config, [log], [group])
     try:
         model = stored_model(campaign, state.trained[-1].number)
         found = judged(model, samples, body_of(campaign.kind, campaign.spec))

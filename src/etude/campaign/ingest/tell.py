@@ -252,7 +252,11 @@ def take(
         )
         number = answered = None
     number = answered if answered is not None else free_number(state, number)
-    change, again = change_found(campaign, state, log), repeated(campaign, state, number, log)
+    # a log that gives no samples is refused
+    samples = campaign.kind.samples(
+        campaign.spec, campaign.config, [log], [np.zeros(len(log), dtype=np.int64)]
+    )
+    change, again = change_found(campaign, state, log, samples), repeated(campaign, state, number, log)
     findings = (
         *asked.accepted,
         *([] if change is None else [change]),
@@ -328,9 +332,7 @@ def _with_motion(campaign: Campaign, number: int, log: Log, fact: Ingested, cont
 
 
 def _store(campaign: Campaign, number: int, log: Log, path: Path, fact: Ingested) -> None:
-    """Writes the cleaned log and its origin, then commits the fact; refuses a log that gives no samples."""
-    group = np.zeros(len(log), dtype=np.int64)
-    campaign.kind.samples(campaign.spec, campaign.config, [log], [group])
+    """Writes the cleaned log and its origin, then commits the fact."""
     _keep_earlier(campaign, number)
     write_atomic(campaign.run_file(number), log_bytes(replace(log, source=path.name)))
     origin = {

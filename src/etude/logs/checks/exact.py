@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from etude.logs.checks.clipped_commands import clipped
-from etude.logs.checks.filtered_motion import goes_far, joints, runs
+from etude.logs.checks.filtered_motion import goes_far, joints, measured_rates, runs
 from etude.logs.checks.finding_texts import Mendable, accepted, both, named, without_spans
 from etude.logs.columns.units import Limits
 from etude.types import Array, Channel, Finding, Log, Mask
@@ -62,19 +62,13 @@ class Numbers:
             return None
         known = log.channels.values()
         command = next(c for c in known if c.role == "command" and c.acts_on == path.name)
-        v = next((log[name] for name in _rates(log, path)), None)
+        v = next((log[name] for name in measured_rates(log, path)), None)
         none = np.full(len(path.parts), np.inf)
         lower, upper = limits.get(path.name, (-none, none))
         with np.errstate(invalid="ignore"):
             middle = np.nan_to_num(0.5 * (lower + upper))
         step = float(np.median(np.diff(log.t)))
         return Numbers(log.t, step, log[path.name], log[command.name], v, path, upper - lower, middle)
-
-
-def _rates(log: Log, path: Channel) -> list[str]:
-    """The channel of the logged velocities, if there is one."""
-    own = (c for c in log.channels.values() if c.derivative_of == path.name and c.role != "plan")
-    return [c.name for c in own if c.name in log]
 
 
 LEAST_ROWS = 50  # fewer say nothing of a rule
@@ -557,7 +551,7 @@ def _fresh_rows(log: Log, finding: Mendable) -> Log:
     blocks = _measured(log)
     new = new_rows(*blocks)
     if path is not None and repeats(new, np.hstack(blocks)) < REPEATED:
-        new = new_rows(log[path.name], *(log[name] for name in _rates(log, path)))
+        new = new_rows(log[path.name], *(log[name] for name in measured_rates(log, path)))
     return log.take(new).repaired(finding.sentence)
 
 

@@ -145,6 +145,12 @@ def joints(log: Log) -> Channel | None:
     return log.channels[commands[0].acts_on] if commands else None
 
 
+def measured_rates(log: Log, path: Channel) -> list[str]:
+    """The channel of the logged velocities, if there is one."""
+    own = (c for c in log.channels.values() if c.derivative_of == path.name and c.role != "plan")
+    return [c.name for c in own if c.name in log]
+
+
 def _rate_of(channel: Channel, path: Channel) -> bool:
     own = channel.derivative_of == path.name and channel.role in ("state", "aside")
     return own and channel.parts == path.parts

@@ -14,14 +14,14 @@ from math import comb, lgamma
 from typing import Literal
 
 import numpy as np
-from scipy.special import logsumexp
 
 from etude.logs.checks.exact import CERTAIN, LIKELY
+from etude.logs.checks.filtered_motion import measured_rates
 from etude.logs.checks.plausibility import DELAY, SIGN, SWAPPED
 from etude.logs.checks.velocities import DIRECTION
 from etude.logs.cleaning.smoothing import resample
 from etude.logs.evidence.file_hypotheses import weight_elsewhere
-from etude.logs.evidence.likelihood import NEITHER, ColumnEvidence, WhitenedMotion, least
+from etude.logs.evidence.likelihood import NEITHER, ColumnEvidence, WhitenedMotion, least, log_sum
 from etude.logs.evidence.rows import APART, AS_LOGGED, DELAYS, FLOOR, FilteredRows, commands_of, rows_of
 from etude.protocols import Mean
 from etude.types import Array, Channel, Index, Log, Mask
@@ -80,25 +80,29 @@ class _Judged:
         if rows is None or len(rows.t) < LEAST_ROWS or not rows.moving.any():
             return None
         own = np.flatnonzero(rows.moving)
-        return cls(rows, own, WhitenedMotion.of(rows, own))
+        return cls(rows, own, WhitenedMotion(rows, own))
 
     def with_command(self, command: Array) -> _Judged:
         """The same motion with other commands (n, k, d) on it."""
-        return replace(self, rows=replace(self.rows, command=command, groups=()))
+        return replace(self, rows=replace(self.rows, command=command))
 
     @cached_property
+    def _evidence(self) -> ColumnEvidence:
+        (m,), d = self.own.shape, self.rows.command.shape[2]
+        joints = np.concatenate([np.repeat(np.arange(m), d), np.repeat(np.arange(m), m)])
+        columns = np.concatenate([np.repeat(np.arange(m), d), np.tile(np.arange(m), m)])
+        variants = np.concatenate([np.tile(np.arange(d), m), np.full(m * m, AS_LOGGED)])
+        return self.motion.evidence(self.rows.command, joints, columns, variants)
+
+    @property
     def columns(self) -> ColumnEvidence:
         """(m d) of joints with their own columns, in all variants."""
-        (m,), d = self.own.shape, self.rows.command.shape[2]
-        joints = np.repeat(np.arange(m), d)
-        return self.motion.evidence(self.rows.command, joints, joints, np.tile(np.arange(d), m))
+        return self._evidence.take(slice(0, len(self.own) * self.rows.command.shape[2]))
 
-    @cached_property
+    @property
     def crossed(self) -> ColumnEvidence:
         """(m m) of joints with all columns, as they were logged."""
-        (m,) = self.own.shape
-        joints, columns = np.repeat(np.arange(m), m), np.tile(np.arange(m), m)
-        return self.motion.evidence(self.rows.command, joints, columns, np.full(m * m, AS_LOGGED))
+        return self._evidence.take(slice(len(self.own) * self.rows.command.shape[2], None))
 
     def variant(self, number: int) -> ColumnEvidence:
         """Of each joint's own column in one variant."""
@@ -136,26 +140,31 @@ def judge(
         accepted: checks of which nothing is said any more.
     """
     fresh = tuple(range(len(logs)) if fresh is None else fresh)
-    judged = _Judged.of(rows_of(logs, path, body, groups_of(len(logs), fresh), fresh))
+    groups = groups_of(len(logs), fresh)
+    judged = _Judged.of(rows_of(logs, path, body, groups, fresh))
     if judged is None:
         none = np.zeros(len(path.parts))
         return Decision("silent", none, none > 0.0, none > 0.0)
-    new = [logs[i] for i in fresh]
-    # what was told before has its order and its direction
-    alone = judged if len(new) == len(logs) else _Judged.of(rows_of(new, path, body))
-    timed, at_edge = all(_with_velocities(log, path) for log in new), _at_edge(judged)
 
     def shifted(late: float) -> _Judged:
         """The same rows with the commands of new logs from so much later."""
         moved = [_shifted(log, late) if i in fresh else log for i, log in enumerate(logs)]
-        return judged.with_command(commands_of(moved, path, (), fresh))
+        return judged.with_command(commands_of(moved, path, groups, fresh))
+
+    # commands that are late, too little to be told so, look like another order or sign
+    by, at_edge = _in_step(judged), _at_edge(judged)
+    stepped = shifted(by) if by else judged
+    new = [_shifted(logs[i], by) if by else logs[i] for i in fresh]
+    # what was told before has its order and its direction
+    alone = stepped if len(new) == len(logs) else _Judged.of(rows_of(new, path, body))
+    timed = all(measured_rates(log, path) for log in new)
 
     def hypotheses() -> Iterator[Decision | None]:
         order = None if alone is None else order_of(alone)
         exchanged = None
         if alone is not None and order is not None and order.odds >= ORDER:
             exchanged = _exchanged(alone, new, path, body, order)
-        turned = _signs(judged, fresh, order, -np.inf if timed or alone is None else _backwards(alone))
+        turned = _signs(stepped, fresh, order, -np.inf if timed or alone is None else _backwards(alone))
         far = _far(judged, shifted, fresh) if at_edge else None  # it makes an order doubtful
         # of a periodic motion a delay of half a period looks like a sign
         yield None if far is None or (turned is not None and turned.odds >= far.odds) else far
@@ -171,12 +180,8 @@ def judge(
     told = (found for found in hypotheses() if found is not None and found.check not in accepted)
     found = next(told, None)
     if found is None:
-        return judged.decision("silent", why="late" if at_edge else "")
+        return stepped.decision("silent", why="late" if at_edge else "")
     return found if found.logs else replace(found, logs=fresh)
-
-
-def _with_velocities(log: Log, path: Channel) -> bool:
-    return any(c.derivative_of == path.name and c.name in log for c in log.channels.values())
 
 
 def groups_of(count: int, fresh: Sequence[int]) -> list[tuple[int, ...]]:
@@ -227,7 +232,7 @@ def signs_of(as_is: Array, turned: Sequence[Array], priors: Sequence[tuple[float
     kept, whole = np.log1p(-EACH) + as_is, float(as_is.sum())
     nothing = np.zeros(len(as_is), dtype=np.bool_)
     none = [np.log(AS_IS) + whole, *(np.log(some) + kept.sum() for _, some in priors)]
-    found, rest = [(float(logsumexp(none)), nothing, -1)], []
+    found, rest = [(float(log_sum(none)), nothing, -1)], []
     for g, (own, (every, some)) in enumerate(zip(turned, priors, strict=True)):
         other = np.log(EACH) + own
         mixed = np.asarray(other > kept)
@@ -239,7 +244,7 @@ def signs_of(as_is: Array, turned: Sequence[Array], priors: Sequence[tuple[float
         rest.append(best + _others(np.abs(other - kept)))
     first = max(range(len(found)), key=lambda i: found[i][0])
     score, joints, group = found[first]
-    next_ = float(logsumexp([*rest, *(one[0] for i, one in enumerate(found) if i != first)]))
+    next_ = float(log_sum([*rest, *(one[0] for i, one in enumerate(found) if i != first)]))
     each = np.zeros(len(as_is))
     if group >= 0:
         each = _each(kept, np.log(EACH) + turned[group], *priors[group], found[0][0])
@@ -260,7 +265,7 @@ SMALL = -30.0  # log: log1p(x) and expm1(x) are x to rounding
 def _others(apart: Array) -> float:
     """log(prod(1 + exp(-apart)) - 1), for odds (m,) >= 0 of any size."""
     near = np.log(np.log1p(np.exp(-np.minimum(apart, -SMALL))))
-    small = float(logsumexp(np.where(apart > -SMALL, -apart, near)))
+    small = float(log_sum(np.where(apart > -SMALL, -apart, near)))
     return small if small < SMALL else float(np.log(np.expm1(np.exp(small))))
 
 
@@ -303,7 +308,7 @@ def _signs(
     part = logs != everyone and not best.turned.all()  # of some logs some joints: rare, and easily misjudged
     ahead = best.ahead
     if logs == everyone:  # `backwards` sums over classes, of which `signs` takes the least favourable
-        plain = logsumexp(given.inverted, axis=1) - logsumexp(given.right, axis=1)
+        plain = log_sum(given.inverted, axis=1) - log_sum(given.right, axis=1)
         ahead = min(ahead, best.odds + float((plain - (turned - as_is))[best.turned].sum()) - backwards)
     # certain only as a whole: a joint that no sign explains makes it a question, and so does another order
     sure = best.odds >= CERTAIN and ahead >= (2.0 if part else 1.0) * CERTAIN
@@ -331,12 +336,19 @@ DELAY_PRIOR = 100.0  # 1/s: log prior that falls with a delay
 
 def _delays(judged: _Judged, by: float = 0.0) -> Array:
     """(d,) log evidence of each delay, of rows whose commands were shifted by s."""
-    whole = [judged.variant(i).whole() for i in range(len(DELAYS))]
-    return np.asarray(np.sum(whole, axis=1) - DELAY_PRIOR * np.abs(np.array(DELAYS) + by))
+    whole = judged.columns.whole().reshape(len(judged.own), -1)[:, : len(DELAYS)]
+    return np.asarray(whole.sum(axis=0) - DELAY_PRIOR * np.abs(np.array(DELAYS) + by))
 
 
 def _at_edge(judged: _Judged) -> bool:
     return int(_delays(judged).argmax()) in (0, len(DELAYS) - 1)
+
+
+def _in_step(judged: _Judged) -> float:
+    """s by which the commands of new logs fit the motion best; 0 where that is not certain, or at an end."""
+    total = _delays(judged)
+    certain = total.max() - total[AS_LOGGED] >= CERTAIN and not _at_edge(judged)
+    return DELAYS[int(total.argmax())] if certain else 0.0
 
 
 FAR, FARTHEST = (0.25, 0.45), 0.55  # s about which longer delays are looked for, and the longest
@@ -480,7 +492,7 @@ def _half_gain(
     rows = rows_of(parts, path, body)
     if rows is None or len(rows.t) < LEAST_HALF:
         return 0.0
-    return float(_gains(_Judged(rows, own, WhitenedMotion.of(rows, own)))[np.arange(len(own)), order].sum())
+    return float(_gains(_Judged(rows, own, WhitenedMotion(rows, own)))[np.arange(len(own)), order].sum())
 
 
 BACKWARDS = float(np.log(0.02))  # log prior of reversed rows
@@ -490,10 +502,10 @@ EXPLAINED = 0.7  # of the joints, at least, that reversed rows explain
 def _backwards(judged: _Judged) -> float:
     """Log odds of rows that run backwards, their signs right or inverted, against the logs as they are."""
     given = judged.variant(AS_LOGGED)
-    right, back, opposed = (logsumexp(x, axis=1) for x in (given.right, given.reversed, given.opposed))
+    right, back, opposed = (log_sum(x, axis=1) for x in (given.right, given.reversed, given.opposed))
     either = np.logaddexp(np.log1p(-EACH) + back, np.log(EACH) + opposed)
     signs = [np.log(AS_IS) + back.sum(), np.log(SOME) + either.sum(), np.log(ALL) + opposed.sum()]
-    return float(BACKWARDS - np.log(AS_IS) + logsumexp(signs) - right.sum())
+    return float(BACKWARDS - np.log(AS_IS) + log_sum(signs) - right.sum())
 
 
 def _reversed(judged: _Judged) -> Decision | None:
@@ -501,13 +513,13 @@ def _reversed(judged: _Judged) -> Decision | None:
     but for these; where the two cannot be told apart, the question of signs names both.
     """
     given = judged.variant(AS_LOGGED)
-    right, inverted, back = (logsumexp(x, axis=1) for x in (given.right, given.inverted, given.reversed))
+    right, inverted, back = (log_sum(x, axis=1) for x in (given.right, given.inverted, given.reversed))
     turned = BACKWARDS + float((back - right).sum())
     flipped = float(np.log(ALL)) + float((inverted - right).sum())
     as_is, other = given.signs()
     signs = signs_of(as_is, [other], [(ALL, SOME)])
     rest = max(flipped, -np.inf if signs.group < 0 or signs.turned.all() else signs.odds)
-    explained = np.mean(back > logsumexp(given.free, axis=1) + NEITHER) > EXPLAINED
+    explained = np.mean(back > log_sum(given.free, axis=1) + NEITHER) > EXPLAINED
     if turned < LIKELY or turned < rest + LIKELY or not explained:
         return None
     sure = turned >= CERTAIN and turned > rest + CERTAIN

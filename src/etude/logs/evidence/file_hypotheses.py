@@ -1,5 +1,5 @@
-"""What commands say of a model file whose masses are right: a joint's zero that is off, and commands that
-were computed by the file.
+"""What commands say of a model file whose masses are right: a joint's zero that is off, a clock that is, logs
+of two robots, and commands that were computed by the file.
 
 Every hypothesis is one linear fit of all joints over all logs, with an inertia, friction, an offset and a
 factor of the file's torque for each joint. Joints are weighed by what is left of them. Centres of mass that
@@ -9,14 +9,16 @@ are off look like a zero in one joint, and not alike in all: a zero has to expla
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 
 from etude.abilities import SupportsVariations
-from etude.logs.checks.filtered_motion import states_of
+from etude.logs.checks.exact import CERTAIN
+from etude.logs.checks.filtered_motion import measured_rates, states_of
 from etude.logs.checks.finding_texts import accepted
+from etude.logs.checks.velocities import clock_finding
 from etude.logs.evidence.rows import APART, AS_LOGGED, FLOOR, FilteredRows, rows_of
 from etude.protocols import Mean
 from etude.types import Array, Channel, Finding, Index, Log, Mask
@@ -109,9 +111,8 @@ class FileFit:
         found = [self.body.predict(self._states(q)) for q in (rows.q - offset, rows.q)]
         return np.asarray(rows.torque + found[0] - found[1])
 
-    def left(self, offset: Array) -> Array:
-        """(m,) part of each command's variance that is left, beside friction and a constant."""
-        torque = self.torque(offset)
+    def left(self, torque: Array) -> Array:
+        """(m,) part of each command's variance that a torque (n, k), friction and a constant leave."""
         return np.array([self._left_of(j, torque[:, j]) for j in self.own.tolist()])
 
     def _left_of(self, j: int, torque: Array) -> float:
@@ -147,9 +148,9 @@ class FileFit:
         left, found = self.shared(columns, self.rows.torque)
         return float(found[0]), left
 
-    def score(self, offset: Array) -> float:
-        """Log likelihood, of independent rows."""
-        return self._likelihood(self.left(offset))
+    def score(self, torque: Array) -> float:
+        """Log likelihood of a torque (n, k) of the file, of independent rows."""
+        return self._likelihood(self.left(torque))
 
     def _likelihood(self, left: Array) -> float:
         return -0.5 * len(self.rows.t) / APART * float(np.log(left + FLOOR).sum())
@@ -187,14 +188,15 @@ def zero_of(fit: FileFit) -> Zero | None:
     from scipy.optimize import minimize_scalar
 
     k = fit.rows.q.shape[1]
-    before = fit.score(np.zeros(k))
+    assert fit.rows.torque is not None
+    before = fit.score(fit.rows.torque)
     gains = [fit.score_with(_slope(fit, i)[:, :, None]) - before for i in range(k)]
     i = int(np.argmax(gains))
     if gains[i] < SCREEN:
         return None
 
     def cost(offset: float) -> float:
-        return before - fit.score(np.where(np.arange(k) == i, offset, 0.0))
+        return before - fit.score(fit.torque(np.where(np.arange(k) == i, offset, 0.0)))
 
     near = min((s * d for d in TRIED for s in (1, -1)), key=cost)
     found = minimize_scalar(cost, bounds=sorted((near / 1.6, near * 1.6)), method="bounded")
@@ -203,6 +205,26 @@ def zero_of(fit: FileFit) -> Zero | None:
         return None
     bend = (cost(offset + STEP) - 2.0 * cost(offset) + cost(offset - STEP)) / STEP**2
     return Zero(i, offset, float(1.0 / np.sqrt(bend)) if bend > 0.0 else np.inf, odds)
+
+
+CLOCKS = (2.0, 0.5)  # that times are too long: a rate that was doubled, or halved
+
+
+def clock_by_file(log: Log, path: Channel, body: Mean | None) -> Finding | None:
+    """A clock that no velocity shows: what commands hold of accelerations and squared velocities, beside the
+    weight, is the square of its factor times what the model file gives.
+    """
+    fit = None if measured_rates(log, path) else file_fit([log], path, body)
+    if fit is None or fit.rows.static is None or fit.rows.torque is None:
+        return None
+    weight, rest = fit.rows.static, fit.rows.torque - fit.rows.static
+    odds = {scale: fit.score(weight + scale**2 * rest) - fit.score(weight + rest) for scale in CLOCKS}
+    best = max(odds, key=lambda scale: odds[scale])
+    if odds[best] < CERTAIN:
+        return None
+    fact = f"beside the weight, the commands hold about {best**2:g} times the torque of the model file"
+    found = clock_finding(best, f"{fact}, over all joints (odds e^{odds[best]:.0f} to 1)")
+    return replace(found, light="yellow")
 
 
 CONTRADICTS = "contradiction"
@@ -226,8 +248,9 @@ def contradiction(
     odd = max(apart, key=lambda i: float(np.median(apart[i])), default=-1)
     if odd < 0 or np.median(apart[odd]) < np.log(TIMES):
         return None
+    assert fit.rows.torque is not None
     kg, left = fit.loaded(fit.rows.log == odd)
-    load = float(np.log((fit.left(np.zeros(len(path.parts))) + FLOOR) / (left + FLOOR)).sum())
+    load = float(np.log((fit.left(fit.rows.torque) + FLOOR) / (left + FLOOR)).sum())
     why, two = "No sign, order, delay or load explains it", len(told) == 2
     if load > EXPLAINED * float(apart[odd].sum()):
         loaded = sum(told) - odd if two and kg < 0.0 else odd  # of two, that with the load

@@ -15,16 +15,19 @@ serves all joints and columns.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable
-from dataclasses import dataclass, fields, replace
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field, fields, replace
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import erfcx, log_ndtr, logsumexp
+from scipy.special import erfcx, log_ndtr
 
 from etude._runtime.scipy_parts import dpotrf, dtrsm
 from etude.logs.evidence.rows import AS_LOGGED, FilteredRows
 from etude.types import Array, Index, Mask
+
+log_sum = np.logaddexp.reduce  # over the first axis, or another one
 
 
 class Point(NamedTuple):
@@ -92,24 +95,24 @@ class ColumnEvidence:
 
     def whole(self) -> Array:
         """(p,) of the column whatever its sign."""
-        parts = [logsumexp(one, axis=1) for one in (self.right, self.inverted, self.free)]
-        return np.asarray(logsumexp([parts[0], parts[1], parts[2] + NEITHER], axis=0))
+        parts = [log_sum(one, axis=1) for one in (self.right, self.inverted, self.free)]
+        return np.asarray(log_sum([parts[0], parts[1], parts[2] + NEITHER], axis=0))
 
     def by_class(self) -> Array:
         """(p, c) of the column whatever its sign, in each class; inverted ones have a prior of INVERTED."""
         parts = [self.right, self.inverted + INVERTED, self.free + NEITHER]
-        return np.asarray(logsumexp(parts, axis=0))
+        return np.asarray(log_sum(parts, axis=0))
 
     def strange(self) -> Mask:
         """(p,) where neither sign explains the column, which then has no say."""
-        best = np.maximum(logsumexp(self.right, axis=1), logsumexp(self.inverted, axis=1))
-        return np.asarray(NEITHER + logsumexp(self.free, axis=1) > best)
+        best = np.maximum(log_sum(self.right, axis=1), log_sum(self.inverted, axis=1))
+        return np.asarray(NEITHER + log_sum(self.free, axis=1) > best)
 
     def signs(self) -> tuple[Array, Array]:
         """(p,) each: the evidence of right and of inverted, apart by what the least favourable class says."""
         strange = self.strange()
-        best = np.maximum(logsumexp(self.right, axis=1), logsumexp(self.inverted, axis=1))
-        level = np.where(strange, NEITHER + logsumexp(self.free, axis=1), best)
+        best = np.maximum(log_sum(self.right, axis=1), log_sum(self.inverted, axis=1))
+        level = np.where(strange, NEITHER + log_sum(self.free, axis=1), best)
         apart = np.where(strange, 0.0, least(self.right, self.inverted))
         return level + np.minimum(apart, 0.0), level - np.maximum(apart, 0.0)
 
@@ -134,49 +137,68 @@ def _filled(values: Array) -> Array:
     return np.where(np.isneginf(values), values.max(axis=1, keepdims=True) - FAR, values)
 
 
-@dataclass(frozen=True, eq=False)
-class WhitenedMotion:
-    """What rows of commands are explained by, at h points: k joints `own`, r regressors of each, n rows.
+class _Whitened(NamedTuple):
+    """What is kept of a point: it is small. The factor (n, n) of the covariance is made again.
 
     Attributes:
-        factors: (n, n) lower Cholesky factor of the covariance, of each point.
-        whitened: (n, k r) regressors through its inverse, of each point.
-        stands: of each point and joint, the factor (m, m) of its stands, of unit variance, and their
-            regressors (m, r) through its inverse. They are part of the joint's own covariance (Woodbury).
-        regressors: (h, k, r, r) products. log_det: (h, k) half the log determinant of the covariance.
+        X: (n, k r) regressors through the factor's inverse.
+        stands: of each joint that stands, the factor (m, m) of its stands, of unit variance, and its
+            regressors (m, r) through the inverse. They are part of its own covariance (Woodbury).
+        products: (k, r, r) of regressors. log_det: (k,) half the log determinant of the covariance.
     """
+
+    X: Array
+    stands: dict[int, tuple[Array, Array]]
+    products: Array
+    log_det: Array
+
+
+@dataclass(frozen=True, eq=False)
+class WhitenedMotion:
+    """What explains any commands on n rows: k joints `own`, r regressors of each, at the points of a grid."""
 
     rows: FilteredRows
     own: Index
-    grid: tuple[Point, ...]
-    factors: list[Array]
-    whitened: list[Array]
-    stands: list[list[tuple[Array, Array]]]
-    regressors: Array
-    log_det: Array
+    known: list[_Whitened] = field(default_factory=list)
 
-    @classmethod
-    def of(cls, rows: FilteredRows, own: Index) -> WhitenedMotion:
-        """One Cholesky factor of a point serves all joints and columns."""
-        grid = GRID + (NEAR_FILE if rows.torque is not None else ())
-        X, stands = _regressors(rows, own), [rows.stands[j] for j in own]
-        n, (k, r) = len(rows.t), X.shape[1:]
-        right = np.asfortranarray(np.hstack([X.reshape(n, -1), *stands]))
-        ends = np.cumsum([k * r, *(one.shape[1] for one in stands)])
-        covariance = _covariances(rows)
-        factors, whitened, held, products, half = [], [], [], [], np.zeros((len(grid), k))
-        for h, point in enumerate(grid):
-            L, _ = dpotrf(covariance(point), lower=1, clean=0, overwrite_a=1)
-            R = dtrsm(1.0, L, right, lower=1)
-            parts = [R[:, : k * r], *(R[:, a:b] for a, b in itertools.pairwise(ends))]
-            own_columns = [parts[0][:, j * r : (j + 1) * r] for j in range(k)]
-            beside = [_stands(S, X) for S, X in zip(parts[1:], own_columns, strict=True)]
-            half[h] = np.log(np.diag(L)).sum() + [np.log(np.diag(M)).sum() for M, _ in beside]
-            products.append([X.T @ X - U.T @ U for X, (_, U) in zip(own_columns, beside, strict=True)])
-            factors.append(L)
-            whitened.append(np.ascontiguousarray(parts[0]))
-            held.append(beside)
-        return cls(rows, own, grid, factors, whitened, held, np.array(products), half)
+    @cached_property
+    def grid(self) -> tuple[Point, ...]:
+        """Of as many points as there are sizes and memories."""
+        return GRID + (NEAR_FILE if self.rows.torque is not None else ())
+
+    def _points(self) -> Iterator[tuple[Array, _Whitened]]:
+        """Of each point, the lower Cholesky factor of the covariance, which serves all joints and columns."""
+        for i, point in enumerate(self.grid):
+            L, _ = dpotrf(self._covariance(point), lower=1, clean=0, overwrite_a=1)
+            if i == len(self.known):
+                self.known.append(self._at(L))
+            yield L, self.known[i]
+
+    @cached_property
+    def _covariance(self) -> Callable[[Point], Array]:
+        return _covariances(self.rows)
+
+    @cached_property
+    def _right(self) -> tuple[Array, list[tuple[int, slice]]]:
+        """(n, k r + m) regressors and stands, and where those of each joint that stands are."""
+        stands, X = [self.rows.stands[j] for j in self.own], _regressors(self.rows, self.own)
+        flat = X.reshape(len(X), -1)
+        ends = flat.shape[1] + np.cumsum([0, *(one.shape[1] for one in stands)])
+        which = [(j, slice(a, b)) for j, (a, b) in enumerate(itertools.pairwise(ends)) if b > a]
+        return np.asfortranarray(np.hstack([flat, *stands])), which
+
+    def _at(self, L: Array) -> _Whitened:
+        right, which = self._right
+        R, k = dtrsm(1.0, L, right, lower=1), len(self.own)
+        r = (which[0][1].start if which else R.shape[1]) // k
+        X = R[:, : k * r].copy()
+        products = (X.T @ X).reshape(k, r, k, r)[range(k), :, range(k)]
+        half = np.full(k, np.log(np.diag(L)).sum())
+        stands = {j: _stands(R[:, own], X[:, j * r : (j + 1) * r]) for j, own in which}
+        for j, (M, U) in stands.items():
+            half[j] += np.log(np.diag(M)).sum()
+            products[j] -= U.T @ U
+        return _Whitened(X, stands, products, half)
 
     def evidence(self, command: Array, joints: Index, columns: Index, variants: Index) -> ColumnEvidence:
         """Of each pair: the column `columns[i]` in `variants[i]` as the command of joint `joints[i]`.
@@ -203,28 +225,30 @@ class WhitenedMotion:
     def _products(self, Y: Array, joints: Index, target: Index) -> tuple[Array, Array]:
         """Of each pair's column, whitened: (h, p) with itself, (h, p, r) with the joint's regressors."""
         used, target = np.unique(target, return_inverse=True)
-        h, p, (k, r) = len(self.grid), len(joints), self.regressors.shape[1:3]
-        square, across = np.empty((h, p)), np.empty((h, p, r))
-        pairs = [np.flatnonzero(joints == j) for j in range(k)]
-        Y = np.asfortranarray(Y[:, used])
-        for i, (L, X, beside) in enumerate(zip(self.factors, self.whitened, self.stands, strict=True)):
+        pairs = [np.flatnonzero(joints == j) for j in range(len(self.own))]
+        Y, square, across = np.asfortranarray(Y[:, used]), [], []
+        for L, (X, stands, products, _) in self._points():
             R = dtrsm(1.0, L, Y, lower=1)
-            size, product = (R**2).sum(axis=0), (X.T @ R).reshape(k, r, -1)
-            back = dtrsm(1.0, L, R, lower=1, trans_a=1) if any(len(M) for M, _ in beside) else R
-            for j, ((M, U), own) in enumerate(zip(beside, pairs, strict=True)):
-                columns = target[own]
-                square[i, own], across[i, own] = size[columns], product[j][:, columns].T
-                if len(M):
-                    V = dtrsm(1.0, M, self.rows.stands[self.own[j]].T @ back[:, columns], lower=1)
-                    square[i, own] -= (V**2).sum(axis=0)
-                    across[i, own] -= V.T @ U
-        return square, across
+            size = (R**2).sum(axis=0)[target]
+            product = (X.T @ R).reshape(*products.shape[:2], -1)[joints, :, target]
+            back = dtrsm(1.0, L, R, lower=1, trans_a=1) if stands else R
+            for j, (M, U) in stands.items():
+                own = pairs[j]
+                V = dtrsm(1.0, M, self.rows.stands[self.own[j]].T @ back[:, target[own]], lower=1)
+                size[own] -= (V**2).sum(axis=0)
+                product[own] -= V.T @ U
+            square.append(size)
+            across.append(product)
+        return np.array(square), np.array(across)
 
     def _fitted(self, square: Array, across: Array, indices: tuple[int, ...], joints: Index) -> _Fit:
         """Ridge regression of each pair's column on some regressors of its joint, at every point."""
         chosen, n = np.array(indices), len(self.rows.t)
-        A = self.regressors[:, :, chosen[:, None], chosen] + np.eye(len(indices))
-        inverse, log_det = np.linalg.inv(A), np.linalg.slogdet(A)[1] * 0.5 + self.log_det
+        A = np.array([one.products for one in self.known])[:, :, chosen[:, None], chosen] + np.eye(
+            len(chosen)
+        )
+        log_det = np.linalg.slogdet(A)[1] * 0.5 + np.array([one.log_det for one in self.known])
+        inverse = np.linalg.inv(A)
         product = across[:, :, chosen]
         mean = np.einsum("hpij,hpj->hpi", inverse[:, joints], product)
         left = np.maximum(square - (product * mean).sum(axis=2), np.finfo(float).tiny) / n
@@ -234,8 +258,8 @@ class WhitenedMotion:
 
 def _stands(S: Array, X: Array) -> tuple[Array, Array]:
     """The factor (m, m) of whitened stands S (n, m), and the regressors X (n, r) through its inverse."""
-    M = np.asarray(np.linalg.cholesky(S.T @ S + np.eye(S.shape[1])), dtype=np.float64)
-    return M, np.asarray(dtrsm(1.0, M, S.T @ X, lower=1)) if len(M) else np.zeros((0, X.shape[1]))
+    M, _ = dpotrf(S.T @ S + np.eye(S.shape[1]), lower=1, clean=0)
+    return M, dtrsm(1.0, M, S.T @ X, lower=1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -285,7 +309,7 @@ def _covariances(rows: FilteredRows) -> Callable[[Point], Array]:
         K += point.drift**2 * memory[point.memory]
         K += max(LEVEL, point.size**2)
         K.flat[:: len(K) + 1] += point.rough**2
-        return np.asfortranarray(K)
+        return np.asarray(K.T)  # symmetric, and in the order that factors want
 
     return of
 
@@ -318,8 +342,8 @@ def _summed(fits: list[tuple[_Fit, tuple[int, ...]]], grid: tuple[Point, ...]) -
         value = np.take_along_axis(fit.evidence[:, None], h, axis=0)
         values.append(np.where(value > top - FAR, value, -np.inf))
         inside.append(values[-1] + _orthants(fit, indices, h, np.isfinite(values[-1])))
-    free = logsumexp(np.concatenate(np.array(values)[plain]), axis=0)
-    right, inverted, back, opposed = np.asarray(logsumexp(np.concatenate(inside, axis=1), axis=1))
+    free = log_sum(np.concatenate(np.array(values)[plain]), axis=0)
+    right, inverted, back, opposed = np.asarray(log_sum(np.concatenate(inside, axis=1), axis=1))
     return ColumnEvidence(right.T, inverted.T, back.T, opposed.T, free.T)
 
 
@@ -338,7 +362,7 @@ def _orthants(fit: _Fit, indices: tuple[int, ...], h: Index, told: Mask) -> Arra
     return found
 
 
-SWEEPS = 12  # over the factors of an orthant: they settle to rounding in fewer
+SWEEPS = 8  # over the factors of an orthant: they settle to rounding in fewer
 
 
 def log_orthant(mean: Array, covariance: Array) -> Array:

@@ -205,6 +205,18 @@ def test_commands_that_are_late_by_much_are_asked_about_and_never_shifted_unaske
     assert decided(repaired(wrong, finding_of(found, NAMES, ["a.csv"]))).level == "silent"
 
 
+@pytest.mark.parametrize("lag", [0.02, -0.02])
+def test_signs_and_order_are_judged_in_step_with_the_motion(lag: float) -> None:
+    """A delay too short to be said would make them doubtful."""
+    log = moved()
+    right = decided(late(log, lag))
+    assert right.level == "silent"
+    np.testing.assert_allclose(right.told, decided(log).told, rtol=0.01)
+    told, crossed = moved(seed=1), with_command(log, log["command"][:, [1, 0, 2]])
+    odds = [decided(told, one, fresh=[1]).odds for one in (crossed, late(crossed, lag))]
+    assert odds[1] == pytest.approx(odds[0], rel=0.01)
+
+
 def test_a_delay_beyond_all_that_is_tried_is_not_called_none() -> None:
     found = decided(late(moved(), 1.1))
     assert found.check != "delay"

@@ -1,0 +1,132 @@
+"""A motion of one's own in a file: trajectory.json, or a table of times and the robot's path."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from etude.campaign.record.folder import Campaign
+from etude.deploy.trajectory_files import csv_bytes, table_rate
+from etude.errors import UsageError
+from etude.logs.cleaning.read import matched_log
+from etude.logs.cleaning.repairs import drop_unreadable, order_rows
+from etude.logs.columns.headers import read_headers
+from etude.logs.columns.mapping import mapped
+from etude.logs.columns.vocabulary import is_time, normal, split_suffix, split_unit, unit_of
+from etude.logs.readers.registry import read_raw
+from etude.trajectories.json_text import from_json
+from etude.trajectories.splined import Splined
+from etude.types import Array, Channel, Log
+
+TABLES = (".csv", ".parquet")
+ORDERS, DEGREE = 4, 7
+"""Position to jerk at the ends of septics."""
+KNOT_S = 0.25
+"""s between knots at least: rounding of rows that are nearer would be jerk."""
+MISSED, REST = 0.01, 0.02
+"""Of the path's extent by which a curve may miss a row; of the top speed, below which an end is at rest."""
+TURNED = 1e-3
+"""rad of heading that is none."""
+
+
+def is_plan(campaign: Campaign, place: Path) -> bool:
+    """Whether a table is that of the motion beside it: of a flight it holds what is planned, which are no
+    states, and its accelerations are not what an accelerometer measures.
+    """
+    planned = place.with_suffix(".json")
+    if place.suffix != ".csv" or not planned.is_file():
+        return False
+    try:
+        motion = from_json(planned.read_bytes())
+    except UsageError:
+        return False
+    inputs = campaign.kind.inputs(campaign.spec, campaign.config)
+    return place.read_bytes() == csv_bytes(motion, inputs, table_rate(campaign.spec))
+
+
+def is_path_alone(campaign: Campaign, place: Path) -> bool:
+    """Whether a table has none of the states that models look at, as a vehicle's path is none."""
+    if _path(campaign).role == "state":
+        return False
+    states = [c for c in campaign.channels if c.role == "state"]
+    raw = mapped(read_raw(place), campaign.config.log)
+    found = read_headers([name for name in raw.values if not is_time(name)], states, str(place))
+    return not (found.named or found.numbered)
+
+
+def motion_of_table(campaign: Campaign, place: Path) -> Splined:
+    """The smooth curve near the rows of a table with a time and the columns of the robot's path; at rest at
+    an end where the rows are.
+
+    Raises:
+        UsageError: fewer rows than a curve takes, rows that no smooth curve follows, or a heading.
+        DataError: the table does not have these columns.
+    """
+    path, raw = _path(campaign), read_raw(place)
+    _refuse_heading(raw, place)
+    plain = {_bare(name): name for name in raw.values}
+    named = {f"{path.name}_{part}": plain[part] for part in path.parts if part in plain}  # x, y, z alone
+    # waypoints may be far apart: their rate does not tell the unit of time
+    clocks = [name for name in raw.values if is_time(name)]
+    named |= {"t [s]": clocks[0]} if len(clocks) == 1 and not unit_of(clocks[0]) else {}
+    config = campaign.config.log
+    config = replace(config, columns={**named, **config.columns})
+    rate = campaign.kind.expected(campaign.spec).rate
+    log, _ = matched_log(place, [replace(path, required=True)], rate, (), config)
+    log = order_rows(drop_unreadable(log, recorded=False))
+    if len(log) <= DEGREE:
+        raise UsageError(
+            f"the table has {len(log)} rows, a smooth motion takes {DEGREE + 1} or more",
+            where=str(place),
+            next_step="Write more rows along the path.",
+        )
+    return _curve(log.t - log.t[0], log[path.name], place)
+
+
+def _path(campaign: Campaign) -> Channel:
+    return next(c for c in campaign.channels if c.name == campaign.kind.path)
+
+
+def _bare(header: str) -> str:
+    """ "yaw" of "Yaw [deg]"."""
+    return normal(split_suffix(split_unit(header)[0])[0])
+
+
+def _refuse_heading(raw: Log, place: Path) -> None:
+    """UsageError: a column of yaw that is not 0. Planned flights look along x."""
+    for name, values in raw.values.items():
+        if _bare(name) in ("yaw", "heading") and np.abs(values).max(initial=0.0) > TURNED:
+            raise UsageError(
+                f"{name} is up to {np.abs(values).max():.3g}, and planned flights have the heading 0",
+                where=str(place),
+                next_step="Set it to 0: the vehicle then looks along x. Of a constant heading turn x and y.",
+            )
+
+
+def _curve(t: Array, rows: Array, place: Path) -> Splined:
+    """Septics between knots, fitted to rows (T, k); through every row where these are far apart."""
+    from scipy.interpolate import make_interp_spline, make_lsq_spline
+
+    count = max(1, int(t[-1] / max(KNOT_S, 2.0 * float(np.diff(t).max()))))
+    times = np.linspace(0.0, t[-1], count + 1)
+    if count + DEGREE < len(t) // 2:
+        knots = np.concatenate([np.zeros(DEGREE), times, np.full(DEGREE, t[-1])])
+        curve = make_lsq_spline(t, rows, knots, k=DEGREE)
+    else:
+        curve, times = make_interp_spline(t, rows, k=DEGREE), t
+    points = np.stack([curve(times, nu=order) for order in range(ORDERS)])
+    speed = np.linalg.norm(points[1], axis=1)
+    for end in (0, -1):
+        if speed[end] <= REST * speed.max():
+            points[1:, end] = 0.0
+    found = Splined(times, points)
+    away = float(np.abs(found.motion(t, 1).orders[0] - rows).max())
+    if away > MISSED * float(np.ptp(rows, axis=0).max()):
+        raise UsageError(
+            f"no smooth motion follows these rows: the nearest is up to {away:.3g} off",
+            where=str(place),
+            next_step="Remove leaps and noise from the path, or write rows at more times along its corners.",
+        )
+    return found

@@ -1,0 +1,109 @@
+"""etude learn"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Executor, as_completed
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+from etude.cli.outcome import Common, Outcome, Say, code_of, opened
+from etude.errors import EtudeError, UsageError
+
+GROUP = "etude.engines"
+
+
+@dataclass(frozen=True)
+class LearnedFolder:
+    """What became of one campaign.
+
+    Attributes:
+        folder: its path. structure: in use now. problem: why it could not be learned; "" if it was.
+        logs: numbers of the logs that the training ended with; () if nothing was told.
+    """
+
+    folder: str
+    logs: tuple[int, ...] = ()
+    structure: str = ""
+    problem: str = ""
+
+    @property
+    def sentence(self) -> str:
+        """For a table."""
+        if self.problem:
+            return f"not learned: {self.problem}"
+        return f"learned, {self.structure}" if self.logs else "no log was told"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Learn(Common):
+    """Learn campaigns anew, each from all of its logs: after an update of Étude, or of campaign.toml.
+
+    Promoted models stay in use. A campaign that cannot be learned does not stop the others; the exit code is
+    then 3.
+    """
+
+    folders: Annotated[
+        tuple[Path, ...], tyro.conf.Positional, tyro.conf.arg(metavar="FOLDER [FOLDER ...]")
+    ] = ()
+    """Campaign folders. The workers of a cluster see them under the same paths."""
+    workers: int | None = None
+    """Processes of this machine, a campaign each; one after the other if not given."""
+    cluster: Annotated[str, tyro.conf.arg(metavar="NAME")] = ""
+    """tcp://host:port of a Dask scheduler that learns instead of this machine."""
+
+    def run(self, say: Say) -> Outcome:
+        if not self.folders:
+            raise UsageError("there is no campaign to learn", next_step="Name one or more folders.")
+        paths = [str(folder.absolute()) for folder in self.folders]
+        for folder in self.folders:
+            opened(folder)  # what is no campaign is told before anything is learned
+        found = {}
+        for one in self._learned(paths, say):
+            found[one.folder] = one
+            say(f"{len(found)} of {len(paths)}: {one.folder}: {one.sentence}.")
+        rows = [found[path] for path in paths]
+        wide = max(len(path) for path in paths)
+        lines = [f"{one.folder.ljust(wide)}  {one.sentence}" for one in rows]
+        data = {"campaigns": [asdict(one) for one in rows]}
+        return Outcome(
+            "\n".join(lines), data, code_of(changed=False, refused=any(one.problem for one in rows))
+        )
+
+    def _learned(self, paths: Sequence[str], say: Say) -> Iterator[LearnedFolder]:
+        if self.workers is None and not self.cluster:
+            yield from map(learned_anew, paths)
+            return
+        with _engine()(self.workers, self.cluster, None, say) as engine:
+            asked = {engine.submit(learned_anew, path): path for path in paths}
+            for done in as_completed(asked):
+                try:
+                    yield done.result()
+                except EtudeError as problem:  # of the engine: its process died, or the cluster went away
+                    yield LearnedFolder(asked[done], problem=str(problem))
+
+
+def learned_anew(path: str) -> LearnedFolder:
+    """One campaign, learned where this is called; its errors are told, not raised."""
+    from etude.campaign.training import learn_again
+
+    try:
+        campaign = opened(Path(path))
+        numbers = learn_again(campaign)
+        newest = campaign.state().newest
+    except EtudeError as problem:
+        return LearnedFolder(path, problem=str(problem))
+    return LearnedFolder(path, tuple(numbers), newest.chosen if newest else "")
+
+
+def _engine() -> Callable[..., Executor]:
+    """What opens processes or a cluster. UsageError: the package that brings it is not installed."""
+    from etude import plugins
+    from etude.cli.study import require_studies
+
+    require_studies("learn")
+    found: Callable[..., Executor] = plugins.load(GROUP, plugins.names(GROUP)[0])
+    return found

@@ -1,0 +1,375 @@
+"""What logs say of a robot's parameters: base parameters and each drive's terms, with intervals.
+
+The estimate is that of the model's own physics (`physics.identification`), with textbook terms of friction in
+the place of the model's, and with waves of each hinge's position for cogging, which gravity would take up:
+
+    command_j = rigid_j(phi) + armature l'' + viscous l' + asymmetry |l'| + offset + ripple(q_j)
+              + [coulomb + stribeck exp(-(l'/v_s)^2) + load |rigid_j|] s
+
+with s the sign of the speed as the model turns it over. Some terms are kept only where the logs show them:
+the density of the value 0 before the logs and after them says by how much (Savage and Dickey). Where a joint
+turned round a moment ago the filter has smeared the step of its friction, and samples are left out.
+
+Deviations are no model's: they take the scatter of the score between stretches of log, longer than what the
+residual remembers (White 1980, Liang and Zeger 1986), and are at least half of the posterior's.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from etude.types import Array, Index, Mask, Samples
+from etude_arm.physics.base_parameters import RANK_TOLERANCE, parameter_scale, spread_states
+from etude_arm.physics.identification import (
+    LEVEL_CHANGE,
+    MASSES_OFF,
+    OFFSET,
+    Clock,
+    IdentificationPrior,
+    OutputColumns,
+    SharedFit,
+    output_priors,
+    shared_directions,
+    shared_fit,
+)
+from etude_arm.physics.mean import RigidBodyMean, remembered_of
+from etude_arm.physics.rigid_body import NARROW, SPEED, command_regressors
+from etude_arm.spec import FORCES, PATH, PLAN, ArmSpec
+
+TERMS = ("armature", "viscous", "coulomb", "stribeck", "load", "asymmetry", "offset")
+E = len(TERMS)
+FRICTION, OFFSET_TERM = slice(1, 6), 6
+OPTIONAL = slice(3, 6)
+"""Terms that are left out where the logs do not show them."""
+SHOWN = 3.0
+"""Nats from which a term is kept: 20 to 1."""
+STRIBECK_SPEEDS = (2.0, 4.0, 8.0, 16.0)
+"""v_s, in v0 of the friction."""
+LOAD_FRICTION = 0.3
+"""Prior deviation of friction by load, a part of the load: gears lose some ten per cent."""
+STRETCHES = 2.0
+"""Memories of the residual in one stretch of log, whose scores are then nearly independent."""
+LEAST_STRETCH = 1.0  # s
+LEAST_SCATTER = 0.25
+"""Of the posterior's variance: the scatter of few stretches is uncertain itself."""
+TURNED = 0.3
+"""s after and before a reversal in which friction is smeared: a period of the filters of such logs."""
+ENOUGH = 0.3
+"""Least share of a joint's samples that has to be left for that."""
+RIPPLES = 6
+"""Waves of a hinge's position, from 2 periods a turn on: one period is what gravity has."""
+RIPPLE_ROUNDS = 8
+"""Of the ripple's size and all else in turn."""
+LEAST_PART = 1e-6
+"""Of a regrouped parameter, each in its scale: less is rounding."""
+
+
+@dataclass(frozen=True, eq=False)
+class ParameterFit:
+    """Parameters theta are the inertial ones, body after body, and then each drive's armature.
+
+    Attributes:
+        theta, nominal: (P + J,) found, and the file's. before, after: (P + J, P + J) covariance without the
+            logs and with them.
+        shown: (N, P + J) commands of theta over the robot's limits: what any motion could show.
+        scale: (P + J,) how far each may be from the file's.
+        terms, deviation, prior: (J, E) of the drives, by `TERMS`.
+        evidence: (J, E) nats for each of them.
+        stribeck_speed, v0: (J,) rad/s (m/s) over which Stribeck's dip ends, and friction turns.
+        own_scale: (J,) commands that no shared rigid body explains, so that no mass follows from them.
+    """
+
+    theta: Array
+    nominal: Array
+    before: Array
+    after: Array
+    shown: Array
+    scale: Array
+    terms: Array
+    deviation: Array
+    prior: Array
+    evidence: Array
+    stribeck_speed: Array
+    v0: Array
+    own_scale: Mask
+
+
+@dataclass(frozen=True, eq=False)
+class Settled:
+    """The regression as it was settled: with these v_s (J,), in v0, and the terms that the logs show.
+
+    Attributes:
+        outputs: of each command, its columns [r of the rigid body, `TERMS`, ripple].
+        evidence, prior: (J, E) nats for each term, and its deviation before any data.
+    """
+
+    problem: Problem
+    fit: SharedFit
+    outputs: list[OutputColumns]
+    stribeck: Array
+    evidence: Array
+    prior: Array
+
+
+def settled(samples: Samples, spec: ArmSpec, mean: RigidBodyMean) -> Settled:
+    """Of all samples; mean: the identified physics of the same samples, for friction, noise and scale."""
+    problem = Problem.of(samples, spec, mean).with_ripple()
+    tried = [problem.fitted(np.full(spec.dof, speed))[0] for speed in STRIBECK_SPEEDS]
+    speeds = np.array(STRIBECK_SPEEDS)[np.argmin([fit.noise for fit in tried], axis=0)]
+    fit, outputs = problem.fitted(speeds)
+    prior = np.array([o.deviations[:E] for o in outputs])
+    evidence = savage_dickey(fit.extra[:, :E], fit.spread[:, :E], prior)
+    dropped = np.zeros(prior.shape, dtype=bool)
+    dropped[:, OPTIONAL] = evidence[:, OPTIONAL] < SHOWN
+    return Settled(problem, *problem.fitted(speeds, dropped), speeds, evidence, prior)
+
+
+def since_reversal(t: Array, group: Index, speed: Array) -> Array:
+    """(n, J) s to the nearest change of the sign of a joint's speed (n, J) within the same group."""
+    clock = t + 10.0**6 * group  # no log lasts so long
+    found = np.full(speed.shape, np.inf)
+    for j, sign in enumerate(np.sign(speed).T):
+        turns = np.flatnonzero((sign[1:] != sign[:-1]) & (group[1:] == group[:-1]))
+        times = np.concatenate([[-np.inf], np.sort(0.5 * (clock[turns] + clock[turns + 1])), [np.inf]])
+        after = np.searchsorted(times, clock)
+        found[:, j] = np.minimum(times[after] - clock, clock - times[after - 1])
+    return found
+
+
+def savage_dickey(value: Array, deviation: Array, prior: Array) -> Array:
+    """Nats for a term against none: the density of 0 before the logs over that after them."""
+    return np.asarray(0.5 * (value / deviation) ** 2 - np.log(prior / deviation))
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """Samples and robot, as regressors.
+
+    Attributes:
+        rigid: (n, J, P); drive: (n, J, E) with 1 in the place of Stribeck's dip; all that `TERMS` name.
+        directions: (P, r) of the shared rigid body; shared: (J,) commands that it makes.
+        armature: (J,) prior deviation: the inertia that the links have, as the drive feels it.
+        ripple: (J,) prior deviation of each wave of what returns with a joint's position.
+    """
+
+    samples: Samples
+    spec: ArmSpec
+    mean: RigidBodyMean
+    rigid: Array
+    drive: Array
+    speed: Array
+    priors: tuple[IdentificationPrior, ...]
+    directions: Array
+    shared: Mask
+    armature: Array
+    ripple: Array
+
+    @staticmethod
+    def of(samples: Samples, spec: ArmSpec, mean: RigidBodyMean) -> Problem:
+        model = mean.model
+        body = (model.tree, model.drives, model.friction_velocity)
+        rigid, extra = command_regressors(*body, *(samples.log[n] for n in (PLAN if mean.desired else PATH)))
+        turning = remembered_of(samples.log)
+        extra = extra if turning is None else model.turned(extra, turning)
+        speed, sign = extra[..., SPEED], extra[..., NARROW]
+        load = np.abs(np.einsum("njp,jp->nj", rigid, model.inertial))
+        drive = [extra[..., 0], speed, sign, sign, load * sign, np.abs(speed), np.ones_like(speed)]
+        q, hinges = samples.log[(PLAN if mean.desired else PATH)[0]], ~model.tree.joint_slides
+        drive += [hinges * wave(k * q) for k in range(2, RIPPLES + 2) for wave in (np.sin, np.cos)]
+        same = np.isclose(model.inertial[:, None], model.inertial[None], rtol=1e-9).all(axis=2)
+        shared = (same.sum(axis=1) > min(1, spec.dof - 1)) & (spec.command_unit in FORCES)
+        nothing = np.zeros((rigid.shape[2], 0))
+        directions = shared_directions(spec, *body) if shared.any() else nothing
+        priors = output_priors(spec, *body)
+        ripple = model.deviation * hinges
+        parts = rigid, np.stack(drive, 2), speed, priors, directions, shared, _inertia(spec, mean), ripple
+        return Problem(samples, spec, mean, *parts)
+
+    def with_ripple(self) -> Problem:
+        """With the size of what returns with each position, by expectation maximisation."""
+        found = self
+        for _ in range(RIPPLE_ROUNDS):
+            fit, _ = found.fitted(np.full(self.spec.dof, STRIBECK_SPEEDS[0]))
+            squares = fit.extra[:, E:] ** 2 + fit.spread[:, E:] ** 2
+            found = replace(found, ripple=np.sqrt(squares.mean(axis=1)))
+        return found
+
+    def fitted(self, stribeck: Array, dropped: Mask | None = None) -> tuple[SharedFit, list[OutputColumns]]:
+        """With these v_s (J,), in v0, and without the terms (J, E) that are dropped."""
+        drive = self.drive.copy()
+        v0 = np.array([self.turns_over(j) for j in range(self.spec.dof)])
+        drive[..., 3] *= np.exp(-((self.speed / (stribeck * v0)) ** 2))
+        outputs = [self._output(j, drive[:, j]) for j in range(self.spec.dof)]
+        if dropped is not None:
+            kept = np.pad(~dropped, ((0, 0), (0, 2 * RIPPLES)), constant_values=True)
+            pairs = zip(outputs, kept, strict=True)
+            outputs = [replace(o, deviations=np.where(keep, o.deviations, 0.0)) for o, keep in pairs]
+        limits = np.array([prior.command for prior in self.priors])
+        return shared_fit(outputs, self.directions.shape[1], limits), outputs
+
+    @cached_property
+    def used(self) -> Mask:
+        """(n, J) samples in which the joint moves, and has not just turned round."""
+        moving = self.samples.moving & self.samples.usable
+        steady = moving & (since_reversal(self.samples.t, self.samples.group, self.speed) > TURNED)
+        enough = steady.sum(axis=0) > ENOUGH * moving.sum(axis=0)
+        return np.where(enough, steady, moving)
+
+    def turns_over(self, j: int) -> float:
+        """v0 of the drive."""
+        drive = self.mean.model.drives[j]
+        moment = np.abs(drive.gear * drive.coefficients)
+        v0 = self.mean.model.friction_velocity
+        return float(moment @ v0) if moment.any() else float(v0[j])
+
+    def _output(self, j: int, drive: Array) -> OutputColumns:
+        prior, samples, model = self.priors[j], self.samples, self.mean.model
+        rows = self.used[:, j]
+        known = prior.nominal if self.shared[j] else model.inertial[j]
+        rigid = self.rigid[rows, j] @ self.directions * float(self.shared[j])
+        level = abs(float(np.sum(model.extra[j, NARROW:-1])))
+        _, viscous, coulomb, *_, offset = prior.extra
+        offset = min(offset, OFFSET * prior.command)
+        deviations = np.array(
+            [self.armature[j], viscous, coulomb, level, LOAD_FRICTION, LEVEL_CHANGE * viscous, offset]
+        )
+        deviations = np.append(deviations, np.full(2 * RIPPLES, self.ripple[j]))
+        clock = Clock(samples.t[rows], samples.group[rows])
+        left = samples.command[rows, j] - self.rigid[rows, j] @ known
+        return OutputColumns(
+            np.concatenate([rigid, drive[rows]], axis=1), left, deviations, model.deviation[j], clock
+        )
+
+
+def widened(fit: SharedFit, outputs: Sequence[OutputColumns]) -> Array:
+    """The covariance of (z, e_1 .. e_J) by the scatter of the score.
+
+    With H^-1 the posterior covariance and s_b the score of stretch b, the estimate scatters by
+    H^-1 (P_0^-1 + sum_b s_b s_b') H^-1 about the truth.
+    """
+    prior = np.concatenate([np.ones(len(fit.z)), *(o.deviations for o in outputs)])
+    free = prior > 0.0
+    posterior, scores = fit.covariance[np.ix_(free, free)], _scores(fit, outputs)[:, free]
+    scatter = posterior @ (scores.T @ scores + np.diag(prior[free] ** -2)) @ posterior
+    # in units of the posterior's, direction by direction
+    root = np.linalg.cholesky(posterior)
+    inverse = np.linalg.inv(root)
+    ratios, axes = np.linalg.eigh(inverse @ scatter @ inverse.T)
+    found = np.zeros_like(fit.covariance)
+    found[np.ix_(free, free)] = root @ (axes * np.maximum(ratios, LEAST_SCATTER)) @ axes.T @ root.T
+    return found
+
+
+def _scores(fit: SharedFit, outputs: Sequence[OutputColumns]) -> Array:
+    """(stretches, r + J E): the gradients of the log likelihood, of stretches of all commands together."""
+    r, width = len(fit.z), fit.extra.shape[1]
+    lefts = [o.left - o.columns @ np.append(fit.z, e) for o, e in zip(outputs, fit.extra, strict=True)]
+    memory = max(o.clock.correlation_time(left) for o, left in zip(outputs, lefts, strict=True))
+    stretch = max(LEAST_STRETCH, STRETCHES * memory)
+    # no log is a million stretches long
+    places = [o.clock.group * 10.0**6 + np.floor(o.clock.t / stretch) for o in outputs]
+    known = np.unique(np.concatenate(places))
+    scores = np.zeros((len(known), r + len(outputs) * width))
+    for j, (o, left, place) in enumerate(zip(outputs, lefts, places, strict=True)):
+        own = fit.weight[j] / fit.noise[j] ** 2 * left[:, None] * o.columns
+        row = np.searchsorted(known, place)
+        np.add.at(scores[:, :r], row, own[:, :r])
+        np.add.at(scores[:, r + j * width : r + (j + 1) * width], row, own[:, r:])
+    return scores
+
+
+def parameter_fit(found: Settled) -> ParameterFit:
+    """The drives' terms, and theta with its covariances."""
+    problem, fit, prior = found.problem, found.fit, found.prior
+    covariance = widened(fit, found.outputs)
+    D, (J, width) = problem.directions, fit.extra.shape
+    P, r = D.shape
+    back = np.zeros((P + J, len(covariance)))
+    back[:P, :r] = D
+    back[P + np.arange(J), r + np.arange(J) * width] = 1.0
+    nominal = np.append(problem.priors[0].nominal, np.zeros(J))
+    theta = nominal + back @ np.concatenate([fit.z, fit.extra.ravel()])
+    every = np.zeros(fit.extra.shape)
+    every[:, :E] = prior
+    before = np.concatenate([np.ones(r), every.ravel()]) ** 2
+    v0 = np.array([problem.turns_over(j) for j in range(J)])
+    deviation = np.sqrt(np.maximum(covariance.diagonal()[r:], 0.0)).reshape(J, width)
+    return ParameterFit(
+        theta,
+        nominal,
+        (back * before) @ back.T,
+        back @ covariance @ back.T,
+        _shown(problem),
+        np.append(MASSES_OFF * parameter_scale(problem.mean.model.tree), prior[:, 0]),
+        fit.extra[:, :E],
+        deviation[:, :E],
+        prior,
+        found.evidence,
+        found.stribeck * v0,
+        v0,
+        ~problem.shared,
+    )
+
+
+def _inertia(spec: ArmSpec, mean: RigidBodyMean) -> Array:
+    """(J,) command of the file's links for each rad/s^2 (m/s^2) of a drive, over the robot's limits."""
+    model = mean.model
+    body = (model.tree, model.drives, model.friction_velocity)
+    q, _, qdd = spread_states(spec, 64 + 24 * model.tree.bodies)
+    still = np.zeros_like(q)
+    (moved, extra), (rest, _) = (command_regressors(*body, q, still, a) for a in (qdd, still))
+    torque = np.einsum("njp,jp->nj", moved - rest, model.inertial)
+    return np.asarray(np.sqrt(np.mean(torque**2, axis=0) / np.mean(extra[..., 0] ** 2, axis=0)))
+
+
+def _shown(problem: Problem) -> Array:
+    """(N, P + J) of the shared commands, each by its limit, over states within the robot's limits."""
+    model, spec = problem.mean.model, problem.spec
+    states = spread_states(spec, 64 + 24 * model.tree.bodies)
+    rigid, extra = command_regressors(model.tree, model.drives, model.friction_velocity, *states)
+    armature = extra[..., 0][..., None] * np.eye(spec.dof)
+    rows = np.concatenate([rigid, armature], axis=2) / spec.command[:, None]
+    return np.asarray(rows[:, problem.shared].reshape(-1, rows.shape[2]))
+
+
+@dataclass(frozen=True)
+class Combination:
+    """A base parameter: (place in theta, factor) of what no motion tells apart, the first factor 1."""
+
+    parts: tuple[tuple[int, float], ...]
+
+    def row(self, size: int) -> Array:
+        """(size,) so that row @ theta is its value."""
+        found = np.zeros(size)
+        for place, factor in self.parts:
+            found[place] = factor
+        return found
+
+
+def combinations(fit: ParameterFit) -> tuple[list[Combination], list[int]]:
+    """The base parameters (Gautier 1991: QR with pivots), and places of what shows in no command."""
+    from scipy.linalg import qr
+
+    rows = fit.shown * fit.scale
+    silent = np.linalg.norm(rows, axis=0) <= RANK_TOLERANCE * max(
+        float(np.abs(rows).max(initial=0.0)), 1e-300
+    )
+    triangle, order = qr(rows, mode="r", pivoting=True)
+    size = np.abs(np.diag(triangle))
+    rank = int(np.sum(size > RANK_TOLERANCE * size[0])) if len(size) else 0
+    regrouped = np.linalg.solve(triangle[:rank, :rank], triangle[:rank, rank:])
+    found = []
+    for k, first in enumerate(order[:rank].tolist()):
+        others = zip(order[rank:].tolist(), regrouped[k].tolist(), strict=True)
+        # in the units of theta: columns were scaled
+        parts = [
+            (place, factor * float(fit.scale[first] / fit.scale[place]))
+            for place, factor in others
+            if abs(factor) > LEAST_PART
+        ]
+        found.append(Combination(((first, 1.0), *sorted(parts))))
+    return sorted(found, key=lambda one: one.parts[0][0]), np.flatnonzero(silent).tolist()

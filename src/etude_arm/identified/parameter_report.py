@@ -1,0 +1,235 @@
+"""`etude export --to parameters`: base parameters and friction with 95 % intervals, tables and C."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from etude.errors import UsageError
+from etude.protocols import Physics
+from etude.types import Array, Delivered, Samples
+from etude_arm.identified.parameter_fit import (
+    SHOWN,
+    TERMS,
+    Combination,
+    ParameterFit,
+    combinations,
+    parameter_fit,
+    settled,
+)
+from etude_arm.identified.target import MEASURED, NAMES, PARTLY, UNITS, digits, table
+from etude_arm.loading.load import load_arm
+from etude_arm.physics.mean import RigidBodyMean
+from etude_arm.spec import ArmSpec
+
+NORMAL = 1.96
+"""Deviations on either side of a 95 % interval."""
+TERM_UNITS = ("{u} s^2/{x}", "{u} s/{x}", "{u}", "{u}", "1", "{u} s/{x}", "{u}")
+
+
+def report(spec: ArmSpec, physics: Physics | None, samples: Samples) -> Delivered:
+    """Tables, sentences and friction.h. UsageError: no model file with masses, and so no physics."""
+    if physics is None:
+        raise UsageError(
+            f"robot '{spec.name}' has no model file with masses, which would tell links from friction",
+            next_step="Name a URDF or MJCF with masses as model_file in robot.toml.",
+        )
+    mean = physics(samples)
+    assert isinstance(mean, RigidBodyMean)
+    fit = parameter_fit(settled(samples, spec, mean))
+    inertial, friction = _inertial_rows(fit, spec), _friction_rows(fit, spec)
+    said = _said(fit, spec, inertial, friction)
+    files = {
+        "parameters.csv": table([_flat(row) for row in inertial]) if inertial else "",
+        "parameters.json": json.dumps(inertial, indent=1) + "\n",
+        "friction.csv": table(friction),
+        "friction.json": json.dumps(friction, indent=1) + "\n",
+        "friction.h": friction_c(fit, spec),
+        "README.md": _readme(spec, said, inertial, friction),
+    }
+    encoded = {name: text.encode() for name, text in files.items() if text}
+    return Delivered(encoded, tuple(said), {"parameters": inertial, "friction": friction})
+
+
+def _names(spec: ArmSpec) -> list[tuple[str, str, str]]:
+    """Link or joint, parameter and unit of every theta."""
+    loaded = load_arm(spec, shapes=False, drives=True)
+    model = loaded.model()
+    bodies = [str(model.body(b).name) for b in range(1, model.nbody)]
+    links = [loaded.links.get(body, body) for body in bodies]
+    found = [(link, name, unit) for link in links for name, unit in zip(NAMES, UNITS, strict=True)]
+    return [*found, *((name, "armature", "kg m^2") for name in spec.names)]
+
+
+def _inertial_rows(fit: ParameterFit, spec: ArmSpec) -> list[dict[str, Any]]:
+    """Base parameters, then what shows in no command; none where no command is a force."""
+    if fit.own_scale.all():
+        return []
+    names = _names(spec)
+    bases, silent = combinations(fit)
+    rows = [_base_row(fit, one, names) for one in bases]
+    for place in silent:
+        link, name, unit = names[place]
+        empty = dict.fromkeys(("lower", "upper", "deviation"))
+        row = {"parameter": f"{link} {name}", "value": float(fit.nominal[place]), **empty, "unit": unit}
+        rows.append({**row, "file": float(fit.nominal[place]), "known": "not identifiable", "parts": []})
+    return rows
+
+
+def _base_row(fit: ParameterFit, one: Combination, names: Sequence[tuple[str, str, str]]) -> dict[str, Any]:
+    weights = one.row(len(fit.theta))
+    value, file = float(weights @ fit.theta), float(weights @ fit.nominal)
+    after, before = (float(weights @ C @ weights) for C in (fit.after, fit.before))
+    share = 1.0 - after / before
+    parts = [(*names[place][:2], factor) for place, factor in one.parts]
+    return {
+        "parameter": "".join(_part(*part, first=not k) for k, part in enumerate(parts)),
+        "value": value,
+        **_interval(value, float(np.sqrt(after))),
+        "unit": names[one.parts[0][0]][2],
+        "file": file,
+        "known": "measured" if share >= MEASURED else "partly" if share >= PARTLY else "from the file",
+        "parts": [{"of": of, "parameter": name, "factor": factor} for of, name, factor in parts],
+    }
+
+
+def _part(of: str, name: str, factor: float, *, first: bool) -> str:
+    """As " + 0.4 fore mass"."""
+    size = "" if abs(abs(factor) - 1.0) < 1e-9 else f"{abs(factor):.4g} "
+    sign = "" if first else " - " if factor < 0.0 else " + "
+    return f"{sign}{size}{of} {name}"
+
+
+def _flat(row: Mapping[str, Any]) -> dict[str, Any]:
+    """Without the parts, which the text of a combination holds."""
+    return {key: value for key, value in row.items() if key != "parts"}
+
+
+def _interval(value: float, deviation: float) -> dict[str, Any]:
+    return {
+        "lower": value - NORMAL * deviation,
+        "upper": value + NORMAL * deviation,
+        "deviation": deviation,
+    }
+
+
+def _friction_rows(fit: ParameterFit, spec: ArmSpec) -> list[dict[str, Any]]:
+    """The terms of each drive but its armature; one that the logs do not show is zero and has no interval."""
+    rows = []
+    for j, (axis, unit) in enumerate(zip(spec.axes, spec.command_units, strict=True)):
+        for k, term in enumerate(TERMS[1:], start=1):
+            value, deviation = float(fit.terms[j, k]), float(fit.deviation[j, k])
+            kept = deviation > 0.0
+            rows.append(
+                {
+                    "joint": axis.name,
+                    "term": term,
+                    "value": value,
+                    **(
+                        _interval(value, deviation)
+                        if kept
+                        else dict.fromkeys(("lower", "upper", "deviation"))
+                    ),
+                    "unit": TERM_UNITS[k].format(u=unit, x=axis.unit),
+                    "evidence_nats": float(fit.evidence[j, k]),
+                    "shown": bool(fit.evidence[j, k] > SHOWN),
+                }
+            )
+    return rows
+
+
+def friction_c(fit: ParameterFit, spec: ArmSpec) -> str:
+    """A C function of the friction."""
+    name, J = "".join(c if c.isalnum() else "_" for c in spec.name), spec.dof
+    columns = [*fit.terms[:, 1:6].T, fit.stribeck_speed, fit.v0]
+    rows = ",\n".join(
+        f"        {{{', '.join(repr(float(x)) for x in row)}}}" for row in np.transpose(columns)
+    )
+    return f"""/* Friction of {spec.name} in {spec.command_unit}, identified by Etude.
+   qd: of the drives, rad/s (m/s). load: of the rigid body (gravity, inertia), or 0. */
+#include <math.h>
+
+static void {name}_friction(const double qd[{J}], const double load[{J}], double friction[{J}])
+{{
+    /* viscous, coulomb, stribeck, load, asymmetry, speed of stribeck, speed over which friction turns */
+    static const double p[{J}][7] = {{
+{rows}}};
+    for (int j = 0; j < {J}; ++j) {{
+        const double v = qd[j], s = tanh(v / p[j][6]), slow = v / p[j][5];
+        const double level = p[j][1] + p[j][2] * exp(-slow * slow) + p[j][3] * fabs(load[j]);
+        friction[j] = p[j][0] * v + level * s + p[j][4] * fabs(v);
+    }}
+}}
+"""
+
+
+def _said(
+    fit: ParameterFit, spec: ArmSpec, inertial: list[dict[str, Any]], friction: list[dict[str, Any]]
+) -> list[str]:
+    if inertial:
+        counts = [sum(row["known"] == known for row in inertial) for known in KNOWN]
+        base = len(inertial) - counts[-1]
+        parts = ", ".join(f"{n} {known}" for n, known in zip(counts, KNOWN, strict=True) if n)
+        said = [f"Any motion could show {base} combinations of {len(fit.theta)} parameters: {parts}."]
+    else:
+        said = [f"Commands are in {spec.command_unit}: without the motors' constants no mass follows."]
+    if inertial and fit.own_scale.any():
+        others = [name for name, own in zip(spec.names, fit.own_scale, strict=True) if own]
+        said.append(f"The commands of {', '.join(others)} are of another scale: no mass follows from them.")
+    shown = {(row["joint"], row["term"]) for row in friction if row["shown"]}
+    for name, unit, j in zip(spec.names, spec.command_units, range(spec.dof), strict=True):
+        said.append(
+            f"Friction of {name}: {_friction_words(fit.terms[j], fit.deviation[j], unit, name, shown)}."
+        )
+    return said
+
+
+KNOWN = ("measured", "partly", "from the file", "not identifiable")
+
+
+def _friction_words(
+    terms: Array, deviation: Array, unit: str, joint: str, shown: set[tuple[str, str]]
+) -> str:
+    named = [
+        f"{term} {digits(terms[k])} +- {NORMAL * deviation[k]:.2g}"
+        for k, term in enumerate(TERMS)
+        if (joint, term) in shown
+    ]
+    return f"{', '.join(named)} ({unit}, s)" if named else "no term is shown by the logs"
+
+
+def _readme(
+    spec: ArmSpec, said: list[str], inertial: list[dict[str, Any]], friction: list[dict[str, Any]]
+) -> str:
+    sentences = "\n".join(f"- {sentence}" for sentence in said)
+    bases = "".join(
+        f"| {row['parameter']} | {row['value']:.4g} | {_range(row)} | {row['unit']} | {row['file']:.4g} "
+        f"| {row['known']} |\n"
+        for row in inertial
+    )
+    terms = "".join(
+        f"| {row['joint']} | {row['term']} | {row['value']:.4g} | {_range(row)} | {row['unit']} "
+        f"| {row['evidence_nats']:.1f} | {'yes' if row['shown'] else 'no'} |\n"
+        for row in friction
+    )
+    return f"""# Parameters of {spec.name}, with 95 % intervals
+
+{sentences}
+- measured: the logs took away {MEASURED:.0%} of the variance that the file leaves, partly: {PARTLY:.0%}.
+- m c and I are about the link's own origin, along its axes. Drives feel armature and friction as they stand.
+- friction.h is the friction as a C function, with the speeds of Stribeck's dip.
+- Evidence: nats for the term against none; a term is shown above {SHOWN:g}.
+
+| parameter | value | 95 % | unit | file | known |
+|---|---|---|---|---|---|
+{bases}
+| joint | term | value | 95 % | unit | evidence | shown |
+|---|---|---|---|---|---|---|
+{terms}"""
+
+
+def _range(row: Mapping[str, Any]) -> str:
+    return "" if row["lower"] is None else f"{row['lower']:.4g} to {row['upper']:.4g}"

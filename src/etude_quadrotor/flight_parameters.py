@@ -1,0 +1,432 @@
+"""What flights tell of a vehicle's physical constants, for an autopilot's parameters: `Kind.parameters`.
+
+    f_z = k sum t(w) + b v_z sum w + c (v_x^2 + v_y^2),   t(w) = f w^2 + (1 - f) w
+
+with f_z the specific force along the body's z axis, w the motors' commands behind a lag and a delay, and f
+the thrust curve, PX4's THR_MDL_FAC. Moments say where the centre of mass is; drag is the force across.
+
+Errors of flights are correlated, so least squares' own deviations are too small. Intervals come from
+delete-one-block jackknife instead: everything is estimated again without each stretch of `BLOCK_S`.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from etude.logs.cleaning.filters import median_rate
+from etude.logs.readers.cells import text_cell
+from etude.types import Array, Delivered, Index, Log, Mask
+from etude_quadrotor.recorder import on_even_grid, with_states
+from etude_quadrotor.spec import QuadrotorSpec
+from etude_quadrotor.vehicle import GRAVITY
+
+BLOCK_S = 5.0
+"""s: a stretch of a flight that is left out as a whole; errors of a flight are correlated over less."""
+LEAST_BLOCKS = 6
+"""Below it no interval is told."""
+LAGS, DELAYS = (0.01, 0.02, 0.03, 0.05, 0.08, 0.12), (-0.004, 0.0, 0.004, 0.008, 0.016, 0.032)
+"""s, from which lag and delay are looked for."""
+FASTEST_LAG, STEPS, STEP_S = 0.002, 12, 1e-4
+"""s that a motor lags at least; Gauss-Newton steps at most; s of their differences."""
+SETTLED_S = 0.5
+"""s at a log's start in which what came before it still counts."""
+FAST_HZ = 50.0
+"""Least rate of a log that tells a lag."""
+DENSITY = 1.225
+"""kg/m^3 of air, as PX4's EKF2_BCOEF has it."""
+FULL = 65535
+"""A Crazyflie's motor at full scale."""
+CONTROL_HZ = 500.0
+"""Hz of a Crazyflie's rate control, of which its INDI parameters are."""
+CANNOT = "cannot tell"
+LOW, SPAN, LEAST_HEIGHT, EVEN = 4.0, 0.25, 0.1, 1e-3
+"""Distances of the outermost rotor from the centre below which rows are left out; m that it has where nobody
+says; m by which 1/h^2 stays finite; part by which that varies in flights at one height."""
+
+
+@dataclass(frozen=True, eq=False)
+class Flights:
+    """Rows of all flights one after another; commands as parts of their range, before their lag.
+
+    Attributes:
+        commands: (N_i, n) of each flight, on an even grid of step (s). step: s of each flight.
+        force, rates, turning: (N, 3) specific force, rates, angular acceleration.
+        velocity: (N, 3) of the body, or None. height: (N,) m above ground, or None.
+        block: (N,) number of each row's stretch, -1 of rows that are not used.
+    """
+
+    commands: tuple[Array, ...]
+    step: tuple[float, ...]
+    force: Array
+    rates: Array
+    turning: Array
+    velocity: Array | None
+    height: Array | None
+    block: Index
+
+    @property
+    def used(self) -> Mask:
+        """(N,) rows that count."""
+        return self.block >= 0
+
+    @cached_property
+    def blocks(self) -> list[int]:
+        """Numbers of the stretches that have rows."""
+        return [int(number) for number in np.unique(self.block[self.used])]
+
+    def lagged(self, lag: float, delay: float) -> Array:
+        """(N, n) commands behind a first-order lag and a delay, s."""
+        pairs = zip(self.commands, self.step, strict=True)
+        return np.concatenate([_lagged(own, step, lag, delay) for own, step in pairs])
+
+
+def _lagged(commands: Array, step: float, lag: float, delay: float) -> Array:
+    """Exact for commands that hold from row to row."""
+    from scipy.signal import lfilter, lfilter_zi
+
+    whole = int(np.floor(delay / step))
+    rows = np.clip(np.arange(len(commands)) - whole, 0, len(commands) - 1)
+    kept, new = np.exp(-step / lag), np.exp((delay - (whole + 1) * step) / lag)
+    b, a = [0.0, 1.0 - new, new - kept], [1.0, -kept]
+    start = lfilter_zi(b, a)[:, None] * commands[:1]
+    return np.asarray(lfilter(b, a, commands[rows], axis=0, zi=start)[0])
+
+
+def flights_of(spec: QuadrotorSpec, logs: Sequence[Log]) -> Flights:
+    """The rows of all logs; a state that one log lacks, all lack."""
+    told = [with_states(on_even_grid(log)) for log in logs]
+    low, high = np.array(spec.command_lower), np.array(spec.command_upper)
+    blocks, number = [], 0
+    for log in told:
+        t = log.t - log.t[0]
+        count = max(1, round((t[-1] - SETTLED_S) / BLOCK_S))
+        own = np.floor((t - SETTLED_S) / (t[-1] - SETTLED_S + 1e-9) * count).astype(np.int64)
+        used = own >= 0
+        if "altitude" in log:
+            used &= log["altitude"][:, 0] > near_ground(spec)
+        blocks.append(np.where(used, own + number, -1))
+        number += count
+    moving, high_up = (all(name in log for log in told) for name in ("body_velocity", "altitude"))
+
+    def joined(name: str) -> Array:
+        return np.concatenate([log[name] for log in told])
+
+    return Flights(
+        tuple(uncurved((log["command"] - low) / (high - low), spec.thrust_curve) for log in told),
+        tuple(1.0 / median_rate(log.t) for log in told),
+        joined("specific_force"),
+        joined("rates"),
+        joined("angular_acceleration"),
+        joined("body_velocity") if moving else None,
+        joined("altitude")[:, 0] if high_up else None,
+        np.concatenate(blocks),
+    )
+
+
+def near_ground(spec: QuadrotorSpec) -> float:
+    """m of height below which the ground lifts by more than what a power of the height tells."""
+    span = max((float(np.hypot(x, y)) for x, y, _ in spec.rotors), default=SPAN)
+    return LOW * span
+
+
+def uncurved(command: Array, curve: float) -> Array:
+    """What an output driver makes of a command: u with curve u^2 + (1 - curve) u = command."""
+    if curve == 0.0:
+        return command
+    half = (1.0 - curve) / (2.0 * curve)
+    return np.asarray(np.sqrt(half**2 + np.maximum(command, 0.0) / curve) - half)
+
+
+def curved(u: Array, curve: Array | float) -> Array:
+    """curve u^2 + (1 - curve) u."""
+    return np.asarray(curve * u**2 + (1.0 - curve) * u)
+
+
+NAMES = (
+    "hover",
+    "curve",
+    "hover_curved",
+    "lag",
+    "centre_x",
+    "centre_y",
+    "rotor_drag_x",
+    "rotor_drag_y",
+    "body_drag_x",
+    "body_drag_y",
+)
+"""What is estimated, NaN where flights lack what it takes: hover thrust as flown; thrust curve; hover thrust
+under that curve; lag, s; centre of mass, m; drag of rotors at hover, 1/s, and of the body, 1/m.
+"""
+
+
+@dataclass(frozen=True, eq=False)
+class Timed:
+    """The thrust's fit to all rows.
+
+    Attributes:
+        lag, delay: s. w: (N, n) commands behind both.
+        slopes: (N, 2) of the specific force along z in lag and delay.
+    """
+
+    lag: float
+    delay: float
+    w: Array
+    slopes: Array
+
+
+def _thrust(flights: Flights, w: Array) -> Array:
+    """(N, p) columns of which the specific force along z is a sum."""
+    columns = [(w**2).sum(axis=1), w.sum(axis=1)]
+    if flights.velocity is not None:
+        v = flights.velocity
+        columns += [v[:, 2] * columns[1], v[:, 0] ** 2 + v[:, 1] ** 2]
+        columns.append(v[:, 2] * np.linalg.norm(v, axis=1))
+    if flights.height is not None:
+        # Cheeseman and Bennett 1955: thrust grows by a part that goes with 1/h^2, here about its average,
+        # since flights at one height cannot tell it from the thrust
+        near = np.maximum(flights.height, LEAST_HEIGHT) ** -2
+        mean = near[flights.used].mean()
+        if np.ptp(near[flights.used]) > EVEN * mean:
+            columns.append(columns[0] * (near - mean))
+    return np.column_stack(columns)
+
+
+def _solved(X: Array, y: Array) -> Array:
+    """Least squares (p,), columns of any size."""
+    size = np.sqrt(np.mean(X**2, axis=0)) + 1e-300  # of a column of zeros
+    return np.asarray(np.linalg.lstsq(X / size, y, rcond=None)[0] / size)
+
+
+def timed(flights: Flights) -> Timed:
+    """Lag and delay under which the commands explain the thrust best: from a grid, then Gauss-Newton."""
+    used, y = flights.used, flights.force[:, 2]
+
+    def left(lag: float, delay: float) -> float:
+        X = _thrust(flights, flights.lagged(lag, delay))[used]
+        return float(np.mean((y[used] - X @ _solved(X, y[used])) ** 2))
+
+    _, lag, delay = min((left(a, b), a, b) for a in LAGS for b in DELAYS)
+    for _ in range(STEPS):
+        found = _at(flights, lag, delay)
+        step = _solved(np.hstack([_thrust(flights, found.w), found.slopes])[used], y[used])[-2:]
+        step = np.clip(step, -0.5 * lag, 0.5 * lag)
+        lag, delay = max(FASTEST_LAG, lag + float(step[0])), delay + float(step[1])
+        if np.abs(step).max() < 1e-6:
+            break
+    return _at(flights, lag, delay)
+
+
+def _at(flights: Flights, lag: float, delay: float) -> Timed:
+    w, used = flights.lagged(lag, delay), flights.used
+    weights = _solved(_thrust(flights, w)[used], flights.force[used, 2])
+    slopes = []
+    for more in ((STEP_S, 0.0), (0.0, STEP_S)):
+        ends = [
+            _thrust(flights, flights.lagged(lag + sign * more[0], delay + sign * more[1])) @ weights
+            for sign in (1.0, -1.0)
+        ]
+        slopes.append((ends[0] - ends[1]) / (2.0 * STEP_S))
+    return Timed(lag, delay, w, np.column_stack(slopes))
+
+
+def estimates(spec: QuadrotorSpec, flights: Flights, fit: Timed, rows: Mask) -> Array:
+    """(P,) values of NAMES from some of the rows."""
+    found = dict.fromkeys(NAMES, np.nan)
+    w, force = fit.w[rows], flights.force[rows]
+    columns = _thrust(flights, fit.w)[rows]
+    weights = _solved(np.hstack([columns, fit.slopes[rows]]), force[:, 2])
+    square, plain = weights[:2]
+    found["lag"] = fit.lag + weights[-2]
+    found["curve"] = square / (square + plain)
+    found["hover_curved"] = GRAVITY / ((square + plain) * w.shape[1])
+    pattern = w.mean(axis=0) / w.mean()  # of the motors where it is trimmed
+    a, b = square * (pattern**2).sum(), plain * pattern.sum()
+    hover = 2.0 * GRAVITY / (b + np.sqrt(max(b * b + 4.0 * a * GRAVITY, 0.0)))
+    found["hover"] = float(curved(hover * pattern, spec.thrust_curve).mean())
+    velocity = None if flights.velocity is None else flights.velocity[rows]
+    if velocity is not None:
+        speed, spin = np.linalg.norm(velocity, axis=1), w.mean(axis=1) / hover
+        for axis, name in enumerate("xy"):
+            v = velocity[:, axis]
+            X = np.column_stack([np.ones(len(v)), -v * spin, -v * speed])
+            _, found[f"rotor_drag_{name}"], found[f"body_drag_{name}"] = _solved(X, force[:, axis])
+    if spec.rotors:
+        thrusts = curved(w, found["curve"])
+        centre = _centre(spec, thrusts, flights.rates[rows], flights.turning[rows], velocity, w)
+        found["centre_x"], found["centre_y"] = centre
+    return np.array([found[name] for name in NAMES])
+
+
+def _centre(
+    spec: QuadrotorSpec, thrusts: Array, rates: Array, turning: Array, velocity: Array | None, w: Array
+) -> tuple[float, float]:
+    """Where the thrusts' moments are those of a turning body: the centre of mass, m."""
+    total, found = thrusts.sum(axis=1), []
+    for axis in (0, 1):
+        other = 1 - axis  # thrust at x turns the body about y
+        X = [total, turning[:, other], rates[:, 2] * rates[:, axis]]
+        if velocity is not None:
+            v = velocity[:, axis]
+            X += [v * w.sum(axis=1), v * np.linalg.norm(velocity, axis=1)]
+        places = np.array([rotor[axis] for rotor in spec.rotors])
+        found.append(float(_solved(np.column_stack(X), thrusts @ places)[0]))
+    return found[0], found[1]
+
+
+def intervals(spec: QuadrotorSpec, flights: Flights) -> Array:
+    """(P, 3) value, lower and upper end of the 95 % interval of NAMES."""
+    from scipy.stats import t as student
+
+    fit, every, K = timed(flights), flights.used, len(flights.blocks)
+    value = estimates(spec, flights, fit, every)
+    without = np.array([estimates(spec, flights, fit, every & (flights.block != k)) for k in flights.blocks])
+    deviation = np.sqrt((K - 1) / K * np.sum((without - without.mean(axis=0)) ** 2, axis=0))
+    half = float(student.ppf(0.975, K - 1)) * deviation
+    return np.column_stack([value, value - half, value + half])
+
+
+@dataclass(frozen=True)
+class _Row:
+    """How a value of NAMES is told.
+
+    Attributes:
+        label, unit: for people. widest: half an interval at most, of the value, or in its unit if `absolute`.
+        lacking: why flights may not have what it takes. step: what would tell it.
+    """
+
+    label: str
+    unit: str
+    widest: float
+    lacking: str
+    step: str
+    absolute: bool = False
+
+
+UP_AND_DOWN = "fly with more motion up and down"
+NO_VELOCITY = "not every log says position or velocity, and attitude"
+NO_ROTORS = "robot.toml does not say where its rotors are (rotors = [[x, y, spin], ...])"
+SLOW = f"a log has less than {FAST_HZ:g} rows a second"
+FASTER = "fly faster sideways"
+ROWS: Mapping[str, _Row] = {
+    "hover": _Row("hover thrust", "1", 0.1, "", UP_AND_DOWN),
+    "curve": _Row("thrust curve", "1", 0.2, "", UP_AND_DOWN, absolute=True),
+    "hover_curved": _Row("hover thrust with that curve", "1", 0.1, "", UP_AND_DOWN),
+    "lag": _Row("motor time constant", "s", 0.25, SLOW, "fly longer"),
+    "centre_x": _Row("centre of mass x", "m", 0.01, NO_ROTORS, "fly longer", absolute=True),
+    "centre_y": _Row("centre of mass y", "m", 0.01, NO_ROTORS, "fly longer", absolute=True),
+    "rotor_drag_x": _Row("rotor drag x", "1/s", 0.5, NO_VELOCITY, FASTER),
+    "rotor_drag_y": _Row("rotor drag y", "1/s", 0.5, NO_VELOCITY, FASTER),
+    "body_drag_x": _Row("body drag x", "1/m", 0.5, NO_VELOCITY, FASTER),
+    "body_drag_y": _Row("body drag y", "1/m", 0.5, NO_VELOCITY, FASTER),
+}
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A constant of a vehicle with its 95 % interval.
+
+    Attributes:
+        name, unit: such as "hover thrust", "1".
+        value, lower, upper: in that unit; None where flights do not tell it.
+        known: "measured", or "cannot tell" and why.
+        settings: name of a parameter in an autopilot -> its value, as text.
+    """
+
+    name: str
+    unit: str
+    value: float | None = None
+    lower: float | None = None
+    upper: float | None = None
+    known: str = "measured"
+    settings: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def set(self) -> str:
+        """The settings in words."""
+        return "; ".join(f"{name} = {value}" for name, value in self.settings.items())
+
+    def row(self) -> dict[str, Any]:
+        """For tables."""
+        own = {"parameter": self.name, "value": self.value, "lower": self.lower, "upper": self.upper}
+        return own | {"unit": self.unit, "known": self.known, "set": self.set}
+
+    def sentence(self) -> str:
+        """For people."""
+        if self.value is None:
+            return f"{self.name}: {self.known}."
+        unit = "" if self.unit == "1" else f" {self.unit}"
+        text = f"{self.name} {self.value:.4g}{unit}, 95 % from {self.lower:.4g} to {self.upper:.4g}"
+        return f"{text}: {self.set}." if self.set else f"{text}."
+
+
+def report(spec: QuadrotorSpec, logs: Sequence[Log]) -> Delivered:
+    """parameters.csv, parameters.json, and a sentence for each parameter."""
+    found = parameters(spec, logs)
+    rows = [own.row() for own in found]
+    lines = [",".join(rows[0]), *(",".join(map(_cell, row.values())) for row in rows)]
+    files = {
+        "parameters.csv": ("\n".join(lines) + "\n").encode(),
+        "parameters.json": (json.dumps(rows, indent=1) + "\n").encode(),
+    }
+    return Delivered(files, tuple(own.sentence() for own in found), {"parameters": rows})
+
+
+def _cell(value: str | float | None) -> str:
+    return text_cell(value) if isinstance(value, str) else "" if value is None else repr(value)
+
+
+def parameters(spec: QuadrotorSpec, logs: Sequence[Log]) -> tuple[Parameter, ...]:
+    """Each of NAMES with its 95 % interval and what to set; or why flights cannot tell it."""
+    flights = None if min(spec.command_lower) < 0.0 else flights_of(spec, logs)
+    if flights is None:
+        why = "commands are no motors"
+    elif len(flights.blocks) < LEAST_BLOCKS:
+        why = f"{LEAST_BLOCKS * BLOCK_S:g} s of flight above the ground are needed"
+    else:
+        why = ""
+    found = np.full((len(NAMES), 3), np.nan)
+    if flights is not None and not why:
+        found = intervals(spec, flights)
+        if max(flights.step) > 1.0 / FAST_HZ:
+            found[NAMES.index("lag")] = np.nan
+    return tuple(_parameter(spec, name, values, why) for name, values in zip(NAMES, found, strict=True))
+
+
+def _parameter(spec: QuadrotorSpec, name: str, values: Array, why: str) -> Parameter:
+    value, lower, upper = values.tolist()
+    row, half = ROWS[name], 0.5 * (upper - lower)
+    if not why and np.isnan(value):
+        why = row.lacking
+    elif not why and not half <= row.widest * (1.0 if row.absolute else value):
+        why = f"the interval is {value:.3g} +- {half:.2g}; {row.step}"
+    if why:
+        return Parameter(row.label, row.unit, known=f"{CANNOT}: {why}")
+    return Parameter(row.label, row.unit, value, lower, upper, settings=_settings(spec, name, value))
+
+
+def _settings(spec: QuadrotorSpec, name: str, value: float) -> dict[str, str]:
+    """Parameters of PX4 and of a Crazyflie, and their values; of set-points that are parts of full scale."""
+    if spec.command_unit != "1":
+        return {}
+    quad = len(spec.command_names) == 4
+    told: Mapping[str, dict[str, str]] = {
+        "hover": {"MPC_THR_HOVER": f"{value:.3f}"}
+        | ({"posCtlPid.thrustBase": f"{FULL * value:.0f}"} if quad else {}),
+        "curve": {"THR_MDL_FAC": f"{min(max(value, 0.0), 1.0):.2f}"},
+        "hover_curved": {"MPC_THR_HOVER": f"{value:.3f} with that THR_MDL_FAC"},
+        "lag": {"ctrlINDI.act_dyn_p": f"{-np.expm1(-1.0 / (CONTROL_HZ * value)):.4f}"} if quad else {},
+        # PX4's rotors are seen from the centre of mass, y to the right
+        "centre_x": {"CA_ROTOR*_PX": f"CA_ROTOR*_PX {-value:+.4f}"},
+        "centre_y": {"CA_ROTOR*_PY": f"CA_ROTOR*_PY {value:+.4f}"},
+        "rotor_drag_x": {"EKF2_MCOEF": f"{value:.3f}"},
+        "rotor_drag_y": {"EKF2_MCOEF": f"{value:.3f}"},
+        "body_drag_x": {"EKF2_BCOEF_X": f"{0.5 * DENSITY / value:.1f}"},
+        "body_drag_y": {"EKF2_BCOEF_Y": f"{0.5 * DENSITY / value:.1f}"},
+    }
+    return told[name]

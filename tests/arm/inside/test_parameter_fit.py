@@ -1,0 +1,188 @@
+"""Base parameters and friction with intervals: what no motion shows, the terms that are there, the words."""
+
+from __future__ import annotations
+
+import csv
+import ctypes
+import io
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from loading_examples import write
+from test_identified_files import FRICTION, NAMES, given, heavier, motion, spec_of, torques
+
+from compilers import STRICT, run, tool
+from etude import plugins
+from etude.errors import UsageError
+from etude.types import Log, Samples
+from etude_arm import KIND, ArmPhysics, ArmSpec
+from etude_arm.identified.parameter_fit import (
+    TERMS,
+    ParameterFit,
+    combinations,
+    parameter_fit,
+    savage_dickey,
+    settled,
+    since_reversal,
+)
+from etude_arm.identified.parameter_report import friction_c
+
+PARAMETERS = plugins.load("etude.targets", "parameters")
+Law = Callable[[np.ndarray, np.ndarray], np.ndarray]
+V0 = 0.04
+VISCOUS = np.array([0.5, 0.3, 0.1])
+
+
+def usual(qd: np.ndarray, _: np.ndarray) -> np.ndarray:
+    return FRICTION * np.tanh(qd / V0) + VISCOUS * qd
+
+
+def samples_of(spec: ArmSpec, path: Path, law: Law, seed: int, memory: float = 0.6) -> Samples:
+    """Logs of the robot of `path`, with noise that remembers: of each sample a part of the one before."""
+    rng = np.random.default_rng(seed)
+    parts = [motion(rng, 300, spec.dof) for _ in range(3)]
+    q, qd, qdd = (2.0 * np.concatenate([part[i] for part in parts]) for i in range(3))
+    rigid = torques(path, spec.names, q, qd, qdd)
+    noise = 0.05 * rng.normal(size=q.shape)
+    for k in range(1, len(noise)):
+        noise[k] += memory * noise[k - 1]
+    channels = {c.name: c for c in spec.channels()}
+    values = {"q": q, "qd": qd, "qdd": qdd, "command": rigid + law(qd, rigid) + noise}
+    log = Log(0.05 * np.arange(len(q)), {name: channels[name] for name in values}, values)
+    return Samples(log, np.repeat(np.arange(3), 300), np.ones(q.shape, bool), np.abs(qd) > 0.02)
+
+
+@pytest.fixture(scope="module")
+def robot(tmp_path_factory: pytest.TempPathFactory) -> tuple[ArmSpec, Path]:
+    path = write(tmp_path_factory.mktemp("robot"))
+    return spec_of(path), heavier(path, path.with_name("real.urdf"))
+
+
+def fitted(robot: tuple[ArmSpec, Path], law: Law = usual, seed: int = 0) -> ParameterFit:
+    spec, real = robot
+    samples = samples_of(spec, real, law, seed)
+    return parameter_fit(settled(samples, spec, ArmPhysics(spec)(samples)))
+
+
+@pytest.fixture(scope="module")
+def fit(robot: tuple[ArmSpec, Path]) -> ParameterFit:
+    return fitted(robot)
+
+
+def test_base_parameters_say_all_that_motion_shows(fit: ParameterFit) -> None:
+    bases, silent = combinations(fit)
+    weights = np.array([one.row(len(fit.theta)) for one in bases])
+    assert np.linalg.matrix_rank(fit.shown * fit.scale) == len(bases)
+    # commands are a function of the base parameters: each pivot's column times its value
+    pivots = [one.parts[0][0] for one in bases]
+    commands = fit.shown[:, pivots] @ (weights @ fit.theta)
+    np.testing.assert_allclose(commands, fit.shown @ fit.theta, atol=1e-6 * np.abs(commands).max())
+    np.testing.assert_allclose(fit.shown[:, silent], 0.0, atol=1e-9)
+    assert all(one.parts[0][1] == 1.0 for one in bases)
+
+
+def test_intervals_hold_the_truth(robot: tuple[ArmSpec, Path]) -> None:
+    spec, real = robot
+    z = []
+    for seed in range(5):
+        fit = fitted(robot, seed=seed)
+        weights = np.array([one.row(len(fit.theta)) for one in combinations(fit)[0]])
+        tree = ArmPhysics(replace(spec, model_file=real)).geometry.tree
+        truth = np.append(tree.nominal[1:].reshape(-1), np.zeros(spec.dof))
+        deviation = np.sqrt(np.einsum("kp,pq,kq->k", weights, fit.after, weights))
+        own = (fit.terms[:, 1:3] - np.transpose([VISCOUS, FRICTION])) / fit.deviation[:, 1:3]
+        z.append(np.concatenate([weights @ (fit.theta - truth) / deviation, own.ravel()]))
+    inside = np.mean(np.abs(z) < 1.96)
+    assert 0.88 <= inside <= 1.0
+    assert 0.5 < np.std(z) < 1.4, "neither far too wide nor far too narrow"
+
+
+@pytest.mark.parametrize(
+    ("term", "law"),
+    [
+        ("stribeck", lambda qd, _: usual(qd, _) + 0.6 * np.exp(-((qd / (4 * V0)) ** 2)) * np.tanh(qd / V0)),
+        ("load", lambda qd, rigid: usual(qd, rigid) + 0.1 * np.abs(rigid) * np.tanh(qd / V0)),
+        ("asymmetry", lambda qd, _: usual(qd, _) + 0.3 * np.abs(qd)),
+    ],
+)
+def test_a_term_that_is_there_is_shown_and_one_that_is_not_is_zero(
+    robot: tuple[ArmSpec, Path], fit: ParameterFit, term: str, law: Law
+) -> None:
+    k = TERMS.index(term)
+    np.testing.assert_array_equal(fit.terms[:2, k], 0.0)
+    found = fitted(robot, law)
+    assert found.evidence[0, k] > 10.0
+    wanted = {"stribeck": 0.6, "load": 0.1, "asymmetry": 0.3}[term]
+    assert found.terms[0, k] == pytest.approx(wanted, abs=3.0 * found.deviation[0, k])
+    assert 0.0 < found.deviation[0, k] < 0.5 * wanted
+
+
+def test_evidence_is_the_density_of_zero_before_and_after() -> None:
+    before, after, value = 2.0, 0.1, 0.3
+    density = [np.exp(-0.5 * (x / s) ** 2) / s for x, s in ((0.0, before), (value, after))]
+    assert savage_dickey(np.array(value), np.array(after), np.array(before)) == pytest.approx(
+        np.log(density[0] / density[1])
+    )
+
+
+def test_time_to_a_reversal_stays_within_a_group() -> None:
+    t, group = np.array([0.0, 1.0, 2.0, 3.0, 4.0]), np.array([0, 0, 0, 1, 1])
+    found = since_reversal(t, group, np.array([[1.0], [-1.0], [-1.0], [1.0], [1.0]]))
+    np.testing.assert_allclose(found[:3, 0], [0.5, 0.5, 1.5])
+    assert found[3:].min() > 1e5
+
+
+def test_the_c_function_is_the_friction(
+    robot: tuple[ArmSpec, Path], fit: ParameterFit, tmp_path: Path
+) -> None:
+    text = friction_c(fit, robot[0])
+    assert len(text.splitlines()) <= 25
+    (tmp_path / "f.c").write_text(text.replace("static void", "void"))
+    run([tool("gcc"), *STRICT, "-shared", "-fPIC", "f.c", "-o", "f.so", "-lm"], tmp_path)
+    qd, load, out = np.array([0.3, -0.7, 0.01]), np.array([5.0, -2.0, 1.0]), np.zeros(3)
+    pointers = [x.ctypes.data_as(ctypes.POINTER(ctypes.c_double)) for x in (qd, load, out)]
+    ctypes.CDLL(str(tmp_path / "f.so")).arm_friction(*pointers)
+    viscous, coulomb, stribeck, by_load, asymmetry = fit.terms[:, 1:6].T
+    dip = np.exp(-((qd / fit.stribeck_speed) ** 2))
+    level = coulomb + stribeck * dip + by_load * np.abs(load)
+    wanted = viscous * qd + level * np.tanh(qd / fit.v0) + asymmetry * np.abs(qd)
+    np.testing.assert_allclose(out, wanted, rtol=1e-12)
+
+
+def test_the_tables_say_what_is_known(robot: tuple[ArmSpec, Path]) -> None:
+    spec, real = robot
+    samples = samples_of(spec, real, usual, 1)
+    delivered = PARAMETERS(None, KIND, spec, {**given(samples), "logs": ()})
+    rows = list(csv.DictReader(io.StringIO(delivered.files["parameters.csv"].decode())))
+    known = {row["parameter"]: row["known"] for row in rows}
+    assert set(known.values()) <= {"measured", "partly", "from the file", "not identifiable"}
+    assert known["upper mass"] == "not identifiable"
+    assert "measured" in known.values()
+    for row in rows:
+        assert (row["lower"] == "") == (row["known"] == "not identifiable")
+        if row["lower"]:
+            assert float(row["lower"]) < float(row["value"]) < float(row["upper"])
+    friction = {(row["joint"], row["term"]): row for row in json.loads(delivered.files["friction.json"])}
+    coulomb = friction[NAMES[0], "coulomb"]
+    assert coulomb["lower"] < FRICTION[0] < coulomb["upper"]
+    assert coulomb["shown"]
+    assert friction[NAMES[0], "load"]["lower"] is None
+    assert any("combinations" in sentence for sentence in delivered.said)
+    assert "measured" in delivered.files["README.md"].decode()
+
+
+def test_without_forces_there_is_friction_alone(robot: tuple[ArmSpec, Path]) -> None:
+    spec = replace(robot[0], command_unit="V")
+    samples = samples_of(spec, robot[1], usual, 2)
+    delivered = PARAMETERS(None, KIND, spec, {**given(samples), "logs": ()})
+    assert "parameters.csv" not in delivered.files
+    assert any("no mass follows" in sentence for sentence in delivered.said)
+    friction = {(row["joint"], row["term"]): row for row in json.loads(delivered.files["friction.json"])}
+    assert friction[NAMES[0], "coulomb"]["unit"] == "V"
+    assert friction[NAMES[0], "coulomb"]["value"] == pytest.approx(FRICTION[0], rel=0.1)
+    with pytest.raises(UsageError, match="no model file with masses"):
+        PARAMETERS(None, KIND, replace(spec, model_file=None), {**given(samples), "logs": ()})
