@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from etude.errors import DataError, UsageError
 from etude.logs import duration
-from etude.logs.cleaning.filters import auto_cutoff
 from etude.types import Log, Samples
 from etude_arm import KIND, ArmSpec, Axis, filter_cutoff
 from etude_arm.preprocessing import ArmData, samples_of
@@ -113,7 +112,7 @@ def test_a_cutoff_of_positions_is_widened_where_commands_have_steps(
     log, (_, qd, _) = log_of(T, noise), motion(T)
     log = log.put(CHANNELS["command"], log["command"] + friction * np.tanh(qd / 0.05))
     found = filter_cutoff(log, DEFAULT)
-    own = auto_cutoff(T, log["q"])
+    own = filter_cutoff(log.without("command"), DEFAULT)
     assert own < 2.5
     assert found == (5.0 if wide else pytest.approx(own))
     slow = log.take(slice(None, None, 4))  # 25 Hz have no room for 5 Hz
