@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from etude.campaign.create import create_campaign, load_robot
     from etude.campaign.deployment.model_export import export
     from etude.campaign.deployment.monitor import watch
+    from etude.campaign.deployment.payload import payload
     from etude.campaign.deployment.predict import predict
     from etude.campaign.deployment.promote import promote, rollback
     from etude.campaign.evaluate.status import status
@@ -34,6 +35,7 @@ __all__ = [
     "load_model",
     "load_robot",
     "open_campaign",
+    "payload",
     "predict",
     "promote",
     "protocols",

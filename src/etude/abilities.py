@@ -427,6 +427,16 @@ class SupportsCommandedFiles(Protocol):
 
 
 @runtime_checkable
+class SupportsPayload(Protocol):
+    """`Kind`: the text of a robot file with a load (kg, less than 0 if put down) added to what it carries.
+
+    centre (3,): m in the frame of the link that the last axis moves. UsageError: nothing would be left.
+    """
+
+    def with_payload(self, spec: Any, text: str, mass: float, centre: Array) -> str: ...
+
+
+@runtime_checkable
 class SupportsNeeds(Protocol):
     """Target, names of `campaign.supplied` that become options; Criterion: "reference" or "identified"."""
 
@@ -466,6 +476,7 @@ ABILITIES: Mapping[str, tuple[type, ...]] = {
         SupportsBody,
         SupportsParameters,
         SupportsKnownFaults,
+        SupportsPayload,
     ),
     "Description": (SupportsCommandUnit, SupportsTableRate, SupportsConfirmation, SupportsPlant),
     "[trajectory]": (SupportsStatedLimits,),

@@ -241,6 +241,12 @@ class ArmKind:
         data = config.data
         return physics_of(spec, data.friction_fraction, data.desired, data.stick_fraction)
 
+    def with_payload(self, spec: ArmSpec, text: str, mass: float, centre: Array) -> str:
+        """The robot file with a load added."""
+        from etude_arm.payload_table import with_payload
+
+        return with_payload(text, spec, mass, centre)
+
     def parameters(
         self,
         spec: ArmSpec,

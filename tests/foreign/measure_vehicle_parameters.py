@@ -1,9 +1,9 @@
 """Parameters of a quadrotor with a load off the centre, a hexacopter and an octocopter, flown in rotorpy.
 
-    python tests/foreign/measure_vehicle_parameters.py RESULTS.jsonl [--seeds 10 11] [--table]
+    python tests/foreign/measure_vehicle_parameters.py RESULTS.jsonl [--seeds 10 11] [--flights 6] [--table]
 
-Each line is a parameter of one campaign of six flights of 15 s, beside the plant's own value. What stands in
-the file is not flown again.
+Each line is a parameter of one campaign of so many flights of 15 s, beside the plant's own value. What
+stands in the file is not flown again, so another number of flights takes another file.
 """
 
 from __future__ import annotations
@@ -136,12 +136,12 @@ def measured(frame: Airframe, logs: Sequence[Array]) -> list[dict[str, Any]]:
     return [{**{key: row[key] for key in kept}, "truth": true[row["parameter"]]} for row in rows]
 
 
-def campaigns(seeds: Sequence[int], known: set[tuple[str, int]]) -> Iterator[dict[str, Any]]:
+def campaigns(seeds: Sequence[int], count: int, known: set[tuple[str, int]]) -> Iterator[dict[str, Any]]:
     """Lines of those campaigns that are not known yet."""
     for seed in seeds:
         for name, frame in FRAMES.items():
             if (name, seed) not in known:
-                for row in measured(frame, [own.log for own in flown(frame, seed)]):
+                for row in measured(frame, [own.log for own in flown(frame, seed, count)]):
                     yield {"frame": name, "seed": seed, **row}
 
 
@@ -187,13 +187,14 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("results", type=Path)
     parser.add_argument("--seeds", type=int, nargs="*", default=SEEDS)
+    parser.add_argument("--flights", type=int, default=FLIGHTS)
     parser.add_argument("--table", action="store_true", help="of what there is")
     given = parser.parse_args()
     path: Path = given.results
     rows = [json.loads(line) for line in path.read_text().splitlines()] if path.is_file() else []
     if not given.table:
         with path.open("a") as file:
-            for row in campaigns(given.seeds, {(row["frame"], row["seed"]) for row in rows}):
+            for row in campaigns(given.seeds, given.flights, {(row["frame"], row["seed"]) for row in rows}):
                 file.write(json.dumps(row) + "\n")
                 file.flush()
                 rows.append(row)

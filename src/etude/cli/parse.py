@@ -43,6 +43,7 @@ COMMANDS = {
     "promote": "etude.cli.promote:Promote",
     "rollback": "etude.cli.promote:Rollback",
     "watch": "etude.cli.promote:Watch",
+    "payload": "etude.cli.payload:Payload",
     "status": "etude.cli.status:Status",
     "report": "etude.cli.report:Report",
     "predict": "etude.cli.export:Predict",

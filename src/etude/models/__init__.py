@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from etude.models.change.change_detection import first_alarm
     from etude.models.change.diagnosis import SENSOR, Cause
     from etude.models.change.evidence import Judged, drift_onset, judged
+    from etude.models.change.load import Load, about_origin, apparent_loads, load_of
     from etude.models.config import USUAL_COMMANDS, ModelConfig, Structure
     from etude.models.data.as_log import followed
     from etude.models.data.cross_validation import (
@@ -84,6 +85,7 @@ __all__ = [
     "LearnedModel",
     "Linear",
     "LinearPhysics",
+    "Load",
     "ModelConfig",
     "ModelSelection",
     "PluginKernel",
@@ -95,6 +97,8 @@ __all__ = [
     "Structure",
     "SupportsFirstUse",
     "Teaching",
+    "about_origin",
+    "apparent_loads",
     "ard_se",
     "block_masks",
     "contiguous_blocks",
@@ -116,6 +120,7 @@ __all__ = [
     "kernel_words",
     "linear_inputs",
     "load_model",
+    "load_of",
     "member_named",
     "minimize",
     "near",

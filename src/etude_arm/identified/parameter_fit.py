@@ -11,7 +11,7 @@ the density of the value 0 before the logs and after them says by how much (Sava
 turned round a moment ago the filter has smeared the step of its friction, and samples are left out.
 
 Deviations are no model's: they take the scatter of the score between stretches of log, longer than what the
-residual remembers (White 1980, Liang and Zeger 1986), and are at least half of the posterior's.
+residual remembers (`models.scatter`), and are at least half of the posterior's.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ from functools import cached_property
 
 import numpy as np
 
+from etude.models.scatter import scattered
 from etude.types import Array, Index, Mask, Samples
 from etude_arm.physics.base_parameters import RANK_TOLERANCE, parameter_scale, spread_states
 from etude_arm.physics.identification import (
@@ -55,7 +56,7 @@ STRETCHES = 2.0
 """Memories of the residual in one stretch of log, whose scores are then nearly independent."""
 LEAST_STRETCH = 1.0  # s
 LEAST_SCATTER = 0.25
-"""Of the posterior's variance: the scatter of few stretches is uncertain itself."""
+"""Of the posterior's variance."""
 TURNED = 0.3
 """s after and before a reversal in which friction is smeared: a period of the filters of such logs."""
 ENOUGH = 0.3
@@ -246,21 +247,12 @@ class Problem:
 
 
 def widened(fit: SharedFit, outputs: Sequence[OutputColumns]) -> Array:
-    """The covariance of (z, e_1 .. e_J) by the scatter of the score.
-
-    With H^-1 the posterior covariance and s_b the score of stretch b, the estimate scatters by
-    H^-1 (P_0^-1 + sum_b s_b s_b') H^-1 about the truth.
-    """
+    """The covariance of (z, e_1 .. e_J) by the scatter of the score."""
     prior = np.concatenate([np.ones(len(fit.z)), *(o.deviations for o in outputs)])
     free = prior > 0.0
     posterior, scores = fit.covariance[np.ix_(free, free)], _scores(fit, outputs)[:, free]
-    scatter = posterior @ (scores.T @ scores + np.diag(prior[free] ** -2)) @ posterior
-    # in units of the posterior's, direction by direction
-    root = np.linalg.cholesky(posterior)
-    inverse = np.linalg.inv(root)
-    ratios, axes = np.linalg.eigh(inverse @ scatter @ inverse.T)
     found = np.zeros_like(fit.covariance)
-    found[np.ix_(free, free)] = root @ (axes * np.maximum(ratios, LEAST_SCATTER)) @ axes.T @ root.T
+    found[np.ix_(free, free)] = scattered(posterior, prior[free], scores, LEAST_SCATTER)
     return found
 
 

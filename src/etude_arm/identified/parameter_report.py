@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from etude.errors import UsageError
+from etude.models.accuracy import NORMAL_95
 from etude.protocols import Physics
 from etude.types import Array, Delivered, Samples
 from etude_arm.identified.parameter_fit import (
@@ -25,8 +26,6 @@ from etude_arm.loading.load import load_arm
 from etude_arm.physics.mean import RigidBodyMean
 from etude_arm.spec import ArmSpec
 
-NORMAL = 1.96
-"""Deviations on either side of a 95 % interval."""
 TERM_UNITS = ("{u} s^2/{x}", "{u} s/{x}", "{u}", "{u}", "1", "{u} s/{x}", "{u}")
 
 
@@ -110,8 +109,8 @@ def _flat(row: Mapping[str, Any]) -> dict[str, Any]:
 
 def _interval(value: float, deviation: float) -> dict[str, Any]:
     return {
-        "lower": value - NORMAL * deviation,
-        "upper": value + NORMAL * deviation,
+        "lower": value - NORMAL_95 * deviation,
+        "upper": value + NORMAL_95 * deviation,
         "deviation": deviation,
     }
 
@@ -194,7 +193,7 @@ def _friction_words(
     terms: Array, deviation: Array, unit: str, joint: str, shown: set[tuple[str, str]]
 ) -> str:
     named = [
-        f"{term} {digits(terms[k])} +- {NORMAL * deviation[k]:.2g}"
+        f"{term} {digits(terms[k])} +- {NORMAL_95 * deviation[k]:.2g}"
         for k, term in enumerate(TERMS)
         if (joint, term) in shown
     ]

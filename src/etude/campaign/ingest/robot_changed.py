@@ -118,7 +118,7 @@ def _figure(model: LearnedModel, found: Judged) -> str:
         return ""
     value = f"{size.value:.2g} +- {max(size.deviation, 0.0):.1g}"
     if found.cause == "load":
-        return f", {value} kg at the last link"
+        return f", {value} kg at the last link (etude payload weighs it)"
     if found.cause == "friction":
         return f", {size.value:.2f} times what was learned"
     if size.joint is None:

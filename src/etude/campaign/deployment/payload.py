@@ -1,0 +1,151 @@
+"""payload: what hangs at the hand in one log, relative to the model in use. Nothing is told or learned."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from etude.abilities import SupportsPayload, SupportsVariations, SupportsWithout
+from etude.campaign.ingest.ingest_result import read
+from etude.campaign.ingest.questions import answers_of, body_of, questions_of
+from etude.campaign.record.deployed_model import DeployedModel, deployed_model
+from etude.campaign.record.folder import ROBOT, Campaign, Say
+from etude.campaign.record.stored_models import ingested_samples, of_another_body
+from etude.errors import DataError, UsageError
+from etude.logs.columns.units import start_at_zero
+from etude.models.accuracy import NORMAL_95
+from etude.models.change.load import Load, apparent_loads, load_of
+from etude.storage import write_atomic
+from etude.types import Array
+
+TOLD = 0.05
+"""m: a centre whose 95 % interval is wider on either side is not told."""
+ROUGH = 0.25
+"""Of a mass: half of an interval that is too wide to be written."""
+SCALE = "scale"
+"""The check of command units that a load answers."""
+MUCH_LEFT = 4.0
+"""Times the predicted variance, of the errors that a load leaves: something else has changed too."""
+MOTION = (
+    "Record a motion that turns the last link about horizontal axes, with several joints at once: etude ask."
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Weighed:
+    """What one log says.
+
+    Attributes:
+        used: the model that it was held against. load: what was found.
+        said: sentences of it. written: robot.toml, where it was written into; None where not.
+    """
+
+    used: DeployedModel
+    load: Load
+    said: tuple[str, ...]
+    written: Path | None = None
+
+
+def payload(
+    campaign: Campaign,
+    log: str | Path,
+    *,
+    write: bool = False,
+    degrees: bool = False,
+    accept: Sequence[str] = (),
+    say: Say = lambda _: None,
+) -> Weighed:
+    """Mass and centre of what the robot carries beyond what the model in use knows.
+
+    Args:
+        campaign: the folder. log: a file of any motion.
+        write: add it to the payload of robot.toml, where a load shows.
+        degrees: the log's angles are degrees.
+        accept: checks whose questions are answered with: take it as it is.
+        say: receives one sentence per step.
+
+    Raises:
+        UsageError: nothing was learned yet, a robot whose links are not known, or nothing to write.
+        DataError: the log cannot be used, or lacks what the model looks at.
+    """
+    used = deployed_model(campaign)
+    say(used.sentence)
+    body: object = body_of(campaign.kind, campaign.spec)
+    if not isinstance(body, SupportsVariations):
+        raise UsageError(
+            f"what hangs at '{campaign.spec.name}' cannot be weighed: that takes a model file with masses "
+            "and commands that are forces",
+            where=str(campaign.path / ROBOT),
+            next_step="Name a URDF or MJCF as model_file, and record torques in N m.",
+        )
+    # a wrist that carries something needs several times its own torque, which looks like another unit
+    answers = answers_of(campaign.state(), (*accept, SCALE), ())
+    asked = questions_of(campaign, campaign.state(), answers)
+    rows = start_at_zero(read(campaign, Path(log), degrees=degrees, asked=asked))
+    group = np.zeros(len(rows), dtype=np.int64)
+    samples = campaign.kind.samples(campaign.spec, campaign.config, [rows], [group])
+    try:
+        load = load_of(used.model, samples, body, _apparent(campaign, used, body))
+    except KeyError as error:
+        raise DataError(f"the log lacks an input of the model ({error.args[0]})", where=str(log)) from None
+    said = _sentences(load)
+    return Weighed(used, load, said, _written(campaign, used, load) if write else None)
+
+
+def _apparent(campaign: Campaign, used: DeployedModel, body: SupportsVariations) -> Array | None:
+    """Loads that the logs of the model seem to carry; None where no physics tell."""
+    physics: object = campaign.kind.physics(campaign.spec, campaign.config).get("identified")
+    numbers = [r.number for r in campaign.state().learned if campaign.run_file(r.number).is_file()]
+    if not isinstance(physics, SupportsWithout) or not numbers:
+        return None
+    told = ingested_samples(campaign, numbers)
+    return apparent_loads(physics.without(told, told.group), used.model, told, body)
+
+
+def _sentences(load: Load) -> tuple[str, ...]:
+    low, high = load.interval
+    if load.verdict == "cannot tell":
+        return (f"The motion cannot tell a load: {low:.2g} to {high:.2g} kg. {MOTION}",)
+    if load.verdict == "none":
+        return (f"No load shows: {low:.2g} to {high:.2g} kg.",)
+    less = " less than the model knows" if load.mass < 0.0 else ""
+    found = [f"{abs(load.mass):.3g} kg +- {NORMAL_95 * load.deviation:.2g} kg (95 %){less}."]
+    axes = zip("xyz", load.centre.tolist(), (NORMAL_95 * load.centre_deviation).tolist(), strict=True)
+    told = [
+        f"{name} {1e3 * value:.0f} +- {1e3 * wide:.0f} mm" if wide <= TOLD else f"{name} cannot be told"
+        for name, value, wide in axes
+    ]
+    found.append(f"Centre of mass, in the frame of the link that the last axis moves: {', '.join(told)}.")
+    if (NORMAL_95 * load.centre_deviation > TOLD).any():
+        found.append(MOTION)
+    if load.left > MUCH_LEFT:
+        found.append(
+            f"The load leaves errors of {load.left:.2g} times their variance: something else has changed "
+            "too. etude watch names other causes."
+        )
+    return tuple(found)
+
+
+def _written(campaign: Campaign, used: DeployedModel, load: Load) -> Path:
+    kind, place = campaign.kind, campaign.path / ROBOT
+    if load.verdict != "load" or not isinstance(kind, SupportsPayload):
+        raise UsageError(f"nothing to write: {_sentences(load)[0]}", where=str(place))
+    if NORMAL_95 * load.deviation > ROUGH * abs(load.mass):
+        raise UsageError(
+            f"the load is known too roughly to be written: {_sentences(load)[0]}",
+            where=str(place),
+            next_step=MOTION,
+        )
+    if of_another_body(campaign, used.number):
+        raise UsageError(
+            "robot.toml states another payload than the model was learned with, so nothing was added to it",
+            where=str(place),
+            next_step="Put back what it stated then, or tell a log of the robot as it is: --changed new.",
+        )
+    text = kind.with_payload(campaign.spec, place.read_text(encoding="utf-8"), load.mass, load.centre)
+    with campaign.writing():
+        write_atomic(place, text.encode())
+    return place

@@ -1,0 +1,55 @@
+"""etude payload"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import tyro
+
+from etude.cli.outcome import Common, Folder, Outcome, Say, opened
+from etude.errors import typed
+
+
+@dataclass(frozen=True, kw_only=True)
+class Payload(Common):
+    """Say what the robot carries in one log: mass and centre of mass, with 95 % intervals, beyond what the
+    model in use knows. Nothing is learned."""
+
+    folder: Folder
+    log: Path
+    """A file of any motion, in any format that tell takes."""
+    write: bool = False
+    """Add it to [payload] of robot.toml."""
+    degrees: bool = False
+    """All angles and rates of the log are in degrees."""
+    accept: tyro.conf.UseAppendAction[tuple[str, ...]] = ()
+    """A check whose question is answered: the log is taken as it is. May be given again."""
+
+    def run(self, say: Say) -> Outcome:
+        from etude.campaign.deployment.payload import payload
+
+        found = payload(
+            opened(self.folder),
+            self.log,
+            write=self.write,
+            degrees=self.degrees,
+            accept=self.accept,
+            say=say,
+        )
+        load, lines = found.load, list(found.said)
+        if found.written is not None:
+            lines.append(f"Written: [payload] of {found.written}")
+            lines.append(f"The model knows the robot without it. Next: etude ask {typed(self.folder)} --new")
+        low, high = load.interval
+        data = {
+            "verdict": load.verdict,
+            "mass": load.mass,
+            "mass_lower": low,
+            "mass_upper": high,
+            "centre": load.centre.tolist(),
+            "centre_deviation": load.centre_deviation.tolist(),
+            "left": load.left,
+            "written": None if found.written is None else str(found.written),
+        }
+        return Outcome("\n".join(lines), data)
