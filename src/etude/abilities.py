@@ -140,6 +140,15 @@ class SupportsMemory(Protocol):
 
 
 @runtime_checkable
+class SupportsSlow(Protocol):
+    """`Physics` that slow samples may tell more of: the samples with those taken as moving, from which the
+    physics is fitted again; None where there are too few.
+    """
+
+    def slow(self, samples: Samples) -> Samples | None: ...
+
+
+@runtime_checkable
 class SupportsDrag(Protocol):
     """`Inputs` of vehicles that know the air's drag (dx, dy, dz), 1/s. drag_c: C99 of void name(const real
     *body_velocity, real *force), the lateral force per mass in body axes; None: unknown.
@@ -451,7 +460,7 @@ ABILITIES: Mapping[str, tuple[type, ...]] = {
     ),
     "Inputs": (SupportsMemory, SupportsDrag, SupportsNotes, SupportsOnnx),
     "Mean": (SupportsOnnx, SupportsColumns, SupportsVariations),
-    "Physics": (SupportsWithout, SupportsRegressors),
+    "Physics": (SupportsWithout, SupportsSlow, SupportsRegressors),
     "Model": (SupportsFastMoments,),
     "Controller": (SupportsAccelerations,),
     "Robot": (SupportsEachTick, SupportsEngines, SupportsTestRuns, SupportsAssumptions),

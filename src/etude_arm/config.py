@@ -19,7 +19,7 @@ class ArmData:
         inputs: "measured" differentiates the filtered measured position; "desired" takes the desired motion
             (thesis). A logged velocity is not used: its filter, and so its phase, are unknown.
         cutoff_hz: zero-phase low-pass of position and command alike, Hz; "auto" by `logs.steps.auto_cutoff`,
-            "none" leaves both as measured.
+            or 5 or 10 Hz where that takes away what the log's commands show; "none" leaves both as measured.
         rate_hz: samples kept per second at least, evenly spaced. Thesis 6.2: all 100 Hz for a dictionary to
             choose from, and 100/12 for downsampling.
         least_samples: of a log so short that fewer than these would be left, more are kept per second, up to

@@ -17,7 +17,7 @@ from etude._runtime.operators import Piece
 from etude.errors import UsageError
 from etude.types import Array, Channel, Code, Column, Index, Log, Motion, Planned, Row, Samples
 from etude_arm.memory import MEMORY_RATE, pulled, remembered, turning
-from etude_arm.spec import FRICTION, MEMORY, ORDERS, PATH, PLAN, TURNING, ArmSpec
+from etude_arm.spec import MEMORY, ORDERS, PATH, PLAN, TURNING, ArmSpec
 
 FRICTION_SCALES = (1.0, 4.0, 16.0)
 """Multiples of v0 with a friction column each: a curve over speed; static may exceed kinetic friction.
@@ -53,7 +53,6 @@ class ArmInputs:
         presliding_distances: (W, J) over which friction may turn round in physics, rad or m: perfect runs
             carry what it
             remembers then; None: they do not.
-        told: whether logs told the friction velocities.
     """
 
     channels: Mapping[str, Channel]
@@ -65,7 +64,6 @@ class ArmInputs:
     play: Array | None = None
     slow: Array | None = None
     presliding_distances: Array | None = None
-    told: bool = False
 
     def __post_init__(self) -> None:
         v0 = self.friction_velocity
@@ -247,9 +245,6 @@ class ArmInputs:
         """
         speed = np.abs(samples.log[self.names[1]])
         found = replace(self, stick_velocity=np.where(samples.moving, 0.0, speed).max(axis=0, initial=0.0))
-        v0 = samples.log.get(FRICTION)
-        if v0 is not None and self.friction_velocity is not None:
-            found = replace(found, friction_velocity=v0[0], told=True)
         if self.presliding is None:
             return found
         limit = np.array(self.channels[self.names[1]].reach)
@@ -260,8 +255,6 @@ class ArmInputs:
     def arrays(self) -> dict[str, Array]:
         """What `fitted` has set, to be stored with a model."""
         found = {"stick_velocity": self.stick_velocity}
-        if self.told and self.friction_velocity is not None:
-            found["friction_velocity"] = self.friction_velocity
         if self.presliding is not None and self.play is not None and self.slow is not None:
             found |= {"presliding": self.presliding, "play": self.play, "slow": self.slow}
         return found
@@ -269,9 +262,9 @@ class ArmInputs:
     def restore(self, arrays: Mapping[str, Array]) -> ArmInputs:
         """The same inputs with what `arrays` holds; a model without a memory has none."""
         found = replace(self, stick_velocity=np.asarray(arrays["stick_velocity"], dtype=float))
-        if "friction_velocity" in arrays:
+        if "friction_velocity" in arrays:  # of models of an earlier version
             v0 = np.asarray(arrays["friction_velocity"], dtype=float)
-            found = replace(found, friction_velocity=v0, told=True)
+            found = replace(found, friction_velocity=v0)
         if "play" not in arrays:
             return replace(found, presliding=None, play=None, slow=None)
         length, play, slow = (np.asarray(arrays[n], dtype=float) for n in ("presliding", "play", "slow"))

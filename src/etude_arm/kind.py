@@ -238,7 +238,8 @@ class ArmKind:
             return {}
         from etude_arm.physics.mean import physics_of
 
-        return physics_of(spec, config.data.friction_fraction, config.data.desired)
+        data = config.data
+        return physics_of(spec, data.friction_fraction, data.desired, data.stick_fraction)
 
     def with_payload(self, spec: ArmSpec, text: str, mass: float, centre: Array) -> str:
         """The robot file with a load added."""

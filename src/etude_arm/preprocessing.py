@@ -35,7 +35,6 @@ from etude.logs.cleaning.filters import (
 from etude.types import TARGET, Array, Index, Log, Mask, Samples, joined_samples
 from etude_arm.config import ArmData
 from etude_arm.memory import remembered, turning
-from etude_arm.slow_samples import with_slow
 from etude_arm.spec import COMMAND, MEMORY, PATH, PLAN, TURNING, ArmSpec
 
 ROUNDING = 1e-6  # s: time stamps are sums of steps
@@ -93,8 +92,7 @@ def samples_of(spec: ArmSpec, config: ArmData, logs: Sequence[Log], groups: Sequ
     if not logs:
         raise DataError("there is no log to learn from", next_step="Tell one first.")
     parts = [_of_log(spec, config, log, group) for log, group in zip(logs, groups, strict=True)]
-    found = spared(joined_samples(parts), config.plenty)
-    return with_slow(found, spec, config.stick_fraction, config.friction_fraction, config.desired)
+    return spared(joined_samples(parts), config.plenty)
 
 
 def _of_log(spec: ArmSpec, config: ArmData, log: Log, group: Index) -> Samples:
@@ -208,7 +206,55 @@ def filter_cutoff(log: Log, config: ArmData) -> float:
         return float(config.cutoff_hz)
     longest = longest_stretch(log)
     grid = uniform_grid(longest.t, median_rate(log.t))
-    return auto_cutoff(grid, resample(longest.t, longest[PATH[0]], grid))
+    q = resample(longest.t, longest[PATH[0]], grid)
+    cutoff = auto_cutoff(grid, q)
+    if COMMAND not in longest:
+        return cutoff
+    return _wide_enough(grid, q, resample(longest.t, longest[COMMAND], grid), cutoff)
+
+
+WIDER = (5.0, TARGET_HZ)
+"""Hz: cutoffs tried where that of the positions is lower, since commands have steps that these lack."""
+CLEARLY = 0.9
+"""Error of a wider cutoff over that of the positions' own, at most; more may be chance."""
+ROWS_HZ, BLOCKS, RIDGE = 20.0, 10, 1e-3
+"""Rows a second that it is judged by; parts, every other one predicted from the rest; penalty of a row."""
+STEP, PER_COLUMN, ROWS_EACH = 0.05, 2, 8
+"""Part of the top speed within which friction turns round there. Rows for each regressor, and for each period
+of a cutoff, at least."""
+
+
+def _wide_enough(grid: Array, q: Array, command: Array, cutoff: float) -> float:
+    """The cutoff of the positions, or the first wider one with which linear regression predicts the target
+    clearly better.
+
+    Lower ones are not tried: regression then errs less where its model is wrong, and processes err more.
+    """
+    wider = [hz for hz in WIDER if cutoff < hz <= median_rate(grid) / ROWS_EACH]
+    rows = np.flatnonzero((grid - grid[0] > 1.0 / cutoff) & (grid[-1] - grid > 1.0 / cutoff))
+    rows = rows[:: max(1, int(median_rate(grid) / ROWS_HZ))]
+    if not wider or len(rows) < PER_COLUMN * 5 * q.shape[1]:
+        return cutoff
+    target = smooth(grid, command, TARGET_HZ).value[rows]
+    usual, *errors = (_errors(grid, q, command, hz, rows, target) for hz in (cutoff, *wider))
+    ratios = [float(np.exp(0.5 * np.mean(np.log(error / usual)))) for error in errors]
+    return next((hz for hz, ratio in zip(wider, ratios, strict=True) if ratio <= CLEARLY), cutoff)
+
+
+def _errors(grid: Array, q: Array, command: Array, cutoff: float, rows: Index, target: Array) -> Array:
+    """(2, J) mean squared errors of both parts, each predicted by ridge regression on the other."""
+    motion, taught = smooth(grid, q, cutoff), smooth(grid, command, cutoff).value[rows]
+    position, speed, acceleration = (x[rows] for x in (motion.value, motion.first, motion.second))
+    steps = np.tanh(speed / np.maximum(STEP * np.abs(speed).max(axis=0), np.finfo(float).tiny))
+    L = np.concatenate([speed, acceleration, np.sin(position), np.cos(position), steps], axis=1)
+    L = np.column_stack([(L - L.mean(axis=0)) / np.maximum(L.std(axis=0), 1e-9), np.ones(len(L))])
+    odd = np.arange(len(rows)) * BLOCKS // len(rows) % 2 == 1
+    found = []
+    for rest, own in ((odd, ~odd), (~odd, odd)):
+        A, b = L[rest].T @ L[rest], L[rest].T @ taught[rest]
+        weights = np.linalg.solve(A + RIDGE * rest.sum() * np.eye(len(A)), b)
+        found.append(np.mean((target[own] - L[own] @ weights) ** 2, axis=0))
+    return np.maximum(found, np.finfo(float).tiny)
 
 
 def _stretch(

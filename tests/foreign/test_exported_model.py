@@ -35,7 +35,7 @@ UNTRAINED = 4
 SMALL = 1e-12
 """Of each command's limit."""
 EVERYDAY = {
-    "physics": {"rung": "identified+gp", "candidates": ["default", "standing"]},
+    "physics": {"rung": "identified+gp", "candidates": ["default", "standing", "slow"]},
     "process": {"rung": "gp", "candidates": ["default"]},
 }
 STRUCTURES: dict[str, dict[str, Any]] = {

@@ -13,7 +13,7 @@ plant = pytest.importorskip("pinocchio_arm", reason="pinocchio has no wheel for 
 from small_arm import URDF, campaign_of_small_arm  # noqa: E402
 
 from etude import predict, tell  # noqa: E402
-from etude.campaign import Campaign, ingested_samples, stored_log  # noqa: E402
+from etude.campaign import Campaign, newest_model, open_campaign  # noqa: E402
 from etude.logs import read_log  # noqa: E402
 
 SINGLE = "row_deviation"
@@ -35,6 +35,9 @@ class Lab:
 def lab(tmp_path_factory: pytest.TempPathFactory) -> Lab:
     folder = tmp_path_factory.mktemp("slow")
     campaign, arm = campaign_of_small_arm(folder, 24.0), plant.arm_of_urdf(URDF, seed=4, wrong=1.3)
+    file = campaign.path / "campaign.toml"
+    file.write_text(file.read_text().replace('["default"]', '["default", "standing", "slow"]'))
+    campaign = open_campaign(campaign.path)
     run = plant.run(arm, motion(arm, 60.0, 0.0), seed=1)
     (folder / "log.csv").write_bytes(run.log())
     tell(campaign, folder / "log.csv")
@@ -93,17 +96,15 @@ def test_a_pose_is_held_without_a_push(lab: Lab) -> None:
     assert np.all(np.abs(said - holds) < MOST_PUSH * lab.arm.drives.coulomb), said - holds
 
 
-def test_slow_samples_teach_and_where_gears_stick_they_do_not(
-    lab: Lab, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    log = stored_log(lab.campaign, 1)
-    slow = np.abs(log["qd"]) < 0.06 * np.abs(log["qd"]).max(axis=0)
-    levels = np.random.default_rng(0).uniform(-1.0, 1.0, (len(log) // 100 + 1, 3))
-    held = np.where(slow, levels.repeat(100, axis=0)[: len(log)], 0.0)
-    stuck = log.put(log.channels["command"], log["command"] + 0.1 * lab.arm.torque * held)
-    own = ingested_samples(lab.campaign, [1])
-    monkeypatch.setattr("etude.campaign.record.stored_models.stored_log", lambda *_: stuck)
-    assert own.moving.mean() > ingested_samples(lab.campaign, [1]).moving.mean() + 0.02
+def test_slow_samples_teach_where_all_samples_are_predicted_better_so(lab: Lab) -> None:
+    model = newest_model(lab.campaign, lab.campaign.state())
+    slow = [c for c in model.candidates if c.name == "slow" and c.structure == "identified+gp"]
+    assert [c.commands for c in slow] == [(0,), (1,), (2,)]
+    assert min(float(c.share[0]) for c in slow) > 0.5
+    usual = next(c for c in model.candidates if c.structure == "identified" and c.name == "default")
+    v0 = usual.mean.model.friction_velocity
+    for candidate in slow:
+        np.testing.assert_allclose(candidate.mean.model.friction_velocity, 0.1 * v0)
 
 
 def test_single_rows_scatter_by_what_the_filter_takes_away(lab: Lab) -> None:

@@ -163,9 +163,8 @@ def _candidate_words(
         "name": name_of(candidate),
     }
     if candidate.mean is not None:
-        base = candidate.structure.removesuffix("+gp")
-        words["mean"] = means.setdefault(id(candidate.mean), base)
-        shelf.put_all(f"mean/{base}", candidate.mean.arrays())
+        words["mean"] = name = _mean_name(candidate, means)
+        shelf.put_all(f"mean/{name}", candidate.mean.arrays())
     own = candidate.process
     words["silent"] = isinstance(own, Silent)
     if isinstance(own, Silent):
@@ -179,6 +178,15 @@ def _candidate_words(
     return words | {"process": processes[id(own)]}
 
 
+def _mean_name(candidate: Candidate, means: dict[int, str]) -> str:
+    """Under which its mean function is stored: its base, and a number where another one of that has it."""
+    if id(candidate.mean) not in means:
+        base = candidate.structure.removesuffix("+gp")
+        alike = [name for name in means.values() if name.partition(".")[0] == base]
+        means[id(candidate.mean)] = f"{base}.{len(alike)}" if alike else base
+    return means[id(candidate.mean)]
+
+
 def _candidate(
     prefix: str,
     words: Mapping[str, Any],
@@ -190,9 +198,10 @@ def _candidate(
 ) -> Candidate:
     base, number = words["mean"], words["process"]
     if base is not None and base not in means:
-        if base not in physics:
-            raise ValueError(f"the robot has no {base} physics")
-        means[base] = physics[base].restore(_under(arrays, f"mean/{base}"))
+        kind = base.partition(".")[0]
+        if kind not in physics:
+            raise ValueError(f"the robot has no {kind} physics")
+        means[base] = physics[kind].restore(_under(arrays, f"mean/{base}"))
     if number is not None and number not in processes:
         member_config = CANDIDATES.get(words.get("name", "default"))
         own_member = member if member_config is None else member_config.process

@@ -8,6 +8,7 @@ from etude_arm.spec import ArmSpec
 
 _known: dict[str, bool] = {}
 """Whether a file has masses."""
+_geometries: dict[str, Geometry] = {}
 
 
 def read_geometry(spec: ArmSpec) -> Geometry | None:
@@ -19,6 +20,12 @@ def read_geometry(spec: ArmSpec) -> Geometry | None:
     """
     if spec.model_file is None:
         return None
+    if not spec.model_file.is_file():
+        return _read(spec)  # which says so
+    return of_file(_geometries, spec, lambda: _read(spec))
+
+
+def _read(spec: ArmSpec) -> Geometry:
     from etude_arm.loading.load import load_arm
     from etude_arm.physics.rigid_tree import drives_from_mujoco, tree_from_mujoco
 

@@ -12,6 +12,7 @@ import numpy as np
 
 from etude._runtime.operators import Piece
 from etude.errors import DataError, UsageError
+from etude.logs.cleaning.filters import slower
 from etude.types import Array, Code, Index, Log, Samples
 from etude_arm.inputs import FRICTION_SCALES, friction_speeds
 from etude_arm.physics.base_regressor import BaseRegressor, base_regressors
@@ -37,6 +38,10 @@ from etude_arm.spec import FORCES, FRICTION, PATH, PLAN, PRESLIDING_DISTANCES, T
 
 FRICTION_FRACTION = 0.02
 """v0 of the friction terms as a part of the velocity limit, where the inputs have none."""
+FINER = 0.1
+"""Of v0, over which friction turns where slow samples teach, and of the speed below which a joint stands."""
+LEAST_SLOW = 20
+"""Slow samples of which fewer teach nothing."""
 TREE = tuple(KinematicTree.__dataclass_fields__)
 DRIVE = tuple(Drive.__dataclass_fields__)
 OWN = tuple(name for name in RigidBodyModel.__dataclass_fields__ if name not in ("tree", "drives"))
@@ -126,12 +131,14 @@ class ArmPhysics:
         friction_fraction: v0 of the friction terms as a part of the velocity limits, above 0.
         desired: whether states are the planned ones.
         nominal: what the model file alone says, for commands that are forces.
+        stick_fraction: part of the top speed below which joints count as standing in samples; 0: of none.
     """
 
     spec: ArmSpec
     friction_fraction: float = FRICTION_FRACTION
     desired: bool = False
     nominal: bool = False
+    stick_fraction: float = 0.0
 
     @cached_property
     def geometry(self) -> Geometry:
@@ -169,6 +176,21 @@ class ArmPhysics:
             with contextlib.suppress(DataError):
                 found[number] = own._fitted(samples.take(rest), regressors.take(rest)).of(regressors)
         return found
+
+    def slow(self, samples: Samples) -> Samples | None:
+        """The samples with slow ones taken as moving, and friction that turns over ten times faster.
+
+        Around a stick-slip a slow sample says nothing of friction at its speed, so slow joints are masked.
+        Where friction only turns over with the speed, slow samples tell it best. Logs left out say which it
+        is. Capability `abilities.SupportsSlow`.
+        """
+        speed = samples.log[(PLAN if self.desired else PATH)[1]]
+        moving = np.asarray(samples.moving | ~slower(speed, self.spec.velocity, FINER * self.stick_fraction))
+        more = moving & ~samples.moving & samples.usable & np.isfinite(samples.target)
+        if self.nominal or not self.stick_fraction or more.sum() < LEAST_SLOW:
+            return None
+        v0 = np.broadcast_to(FINER * self.friction_velocity, speed.shape)
+        return replace(samples, log=samples.log.put(self.spec.friction(), v0.copy()), moving=moving)
 
     def restore(self, arrays: Mapping[str, Any]) -> RigidBodyMean:
         """The mean whose `arrays` these are; no model file is read."""
@@ -225,12 +247,15 @@ def remembered_of(log: Log) -> Array | None:
     return None if found is None else found.reshape(len(log), len(PRESLIDING_DISTANCES), -1)
 
 
-def physics_of(spec: ArmSpec, friction_fraction: float, desired: bool) -> dict[str, ArmPhysics]:
+def physics_of(
+    spec: ArmSpec, friction_fraction: float, desired: bool, stick_fraction: float = 0.0
+) -> dict[str, ArmPhysics]:
     """The structures that the robot allows: none without a file with masses, "nominal" only for forces."""
     if not has_masses(spec):
         return {}
     fraction = friction_fraction or FRICTION_FRACTION
-    found = {"identified": ArmPhysics(spec, fraction, desired)}
+    stick_fraction = stick_fraction if friction_fraction else 0.0
+    found = {"identified": ArmPhysics(spec, fraction, desired, stick_fraction=stick_fraction)}
     if spec.command_unit in FORCES:
         found["nominal"] = ArmPhysics(spec, fraction, desired, nominal=True)
     return found

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from etude.errors import DataError, UsageError
 from etude.logs import duration
 from etude.types import Log, Samples
-from etude_arm import KIND, ArmSpec, Axis
+from etude_arm import KIND, ArmSpec, Axis, filter_cutoff
 from etude_arm.preprocessing import ArmData, samples_of
 
 Array = NDArray[np.float64]
@@ -101,6 +101,22 @@ def test_the_target_is_the_same_whatever_learning_takes() -> None:
     assert not usual.usable.all()
     raw = build(log, SPEC, THESIS_MEASURED)
     np.testing.assert_array_equal(raw.target[raw.moving.any(axis=1)], raw.command[raw.moving.any(axis=1)])
+
+
+@pytest.mark.parametrize(
+    ("friction", "noise", "wide"), [(0.0, 3e-4, False), (5.0, 3e-4, True), (5.0, 1e-2, True)]
+)
+def test_a_cutoff_of_positions_is_widened_where_commands_have_steps(
+    friction: float, noise: float, wide: bool
+) -> None:
+    log, (_, qd, _) = log_of(T, noise), motion(T)
+    log = log.put(CHANNELS["command"], log["command"] + friction * np.tanh(qd / 0.05))
+    found = filter_cutoff(log, DEFAULT)
+    own = filter_cutoff(log.without("command"), DEFAULT)
+    assert own < 2.5
+    assert found == (5.0 if wide else pytest.approx(own))
+    slow = log.take(slice(None, None, 4))  # 25 Hz have no room for 5 Hz
+    assert filter_cutoff(slow, DEFAULT) < 3.2
 
 
 def test_lead_in_and_edges_are_trimmed() -> None:

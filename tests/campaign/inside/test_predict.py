@@ -28,7 +28,7 @@ def lab(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("predict") / "lab"
     assert main(["init", str(folder), "--robot", "arm4"]) == 0
     config = folder / "campaign.toml"
-    text = config.read_text(encoding="utf-8").replace('"standing", "gip_lin", "all_lin"', "")
+    text = config.read_text(encoding="utf-8").replace('"standing", "slow", "gip_lin", "all_lin"', "")
     text = text.replace('["default", ]', '["default"]')
     quick = {
         "steps = 30": "steps = 2",

@@ -176,8 +176,8 @@ def test_candidates_are_compared_on_the_same_samples(
     seen: list[tuple[LearnedStructure, LearnedStructure, np.ndarray]] = []
     whole = ensemble.everywhere
 
-    def spy(folds, part, base, compared):
-        error, variance = whole(folds, part, base, compared)
+    def spy(folds, part, compared):
+        error, variance = whole(folds, part, compared)
         seen.append((part, compared, np.isfinite(error) & np.isfinite(variance)))
         return error, variance
 

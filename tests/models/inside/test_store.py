@@ -63,6 +63,18 @@ def test_every_rung_comes_back_with_all_that_is_known(full, tmp_path) -> None:
     assert [own for _, own in again.latents()] == [own for _, own in full.latents()]
 
 
+def test_two_means_of_one_structure_stay_two(full, tmp_path) -> None:
+    other = PHYSICS["identified"](trajectory(7))
+    (last,) = [k for k, c in enumerate(full.candidates) if c.structure == "identified" and c.commands == (1,)]
+    candidates = [replace(c, mean=other) if k == last else c for k, c in enumerate(full.candidates)]
+    model = replace(full, candidates=tuple(candidates))
+    save_model(tmp_path / "model.npz", model)
+    again = loaded(tmp_path / "model.npz")
+    same(again.of_structure("identified"), model.of_structure("identified"))
+    assert len({id(c.mean) for c in again.candidates if c.structure.startswith("identified")}) == 2
+    assert model_bytes(again) == model_bytes(model)
+
+
 def test_storing_twice_gives_the_same_bytes_and_shared_arrays_are_there_once(full, tmp_path) -> None:
     data = model_bytes(full)
     save_model(tmp_path / "model.npz", full)

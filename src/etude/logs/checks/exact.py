@@ -453,7 +453,7 @@ def _told_steps(way: Array, by_velocity: Array | None) -> Array:
         window = np.full(2 * count + 1, 1.0 / (2 * count))
         window[count] = 0.0
         told.append(np.convolve(way, window, "same"))
-    return min(told, key=lambda steps: float(np.abs(way - steps).mean()))
+    return min(told, key=lambda steps: float(np.median(np.abs(way - steps))))
 
 
 @dataclass(frozen=True, eq=False)

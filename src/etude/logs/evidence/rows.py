@@ -12,7 +12,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import block_diag
-from scipy.ndimage import uniform_filter1d
 
 from etude.logs.checks.filtered_motion import goes_far, runs, states_of
 from etude.logs.cleaning.filters import looked_at
@@ -206,7 +205,9 @@ def _filtered(
 def _stands(t: Array, qd: Array, slow: Array) -> Mask:
     """(n, k) where joints stay below the speeds `slow` (k,)."""
     width = max(1, round(STAND_S * (len(t) - 1) / float(t[-1] - t[0])))
-    found = np.asarray(np.abs(uniform_filter1d(qd, width, axis=0)) < slow)
+    beside = np.pad(qd, ((width // 2 + 1, width - 1 - width // 2), (0, 0)), "symmetric")
+    total = np.cumsum(beside, axis=0)
+    found = np.asarray(np.abs(total[width:] - total[:-width]) < width * slow)
     for column in found.T:
         for a, b in runs(column):
             column[a:b] = b - a >= width

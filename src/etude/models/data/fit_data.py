@@ -25,7 +25,7 @@ LARGEST_FLOOR = 0.1
 """Limit of the noise floor as a part of the command's own deviation: a joint may use little of its range."""
 OF_ARMS = ("structured", "standing", "gip_lin")
 """Kernels of an arm's command, with many hyperparameters."""
-JUDGED = 1000
+JUDGED = 600
 """Samples by which candidates are judged, at most."""
 LEAST_FIT = 80
 """Spacings that all trajectories together last at least: an arm's kernel has some 80 hyperparameters for six

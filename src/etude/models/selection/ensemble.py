@@ -19,7 +19,13 @@ from etude.models.data.fit_data import Folds, Rows, apart, rows_of
 from etude.models.gp.kernels import own_columns
 from etude.models.learned_model import LearnedModel
 from etude.models.selection.candidate_errors import CandidateErrors, mixed, of_command
-from etude.models.selection.structures import LearnedStructure, earlier_of, with_process
+from etude.models.selection.structures import (
+    LearnedStructure,
+    alone,
+    base_of,
+    earlier_of,
+    with_process,
+)
 from etude.progress import counted
 from etude.types import Array, Index, Mask
 
@@ -45,9 +51,10 @@ class MemberConfig:
 
     Attributes:
         kernel: name in the group etude.kernels. process: name of the member.
-        structures: in which it takes part.
+        structures: in which it takes part; where all candidates are stacked, in the first that there is.
         together: all commands in one process; else each by itself.
         standing: samples of standing joints teach too, while another moves.
+        slow: those of slow joints too, with the physics that they tell; it takes part without a process too.
         fit_points, steps, points: at most, of the configuration's; 0: these.
         offered: whether it is worth its time on these data, given the default's samples of each command.
     """
@@ -57,6 +64,7 @@ class MemberConfig:
     structures: tuple[str, ...] = ("gp",)
     together: bool = False
     standing: bool = False
+    slow: bool = False
     fit_points: int = 0
     steps: int = 0
     points: int = 0
@@ -101,7 +109,8 @@ def _conserves(folds: Folds, rows: Sequence[Rows]) -> bool:
 
 
 CANDIDATES: dict[str, MemberConfig] = {
-    "standing": MemberConfig("standing", structures=("gp", "identified+gp"), standing=True, offered=_rests),
+    "standing": MemberConfig("standing", structures=("identified+gp", "gp"), standing=True, offered=_rests),
+    "slow": MemberConfig("standing", structures=("identified+gp",), standing=True, slow=True, offered=_rests),
     "gip_lin": MemberConfig("gip_lin", fit_points=110, offered=_few),
     "all_lin": MemberConfig(
         "ard_se", "all_lin", together=True, fit_points=110, steps=60, points=300, offered=_conserves
@@ -125,35 +134,58 @@ def beside_default(
     folds: Folds,
     groups: Sequence[Mapping[str, LearnedStructure]],
     bases: Mapping[str, Base],
+    slow: tuple[Folds, Base] | None,
     rng: np.random.Generator,
     previous: LearnedModel | None,
 ) -> tuple[list[LearnedStructure], dict[str, str]]:
     """The candidates that `model.candidates` names and the data suffice for, in every structure of theirs. By
     name why others cannot be loaded: a broken package takes no model from anybody.
+
+    slow: what is learned from where slow samples teach, and the physics that they tell; None: they do not.
     """
     found: list[LearnedStructure] = []
     broken: dict[str, str] = {}
     if not folds.config.averages or len(folds.numbers) < 2:
         return found, broken
     for name in counted(folds.config.candidates, lambda name: COSTS.get(name, 1.0)):
-        member_config = CANDIDATES.get(name)
-        for structure in counted(() if member_config is None else member_config.structures):
-            own = [group[structure] for group in groups if structure in group]
-            if (
-                member_config is None
-                or not own
-                or not member_config.offered(folds, [learned.rows for learned in own])
-            ):
-                continue
-            if fault := member_config.fault():
+        for structure in counted(_structures(folds, groups, name, slow is not None)):
+            if fault := CANDIDATES[name].fault():
                 broken[name] = fault
                 continue
+            own = [group[structure] for group in groups if structure in group]
+            source, base = folds, bases.get(base_of(structure))
+            if CANDIDATES[name].slow and slow is not None:
+                source, base = slow
             every = tuple(j for learned in own for j in learned.candidate.commands)
-            for commands in counted([every] if member_config.together else [(j,) for j in every]):
-                base = bases.get(structure.removesuffix("+gp"))
+            for commands in counted([every] if CANDIDATES[name].together else [(j,) for j in every]):
                 wanted = None if len(commands) > 1 else wanted_of(folds, commands[0], own)
-                found.append(_learned(folds, commands, name, structure, base, rng, previous, wanted))
+                found.append(_learned(source, commands, name, structure, base, rng, previous, wanted))
+                if CANDIDATES[name].slow and base is not None:
+                    found.append(_alone(source, found[-1], base))
     return found, broken
+
+
+def _structures(
+    folds: Folds, groups: Sequence[Mapping[str, LearnedStructure]], name: str, slow: bool
+) -> list[str]:
+    """In which a candidate takes part; none where the data do not suffice for it."""
+    member = CANDIDATES.get(name)
+    if member is None or (member.slow and not slow):
+        return []
+    found = []
+    for structure in member.structures:
+        own = [group[structure].rows for group in groups if structure in group]
+        if own and member.offered(folds, own):
+            found.append(structure)
+    return found[:1] if folds.config.stacks else found
+
+
+def _alone(folds: Folds, twin: LearnedStructure, base: Base) -> LearnedStructure:
+    """The mean function of a candidate by itself."""
+    candidate = twin.candidate
+    structure = base_of(candidate.structure)
+    learned = alone(folds, candidate.commands, twin.rows, structure, base, candidate)
+    return replace(learned, candidate=replace(learned.candidate, name=candidate.name))
 
 
 def _learned(
@@ -204,9 +236,7 @@ def _beside(moving: Rows, every: Rows, folds: Folds, group: tuple[int, ...]) -> 
     return Rows(every.moving, both(moving.kept, every.kept), both(moving.chosen, every.chosen))
 
 
-def everywhere(
-    folds: Folds, learned: LearnedStructure, base: Base | None, compared: Mask
-) -> tuple[Array, Array]:
+def everywhere(folds: Folds, learned: LearnedStructure, compared: Mask) -> tuple[Array, Array]:
     """Errors and calibrated variances (n, m) held out, of standing joints too; NaN where not predicted.
 
     Each candidate is conditioned on samples of its own, so that together they use more of them. All are
@@ -221,7 +251,7 @@ def everywhere(
     missing = np.flatnonzero((wanted & ~np.isfinite(told.error)).any(axis=1))
     if len(missing) and process is not None and (len(own) == 1 or folds.judged is not None):
         rows = replace(learned.rows, kept=missing)
-        more = process_held_out(folds, candidate.commands, rows, candidate.units, process, base)
+        more = process_held_out(folds, candidate.commands, rows, candidate.units, process, learned.base)
         told = _filled(told, more)
     beside = (folds.judge - folds.samples.command)[:, own]
     error = told.error if folds.judged is None else np.where(wanted, told.error + beside, np.nan)
@@ -267,19 +297,13 @@ def candidate_errors(
     folds: Folds,
     groups: Sequence[Mapping[str, LearnedStructure]],
     others: Sequence[LearnedStructure],
-    bases: Mapping[str, Base],
 ) -> list[CandidateErrors]:
     """All candidates, group by group, the default's first; all on the samples of the defaults."""
     defaults = [part for group in groups for part in group.values()]
     order = list(dict.fromkeys(part.candidate.structure for part in others))
     others = sorted(others, key=lambda part: order.index(part.candidate.structure))
     use = _compared(folds, defaults)
-    parts = (*defaults, *others)
-    used = [bases.get(part.candidate.structure.removesuffix("+gp")) for part in parts]
-    return [
-        CandidateErrors(part, *everywhere(folds, part, base, use))
-        for part, base in zip(parts, used, strict=True)
-    ]
+    return [CandidateErrors(part, *everywhere(folds, part, use)) for part in (*defaults, *others)]
 
 
 @dataclass(frozen=True, eq=False)

@@ -57,7 +57,7 @@ def physics_behind(candidate: Candidate, candidates: Sequence[Candidate], believ
     """
     if is_physical(candidate):
         return candidate.mean
-    beside = {c.structure: c.mean for c in candidates if c.structure in PHYSICAL}
+    beside = {c.structure: c.mean for c in reversed(candidates) if c.structure in PHYSICAL}
     first, second = ("identified", "nominal") if believed else ("nominal", "identified")
     return beside.get(first, beside.get(second))
 

@@ -18,6 +18,7 @@ from pathlib import Path
 
 import numpy as np
 
+from etude.abilities import SupportsSlow
 from etude.codes import stated
 from etude.errors import DataError, UsageError
 from etude.models.accuracy import PredictionScore, figures, prediction_score, trivial_prediction
@@ -126,8 +127,9 @@ def select_structures(
             rows = rows_of(folds, group, rng)
             groups.append(_train_group(folds, group, rows, offered, bases, rng, previous))
     with part(1.0 - STRUCTURES):
-        more, broken = beside_default(folds, groups, bases, rng, previous)
-    every = candidate_errors(folds, groups, more, bases) if more or config.stacks else []
+        slow = _slow(folds, known)
+        more, broken = beside_default(folds, groups, bases, slow, rng, previous)
+    every = candidate_errors(folds, groups, more) if more or config.stacks else []
     selection = _assembled(folds, groups, every, bases["linear"])
     off = stated([f"The candidate {name} takes no part: {why}" for name, why in broken.items()])
     return replace(selection, model=replace(selection.model, warnings=(*off, *selection.model.warnings)))
@@ -185,6 +187,18 @@ def _folds(
     judged = judged_samples(samples) if config.stacks else None
     config = config.for_commands(len(commands))
     return Folds(samples, inputs, X, fold, limit, config, commands, held, judged)
+
+
+def _slow(folds: Folds, physics: Mapping[str, Physics]) -> tuple[Folds, Base] | None:
+    """What is learned from where slow samples teach too, and the physics that they tell, if it may be so."""
+    own: object = physics.get("identified")
+    if not (folds.config.stacks and "slow" in folds.config.candidates and isinstance(own, SupportsSlow)):
+        return None
+    samples = own.slow(folds.samples)
+    if samples is None:
+        return None
+    told = replace(folds, samples=samples)
+    return told, fitted_base(told, "identified", physics["identified"])
 
 
 def _offered(config: ModelConfig, physics: Mapping[str, Physics]) -> list[str]:

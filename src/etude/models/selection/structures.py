@@ -23,11 +23,13 @@ class LearnedStructure:
 
     Attributes:
         held: of those that it was conditioned on. beside: of others that were wanted; None: of none.
+        base: its mean function; None: of a process on the commands themselves.
     """
 
     candidate: EnsembleMember
     held: HeldOut
     rows: Rows
+    base: Base | None
     beside: HeldOut | None = None
 
 
@@ -120,7 +122,7 @@ def _with_process(
             candidate = EnsembleMember(
                 structure, group, np.zeros(len(group)), mean, process, units, scale, error=error
             )
-            found, best = LearnedStructure(candidate, held, rows), density
+            found, best = LearnedStructure(candidate, held, rows, base), density
         if held_fast:  # the noise is held too
             break
         if config.floor_of == "deviation":
@@ -153,4 +155,5 @@ def alone(
         EnsembleMember(structure, group, nothing, base.mean, silent, units, ones),
         rows_only(held, group, rows),
         rows,
+        base,
     )

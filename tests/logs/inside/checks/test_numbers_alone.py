@@ -384,6 +384,14 @@ def test_lost_rows_without_velocities_are_a_question_with_a_repair() -> None:
     assert after < 0.3 * before
 
 
+def test_velocities_that_go_on_when_joints_stop_hide_no_lost_rows() -> None:
+    """The steps around tell more than they do, though not where a row was lost."""
+    log, rng = moved(60.0), np.random.default_rng(7)
+    q, qd = log["q"].copy(), log["qd"] + 2e-3 * rng.normal(size=log["qd"].shape)
+    q[-20:] = q[-20] + 1e-6 * rng.normal(size=(20, 3))
+    assert one(lost(changed(log, q=q, qd=qd), 0.01)[0]).check == "lost"
+
+
 def test_lost_rows_are_told_among_late_packets() -> None:
     assert one(lost(late_packets(noisy(seconds=60.0)), 0.03)[0]).check == "lost"
 
