@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 from pathlib import Path
 
@@ -102,13 +103,12 @@ def test_friction_in_the_second_log_is_named_with_its_factor(fresh: Campaign, tm
 
 
 def test_a_load_on_another_motion_is_seen_by_the_model_file(fresh: Campaign, tmp_path: Path) -> None:
-    """One log knows few states, so its errors tell nothing."""
     log = written(tmp_path / "2.csv", fresh, random_motion(fresh, 2), kg=3.0 * KG, seed=2)
     told = tell(fresh, log, foreign=True)
     assert told.awaits_answer
     (finding,) = told.findings
-    assert "log 1 and this log contradict each other" in finding.sentence
-    assert "2.4 kg more at the last link in this log explains it" in finding.sentence
+    (kg,) = re.findall(r"([\d.]+)(?: \+- [\d.]+)? kg (?:more )?at the last link", finding.sentence)
+    assert float(kg) == pytest.approx(3.0 * KG, rel=0.15)
 
 
 @pytest.mark.parametrize("seed", [2, 3, 4])
