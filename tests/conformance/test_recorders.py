@@ -35,7 +35,7 @@ def flight() -> tuple[Log, Array]:
     table = np.zeros((5, 3))
     table[0], table[1], table[3] = (0.0, 0.0, 2.0), (0.8, 0.0, 0.2), (0.0, 0.7, 0.3)
     table[2], table[4] = (0.0, 0.4, 0.0), (0.5, 0.0, 0.1)
-    motion = FourierTrajectory(table, 2.0 * np.pi / 8.0, 8.0).motion(np.arange(0.0, 8.0, 0.01), 5)
+    motion = FourierTrajectory(table, 2.0 * np.pi / 8.0, 8.0).motion(np.arange(0.0, 6.0, 0.02), 5)
     states = QuadrotorInputs(drag=(0.4, 0.5, 0.0)).states(motion)
     lift = 0.5 * states["specific_force"][:, 2:] / 9.81
     mixing = 0.004 * np.array([[-1.0, -1.0], [1.0, 1.0], [1.0, -1.0], [-1.0, 1.0]])
