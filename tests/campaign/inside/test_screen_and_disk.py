@@ -373,7 +373,7 @@ def _asked_again(copy: Path) -> None:
 
 def _told_again(copy: Path) -> None:
     words = [word for answer in ANSWERS for word in ("--accept", answer)]
-    command = ["tell", str(copy), str(copy.parent / "log2.csv"), *words, "--changed", "same"]
+    command = ["tell", str(copy), str(copy.parent / "log2.csv"), *words]
     assert cli.main(command) == 0
 
 
@@ -484,7 +484,7 @@ def test_a_changed_run_is_not_learned_and_the_advice_mends_it(copy: Path) -> Non
         tell(open_campaign(copy), log, accept=ANSWERS)
     assert f"etude untell {copy} 1" in refused.value.next_step
     assert cli.main(["untell", str(copy), "1"]) == 0
-    command = ["tell", str(copy), str(copy.parent / "log1.csv"), "--accept", "sign", "--changed", "same"]
+    command = ["tell", str(copy), str(copy.parent / "log1.csv"), "--accept", "sign"]
     assert cli.main(command) == 0
     assert not damaged_files(copy, read_events(copy))
 

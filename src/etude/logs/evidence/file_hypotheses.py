@@ -128,13 +128,14 @@ class FileFit:
 
     def apart(self, some: Mask) -> Array:
         """(m,) logarithm of what is left of each command over what is left if some rows (n,) have a model of
-        their own.
+        their own. Springs and cables, which the file lacks, are a wave of the joint's own position.
         """
         rows, found = self.rows, []
         assert rows.torque is not None
         for j in self.own.tolist():
             y = rows.command[:, j, AS_LOGGED]
-            X = self._own_columns(j, rows.torque[:, j])
+            springs = np.sin(rows.q[:, [j]]), np.cos(rows.q[:, [j]])
+            X = np.hstack([self._own_columns(j, rows.torque[:, j]), *springs])
             floor = FLOOR * float(y.var()) * len(y)
             both = _left(X[some], y[some]) + _left(X[~some], y[~some])
             found.append(np.log((_left(X, y) + floor) / (both + floor)))
