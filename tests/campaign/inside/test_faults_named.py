@@ -9,7 +9,7 @@ import pytest
 from etude.campaign import open_campaign
 from etude.campaign.deployment.model_export import bounded_motion
 from etude.cli import main
-from etude.errors import UsageError
+from etude.errors import DataError
 
 ROBOT = Path(__file__).parents[3] / "examples" / "px4" / "px4_quad.toml"
 
@@ -33,10 +33,14 @@ def test_a_pose_within_the_margin_is_named_as_the_fault(
     assert "abandon" not in said
 
 
-def test_a_table_is_no_motion_and_is_named(asked: Path) -> None:
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [("time,x\n0,0\n", "1 rows"), ("time,x\n" + "".join(f"{0.1 * k},0\n" for k in range(20)), "of y, z")],
+)
+def test_a_table_that_is_no_motion_is_named(asked: Path, text: str, said: str) -> None:
     table = asked / "m1.csv"
-    table.write_text("time,x\n0,0\n")
-    with pytest.raises(UsageError) as found:
+    table.write_text(text)
+    with pytest.raises(DataError) as found:
         bounded_motion(open_campaign(asked), table)
-    assert str(table) in str(found.value.where)
-    assert "trajectory.json" in str(found.value.next_step)
+    assert table.name in str(found.value.where)
+    assert said in str(found.value)
