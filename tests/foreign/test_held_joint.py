@@ -20,8 +20,8 @@ HELD = 2
 
 
 def walk(arm: plant.Arm) -> plant.Reference:
-    """60 s of sines of the other joints; the last one is told to stay."""
-    t = np.arange(round(60.0 * plant.RATE) + 1) / plant.RATE
+    """30 s of sines of the other joints; the last one is told to stay."""
+    t = np.arange(round(30.0 * plant.RATE) + 1) / plant.RATE
     rng, middle = np.random.default_rng(4), 0.5 * (arm.lower + arm.upper)
     ramp = np.clip(np.minimum(t, t[-1] - t) / 2.0, 0.0, 1.0)[:, None]
     window = ramp**3 * (10 - 15 * ramp + 6 * ramp**2)
