@@ -66,8 +66,9 @@ def inverse(model: mujoco.MjModel, spec: ArmSpec, q: Array, qd: Array, qdd: Arra
     places = [model.joint(name) for name in spec.names]
     at, dofs = (np.array([int(getattr(p, name)[0]) for p in places]) for name in ("qposadr", "dofadr"))
     for name, place in spec.held.items():
-        if model.joint(name) is not None:
-            data.qpos[model.joint(name).qposadr[0]] = place
+        joint = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, name)
+        if joint >= 0:  # of a URDF what is held is one body with the link above
+            data.qpos[model.jnt_qposadr[joint]] = place
     found = np.zeros_like(q)
     for i in range(len(q)):
         data.qpos[at], data.qvel[dofs], data.qacc[dofs] = q[i], qd[i], qdd[i]

@@ -55,7 +55,8 @@ def change_found(campaign: Campaign, state: State, log: Log, samples: Samples) -
     """The finding that this log is not of the robot that the model in use knows; None if nothing says so.
 
     The log is aligned, and not stored yet. Nothing can be said without a model, or where the log lacks what
-    the model looks at. After one log, which knows few states, a model file sees more. samples: of the log.
+    the model looks at. Where the errors say nothing, a model file may: it has states that no log has shown.
+    samples: of the log.
     """
     return _by_errors(campaign, state, log, samples) or _by_file(campaign, state, log)
 
