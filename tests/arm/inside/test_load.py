@@ -98,6 +98,14 @@ def test_a_motion_that_hardly_moves_cannot_tell_where_the_centre_is(spec: ArmSpe
     assert load.verdict == "cannot tell" or np.all(NORMAL_95 * load.centre_deviation.max() > 0.05)
 
 
+def test_a_mass_that_no_command_holds_cannot_be_told(spec: ArmSpec) -> None:
+    """The origin of the last link lies on every axis, as in an arm of two crossing axes."""
+    model, samples, body = parts(spec, 0.0, 3)
+    places = np.where(np.arange(10) == 0, 0.0, 1.0)
+    crossing = SimpleNamespace(links=lambda log: body.links(log) * places)
+    assert load_of(model, samples, crossing).verdict == "cannot tell"
+
+
 def test_loads_that_logs_without_one_seem_to_carry_widen_the_interval(spec: ArmSpec) -> None:
     model, samples, body = parts(spec, KG, 1)
     samples = replace(samples, group=np.repeat([0, 1], 400))

@@ -35,6 +35,8 @@ FREE = 1e3
 """Prior deviation of what nothing is known of."""
 STRETCH_S = 2.0
 """s of log whose errors are alike."""
+LEAST = 1e-9
+"""Of a command's reach, for each kg: below it is rounding."""
 PASSES = 3
 """Of the centre, and of the inertia that goes with it."""
 
@@ -141,15 +143,18 @@ def about_origin(mass: float, first: Array) -> Array:
 
 
 def _whole(samples: Samples, body: SupportsVariations) -> float:
-    """kg that would take all of some command, somewhere on the way."""
+    """kg that would take all of some command, somewhere on the way; 0 where no command holds the mass, since
+    the link's origin lies on every axis.
+    """
     reach = np.array(samples.log.channels["command"].reach)
-    most = np.abs(body.links(samples.log)[:, :, -1, 0]).max(axis=0)
-    # 1 ng: a vertical axis carries nothing
-    return float(np.min(reach / np.maximum(most, 1e-12 * reach)))
+    most = float((np.abs(body.links(samples.log)[:, :, -1, 0]).max(axis=0) / reach).max())
+    return 1.0 / most if most > LEAST else 0.0
 
 
 def _load(x: Array, covariance: Array, left: float, whole: float) -> Load:
     mass, deviation = float(x[0]), float(np.sqrt(covariance[0, 0]))
+    if whole == 0.0:
+        return Load("cannot tell", mass, deviation, np.zeros(3), np.full(3, np.inf), left)
     centre = x[1:4] / mass
     slopes = np.column_stack([-centre, np.eye(3)]) / mass
     spread = np.sqrt(np.diag(slopes @ covariance[:4, :4] @ slopes.T))
