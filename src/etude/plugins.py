@@ -102,6 +102,8 @@ BUILT_IN: Mapping[str, Mapping[str, str]] = {
         "px4": "etude_quadrotor.export.autopilot:PX4",
         "crazyflie": "etude_quadrotor.export.autopilot:CRAZYFLIE",
     },
+    # robots that `etude run` moves: (joints, address, settings) -> a Stream or a Player of `etude.drivers`
+    "etude.drivers": {},
     # how a model goes on learning in simulated tests: `etude simulate --online`
     "etude.adaptations": {"online": "etude_online.simulated:online_learning"},
     # what draws an object, by its noun; see `shown`
@@ -151,6 +153,7 @@ SHAPES: Mapping[str, Shape] = {
     "etude.criteria": Shape("a criterion", ("output", "batch", "gain")),
     "etude.readers": Shape("a reader of logs", ("path", "topics"), ("recognises",), part="Reader"),
     "etude.exporters": Shape("an exporter", ("trajectory", "kind", "spec"), ("back",), part="Exporter"),
+    "etude.drivers": Shape("a driver's factory", ("joints", "address", "settings")),
     "etude.adaptations": Shape("a way to go on learning", ("method",)),
     "etude.targets": Shape("a target of models", ("model", "kind", "spec", "options")),
 }
