@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
+import re
 from pathlib import Path
 
 import pytest
 
 from etude.errors import UsageError
+from etude_arm import KIND
 from etude_arm.joint_limits import JOINT_LIMITS, read, written
-from etude_arm.kind import KIND
 from etude_arm.model_file import spec_from_model
 
 URDF = """<robot name="two"><link name="base"/><link name="a"/><link name="b"/>
@@ -106,8 +107,6 @@ def test_a_file_that_is_wrong_is_refused(case: str, tmp_path: Path) -> None:
     robot, limits = given(tmp_path, text)
     with pytest.raises(UsageError) as refused:
         spec_from_model(robot, joint_limits=limits)
-    import re
-
     assert re.search(words, f"{refused.value.fact} {refused.value.next_step}")
     assert refused.value.where == str(limits)
     assert refused.value.next_step

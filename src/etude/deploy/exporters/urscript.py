@@ -24,7 +24,7 @@ from etude.trajectories.splined import Splined
 from etude.types import Array, Index
 
 FILE = "motion.script"
-JOINTS = 6
+JOINTS = 6  # of every arm of Universal Robots
 ORDERS = 3  # position, velocity, acceleration
 LOOK_AHEAD_S, GAIN = 0.1, 300
 """Defaults of the script manual: servoj(q, a, v, t=0.002, lookahead_time=0.1, gain=300)."""
