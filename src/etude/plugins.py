@@ -85,12 +85,15 @@ BUILT_IN: Mapping[str, Mapping[str, str]] = {
         "px4": "etude_quadrotor.export.offboard:OFFBOARD",
         "crazyflie": "etude_quadrotor.export.poly4d:POLY4D",
         "lerobot": "etude.deploy.exporters.lerobot:LEROBOT",
+        "urscript": "etude.deploy.exporters.urscript:E_SERIES",
+        "urscript_cb": "etude.deploy.exporters.urscript:CB_SERIES",
     },
     # a model that leaves: `etude export --to`
     "etude.targets": {
         "online": "etude_online.online_folder:ONLINE",
         "urdf": "etude_arm.identified.target:URDF",
         "mjcf": "etude_arm.identified.target:MJCF",
+        "joint_limits": "etude_arm.joint_limits:JOINT_LIMITS",
         "c": "etude.deploy.c99.target:C99",
         "ros2": "etude.deploy.ros2.target:ROS2",
         "trajectory": "etude.deploy.trajectory_target:ALONG",
