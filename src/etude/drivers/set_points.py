@@ -38,7 +38,7 @@ def acceleration_limits(motion: PlannedMotion, about: About) -> Array:
     return own if about.acceleration is None else np.minimum(own, about.acceleration)
 
 
-class Path:
+class PathInTime:
     """A motion by trajectory time, run at any rate from 0 to 1 of its speed."""
 
     def __init__(self, motion: PlannedMotion, rate: float) -> None:
@@ -102,7 +102,7 @@ class Pace:
     def steady(self) -> bool:
         return self.now == self.end
 
-    def go_on(self, tick: float, path: Path, s: float, limits: Array) -> None:
+    def go_on(self, tick: float, path: PathInTime, s: float, limits: Array) -> None:
         """tick s further. Its slope is a ramp, and it lands without a step."""
         if self.steady or tick <= 0.0:
             self.change = 0.0

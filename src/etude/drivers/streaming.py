@@ -30,7 +30,7 @@ from etude.drivers.contract import (
     Stream,
     Watch,
 )
-from etude.drivers.set_points import Pace, Path, SetPoint, Stopping, acceleration_limits
+from etude.drivers.set_points import Pace, PathInTime, SetPoint, Stopping, acceleration_limits
 from etude.drivers.within_limits import refusals
 from etude.types import Array
 
@@ -136,7 +136,7 @@ class _Run:
     def __init__(self, stream: Stream, about: About, motion: PlannedMotion, watch: Watch) -> None:
         self.stream, self.about, self.motion, self.watch = stream, about, motion, watch
         self.period = 1.0 / about.rate
-        self.path = Path(motion, about.rate)
+        self.path = PathInTime(motion, about.rate)
         self.limits = acceleration_limits(motion, about)
         self.rows = _Rows(int((motion.duration + 2.0) * about.rate), len(motion.joints))
         self.clock = _Clock(about)

@@ -85,7 +85,7 @@ class Supervisor:
         self._predicted = predicted
         self._error_before = np.zeros(len(about.joints))
         self._still = _Still(bounds, about)
-        self._clock = _Clock()
+        self._clock = _ClockOffset()
         self._velocity = _Velocity(bounds.for_s)
         self._residual = _Mean(MEAN_OVER)
         self._checks = self._made(bounds)
@@ -158,7 +158,7 @@ class Supervisor:
         return None if mean is None else np.abs(mean)
 
 
-class _Clock:
+class _ClockOffset:
     """The robot's clock against ours."""
 
     def __init__(self) -> None:
