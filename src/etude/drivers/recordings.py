@@ -17,6 +17,7 @@ from etude.types import Array
 
 HEADER = "etude_recording"
 FORMAT = 1
+"""Of the header: it grows when what is in it does not read as before."""
 MOTION = ("number", "part", "speed", "sha256", "joints", "names", "rate", "trajectory_json")
 OWN = ("reason", "began", "reached", "late", "identity", "command_unit", "held")
 """Of the header, beside ended, until (the motion's end) and format."""
