@@ -16,6 +16,7 @@ from etude_arm.clearance.surroundings import Surroundings
 from etude_arm.loading.attachments import Attached, Mounting
 from etude_arm.rehearsal.overlay import MotorTable, Simulate
 from etude_arm.space.table import Cartesian
+from etude_arm.velocity_envelope import Envelope
 
 COMMAND = "command"
 PATH = ("q", "qd", "qdd")
@@ -49,6 +50,7 @@ class Axis:
         jerk: largest |qddd|, rad/s^3 (m/s^3); None where the robot has no such limit.
         torque: largest |command| that a motion may ask, where that is less than the drive can give.
         torque_rate: the same of its rate, in command units per s; None without such a limit.
+        envelope: how the velocity limit shrinks towards the ends; None: it does not.
     """
 
     name: str
@@ -61,6 +63,7 @@ class Axis:
     jerk: float | None = None
     torque: float | None = None
     torque_rate: float | None = None
+    envelope: Envelope | None = None
 
 
 @dataclass(frozen=True)
