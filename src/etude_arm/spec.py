@@ -16,7 +16,6 @@ from etude_arm.clearance.surroundings import Surroundings
 from etude_arm.loading.attachments import Attached, Mounting
 from etude_arm.rehearsal.overlay import MotorTable, Simulate
 from etude_arm.space.table import Cartesian
-from etude_arm.velocity_envelope import Envelope
 
 COMMAND = "command"
 PATH = ("q", "qd", "qdd")
@@ -34,6 +33,22 @@ FORCES = ("N m", "N")
 """Command units that inertial parameters predict by themselves."""
 ORDERS = 3
 """Position, velocity and acceleration: what an inverse dynamics model looks at."""
+
+
+@dataclass(frozen=True)
+class Envelope:
+    """Of one joint: towards `upper`, |qd| <= offset + sqrt(slope (upper - q)); alike towards `lower`.
+
+    Attributes:
+        offset: rad/s (m/s), less than 0 where the joint has to stand before the end.
+        slope: rad/s^2 (m/s^2), twice the deceleration that is left.
+        lower, upper: rad (m), the ends in these formulas, which may lie beyond the joint's limits.
+    """
+
+    offset: float
+    slope: float
+    lower: float
+    upper: float
 
 
 @dataclass(frozen=True)

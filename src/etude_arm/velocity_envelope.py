@@ -18,27 +18,12 @@ from etude.limits.convex_limits import bound_of, tracked
 from etude.limits.lipschitz import FIRST_STEP, SEARCH_STEP, TOLERANCE, extremes
 from etude.protocols import Family, Trajectory
 from etude.types import Array, Cone, Margins, Motion, Proof
+from etude_arm.spec import Envelope
 
 QUANTITY = "velocity left before the end"
 """How much faster the joint may go at the position where it is."""
 SMALLEST_ROOT = 1e-6
 """rad/s, below which the slope of a root counts as that of this value."""
-
-
-@dataclass(frozen=True)
-class Envelope:
-    """Of one joint: towards `upper`, |qd| <= offset + sqrt(slope (upper - q)); alike towards `lower`.
-
-    Attributes:
-        offset: rad/s (m/s), less than 0 where the joint has to stand before the end.
-        slope: rad/s^2 (m/s^2), twice the deceleration that is left.
-        lower, upper: rad (m), the ends in these formulas, which may lie beyond the joint's limits.
-    """
-
-    offset: float
-    slope: float
-    lower: float
-    upper: float
 
 
 @dataclass(frozen=True, eq=False)

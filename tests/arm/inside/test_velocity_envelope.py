@@ -14,7 +14,8 @@ from etude.trajectories import FourierConfig, PointToPoint
 from etude_arm import ArmSpec, Axis
 from etude_arm.motions import family, limits
 from etude_arm.robot_file import parse_robot, robot_to_toml
-from etude_arm.velocity_envelope import Envelope, EnvelopeLimit
+from etude_arm.spec import Envelope
+from etude_arm.velocity_envelope import EnvelopeLimit
 
 FIRST = Envelope(-0.30, 12.0, -2.7501, 2.7501)
 SIXTH = Envelope(-0.35, 11.0, 0.54092, 4.5205)
