@@ -230,7 +230,7 @@ class Machine:
         mujoco.mj_forward(self.model, self.data)
 
     def _gains(self) -> tuple[Array, Array]:
-        """(J,) of position and velocity, by inertia and weight over the range; with a step that suits them."""
+        """(J,) of position and velocity, by inertia and weight over the range; a step that suits them."""
         low, high = (np.clip(end, -np.pi, np.pi) for end in self.limits)
         other = mujoco.MjData(self.model)
         other.qpos[:] = self.data.qpos
