@@ -156,6 +156,9 @@ class _Run:
         """How it ended and why. The stream is stopped and holds, whatever happened."""
         try:
             self.stream.ready(control)
+        except Exception as error:
+            return Ended.REFUSED, f"{type(error).__name__}: {error}"
+        try:
             self.clock.start()
             while self._cycle():
                 pass
