@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from etude.testing.differences import central
     from etude.testing.driver_suite import DriverSuite
     from etude.testing.fake_robot import FakeRobot
-    from etude.testing.faults import FAULTS, Fault, Faulty
+    from etude.testing.faults import FAULTS, Faulty, RobotFault
     from etude.testing.file_suites import ExporterSuite, ReaderSuite
     from etude.testing.kind_suite import InputsSuite, KindSuite, PhysicsSuite, RobotSuite
     from etude.testing.model_suites import CriterionSuite, KernelSuite, ProcessSuite
@@ -34,7 +34,6 @@ __all__ = [
     "ExporterSuite",
     "FakeRobot",
     "FamilySuite",
-    "Fault",
     "Faulty",
     "InputsSuite",
     "KernelSuite",
@@ -43,6 +42,7 @@ __all__ = [
     "PhysicsSuite",
     "ProcessSuite",
     "ReaderSuite",
+    "RobotFault",
     "RobotSuite",
     "World",
     "central",

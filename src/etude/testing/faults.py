@@ -20,7 +20,7 @@ from etude.types import Array
 
 
 @dataclass(frozen=True)
-class Fault:
+class RobotFault:
     """One of them.
 
     Attributes:
@@ -154,38 +154,38 @@ def _signal(number: signal.Signals) -> Callable[[Faulty], None]:
 
 _DONE = (Ended.DONE,)
 _AT_THE_START = (Ended.REFUSED, Ended.STOPPED)
-FAULTS: Mapping[str, Fault] = {
-    "none": Fault("nothing", ends=_DONE),
-    "frozen": Fault("all encoders are frozen", _frozen),
-    "one NaN": Fault("one position is no number once", _once(_no_number), _DONE),
-    "NaN": Fault("one position is no number any more", _no_number),
-    "one jump": Fault("one position is elsewhere once", _once(_jumped), _DONE),
-    "jump": Fault("one position is elsewhere for good", _jumped),
-    "permuted": Fault(
+FAULTS: Mapping[str, RobotFault] = {
+    "none": RobotFault("nothing", ends=_DONE),
+    "frozen": RobotFault("all encoders are frozen", _frozen),
+    "one NaN": RobotFault("one position is no number once", _once(_no_number), _DONE),
+    "NaN": RobotFault("one position is no number any more", _no_number),
+    "one jump": RobotFault("one position is elsewhere once", _once(_jumped), _DONE),
+    "jump": RobotFault("one position is elsewhere for good", _jumped),
+    "permuted": RobotFault(
         "joints are in another order", lambda _, s: replace(s, q=s.q[::-1]), _AT_THE_START, at_once=True
     ),
-    "degrees": Fault(
+    "degrees": RobotFault(
         "positions are in degrees", lambda _, s: replace(s, q=np.degrees(s.q)), _AT_THE_START, at_once=True
     ),
-    "sign": Fault(
+    "sign": RobotFault(
         "positions have the other sign", lambda _, s: replace(s, q=-s.q), _AT_THE_START, at_once=True
     ),
-    "clock jumps": Fault("the clock jumps by 3 s", lambda _, s: replace(s, t=s.t + 3.0)),
-    "clock back": Fault("the clock goes back by 1 s", lambda _, s: replace(s, t=s.t - 1.0)),
-    "clock drifts": Fault(
+    "clock jumps": RobotFault("the clock jumps by 3 s", lambda _, s: replace(s, t=s.t + 3.0)),
+    "clock back": RobotFault("the clock goes back by 1 s", lambda _, s: replace(s, t=s.t - 1.0)),
+    "clock drifts": RobotFault(
         "the clock runs 30 % fast", lambda own, s: replace(s, t=s.t + 0.3 * (s.t - own.struck))
     ),
-    "silence 50 ms": Fault("no new sample for 50 ms", _silent(0.05), _DONE),
-    "silence 1 s": Fault("no new sample for 1 s", _silent(1.0), (Ended.LOST,)),
-    "silence": Fault("no new sample any more", _silent(np.inf), (Ended.LOST,)),
-    "refused": Fault("it does not start", ends=(Ended.REFUSED,), at_once=True),
-    "reflex": Fault("it stops by itself", lambda _, s: replace(s, fault="reflex"), (Ended.FAULT,)),
-    "state raises": Fault("its state cannot be read", _raises, (Ended.FAULT,)),
-    "send raises": Fault("set-points cannot be sent", ends=(Ended.FAULT,)),
-    "blocked": Fault("one joint is blocked", strikes=_block, needs=("blocked",)),
-    "push": Fault("something soft pushes one joint", strikes=_push, needs=("push",)),
-    "20 ms": Fault("one cycle takes 20 ms", strikes=_stall, ends=_DONE, needs=("stall",)),
-    "SIGINT": Fault("Ctrl-C", strikes=_signal(signal.SIGINT), ends=(Ended.INTERRUPTED,)),
-    "SIGTERM": Fault("SIGTERM", strikes=_signal(signal.SIGTERM), ends=(Ended.INTERRUPTED,)),
+    "silence 50 ms": RobotFault("no new sample for 50 ms", _silent(0.05), _DONE),
+    "silence 1 s": RobotFault("no new sample for 1 s", _silent(1.0), (Ended.LOST,)),
+    "silence": RobotFault("no new sample any more", _silent(np.inf), (Ended.LOST,)),
+    "refused": RobotFault("it does not start", ends=(Ended.REFUSED,), at_once=True),
+    "reflex": RobotFault("it stops by itself", lambda _, s: replace(s, fault="reflex"), (Ended.FAULT,)),
+    "state raises": RobotFault("its state cannot be read", _raises, (Ended.FAULT,)),
+    "send raises": RobotFault("set-points cannot be sent", ends=(Ended.FAULT,)),
+    "blocked": RobotFault("one joint is blocked", strikes=_block, needs=("blocked",)),
+    "push": RobotFault("something soft pushes one joint", strikes=_push, needs=("push",)),
+    "20 ms": RobotFault("one cycle takes 20 ms", strikes=_stall, ends=_DONE, needs=("stall",)),
+    "SIGINT": RobotFault("Ctrl-C", strikes=_signal(signal.SIGINT), ends=(Ended.INTERRUPTED,)),
+    "SIGTERM": RobotFault("SIGTERM", strikes=_signal(signal.SIGTERM), ends=(Ended.INTERRUPTED,)),
 }
 """By name. Those with `needs` strike a `FakeRobot`, the others any stream."""
