@@ -266,7 +266,7 @@
       own.className = style || "";
       const half = 3.6 * words.length + 8;
       const x = Math.min(Math.max(pixel[0], half), canvas.clientWidth - half);
-      let y = Math.min(Math.max(pixel[1], 26), canvas.clientHeight - 2);
+      let y = Math.min(Math.max(pixel[1], 26), canvas.clientHeight - 24);
       while (written.some(([a, b, other]) => Math.abs(a - x) < half + other && Math.abs(b - y) < 20)) { y -= 5; }
       written.push([x, y, half]);
       own.style.transform = `translate(${x.toFixed(1)}px, ${y.toFixed(1)}px) translate(-50%, -130%)`;
@@ -280,10 +280,11 @@
       }
       data.marks.forEach((one, i) => tag(`mark${i}`, one.text, wanted("path") && Math.abs(one.time - time) > 0.2 && view.pixel(one.at), "mark"));
       things.forEach((one, i) => tag(`thing${i}`, one.name, one.label && view.pixel(one.label)));
-      part(".nearest")?.replaceChildren(...near.map((one) => {
+      const rows = near.map((one) => [css(coloured(one.spare, GREEN)), `${one.pair}: ${one.mm.toFixed(0)} mm`]);
+      part(".nearest")?.replaceChildren(...(rows.length ? rows : [["transparent", data.nothing]]).map(([colour, words]) => {
         const row = document.createElement("li"), mark = document.createElement("i");
-        mark.style.background = css(coloured(one.spare, GREEN));
-        row.append(mark, `${one.pair}: ${one.mm.toFixed(0)} mm`);
+        mark.style.background = colour;
+        row.append(mark, words);
         return row;
       }));
       part(".time").textContent = `${time.toFixed(2)} s`;
@@ -320,8 +321,8 @@
         context.fillRect(x, 0, 1, own.height);
       }
     };
-    let asked = 0;
-    const changed = () => { asked = asked || requestAnimationFrame(() => { asked = 0; paint(); }); };
+    let pending = 0;
+    const changed = () => { pending = pending || requestAnimationFrame(() => { pending = 0; paint(); }); };
     const eye = orbit(canvas, { azimuth: -1.05, elevation: 0.42, distance: 0.44 * data.size / Math.tan(FIELD / 2), target: data.middle }, changed);
     const step = (moment) => {
       if (!playing || !inSight) { tick = null; return; }
@@ -353,8 +354,9 @@
     if (data.stream) { new EventSource(data.stream).addEventListener("message", (event) => measure(JSON.parse(event.data))); }
     part(".controls").hidden = false;
     strip();
-    paint();
-    play(!less.matches && !data.stream);
+    const wish = /^#t=([\d.]+)$/.exec(location.hash);  // view.html#t=12.5 stands there
+    show(wish ? Number(wish[1]) : 0);
+    play(!wish && !less.matches && !data.stream);
     figure.scene = { show, measure, camera: (change) => { Object.assign(eye.own, change); paint(); }, frames: () => [...now], time: () => time };
   };
   document.querySelectorAll("figure.space").forEach(opened);

@@ -362,6 +362,7 @@ def _data(seen: MotionInSpace, record: Record, stream: str) -> str:
         "joints": _joints(record),
         "q": _packed(seen.motion.orders[0], np.float32),
         **_distances(seen, unit),
+        "nothing": f"nothing within {1000.0 * SHOWN_M:.0f} mm of what is kept",
         "stream": stream,
     }
     return json.dumps(facts, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
