@@ -37,7 +37,6 @@ from etude.campaign.run.run_history import FULL, Step, next_step
 from etude.drivers import About, Person, Player
 from etude.errors import EtudeError, StopRuleReached, UsageError, typed
 from etude.models.learned_model import LearnedModel
-from etude.types import Array
 
 WORD = "move"
 """What a person types before anything moves."""
@@ -112,7 +111,7 @@ def run(
     say: Say = lambda _: None,
     tell_event: Tell = lambda _, __: None,
 ) -> RunResult:
-    """Closes the loop with a robot; see `docs/run.md`.
+    """Closes the loop with a robot; see docs/run.md.
 
     Args:
         campaign: the folder. player: the robot, not connected yet. person: who agrees, and who can stop it.
@@ -123,20 +122,41 @@ def run(
         UnsafeTrajectoryError: no motion or way is proved, or the robot refuses it. DataError: a recording
             cannot be used. RobotStopped, LinkLost, KeyboardInterrupt: see `RobotSession.play`.
     """
+    with connected(
+        campaign, player, person, resume=options.resume, identity=options.identity, tell=tell_event
+    ) as session:
+        return close_loop(session, options, say)
+
+
+@contextlib.contextmanager
+def connected(
+    campaign: Campaign,
+    player: Player,
+    person: Person,
+    *,
+    resume: bool = False,
+    identity: str = "",
+    tell: Tell = lambda _, __: None,
+) -> Iterator[RobotSession]:
+    """The robot, connected, once nothing is open that blocks it; nothing moves. Errors as `run`."""
     about = player.about()
     with only_one(campaign, about):
-        found = open_points(campaign, about, resume=options.resume, identity=options.identity)
+        found = open_points(campaign, about, resume=resume, identity=identity)
         waived = require_none(campaign, found, simulated=not about.real)
         with player:
-            session = RobotSession(campaign, player, about, person, tell_event)
-            loop = _Loop(campaign, session, options, say)
-            first, fired = loop.first()
-            sentences = [*what_will_happen(campaign, about, options, first, session.pose()), *waived]
-            if options.dry:
-                return RunResult(why="nothing was moved: --dry-run", said=tuple(sentences))
-            _require_agreed(person, about, options, sentences)
-            with _kept(campaign, about, options):
-                return loop.closed(first, fired)
+            yield RobotSession(campaign, player, about, person, tell, waived=tuple(waived))
+
+
+def close_loop(session: RobotSession, options: Options, say: Say = lambda _: None) -> RunResult:
+    """As `run`, of a robot that is connected."""
+    loop = _Loop(session.campaign, session, options, say)
+    first, fired = loop.first()
+    sentences = what_will_happen(session, options, first)
+    if options.dry:
+        return RunResult(why="nothing was moved: --dry-run", said=tuple(sentences))
+    _require_agreed(session.person, session.about, options, sentences)
+    with _kept(session.campaign, session.about, options):
+        return loop.closed(first, fired)
 
 
 @contextlib.contextmanager
@@ -165,10 +185,9 @@ def _kept(campaign: Campaign, about: About, options: Options) -> Iterator[None]:
         campaign.commit(RunEnded(why="done"))
 
 
-def what_will_happen(
-    campaign: Campaign, about: About, options: Options, first: CertifiedMotion | None, pose: Array
-) -> list[str]:
-    """What a person reads before agreeing: who moves, where, how long, what stops it."""
+def what_will_happen(session: RobotSession, options: Options, first: CertifiedMotion | None) -> list[str]:
+    """What a person reads before agreeing: who moves, where, how long, what stops it, what was assumed."""
+    campaign, about, pose = session.campaign, session.about, session.pose()
     where = ", ".join(f"{axis} {value:.3g}" for axis, value in zip(campaign.axes, pose.tolist(), strict=True))
     rounds = f"{options.rounds} motions" if options.rounds else "as many motions as the stop rule asks for"
     rounds = rounds if first is not None else "the motion that confirms alone, since the stop rule has fired"
@@ -180,6 +199,7 @@ def what_will_happen(
         f"It stands at {where}.",
         f"If this program dies, it {dies}.",
         *([] if first is None else _of_first(campaign, first)),
+        *session.waived,
     ]
 
 

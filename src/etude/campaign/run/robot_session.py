@@ -72,6 +72,7 @@ class RobotSession:
     """A connected robot, and how far its learned command is faded in.
 
     Attributes:
+        waived: what a simulation lets pass, a sentence each. seconds: of motion so far.
         level: of the learned command that the robot was sent last, 0 or 1.
         stood_since: our clock when the last motion ended, s. stood: s that it stood still between motions.
     """
@@ -81,6 +82,7 @@ class RobotSession:
     about: About
     person: Person
     tell: Tell
+    waived: tuple[str, ...] = ()
     level: float = 0.0
     seconds: float = 0.0
     stood_since: float | None = None
