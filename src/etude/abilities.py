@@ -274,7 +274,8 @@ class SupportsSelection(Protocol):
 
     chosen: `described` of the joints that move (names or patterns; none: the file's one robot), with others
     held at positions, folders in which to look for meshes first, limits (joint or pattern -> "lower",
-    "upper", "velocity", "command") in place of the file's, and the floor's height, m.
+    "upper", "velocity", "acceleration", "command") in place of the file's, the floor's height, m, and a file
+    of limits (MoveIt's joint_limits.yaml) that count where they are tighter.
     """
 
     def chosen(
@@ -285,6 +286,7 @@ class SupportsSelection(Protocol):
         mesh_roots: Sequence[Path],
         limits: Mapping[str, Mapping[str, float]],
         floor: float | None = None,
+        joint_limits: Path | None = None,
     ) -> Described: ...
 
 

@@ -143,11 +143,12 @@ class ArmKind:
         mesh_roots: Sequence[Path],
         limits: Mapping[str, Mapping[str, float]],
         floor: float | None = None,
+        joint_limits: Path | None = None,
     ) -> Described:
         """The same of a part of a larger robot, meshes of these folders, these limits and floor."""
         from etude_arm.description import describe
 
-        return describe(path, joints or None, held, mesh_roots, limits, floor)
+        return describe(path, joints or None, held, mesh_roots, limits, floor, joint_limits)
 
     def spec(self, path: Path) -> ArmSpec:
         """The robot of a robot file, a URDF or an MJCF. UsageError if it cannot be one."""
