@@ -176,10 +176,11 @@ def _kept(campaign: Campaign, about: About, options: Options) -> Iterator[None]:
     try:
         yield
     except BaseException as problem:
-        code = 130 if isinstance(problem, KeyboardInterrupt) else getattr(problem, "exit_code", 1)
-        why = problem.fact if isinstance(problem, EtudeError) else type(problem).__name__
+        code, why = 130 if isinstance(problem, KeyboardInterrupt) else 1, type(problem).__name__
+        if isinstance(problem, EtudeError):
+            code, why = problem.exit_code, problem.fact
         with contextlib.suppress(EtudeError), campaign.writing():
-            campaign.commit(RunEnded(why=why, exit_code=int(code)))
+            campaign.commit(RunEnded(why=why, exit_code=code))
         raise
     with campaign.writing():
         campaign.commit(RunEnded(why="done"))
