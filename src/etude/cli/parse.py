@@ -48,7 +48,7 @@ COMMANDS = {
     "report": "etude.cli.report:Report",
     "predict": "etude.cli.export:Predict",
     "export": "etude.cli.export:Export",
-    "run": "etude.cli.run:Run",
+    "run": "etude.cli.run:RunRobot",
     "simulate": "etude.cli.simulate:Simulate",
     "demo": "etude.cli.demo:Demo",
     "bench": "etude.cli.study:Bench",

@@ -15,11 +15,11 @@ if TYPE_CHECKING:
     from typing import TextIO
 
     from etude.campaign.record.folder import Campaign
-    from etude.campaign.run.campaign_run import Options, RunResult
+    from etude.campaign.run.campaign_run import RunOptions, RunResult
 
 
 @dataclass(frozen=True, kw_only=True)
-class Run(Common):
+class RunRobot(Common):
     """Let a robot close the loop by itself: it MOVES. Exit code 3: a recording cannot be used; 4: no safe
     motion, or the robot refuses it; 6: the robot has changed; 7: the robot or the supervisor stopped it; 8:
     the link was lost; 130: interrupted, and at rest.
@@ -44,7 +44,7 @@ class Run(Common):
     """Teach under feedback alone, though the robot takes learned commands."""
 
     def run(self, say: Say) -> Outcome:
-        from etude.campaign.run.campaign_run import run
+        from etude.campaign.run.campaign_run import run_campaign
         from etude.campaign.run.run_settings import driver_of, read_settings
 
         out = sys.stdout
@@ -53,20 +53,20 @@ class Run(Common):
             settings = read_settings(campaign, self.on)
             options = self._options(settings.on, settings.defaults)
             told = _Told(out if self.json else None, say)
-            found = run(
+            found = run_campaign(
                 campaign, driver_of(campaign, settings), Typing(say), options, say=say, tell_event=told
             )
             report = "" if self.dry_run else _report(campaign, say)
         return Outcome("\n".join(_lines(campaign, found, report)), {**_data(found), "report": report}, 0)
 
-    def _options(self, on: str, defaults: Any) -> Options:
-        from etude.campaign.run.campaign_run import Options
+    def _options(self, on: str, defaults: Any) -> RunOptions:
+        from etude.campaign.run.campaign_run import RunOptions
         from etude.errors import UsageError
 
         rounds = defaults.rounds if self.rounds is None else self.rounds
         if rounds < 0 or self.rounds == 0:
             raise UsageError(f"the number of rounds must be 1 or more, not {rounds}")
-        return Options(
+        return RunOptions(
             on=on,
             rounds=rounds,
             yes=self.yes,

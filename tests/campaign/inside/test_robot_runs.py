@@ -1,12 +1,12 @@
-"""A robot closes the loop: what moves is in the journal first, what it left answers its proposal, and whatever
-goes wrong leaves it at rest.
+"""A robot closes the loop: what moves is in the journal first, what it left answers its proposal, and
+whatever goes wrong leaves it at rest.
 """
 
 from __future__ import annotations
 
 import shutil
 from collections import namedtuple
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -15,20 +15,20 @@ import pytest
 from robot_runs import JOINTS, Robot, Somebody, events, facts, home, lab, moved
 
 from etude import tell, untell
-from etude.campaign import Campaign, open_campaign
-from etude.campaign.record.events import Ingested, MotionEnded, MotionSent, RunEnded, Trained
-from etude.campaign.run.campaign_run import Options, run
+from etude.campaign import Campaign, Trained, open_campaign
+from etude.campaign.record.events import Ingested, MotionEnded, MotionSent, RunEnded
+from etude.campaign.run.campaign_run import RunOptions, run_campaign
 from etude.campaign.run.run_history import next_step
 from etude.drivers import About, Streamed, read_recording
 from etude.errors import EtudeError, RobotStopped, UsageError
 
 
 @pytest.fixture(scope="module")
-def done(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Campaign, Robot, Any]]:
+def done(tmp_path_factory: pytest.TempPathFactory) -> tuple[Campaign, Robot, Any]:
     """Two motions, and the one that confirms."""
     campaign = lab(tmp_path_factory.mktemp("done"))
     robot = Robot()
-    yield campaign, robot, moved(campaign, robot, rounds=2, confirm=True, promote=True)
+    return campaign, robot, moved(campaign, robot, rounds=2, confirm=True, promote=True)
 
 
 def test_what_moves_is_in_the_journal_first(done: tuple[Campaign, Robot, Any]) -> None:
@@ -89,13 +89,16 @@ def test_a_recording_that_is_taken_back_is_told_again_as_it_was(done: tuple[Camp
     assert facts(campaign, Ingested)[-1].tracked == before.tracked
 
 
-LIMITS = {"velocity": np.array([1.0, 0.5])}
+HALF = np.array([1.0, 0.5])
 BLOCKS: dict[str, tuple[Callable[[], Robot], str]] = {
     "command": (lambda: Robot(command_of=None), "does not say command_of"),
     "gravity": (lambda: Robot(gravity_in_command=None), "does not say gravity_in_command"),
     "joints": (lambda: Robot(("hip", "elbow")), "it lacks knee and it has elbow"),
     "unit": (lambda: Robot(command_unit="A"), "commands in A, and robot.toml says N m"),
-    "velocity": (lambda: Robot(velocity=np.array([1.0, 0.5])), "velocity 0.5 of hip, and robot.toml allows 1"),
+    "velocity": (
+        lambda: Robot(velocity=np.array([1.0, 0.5])),
+        "velocity 0.5 of hip, and robot.toml allows 1",
+    ),
     "lower": (lambda: Robot(lower=np.array([-1.4, -1.0])), "lower -1.4 of knee, and robot.toml allows -1.5"),
     "nameless": (lambda: Robot(identity=""), "has no identity"),
 }
@@ -143,7 +146,7 @@ def test_a_dry_run_moves_nothing_and_says_what_would(tmp_path: Path) -> None:
 def test_a_joint_that_sticks_is_stopped_and_the_next_run_is_slower(tmp_path: Path) -> None:
     campaign, robot = lab(tmp_path), Robot()
     robot.at = {900: lambda: robot.blocked.__setitem__(0, True)}
-    with pytest.raises(RobotStopped, match="stopped: .*knee is .* of the motion"):
+    with pytest.raises(RobotStopped, match=r"stopped: .*knee is .* of the motion"):
         moved(campaign, robot)
     last = facts(campaign, MotionEnded)[-1]
     assert (last.ended, last.part) == ("stopped", "motion")
@@ -168,7 +171,7 @@ def test_a_stopped_motion_teaches_up_to_the_stop_and_answers_nothing(tmp_path: P
             person.left = 150
 
     with pytest.raises(KeyboardInterrupt):
-        run(campaign, Streamed(robot), person, Options(confirm=False), tell_event=whole_motion)
+        run_campaign(campaign, Streamed(robot), person, RunOptions(confirm=False), tell_event=whole_motion)
     last = facts(campaign, MotionEnded)[-1]
     assert (last.ended, last.speed, last.first) == ("interrupted", 100, False)
     told = tell(campaign, campaign.path / last.recording)
@@ -244,7 +247,7 @@ def test_one_campaign_and_one_robot_have_one_run(tmp_path: Path, monkeypatch: py
 def test_a_full_disk_is_seen_before_anything_moves(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     campaign, robot = lab(tmp_path), Robot()
     moved(campaign, robot, dry=True)
-    usage = namedtuple("usage", "total used free")  # noqa: PYI024
+    usage = namedtuple("usage", "total used free")
     monkeypatch.setattr(shutil, "disk_usage", lambda _: usage(10**9, 10**9, 10**6))
     with pytest.raises(UsageError, match="the disk has 1 MB left"):
         moved(campaign, robot)
@@ -285,7 +288,7 @@ def test_joints_are_matched_by_name(tmp_path: Path) -> None:
         moved(campaign, robot, Somebody(lets_go_after=5))
     assert facts(campaign, MotionSent)[0].start == pytest.approx((0.4, 0.1))
     assert robot.sent[0] == pytest.approx(np.array([0.1, 0.4]), abs=1e-3)
-    assert JOINTS != campaign.axes
+    assert campaign.axes != JOINTS
     assert person.read == []
 
 

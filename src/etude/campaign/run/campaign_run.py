@@ -33,7 +33,7 @@ from etude.campaign.run.certified_motions import (
 from etude.campaign.run.next_proposal import NextProposal
 from etude.campaign.run.preconditions import open_points, require_none
 from etude.campaign.run.robot_session import Result, RobotSession, Tell, only_one
-from etude.campaign.run.run_history import FULL, Step, next_step
+from etude.campaign.run.run_history import FULL, SpeedStep, next_step
 from etude.drivers import About, Person, Player
 from etude.errors import EtudeError, StopRuleReached, UsageError, typed
 from etude.models.learned_model import LearnedModel
@@ -45,7 +45,7 @@ MOST_ROUNDS = 50
 
 
 @dataclass(frozen=True)
-class Options:
+class RunOptions:
     """How a campaign is run.
 
     Attributes:
@@ -102,11 +102,11 @@ class RunResult:
     said: tuple[str, ...] = ()
 
 
-def run(
+def run_campaign(
     campaign: Campaign,
     player: Player,
     person: Person,
-    options: Options,
+    options: RunOptions,
     *,
     say: Say = lambda _: None,
     tell_event: Tell = lambda _, __: None,
@@ -138,7 +138,7 @@ def connected(
     identity: str = "",
     tell: Tell = lambda _, __: None,
 ) -> Iterator[RobotSession]:
-    """The robot, connected, once nothing is open that blocks it; nothing moves. Errors as `run`."""
+    """The robot, connected, once nothing is open that blocks it; nothing moves. Errors as `run_campaign`."""
     about = player.about()
     with only_one(campaign, about):
         found = open_points(campaign, about, resume=resume, identity=identity)
@@ -147,8 +147,8 @@ def connected(
             yield RobotSession(campaign, player, about, person, tell, waived=tuple(waived))
 
 
-def close_loop(session: RobotSession, options: Options, say: Say = lambda _: None) -> RunResult:
-    """As `run`, of a robot that is connected."""
+def close_loop(session: RobotSession, options: RunOptions, say: Say = lambda _: None) -> RunResult:
+    """As `run_campaign`, of a robot that is connected."""
     loop = _Loop(session.campaign, session, options, say)
     first, fired = loop.first()
     sentences = what_will_happen(session, options, first)
@@ -160,7 +160,7 @@ def close_loop(session: RobotSession, options: Options, say: Say = lambda _: Non
 
 
 @contextlib.contextmanager
-def _kept(campaign: Campaign, about: About, options: Options) -> Iterator[None]:
+def _kept(campaign: Campaign, about: About, options: RunOptions) -> Iterator[None]:
     """The journal says that a run began, and how it ended."""
     told = {name: value for name, value in vars(about).items() if isinstance(value, str | bool | int | float)}
     began = RunBegan(
@@ -186,7 +186,7 @@ def _kept(campaign: Campaign, about: About, options: Options) -> Iterator[None]:
         campaign.commit(RunEnded(why="done"))
 
 
-def what_will_happen(session: RobotSession, options: Options, first: CertifiedMotion | None) -> list[str]:
+def what_will_happen(session: RobotSession, options: RunOptions, first: CertifiedMotion | None) -> list[str]:
     """What a person reads before agreeing: who moves, where, how long, what stops it, what was assumed."""
     campaign, about, pose = session.campaign, session.about, session.pose()
     where = ", ".join(f"{axis} {value:.3g}" for axis, value in zip(campaign.axes, pose.tolist(), strict=True))
@@ -217,7 +217,7 @@ def _of_first(campaign: Campaign, first: CertifiedMotion) -> list[str]:
     ]
 
 
-def _require_agreed(person: Person, about: About, options: Options, sentences: list[str]) -> None:
+def _require_agreed(person: Person, about: About, options: RunOptions, sentences: list[str]) -> None:
     if options.yes:
         if about.real:
             raise UsageError(
@@ -236,7 +236,7 @@ class _Loop:
 
     campaign: Campaign
     session: RobotSession
-    options: Options
+    options: RunOptions
     say: Say
     rounds: list[RoundRun] = field(default_factory=list)
 
@@ -329,7 +329,7 @@ class _Loop:
             self._slowed(number, step)
         return proposal_motion(self.campaign, number, step, control)
 
-    def _slowed(self, number: int, step: Step) -> None:
+    def _slowed(self, number: int, step: SpeedStep) -> None:
         from etude.campaign.propose.ask import present
         from etude.campaign.propose.constraints import constraints_then
 
@@ -367,7 +367,7 @@ class _Loop:
 
     def _back(self, number: int, meanwhile: Callable[[], None] = lambda: None) -> None:
         """Home, while the next motion is computed."""
-        motion = proposal_motion(self.campaign, number, Step(FULL, False), self._control_of(number))
+        motion = proposal_motion(self.campaign, number, SpeedStep(FULL, False), self._control_of(number))
         home = np.asarray(self.campaign.kind.home(self.campaign.spec), dtype=float)
         way = ways_of(self.campaign, motion, home).back
         if way is None:

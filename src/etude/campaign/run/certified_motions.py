@@ -14,7 +14,7 @@ from etude.campaign.propose.constraints import Constraints, constraints_then
 from etude.campaign.propose.typical_motions import approaches_of
 from etude.campaign.record.folder import Campaign
 from etude.campaign.record.stored_files import proposal_advice, speed_folder, stored_bytes
-from etude.campaign.run.run_history import FULL, Step
+from etude.campaign.run.run_history import FULL, SpeedStep
 from etude.campaign.run.supervision import bounds_for
 from etude.deploy.trajectory_files import COEFFICIENTS
 from etude.drivers import About, Bounds, PlannedMotion, first_segment_ends, planned
@@ -142,7 +142,7 @@ class CertifiedMotion:
         return bounds_for(campaign, about, self.constraints, self.trajectory, self.control, deviation)
 
 
-def proposal_motion(campaign: Campaign, number: int, step: Step, control: str) -> CertifiedMotion:
+def proposal_motion(campaign: Campaign, number: int, step: SpeedStep, control: str) -> CertifiedMotion:
     """The motion of a proposal at that step; its files are on the disk. UsageError: they are not."""
     path = speed_folder(campaign, number, step.speed) / COEFFICIENTS
     data = stored_bytes(campaign, path, proposal_advice(campaign, number))

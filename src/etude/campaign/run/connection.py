@@ -6,12 +6,15 @@ import contextlib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from etude.campaign.record.folder import Campaign, Say, open_campaign
-from etude.campaign.run.campaign_run import Options, RunResult, close_loop, connected
-from etude.campaign.run.robot_session import RobotSession
 from etude.campaign.run.run_settings import driver_of, read_settings
 from etude.drivers import About, Person
+
+if TYPE_CHECKING:
+    from etude.campaign.run.campaign_run import RunOptions, RunResult
+    from etude.campaign.run.robot_session import RobotSession
 
 
 class Typist:
@@ -35,7 +38,7 @@ class ConnectedRobot:
     """
 
     session: RobotSession
-    options: Options
+    options: RunOptions
     say: Say
 
     @property
@@ -49,11 +52,16 @@ class ConnectedRobot:
 
     def plan(self) -> tuple[str, ...]:
         """What would happen, a sentence each; nothing moves."""
-        return close_loop(self.session, replace(self.options, dry=True), self.say).said
+        return self._closed(replace(self.options, dry=True)).said
 
     def run(self, rounds: int = 0) -> RunResult:
-        """Closes the loop for so many motions; 0: until the stop rule fires. Errors as `run`."""
-        return close_loop(self.session, replace(self.options, rounds=rounds), self.say)
+        """Closes the loop for so many motions; 0: until the stop rule fires. Errors as `run_campaign`."""
+        return self._closed(replace(self.options, rounds=rounds))
+
+    def _closed(self, options: RunOptions) -> RunResult:
+        from etude.campaign.run.campaign_run import close_loop
+
+        return close_loop(self.session, options, self.say)
 
 
 @contextlib.contextmanager
@@ -77,10 +85,14 @@ def connect(
     Raises:
         UsageError: no such driver, or something is open; nothing moved.
     """
+    from etude.campaign.run.campaign_run import RunOptions, connected
+
     campaign = campaign if isinstance(campaign, Campaign) else open_campaign(Path(campaign))
     settings = read_settings(campaign, on)
     own = settings.defaults
-    options = Options(on=settings.on, yes=yes, learned=own.learned, confirm=own.confirm, promote=own.promote)
+    options = RunOptions(
+        on=settings.on, yes=yes, learned=own.learned, confirm=own.confirm, promote=own.promote
+    )
     player = driver_of(campaign, settings)
     with connected(campaign, player, person or Typist(), resume=resume, identity=identity) as session:
         yield ConnectedRobot(session, options, say)

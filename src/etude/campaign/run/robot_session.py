@@ -151,7 +151,7 @@ class RobotSession:
         predicted = motion.predicted(planned.t)
         predicted = None if predicted is None else predicted[:, np.argsort(self.columns)]
         supervisor = Supervisor(bounds, self.about, planned, predicted)
-        watch = _Watch(self, supervisor, planned)
+        watch = _Watching(self, supervisor, planned)
         if self.stood_since is not None:
             self.stood += time.monotonic() - self.stood_since
         with resting_on_signals(self.player, self.interrupted):
@@ -237,7 +237,7 @@ class RobotSession:
         raise RobotStopped(f"stopped: {why}", where=where, next_step=again)
 
 
-class _Watch:
+class _Watching:
     """The supervisor, the dead-man switch, and a line of status a second."""
 
     def __init__(self, session: RobotSession, supervisor: Supervisor, planned: PlannedMotion) -> None:

@@ -15,25 +15,27 @@ from etude.drivers import Ended
 from etude.limits.tracking_margins import LOGS_CONSIDERED, factor
 from etude.types import Array
 
-FULL = 100
+FULL = 100  # per cent
 CAREFUL = {FEEDBACK: (25, 50, 100), LEARNED: (50,)}
 """Per cent at which the first segment is run before a whole motion under that control."""
 FAILED = (Ended.STOPPED.value, Ended.FAULT.value, Ended.LOST.value)
 
 
 @dataclass(frozen=True)
-class Step:
+class SpeedStep:
     """How the next motion under a control is run: speed, per cent, and whether its first segment alone."""
 
     speed: int
     first: bool
 
 
-def next_step(events: Sequence[Event], control: str) -> Step:
+def next_step(events: Sequence[Event], control: str) -> SpeedStep:
     """One step up after each motion that ended well, one down after each that was stopped; a whole motion at
     full speed is the last step.
     """
-    steps = [Step(speed, True) for speed in CAREFUL.get(control, CAREFUL[FEEDBACK])] + [Step(FULL, False)]
+    steps = [SpeedStep(speed, True) for speed in CAREFUL.get(control, CAREFUL[FEEDBACK])] + [
+        SpeedStep(FULL, False)
+    ]
     at = 0
     for fact in _motions(events, control):
         if fact.ended == Ended.DONE.value:
@@ -55,7 +57,7 @@ def last_identity(events: Sequence[Event]) -> str:
 
 
 @dataclass(frozen=True, eq=False)
-class Seen:
+class SeenErrors:
     """The largest values (k,) of the last recordings at full speed, and the factor for their number."""
 
     largest: Array
@@ -67,19 +69,19 @@ class Seen:
         return self.factor * self.largest
 
 
-def seen_errors(events: Sequence[Event], control: str) -> Seen | None:
+def seen_errors(events: Sequence[Event], control: str) -> SeenErrors | None:
     """Of |measured - asked| in time; None before any recording under that control."""
     return _largest([fact.worst_error for fact in _at_full_speed(events, control)])
 
 
-def seen_residuals(events: Sequence[Event], control: str) -> Seen | None:
+def seen_residuals(events: Sequence[Event], control: str) -> SeenErrors | None:
     """The same of |command - predicted|, means over 0.1 s."""
     return _largest([fact.residual for fact in _at_full_speed(events, control)])
 
 
-def _largest(rows: Sequence[Figures]) -> Seen | None:
+def _largest(rows: Sequence[Figures]) -> SeenErrors | None:
     known = np.array([row for row in rows if row and None not in row], dtype=float)[-LOGS_CONSIDERED:]
-    return Seen(known.max(axis=0), factor(len(known))) if len(known) else None
+    return SeenErrors(known.max(axis=0), factor(len(known))) if len(known) else None
 
 
 def _motions(events: Sequence[Event], control: str) -> list[MotionEnded]:

@@ -1,4 +1,4 @@
-"""A small robot that a campaign moves: it has a clock of its own, so a minute of motion takes half a second."""
+"""A small robot that a campaign moves: its clock is its own, so a minute of motion takes half a second."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ import numpy as np
 from small_robot import make_campaign
 
 from etude.campaign import Campaign, Event
-from etude.campaign.run.campaign_run import Options, RunResult, run
+from etude.campaign.run.campaign_run import RunOptions, RunResult, run_campaign
 from etude.drivers import About, Player, Sample, Streamed
-from etude.testing.fake_robot import FakeRobot
+from etude.testing import FakeRobot
 from etude.types import Array
 
 QUICK = """\
@@ -88,7 +88,7 @@ def moved(
     """A run of one motion that is neither confirmed nor promoted, unless the options say otherwise."""
     player = Streamed(robot) if isinstance(robot, Robot) else robot
     usual = {"on": "small", "rounds": 1, "confirm": False, "promote": False}
-    return run(campaign, player, person or Somebody(), Options(**{**usual, **options}))
+    return run_campaign(campaign, player, person or Somebody(), RunOptions(**{**usual, **options}))
 
 
 def facts(campaign: Campaign, kind: type) -> list[Any]:
