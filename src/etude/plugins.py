@@ -103,7 +103,9 @@ BUILT_IN: Mapping[str, Mapping[str, str]] = {
         "crazyflie": "etude_quadrotor.export.autopilot:CRAZYFLIE",
     },
     # robots that `etude run` moves: (joints, address, settings) -> a Stream or a Player of `etude.drivers`
-    "etude.drivers": {},
+    "etude.drivers": {
+        "mujoco": "etude_drivers.mujoco:driver",
+    },
     # how a model goes on learning in simulated tests: `etude simulate --online`
     "etude.adaptations": {"online": "etude_online.simulated:online_learning"},
     # what draws an object, by its noun; see `shown`

@@ -319,7 +319,7 @@ class _Clock:
     def _tell(self, t: float, elapsed: float) -> None:
         first = self._newest == -np.inf
         self.fresh, self.forward = t != self._sampled, t > self._newest
-        between = t - self._newest if self.virtual and not first else elapsed
+        between = t - self._newest if (self.virtual or self._blocks) and not first else elapsed
         self.late = 0 if first else max(round(between / self.period) - 1, 0)
         robot = t if self.fresh else self.robot + elapsed
         step = 0.0 if first else min(max(robot - self.robot, 0.0), LARGEST_STEP * self.period)
