@@ -46,6 +46,7 @@ COMMANDS = {
     "payload": "etude.cli.payload:Payload",
     "status": "etude.cli.status:Status",
     "report": "etude.cli.report:Report",
+    "view": "etude.cli.view:View",
     "predict": "etude.cli.export:Predict",
     "export": "etude.cli.export:Export",
     "run": "etude.cli.run:RunRobot",
