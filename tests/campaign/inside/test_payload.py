@@ -13,12 +13,10 @@ from small_robot import random_motion
 from test_changed_load import arm, saved, written
 
 from etude import ask, tell
-from etude.campaign import Campaign, ask_to_weigh, open_campaign
+from etude.campaign import Campaign, ask_to_weigh, open_campaign, stored_trajectory
 from etude.campaign.deployment.payload import payload
 from etude.campaign.ingest.questions import body_of
-from etude.campaign.record.stored_files import stored_trajectory
 from etude.cli import main
-from etude.cli.ask import Ask
 from etude.errors import DataError, UsageError
 from etude.models import about_origin
 from etude.protocols import Trajectory
@@ -120,6 +118,8 @@ def test_the_motion_that_is_asked_for_shows_most(
     assert ask(own).number == asked.number + 1
 
 
-def test_a_motion_that_weighs_is_for_no_task_and_has_no_effort(tmp_path: Path) -> None:
-    with pytest.raises(UsageError, match="takes no --tasks, --control or --effort"):
-        Ask(folder=tmp_path, payload=True, effort=True)._found(arm(tmp_path), lambda _: None)
+def test_a_motion_that_weighs_is_for_no_task_and_has_no_effort(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["ask", str(arm(tmp_path).path), "--payload", "--effort"]) == 2
+    assert "takes no --tasks, --control or --effort" in capsys.readouterr().err
