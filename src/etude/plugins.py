@@ -103,7 +103,9 @@ BUILT_IN: Mapping[str, Mapping[str, str]] = {
         "crazyflie": "etude_quadrotor.export.autopilot:CRAZYFLIE",
     },
     # robots that `etude run` moves: (joints, address, settings) -> a Stream or a Player of `etude.drivers`
-    "etude.drivers": {},
+    "etude.drivers": {
+        "mujoco": "etude_drivers.mujoco:driver",
+    },
     # how a model goes on learning in simulated tests: `etude simulate --online`
     "etude.adaptations": {"online": "etude_online.simulated:online_learning"},
     # what draws an object, by its noun; see `shown`
@@ -220,7 +222,7 @@ def load(group: str, name: str) -> Any:
             whose folder is not trusted.
     """
     if FULL_NAME.fullmatch(name):
-        return _of_group(group, name, named_in_full(name, group))
+        return of_group(group, name, named_in_full(name, group))
     found = [plugin for plugin in _known(group) if plugin.name == name]
     if not found:
         near = difflib.get_close_matches(name, names(group), 1)
@@ -234,21 +236,26 @@ def load(group: str, name: str) -> Any:
             f"two plug-ins are named {name!r} in {group}: of {_sources(found)}",
             next_step="Uninstall one, or name the one that you want as module:attribute.",
         )
-    return _of_group(group, name, _imported(found[0]))
+    return of_group(group, name, _imported(found[0]))
 
 
 def named_in_full(name: str, group: str = "etude.models") -> Any:
     """What "module:attribute" names, whatever that is. Errors as `load`."""
+    require_word(name, group)
+    return _imported(Plugin(group, name, name, "named in full"))
+
+
+def require_word(name: str, group: str) -> None:
+    """UsageError: a file names that code, whose folder is not trusted. What is typed is its person's word."""
     reading = _reading.get()
     if reading is None:
         _given.add(name)
     elif name not in _given:
         named = {name: group}
         require_trusted(named, reading.path, reading.folder, reading.identity, reading.command)
-    return _imported(Plugin(group, name, name, "named in full"))
 
 
-def _of_group(group: str, name: str, found: Any) -> Any:
+def of_group(group: str, name: str, found: Any) -> Any:
     """The same, if it is a thing of the group. UsageError: it is not; nothing was called."""
     shape = SHAPES.get(group)
     if shape is None or name in BUILT_IN[group]:
@@ -349,7 +356,7 @@ def _judged(plugin: Plugin, tried: bool) -> Plugin:
         return replace(plugin, problem=f"the name stands twice: of {_sources(twins)}")
     if tried and not plugin.target.startswith("etude."):
         try:
-            _of_group(plugin.group, plugin.name, _imported(plugin))
+            of_group(plugin.group, plugin.name, _imported(plugin))
         except UsageError as error:
             return replace(plugin, problem=error.fact)
     return replace(plugin, problem=_failures.get(plugin.target, ""))

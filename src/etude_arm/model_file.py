@@ -81,17 +81,18 @@ def spec_from_model(
     _require_all(limits, path)
     _require_positive(limits, path)
     axes = tuple(
-        Axis(
-            joint,
-            **{limit: float(v) for limit, v in values.items()},
-            unit="m" if moving[joint].slides else "rad",
-        )
+        _axis(joint, {limit: float(values[limit]) for limit in WANTED}, moving[joint].slides)
         for joint, values in limits.items()
     )
     own = {joint: at for joint, at in choice.held.items() if not moving[joint].leader}
     spec = ArmSpec(name or _name_in(root) or path.stem, axes, command_unit, rate, path.resolve(), held=own)
     _require_believable(spec, path)
     return ModelDescription(check_spec(spec, where=path.name), (*choice.notes, *said, *assumed))
+
+
+def _axis(joint: str, own: dict[str, float], slides: bool) -> Axis:
+    rates = own["velocity"], own["acceleration"]
+    return Axis(joint, own["lower"], own["upper"], *rates, own["command"], "m" if slides else "rad")
 
 
 def _name_in(root: ET.Element) -> str:

@@ -21,6 +21,11 @@ if TYPE_CHECKING:
         VelocityEnvelope,
         Watch,
     )
+    from etude.drivers.find import find_driver
+    from etude.drivers.plans import first_segment_ends, planned
+    from etude.drivers.recordings import read_recording, write_recording
+    from etude.drivers.streaming import Streamed
+    from etude.drivers.supervisor import Supervisor
 
 __all__ = [
     "About",
@@ -35,7 +40,14 @@ __all__ = [
     "Recording",
     "Sample",
     "Stream",
+    "Streamed",
+    "Supervisor",
     "VelocityEnvelope",
     "Watch",
+    "find_driver",
+    "first_segment_ends",
+    "planned",
+    "read_recording",
+    "write_recording",
 ]
 __getattr__, __dir__ = face(__name__)

@@ -66,7 +66,9 @@ class Sample:
         q: (J,) measured positions, rad or m. qd: (J,) measured velocities, if it measures them.
         command: (J,) what the model is to predict, in the campaign's unit; `About.command_of` says of what.
         asked: (J,) the set-point in force at t, if the robot says so. Ways start there, since feedback sags.
-        seen: our monotonic clock when it came, s; for silence only.
+        seen: our own clock when it came, s; a Player fills it: of silence, lateness and drift. It counts
+            cycles where the robot's is virtual.
+        at: trajectory time of `asked`, s; a Player fills both, None before the first set-point.
         fault: not empty: the robot does not follow any more, and why.
         extra: temperature, voltage, success rate, ...
     """
@@ -77,6 +79,7 @@ class Sample:
     qd: Array | None = None
     asked: Array | None = None
     seen: float = 0.0
+    at: float | None = None
     fault: str = ""
     extra: Mapping[str, float] = field(default_factory=dict)
 
@@ -150,8 +153,9 @@ class PlannedMotion:
 
     Attributes:
         number: of the proposal. part: of it. speed: per cent. sha256: of the bytes of `trajectory_json`.
-        joints: in the order of the columns, which is the driver's own.
-        t: (n,) s at `About.rate`, from 0. q, qd, qdd: (n, J) exact at these times.
+        joints: in the order of the columns, which is the driver's own; names: in that of the trajectory.
+        t: (n,) s at rate Hz (`About.rate`), from 0; the last row is the end, exactly.
+        q, qd, qdd: (n, J) exact at these times.
         effort: (n, J) learned command in the unit of `About.command_unit`, less gravity where the robot adds
             it; None: feedback alone.
         trajectory_json: for a Player that wants pieces rather than points.
@@ -162,6 +166,8 @@ class PlannedMotion:
     speed: int
     sha256: str
     joints: tuple[str, ...]
+    names: tuple[str, ...]
+    rate: float
     t: Array
     q: Array
     qd: Array
@@ -180,12 +186,15 @@ class Recording:
     """What came back. `trajectory time = robot time - began`, exactly: no alignment is guessed from it.
 
     Attributes:
-        motion: that was to be run. ended: how it ended, and `reason`, a sentence.
+        motion: that was to be run. ended: how it ended, and `reason`, a sentence; of STOPPED it is
+            `Supervisor.reason`, which a Player does not know, and leaves "".
         began: the robot's clock at trajectory time 0, s. t: (n,) the robot's clock.
+        at: (n,) trajectory time of the set-point in force, s: t - began, but for waits and brakings.
         q, command, asked: (n, J); asked is the set-point in force at each t. qd: None: not measured.
+            NaN where a sample lacked it.
         reached: trajectory time that was reached, s. late: cycles that we missed.
-        identity: as `About.identity` at that time.
-        held: (start, end) s of the robot's clock in which the motion was held; the path stood still in them.
+        identity, command_unit: as `About` had them at that time.
+        held: (start, end) s of the robot's clock from the first braking set-point of a HOLD to full speed.
     """
 
     motion: PlannedMotion
@@ -193,6 +202,7 @@ class Recording:
     reason: str
     began: float
     t: Array
+    at: Array
     q: Array
     qd: Array | None
     command: Array
@@ -200,6 +210,7 @@ class Recording:
     reached: float
     late: int = 0
     identity: str = ""
+    command_unit: str = ""
     held: tuple[tuple[float, float], ...] = ()
 
 

@@ -18,6 +18,7 @@ from etude._runtime.lazy import face
 
 if TYPE_CHECKING:
     from etude.testing.differences import central
+    from etude.testing.fake_robot import FakeRobot
     from etude.testing.file_suites import ExporterSuite, ReaderSuite
     from etude.testing.kind_suite import InputsSuite, KindSuite, PhysicsSuite, RobotSuite
     from etude.testing.model_suites import CriterionSuite, KernelSuite, ProcessSuite
@@ -27,6 +28,7 @@ if TYPE_CHECKING:
 __all__ = [
     "CriterionSuite",
     "ExporterSuite",
+    "FakeRobot",
     "FamilySuite",
     "InputsSuite",
     "KernelSuite",

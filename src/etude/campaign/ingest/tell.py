@@ -19,6 +19,7 @@ from etude.campaign.ingest.command_decisions import MOST_NEW, Survey, told_logs
 from etude.campaign.ingest.confirmation_runs import check_may_teach, take_run
 from etude.campaign.ingest.ingest_result import How, IngestResult, aligned_with, read, read_settled
 from etude.campaign.ingest.questions import Answers, LogQuestions, answers_of, body_of, questions_of
+from etude.campaign.ingest.recordings import evidence_in, placed
 from etude.campaign.ingest.robot_changed import answer, change_found
 from etude.campaign.propose.constraints import start_in_words, with_tracking_errors
 from etude.campaign.record.controls import required
@@ -244,12 +245,19 @@ def take(
         before = known.ingested
         repairs, findings = (before.repairs, before.findings) if before else ((), ())
         return IngestResult(known.number, True, known.asked is None, repairs, (), findings=findings)
-    control = how.get("control", "")
+    evidence = evidence_in(campaign, path)
+    control = how.get("control", "") or ("" if evidence is None else evidence.control)
     required(control)
     answers = answers_of(state, how.get("accept", ()), how.get("repair", ()))
     asked = questions_of(campaign, state, answers, None if survey is None else survey.of(path))
     log = read(campaign, path, degrees=how.get("degrees", False), topics=how.get("topics", ()), asked=asked)
-    log, answered, speed = _identify(campaign, state, path, number, how.get("foreign", False), log)
+    if evidence is not None:
+        log, answered = placed(campaign, evidence, log)
+        speed, number = FULL, None if answered is None else number
+        if answered is not None:
+            check_asked(state, answered)
+    else:
+        log, answered, speed = _identify(campaign, state, path, number, how.get("foreign", False), log)
     if answered is not None and not holds_enough(log, stored_trajectory(campaign, answered, speed).duration):
         log = log.repaired(
             f"Less than half of proposal {answered} is in it, so that stays open: run it again, or give it "

@@ -15,6 +15,7 @@ from etude.campaign.record.events import (
     Event,
     Ingested,
     Promoted,
+    RobotMotion,
     RolledBack,
     Trained,
     Untold,
@@ -191,6 +192,8 @@ def _apply(state: State, event: Event) -> State:
             return replace(state, promoted=(*state.promoted, (number, fact)))
         case RolledBack():
             return replace(state, promoted=state.promoted[:-1])
+        case RobotMotion():  # what moved changes nothing that is known; its log does
+            return state
     return state if event.number is None else _in_round(state, event, event.number)
 
 
