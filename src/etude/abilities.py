@@ -25,9 +25,11 @@ from etude.types import (
     Index,
     Log,
     Motion,
+    Nearby,
     Proof,
     Reachable,
     Samples,
+    Solid,
     Thing,
 )
 
@@ -124,6 +126,15 @@ class SupportsDrawing(Protocol):
 
     @property
     def things(self) -> Sequence[Thing]: ...
+
+
+@runtime_checkable
+class SupportsNearby(Protocol):
+    """`Limit` of distances: how near what it keeps apart is at poses (T, k), with the ends of as many of the
+    narrowest as `lines` says.
+    """
+
+    def nearby(self, poses: Array, lines: int) -> Nearby: ...
 
 
 @runtime_checkable
@@ -298,6 +309,18 @@ class SupportsFigure(Protocol):
 
 
 @runtime_checkable
+class SupportsSolids(Protocol):
+    """`Kind`: its robot as B solid parts, none where nothing says how it looks, for pictures in space.
+
+    placed: (T, B, 3, 4) rotation and place, m, of each in the world along a motion of its path, which may
+    hold positions alone.
+    """
+
+    def solids(self, spec: Any) -> Sequence[Solid]: ...
+    def placed(self, spec: Any, motion: Motion) -> Annotated[Array, "(T, B, 3, 4)"]: ...
+
+
+@runtime_checkable
 class SupportsPoses(Protocol):
     """`Kind` whose robots may stand where no motion goes: poses (k,) by name, from which its ways lead."""
 
@@ -459,6 +482,7 @@ ABILITIES: Mapping[str, tuple[type, ...]] = {
         SupportsBlocking,
         SupportsOffsets,
         SupportsDrawing,
+        SupportsNearby,
     ),
     "Inputs": (SupportsMemory, SupportsDrag, SupportsNotes, SupportsOnnx),
     "Mean": (SupportsOnnx, SupportsColumns, SupportsVariations),
@@ -469,6 +493,7 @@ ABILITIES: Mapping[str, tuple[type, ...]] = {
     "Kind": (
         SupportsSelection,
         SupportsFigure,
+        SupportsSolids,
         SupportsPoses,
         SupportsLeadIn,
         SupportsReachable,

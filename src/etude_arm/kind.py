@@ -23,8 +23,10 @@ from etude.types import (
     Index,
     Log,
     Margins,
+    Motion,
     Reachable,
     Samples,
+    Solid,
 )
 from etude_arm.spec import ArmSpec
 
@@ -299,6 +301,18 @@ class ArmKind:
         from etude_arm.figure import figure
 
         return figure(spec, q)
+
+    def solids(self, spec: ArmSpec) -> Sequence[Solid]:
+        """The shapes that distances are taken of, by rigid part; none without a model file or shapes."""
+        from etude_arm.solids import solids
+
+        return solids(spec)
+
+    def placed(self, spec: ArmSpec, motion: Motion) -> Array:
+        """By the kinematics of the model that distances are taken with."""
+        from etude_arm.solids import placed
+
+        return placed(spec, motion.orders[0])
 
     def tests(self, spec: ArmSpec, config: Any, rng: np.random.Generator) -> Mapping[str, Trajectory]:  # noqa: ARG002
         from etude_arm.motions import tests
