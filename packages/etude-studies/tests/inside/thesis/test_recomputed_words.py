@@ -1,4 +1,4 @@
-"""Every word of the study, found again from the committed tables: own reader, own statistics, no import of it."""
+"""Every word of the study, found again from the committed tables with own reader and own statistics."""
 
 from __future__ import annotations
 
