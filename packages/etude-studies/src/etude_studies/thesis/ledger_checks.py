@@ -76,9 +76,6 @@ def _check_claim(claim: Claim, kinds: Mapping[str, str]) -> None:
     _known(claim.rests_on, ENTRIES, "figure or table", where)
     if not claim.quote or not all(piece.strip() for piece in claim.quote):
         _refuse("has no quotation", where, "Quote the sentence of the thesis.")
-    if (claim.kind == "own") != bool(claim.family):
-        fact = f"is of kind {claim.kind} and of the family {claim.family!r}"
-        _refuse(fact, where, "Own claims are of one family, others of none.")
     if (claim.kind == "alias") != bool(claim.alias_of):
         _refuse("is an alias of nothing, or names others and is none", where, "Give both kind and alias_of.")
     _known(claim.alias_of, kinds, "claim", where)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
 from etude_studies.collected import Results
@@ -37,7 +37,13 @@ def write_thesis_page(path: Path = PAGE) -> None:
 def thesis_page() -> str:
     """The whole page as Markdown."""
     own, verdicts, results = ledger(), kept_verdicts(), kept_results()
-    parts = [HEAD, _counts(verdicts), "## Claims\n", _claims(own.claims, verdicts), "## Tables and figures\n"]
+    parts = [
+        HEAD,
+        _counts(own.claims, verdicts),
+        "## Claims\n",
+        _claims(own.claims, verdicts),
+        "## Tables and figures\n",
+    ]
     parts += [
         "Ours: mean ± half width of the 95 % interval over seeds; in brackets what the thesis prints.\n"
     ]
@@ -48,10 +54,12 @@ def thesis_page() -> str:
     return "\n".join(parts)
 
 
-def _counts(verdicts: dict[str, Verdict]) -> str:
-    counted = Counter(shown(verdict) for verdict in verdicts.values())
+def _counts(claims: Sequence[Claim], verdicts: dict[str, Verdict]) -> str:
+    """Of claims that say something of their own."""
+    own = [claim.id for claim in claims if not claim.alias_of and claim.id in verdicts]
+    counted = Counter(shown(verdicts[id]) for id in own)
     told = ", ".join(f"**{counted[word]}** {word}" for word in (*reversed(WORDS), NOT_RUN))
-    return f"Of {len(verdicts)} claims: {told}.\n"
+    return f"Of {len(own)} distinct claims: {told}. {len(claims) - len(own)} more say one of them again.\n"
 
 
 def _claims(claims: Iterable[Claim], verdicts: dict[str, Verdict]) -> str:
