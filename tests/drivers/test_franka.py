@@ -20,7 +20,7 @@ from etude.drivers import Bounds, Ended, Streamed, Supervisor, find_driver, plan
 from etude.errors import UsageError
 from etude.testing import DriverSuite
 from etude.trajectories import PointToPoint
-from etude_drivers.franka import FrankaArm
+from etude_drivers import FrankaArm
 
 JOINTS = tuple(f"fr3_joint{number}" for number in range(1, 8))
 POSE = np.array([0.0, 0.1, 0.0, -1.5, 0.2, 1.6, 0.7])

@@ -12,7 +12,7 @@ import pytest
 from etude.drivers import Streamed
 from etude.errors import UsageError
 from etude.testing import DriverSuite
-from etude_drivers.lerobot import LeRobotArm
+from etude_drivers import LeRobotArm
 
 MOTORS = ("shoulder_pan", "shoulder_lift")
 STEP = 360.0 / 4096
