@@ -20,13 +20,12 @@ from etude.drivers import About, Control, Sample, VelocityEnvelope
 from etude.errors import UsageError
 from etude.types import Array
 
-STIFFNESS = (600.0, 600.0, 600.0, 600.0, 250.0, 150.0, 50.0)
-DAMPING = (50.0, 50.0, 50.0, 50.0, 30.0, 25.0, 15.0)
-"""N m/rad and N m s/rad, as in libfranka's example of joint impedance."""
-TORQUE = np.array([87.0, 87.0, 87.0, 87.0, 12.0, 12.0, 12.0])
+GAINS = (600.0, 600.0, 600.0, 600.0, 250.0, 150.0, 50.0), (50.0, 50.0, 50.0, 50.0, 30.0, 25.0, 15.0)
+"""Stiffness and damping, N m/rad and N m s/rad, as in libfranka's example of joint impedance."""
+TORQUE = np.array([87.0, 87.0, 87.0, 87.0, 12.0, 12.0, 12.0])  # N m
 TORQUE_STEP = 0.9
 """N m from one cycle to the next; the robot aborts beyond 1."""
-LOWER = np.array([-2.7437, -1.7837, -2.9007, -3.0421, -2.8065, 0.5445, -3.0159])
+LOWER = np.array([-2.7437, -1.7837, -2.9007, -3.0421, -2.8065, 0.5445, -3.0159])  # rad
 UPPER = np.array([2.7437, 1.7837, 2.9007, -0.1518, 2.8065, 4.5169, 3.0159])
 ENVELOPE = VelocityEnvelope(
     most=np.array([2.62, 2.62, 2.62, 2.62, 5.26, 4.18, 5.26]),
@@ -66,8 +65,8 @@ class FrankaArm:
                 f"[driver] has no key {', '.join(unknown)} for franka", next_step=f"It has {KEYS}."
             )
         self.joints, self.address, self.library = _in_order(joints), address, library
-        self.stiffness = np.array(settings.get("stiffness", STIFFNESS), dtype=float)
-        self.damping = np.array(settings.get("damping", DAMPING), dtype=float)
+        self.stiffness = np.array(settings.get("stiffness", GAINS[0]), dtype=float)
+        self.damping = np.array(settings.get("damping", GAINS[1]), dtype=float)
         self.realtime = bool(settings.get("realtime", True))
         self.robot: Any = None
         self._control: Any = None
