@@ -131,7 +131,7 @@ class RobotSession:
         fact = RobotMotion(
             part=motion.part,
             speed=motion.speed,
-            first=motion.until is not None,
+            first=motion.first,
             sha256=planned.sha256,
             control=motion.control,
             identity=self.about.identity,

@@ -17,13 +17,13 @@ from etude.types import Array
 
 FULL = 100  # per cent
 CAREFUL = {FEEDBACK: (25, 50, 100), LEARNED: (50,)}
-"""Per cent at which the first segment is run before a whole motion under that control."""
+"""Per cent at which the beginning of a motion is run before a whole one under that control."""
 FAILED = (Ended.STOPPED.value, Ended.FAULT.value, Ended.LOST.value)
 
 
 @dataclass(frozen=True)
 class SpeedStep:
-    """How the next motion under a control is run: speed, per cent, and whether its first segment alone."""
+    """How the next motion under a control is run: speed, per cent, and whether its beginning alone."""
 
     speed: int
     first: bool
