@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from etude.campaign.ingest.recordings import file_gravity
-from etude.campaign.propose.approach import require_inside, there_and_back
+from etude.campaign.propose.approach import clear_poses, require_inside, there_and_back
 from etude.campaign.propose.constraints import Constraints, constraints_then
 from etude.campaign.propose.typical_motions import approaches_of
 from etude.campaign.record.folder import Campaign
@@ -205,8 +205,11 @@ def ways_of(campaign: Campaign, motion: CertifiedMotion, pose: Array) -> Ways:
     lower, upper = campaign.kind.expected(campaign.spec).limits[campaign.kind.path]
     require_inside(pose, lower, upper, campaign.axes)
     limits = motion.constraints.limits(campaign)
-    home = campaign.kind.home(campaign.spec)
-    found = there_and_back(motion.trajectory, pose, approaches_of(campaign), limits, home)
+    home, clear = np.asarray(campaign.kind.home(campaign.spec), dtype=float), clear_poses(campaign)
+    try:
+        found = there_and_back(motion.trajectory, pose, approaches_of(campaign), limits, home, clear)
+    except UnsafeTrajectoryError as problem:
+        raise _no_way(campaign, motion, pose, home, problem) from None
     if found is None or found.whole is None:
         raise UsageError(
             f"robots of the kind '{campaign.kind.name}' know no way to a motion that begins and ends at rest",
@@ -218,6 +221,27 @@ def ways_of(campaign: Campaign, motion: CertifiedMotion, pose: Array) -> Ways:
         None if near else _way(campaign, motion, "approach", found.approach),
         None if again or motion.first else _way(campaign, motion, "return", found.back),
     )
+
+
+def _no_way(
+    campaign: Campaign, motion: CertifiedMotion, pose: Array, home: Array, problem: UnsafeTrajectoryError
+) -> UnsafeTrajectoryError:
+    """Whether the pose is the fault, or what is between; a pose from which there is a way, to be typed."""
+    stands = certify(_still(pose), motion.constraints.limits(campaign)).ok
+    fact = f"no way to motion {motion.number} is proved" if stands else "where it stands is the fault"
+    named = ", ".join(f"{a} = {x:.3g}" for a, x in zip(campaign.axes, home.tolist(), strict=True))
+    return UnsafeTrajectoryError(
+        f"{fact}: {problem.fact}",
+        where=problem.where,
+        next_step=f"Bring the robot home by its own controller, or near: {named}.",
+    )
+
+
+def _still(pose: Array) -> Splined:
+    """Standing at a pose (k,) for as long as a learned command comes or goes."""
+    points = np.zeros((3, 2, len(pose)))
+    points[0] = pose
+    return Splined(np.array([0.0, 2.0 * FADE_S]), points)
 
 
 def _way(
@@ -235,10 +259,7 @@ def _way(
 
 def holding(campaign: Campaign, motion: CertifiedMotion, pose: Array) -> CertifiedMotion:
     """Standing at a pose (k,) for as long as a learned command comes or goes."""
-    still = np.zeros((2, 3, len(pose)))
-    still[:, 0] = pose
-    trajectory = Splined(np.array([0.0, 2.0 * FADE_S]), still)
-    return _way(campaign, replace(motion, speed=FULL), "hold", trajectory)
+    return _way(campaign, replace(motion, speed=FULL), "hold", _still(pose))
 
 
 def require_accepted(said: Sequence[str], motion: CertifiedMotion) -> None:
