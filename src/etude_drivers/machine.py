@@ -138,7 +138,7 @@ class Machine:
         return np.where(limited, low, -np.inf), np.where(limited, high, np.inf)
 
     def ask(self, q: Array, qd: Array, qdd: Array, effort: Array | None) -> None:
-        """A set-point (J,), in force from the next cycle on, after the delay."""
+        """A set-point (J,) for the end of the next cycle, or the delay later."""
         self._queue.append(
             (self.t + self.settings.delay, (q, qd, qdd, self._zero if effort is None else effort))
         )
@@ -154,7 +154,7 @@ class Machine:
     def cycle(self) -> None:
         """One cycle on."""
         while self._queue and self._queue[0][0] <= self.t + 1e-9:
-            self._reference, self._age = self._queue.popleft()[1], 0.0
+            self._reference, self._age = self._queue.popleft()[1], -self.period
         total = self._zero.copy()
         for _ in range(self.parts):
             total += self._step()

@@ -241,7 +241,7 @@ class Stream(Protocol):
         ...
 
     def send(self, q: Array, qd: Array, qdd: Array, effort: Array | None) -> None:
-        """The set-point (J,) of the coming cycle. Returns at once."""
+        """The set-point (J,) of the coming cycle: where it has to be at the next sample. Returns at once."""
         ...
 
     def ready(self, control: Control) -> None:

@@ -156,6 +156,9 @@ class _Run:
         """How it ended and why. The stream is stopped and holds, whatever happened."""
         try:
             self.stream.ready(control)
+        except Exception as error:
+            return Ended.REFUSED, f"{type(error).__name__}: {error}"
+        try:
             self.clock.start()
             while self._cycle():
                 pass
@@ -224,7 +227,9 @@ class _Run:
         why: tuple[Ended, str] | None = None
         if self.interrupted:
             why = Ended.INTERRUPTED, self.interrupted
-        elif self.lost or self.clock.silent > self.about.silence:
+        elif self.lost:
+            why = Ended.LOST, "a cycle did not come to its end: the driver or this computer was stuck"
+        elif self.clock.silent > self.about.silence:
             why = Ended.LOST, f"no sample for {self.about.silence:g} s"
         elif reaction in (Reaction.STOP, Reaction.KILL):
             why = Ended.STOPPED, ""

@@ -25,6 +25,12 @@ class FakeRobot:
             forward by a part of what would be exact.
         noise: rad, of measured positions. seed: of it.
         virtual: it moves on with each `send`; else it follows our clock.
+
+    Attributes:
+        q, qd: (J,) what is true. blocked: (J,) joints that do not move. push: (J,) accelerations from
+            outside.
+        sent: positions of all set-points. truth: rows of t, q, qd (1 + 2 J,), one after each.
+        stopped: calls of stop.
     """
 
     def __init__(
@@ -47,6 +53,8 @@ class FakeRobot:
         self.stopped = 0
         self.follows = False
         self.sent: list[Array] = []
+        self.truth: list[Array] = []
+        self._stall = 0.0
         self._rng = np.random.default_rng(seed)
         self._asked = self.q.copy()
         self._measured = self.q.copy()
@@ -86,15 +94,21 @@ class FakeRobot:
 
     def send(self, q: Array, qd: Array, qdd: Array, effort: Array | None) -> None:
         self.sent.append(np.array(q))
-        self._step(1.0 / self.rate, q, qd, qdd if effort is None else effort)
+        self._step(max(1.0 / self.rate, self._stall), q, qd, qdd if effort is None else effort)
+        self._stall = 0.0
 
     def stop(self, kill: bool = False) -> None:  # noqa: ARG002
         self.stopped += 1
         self.follows = False
         self.qd[:] = 0.0
 
+    def stall(self, seconds: float) -> None:
+        """The next cycle takes longer."""
+        self._stall = seconds
+
     def _step(self, dt: float, q: Array, qd: Array, feedforward: Array, parts: int = 4) -> None:
         damping = 2.0 * np.sqrt(self.stiffness)
+        parts = max(parts, round(dt * self.rate * parts))
         for _ in range(parts):
             self.command = self.stiffness * (q - self.q) + damping * (qd - self.qd) + 0.9 * feedforward
             self.qd += dt / parts * (self.command + self.push)
@@ -102,6 +116,7 @@ class FakeRobot:
             self.q += dt / parts * self.qd
         self.t += dt
         self._asked = np.array(q)
+        self.truth.append(np.concatenate([[self.t], self.q, self.qd]))
         self._measured = self.q + self.noise * self._rng.standard_normal(len(self.q))
 
     def _follow_our_clock(self) -> None:
