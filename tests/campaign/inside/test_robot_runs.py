@@ -146,7 +146,7 @@ def test_a_joint_that_sticks_is_stopped_and_the_next_run_is_slower(tmp_path: Pat
     campaign, robot = lab(tmp_path), Robot()
 
     def sticks(event: str, fields: Any) -> None:
-        robot.blocked[0] = (event, fields["part"], fields["speed"]) == ("motion_sent", "motion", 50)
+        robot.blocked[0] = (event, fields.get("part"), fields.get("speed")) == ("motion_sent", "motion", 50)
 
     with pytest.raises(RobotStopped, match=r"stopped: .*knee is .* of the motion"):
         moved(campaign, robot, told=sticks)
@@ -162,6 +162,24 @@ def test_a_joint_that_sticks_is_stopped_and_the_next_run_is_slower(tmp_path: Pat
     sent = [fact for fact in facts(campaign, MotionSent) if fact.part == "approach"][-2:]
     assert facts(campaign, Ingested)[0].control == "feedback"
     assert sent
+
+
+def test_a_whole_motion_that_was_stopped_is_given_up_and_another_asked_for(tmp_path: Path) -> None:
+    campaign, robot = lab(tmp_path), Robot()
+
+    def hangs(event: str, fields: Any) -> None:
+        if event == "motion_sent" and fields["part"] == "motion" and not fields["first"]:
+            robot.at = {len(robot.sent) + 160: lambda: robot.blocked.__setitem__(1, True)}
+
+    with pytest.raises(RobotStopped, match="hip"):
+        moved(campaign, robot, told=hangs)
+    fact = facts(campaign, Ingested)[0]
+    assert fact.foreign
+    assert fact.robot_seconds == pytest.approx(3.2, abs=0.5)
+    assert campaign.state().proposals == []
+    robot.blocked[:] = False
+    moved(campaign, robot)
+    assert [one.foreign for one in facts(campaign, Ingested)] == [True, False]
 
 
 def test_a_stopped_motion_teaches_up_to_the_stop_and_answers_nothing(tmp_path: Path) -> None:

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 
-from etude.campaign.ingest.questions import body_of
 from etude.campaign.record.events import MotionEnded, RunBegan
 from etude.campaign.record.folder import Campaign
 from etude.campaign.record.journal import recorded
@@ -127,6 +126,8 @@ def file_gravity(campaign: Campaign, q: Array) -> Array | None:
     It goes into what is learned of a robot that adds gravity by itself, and out of what it is sent, so an
     error of the file does no harm.
     """
+    from etude.campaign.ingest.questions import body_of
+
     body, path = body_of(campaign.kind, campaign.spec), campaign.kind.path
     if body is None:
         return None

@@ -19,7 +19,7 @@ from etude.campaign.propose.ask import ask
 from etude.campaign.record.confirmation import RUNS, confirmed
 from etude.campaign.record.controls import FEEDBACK, LEARNED, asked_under
 from etude.campaign.record.deployed_model import model_of_sha256
-from etude.campaign.record.events import Ingested, RunBegan, RunEnded
+from etude.campaign.record.events import Abandoned, Ingested, MotionEnded, RunBegan, RunEnded
 from etude.campaign.record.folder import Campaign, Say
 from etude.campaign.record.stored_models import newest_model
 from etude.campaign.run.certified_motions import (
@@ -36,7 +36,7 @@ from etude.campaign.run.preconditions import open_points, require_none
 from etude.campaign.run.robot_session import Result, RobotSession, Tell, only_one
 from etude.campaign.run.run_history import next_step
 from etude.drivers import About, Person, Player
-from etude.errors import EtudeError, StopRuleReached, UsageError, typed
+from etude.errors import DataError, EtudeError, RobotStopped, StopRuleReached, UsageError, typed
 from etude.models.learned_model import LearnedModel
 
 WORD = "move"
@@ -285,7 +285,11 @@ class _Loop:
 
     def _round(self, number: int, last: bool) -> tuple[int | None, str]:
         """One motion, its careful steps before it; the number of the next one, or None and why."""
-        result = self._whole(number, self._control_of(number))
+        try:
+            result = self._whole(number, self._control_of(number))
+        except RobotStopped:
+            self._given_up(number)
+            raise
         self._taken_in(number, result)
         ours = not self.session.about.virtual
         onward = NextProposal(self.campaign, self._onward_control, beside=ours, say=self.say)
@@ -373,6 +377,17 @@ class _Loop:
             self.say(f"{result.path.name}: {sentence}")
         self.rounds.append(self._figures(number, result))
         self.session.tell("taken_in", asdict(self.rounds[-1]))
+
+    def _given_up(self, number: int) -> None:
+        """A whole motion that was stopped is not tried again: it teaches up to there."""
+        last = next(e.fact for e in reversed(self.campaign.events()) if isinstance(e.fact, MotionEnded))
+        if last.part != "motion" or last.first:
+            return
+        with self.campaign.writing():
+            with contextlib.suppress(DataError):
+                take(self.campaign, self.campaign.path / last.recording)
+            self.campaign.commit(Abandoned(), number)
+        self.say(f"Motion {number} is given up, and teaches up to there.")
 
     def _figures(self, number: int, result: Result) -> RoundRun:
         own = result.recording
