@@ -246,10 +246,10 @@ class Machine:
             mujoco.mj_fullM(self.model, other, mass)
             full.append(mass[np.ix_(self._dofs, self._dofs)])
             weight.append(np.abs(other.qfrc_bias[self._dofs]))
-        heavy, load = np.max([np.diag(own) for own in full], axis=0), np.max(weight, axis=0)
+        drag = self.model.dof_frictionloss[self._dofs] + self.model.dof_damping[self._dofs]  # at 1 rad/s
+        heavy, load = np.max([np.diag(own) for own in full], axis=0), np.max(weight, axis=0) + drag
         self._scale = load + heavy
-        rubs = self.model.dof_frictionloss[self._dofs] + self.model.dof_damping[self._dofs]
-        stiffness = np.maximum(heavy * (2 * np.pi * self.settings.bandwidth) ** 2, 1.2 * (load + rubs) / SAG)
+        stiffness = np.maximum(heavy * (2 * np.pi * self.settings.bandwidth) ** 2, 1.2 * load / SAG)
         # drives have inertia of their own; without some of it no controller of this rate is stable
         self.model.dof_armature[self._dofs] += stiffness * (SHORTEST_STEP / STABLE) ** 2
         fastest = max(

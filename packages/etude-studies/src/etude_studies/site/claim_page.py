@@ -25,6 +25,8 @@ from etude_studies.site.numbers import Summary
 from etude_studies.site.page import chip, command, file_of, folded, link, page, word_chip
 from etude_studies.site.seed_plot import Strip, seed_plot
 from etude_studies.site.words import entry_name, plural, row_name, section_name
+from etude_studies.thesis.catalogue import catalogue
+from etude_studies.thesis.choosing import runs_of
 from etude_studies.thesis.contrasts import EACH
 from etude_studies.thesis.ledger import Claim, Part
 from etude_studies.thesis.part_verdicts import NOT_RUN, UNTESTED, PartVerdict
@@ -53,6 +55,7 @@ def claim_page(study: Study, claim: Claim) -> Html:
         element("blockquote", " … ".join(claim.quote)),
         element("p", chip(verdict), " ", sentence(verdict, _short(study, claim, own)), class_="lead verdict"),
         _again(verdict),
+        _short_of_seeds(study, claim),
         _picture(own, verdict),
         _table(_names(study, claim), own, verdict),
         _told(claim),
@@ -102,6 +105,15 @@ def _again(verdict: Verdict) -> Html:
         return Html("")
     links = [link(file_of(id), id) for id in verdict.same_as]
     return paragraph("It says again ", join(links, ", "), ", and has the verdict of that.")
+
+
+def _short_of_seeds(study: Study, claim: Claim) -> Html:
+    """Runs with fewer seeds than planned, which the verdict rests on all the same."""
+    if claim.untestable:
+        return Html("")
+    counts = [(run, study.planned.get(run, 0), catalogue()[run].seeds) for run in runs_of(claim.id)]
+    lack = [f"{run} {n} of {planned} planned seeds" for run, n, planned in counts if 1 < n < planned]
+    return paragraph(f"Run so far: {', '.join(lack)}.", class_="soft") if lack else Html("")
 
 
 def _matched(own: Sequence[tuple[str, Part]], verdict: Verdict) -> list[tuple[Part, PartVerdict]]:

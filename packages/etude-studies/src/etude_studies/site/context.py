@@ -22,13 +22,14 @@ class Reading:
     Attributes:
         name: a few words. ambiguity: id of what is read otherwise; "" if nothing of the thesis is.
         replace: runs by those that take their place, of every run that this concerns.
-        tests: kinds of test by those that take their place. verdicts: of the claims that this touches.
+        tests, measures: those by others that take their place. verdicts: of the claims that this touches.
     """
 
     name: str
     ambiguity: str
     replace: Mapping[str, str]
     tests: Mapping[str, str] = field(default_factory=dict)
+    measures: Mapping[str, str] = field(default_factory=dict)
     verdicts: Mapping[str, Verdict] = field(default_factory=dict)
 
 

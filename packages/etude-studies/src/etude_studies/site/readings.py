@@ -126,6 +126,9 @@ KINEMATIC = exchange(_flight(lambda own: {**own, "acceleration": "kinematic"}, "
 FLOOR = exchange(_flight(_key("noise_floor", None, 0.2), "quadrotor"))
 RANDOM = exchange(_arm(_amplitude)) | exchange(_flight(_key("arm", "uniform", "scaled")))
 ONE = exchange(_arm(_search(ONE_START))) | exchange(_flight(_key("arm", "designed", "designed_one_start")))
+AROUND = {f"{run}t": run for run in ("A1", "A7", "S1", "S9")}
+WINDOWS = {"after_reversal": "reversal_share", "stuck_after": "stuck_share"}
+"""Rows of runs over time, and of the runs that they are of."""
 READINGS: Sequence[Reading] = (
     Reading("random trajectories drawn again", "", exchange(_arm(_key("draw", 0, 1)))),
     Reading("feedforward fades", "R1", {run: f"{run}:faded" for run in ARM_RUNS}),
@@ -143,6 +146,7 @@ READINGS: Sequence[Reading] = (
     Reading("best of 24 random, not refined", "", exchange(_arm(_search(UNREFINED)))),
     Reading("default protocol, process alone", "", exchange(_arm(_default))),
     Reading("default protocol, ladder", "", exchange(_arm(_ladder))),
+    Reading("the window around reversals", "", AROUND, measures=WINDOWS),
     Reading("one test motion common to all seeds", "", {}, {"fourier": "common"}),
     Reading("point-to-point moves as the test", "", {}, {"fourier": "moves"}),
     Reading("uniform test flights", "", {}, dict.fromkeys(("single", "fresh"), "uniform")),
@@ -173,9 +177,9 @@ def readings(
 
 def _read(own: Reading, part: Part) -> Part:
     """A part so read; where two conditions make a reading, it has to change both or it is another's."""
-    other = read_so(part, own.replace, own.tests)
+    other = read_so(part, own.replace, own.tests, own.measures)
     both = own.replace and own.tests
-    alone = (read_so(part, own.replace, {}), read_so(part, {}, own.tests))
+    alone = (read_so(part, own.replace), read_so(part, {}, own.tests))
     return part if both and part in alone else other
 
 

@@ -32,6 +32,7 @@ MEASURES = (
     *("nmse", "nlpd", "nlpd_train", "nlml"),
     *("command", "feedback_share", "feedback_median", "feedback_p95"),
     *("jerk", "reversal_share", "undershoot", "undershoot_max", "undershoot_min", "spike", "stuck_share"),
+    *("after_reversal", "after_reversal_time", "stuck_after"),
     *("position", "speed", "mae", "mae_late", "nearest", "fill", "gap95", "ahead_variance", "ahead_mae"),
     *("length", "length_change", "signal_sd", "noise_sd", "kernel_rms"),
     *("cpu_train", "cpu_train_hours", "cpu_predict", "cpu_design", "cpu_swap"),

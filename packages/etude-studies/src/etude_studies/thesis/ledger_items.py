@@ -113,14 +113,13 @@ class Row(_Strict, frozen=True):
     """One row of a table, or curve of a figure.
 
     Attributes:
-        run: its source. at: its k, where they are not the entry's. seeds: where fewer than the entry's.
+        run: its source. at: its k, where they are not the entry's.
         printed: the thesis's numbers, one a column other than "mean"; empty where it printed none.
     """
 
     label: str
     run: str
     at: tuple[int, ...] = ()
-    seeds: int = 0
     printed: tuple[float, ...] = ()
 
 

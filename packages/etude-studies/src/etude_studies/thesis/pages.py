@@ -9,7 +9,7 @@ from pathlib import Path
 from etude_studies.collected import Results
 from etude_studies.thesis.catalogue import catalogue
 from etude_studies.thesis.choosing import ledger, runs_of
-from etude_studies.thesis.kept import kept_results, kept_verdicts
+from etude_studies.thesis.kept import kept_results, kept_verdicts, price_s
 from etude_studies.thesis.ledger import Claim, Entry, Row
 from etude_studies.thesis.part_verdicts import NOT_RUN, WORDS, PartVerdict
 from etude_studies.thesis.presenting import cell
@@ -139,4 +139,15 @@ def _origins(results: Results) -> str:
         cost = f"{made['cpu_s'] / seeds:.3g}"
         lines.append(f"| {run} | {own.what} | {seeds} | {own.seeds} | {results.commits(run)} | {cost} |")
     told = f"\nNot run yet: {', '.join(missing)}.\n" if missing else ""
-    return "\n".join(lines) + "\n" + told
+    return "\n".join(lines) + "\n" + told + _price(results)
+
+
+def _price(results: Results) -> str:
+    """What the thesis's own runs cost with as many seeds as planned."""
+    own = [known for name in runs_of("thesis") if name in results.runs for known in [catalogue()[name]]]
+    spent = sum(price_s([run.name], run.seeds, results) for run in own)
+    lack = sum(price_s([run.name], run.seeds, results, more=True) for run in own)
+    return (
+        f"\nAll runs of `thesis` with their planned seeds take {spent / 3600.0:.1f} h of CPU time; "
+        f"{lack / 3600.0:.1f} h of them are not run yet.\n"
+    )

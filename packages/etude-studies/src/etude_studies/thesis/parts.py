@@ -109,15 +109,24 @@ def exchanged(source: str, replace: Mapping[str, str]) -> str:
     return source if colon and ":" in other else other + colon + model
 
 
-def read_so(part: Part, replace: Mapping[str, str], tests: Mapping[str, str]) -> Part:
-    """The part with every source exchanged, on another kind of test; itself where that makes two sides one.
+def read_so(
+    part: Part,
+    replace: Mapping[str, str],
+    tests: Mapping[str, str] | None = None,
+    measures: Mapping[str, str] | None = None,
+) -> Part:
+    """The part with every source, the test and the measure exchanged; itself where that makes two sides one.
 
     Another model of a run has figures of tests alone, so that it takes no place in other figures.
     """
     own = {old: new for old, new in replace.items() if part.test or ":" not in new}
     sides = {name: exchanged(getattr(part, name), own) for name in "abcd" if getattr(part, name)}
     among = tuple(exchanged(source, own) for source in part.among)
-    other = msgspec.structs.replace(part, among=among, test=tests.get(part.test, part.test), **sides)
+    columns = {
+        "test": (tests or {}).get(part.test, part.test),
+        "measure": (measures or {}).get(part.measure, part.measure),
+    }
+    other = msgspec.structs.replace(part, among=among, **columns, **sides)
     return other if len(sources(other)) == len(sources(part)) else part
 
 

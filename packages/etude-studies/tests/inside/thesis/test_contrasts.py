@@ -275,6 +275,9 @@ def test_a_part_is_read_otherwise_on_every_side() -> None:
     read = read_so(own, {"A1": "X1", "A2": "X2"}, {"fourier": "moves"})
     assert (read.a, read.b, read.c, read.d, read.among) == ("X1", "X2", "X1:linear", "B0", ("X1",))
     assert read.test == "moves"
+    window = part("value", a="A1t", measure="after_reversal")
+    read = read_so(window, {"A1t": "A1"}, measures={"after_reversal": "reversal_share"})
+    assert (read.a, read.measure, read.test) == ("A1", "reversal_share", "fourier")
     assert read_so(own, {"A7": "X8"}, {"uniform": "extreme"}) == own
     assert read_so(part("ratio", a="Q4", b="Q7"), {"Q4": "Q7"}, {}).a == "Q4", "nothing is left to compare"
     cost = part("value", test="", measure="cpu_train")
