@@ -243,7 +243,8 @@ class Machine:
             inertia.append(np.diag(own))
             least.append(1.0 / np.diag(np.linalg.inv(own)))
             weight.append(np.abs(other.qfrc_bias[self._dofs]))
-        heavy, load = np.max(inertia, axis=0), np.max(weight, axis=0)
+        drag = self.model.dof_frictionloss[self._dofs] + self.model.dof_damping[self._dofs]  # at 1 rad/s
+        heavy, load = np.max(inertia, axis=0), np.max(weight, axis=0) + drag
         self._scale = load + heavy
         stiffness = np.maximum(heavy * (2 * np.pi * self.settings.bandwidth) ** 2, 1.2 * load / SAG)
         light = np.min(least, axis=0)
