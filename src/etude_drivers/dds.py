@@ -17,7 +17,7 @@ import numpy as np
 from etude.errors import UsageError
 from etude.types import Array
 
-NANO = 1_000_000_000
+NANO = 1_000_000_000  # in a second
 KEPT = 200
 """Messages that wait to be taken."""
 
