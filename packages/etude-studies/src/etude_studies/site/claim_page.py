@@ -197,7 +197,8 @@ def _item(names: Names, part: Part, found: PartVerdict) -> list[object]:
     said = compared(part, names, found.k)
     first = [element("b", _number(found)), f" {said[:1].upper()}{said[1:]}; {claimed(part)}."]
     if found.estimate is None:
-        return [*first, paragraph(word_chip(found.word), f" {found.reason}.")]
+        word = NOT_RUN if found.reason.startswith(NOT_RUN) else found.word
+        return [*first, paragraph(word_chip(word), f" {found.reason.removeprefix(f'{NOT_RUN}: ')}.")]
     facts = [estimate(found), f"{found.wins} of {plural(found.seeds, 'seed')} on the claimed side"]
     facts += [f"{plural(found.failed, 'seed')} without a number"] if found.failed else []
     facts += [printed_words(found)] if found.printed is not None else []

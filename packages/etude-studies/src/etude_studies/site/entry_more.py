@@ -80,8 +80,8 @@ def _sensitivity(study: Study, entry: Entry) -> Html:
 
 
 def _verdicts(study: Study, entry: Entry) -> Html:
-    """Claims as columns, readings as rows, the verdict under each."""
-    claims = study.claims_of(entry)
+    """Claims of the entry's own section as columns, readings as rows, the verdict under each."""
+    claims = [claim for claim in study.claims_of(entry) if claim.section == entry.section and claim.parts]
     touched = [own for own in study.readings if any(_run_so(own, claim.id) for claim in claims)]
     if not touched:
         return Html("")
