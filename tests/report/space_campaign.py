@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from synthetic_campaign import DEFAULT, proposed
+from synthetic_campaign import DEFAULT, proposed, told
 
 from etude.campaign import config_text
 from etude.trajectories import FourierTrajectory
@@ -59,8 +59,8 @@ def urdf() -> str:
     return f'<robot name="boxes">{"".join([*links, *joints])}</robot>'
 
 
-def write_space(folder: Path) -> FourierTrajectory:
-    """The folder of the campaign, and what was asked for."""
+def write_space(folder: Path, *, ran: bool = False) -> FourierTrajectory:
+    """The folder of the campaign, and what was asked for; with the log of it."""
     axes = "".join(
         f'[[axis]]\nname = "{name}"\nlower = -1.5\nupper = 1.5\nvelocity = 1.5\nacceleration = 3.0\n'
         "command = 100.0\n"
@@ -70,4 +70,8 @@ def write_space(folder: Path) -> FourierTrajectory:
     (folder / "robot.toml").write_text(ROBOT.format(axes=axes))
     (folder / "campaign.toml").write_text(config_text(DEFAULT, KIND))
     commit(folder, "created", None, "0" * 64, [], seed=3)
-    return proposed(folder, KIND.spec(folder / "robot.toml"), 1, np.random.default_rng(1))
+    robot, rng = KIND.spec(folder / "robot.toml"), np.random.default_rng(1)
+    trajectory = proposed(folder, robot, 1, rng)
+    if ran:
+        told(folder, robot, trajectory, 1, rng)
+    return trajectory
