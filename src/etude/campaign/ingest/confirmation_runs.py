@@ -81,15 +81,21 @@ def _sent(
     return number, planned_log(campaign, evidence, log)
 
 
-def check_no_confirmation(campaign: Campaign, state: State, log: Log, path: Path) -> None:
-    """DataError: it is a run of a motion that confirms, from which nothing may be learned."""
-    known = [r.number for r in reversed(state.confirmations)]
+def check_may_teach(campaign: Campaign, state: State, log: Log, path: Path) -> None:
+    """DataError: it is a run of a motion that confirms or weighs, from which nothing may be learned."""
+    known = [r.number for r in reversed((*state.confirmations, *state.weighings))]
     if not known or campaign.kind.path not in log:
         return
     try:
         number = _confirming(campaign, log, known)[0]
     except DataError:
         return
+    if state.rounds[number].weighs:
+        raise DataError(
+            f"this is a run of trajectory {number}, which weighs a load and is never learned from",
+            where=str(path),
+            next_step=f"etude payload {typed(campaign.path)} --log {typed(path)}",
+        )
     raise DataError(
         f"this is a run of trajectory {number}, which confirms and is never learned from",
         where=str(path),

@@ -16,7 +16,7 @@ from typing import Unpack, overload
 import numpy as np
 
 from etude.campaign.ingest.command_decisions import MOST_NEW, Survey, told_logs
-from etude.campaign.ingest.confirmation_runs import check_no_confirmation, take_run
+from etude.campaign.ingest.confirmation_runs import check_may_teach, take_run
 from etude.campaign.ingest.ingest_result import How, IngestResult, aligned_with, read, read_settled
 from etude.campaign.ingest.questions import Answers, LogQuestions, answers_of, body_of, questions_of
 from etude.campaign.ingest.recordings import evidence_in, placed
@@ -125,6 +125,11 @@ def check_asked(state: State, number: int) -> None:
         raise UsageError(
             f"trajectory {number} confirms, nothing is learned from it",
             next_step="Say which run its log is of: --confirm without, or --confirm with.",
+        )
+    if found.weighs:
+        raise UsageError(
+            f"trajectory {number} weighs a load, nothing is learned from it",
+            next_step="Give its log to: etude payload FOLDER --log LOG.",
         )
     if found.ingested is not None and not found.abandoned:
         raise UsageError(
@@ -304,7 +309,7 @@ def _identify(
         check_asked(state, number)
         candidates = [number]
     else:
-        given_up = [r.number for r in state.rounds.values() if r.asked and r.abandoned and not r.confirms]
+        given_up = [r.number for r in state.rounds.values() if r.teaches and r.abandoned]
         candidates = [] if foreign else [*reversed(open_numbers), *reversed(given_up)]
     refused: DataError | None = None
     for candidate in candidates:
@@ -321,7 +326,7 @@ def _identify(
                 if candidate in open_numbers or candidate == number:
                     raise
     if number is None or foreign:
-        check_no_confirmation(campaign, state, log, path)
+        check_may_teach(campaign, state, log, path)
     if refused is None or (number is None and not open_numbers):
         return start_at_zero(log), None, FULL
     raise DataError(

@@ -93,6 +93,7 @@ class Asked(Constrained):
         criterion, value, baseline_value, choice, deviation_before, deviation_after, evaluations, seconds:
             of the design; see `design.chain`.
         confirm: it confirms: it runs without and with the feedforward, and nothing learns from it.
+        weighs: it shows what hangs at the hand, and nothing learns from it.
         model_sha256: of the model whose feedforward it has. left_over, trained_speeds: see
             `record.confirmation`.
     """
@@ -112,6 +113,7 @@ class Asked(Constrained):
     evaluations: int = 0
     seconds: float = 0.0
     confirm: bool = False
+    weighs: bool = False
     model_sha256: str = ""
     left_over: Figures | None = None
     trained_speeds: tuple[float, ...] | None = None
