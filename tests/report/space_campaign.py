@@ -19,7 +19,11 @@ BOXES = {
     "upper": (0.08, 0.08, 0.4),
     "fore": (0.06, 0.1, 0.3),
 }
-JOINTS = (("pan", "0 0 1", "0 0 0.05"), ("lift", "0 1 0", "0 0.1 0.2"), ("elbow", "0 1 0", "0 -0.1 0.4"))
+JOINTS = (
+    ("a_joint_with_a_name_that_is_as_long_as_a_phone_is_wide", "0 0 1", "0 0 0.05"),
+    ("lift", "0 1 0", "0 0.1 0.2"),
+    ("elbow", "0 1 0", "0 -0.1 0.4"),
+)
 ROBOT = """
 name = "<img src=x onerror=alert(1)>"
 command_unit = "N m"

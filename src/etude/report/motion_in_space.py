@@ -11,8 +11,7 @@ import numpy as np
 
 from etude.abilities import SupportsNearby, SupportsSolids
 from etude.report.record import Facts, Record
-from etude.report.scene import Path, room_of, things_of
-from etude.report.sections.motion import figure_along
+from etude.report.scene import Path, figure_along, room_of, things_of
 from etude.types import Array, Figure, Mask, Motion, Nearby, Solid, Thing
 
 if TYPE_CHECKING:

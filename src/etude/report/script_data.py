@@ -15,8 +15,7 @@ from scipy.spatial.transform import Rotation
 from etude.report.motion_in_space import LINES, MotionInSpace
 from etude.report.record import Record
 from etude.report.scales import linear_ticks
-from etude.report.scene import EYE, SceneBox, faces_in
-from etude.report.sections.motion import room_around
+from etude.report.scene import EYE, SceneBox, faces_in, room_around
 from etude.types import Array, Thing
 
 SHOWN_M = 0.15

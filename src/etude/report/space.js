@@ -17,7 +17,7 @@
       float light = lit ? 0.45 + 0.3 * dot(n, to) + 0.35 * max(dot(n, normalize(vec3(0.3, -0.5, 0.9))), 0.0) : 1.0;
       shown = vec4(colour.rgb * light, colour.a);
     }`;
-  const FIELD = 0.6, NEAR_MM = 30, FAR_MM = 100, COPIES = 120;  // rad; mm between red and plain; poses of what is swept
+  const FIELD = 0.6, NEAR_MM = 30, FAR_MM = 100, COPIES = 90, SLOW_MS = 150;  // rad; mm between red and plain; poses of what is swept; between two pictures
   const GREEN = [0.16, 0.62, 0.45], AMBER = [0.93, 0.62, 0.0], RED = [0.83, 0.13, 0.13], GHOST = [0.1, 0.45, 0.85];
   const INK = { solid: [0.9, 0.62, 0.0], plane: [0.5, 0.53, 0.57], inside: [0.45, 0.48, 0.52], stand: [0.45, 0.48, 0.52] };
 
@@ -187,7 +187,7 @@
     const things = data.things.map((one) => ({ ...one, mesh: draws.mesh(one.points.flat(), one.faces.flatMap((face) => face.slice(2).flatMap((_, k) => [face[0], face[k + 1], face[k + 2]]))) }));
     const still = [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0];
     const thin = 0.0016 * data.size, less = window.matchMedia("(prefers-reduced-motion: reduce)");
-    let time = 0, playing = false, tick = null, live = null, inSight = true;
+    let time = 0, playing = false, tick = null, live = null, inSight = true, slow = false;
 
     const theme = () => {
       const dark = window.matchMedia("(prefers-color-scheme: dark)").matches;
@@ -257,7 +257,7 @@
       draws.draw(box, new Float32Array(limbs(ends(time, planned.points), [...plain, 1])));
       if (ghost) { draws.skin(() => { robot(ghost.frame, () => GHOST, 0.55); draws.draw(box, new Float32Array(limbs(ghost.points, [...GHOST, 0.55]))); }); }
       draws.pale(() => things.filter((one) => one.faces.length && one.kind !== "inside").forEach((one) => draws.draw(one.mesh, new Float32Array([...still, ...INK[one.kind], one.kind === "plane" ? 0.1 : 0.3]))));
-      if (wanted("swept")) { draws.skin(() => { bodies.forEach((one, b) => draws.draw(one.mesh, kept.swept[b])); draws.draw(box, kept.skin); }); }
+      if (wanted("swept") && !(slow && playing)) { draws.skin(() => { bodies.forEach((one, b) => draws.draw(one.mesh, kept.swept[b])); draws.draw(box, kept.skin); }); }
       label(view, near, k, ghost);
     };
 
@@ -332,6 +332,7 @@
     const eye = orbit(canvas, { azimuth: -1.05, elevation: 0.42, distance: 0.44 * data.size / Math.tan(FIELD / 2), target: data.middle }, changed);
     const step = (moment) => {
       if (!playing || !inSight) { tick = null; return; }
+      slow = slow || (tick !== null && moment - tick > SLOW_MS);  // no graphics card: what is swept is shown when it stands
       if (tick !== null) { time = (time + Number(part("[name=speed]").value) * (moment - tick) / 1000) % (last * data.step); }
       tick = moment;
       paint();
@@ -340,6 +341,7 @@
     const play = (on) => {
       playing = on;
       part(".play").textContent = on ? "Pause" : "Play";
+      if (!on) { changed(); }
       if (on && tick === null) { requestAnimationFrame(step); }
     };
     const show = (own) => { play(false); time = Math.min(Math.max(own, 0), last * data.step); paint(); };
@@ -357,6 +359,7 @@
     new IntersectionObserver(([entry]) => { inSight = entry.isIntersecting; if (inSight && playing && tick === null) { requestAnimationFrame(step); } }).observe(canvas);
     if (data.stream) { new EventSource(data.stream).addEventListener("message", (event) => measure(JSON.parse(event.data))); }
     figure.classList.toggle("real", Boolean(replay));
+    figure.classList.add("drawn");
     part(".controls").hidden = false;
     strip();
     const wish = /^#t=([\d.]+)$/.exec(location.hash);  // view.html#t=12.5 stands there

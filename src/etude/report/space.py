@@ -22,8 +22,8 @@ from etude.report.live import INDEX, POSES, Pages, digest_of
 from etude.report.markup import Html, document, element, join, number, paragraph, table
 from etude.report.motion_in_space import MotionInSpace, in_space, placed_parts
 from etude.report.record import Record, read_record
+from etude.report.scene import figure_along
 from etude.report.script_data import script_data
-from etude.report.sections.motion import figure_along
 from etude.types import Array, Motion
 
 OPEN_ROWS = 6
@@ -50,6 +50,7 @@ PROVED = (
 )
 CANNOT = "Name a model file in robot.toml (model_file): URDF or MJCF."
 HINT = "Drag: turn. Shift and drag, or two fingers: move. Wheel: nearer. Double click: back."
+NO_MORE = Html("")
 NO_VIEW = "This browser has no WebGL 2, so the motion cannot be shown in space."
 
 
@@ -93,7 +94,7 @@ def asset(name: str) -> str:
     return resources.files("etude.report").joinpath(name).read_text(encoding="utf-8")
 
 
-def figure_in_space(seen: MotionInSpace, record: Record, below: Html, stream: str = "") -> Html:
+def figure_in_space(seen: MotionInSpace, record: Record, below: Html = NO_MORE, stream: str = "") -> Html:
     """The drawing with all that belongs to it. below: what more is said, whose buttons of times act too.
     stream: the address of poses of the real robot.
     """
@@ -180,11 +181,11 @@ def _controls(seen: MotionInSpace) -> list[Html]:
     speeds += [Html('<option value="1" selected>its own speed</option>')]
     speeds += [element("option", f"{s:g} times its speed", value=s) for s in (2, 4)]
     ends = f'min="0" max="{seen.t[-1]:.6g}" step="any" value="0"'
-    slider = Html(f'<input type="range" name="time" {ends} aria-label="time">')
+    slider = Html(f'<input type="range" name="time" {ends} aria-label="time"/>')
     strip = Html('<canvas class="strip" height="8" aria-hidden="true"></canvas>') if seen.nearby else Html("")
     ticked = [("swept", "what is swept"), ("path", "way of the tip")]
     ticked += [("distances", "distances")] if seen.nearby else []
-    boxes = [Html(f'<label><input type="checkbox" name="{n}" checked> {w}</label>') for n, w in ticked]
+    boxes = [Html(f'<label><input type="checkbox" name="{n}" checked/> {w}</label>') for n, w in ticked]
     joints = element(
         "tr",
         *(element("th", name) for name in ("", "planned")),
@@ -208,6 +209,7 @@ def _controls(seen: MotionInSpace) -> list[Html]:
                 "div",
                 element("h3", "Where it is now"),
                 element("table", element("thead", joints), element("tbody"), class_="joints"),
+                class_="scroll",
             ),
             class_="beside",
         ),
