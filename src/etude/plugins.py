@@ -104,6 +104,8 @@ BUILT_IN: Mapping[str, Mapping[str, str]] = {
     },
     # robots that `etude run` moves: (joints, address, settings) -> a Stream or a Player of `etude.drivers`
     "etude.drivers": {
+        "franka": "etude_drivers.franka:driver",
+        "lerobot": "etude_drivers.lerobot:driver",
         "mujoco": "etude_drivers.mujoco:driver",
     },
     # how a model goes on learning in simulated tests: `etude simulate --online`

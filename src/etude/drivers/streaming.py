@@ -294,7 +294,7 @@ class _Clock:
         self.virtual, self.period = about.virtual, 1.0 / about.rate
         self.now = self.robot = self.tick = self.silent = 0.0
         self.fresh, self.forward, self.late = False, False, 0
-        self.beat = time.monotonic()
+        self.beat = np.inf  # the watchdog waits for the first cycle
         self._blocks = False
         self._cycles = 0
         self._sampled = self._newest = -np.inf

@@ -41,7 +41,7 @@ class DriverSuite:
 
     Attributes:
         joints: their names, in the order of the driver. way: rad or m of each joint. velocity, acceleration:
-            of the motions. error: bound of |q - asked|.
+            of the motions. error: bound of |q - asked|. clock: s by which a simulation may be slow.
     """
 
     joints: ClassVar[tuple[str, ...]]
@@ -49,6 +49,7 @@ class DriverSuite:
     velocity: ClassVar[float] = 0.8
     acceleration: ClassVar[float] = 4.0
     error: ClassVar[float] = 0.1
+    clock: ClassVar[float] = 0.5
 
     def driver(self) -> Stream | Player:
         """A new one, not connected."""
@@ -200,7 +201,8 @@ class DriverSuite:
 
     def _bounds(self) -> Bounds:
         ones = np.ones(len(self.joints))
-        return Bounds(self.error * ones, -1e3 * ones, 1e3 * ones, 10 * self.velocity * ones)
+        far, fast = 1e3 * ones, 10 * self.velocity * ones
+        return Bounds(self.error * ones, -far, far, fast, clock=self.clock)
 
     def _player(self) -> Player:
         own = self.driver()

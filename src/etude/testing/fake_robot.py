@@ -21,8 +21,8 @@ class FakeRobot:
 
     Args:
         joints: by name. rate: Hz. start: (J,) pose at the beginning.
-        stiffness: of the feedback, 1/s^2, at a damping ratio of 1; velocities and accelerations are fed
-            forward by a part of what would be exact.
+        stiffness: of the feedback, 1/s^2, at a damping ratio of 1. feedforward: part of the accelerations
+            that is fed forward.
         noise: rad, of measured positions. seed: of it.
         virtual: it moves on with each `send`; else it follows our clock.
 
@@ -39,12 +39,13 @@ class FakeRobot:
         rate: float = 250.0,
         start: Array | None = None,
         stiffness: float = 900.0,
+        feedforward: float = 0.9,
         noise: float = 2e-5,
         seed: int = 0,
         virtual: bool = True,
     ) -> None:
         self.joints, self.rate, self.virtual = tuple(joints), rate, virtual
-        self.stiffness, self.noise = stiffness, noise
+        self.stiffness, self.feedforward, self.noise = stiffness, feedforward, noise
         self.q = np.zeros(len(joints)) if start is None else np.array(start, dtype=float)
         self.qd, self.command = np.zeros_like(self.q), np.zeros_like(self.q)
         self.blocked = np.zeros(len(self.q), dtype=bool)
@@ -94,7 +95,8 @@ class FakeRobot:
 
     def send(self, q: Array, qd: Array, qdd: Array, effort: Array | None) -> None:
         self.sent.append(np.array(q))
-        self._step(max(1.0 / self.rate, self._stall), q, qd, qdd if effort is None else effort)
+        added = self.feedforward * qdd if effort is None else effort
+        self._step(max(1.0 / self.rate, self._stall), q, qd, added)
         self._stall = 0.0
 
     def stop(self, kill: bool = False) -> None:  # noqa: ARG002
@@ -106,11 +108,11 @@ class FakeRobot:
         """The next cycle takes longer."""
         self._stall = seconds
 
-    def _step(self, dt: float, q: Array, qd: Array, feedforward: Array, parts: int = 4) -> None:
+    def _step(self, dt: float, q: Array, qd: Array, added: Array, parts: int = 4) -> None:
         damping = 2.0 * np.sqrt(self.stiffness)
         parts = max(parts, round(dt * self.rate * parts))
         for _ in range(parts):
-            self.command = self.stiffness * (q - self.q) + damping * (qd - self.qd) + 0.9 * feedforward
+            self.command = self.stiffness * (q - self.q) + damping * (qd - self.qd) + added
             self.qd += dt / parts * (self.command + self.push)
             self.qd[self.blocked] = 0.0
             self.q += dt / parts * self.qd
