@@ -83,12 +83,17 @@ def lab(folder: Path) -> Campaign:
 
 
 def moved(
-    campaign: Campaign, robot: Robot | Player, person: Somebody | None = None, **options: Any
+    campaign: Campaign,
+    robot: Robot | Player,
+    person: Somebody | None = None,
+    told: Callable[[str, Any], None] = lambda _, __: None,
+    **options: Any,
 ) -> RunResult:
     """A run of one motion that is neither confirmed nor promoted, unless the options say otherwise."""
     player = Streamed(robot) if isinstance(robot, Robot) else robot
     usual = {"on": "small", "rounds": 1, "confirm": False, "promote": False}
-    return run_campaign(campaign, player, person or Somebody(), RunOptions(**{**usual, **options}))
+    own = RunOptions(**{**usual, **options})
+    return run_campaign(campaign, player, person or Somebody(), own, tell_event=told)
 
 
 def facts(campaign: Campaign, kind: type) -> list[Any]:

@@ -17,7 +17,6 @@ from robot_runs import JOINTS, Robot, Somebody, events, facts, home, lab, moved
 from etude import tell, untell
 from etude.campaign import Campaign, Trained, open_campaign
 from etude.campaign.record.events import Ingested, MotionEnded, MotionSent, RunEnded
-from etude.campaign.run.campaign_run import RunOptions, run_campaign
 from etude.campaign.run.run_history import next_step
 from etude.drivers import About, Streamed, read_recording
 from etude.errors import EtudeError, RobotStopped, UsageError
@@ -140,14 +139,17 @@ def test_a_dry_run_moves_nothing_and_says_what_would(tmp_path: Path) -> None:
     said = moved(campaign, robot, dry=True).said
     assert robot.sent == []
     assert facts(campaign, MotionSent) == []
-    assert any("the first segment of motion 1 at 25 %" in own for own in said)
+    assert any("the beginning of motion 1 at 25 %" in own for own in said)
 
 
 def test_a_joint_that_sticks_is_stopped_and_the_next_run_is_slower(tmp_path: Path) -> None:
     campaign, robot = lab(tmp_path), Robot()
-    robot.at = {900: lambda: robot.blocked.__setitem__(0, True)}
+
+    def sticks(event: str, fields: Any) -> None:
+        robot.blocked[0] = (event, fields.get("part"), fields.get("speed")) == ("motion_sent", "motion", 50)
+
     with pytest.raises(RobotStopped, match=r"stopped: .*knee is .* of the motion"):
-        moved(campaign, robot)
+        moved(campaign, robot, told=sticks)
     last = facts(campaign, MotionEnded)[-1]
     assert (last.ended, last.part) == ("stopped", "motion")
     assert facts(campaign, RunEnded)[-1].exit_code == RobotStopped.exit_code
@@ -162,6 +164,24 @@ def test_a_joint_that_sticks_is_stopped_and_the_next_run_is_slower(tmp_path: Pat
     assert sent
 
 
+def test_a_whole_motion_that_was_stopped_is_given_up_and_another_asked_for(tmp_path: Path) -> None:
+    campaign, robot = lab(tmp_path), Robot()
+
+    def hangs(event: str, fields: Any) -> None:
+        if event == "motion_sent" and fields["part"] == "motion" and not fields["first"]:
+            robot.at = {len(robot.sent) + 160: lambda: robot.blocked.__setitem__(1, True)}
+
+    with pytest.raises(RobotStopped, match="hip"):
+        moved(campaign, robot, told=hangs)
+    fact = facts(campaign, Ingested)[0]
+    assert fact.foreign
+    assert fact.robot_seconds == pytest.approx(3.2, abs=0.5)
+    assert campaign.state().proposals == []
+    robot.blocked[:] = False
+    moved(campaign, robot)
+    assert [one.foreign for one in facts(campaign, Ingested)] == [True, False]
+
+
 def test_a_stopped_motion_teaches_up_to_the_stop_and_answers_nothing(tmp_path: Path) -> None:
     campaign, robot = lab(tmp_path), Robot()
     person = Somebody()
@@ -171,7 +191,7 @@ def test_a_stopped_motion_teaches_up_to_the_stop_and_answers_nothing(tmp_path: P
             person.left = 150
 
     with pytest.raises(KeyboardInterrupt):
-        run_campaign(campaign, Streamed(robot), person, RunOptions(confirm=False), tell_event=whole_motion)
+        moved(campaign, robot, person, whole_motion)
     last = facts(campaign, MotionEnded)[-1]
     assert (last.ended, last.speed, last.first) == ("interrupted", 100, False)
     told = tell(campaign, campaign.path / last.recording)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from etude.campaign.record.events import MotionEnded
+from etude.campaign.record.events import MotionEnded, RunBegan
 from etude.campaign.record.folder import Campaign
 from etude.campaign.record.journal import recorded
 from etude.campaign.record.stored_files import FULL, name_of, speed_folder
@@ -25,6 +25,8 @@ from etude.types import Array, Channel, Log
 
 REST_S = 0.5
 """Of standing still before a motion and after it that is kept."""
+STATES = 3
+"""Position, velocity and acceleration: what a body's commands depend on."""
 LEAST_TAUGHT_S = 2.0
 """A motion that was stopped earlier teaches nothing."""
 
@@ -36,10 +38,12 @@ class Evidence:
     Attributes:
         recording: read from its file. control: that it was run under; "" where the journal
             knows no such file.
+        lacks_gravity: the robot adds gravity after the commands that it shows.
     """
 
     recording: Recording
     control: str
+    lacks_gravity: bool = False
 
     @property
     def whole(self) -> bool:
@@ -73,15 +77,22 @@ def evidence_in(campaign: Campaign, path: Path) -> Evidence | None:
     if not is_recording(path):
         return None
     recording, digest = read_recording(path), sha256_of(path)
-    events = [e.fact for e in campaign.events() if isinstance(e.fact, MotionEnded)]
-    control = next((fact.control for fact in events if fact.recording_sha256 == digest), "")
+    control, began = "", None
+    for fact in (e.fact for e in campaign.events()):
+        if isinstance(fact, RunBegan):
+            began = fact
+        if isinstance(fact, MotionEnded) and fact.recording_sha256 == digest:
+            control = fact.control
+            break
+    told = {} if began is None else began.told
+    lacks = told.get("gravity_in_command") is False and told.get("command_of") != "measured"
     if recording.reached < LEAST_TAUGHT_S:
         raise DataError(
             f"the motion ended after {recording.reached:.2f} s, which teaches nothing",
             where=str(path),
             next_step="Run it again.",
         )
-    return Evidence(recording, control)
+    return Evidence(recording, control, lacks)
 
 
 def log_of(campaign: Campaign, evidence: Evidence, source: str) -> Log:
@@ -99,7 +110,35 @@ def log_of(campaign: Campaign, evidence: Evidence, source: str) -> Log:
     values |= {rate: own.qd} if own.qd is not None and rate else {}
     channels: dict[str, Channel] = {name: campaign.channel(name) for name in values}
     kept = {name: np.ascontiguousarray(value[use][:, order]) for name, value in values.items()}
-    return Log(t[use], channels, kept, source)
+    log = Log(t[use], channels, kept, source)
+    added = file_gravity(campaign, log[path]) if evidence.lacks_gravity else None
+    if added is None:
+        return log
+    log = log.put(campaign.command, log[campaign.command.name] + added)
+    return log.repaired(
+        "The robot adds gravity after its commands: that of the model file was added to them."
+    )
+
+
+def file_gravity(campaign: Campaign, q: Array) -> Array | None:
+    """(n, k) what the model file's masses ask in poses q (n, k); None without a file, or for other units.
+
+    It goes into what is learned of a robot that adds gravity by itself, and out of what it is sent, so an
+    error of the file does no harm.
+    """
+    from etude.campaign.ingest.questions import body_of
+
+    body, path = body_of(campaign.kind, campaign.spec), campaign.kind.path
+    if body is None:
+        return None
+    channels = [campaign.channel(path)]
+    while len(channels) < STATES and (
+        rates := [c for c in campaign.channels if c.derivative_of == channels[-1].name]
+    ):
+        channels.append(rates[0])
+    values = {c.name: q if order == 0 else np.zeros_like(q) for order, c in enumerate(channels)}
+    still = Log(np.arange(len(q), dtype=float), {c.name: c for c in channels}, values)
+    return np.asarray(body.predict(still))
 
 
 def placed(campaign: Campaign, evidence: Evidence, log: Log) -> tuple[Log, int | None]:

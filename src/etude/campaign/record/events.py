@@ -414,7 +414,7 @@ class RobotMotion(Fact):
     """One motion of a robot that Étude moves.
 
     Attributes:
-        part: "approach", "motion" or "return". speed: per cent. first: only the first segment of it.
+        part: "approach", "motion" or "return". speed: per cent. first: its beginning alone.
         sha256: of the trajectory's JSON. control: see `record.controls`. identity: of the robot.
     """
 

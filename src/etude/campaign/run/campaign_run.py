@@ -19,12 +19,13 @@ from etude.campaign.propose.ask import ask
 from etude.campaign.record.confirmation import RUNS, confirmed
 from etude.campaign.record.controls import FEEDBACK, LEARNED, asked_under
 from etude.campaign.record.deployed_model import model_of_sha256
-from etude.campaign.record.events import Ingested, RunBegan, RunEnded
+from etude.campaign.record.events import Abandoned, Ingested, MotionEnded, RunBegan, RunEnded
 from etude.campaign.record.folder import Campaign, Say
 from etude.campaign.record.stored_models import newest_model
 from etude.campaign.run.certified_motions import (
     CertifiedMotion,
     Learned,
+    careful_motion,
     holding,
     proposal_motion,
     require_accepted,
@@ -33,9 +34,9 @@ from etude.campaign.run.certified_motions import (
 from etude.campaign.run.next_proposal import NextProposal
 from etude.campaign.run.preconditions import open_points, require_none
 from etude.campaign.run.robot_session import Result, RobotSession, Tell, only_one
-from etude.campaign.run.run_history import FULL, SpeedStep, next_step
+from etude.campaign.run.run_history import next_step
 from etude.drivers import About, Person, Player
-from etude.errors import EtudeError, StopRuleReached, UsageError, typed
+from etude.errors import DataError, EtudeError, RobotStopped, StopRuleReached, UsageError, typed
 from etude.models.learned_model import LearnedModel
 
 WORD = "move"
@@ -205,8 +206,7 @@ def what_will_happen(session: RobotSession, options: RunOptions, first: Certifie
 
 
 def _of_first(campaign: Campaign, first: CertifiedMotion) -> list[str]:
-    step = "the first segment of " if first.until is not None else ""
-    last = first.trajectory.duration if first.until is None else first.until
+    step, last = "the beginning of " * first.first, first.trajectory.duration
     q = first.trajectory.motion(np.linspace(0.0, first.trajectory.duration, 1000), 1).orders[0]
     rows = zip(campaign.axes, q.min(axis=0), q.max(axis=0), strict=True)
     ranges = ", ".join(f"{axis} in {low:.2f}..{high:.2f}" for axis, low, high in rows)
@@ -285,7 +285,11 @@ class _Loop:
 
     def _round(self, number: int, last: bool) -> tuple[int | None, str]:
         """One motion, its careful steps before it; the number of the next one, or None and why."""
-        result = self._whole(number, self._control_of(number))
+        try:
+            result = self._whole(number, self._control_of(number))
+        except RobotStopped:
+            self._given_up(number)
+            raise
         self._taken_in(number, result)
         ours = not self.session.about.virtual
         onward = NextProposal(self.campaign, self._onward_control, beside=ours, say=self.say)
@@ -318,24 +322,14 @@ class _Loop:
         while True:
             motion = self._at_step(number, control)
             result = self._sent(self._with_command(motion, model))
-            if motion.until is None:
+            if not motion.first:
                 return result
 
     def _at_step(self, number: int, control: str = "") -> CertifiedMotion:
-        """At the speed that its control has earned; the files of that speed are written."""
-        control = control or self._control_of(number)
-        step = next_step(self.campaign.events(), control)
-        if step.speed != FULL:
-            self._slowed(number, step)
-        return proposal_motion(self.campaign, number, step, control)
-
-    def _slowed(self, number: int, step: SpeedStep) -> None:
-        from etude.campaign.propose.ask import present
-        from etude.campaign.propose.constraints import constraints_then
-
-        with self.campaign.writing():
-            constraints = constraints_then(self.campaign.round(number).asked)
-            present(self.campaign, number, constraints, None, step.speed)
+        """At the speed that its control has earned; nothing of it moves faster than is proved."""
+        motion = proposal_motion(self.campaign, number, control or self._control_of(number))
+        step = next_step(self.campaign.events(), motion.control)
+        return (careful_motion(self.campaign, motion, step.speed) or motion) if step.first else motion
 
     def _with_command(self, motion: CertifiedMotion, model: LearnedModel | None = None) -> CertifiedMotion:
         """With the learned command, where it is run under that."""
@@ -351,10 +345,10 @@ class _Loop:
         level = 1.0 if motion.learned is not None else 0.0
         way = ways_of(self.campaign, motion, pose).approach
         if way is None and level != self.session.level:
-            way = holding(motion, pose)
+            way = holding(self.campaign, motion, pose)
         if way is not None:
             self.session.play(self._faded(way, level))
-        what = "the first segment of motion" if motion.until is not None else "motion"
+        what = "the beginning of motion" if motion.first else "motion"
         self.say(f"Running {what} {motion.number} at {motion.speed} %, under {motion.control}.")
         return self.session.play(motion)
 
@@ -367,7 +361,7 @@ class _Loop:
 
     def _back(self, number: int, meanwhile: Callable[[], None] = lambda: None) -> None:
         """Home, while the next motion is computed."""
-        motion = proposal_motion(self.campaign, number, SpeedStep(FULL, False), self._control_of(number))
+        motion = proposal_motion(self.campaign, number, self._control_of(number))
         home = np.asarray(self.campaign.kind.home(self.campaign.spec), dtype=float)
         way = ways_of(self.campaign, motion, home).back
         if way is None:
@@ -383,6 +377,17 @@ class _Loop:
             self.say(f"{result.path.name}: {sentence}")
         self.rounds.append(self._figures(number, result))
         self.session.tell("taken_in", asdict(self.rounds[-1]))
+
+    def _given_up(self, number: int) -> None:
+        """A whole motion that was stopped is not tried again: it teaches up to there."""
+        last = next(e.fact for e in reversed(self.campaign.events()) if isinstance(e.fact, MotionEnded))
+        if last.part != "motion" or last.first:
+            return
+        with self.campaign.writing():
+            with contextlib.suppress(DataError):
+                take(self.campaign, self.campaign.path / last.recording)
+            self.campaign.commit(Abandoned(), number)
+        self.say(f"Motion {number} is given up, and teaches up to there.")
 
     def _figures(self, number: int, result: Result) -> RoundRun:
         own = result.recording

@@ -5,21 +5,23 @@ them; each proved before it moves, with the learned command where the robot take
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from etude.campaign.propose.approach import require_inside, there_and_back
+from etude.campaign.ingest.recordings import file_gravity
+from etude.campaign.propose.approach import clear_poses, require_inside, there_and_back
 from etude.campaign.propose.constraints import Constraints, constraints_then
 from etude.campaign.propose.typical_motions import approaches_of
 from etude.campaign.record.folder import Campaign
 from etude.campaign.record.stored_files import proposal_advice, speed_folder, stored_bytes
-from etude.campaign.run.run_history import FULL, SpeedStep
+from etude.campaign.run.run_history import FULL
 from etude.campaign.run.supervision import bounds_for
-from etude.deploy.trajectory_files import COEFFICIENTS
+from etude.deploy.trajectory_files import COEFFICIENTS, at_speed
 from etude.drivers import About, Bounds, PlannedMotion, first_segment_ends, planned
 from etude.drivers.contract import MotionPart
 from etude.errors import UnsafeTrajectoryError, UsageError
+from etude.limits.certificate import certify, require_certified
 from etude.models.learned_model import LearnedModel
 from etude.protocols import Trajectory
 from etude.trajectories.json_text import from_json
@@ -41,37 +43,32 @@ class Learned:
     Attributes:
         t: (T,) s. total: (T, k) what the model predicts. deviation: (T, k) of it.
         sent: (T, k) the part that is sent: without gravity where the robot adds it by itself.
+        logged: (T, k) the part that the robot's own commands show.
     """
 
     t: Array
     total: Array
     deviation: Array
     sent: Array
+    logged: Array
 
     @classmethod
     def along(cls, campaign: Campaign, model: LearnedModel, trajectory: Trajectory, about: About) -> Learned:
         states = model.planned(trajectory, COMMAND_HZ)
         found = model.commanded(states)
         total = found["command"]
-        sent = total - _gravity(campaign, model, states) if about.gravity_in_command is False else total
         t = np.minimum(np.arange(len(total)) / COMMAND_HZ, trajectory.duration)
-        return cls(t, total, found["deviation"], sent)
+        if about.gravity_in_command is not False:
+            return cls(t, total, found["deviation"], total, total)
+        q = trajectory.motion(t, 1).orders[0]
+        added = file_gravity(campaign, q)
+        sent = total - (model.static(states) if added is None else added)
+        logged = total if added is None or about.command_of == "measured" else sent
+        return cls(t, total, found["deviation"], sent, logged)
 
     def at(self, t: Array, values: Array) -> Array:
-        """(n, k) of `total` or `sent`."""
+        """(n, k) of `sent` or `logged`."""
         return np.stack([np.interp(t, self.t, own) for own in values.T], axis=1)
-
-
-def _gravity(campaign: Campaign, model: LearnedModel, states: object) -> Array:
-    """(T, k) what the robot adds by itself: by its model file, else what of the model remains at rest."""
-    from etude.campaign.ingest.questions import body_of
-    from etude.models.data.as_log import as_log
-    from etude.models.selection.linear import at_rest
-
-    body = body_of(campaign.kind, campaign.spec)
-    if body is None:
-        return model.static(states)
-    return np.asarray(body.predict(at_rest(as_log(states, model.columns))))
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,7 +76,7 @@ class CertifiedMotion:
     """One motion that may be sent.
 
     Attributes:
-        number: of the proposal. part: of it. speed: per cent. until: s at which it ends; None: whole.
+        number: of the proposal. part: of it. speed: per cent. first: it is the motion's beginning alone.
         data: the JSON that was proved, its trajectory. control: that it is run under.
         learned: command along it; None under feedback alone.
         fade: levels of the learned command at its beginning and from `FADE_S` on.
@@ -92,7 +89,7 @@ class CertifiedMotion:
     trajectory: Trajectory
     constraints: Constraints
     control: str
-    until: float | None = None
+    first: bool = False
     learned: Learned | None = None
     fade: tuple[float, float] = (1.0, 1.0)
 
@@ -104,8 +101,7 @@ class CertifiedMotion:
     @property
     def end(self) -> Array:
         """(k,) rad or m"""
-        last = self.trajectory.duration if self.until is None else self.until
-        return np.asarray(self.trajectory.motion(np.array([last]), 1).orders[0, 0])
+        return np.asarray(self.trajectory.motion(np.array([self.trajectory.duration]), 1).orders[0, 0])
 
     def for_driver(self, campaign: Campaign, about: About) -> PlannedMotion:
         """Its rows at the driver's rate, joints in the driver's order."""
@@ -117,7 +113,6 @@ class CertifiedMotion:
             names=campaign.axes,
             joints=about.joints,
             rate=about.rate,
-            until=self.until,
             effort=self._effort(),
         )
 
@@ -134,7 +129,7 @@ class CertifiedMotion:
 
     def predicted(self, t: Array) -> Array | None:
         """(n, k) the commands that are expected at times t; None where nothing is learned."""
-        return None if self.learned is None else self.learned.at(t, self.learned.total)
+        return None if self.learned is None else self.learned.at(t, self.learned.logged)
 
     def bounds(self, campaign: Campaign, about: About) -> Bounds:
         """In the campaign's order of axes."""
@@ -142,16 +137,54 @@ class CertifiedMotion:
         return bounds_for(campaign, about, self.constraints, self.trajectory, self.control, deviation)
 
 
-def proposal_motion(campaign: Campaign, number: int, step: SpeedStep, control: str) -> CertifiedMotion:
-    """The motion of a proposal at that step; its files are on the disk. UsageError: they are not."""
-    path = speed_folder(campaign, number, step.speed) / COEFFICIENTS
+def proposal_motion(campaign: Campaign, number: int, control: str) -> CertifiedMotion:
+    """The whole motion of a proposal at full speed. UsageError: its file is missing or was changed."""
+    path = speed_folder(campaign, number, FULL) / COEFFICIENTS
     data = stored_bytes(campaign, path, proposal_advice(campaign, number))
-    trajectory = from_json(data)
-    until = first_segment_ends(trajectory) if step.first else None
-    if until == trajectory.duration and step.speed == FULL:  # one segment is the whole motion
-        until = None
     constraints = constraints_then(campaign.round(number).asked)
-    return CertifiedMotion(number, "motion", step.speed, data, trajectory, constraints, control, until)
+    return CertifiedMotion(number, "motion", FULL, data, from_json(data), constraints, control)
+
+
+CAREFUL_S = 10.0
+"""s of a motion, at full speed, that are run slowly first, if its first segment is not over before."""
+BRAKES = (3.0, 6.0)
+"""s in which it is braked along its path there, at full speed; the first that is proved."""
+KNOTS_S = 0.05
+"""s of the motion between two knots of what is run instead."""
+
+
+def careful_motion(campaign: Campaign, motion: CertifiedMotion, speed: int) -> CertifiedMotion | None:
+    """The beginning of a motion at that speed, per cent, along its own path to rest; None if it is not
+    proved, as at full speed, where a motion may leave no room to brake.
+    """
+    limits, rests = motion.constraints.limits(campaign), first_segment_ends(motion.trajectory)
+    if rests <= CAREFUL_S and rests == motion.trajectory.duration and speed == FULL:
+        return motion
+    for brake in BRAKES if rests > CAREFUL_S else (0.0,):
+        trajectory = _beginning(motion.trajectory, speed / FULL, brake)
+        if certify(trajectory, limits).ok:
+            data = trajectory.to_json().encode()
+            return replace(motion, speed=speed, first=True, data=data, trajectory=trajectory)
+    return None
+
+
+def _beginning(trajectory: Trajectory, pace: float, brake: float) -> Splined:
+    """Its first seconds at that pace, braked to rest by a raised cosine, as quintics through its knots.
+
+    brake: s at full speed; 0 where the motion rests by itself.
+    """
+    last = min(CAREFUL_S, first_segment_ends(trajectory))
+    until = (last - 0.5 * brake) / pace  # s of our time, from where on it is braked
+    duration = until + brake / pace
+    t = np.linspace(0.0, duration, int(np.ceil(duration * pace / KNOTS_S)) + 1)
+    x = np.clip((t - until) * pace / max(brake, KNOTS_S), 0.0, 1.0) * (brake > 0.0)
+    at = pace * np.minimum(t, until) + 0.5 * brake * (x + np.sin(np.pi * x) / np.pi)
+    rate = 0.5 * pace * (1.0 + np.cos(np.pi * x))
+    change = -0.5 * pace * pace * np.pi / max(brake, KNOTS_S) * np.sin(np.pi * x)
+    q, dq, ddq = trajectory.motion(np.minimum(at, trajectory.duration)).orders
+    points = np.stack([q, dq * rate[:, None], ddq * rate[:, None] ** 2 + dq * change[:, None]])
+    points[1:, -1] = 0.0
+    return Splined(t, points, like=trajectory.pieces()[0][2].form)
 
 
 @dataclass(frozen=True, eq=False)
@@ -163,7 +196,7 @@ class Ways:
 
 
 def ways_of(campaign: Campaign, motion: CertifiedMotion, pose: Array) -> Ways:
-    """Proved ways from a pose (k,) to the motion's start, and from its end back.
+    """Proved ways from a pose (k,) to the motion's start, and from its end back, at the motion's speed.
 
     Raises:
         UsageError: the pose is outside the limits, or the kind knows no ways, or the motion does not begin
@@ -172,8 +205,11 @@ def ways_of(campaign: Campaign, motion: CertifiedMotion, pose: Array) -> Ways:
     lower, upper = campaign.kind.expected(campaign.spec).limits[campaign.kind.path]
     require_inside(pose, lower, upper, campaign.axes)
     limits = motion.constraints.limits(campaign)
-    home = campaign.kind.home(campaign.spec)
-    found = there_and_back(motion.trajectory, pose, approaches_of(campaign), limits, home)
+    home, clear = np.asarray(campaign.kind.home(campaign.spec), dtype=float), clear_poses(campaign)
+    try:
+        found = there_and_back(motion.trajectory, pose, approaches_of(campaign), limits, home, clear)
+    except UnsafeTrajectoryError as problem:
+        raise _no_way(campaign, motion, pose, home, problem) from None
     if found is None or found.whole is None:
         raise UsageError(
             f"robots of the kind '{campaign.kind.name}' know no way to a motion that begins and ends at rest",
@@ -182,22 +218,48 @@ def ways_of(campaign: Campaign, motion: CertifiedMotion, pose: Array) -> Ways:
         )
     near, again = (float(np.abs(own - pose).max()) <= NEAR for own in (motion.start, motion.end))
     return Ways(
-        None if near else _way(motion, "approach", found.approach),
-        None if again or motion.until is not None else _way(motion, "return", found.back),
+        None if near else _way(campaign, motion, "approach", found.approach),
+        None if again or motion.first else _way(campaign, motion, "return", found.back),
     )
 
 
-def _way(motion: CertifiedMotion, part: MotionPart, trajectory: Trajectory) -> CertifiedMotion:
-    data = trajectory.to_json().encode()
-    return CertifiedMotion(motion.number, part, FULL, data, trajectory, motion.constraints, motion.control)
+def _no_way(
+    campaign: Campaign, motion: CertifiedMotion, pose: Array, home: Array, problem: UnsafeTrajectoryError
+) -> UnsafeTrajectoryError:
+    """Whether the pose is the fault, or what is between; a pose from which there is a way, to be typed."""
+    stands = certify(_still(pose), motion.constraints.limits(campaign)).ok
+    fact = f"no way to motion {motion.number} is proved" if stands else "where it stands is the fault"
+    named = ", ".join(f"{a} = {x:.3g}" for a, x in zip(campaign.axes, home.tolist(), strict=True))
+    return UnsafeTrajectoryError(
+        f"{fact}: {problem.fact}",
+        where=problem.where,
+        next_step=f"Bring the robot home by its own controller, or near: {named}.",
+    )
 
 
-def holding(motion: CertifiedMotion, pose: Array) -> CertifiedMotion:
+def _still(pose: Array) -> Splined:
     """Standing at a pose (k,) for as long as a learned command comes or goes."""
-    still = np.zeros((2, 3, len(pose)))
-    still[:, 0] = pose
-    trajectory = Splined(np.array([0.0, 2.0 * FADE_S]), still)
-    return _way(motion, "hold", trajectory)
+    points = np.zeros((3, 2, len(pose)))
+    points[0] = pose
+    return Splined(np.array([0.0, 2.0 * FADE_S]), points)
+
+
+def _way(
+    campaign: Campaign, motion: CertifiedMotion, part: MotionPart, trajectory: Trajectory
+) -> CertifiedMotion:
+    """As slow as the motion that it is to: a control that is new is new on the way, too."""
+    if motion.speed != FULL:
+        trajectory = at_speed(trajectory, motion.speed)
+        require_certified(trajectory, motion.constraints.limits(campaign))
+    data = trajectory.to_json().encode()
+    return CertifiedMotion(
+        motion.number, part, motion.speed, data, trajectory, motion.constraints, motion.control
+    )
+
+
+def holding(campaign: Campaign, motion: CertifiedMotion, pose: Array) -> CertifiedMotion:
+    """Standing at a pose (k,) for as long as a learned command comes or goes."""
+    return _way(campaign, replace(motion, speed=FULL), "hold", _still(pose))
 
 
 def require_accepted(said: Sequence[str], motion: CertifiedMotion) -> None:

@@ -43,7 +43,6 @@ def open_points(campaign: Campaign, about: About, *, resume: bool, identity: str
         *_unstated(about),
         *_joints(campaign, about),
         *_unit(campaign, about),
-        *_gravity(campaign, about),
         *_limits(campaign, about),
         *_confirm(campaign),
         *_identity(campaign, about, identity),
@@ -86,21 +85,6 @@ def _unit(campaign: Campaign, about: About) -> list[Open]:
         return []
     sentence = f"{about.name} gives commands in {about.command_unit}, and {ROBOT} says {unit}."
     return [Open(sentence, f"Correct command_unit in {ROBOT}, or the driver.")]
-
-
-def _gravity(campaign: Campaign, about: About) -> list[Open]:
-    """Desired commands of a robot that adds gravity by itself hold none; a model file says that they do."""
-    if about.gravity_in_command is not False or about.command_of != "desired":
-        return []
-    from etude.campaign.ingest.questions import body_of
-
-    if body_of(campaign.kind, campaign.spec) is None:
-        return []
-    sentence = (
-        f"{about.name} adds gravity after the commands that it logs, and the model file says that they "
-        "hold it."
-    )
-    return [Open(sentence, "Let the driver give applied or measured commands.")]
 
 
 def _limits(campaign: Campaign, about: About) -> list[Open]:

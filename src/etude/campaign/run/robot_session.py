@@ -39,7 +39,8 @@ from etude.errors import EtudeError, LinkLost, RobotStopped, UnsafeTrajectoryErr
 from etude.storage import sha256_of
 from etude.types import Array, Index
 
-RECORDINGS = "recordings"
+RECORDINGS, KEPT_RECORDINGS = "recordings", 60
+"""Where they are, and how many of motions that ended well stay: logs that were taken in are in runs, too."""
 MEAN_S = 0.1
 """Over which residuals of commands are averaged."""
 BYTES_A_VALUE, LEAST_FREE = 8, 64 * 2**20
@@ -131,7 +132,7 @@ class RobotSession:
         fact = RobotMotion(
             part=motion.part,
             speed=motion.speed,
-            first=motion.until is not None,
+            first=motion.first,
             sha256=planned.sha256,
             control=motion.control,
             identity=self.about.identity,
@@ -191,6 +192,7 @@ class RobotSession:
         )
         with self.campaign.writing(JOURNAL_WAIT_S):
             self.campaign.commit(ended, motion.number)
+        prune_recordings(self.campaign)
         self.tell("motion_ended", {"number": motion.number, **vars(ended)})
         if problem is not None:
             raise problem
@@ -295,6 +297,14 @@ def require_room(folder: Path, motion: PlannedMotion) -> None:
             where=str(folder),
             next_step="Make room, then run again; nothing moved.",
         )
+
+
+def prune_recordings(campaign: Campaign) -> None:
+    """Removes the recordings of motions that ended well, but for the newest; those of stopped ones stay."""
+    events = [e.fact for e in campaign.events() if isinstance(e.fact, MotionEnded)]
+    done = [fact.recording for fact in events if fact.ended == Ended.DONE.value and fact.recording]
+    for name in set(done[:-KEPT_RECORDINGS]) - set(done[-KEPT_RECORDINGS:]):
+        (campaign.path / name).unlink(missing_ok=True)
 
 
 def free_path(folder: Path, stem: str) -> Path:

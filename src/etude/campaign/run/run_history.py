@@ -17,13 +17,13 @@ from etude.types import Array
 
 FULL = 100  # per cent
 CAREFUL = {FEEDBACK: (25, 50, 100), LEARNED: (50,)}
-"""Per cent at which the first segment is run before a whole motion under that control."""
+"""Per cent at which the beginning of a motion is run before a whole one under that control."""
 FAILED = (Ended.STOPPED.value, Ended.FAULT.value, Ended.LOST.value)
 
 
 @dataclass(frozen=True)
 class SpeedStep:
-    """How the next motion under a control is run: speed, per cent, and whether its first segment alone."""
+    """How the next motion under a control is run: speed, per cent, and whether its beginning alone."""
 
     speed: int
     first: bool
@@ -70,13 +70,13 @@ class SeenErrors:
 
 
 def seen_errors(events: Sequence[Event], control: str) -> SeenErrors | None:
-    """Of |measured - asked| in time; None before any recording under that control."""
-    return _largest([fact.worst_error for fact in _at_full_speed(events, control)])
+    """Of |measured - asked| in time; None before any recording of a whole motion under that control."""
+    return _largest([fact.worst_error for fact in _whole(events, control)])
 
 
 def seen_residuals(events: Sequence[Event], control: str) -> SeenErrors | None:
     """The same of |command - predicted|, means over 0.1 s."""
-    return _largest([fact.residual for fact in _at_full_speed(events, control)])
+    return _largest([fact.residual for fact in _whole(events, control)])
 
 
 def _largest(rows: Sequence[Figures]) -> SeenErrors | None:
@@ -89,6 +89,7 @@ def _motions(events: Sequence[Event], control: str) -> list[MotionEnded]:
     return [fact for fact in found if fact.part == "motion" and fact.control == control]
 
 
-def _at_full_speed(events: Sequence[Event], control: str) -> list[MotionEnded]:
-    own = _motions(events, control)
+def _whole(events: Sequence[Event], control: str) -> list[MotionEnded]:
+    """Those at full speed that ended well: a beginning sags less than poses that come later."""
+    own = [fact for fact in _motions(events, control) if not fact.first]
     return [fact for fact in own if fact.speed == FULL and fact.ended == Ended.DONE.value]

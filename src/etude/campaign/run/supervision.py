@@ -53,7 +53,7 @@ def bounds_for(
     fastest = np.asarray(limits[rate][1]) if rate in limits else np.full(len(lower), np.inf)
     command = limits.get(campaign.command.name)
     return Bounds(
-        error=_error_bound(campaign, about, constraints, trajectory, control, events, (lower, upper)),
+        error=_error_bound(campaign, about, constraints, trajectory, control, events),
         lower=lower,
         upper=upper,
         velocity=FASTER * fastest,
@@ -70,8 +70,8 @@ def _error_bound(
     trajectory: Trajectory,
     control: str,
     events: Sequence[Event],
-    limits: tuple[Array, Array],
 ) -> Array:
+    """(k,) Where the path is nearer to a hard limit than that, the limit itself stops the motion."""
     margin = assumed_margin(campaign, constraints, trajectory)
     own, alone = seen_errors(events, control), seen_errors(events, FEEDBACK)
     found = WHILE_ASSUMED * margin
@@ -81,9 +81,8 @@ def _error_bound(
         found = np.minimum(found, WHILE_ASSUMED * alone.expected)
     if control == LEARNED and alone is not None:
         found = np.maximum(found, OF_FEEDBACK * alone.largest)
-    room = _room(trajectory, *limits)
     steps = 0.0 if about.encoder_step is None else LEAST_STEPS * np.asarray(about.encoder_step)
-    return np.asarray(np.maximum(np.minimum(found, room), steps))
+    return np.asarray(np.maximum(found, steps))
 
 
 def assumed_margin(campaign: Campaign, constraints: Constraints, trajectory: Trajectory) -> Array:
@@ -97,12 +96,6 @@ def assumed_margin(campaign: Campaign, constraints: Constraints, trajectory: Tra
         start = margins_of(tracking, ranges_of(campaign), {}, sorted(forms))
         own = [np.asarray(table)[0] for table, _ in start.values()]
     return np.asarray(np.nan_to_num(np.max(own, axis=0), nan=np.inf))
-
-
-def _room(trajectory: Trajectory, lower: Array, upper: Array, instants: int = 2000) -> Array:
-    """(k,) least distance of the asked positions to their hard limits."""
-    q = trajectory.motion(np.linspace(0.0, trajectory.duration, instants), 1).orders[0]
-    return np.asarray(np.minimum(q - lower, upper - q).min(axis=0))
 
 
 def _residual_bound(events: Sequence[Event], control: str, deviation: Array | None) -> Array | None:
