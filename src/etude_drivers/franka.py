@@ -35,7 +35,7 @@ ENVELOPE = VelocityEnvelope(
     upper=np.array([2.7501, 1.7918, 2.9065, -0.1458, 2.8101, 4.5205, 3.0196]),
 )
 """Of the Franka Research 3, from Franka's page of control parameters."""
-KEYS = ("realtime", "stiffness", "damping")
+KEYS = ("realtime", "stiffness", "damping", "silence")
 """Of the table [driver]."""
 
 
@@ -68,6 +68,7 @@ class FrankaArm:
         self.stiffness = np.array(settings.get("stiffness", GAINS[0]), dtype=float)
         self.damping = np.array(settings.get("damping", GAINS[1]), dtype=float)
         self.realtime = bool(settings.get("realtime", True))
+        self.silence = float(settings.get("silence", 0.1))
         self.robot: Any = None
         self._control: Any = None
         self._thread = 0
@@ -93,7 +94,7 @@ class FrankaArm:
             envelope=ENVELOPE,
             can_hold=True,
             on_loss="stops",
-            silence=0.1,
+            silence=self.silence,
         )
 
     def __enter__(self) -> Self:

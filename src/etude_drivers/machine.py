@@ -25,6 +25,8 @@ LATE_CYCLES = 2.0
 """Set-points go on in time for so many cycles when the next one does not come."""
 LONGEST_STEP, SHORTEST_STEP = 1e-3, 2e-4
 """s of physics."""
+STABLE = 0.4
+"""rad that the fastest mode goes on in one step."""
 HELD = 1e7
 """Damping and inertia of joints that are not the campaign's."""
 SAG = 0.02
@@ -169,7 +171,9 @@ class Machine:
         slip = qd - self.data.qvel[self._dofs]
         own = self.stiffness * apart + self.damping * slip + self._reference[3]
         own = np.clip(own, -self.effort_limit, self.effort_limit)
-        self.data.qfrc_applied[self._dofs] = own if self._weight is None else own + self._gravity()
+        # the velocity's part of the feedback is the model's damping, which MuJoCo integrates implicitly
+        added = self.damping * self.data.qvel[self._dofs] + (0.0 if self._weight is None else self._gravity())
+        self.data.qfrc_applied[self._dofs] = own + added
         mujoco.mj_step(self.model, self.data)
         self._age += self.model.opt.timestep
         return own
@@ -234,33 +238,31 @@ class Machine:
         low, high = (np.clip(end, -np.pi, np.pi) for end in self.limits)
         other = mujoco.MjData(self.model)
         other.qpos[:] = self.data.qpos
-        full, inertia, least, weight = np.zeros((self.model.nv,) * 2), [], [], []
+        full, weight = [], []
         for _ in range(30):
             other.qpos[self._places] = self._rng.uniform(low, high)
             mujoco.mj_forward(self.model, other)
-            mujoco.mj_fullM(self.model, other, full)
-            own = full[np.ix_(self._dofs, self._dofs)]
-            inertia.append(np.diag(own))
-            least.append(1.0 / np.diag(np.linalg.inv(own)))
+            mass = np.zeros((self.model.nv, self.model.nv))
+            mujoco.mj_fullM(self.model, other, mass)
+            full.append(mass[np.ix_(self._dofs, self._dofs)])
             weight.append(np.abs(other.qfrc_bias[self._dofs]))
         drag = self.model.dof_frictionloss[self._dofs] + self.model.dof_damping[self._dofs]  # at 1 rad/s
-        heavy, load = np.max(inertia, axis=0), np.max(weight, axis=0) + drag
+        heavy, load = np.max([np.diag(own) for own in full], axis=0), np.max(weight, axis=0) + drag
         self._scale = load + heavy
         stiffness = np.maximum(heavy * (2 * np.pi * self.settings.bandwidth) ** 2, 1.2 * load / SAG)
-        light = np.min(least, axis=0)
-        # drives have inertia of their own; without enough of it no controller of this rate is stable
-        armature = np.maximum(stiffness * (SHORTEST_STEP / 0.2) ** 2 - light, 0.0)
-        self.model.dof_armature[self._dofs] += armature
-        light, heavy = light + armature, heavy + armature
-        fastest = float(np.sqrt(stiffness / light).max())
-        self.model.opt.timestep = float(np.clip(0.2 / fastest, SHORTEST_STEP, LONGEST_STEP))
+        # drives have inertia of their own; without some of it no controller of this rate is stable
+        self.model.dof_armature[self._dofs] += stiffness * (SHORTEST_STEP / STABLE) ** 2
+        fastest = max(
+            float(np.linalg.eigvals(np.linalg.solve(own, np.diag(stiffness))).real.max()) for own in full
+        )
+        self.model.opt.timestep = float(np.clip(STABLE / np.sqrt(fastest), SHORTEST_STEP, LONGEST_STEP))
         return stiffness, 1.4 * np.sqrt(stiffness * heavy)
 
     def _as_it_is(self) -> None:
         """What the campaign's model does not know."""
         own = self.settings
         self.model.dof_frictionloss[self._dofs] += own.friction * self._scale
-        self.model.dof_damping[self._dofs] += own.viscous * self._scale
+        self.model.dof_damping[self._dofs] += own.viscous * self._scale + self.damping
         factors = 1.0 + own.wrong_masses * self._rng.uniform(-1.0, 1.0, self.model.nbody)
         self.model.body_mass[:] *= factors
         self.model.body_inertia[:] *= factors[:, None]
@@ -303,7 +305,22 @@ def _of_urdf(root: ElementTree.Element) -> Any:
     for link in root.iter("link"):
         for shape in [*link.findall("visual"), *link.findall("collision")]:
             link.remove(shape)
+    for inertia in root.iter("inertia"):
+        _make_possible(inertia)
     spec = mujoco.MjSpec.from_string(ElementTree.tostring(root, encoding="unicode"))
     spec.compiler.boundmass, spec.compiler.boundinertia = 1e-6, 1e-9
     spec.compiler.balanceinertia = True
     return spec
+
+
+def _make_possible(inertia: ElementTree.Element) -> None:
+    """Moments of inertia that no body has are made those of the nearest one; MuJoCo refuses them."""
+    names = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+    own = np.zeros((3, 3))
+    upper = np.triu_indices(3)
+    own[upper] = [float(inertia.get(name, "0")) for name in names]
+    size, axes = np.linalg.eigh(own + np.triu(own, 1).T)
+    if size[0] <= 0.0:
+        whole = axes @ np.diag(np.maximum(size, max(1e-3 * size[2], 1e-9))) @ axes.T
+        for name, value in zip(names, whole[upper], strict=True):
+            inertia.set(name, repr(float(value)))

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import xml.etree.ElementTree as ElementTree
 from collections.abc import Mapping
+from importlib.metadata import PackageNotFoundError, distribution
 from pathlib import Path
 from typing import Any
 
@@ -78,7 +80,7 @@ def test_the_same_settings_give_the_same_robot_and_wrong_masses_another() -> Non
     same = once({}), once({})
     np.testing.assert_array_equal(same[0].q, same[1].q)
     other = once({"wrong_masses": 0.1})
-    assert np.abs(other.command - same[0].command).max() > 1.0
+    assert np.abs(other.command[:50] - same[0].command[:50]).max() > 1.0
 
 
 def test_effort_is_added_to_feedback() -> None:
@@ -129,3 +131,30 @@ def test_what_is_wrong_is_said_before_anything_starts(on: str, settings: dict[st
 def test_a_joint_that_the_model_lacks_is_named() -> None:
     with pytest.raises(UsageError, match="the model has no joint knee"):
         find_driver(f"mujoco:{UR10},virtual", ("knee",))
+
+
+@pytest.mark.parametrize(
+    "file",
+    [
+        "kinova_description/robots/kinova.urdf",
+        "z1_description/urdf/z1.urdf",
+        "tiago_description/robots/tiago.urdf",
+    ],
+)
+def test_robots_of_others_are_stable(file: str) -> None:
+    """With light wrists, with friction in the file, and with moments of inertia that no body has."""
+    try:
+        files = distribution("example-robot-data")
+    except PackageNotFoundError:
+        pytest.skip("example-robot-data is not installed: pip install example-robot-data")
+    path = Path(str(files.locate_file(f"cmeel.prefix/share/example-robot-data/robots/{file}")))
+    joints = tuple(
+        joint.get("name", "")
+        for joint in ElementTree.parse(path).getroot().iter("joint")
+        if joint.get("type") == "revolute" and joint.find("mimic") is None
+    )[:6]
+    with find_driver(f"mujoco:{path},virtual", joints, {"wrong_masses": 0.1}) as player:
+        recording = play(player, 0.1, joints)
+    assert recording.qd is not None
+    assert np.abs(recording.qd[-1]).max() < 0.01
+    assert error(recording) < 0.02

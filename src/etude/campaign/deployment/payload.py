@@ -88,7 +88,13 @@ def payload(
 
 
 def weighable(campaign: Campaign) -> SupportsVariations:
-    """What the model file says of the commands. UsageError: nothing."""
+    """What the model file says of the commands. UsageError: nothing, or a robot without a hand."""
+    if not isinstance(campaign.kind, SupportsPayload):
+        raise UsageError(
+            f"robots of the kind '{campaign.kind.name}' have no hand that something hangs at",
+            where=str(campaign.path / ROBOT),
+            next_step=f"What logs say of its body: etude export {typed(campaign.path)} --to parameters.",
+        )
     body: object = body_of(campaign.kind, campaign.spec)
     if isinstance(body, SupportsVariations):
         return body

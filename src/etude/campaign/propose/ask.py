@@ -306,7 +306,8 @@ def _outside_now(campaign: Campaign, number: int, problem: UnsafeTrajectoryError
     """Why an open proposal cannot be run as it is, and how to come by another."""
     asked = [e for e in campaign.events() if isinstance(e.fact, Asked) and e.number == number]
     why = " and ".join(changed_since(campaign, asked, [name for e in asked for name in e.files]))
-    confirm = "--confirm " * campaign.round(number).confirms
+    known = campaign.round(number)
+    confirm = "--confirm " * known.confirms + "--payload " * known.weighs
     since = f" since {why} changed" if why else ""
     return UnsafeTrajectoryError(
         f"trajectory {number}, which is open, is not proved{since}: {problem.fact}",
