@@ -25,7 +25,7 @@ from etude.campaign.run.run_history import next_step
 from etude.campaign.run.run_settings import read_settings
 from etude.drivers import About, Streamed, read_recording
 from etude.errors import EtudeError, RobotStopped, UsageError
-from etude.logs.readers.log_file import read_log_file
+from etude.logs import read_log_file
 
 
 @pytest.fixture(scope="module")
