@@ -74,10 +74,11 @@ class ModelFile:
         files = {
             **written,
             "identifiability.csv": table(rows).encode(),
-            "cogging.csv": table(_cogging(found, spec)).encode(),
             "identifiability.json": (json.dumps(rows, indent=1) + "\n").encode(),
             "README.md": _readme(name, found, spec, rows, said).encode(),
         }
+        if played is not None:
+            files["cogging.csv"] = table(_cogging(found, spec)).encode()
         return Delivered(files, tuple(said), {**facts, "parameters": rows})
 
 
