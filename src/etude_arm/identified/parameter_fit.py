@@ -63,8 +63,8 @@ TURNED = 0.3
 """s after and before a reversal in which friction is smeared: a period of the filters of such logs."""
 ENOUGH = 0.3
 """Least share of a joint's samples that has to be left for that."""
-RIPPLES = 6
-"""Waves of a hinge's position, from 2 periods a turn on: one period is what gravity has."""
+RIPPLES, FIRST_WAVE = 6, 2
+"""Waves of a hinge's position, and the periods a turn of the first: one period is what gravity has."""
 RIPPLE_ROUNDS = 8
 """Of the ripple's size and all else in turn."""
 LEAST_PART = 1e-6
@@ -144,6 +144,13 @@ def since_reversal(t: Array, group: Index, speed: Array) -> Array:
     return found
 
 
+def waves(q: Array) -> Array:
+    """(n, J, 2 RIPPLES) sine and cosine of each wave of cogging at positions q (n, J)."""
+    return np.stack(
+        [wave(k * q) for k in range(FIRST_WAVE, FIRST_WAVE + RIPPLES) for wave in (np.sin, np.cos)], axis=2
+    )
+
+
 def savage_dickey(value: Array, deviation: Array, prior: Array) -> Array:
     """Nats for a term against none: the density of 0 before the logs over that after them."""
     return np.asarray(0.5 * (value / deviation) ** 2 - np.log(prior / deviation))
@@ -183,7 +190,7 @@ class Problem:
         load = np.abs(np.einsum("njp,jp->nj", rigid, model.inertial))
         drive = [extra[..., 0], speed, sign, sign, load * sign, np.abs(speed), np.ones_like(speed)]
         q, hinges = samples.log[(PLAN if mean.desired else PATH)[0]], ~model.tree.joint_slides
-        drive += [hinges * wave(k * q) for k in range(2, RIPPLES + 2) for wave in (np.sin, np.cos)]
+        drive += [hinges * wave for wave in np.moveaxis(waves(q), 2, 0)]
         same = np.isclose(model.inertial[:, None], model.inertial[None], rtol=1e-9).all(axis=2)
         shared = (same.sum(axis=1) > min(1, spec.dof - 1)) & (spec.command_unit in FORCES)
         nothing = np.zeros((rigid.shape[2], 0))
