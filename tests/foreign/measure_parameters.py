@@ -29,7 +29,7 @@ from etude.campaign import Campaign, create_campaign
 LOGS = 2
 FILES = {
     "ur5": "ur_description/urdf/ur5_robot.urdf",
-    "z1": "z1_description/urdf/z1.urdf",
+    "xarm7": "xarm_description/urdf/xarm7.urdf",
     "kinova": "kinova_description/robots/kinova.urdf",
 }
 """Of example-robot-data; "three" is the small arm."""
