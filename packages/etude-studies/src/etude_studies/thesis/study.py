@@ -20,6 +20,7 @@ from etude_studies.thesis.kept import (
     kept_results,
     kept_verdicts,
     planned_seeds,
+    price_s,
     renew,
     so_far,
     unpack,
@@ -112,6 +113,10 @@ class ThesisStudy:
             lines = [verdict_sentence(claim, found), *(f"  {line}" for line in numbers(found))]
             lines += [f"  thesis: {claim.thesis}"] if claim.thesis else []
             lines += [f"  {text}" for text in (claim.note, claim.contradicts) if text]
+            if found.asks:
+                price = price_s(runs_of(id), found.asks, results, more=True)
+                words = f"etude study run {id} --seeds {found.asks} --go-on"
+                lines += [f"  to decide it ({price:.0f} CPU seconds): {words}"]
             lines += [f"  again: etude study run {id}"]
             return "\n".join(lines), {"id": id, "verdict": found.word, "parts": numbers(found)}
         if not self.knows(id):
@@ -129,7 +134,7 @@ class ThesisStudy:
                 for figures or None.
         """
         from etude_studies.site.build import build_site
-        from etude_studies.site.paper import paper_figures
+        from etude_studies.site.paper import paper_figures, paper_tables
         from etude_studies.site.readings import readings
 
         store = Path(options["folder"]) / "thesis"
@@ -139,8 +144,10 @@ class ThesisStudy:
         other = readings(ledger(), results, planned=planned_seeds(results))
         page = build_site(ledger(), verdicts_of(results), results, folder, sensitivity=other)
         figures = paper_figures(ledger(), results, options["paper"]) if options["paper"] else ()
-        told = [str(page), *([f"{len(figures)} figures in {options['paper']}"] if figures else [])]
-        return "\n".join(told), {"page": str(page), "figures": [str(path) for path in figures]}
+        tables = paper_tables(ledger(), results, Path(options["paper"])) if options["paper"] else ()
+        printed = f"{len(figures)} figures and {len(tables)} tables in {options['paper']}"
+        told = [str(page), *([printed] if figures else [])]
+        return "\n".join(told), {"page": str(page), "figures": [str(path) for path in (*figures, *tables)]}
 
     def live(self, options: Mapping[str, Any]) -> Pages:
         """The same pages to be served, of the committed results and what `folder` has of them so far."""
