@@ -5,7 +5,6 @@ whatever goes wrong leaves it at rest.
 from __future__ import annotations
 
 import json
-import os
 import shutil
 from collections import namedtuple
 from collections.abc import Callable
@@ -26,7 +25,6 @@ from etude.campaign.run.certified_motions import Learned, proposal_motion
 from etude.campaign.run.next_proposal import NextProposal
 from etude.campaign.run.run_history import next_step
 from etude.campaign.run.run_settings import read_settings
-from etude.cli.run import Typing
 from etude.drivers import About, Sample, Streamed, read_recording
 from etude.errors import EtudeError, RobotStopped, UnsafeTrajectoryError, UsageError
 from etude.logs import read_log_file
@@ -391,16 +389,6 @@ def test_nobody_is_asked_in_a_script(driven: Campaign, capsys: pytest.CaptureFix
     assert cli.main(["run", str(driven.path), "--json"]) == 2
     assert json.loads(capsys.readouterr().out)["error"]["fact"] == "nobody agreed; nothing moved"
     assert cli.main(["run", str(driven.path), "--yes", "--heartbeat", str(driven.path / "none")]) == 2
-
-
-def test_a_heartbeat_that_stops_stops_the_motion(driven: Campaign, tmp_path: Path) -> None:
-    beat = tmp_path / "beat"
-    beat.touch()
-    os.utime(beat, (1.0, 1.0))
-    with pytest.raises(KeyboardInterrupt):
-        moved(driven, Robot(), Typing(lambda _: None, heartbeat=beat), yes=True)
-    assert facts(driven, MotionEnded)[-1].ended == "interrupted"
-    assert facts(driven, MotionEnded)[-1].reached < 0.1
 
 
 def test_a_wrong_run_toml_is_named(driven: Campaign) -> None:
