@@ -23,12 +23,13 @@ from functools import cached_property
 import numpy as np
 
 from etude.models.scatter import scattered
-from etude.types import Array, Index, Mask, Samples
+from etude.types import Array, Mask, Samples
 from etude_arm.physics.base_parameters import RANK_TOLERANCE, parameter_scale, spread_states
 from etude_arm.physics.identification import (
     LEVEL_CHANGE,
     MASSES_OFF,
     OFFSET,
+    RIPPLE_ROUNDS,
     Clock,
     IdentificationPrior,
     OutputColumns,
@@ -36,9 +37,10 @@ from etude_arm.physics.identification import (
     output_priors,
     shared_directions,
     shared_fit,
+    steady,
 )
 from etude_arm.physics.mean import RigidBodyMean, remembered_of
-from etude_arm.physics.rigid_body import NARROW, SPEED, command_regressors
+from etude_arm.physics.rigid_body import NARROW, RIPPLES, SPEED, command_regressors, waves
 from etude_arm.spec import FORCES, PATH, PLAN, ArmSpec
 
 TERMS = ("armature", "viscous", "coulomb", "stribeck", "load", "asymmetry", "offset")
@@ -57,14 +59,6 @@ STRETCHES = 2.0
 LEAST_STRETCH = 1.0  # s
 LEAST_SCATTER = 0.25
 """Of the posterior's variance."""
-TURNED = 0.3
-"""s after and before a reversal in which friction is smeared: a period of the filters of such logs."""
-ENOUGH = 0.3
-"""Least share of a joint's samples that has to be left for that."""
-RIPPLES = 6
-"""Waves of a hinge's position, from 2 periods a turn on: one period is what gravity has."""
-RIPPLE_ROUNDS = 8
-"""Of the ripple's size and all else in turn."""
 LEAST_PART = 1e-6
 """Of a regrouped parameter, each in its scale: less is rounding."""
 
@@ -129,18 +123,6 @@ def settled(samples: Samples, spec: ArmSpec, mean: RigidBodyMean) -> Settled:
     return Settled(problem, *problem.fitted(speeds, dropped), speeds, evidence, prior)
 
 
-def since_reversal(t: Array, group: Index, speed: Array) -> Array:
-    """(n, J) s to the nearest change of the sign of a joint's speed (n, J) within the same group."""
-    clock = t + 10.0**6 * group  # no log lasts so long
-    found = np.full(speed.shape, np.inf)
-    for j, sign in enumerate(np.sign(speed).T):
-        turns = np.flatnonzero((sign[1:] != sign[:-1]) & (group[1:] == group[:-1]))
-        times = np.concatenate([[-np.inf], np.sort(0.5 * (clock[turns] + clock[turns + 1])), [np.inf]])
-        after = np.searchsorted(times, clock)
-        found[:, j] = np.minimum(times[after] - clock, clock - times[after - 1])
-    return found
-
-
 def savage_dickey(value: Array, deviation: Array, prior: Array) -> Array:
     """Nats for a term against none: the density of 0 before the logs over that after them."""
     return np.asarray(0.5 * (value / deviation) ** 2 - np.log(prior / deviation))
@@ -179,14 +161,13 @@ class Problem:
         speed, sign = extra[..., SPEED], extra[..., NARROW]
         load = np.abs(np.einsum("njp,jp->nj", rigid, model.inertial))
         drive = [extra[..., 0], speed, sign, sign, load * sign, np.abs(speed), np.ones_like(speed)]
-        q, hinges = samples.log[(PLAN if mean.desired else PATH)[0]], ~model.tree.joint_slides
-        drive += [hinges * wave(k * q) for k in range(2, RIPPLES + 2) for wave in (np.sin, np.cos)]
+        drive += [*np.moveaxis(waves(model.tree, samples.log[(PLAN if mean.desired else PATH)[0]]), 2, 0)]
         same = np.isclose(model.inertial[:, None], model.inertial[None], rtol=1e-9).all(axis=2)
         shared = (same.sum(axis=1) > min(1, spec.dof - 1)) & (spec.command_unit in FORCES)
         nothing = np.zeros((rigid.shape[2], 0))
         directions = shared_directions(spec, *body) if shared.any() else nothing
         priors = output_priors(spec, *body)
-        ripple = model.deviation * hinges
+        ripple = model.deviation * ~model.tree.joint_slides
         parts = rigid, np.stack(drive, 2), speed, priors, directions, shared, _inertia(spec, mean), ripple
         return Problem(samples, spec, mean, *parts)
 
@@ -215,10 +196,7 @@ class Problem:
     @cached_property
     def used(self) -> Mask:
         """(n, J) samples in which the joint moves, and has not just turned round."""
-        moving = self.samples.moving & self.samples.usable
-        steady = moving & (since_reversal(self.samples.t, self.samples.group, self.speed) > TURNED)
-        enough = steady.sum(axis=0) > ENOUGH * moving.sum(axis=0)
-        return np.where(enough, steady, moving)
+        return steady(self.samples, self.speed)
 
     def turns_over(self, j: int) -> float:
         """v0 of the drive."""
