@@ -49,7 +49,7 @@ class FilteredRows:
         friction: (n, k) a smooth sign of the velocity, through the filter.
         command: (n, k, d) at each of DELAYS, and then with the commands of each group of logs negated.
         drop: (n, k) its part at low speeds: static friction beyond Coulomb's (Stribeck).
-        sharp_friction, sharp_drop: (n, k) both of friction that turns over faster, by positions less smoothed:
+        sharp_friction, sharp_drop: (n, k) both of friction that turns over faster, by less smooth positions:
             a joint that dwells at a reversal moves on later than smooth positions say.
         stands: by joint, (n, m) hat functions of time where it stands: static friction holds any command.
         torque, static: (n, k) what the model file says of the commands, whole and at rest; None without one.
