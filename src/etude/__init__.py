@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from etude.campaign.propose.ask import ask
     from etude.campaign.record.folder import open_campaign
     from etude.campaign.record.stored_models import load_model
+    from etude.campaign.run.connection import connect
     from etude.campaign.simulation import simulate
     from etude.limits.certificate import certify
 
@@ -29,6 +30,7 @@ __all__ = [
     "abilities",
     "ask",
     "certify",
+    "connect",
     "create_campaign",
     "errors",
     "export",

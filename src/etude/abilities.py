@@ -25,9 +25,11 @@ from etude.types import (
     Index,
     Log,
     Motion,
+    Nearby,
     Proof,
     Reachable,
     Samples,
+    Solid,
     Thing,
 )
 
@@ -124,6 +126,15 @@ class SupportsDrawing(Protocol):
 
     @property
     def things(self) -> Sequence[Thing]: ...
+
+
+@runtime_checkable
+class SupportsNearby(Protocol):
+    """`Limit` of distances: how near what it keeps apart is at poses (T, k), with the ends of as many of the
+    narrowest as `lines` says.
+    """
+
+    def nearby(self, poses: Array, lines: int) -> Nearby: ...
 
 
 @runtime_checkable
@@ -283,7 +294,8 @@ class SupportsSelection(Protocol):
 
     chosen: `described` of the joints that move (names or patterns; none: the file's one robot), with others
     held at positions, folders in which to look for meshes first, limits (joint or pattern -> "lower",
-    "upper", "velocity", "command") in place of the file's, and the floor's height, m.
+    "upper", "velocity", "acceleration", "command") in place of the file's, the floor's height, m, and a file
+    of limits (MoveIt's joint_limits.yaml) that count where they are tighter.
     """
 
     def chosen(
@@ -294,6 +306,7 @@ class SupportsSelection(Protocol):
         mesh_roots: Sequence[Path],
         limits: Mapping[str, Mapping[str, float]],
         floor: float | None = None,
+        joint_limits: Path | None = None,
     ) -> Described: ...
 
 
@@ -302,6 +315,18 @@ class SupportsFigure(Protocol):
     """`Kind`: its robot along positions q (T, k) of its path, to be drawn."""
 
     def figure(self, spec: Any, q: Array) -> Figure | None: ...
+
+
+@runtime_checkable
+class SupportsSolids(Protocol):
+    """`Kind`: its robot as B solid parts, none where nothing says how it looks, for pictures in space.
+
+    placed: (T, B, 3, 4) rotation and place, m, of each in the world along a motion of its path, which may
+    hold positions alone.
+    """
+
+    def solids(self, spec: Any) -> Sequence[Solid]: ...
+    def placed(self, spec: Any, motion: Motion) -> Annotated[Array, "(T, B, 3, 4)"]: ...
 
 
 @runtime_checkable
@@ -466,6 +491,7 @@ ABILITIES: Mapping[str, tuple[type, ...]] = {
         SupportsBlocking,
         SupportsOffsets,
         SupportsDrawing,
+        SupportsNearby,
     ),
     "Inputs": (SupportsMemory, SupportsDrag, SupportsNotes, SupportsOnnx),
     "Mean": (SupportsOnnx, SupportsColumns, SupportsVariations),
@@ -476,6 +502,7 @@ ABILITIES: Mapping[str, tuple[type, ...]] = {
     "Kind": (
         SupportsSelection,
         SupportsFigure,
+        SupportsSolids,
         SupportsPoses,
         SupportsLeadIn,
         SupportsReachable,

@@ -75,3 +75,15 @@ class StopRuleReached(EtudeError):
 
 class NumericalError(EtudeError):
     """A computation that could not be finished to the promised accuracy."""
+
+
+class RobotStopped(EtudeError):
+    """The robot or the supervisor stopped a motion; the robot is at rest."""
+
+    exit_code = 7
+
+
+class LinkLost(EtudeError):
+    """No word from the robot: what it does then is its own."""
+
+    exit_code = 8

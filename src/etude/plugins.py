@@ -85,12 +85,15 @@ BUILT_IN: Mapping[str, Mapping[str, str]] = {
         "px4": "etude_quadrotor.export.offboard:OFFBOARD",
         "crazyflie": "etude_quadrotor.export.poly4d:POLY4D",
         "lerobot": "etude.deploy.exporters.lerobot:LEROBOT",
+        "urscript": "etude.deploy.exporters.urscript:E_SERIES",
+        "urscript_cb": "etude.deploy.exporters.urscript:CB_SERIES",
     },
     # a model that leaves: `etude export --to`
     "etude.targets": {
         "online": "etude_online.online_folder:ONLINE",
         "urdf": "etude_arm.identified.target:URDF",
         "mjcf": "etude_arm.identified.target:MJCF",
+        "joint_limits": "etude_arm.joint_limits:JOINT_LIMITS",
         "c": "etude.deploy.c99.target:C99",
         "ros2": "etude.deploy.ros2.target:ROS2",
         "trajectory": "etude.deploy.trajectory_target:ALONG",
@@ -98,6 +101,12 @@ BUILT_IN: Mapping[str, Mapping[str, str]] = {
         "onnx": "etude.deploy.onnx.target:ONNX",
         "px4": "etude_quadrotor.export.autopilot:PX4",
         "crazyflie": "etude_quadrotor.export.autopilot:CRAZYFLIE",
+    },
+    # robots that `etude run` moves: (joints, address, settings) -> a Stream or a Player of `etude.drivers`
+    "etude.drivers": {
+        "franka": "etude_drivers.franka:driver",
+        "lerobot": "etude_drivers.lerobot:driver",
+        "mujoco": "etude_drivers.mujoco:driver",
     },
     # how a model goes on learning in simulated tests: `etude simulate --online`
     "etude.adaptations": {"online": "etude_online.simulated:online_learning"},
@@ -148,6 +157,7 @@ SHAPES: Mapping[str, Shape] = {
     "etude.criteria": Shape("a criterion", ("output", "batch", "gain")),
     "etude.readers": Shape("a reader of logs", ("path", "topics"), ("recognises",), part="Reader"),
     "etude.exporters": Shape("an exporter", ("trajectory", "kind", "spec"), ("back",), part="Exporter"),
+    "etude.drivers": Shape("a driver's factory", ("joints", "address", "settings")),
     "etude.adaptations": Shape("a way to go on learning", ("method",)),
     "etude.targets": Shape("a target of models", ("model", "kind", "spec", "options")),
 }
@@ -214,7 +224,7 @@ def load(group: str, name: str) -> Any:
             whose folder is not trusted.
     """
     if FULL_NAME.fullmatch(name):
-        return _of_group(group, name, named_in_full(name, group))
+        return of_group(group, name, named_in_full(name, group))
     found = [plugin for plugin in _known(group) if plugin.name == name]
     if not found:
         near = difflib.get_close_matches(name, names(group), 1)
@@ -228,21 +238,26 @@ def load(group: str, name: str) -> Any:
             f"two plug-ins are named {name!r} in {group}: of {_sources(found)}",
             next_step="Uninstall one, or name the one that you want as module:attribute.",
         )
-    return _of_group(group, name, _imported(found[0]))
+    return of_group(group, name, _imported(found[0]))
 
 
 def named_in_full(name: str, group: str = "etude.models") -> Any:
     """What "module:attribute" names, whatever that is. Errors as `load`."""
+    require_word(name, group)
+    return _imported(Plugin(group, name, name, "named in full"))
+
+
+def require_word(name: str, group: str) -> None:
+    """UsageError: a file names that code, whose folder is not trusted. What is typed is its person's word."""
     reading = _reading.get()
     if reading is None:
         _given.add(name)
     elif name not in _given:
         named = {name: group}
         require_trusted(named, reading.path, reading.folder, reading.identity, reading.command)
-    return _imported(Plugin(group, name, name, "named in full"))
 
 
-def _of_group(group: str, name: str, found: Any) -> Any:
+def of_group(group: str, name: str, found: Any) -> Any:
     """The same, if it is a thing of the group. UsageError: it is not; nothing was called."""
     shape = SHAPES.get(group)
     if shape is None or name in BUILT_IN[group]:
@@ -343,7 +358,7 @@ def _judged(plugin: Plugin, tried: bool) -> Plugin:
         return replace(plugin, problem=f"the name stands twice: of {_sources(twins)}")
     if tried and not plugin.target.startswith("etude."):
         try:
-            _of_group(plugin.group, plugin.name, _imported(plugin))
+            of_group(plugin.group, plugin.name, _imported(plugin))
         except UsageError as error:
             return replace(plugin, problem=error.fact)
     return replace(plugin, problem=_failures.get(plugin.target, ""))

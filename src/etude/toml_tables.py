@@ -149,6 +149,8 @@ def toml_value(value: Any) -> str:
     """A value as TOML; JSON's scalars and lists of them are TOML too, but for one control character."""
     if value is None:
         return '"none"'
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        value = dataclasses.asdict(value)
     if isinstance(value, Mapping):
         return "{" + ", ".join(f"{toml_value(key)} = {toml_value(item)}" for key, item in value.items()) + "}"
     if isinstance(value, tuple):

@@ -381,6 +381,40 @@ class Figure:
 
 
 @dataclass(frozen=True, eq=False)
+class Solid:
+    """A part of a robot that moves as one, as triangles: points (V, 3) m in its own frame; faces (F, 3), the
+    numbers of their points, counterclockwise as seen from outside.
+    """
+
+    name: str
+    points: Annotated[Array, "(V, 3)"]
+    faces: Annotated[Index, "(F, 3)"]
+
+
+@dataclass(frozen=True, eq=False)
+class Nearby:
+    """How near a robot comes at T poses, in the R rows of a certificate.
+
+    Attributes:
+        pairs: the names of both sides of each row: parts of the robot, or a part and what stands around.
+        kept: (R,) m that is kept between them.
+        neighbours: (R,) whether both are parts that pass each other closely in any pose.
+        distance: (T, R) m at the pose itself, at most `farthest`.
+        narrowest: (T, L) the rows with least room beyond what is kept, the narrowest first, neighbours last.
+        ends: (T, L, 2, 3) m in the world, the nearest points of both sides; NaN beyond `farthest`.
+        farthest: m, from which on nobody measures.
+    """
+
+    pairs: tuple[tuple[str, str], ...]
+    kept: Annotated[Array, "(R,)"]
+    neighbours: Annotated[Mask, "(R,)"]
+    distance: Annotated[Array, "(T, R)"]
+    narrowest: Annotated[Index, "(T, L)"]
+    ends: Annotated[Array, "(T, L, 2, 3)", "NaN"]
+    farthest: float
+
+
+@dataclass(frozen=True, eq=False)
 class Reachable:
     """Where a robot's motions can be: lower, upper (k,), ends of each coordinate's range, of a hinge one turn
     at most; poses (n, k) inside them that are clear of everything and seen from home in a straight line,

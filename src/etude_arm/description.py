@@ -38,14 +38,15 @@ def read(
     joints: Sequence[str] | None = None,
     held: Mapping[str, float] | None = None,
     limits: Mapping[str, Mapping[str, float]] | None = None,
+    joint_limits: Path | None = None,
 ) -> tuple[ArmSpec, tuple[str, ...]]:
     """The robot of a robot file, a URDF or an MJCF; and what a person should confirm of it.
 
     `joints` and `held` choose an arm of a model file, see `loading.load.load`; `limits` count in
-    place of the file's.
+    place of the file's; `joint_limits` is MoveIt's file of them, which counts where it is tighter.
     """
     if path.suffix.lower() == ".toml":
-        if joints or held or limits:
+        if joints or held or limits or joint_limits:
             raise UsageError(
                 "a robot file says itself which joints move, how far and fast, and where others are held",
                 where=str(path),
@@ -54,7 +55,7 @@ def read(
         return read_robot(path), ()
     from etude_arm.model_file import spec_from_model
 
-    found = spec_from_model(path, joints=joints, held=held, given=limits)
+    found = spec_from_model(path, joints=joints, held=held, given=limits, joint_limits=joint_limits)
     return found.spec, found.confirm
 
 
@@ -248,17 +249,19 @@ def describe(
     mesh_roots: Sequence[Path] = (),
     limits: Mapping[str, Mapping[str, float]] | None = None,
     floor: float | None = None,
+    joint_limits: Path | None = None,
 ) -> Described:
     """robot.toml and a whole copy of the model file that it points to, with its meshes.
 
     Args:
-        path, joints, held, limits: as of `read`. mesh_roots: folders to look for meshes in first.
+        path, joints, held, limits, joint_limits: as of `read`.
+        mesh_roots: folders to look for meshes in first.
         floor: its height, m, which the owner knows; else the model file's, or one at 0 is assumed.
 
     Raises:
         UsageError: no robot, or a model file that cannot be read or completed.
     """
-    spec, confirm = read(path, joints, held, limits)
+    spec, confirm = read(path, joints, held, limits, joint_limits)
     if floor is not None:
         spec = replace(spec, around=replace(spec.around, floor=_floor(path, floor)))
     files: dict[str, bytes] = {}

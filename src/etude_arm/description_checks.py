@@ -91,6 +91,17 @@ def _check_axis(axis: Axis, where: str) -> None:
             raise UsageError(
                 f"limit '{limit}' must be a finite number above zero, not {value:g}", where=place
             )
+    own = axis.envelope
+    if own is not None and not (
+        all(map(math.isfinite, (own.offset, own.slope, own.lower, own.upper)))
+        and own.slope > 0.0
+        and own.lower < own.upper
+    ):
+        raise UsageError(
+            f"envelope {own} needs finite numbers, a slope above zero, and its lower end below its upper",
+            where=place,
+            next_step="|qd| <= offset + sqrt(slope (end - q)): copy the four numbers of the robot's manual.",
+        )
     if axis.lower >= axis.upper:
         raise UsageError(
             f"lower limit {axis.lower:g} is not below upper limit {axis.upper:g}",

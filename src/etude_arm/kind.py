@@ -23,8 +23,10 @@ from etude.types import (
     Index,
     Log,
     Margins,
+    Motion,
     Reachable,
     Samples,
+    Solid,
 )
 from etude_arm.spec import ArmSpec
 
@@ -143,11 +145,12 @@ class ArmKind:
         mesh_roots: Sequence[Path],
         limits: Mapping[str, Mapping[str, float]],
         floor: float | None = None,
+        joint_limits: Path | None = None,
     ) -> Described:
         """The same of a part of a larger robot, meshes of these folders, these limits and floor."""
         from etude_arm.description import describe
 
-        return describe(path, joints or None, held, mesh_roots, limits, floor)
+        return describe(path, joints or None, held, mesh_roots, limits, floor, joint_limits)
 
     def spec(self, path: Path) -> ArmSpec:
         """The robot of a robot file, a URDF or an MJCF. UsageError if it cannot be one."""
@@ -298,6 +301,18 @@ class ArmKind:
         from etude_arm.figure import figure
 
         return figure(spec, q)
+
+    def solids(self, spec: ArmSpec) -> Sequence[Solid]:
+        """The shapes that distances are taken of, by rigid part; none without a model file or shapes."""
+        from etude_arm.solids import solids
+
+        return solids(spec)
+
+    def placed(self, spec: ArmSpec, motion: Motion) -> Array:
+        """By the kinematics of the model that distances are taken with."""
+        from etude_arm.solids import placed
+
+        return placed(spec, motion.orders[0])
 
     def tests(self, spec: ArmSpec, config: Any, rng: np.random.Generator) -> Mapping[str, Trajectory]:  # noqa: ARG002
         from etude_arm.motions import tests

@@ -15,6 +15,7 @@ from etude.errors import UsageError
 from etude.toml_tables import toml_value
 from etude.types import Array
 from etude_arm.description_checks import METRES, RADIANS, check_spec, suspected
+from etude_arm.joint_limits import tightened
 from etude_arm.loading.joint_choice import Choice, Moving
 from etude_arm.loading.parsing import parsed
 from etude_arm.loading.urdf_tree import UrdfTree, hard_range, number
@@ -50,6 +51,7 @@ def spec_from_model(
     command_unit: str = "N m",
     rate: float = 100.0,
     given: Mapping[str, Mapping[str, float]] | None = None,
+    joint_limits: Path | None = None,
 ) -> ModelDescription:
     """A ArmSpec from the joints of a URDF or MJCF file.
 
@@ -62,12 +64,16 @@ def spec_from_model(
             limits that the file lacks or that should replace its own. Few files know accelerations:
             those not stated are velocity limit / STOPPING_TIME, to be confirmed; a joint that turns without
             end is given half a turn to either side, to be confirmed too.
+        joint_limits: MoveIt's file; its limits count where they are tighter, see `joint_limits.tightened`.
 
     Raises:
         UsageError: as `load`; or an unknown joint, missing limits (all are listed), impossible limits.
     """
     root = parsed(path)
     choice, moving, stated = _read(root, path, joints, dict(held or {}))
+    said: tuple[str, ...] = ()
+    if joint_limits is not None:
+        stated, said = tightened(stated, joint_limits, choice.joints, moving)
     own_limits = _by_joint(given or {}, choice.joints, list(moving), path)
     _require_within(own_limits, stated, path)
     limits = {joint: {**stated[joint], **own_limits.get(joint, {})} for joint in choice.joints}
@@ -75,17 +81,18 @@ def spec_from_model(
     _require_all(limits, path)
     _require_positive(limits, path)
     axes = tuple(
-        Axis(
-            joint,
-            **{limit: float(v) for limit, v in values.items()},
-            unit="m" if moving[joint].slides else "rad",
-        )
+        _axis(joint, {limit: float(values[limit]) for limit in WANTED}, moving[joint].slides)
         for joint, values in limits.items()
     )
     own = {joint: at for joint, at in choice.held.items() if not moving[joint].leader}
     spec = ArmSpec(name or _name_in(root) or path.stem, axes, command_unit, rate, path.resolve(), held=own)
     _require_believable(spec, path)
-    return ModelDescription(check_spec(spec, where=path.name), (*choice.notes, *assumed))
+    return ModelDescription(check_spec(spec, where=path.name), (*choice.notes, *said, *assumed))
+
+
+def _axis(joint: str, own: dict[str, float], slides: bool) -> Axis:
+    rates = own["velocity"], own["acceleration"]
+    return Axis(joint, own["lower"], own["upper"], *rates, own["command"], "m" if slides else "rad")
 
 
 def _name_in(root: ET.Element) -> str:

@@ -18,6 +18,7 @@ from etude_arm.clearance.robot_clearance import clearance_of, ranges_of, search_
 from etude_arm.command_limits import commands_of
 from etude_arm.space.space_limit import space_of
 from etude_arm.spec import ArmSpec
+from etude_arm.velocity_envelope import envelope_of
 
 MOVES = 12  # of a test motion: about a minute
 TEST_DURATION = 60.0
@@ -40,19 +41,22 @@ def family(spec: ArmSpec, config: FourierConfig) -> FourierFamily:
 
 
 def limits(spec: ArmSpec, margins: Margins, model: Model | None = None) -> tuple[Limit, ...]:
-    """Position, velocity and acceleration of every joint, rest at both ends; jerk, commands, clearance
-    and limits in space if any; those of its owner's own last.
+    """Position, velocity and acceleration of every joint, rest at both ends; jerk, envelopes of velocity,
+    commands, clearance and limits in space if any; those of its owner's own last.
     """
     clearance = clearance_of(spec, margins)
     space = space_of(spec)
     commands = commands_of(spec, model, search_of(spec)[0])
     jerked = tuple(int(j) for j in np.flatnonzero(np.isfinite(spec.jerk)))
     own = [spec.names[j] for j in jerked], spec.jerk[list(jerked)]
+    envelopes = [axis.envelope for axis in spec.axes]
+    envelope = envelope_of(spec.names, envelopes, spec.velocity, margins)
     return (
         AxisLimit("position", 0, spec.names, spec.lower, spec.upper, margins=margins),
         AxisLimit("velocity", 1, spec.names, -spec.velocity, spec.velocity, margins=margins, rest=True),
         AxisLimit("acceleration", 2, spec.names, -spec.acceleration, spec.acceleration, margins=margins),
         *((AxisLimit("jerk", 3, tuple(own[0]), -own[1], own[1], jerked),) if jerked else ()),
+        *(() if envelope is None else (envelope,)),
         *(() if commands is None else (commands,)),
         *(() if space is None else (space,)),
         *(() if clearance is None else (clearance,)),

@@ -19,6 +19,7 @@ unit = "m"                  # optional: of a sliding joint
 jerk = 20.0                 # optional: largest |qddd|, rad/s^3
 torque = 60.0               # optional: largest |command| that a motion may ask, if less than `command`
 torque_rate = 1000.0        # optional: the same of its rate, command_unit/s
+envelope = { offset = -0.3, slope = 12.0, lower = -2.7, upper = 2.7 } # optional: see `velocity_envelope`
 [held]                      # optional: the model file's other joints, and where they stand, rad or m
 gripper = 0.02
 [mounting]                  # optional: the base in the room, z up

@@ -36,6 +36,22 @@ ORDERS = 3
 
 
 @dataclass(frozen=True)
+class Envelope:
+    """Of one joint: towards `upper`, |qd| <= offset + sqrt(slope (upper - q)); alike towards `lower`.
+
+    Attributes:
+        offset: rad/s (m/s), less than 0 where the joint has to stand before the end.
+        slope: rad/s^2 (m/s^2), twice the deceleration that is left.
+        lower, upper: rad (m), the ends in these formulas, which may lie beyond the joint's limits.
+    """
+
+    offset: float
+    slope: float
+    lower: float
+    upper: float
+
+
+@dataclass(frozen=True)
 class Axis:
     """One actuated joint and its limits.
 
@@ -49,6 +65,7 @@ class Axis:
         jerk: largest |qddd|, rad/s^3 (m/s^3); None where the robot has no such limit.
         torque: largest |command| that a motion may ask, where that is less than the drive can give.
         torque_rate: the same of its rate, in command units per s; None without such a limit.
+        envelope: how the velocity limit shrinks towards the ends; None: it does not.
     """
 
     name: str
@@ -61,6 +78,7 @@ class Axis:
     jerk: float | None = None
     torque: float | None = None
     torque_rate: float | None = None
+    envelope: Envelope | None = None
 
 
 @dataclass(frozen=True)

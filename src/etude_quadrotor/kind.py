@@ -21,7 +21,9 @@ from etude.types import (
     Index,
     Log,
     Margins,
+    Motion,
     Samples,
+    Solid,
 )
 
 if TYPE_CHECKING:
@@ -231,6 +233,18 @@ class QuadrotorKind:
         from etude_quadrotor.plant.robot import simulated_robot
 
         return simulated_robot(spec, config)
+
+    def solids(self, spec: QuadrotorSpec) -> Sequence[Solid]:
+        """The vehicle."""
+        from etude_quadrotor.solids import solids
+
+        return solids(spec)
+
+    def placed(self, spec: QuadrotorSpec, motion: Motion) -> Array:  # noqa: ARG002
+        """Where it is, and how it leans to accelerate so."""
+        from etude_quadrotor.solids import placed
+
+        return placed(motion)
 
     def tests(self, spec: QuadrotorSpec, config: Any, rng: np.random.Generator) -> Mapping[str, Trajectory]:
         """A flight uniform on the safe ones of the thesis's form, and one on their edge."""

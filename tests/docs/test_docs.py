@@ -35,6 +35,7 @@ create.preset_config, motions.MOVES, motions.TEST_DURATION = brief, 2, 10.0
 """Run before a page that simulates: how well its campaign learns is not what it shows."""
 
 
+@pytest.mark.slow  # in .ci/run, with the rest of the documentation
 @pytest.mark.parametrize("page", [p for p in PAGES if blocks(p, "python")], ids=lambda p: p.name)
 def test_python_blocks_run(page: Path, tmp_path: Path) -> None:
     """All Python blocks of a page run as one program, beside the examples alone, without a warning."""

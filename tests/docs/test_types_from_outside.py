@@ -7,6 +7,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
 from test_docs import PAGES, blocks
 
 FACES = (
@@ -47,6 +48,7 @@ def checked(folder: Path) -> list[str]:
     return done.stdout.splitlines()
 
 
+@pytest.mark.slow  # in .ci/run, with the rest of the documentation
 def test_public_names_and_the_code_of_the_docs_have_types(tmp_path: Path) -> None:
     for page in PAGES:
         code = "\n".join(blocks(page, "python"))

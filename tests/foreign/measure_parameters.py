@@ -1,26 +1,41 @@
-"""Coverage of printed intervals, and their width beside the spread: one arm, campaigns of other seeds.
+"""Coverage of printed intervals, and their width beside the spread: campaigns of one robot, other seeds.
 
-    python tests/foreign/measure_parameters.py 10 [SEED]
+    python tests/foreign/measure_parameters.py same.jsonl three:5,three:6,ur5:1,z1:1 10
 
-Each campaign asks twice, and pinocchio's arm, whose masses are not the file's, runs it. SEED draws the arm.
+Each campaign asks twice, and pinocchio's arm, whose masses are not the file's, runs it. A robot is a file and
+the seed that draws its masses and drives. Campaigns that the file has are not made again; the table is of
+all.
 """
 
 from __future__ import annotations
 
+import json
+import re
 import sys
 import tempfile
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pinocchio_arm as plant
 from pinocchio_arm import Array
-from small_arm import URDF, campaign_of_small_arm
+from small_arm import QUICK, URDF, campaign_of_small_arm
 
 import etude
-from etude.campaign import Campaign
+from etude.campaign import Campaign, create_campaign
 
 LOGS = 2
+FILES = {
+    "ur5": "ur_description/urdf/ur5_robot.urdf",
+    "z1": "z1_description/urdf/z1.urdf",
+    "kinova": "kinova_description/robots/kinova.urdf",
+}
+"""Of example-robot-data; "three" is the small arm."""
+DURATION = 24.0
+SHAPES = re.compile(r"<(visual|collision)\b.*?</\1>", re.DOTALL)
+PRINTED = ("coulomb", "viscous")
 
 
 def true_parameters(arm: plant.Arm) -> dict[tuple[str, str], float]:
@@ -43,10 +58,16 @@ def true_parameters(arm: plant.Arm) -> dict[tuple[str, str], float]:
     return found
 
 
-def learned(folder: Path, arm: plant.Arm, seed: int) -> Campaign:
-    """The campaign of that seed, with its logs."""
+def learned(folder: Path, arm: plant.Arm, seed: int, text: str = "") -> Campaign:
+    """The campaign of that seed, with its logs; of the small arm, or of a URDF's text."""
     folder.mkdir(exist_ok=True)
-    campaign = campaign_of_small_arm(folder, seed=seed)
+    if text:
+        (folder / "arm.urdf").write_text(text)
+        lab = create_campaign(folder / "lab", str(folder / "arm.urdf"), seed=seed)[0].path
+        (lab / "campaign.toml").write_text(QUICK.format(seed=seed, duration=DURATION))
+        campaign = etude.open_campaign(lab)
+    else:
+        campaign = campaign_of_small_arm(folder, seed=seed)
     for k in range(LOGS):
         table = (etude.ask(campaign).folder / "trajectory.csv").read_bytes()
         run = plant.run(arm, plant.reference_of_table(table, arm.names), seed=100 * seed + k)
@@ -75,33 +96,71 @@ class Coverage:
         return np.asarray(self.deviation.mean(axis=0) / self.value.std(axis=0, ddof=1))
 
 
-def coverage(campaigns: list[Campaign], arm: plant.Arm) -> Coverage:
-    """Of base parameters, Coulomb and viscous friction."""
-    truth, rows = true_parameters(arm), []
-    for campaign in campaigns:
-        facts = etude.export(campaign, "parameters").facts
-        own = {}
-        for row in facts["parameters"]:
-            if row["lower"] is not None:
-                true = sum(part["factor"] * truth[part["of"], part["parameter"]] for part in row["parts"])
-                own[row["parameter"]] = (row["value"], true, row["deviation"])
-        for row in facts["friction"]:
-            if row["term"] in ("coulomb", "viscous"):
-                name = row["joint"], row["term"]
-                own[" ".join(name)] = (row["value"], truth[name], row["deviation"])
-        rows.append(own)
+def printed(campaign: Campaign, arm: plant.Arm) -> dict[str, tuple[float, float, float]]:
+    """By name: value, truth and deviation of base parameters, Coulomb and viscous friction."""
+    truth, own = true_parameters(arm), {}
+    facts = etude.export(campaign, "parameters").facts
+    for row in facts["parameters"]:
+        if row["lower"] is not None:
+            true = sum(part["factor"] * truth[part["of"], part["parameter"]] for part in row["parts"])
+            own[row["parameter"]] = (row["value"], true, row["deviation"])
+    for row in facts["friction"]:
+        if row["term"] in PRINTED:
+            name = row["joint"], row["term"]
+            own[" ".join(name)] = (row["value"], truth[name], row["deviation"])
+    return own
+
+
+def coverage(rows: list[dict[str, tuple[float, float, float]]]) -> Coverage:
+    """Of what several campaigns of one robot printed."""
     table = np.array([[own[name] for name in rows[0]] for own in rows])
     return Coverage(tuple(rows[0]), *np.moveaxis(table, 2, 0))
 
 
+def robot(name: str) -> tuple[plant.Arm, str]:
+    """The plant of a file and a seed, and the text that Étude gets ("" of the small arm)."""
+    file, _, seed = name.partition(":")
+    if file == "three":
+        return plant.arm_of_urdf(URDF, seed=int(seed)), ""
+    from measure_arms import share
+
+    text = plant.one_turn(SHAPES.sub("", (share() / FILES[file]).read_text()))
+    return plant.arm_of_urdf(text, seed=int(seed)), text
+
+
+def measured(name: str, seeds: Iterator[int]) -> Iterator[dict[str, Any]]:
+    """A row for each campaign."""
+    arm, text = robot(name)
+    for seed in seeds:
+        with tempfile.TemporaryDirectory() as folder:
+            yield {"robot": name, "seed": seed, "rows": printed(learned(Path(folder), arm, seed, text), arm)}
+
+
+def summary(rows: list[dict[str, Any]]) -> None:
+    inside, widths = [], []
+    for name in dict.fromkeys(row["robot"] for row in rows):
+        found = coverage([row["rows"] for row in rows if row["robot"] == name])
+        inside.append(found.inside.mean())
+        widths.append(found.width)
+        z = (found.value - found.truth) / found.deviation
+        worst = ", ".join(found.names[i] for i in np.argsort(found.inside.mean(axis=0))[:3])
+        print(
+            f"| {name} | {len(found.value)} | {len(found.names)} | {100 * inside[-1]:.1f} % | "
+            f"{np.median(widths[-1]):.2f}, {widths[-1].max():.1f} | {np.median(np.abs(z)):.2f} | {worst} |"
+        )
+    print(f"all: coverage {np.mean(inside):.3f}, median width {np.median(np.concatenate(widths)):.2f}")
+
+
 def main() -> None:
-    count, seed = int(sys.argv[1]), int(sys.argv[2]) if len(sys.argv) > 2 else 5
-    arm = plant.arm_of_urdf(URDF, seed=seed)
-    with tempfile.TemporaryDirectory() as folder:
-        found = coverage([learned(Path(folder) / str(k), arm, k) for k in range(count)], arm)
-    for name, inside, width in zip(found.names, found.inside.mean(axis=0), found.width, strict=True):
-        print(f"{name}: coverage {inside:.2f}, width {width:.2f} times the spread")
-    print(f"all: coverage {found.inside.mean():.3f}, median width {np.median(found.width):.2f}")
+    file, names, count = Path(sys.argv[1]), sys.argv[2].split(","), int(sys.argv[3])
+    rows = [json.loads(line) for line in file.read_text().splitlines()] if file.exists() else []
+    known = {(row["robot"], row["seed"]) for row in rows}
+    for name in names:
+        for row in measured(name, iter([k for k in range(count) if (name, k) not in known])):
+            rows.append(row)
+            with file.open("a") as out:
+                out.write(json.dumps(row) + "\n")
+    summary(rows)
 
 
 if __name__ == "__main__":

@@ -1,10 +1,10 @@
 """Mass and centre of a load on arms of seven joints, and how often one is reported that is not there.
 
-    python tests/foreign/measure_payload.py loads.jsonl panda,xarm7,tiago [RUNS]
+    python tests/foreign/measure_payload.py loads.jsonl panda,xarm7,tiago [RUNS] [asked]
 
 Each arm of pinocchio (masses off by up to 15 %, friction, cogging, delay) tells LOGS motions of 20 s without
-a load. Then it makes other motions with a fifth of its rated load, and without one. Arms that the file has
-are not measured again.
+a load. Then it makes other motions with a fifth of its rated load, and without one; with `asked` those of
+10 s that `etude ask --payload` designs. Arms that the file has are not measured again.
 """
 
 from __future__ import annotations
@@ -24,8 +24,9 @@ from measure_arms import share
 from small_arm import QUICK
 
 import etude
-from etude.campaign import Campaign, RobotPart, create_campaign, typical_motions
+from etude.campaign import Campaign, RobotPart, ask_to_weigh, create_campaign, typical_motions
 from etude.protocols import Trajectory
+from etude.trajectories import from_json
 
 ARMS: dict[str, tuple[str, tuple[str, ...], float]] = {
     "panda": ("panda_description/urdf/panda.urdf", tuple(f"panda_joint{i}" for i in range(1, 8)), 3.0),
@@ -74,7 +75,7 @@ def loaded(arm: plant.Arm, mass: float, centre: tuple[float, float, float]) -> p
     return replace(arm, true=true)
 
 
-def rows_of(arm: str, runs: int, folder: Path) -> Any:
+def rows_of(arm: str, runs: int, folder: Path, asked: bool) -> Any:
     campaign, bare = campaign_of(folder, arm)
     motions = typical_motions(campaign, np.random.default_rng(1), LOGS + runs)
     for k in range(LOGS):
@@ -82,13 +83,16 @@ def rows_of(arm: str, runs: int, folder: Path) -> Any:
     rated = ARMS[arm][2]
     rng = np.random.default_rng(2)
     for k in range(runs):
+        if asked:
+            own = ask_to_weigh(campaign, new=True)
+            motions[LOGS + k] = from_json((own.folder / "trajectory.json").read_bytes())
         centre = tuple((rng.uniform(-1.0, 1.0, 3) * (0.04, 0.04, 0.06) + (0.0, 0.0, 0.1)).tolist())
         for mass in (0.0, SHARE * rated):
-            own = loaded(bare, mass, centre) if mass else bare
-            log = log_of(folder / "run.csv", campaign, own, motions[LOGS + k], 100 + k)
+            robot = loaded(bare, mass, centre) if mass else bare
+            log = log_of(folder / "run.csv", campaign, robot, motions[LOGS + k], 100 + k)
             load = etude.payload(campaign, log).load
             yield {
-                "arm": arm, "run": k, "mass": mass, "centre": centre, "verdict": load.verdict,
+                "arm": arm, "asked": asked, "run": k, "mass": mass, "centre": centre, "verdict": load.verdict,
                 "found": load.mass, "deviation": load.deviation, "found_centre": load.centre.tolist(),
                 "centre_deviation": load.centre_deviation.tolist(), "left": load.left,
             }  # fmt: skip
@@ -112,13 +116,13 @@ def summary(rows: list[dict[str, Any]]) -> None:
 
 def main() -> None:
     file, arms = Path(sys.argv[1]), sys.argv[2].split(",")
-    runs = int(sys.argv[3]) if len(sys.argv) > 3 else 10
+    runs, asked = int(sys.argv[3]) if len(sys.argv) > 3 else 10, "asked" in sys.argv
     rows = [json.loads(line) for line in file.read_text().splitlines()] if file.exists() else []
     for arm in arms:
         if any(row["arm"] == arm for row in rows):
             continue
         with tempfile.TemporaryDirectory() as folder:
-            for row in rows_of(arm, runs, Path(folder)):
+            for row in rows_of(arm, runs, Path(folder), asked):
                 rows.append(row)
                 with file.open("a") as out:
                     out.write(json.dumps(row) + "\n")

@@ -72,5 +72,7 @@ RECEIVERS: dict[str, Callable[[Files, tuple[str, ...]], Any]] = {
     **{name: by_controller(name) for name in ("ros2", "ros2_sqlite", "ros2_yaml", "ros2_csv")},
     "lerobot": by_replay,
 }
+SIX_JOINTS = ("urscript", "urscript_cb")
+"""Formats of arms of six joints: what runs their text is in tests/deploy/inside/test_urscript.py."""
 FLOWN = ("px4", "crazyflie")
 """Formats of vehicles: what flies them is a plant and no table, `px4_cascade.py`."""

@@ -23,6 +23,7 @@ BESIDE = {
     "etude_lagrangian": set(),
     "etude_sparse": set(),
     "etude_online": {"etude_sparse"},
+    "etude_drivers": set(),
 }
 """Packages beside the core, found by the table of plug-ins, and what each imports of the others."""
 KINDS = ("etude_arm", "etude_quadrotor")
@@ -44,6 +45,7 @@ RANKS = {
     "models": 2,
     "design": 3,
     "deploy": 3,
+    "drivers": 3,
     "campaign": 4,
     "report": 5,
     "testing": 5,

@@ -49,7 +49,7 @@ def write_campaign(
     if evaluated:
         _evaluate_baselines(folder, robot.dof)
     for number in range(1, rounds + 2):
-        trajectory = _ask(folder, robot, number, rng)
+        trajectory = proposed(folder, robot, number, rng)
         if number <= rounds:
             _tell(folder, robot, trajectory, number, rng)
             _train(folder, robot.dof, number, rng)
@@ -69,7 +69,8 @@ def write_robot(folder: Path, robot: ArmSpec) -> None:
     write_atomic(folder / "robot.toml", "\n".join([*lines, ""]).encode())
 
 
-def _ask(folder: Path, robot: ArmSpec, number: int, rng: np.random.Generator) -> FourierTrajectory:
+def proposed(folder: Path, robot: ArmSpec, number: int, rng: np.random.Generator) -> FourierTrajectory:
+    """A trajectory with its certificate, asked for and committed."""
     limits = KIND.limits(robot, DEFAULT, None, {})
     family = FourierFamily.of(FourierConfig(duration=SECONDS), robot.dof)
     feasible = FeasibleSet.of(limits, family, KIND.home(robot))

@@ -7,6 +7,7 @@ from etude._runtime.lazy import face
 if TYPE_CHECKING:
     from etude.campaign.create import RobotPart, create_campaign, find_robot
     from etude.campaign.deployment.predict import states_for, write_table
+    from etude.campaign.deployment.weighing import ask_to_weigh
     from etude.campaign.evaluate.confirm import ask_to_confirm
     from etude.campaign.ingest.ingest_result import IngestResult
     from etude.campaign.ingest.inspection import Inspected, inspect
@@ -77,6 +78,7 @@ __all__ = [
     "TrainingOutcome",
     "abandon",
     "ask_to_confirm",
+    "ask_to_weigh",
     "chained",
     "commit",
     "config_text",

@@ -46,6 +46,7 @@ class RobotPart:
     mesh_roots: tuple[Path, ...] = ()
     limits: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     floor: float | None = None
+    joint_limits: Path | None = None
 
 
 WHOLE = RobotPart()
@@ -135,9 +136,11 @@ def _chosen(kind: Kind, description: Path, part: RobotPart) -> Described:
         raise UsageError(
             f"a robot of the kind '{kind.name}' has no joints to choose from",
             where=str(description),
-            next_step="Leave --joints, --hold, --mesh-root, --range, --velocity, --command and --floor out.",
+            next_step="Leave --joints, --hold, --mesh-root, --range, --velocity, --acceleration, "
+            "--command, --joint-limits and --floor out.",
         )
-    return kind.chosen(description, part.joints, part.held, part.mesh_roots, part.limits, part.floor)
+    given = part.joints, part.held, part.mesh_roots, part.limits, part.floor, part.joint_limits
+    return kind.chosen(description, *given)
 
 
 def load_robot(robot: str | Path, *, trust: bool = False) -> Any:

@@ -74,7 +74,8 @@ class Loop:
 
     Attributes:
         answer: to whether the robot has changed; "" where that is rehearsed.
-        feedforward: whether motions that teach are run with what was learned, too.
+        feedforward: whether motions that teach are run with what was learned, too; None: as [tracking] says,
+            or with what the kind adds.
     """
 
     campaign: Campaign
@@ -83,7 +84,7 @@ class Loop:
     tests: Mapping[str, Trajectory]
     baselines: Mapping[str, Controller | None]
     online: Adaptation | None
-    feedforward: bool = False
+    feedforward: bool | None = None
 
     @classmethod
     def of(
@@ -144,17 +145,15 @@ class Loop:
         return number, self._collecting() if LEARNED in (under or (LEARNED,)) else None
 
     def _collecting(self) -> Controller | None:
-        """What motions that teach are run with, beside the feedback, once something was learned: what was
-        learned, or what the kind adds; most add nothing.
-        """
+        """What motions that teach are run with, beside the feedback, once something was learned."""
         campaign, state = self.campaign, self.campaign.state()
-        kind = campaign.kind
-        made: Callable[[Any, Any, Model], Controller | None] | None = None
-        if self.feedforward:
-            made = kind.controller
-        elif isinstance(kind, SupportsCollecting):
-            made = kind.collecting
-        if made is None or not state.trained:
+        kind, wanted = campaign.kind, self.feedforward
+        made: Callable[[Any, Any, Model], Controller | None] = kind.controller
+        if wanted is None and isinstance(kind, SupportsCollecting):
+            wanted, made = True, kind.collecting
+        elif wanted is None:
+            wanted = campaign.config.tracking.control == LEARNED
+        if not wanted or not state.trained:
             return None
         return made(campaign.spec, campaign.config, newest_model(campaign, state))
 
@@ -252,12 +251,12 @@ def simulate(
     change: Mapping[str, float] | None = None,
     online: Adaptation | None = None,
     *,
-    feedforward: bool = False,
+    feedforward: bool | None = None,
 ) -> Iterator[SimulatedRound]:
     """Asks, runs and tells `rounds` trajectories, and evaluates the controller after each one.
 
-    Trajectories are collected under the robot's own feedback, and what its kind adds (`collecting`), or with
-    what was learned so far beside it. The stop rule is not heeded: who simulates wants the whole curve.
+    The first motion is run under the robot's own feedback, later ones with what was learned so far beside it,
+    or what its kind adds (`collecting`). The stop rule is not heeded: who simulates wants the whole curve.
     Interrupted work is finished first; a test of a round is evaluated once. A run whose log is refused is
     given up, and another trajectory asked for.
 
@@ -271,7 +270,8 @@ def simulate(
         say: receives one sentence per step.
         change: as for `Robot.changed`; None: the robot is what it was.
         online: how the model of each round goes on learning in the same tests; None: it is tested as it is.
-        feedforward: run the motions that teach with the newest model beside the feedback, once there is one.
+        feedforward: whether motions that teach are run with the newest model beside the feedback, once there
+            is one; None: as [tracking] of campaign.toml says, or with what the kind adds.
 
     Raises:
         UsageError: the robot has no simulated plant, no such engine or change, a log waits for an answer, a

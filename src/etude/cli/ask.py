@@ -60,6 +60,8 @@ class Ask(Common):
     confirm: bool = False
     """A motion that no model ever learns from, to be run without and with the learned feedforward; then tell
     both logs with --confirm."""
+    payload: bool = False
+    """A motion of about 10 s that shows what hangs at the hand, for etude payload; nothing learns from it."""
     new: bool = False
     """Ask for another trajectory although one is open."""
     go_on: Annotated[bool, tyro.conf.arg(name="continue")] = False
@@ -90,7 +92,7 @@ class Ask(Common):
             *(line for one in found.exported for line in _exported(one)),
             *([] if self.start else _offered(campaign)),
             *([SLOWLY] if slowly else []),
-            *_then(self.folder, self.confirm),
+            *_then(self),
         ]
         data = {
             "number": found.number,
@@ -121,6 +123,16 @@ class Ask(Common):
                     where="--confirm",
                 )
             return ask_to_confirm(campaign, new=self.new, formats=self.format, effort=self.effort, say=say)
+        if self.payload:
+            from etude.campaign.deployment.weighing import ask_to_weigh
+
+            if self.tasks or self.control or self.effort:
+                raise UsageError(
+                    "a motion that weighs a load takes no --tasks, --control or --effort", where="--payload"
+                )
+            return ask_to_weigh(
+                campaign, new=self.new, speed=self.speed, formats=self.format, start=self.start, say=say
+            )
         from etude.campaign.propose.ask import ask
 
         return ask(
@@ -145,12 +157,15 @@ def _swept(rows: Sequence[Swept]) -> list[str]:
     return [table(["swept", "of the range", "of the collision-free range", "limited by"], body)]
 
 
-def _then(folder: Path, confirm: bool) -> list[str]:
-    if not confirm:
-        return [f"Run it, then: etude tell {typed(folder)} LOG"]
+def _then(asked: Ask) -> list[str]:
+    folder = typed(asked.folder)
+    if asked.payload:
+        return [f"Run it with what hangs at the hand, then: etude payload {folder} --log LOG"]
+    if not asked.confirm:
+        return [f"Run it, then: etude tell {folder} LOG"]
     return [
-        f"Run trajectory.csv, the feedback alone: etude tell {typed(folder)} LOG --confirm without",
-        f"Run {FEEDFORWARD}, which adds the model's commands: etude tell {typed(folder)} LOG --confirm with",
+        f"Run trajectory.csv, the feedback alone: etude tell {folder} LOG --confirm without",
+        f"Run {FEEDFORWARD}, which adds the model's commands: etude tell {folder} LOG --confirm with",
     ]
 
 

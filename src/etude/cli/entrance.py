@@ -115,9 +115,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Runs one command; returns its exit code.
 
     0 ok, 1 a bug or a failing machine, 2 wrong usage, 3 unusable data, 4 unsafe or infeasible trajectory
-    (no file is written), 5 stop rule reached, 6 the robot has changed, 130 interrupted, 143 ended by
-    SIGTERM. As a program (without `arguments`) Ctrl-C ends the process itself; who calls with arguments gets
-    the KeyboardInterrupt turned into 130.
+    (no file is written), 5 stop rule reached, 6 the robot has changed, 7 the robot or its supervisor stopped,
+    8 the link to it was lost, 130 interrupted, 143 ended by SIGTERM. As a program (without `arguments`)
+    Ctrl-C ends the process itself; who calls with arguments gets the KeyboardInterrupt turned into 130.
     """
     if arguments is not None:
         return _guarded(list(arguments))

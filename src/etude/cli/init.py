@@ -14,6 +14,7 @@ if TYPE_CHECKING:
 
 
 HOLD = "--hold", "joint=position", "finger=0.02"
+ACCELERATION = "--acceleration", "joint=limit", "wrist=4.2"
 VELOCITY = "--velocity", "joint=limit", "wrist=2.1"
 COMMAND = "--command", "joint=limit", "wrist=40"
 
@@ -40,8 +41,13 @@ class Init(Common):
     velocity: tuple[str, ...] = ()
     """How fast joints may go, joint=limit in rad/s or m/s ("*=2.1" for all), in place of the file's; an MJCF
     has none."""
+    acceleration: tuple[str, ...] = ()
+    """The largest accelerations, joint=limit in rad/s^2 or m/s^2 ("*=4" for all), in place of the
+    file's, of which few have one."""
     command: tuple[str, ...] = ()
     """The largest commands, joint=limit in N m or N ("*=40" for all), in place of the file's."""
+    joint_limits: Path | None = None
+    """MoveIt's joint_limits.yaml: its limits count where the file has none or looser ones."""
     floor: float | None = None
     """Height of the floor in m, the base at 0; if not said, the model file's, or one at 0 is assumed."""
     mesh_root: tuple[Path, ...] = ()
@@ -61,7 +67,12 @@ class Init(Common):
         if self.seed < 0:
             raise UsageError(f"the seed must be 0 or more, not {self.seed}")
         part = RobotPart(
-            _split(self.joints), _numbers(self.hold, HOLD), self.mesh_root, self._limits(), self.floor
+            _split(self.joints),
+            _numbers(self.hold, HOLD),
+            self.mesh_root,
+            self._limits(),
+            self.floor,
+            self.joint_limits,
         )
         campaign, confirm = create_campaign(self.folder, self.robot, self.preset, self.seed, part)
         lines = [f"Campaign {self.folder} for {campaign.name}: {_moves(campaign)}."]
@@ -81,7 +92,11 @@ class Init(Common):
         found: dict[str, dict[str, float]] = {}
         for joint, (low, high) in _ranges(self.range).items():
             found[joint] = {"lower": low, "upper": high}
-        for name, given, form in (("velocity", self.velocity, VELOCITY), ("command", self.command, COMMAND)):
+        for name, given, form in (
+            ("velocity", self.velocity, VELOCITY),
+            ("acceleration", self.acceleration, ACCELERATION),
+            ("command", self.command, COMMAND),
+        ):
             for joint, value in _numbers(given, form).items():
                 found.setdefault(joint, {})[name] = value
         return found

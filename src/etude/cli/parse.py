@@ -28,7 +28,7 @@ from etude.errors import UsageError
 
 DESCRIPTION = (
     "Composes the motions that teach a robot's inverse dynamics in as little robot time as possible. "
-    "Étude never commands a robot: it writes trajectory files and reads logs. "
+    "Only etude run moves a robot, when it is typed: all else writes and reads files. "
     "etude --version says which one this is."
 )
 
@@ -46,8 +46,10 @@ COMMANDS = {
     "payload": "etude.cli.payload:Payload",
     "status": "etude.cli.status:Status",
     "report": "etude.cli.report:Report",
+    "view": "etude.cli.view:View",
     "predict": "etude.cli.export:Predict",
     "export": "etude.cli.export:Export",
+    "run": "etude.cli.run:RunRobot",
     "simulate": "etude.cli.simulate:Simulate",
     "demo": "etude.cli.demo:Demo",
     "bench": "etude.cli.study:Bench",

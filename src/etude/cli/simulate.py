@@ -40,9 +40,10 @@ class Simulate(Common):
     that joint's logged command); of a vehicle payload, drag, sag, wind. The log that is noticed waits for an
     answer. May be given again."""
 
-    feedforward: bool = False
-    """Run the motions that teach with what was learned beside the feedback, as a robot does that is sent `ask
-    --effort`; else under feedback alone."""
+    control: Literal["feedback", "learned", ""] = ""
+    """What motions that teach are run under: feedback alone, or from the second one on what was learned
+    beside it, as a robot that is sent `ask --effort`. If not given, control in [tracking] of campaign.toml;
+    vehicles lean against the learned drag."""
     online: bool = False
     """Test each model also while it goes on learning, behind its guard."""
     method: str = "variance"
@@ -60,8 +61,9 @@ class Simulate(Common):
         campaign = opened(self.folder)
         learning = _learning(self.method) if self.online else None
         change = _changes(self.change)
+        feedforward = self.control == "learned" if self.control else None
         for done in simulate(
-            campaign, self.rounds, self.engine, say, change, learning, feedforward=self.feedforward
+            campaign, self.rounds, self.engine, say, change, learning, feedforward=feedforward
         ):
             errors = ", ".join(f"{name} {e:.3f} {done.unit}" for name, e in done.mean_errors().items())
             say(f"After {done.robot_seconds:.0f} s of robot time: {errors}.")

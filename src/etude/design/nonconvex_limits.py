@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from etude.abilities import SupportsFastCheck, SupportsOrders
-from etude.design.objective import Objective
+from etude.design.objective import Sought
 from etude.errors import UnsafeTrajectoryError
 from etude.limits.certificate import slack, tracked_in_words
 from etude.limits.feasible import Block, FeasibleSet
@@ -271,7 +271,7 @@ def _holds(limit: Limit, piece: Trajectory, quickly: bool) -> bool:
 class Penalised:
     """An objective less the weighted penalty, for the search alone."""
 
-    objective: Objective
+    objective: Sought
     kept: NonconvexLimits
     weight: float
 

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Protocol
 
 import numpy as np
 
@@ -11,6 +12,19 @@ from etude.design.criteria import Criterion, Output, evaluate, value_of
 from etude.errors import UsageError
 from etude.protocols import Family, Inputs, Trajectory
 from etude.types import Array, Index, Planned
+
+
+class Sought(Protocol):
+    """What a search of motions maximises, as a function of parameters p (P,).
+
+    of: the same of another family's parameters.
+    """
+
+    @property
+    def family(self) -> Family: ...
+    def of(self, family: Family, /) -> Sought: ...
+    def value(self, p: Array) -> float: ...
+    def value_and_gradient(self, p: Array) -> tuple[float, Array]: ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,6 +48,10 @@ class Objective:
     family: Family
     times: Array
     keep: Index | None = None
+
+    def of(self, family: Family) -> Objective:
+        """The same of another family's parameters."""
+        return replace(self, family=family)
 
     def planned(self, p: Array) -> Planned:
         """The trajectory of p (P,) as the model will see its log."""

@@ -17,7 +17,7 @@ from etude.design.config import DesignConfig
 from etude.design.criteria import RESOLUTION, Batch, Output, Reduction, batch_of, criterion_named, needs_of
 from etude.design.latents import Latent, latents_of, of_parameters, planned
 from etude.design.nonconvex_limits import NonconvexLimits, Penalised
-from etude.design.objective import MOTIONS, Objective, gains_of, instants, reference_states
+from etude.design.objective import MOTIONS, Objective, Sought, gains_of, instants, reference_states
 from etude.errors import UsageError
 from etude.limits.feasible import FeasibleSet
 from etude.models.gp.cholesky import factorise, triangular_inverse
@@ -544,24 +544,24 @@ class Ranked:
     drawn: list[int]
 
     @classmethod
-    def of(cls, aim: Objective, candidates: Sequence[Drawn]) -> Ranked:
+    def of(cls, aim: Sought, candidates: Sequence[Drawn]) -> Ranked:
         """None of them drawn home yet."""
-        values = [replace(aim, family=one.family).value(one.p) for one in counted(candidates)]
+        values = [aim.of(one.family).value(one.p) for one in counted(candidates)]
         order = np.argsort(values)[::-1].tolist()
         return cls([candidates[i] for i in order], [values[i] for i in order], [])
 
-    def draw(self, aim: Objective, kept: NonconvexLimits, place: int) -> float:
+    def draw(self, aim: Sought, kept: NonconvexLimits, place: int) -> float:
         """The value of a candidate that is drawn home."""
         if place not in self.drawn:
             one = self.candidates[place]
             home = one.home(kept)
             if home is not one:
                 self.candidates[place] = home
-                self.values[place] = replace(aim, family=home.family).value(home.p)
+                self.values[place] = aim.of(home.family).value(home.p)
             self.drawn.append(place)
         return self.values[place]
 
-    def best(self, aim: Objective, kept: NonconvexLimits, count: int) -> list[int]:
+    def best(self, aim: Sought, kept: NonconvexLimits, count: int) -> list[int]:
         """Places of the `count` that are worth most, drawn home."""
         found: list[int] = []
         for place in counted(range(len(self.values))):
@@ -571,14 +571,14 @@ class Ranked:
             found = sorted([*found, place], key=lambda i: -self.values[i])
         return found[:count]
 
-    def typical(self, aim: Objective, kept: NonconvexLimits) -> float:
+    def typical(self, aim: Sought, kept: NonconvexLimits) -> float:
         """The value of the median candidate, drawn home; of two in the middle their mean."""
         last = len(self.values) - 1
         return float(np.mean([self.draw(aim, kept, place) for place in (last // 2, (last + 1) // 2)]))
 
 
 def search(
-    aim: Objective, candidates: Sequence[Drawn], config: DesignConfig, limits: Sequence[Limit] = ()
+    aim: Sought, candidates: Sequence[Drawn], config: DesignConfig, limits: Sequence[Limit] = ()
 ) -> SearchResult:
     """The best of the candidates and of what the best few are refined to.
 
@@ -595,7 +595,7 @@ def search(
     best, value, evaluations = ranked.candidates[places[0]], baseline, len(candidates)
     for place in counted(places[: config.refine], whole=1.0 - VALUED - DRAWN):
         start = ranked.candidates[place]
-        own = replace(aim, family=start.family)
+        own = aim.of(start.family)
         searched = Penalised(own, kept, weight * abs(ranked.values[place])) if weight > 0.0 else own
         end = refine(searched, start.feasible, start.p, config.steps)
         evaluations += end.evaluations
@@ -608,7 +608,7 @@ def search(
         settled = kept.settled(best.family, best.standing, best.p)
         if settled is not best.p:
             best = replace(best, p=settled)
-            value = replace(aim, family=best.family).value(settled)
+            value = aim.of(best.family).value(settled)
     return SearchResult(best, value, baseline, typical, evaluations)
 
 

@@ -50,6 +50,8 @@ class TrackingConfig:
         most: part of the way from home to the nearer position limit that a margin may take at most. An error
             is mostly a lag, which leaves the path's own range by far less: feedback that lagged by 7 degrees
             left it by 1.
+        control: that motions which teach are run under by `simulate` and `run` once something was learned,
+            where the robot takes it: "learned" or "feedback".
 
     Raises:
         UsageError: another word, or parts outside of 0..most/2, 0..MOST and 0..MOST.
@@ -59,11 +61,16 @@ class TrackingConfig:
     position: float = 0.02
     velocity: float = 0.05
     most: float = LARGEST_MARGIN
+    control: Literal["learned", "feedback"] = "learned"
 
     def __post_init__(self) -> None:
         if self.margin not in ("learned", "assumed", "none"):
             raise UsageError(
                 f"margin must be 'learned', 'assumed' or 'none', not {self.margin!r}", where="tracking.margin"
+            )
+        if self.control not in ("learned", "feedback"):
+            raise UsageError(
+                f"control must be 'learned' or 'feedback', not {self.control!r}", where="tracking.control"
             )
         for name, most in (
             ("most", LARGEST_MARGIN),

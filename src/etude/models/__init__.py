@@ -16,7 +16,14 @@ if TYPE_CHECKING:
     from etude.models.change.change_detection import first_alarm
     from etude.models.change.diagnosis import SENSOR, Cause
     from etude.models.change.evidence import Judged, drift_onset, judged
-    from etude.models.change.load import Load, about_origin, apparent_loads, load_of
+    from etude.models.change.load import (
+        Load,
+        about_origin,
+        apparent_loads,
+        load_forecast,
+        load_of,
+        whole_mass,
+    )
     from etude.models.config import USUAL_COMMANDS, ModelConfig, Structure
     from etude.models.data.as_log import followed
     from etude.models.data.cross_validation import (
@@ -119,6 +126,7 @@ __all__ = [
     "kernel_of",
     "kernel_words",
     "linear_inputs",
+    "load_forecast",
     "load_model",
     "load_of",
     "member_named",
@@ -142,5 +150,6 @@ __all__ = [
     "trusted",
     "units_of",
     "while_any_moves",
+    "whole_mass",
 ]
 __getattr__, __dir__ = face(__name__)

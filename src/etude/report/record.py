@@ -96,6 +96,19 @@ class Record:
     def certificate(self, number: int) -> Facts | None:
         return self.read(f"proposals/{number:04d}/certificate.json", _proof)
 
+    def whole(self, number: int) -> tuple[Trajectory | None, Facts | None, str]:
+        """A proposal's motion with its certificate; with the way there and back, where that was written for
+        the motion as one file: then last the place that it leads from.
+        """
+        folder, way = f"proposals/{number:04d}/", ""
+        for name in recorded(self.events):
+            inside = name.removeprefix(folder).split("/")
+            if name.startswith(f"{folder}from_") and inside[1:] == ["trajectory.json"]:
+                way = inside[0]
+        place = f"{folder}{way}/" if way else folder
+        trajectory = self.read(f"{place}trajectory.json", _trajectory)
+        return trajectory, self.read(f"{place}certificate.json", _proof), way.replace("_", " ")
+
     def log(self, number: int) -> Log | None:
         return self.read(f"runs/{number:04d}.parquet", _log)
 

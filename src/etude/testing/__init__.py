@@ -18,6 +18,9 @@ from etude._runtime.lazy import face
 
 if TYPE_CHECKING:
     from etude.testing.differences import central
+    from etude.testing.driver_suite import DriverSuite
+    from etude.testing.fake_robot import FakeRobot
+    from etude.testing.faults import FAULTS, Faulty, RobotFault
     from etude.testing.file_suites import ExporterSuite, ReaderSuite
     from etude.testing.kind_suite import InputsSuite, KindSuite, PhysicsSuite, RobotSuite
     from etude.testing.model_suites import CriterionSuite, KernelSuite, ProcessSuite
@@ -25,9 +28,13 @@ if TYPE_CHECKING:
     from etude.testing.robot_world import World, world
 
 __all__ = [
+    "FAULTS",
     "CriterionSuite",
+    "DriverSuite",
     "ExporterSuite",
+    "FakeRobot",
     "FamilySuite",
+    "Faulty",
     "InputsSuite",
     "KernelSuite",
     "KindSuite",
@@ -35,6 +42,7 @@ __all__ = [
     "PhysicsSuite",
     "ProcessSuite",
     "ReaderSuite",
+    "RobotFault",
     "RobotSuite",
     "World",
     "central",

@@ -31,7 +31,7 @@ from etude.limits.convex_limits import AxisLimit, tracked
 from etude.limits.tracking_margins import ASSUMED
 from etude.protocols import Family, Trajectory
 from etude.trajectories.fourier import FourierTrajectory
-from etude.types import Array, Cone, Index, Margins, Mask, Motion, Proof
+from etude.types import Array, Cone, Index, Margins, Mask, Motion, Nearby, Proof
 from etude_arm.clearance.clear_pose import BOX_ROOM
 from etude_arm.clearance.distances import CUTOFF, TOLERANCE, Gaps
 from etude_arm.clearance.path_poses import PosePath, path_of
@@ -70,16 +70,22 @@ def kept(gaps: Gaps, row_of: Index, home: Array, margin: float) -> Array:
     """
     rows = int(row_of.max(initial=-1)) + 1
     at_home = _by_row(gaps.of_poses(home[None]), row_of, rows)[0]
+    near = neighbour_rows(gaps, row_of, rows)
     poses = gaps.skeleton.random_poses(np.random.default_rng(SEED), POSES)
     apart = gaps.of_poses(poses)
     clear = apart[np.all(apart > TOLERANCE, axis=1)]
-    near = np.ones(rows, dtype=np.bool_)
-    np.logical_and.at(near, row_of, neighbours(gaps))
     most = np.full(rows, margin)
     if len(clear):
         usual = np.quantile(_by_row(clear, row_of, rows), SELDOM, axis=0)
         most = np.where(near, np.clip(0.5 * usual, min(FLOOR, margin), margin), margin)
     return np.asarray(np.minimum(most, AT_HOME * at_home))
+
+
+def neighbour_rows(gaps: Gaps, row_of: Index, rows: int) -> Mask:
+    """(r,) whether a row of a certificate has gaps of neighbours alone."""
+    near = np.ones(rows, dtype=np.bool_)
+    np.logical_and.at(near, row_of, neighbours(gaps))
+    return near
 
 
 def neighbours(gaps: Gaps) -> Mask:
@@ -437,3 +443,14 @@ class Clearance:
     def of_motion(self, motion: Motion) -> Array:
         """(T, r) m, the least distance of each row, at most `CUTOFF`."""
         return self._by_row(self.gaps.of_poses(motion.orders[0]))
+
+    def nearby(self, poses: Array, lines: int) -> Nearby:
+        """What rows measure at poses (T, k): as planned, without what tracking can take."""
+        found = self.gaps.of_poses(poses) - TOLERANCE
+        distance = self._by_row(found)
+        near = neighbour_rows(self.gaps, self.row_of, len(self.rows))
+        narrowest = np.argsort(distance - self.kept + 2.0 * CUTOFF * near, axis=1, kind="stable")[:, :lines]
+        own = [np.flatnonzero(self.row_of == i) for i in range(len(self.rows))]
+        gap_of = np.stack([gaps[found[:, gaps].argmin(axis=1)] for gaps in own], axis=1)
+        ends = self.gaps.ends(poses, np.take_along_axis(gap_of, narrowest, axis=1))
+        return Nearby(self.rows, self.kept, near, distance, narrowest, ends, CUTOFF - TOLERANCE)

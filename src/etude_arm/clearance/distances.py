@@ -118,6 +118,42 @@ class Gaps:
             turns.append(data.geom_xmat.copy())
         return self._to_walls(np.array(places), np.array(turns))
 
+    def ends(self, poses: Array, gaps: Index) -> Array:
+        """(T, L, 2, 3) m in the world: the nearest points of gaps (T, L) at poses (T, k), of what `of_poses`
+        says; NaN of gaps that are `CUTOFF` or wider.
+        """
+        import mujoco
+
+        model, data = self.skeleton.model, mujoco.MjData(self.skeleton.model)
+        found = np.full((*gaps.shape, 2, 3), np.nan)
+        pairs, ends = self.geoms.tolist(), np.zeros(6)
+        for own, pose, wanted in zip(found, poses, gaps.tolist(), strict=True):
+            data.qpos[self.skeleton.addresses] = pose
+            mujoco.mj_kinematics(model, data)
+            for line, gap in zip(own, wanted, strict=True):
+                if gap >= len(pairs):
+                    line[:] = self._end_at_wall(gap - len(pairs), data.geom_xpos, data.geom_xmat)
+                elif mujoco.mj_geomDistance(model, data, *pairs[gap], CUTOFF, ends) < CUTOFF:
+                    line[:] = ends.reshape(2, 3)
+        return found
+
+    def _end_at_wall(self, number: int, places: Array, turns: Array) -> Array:
+        """(2, 3) the point of a shape that is nearest to its planes, or the column, and its foot there."""
+        shape, planes = self.skeleton.shapes[self.walled[number].one], self.planes[number]
+        points = shape.points @ turns[shape.geom].reshape(3, 3).T + places[shape.geom]
+        if isinstance(planes, Column):
+            inwards = (np.array([*planes.centre, 0.0]) - points) * [1.0, 1.0, 0.0]
+            across = np.linalg.norm(inwards, axis=1)
+            normals = inwards / np.maximum(across, np.finfo(float).tiny)[:, None]
+            heights = planes.radius - across
+        else:
+            units = [unit(wall) for wall in planes]
+            over = np.stack([points @ normal - offset for normal, offset in units])
+            normals = np.array([normal for normal, _ in units])[over.argmin(axis=0)]
+            heights = over.min(axis=0)
+        i = int(heights.argmin())
+        return np.asarray(points[i] - np.outer([shape.radius, heights[i]], normals[i]))
+
     def _of_some(self, poses: Array) -> Array:
         import mujoco
 

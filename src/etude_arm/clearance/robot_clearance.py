@@ -17,7 +17,7 @@ from etude_arm.clearance.defaults import ClearanceDefaults, Pairs, disabled, set
 from etude_arm.clearance.distances import TOLERANCE
 from etude_arm.clearance.hull_reduction import said
 from etude_arm.clearance.pairs import excluded_links, gaps_of
-from etude_arm.clearance.skeleton import Skeleton
+from etude_arm.clearance.skeleton import Skeleton, skeleton_of
 from etude_arm.clearance.surroundings import ADD_FLOOR, Surroundings
 from etude_arm.loading.load import load_arm, of_file
 from etude_arm.loading.loaded_model import Loaded
@@ -50,6 +50,19 @@ def clearance_of(spec: ArmSpec, margins: Margins) -> Clearance | None:
     return Clearance(
         complete.gaps, spec.names, home, margin, lower, upper, margins, unverified, _proofs=known
     )
+
+
+def skeleton_of_robot(spec: ArmSpec) -> Skeleton:
+    """The parts and shapes that distances are taken of; without any, those of the model file.
+
+    Raises:
+        UsageError: the model cannot be loaded.
+    """
+    found = _of(spec)
+    if found is not None:
+        return found[1].gaps.skeleton
+    loaded = load_arm(spec)
+    return skeleton_of(loaded.model(), loaded.joints, spec.lower, spec.upper)
 
 
 def search_of(spec: ArmSpec) -> tuple[Array, Array, Array]:

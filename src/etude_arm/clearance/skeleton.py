@@ -238,7 +238,7 @@ def _shapes(model: mujoco.MjModel, place: Mapping[int, int], grown: Mapping[str,
         name, body = model.geom(geom).name, int(model.geom_bodyid[geom])
         solid = bool(model.geom_contype[geom] or model.geom_conaffinity[geom])
         if solid or name.startswith(BOX):
-            points, radius = _points(model, geom)
+            points, radius = points_of(model, geom)
             if len(points):
                 part = place[int(model.body_weldid[body])]
                 smooth = int(model.geom_type[geom]) == int(mujoco.mjtGeom.mjGEOM_ELLIPSOID)
@@ -247,7 +247,7 @@ def _shapes(model: mujoco.MjModel, place: Mapping[int, int], grown: Mapping[str,
     return found
 
 
-def _points(model: mujoco.MjModel, geom: int) -> tuple[Array, float]:
+def points_of(model: mujoco.MjModel, geom: int) -> tuple[Array, float]:
     """Points (V, 3) and radius of a shape around a geom; no points for what has no convex hull of its own."""
     import mujoco
 

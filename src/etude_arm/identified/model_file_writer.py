@@ -16,7 +16,7 @@ from etude_arm.identified.pseudo_inertia import PAIRS, inertia_of
 from etude_arm.loading.attachments import tip
 from etude_arm.loading.inertia import ENTRIES
 from etude_arm.loading.load import load_arm
-from etude_arm.loading.parsing import declared, parsed
+from etude_arm.loading.parsing import WORLD, declared, parsed
 from etude_arm.spec import ArmSpec
 
 FUSED, APART = 'fusestatic="true"', 'fusestatic="false"'
@@ -131,7 +131,8 @@ def _of_urdf(spec: ArmSpec) -> tuple[Any, dict[str, bytes]]:
     model = mujoco.MjSpec.from_string(loaded.xml.replace(FUSED, APART), assets=dict(loaded.assets))
     model.modelname = spec.name
     for body in model.bodies:
-        body.name = loaded.links.get(body.name, body.name)
+        link = loaded.links.get(body.name, body.name)
+        body.name = body.name if link == WORLD else link  # that is MuJoCo's own
     for j, axis in enumerate(spec.axes):
         actuator = model.add_actuator(name=axis.name, target=axis.name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
         actuator.forcelimited, actuator.forcerange = 1, [-axis.command, axis.command]

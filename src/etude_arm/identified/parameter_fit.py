@@ -48,6 +48,8 @@ E = len(TERMS)
 FRICTION, OFFSET_TERM = slice(1, 6), 6
 OPTIONAL = slice(3, 6)
 """Terms that are left out where the logs do not show them."""
+POSITIVE = slice(3, 5)
+"""Terms that no drive has below zero: sticking holds more than sliding, and a load presses on the gear."""
 SHOWN = 3.0
 """Nats from which a term is kept: 20 to 1."""
 STRIBECK_SPEEDS = (2.0, 4.0, 8.0, 16.0)
@@ -120,6 +122,7 @@ def settled(samples: Samples, spec: ArmSpec, mean: RigidBodyMean) -> Settled:
     evidence = savage_dickey(fit.extra[:, :E], fit.spread[:, :E], prior)
     dropped = np.zeros(prior.shape, dtype=bool)
     dropped[:, OPTIONAL] = evidence[:, OPTIONAL] < SHOWN
+    dropped[:, POSITIVE] |= fit.extra[:, POSITIVE] < 0.0
     return Settled(problem, *problem.fitted(speeds, dropped), speeds, evidence, prior)
 
 

@@ -134,7 +134,7 @@ def _friction_rows(fit: ParameterFit, spec: ArmSpec) -> list[dict[str, Any]]:
                     ),
                     "unit": TERM_UNITS[k].format(u=unit, x=axis.unit),
                     "evidence_nats": float(fit.evidence[j, k]),
-                    "shown": bool(fit.evidence[j, k] > SHOWN),
+                    "shown": kept and bool(fit.evidence[j, k] > SHOWN),
                 }
             )
     return rows

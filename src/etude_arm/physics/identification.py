@@ -115,14 +115,8 @@ def _with_shared(
         outputs.append(OutputColumns(columns, left, deviations, own.deviation[j], clock))
     limits = np.array([prior.command for prior in priors])
     found = shared_fit(outputs, directions.shape[1], limits)
-    for _ in range(RIPPLE_ROUNDS if wave is not None else 0):
-        squares = found.extra[:, E:] ** 2 + found.spread[:, E:] ** 2
-        sizes = np.repeat(np.sqrt(squares.mean(axis=1))[:, None], squares.shape[1], axis=1)
-        outputs = [
-            replace(o, deviations=np.append(o.deviations[:E], size))
-            for o, size in zip(outputs, sizes, strict=True)
-        ]
-        found = shared_fit(outputs, directions.shape[1], limits)
+    if wave is not None:
+        found = _rippled(found, outputs, E, directions.shape[1], limits)
     take = (found.noise <= OTHER_SCALE * own.deviation)[:, None]
     return replace(
         own,
@@ -132,6 +126,19 @@ def _with_shared(
         deviation=np.where(take[:, 0], found.noise, own.deviation),
         ripple=None if wave is None else np.where(take, found.extra[:, E:], 0.0),
     )
+
+
+def _rippled(found: SharedFit, outputs: Sequence[OutputColumns], E: int, r: int, limits: Array) -> SharedFit:
+    """With the size of each drive's ripple, all columns behind the first E, by expectation maximisation."""
+    for _ in range(RIPPLE_ROUNDS):
+        squares = found.extra[:, E:] ** 2 + found.spread[:, E:] ** 2
+        sizes = np.sqrt(squares.mean(axis=1, keepdims=True)) * np.ones_like(squares)
+        outputs = [
+            replace(o, deviations=np.append(o.deviations[:E], size))
+            for o, size in zip(outputs, sizes, strict=True)
+        ]
+        found = shared_fit(outputs, r, limits)
+    return found
 
 
 LEAST_CORRELATION = 0.5  # s; smoothed commands closer than this repeat each other

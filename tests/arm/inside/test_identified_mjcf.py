@@ -83,6 +83,17 @@ def test_a_urdf_gets_motors_or_servos_where_gains_are_known(tmp_path: Path) -> N
         assert servos.actuator(name).forcerange.tolist() == [-60.0, 60.0]
 
 
+def test_a_root_link_may_be_called_world(tmp_path: Path) -> None:
+    """As of a UR5 and an xArm7: MuJoCo keeps that name for itself."""
+    path = write(tmp_path)
+    spec = spec_of(path)
+    own = compiled(mjcf(spec, {}, {}))
+    path.write_text(path.read_text().replace('"base"', '"world"'))
+    model = compiled(mjcf(spec, {}, {}))
+    assert model.nbody == own.nbody
+    np.testing.assert_array_equal(model.body_mass, own.body_mass)
+
+
 def test_an_mjcf_keeps_its_meshes_and_its_actuators(tmp_path: Path) -> None:
     (tmp_path / "parts").mkdir()
     triangles = "v 0 0 0\nv .1 0 0\nv 0 .1 0\nv 0 0 .1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 1 4 3\n"

@@ -121,6 +121,18 @@ def test_a_term_that_is_there_is_shown_and_one_that_is_not_is_zero(
     assert 0.0 < found.deviation[0, k] < 0.5 * wanted
 
 
+def test_no_drive_sticks_less_than_it_slides(robot: tuple[ArmSpec, Path], fit: ParameterFit) -> None:
+    """A friction that rises with speed as no viscous one does: the dip would be below zero."""
+    k, level = TERMS.index("stribeck"), TERMS.index("coulomb")
+    found = fitted(
+        robot, lambda qd, _: usual(qd, _) - 0.3 * np.exp(-((qd / (8 * V0)) ** 2)) * np.tanh(qd / V0)
+    )
+    assert found.evidence[0, k] > 4.0, "the data would show it"
+    assert (found.terms[:, k] >= 0.0).all()
+    assert found.deviation[0, k] == 0.0
+    assert abs(found.terms[0, level] - FRICTION[0]) < 0.3
+
+
 def test_evidence_is_the_density_of_zero_before_and_after() -> None:
     before, after, value = 2.0, 0.1, 0.3
     density = [np.exp(-0.5 * (x / s) ** 2) / s for x, s in ((0.0, before), (value, after))]

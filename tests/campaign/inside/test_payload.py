@@ -12,12 +12,12 @@ import pytest
 from small_robot import random_motion
 from test_changed_load import arm, saved, written
 
-from etude import tell
-from etude.campaign import Campaign, open_campaign
+from etude import ask, tell
+from etude.campaign import Campaign, ask_to_weigh, open_campaign, stored_trajectory
 from etude.campaign.deployment.payload import payload
 from etude.campaign.ingest.questions import body_of
 from etude.cli import main
-from etude.errors import UsageError
+from etude.errors import DataError, UsageError
 from etude.models import about_origin
 from etude.protocols import Trajectory
 from etude.types import Log
@@ -40,9 +40,10 @@ def carrying(
     campaign: Campaign,
     motion: Trajectory,
     kg: float,
+    lasting: float = 30.0,
 ) -> Path:
-    """A log of 30 s."""
-    t = np.arange(0.0, 30.0, 0.02)
+    """A log of so many seconds."""
+    t = np.arange(0.0, lasting, 0.02)
     orders = motion.motion(t % motion.duration, 3).orders
     states = Log(t, {}, {}, "states")
     for channel, values in zip(campaign.channels, orders, strict=False):
@@ -78,3 +79,47 @@ def test_it_is_written_once_and_added_to_what_was_there(
     with pytest.raises(UsageError, match="another payload"):
         payload(open_campaign(tmp_path / "lab"), log, write=True)
     assert tomllib.loads((tmp_path / "lab" / "robot.toml").read_text())["payload"] == stated
+
+
+@pytest.mark.slow
+def test_the_motion_that_is_asked_for_shows_most(
+    lab: Campaign, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """It is proved, told to nobody, open until another is asked for, and better than random ones."""
+    shutil.copytree(lab.path, tmp_path / "lab")
+    own = open_campaign(tmp_path / "lab")
+    before = len(own.state().proposals)
+    asked = ask_to_weigh(own)
+    assert asked.certificate.ok
+    assert asked.certificate.at_rest
+    assert asked.duration == pytest.approx(10.0, abs=0.5)
+    assert len(own.state().proposals) == before, "a plain ask must not take it for its own"
+    again = ask_to_weigh(open_campaign(own.path))
+    assert (again.number, again.new) == (asked.number, False)
+    motion = stored_trajectory(own, asked.number)
+    log = carrying(tmp_path / "run.csv", own, motion, KG, motion.duration)
+    designed = payload(own, log).load
+    assert abs(designed.mass - KG) < 2.5 * designed.deviation
+    random = [
+        payload(own, carrying(tmp_path / "random.csv", own, random_motion(own, seed), KG, 10.0)).load
+        for seed in range(11, 16)
+    ]
+    assert designed.deviation < np.median([one.deviation for one in random])
+    size = [np.linalg.norm(one.centre_deviation[[0, 2]]) for one in (designed, *random)]
+    assert size[0] < np.median(size[1:])
+    assert main(["ask", str(own.path), "--payload", "--speed", "50"]) == 0
+    said = capsys.readouterr().out
+    assert f"etude payload {own.path} --log LOG" in said
+    assert "mass +- " in said or "still open" in said
+    with pytest.raises(DataError, match="weighs a load and is never learned from"):
+        tell(own, log)
+    with pytest.raises(UsageError, match="nothing is learned from it"):
+        tell(own, log, number=asked.number)
+    assert ask(own).number == asked.number + 1
+
+
+def test_a_motion_that_weighs_is_for_no_task_and_has_no_effort(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["ask", str(arm(tmp_path).path), "--payload", "--effort"]) == 2
+    assert "takes no --tasks, --control or --effort" in capsys.readouterr().err

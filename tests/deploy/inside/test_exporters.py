@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import math
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, ClassVar
 
@@ -21,9 +22,11 @@ from etude.testing import ExporterSuite, World, world
 from etude.trajectories import PointToPoint
 
 ARM, VEHICLE = (plugins.load("etude.robots", name) for name in ("arm", "quadrotor"))
-ACCURACY = {"lerobot": 1e-4, "px4": 0.1, "crazyflie": 1e-4}
-"""Lines of single precision; steps held for 20 ms; 31 pieces."""
+ACCURACY = {"lerobot": 1e-4, "urscript": 1e-5, "urscript_cb": 1e-4, "px4": 0.1, "crazyflie": 1e-4}
+"""Lines of single precision, of 2 and of 8 ms; steps held for 20 ms; 31 pieces."""
 SPACE = ("px4", "crazyflie")
+SIX_JOINTS = ("urscript", "urscript_cb")
+UR10 = Path(__file__).parents[3] / "examples" / "ur10" / "ur10.toml"
 NAMES = plugins.names("etude.exporters")
 pytestmark = pytest.mark.filterwarnings("error")
 
@@ -34,8 +37,12 @@ def exporter(name: str) -> Any:
     return plugins.load("etude.exporters", name)
 
 
+def robot_of(name: str) -> str:
+    return "quadrotor" if name in SPACE else str(UR10) if name in SIX_JOINTS else "arm4"
+
+
 def here(name: str) -> World:
-    return world(VEHICLE, "quadrotor") if name in SPACE else world(ARM, "arm4")
+    return world(VEHICLE if name in SPACE else ARM, robot_of(name))
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -44,7 +51,7 @@ def test_laws(name: str, law: str) -> None:
     own = exporter(name)
 
     class Suite(ExporterSuite):
-        kind, robot = here(name).kind, here(name).spec.name
+        kind, robot = here(name).kind, robot_of(name)
         accuracy: ClassVar[float] = ACCURACY.get(name, 1e-6)
 
     Suite.exporter = own

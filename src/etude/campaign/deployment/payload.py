@@ -14,10 +14,11 @@ from etude.campaign.ingest.questions import answers_of, body_of, questions_of
 from etude.campaign.record.deployed_model import DeployedModel, deployed_model
 from etude.campaign.record.folder import ROBOT, Campaign, Say
 from etude.campaign.record.stored_models import ingested_samples, of_another_body
-from etude.errors import DataError, UsageError
+from etude.errors import DataError, UsageError, typed
 from etude.logs.columns.units import start_at_zero
 from etude.models.accuracy import NORMAL_95
 from etude.models.change.load import Load, apparent_loads, load_of
+from etude.models.learned_model import LearnedModel
 from etude.storage import write_atomic
 from etude.types import Array
 
@@ -29,9 +30,7 @@ SCALE = "scale"
 """The check of command units that a load answers."""
 MUCH_LEFT = 4.0
 """Times the predicted variance, of the errors that a load leaves: something else has changed too."""
-MOTION = (
-    "Record a motion that turns the last link about horizontal axes, with several joints at once: etude ask."
-)
+MOTION = "Record the motion that shows most of it: etude ask {} --payload."
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,14 +72,7 @@ def payload(
     """
     used = deployed_model(campaign)
     say(used.sentence)
-    body: object = body_of(campaign.kind, campaign.spec)
-    if not isinstance(body, SupportsVariations):
-        raise UsageError(
-            f"what hangs at '{campaign.spec.name}' cannot be weighed: that takes a model file with masses "
-            "and commands that are forces",
-            where=str(campaign.path / ROBOT),
-            next_step="Name a URDF or MJCF as model_file, and record torques in N m.",
-        )
+    body = weighable(campaign)
     # a wrist that carries something needs several times its own torque, which looks like another unit
     answers = answers_of(campaign.state(), (*accept, SCALE), ())
     asked = questions_of(campaign, campaign.state(), answers)
@@ -88,27 +80,47 @@ def payload(
     group = np.zeros(len(rows), dtype=np.int64)
     samples = campaign.kind.samples(campaign.spec, campaign.config, [rows], [group])
     try:
-        load = load_of(used.model, samples, body, _apparent(campaign, used, body))
+        load = load_of(used.model, samples, body, apparent_of(campaign, used.model, body))
     except KeyError as error:
         raise DataError(f"the log lacks an input of the model ({error.args[0]})", where=str(log)) from None
-    said = _sentences(load)
+    said = _sentences(load, campaign.path)
     return Weighed(used, load, said, _written(campaign, used, load) if write else None)
 
 
-def _apparent(campaign: Campaign, used: DeployedModel, body: SupportsVariations) -> Array | None:
+def weighable(campaign: Campaign) -> SupportsVariations:
+    """What the model file says of the commands. UsageError: nothing, or a robot without a hand."""
+    if not isinstance(campaign.kind, SupportsPayload):
+        raise UsageError(
+            f"robots of the kind '{campaign.kind.name}' have no hand that something hangs at",
+            where=str(campaign.path / ROBOT),
+            next_step=f"What logs say of its body: etude export {typed(campaign.path)} --to parameters.",
+        )
+    body: object = body_of(campaign.kind, campaign.spec)
+    if isinstance(body, SupportsVariations):
+        return body
+    raise UsageError(
+        f"what hangs at '{campaign.spec.name}' cannot be weighed: that takes a model file with masses "
+        "and commands that are forces",
+        where=str(campaign.path / ROBOT),
+        next_step="Name a URDF or MJCF as model_file, and record torques in N m.",
+    )
+
+
+def apparent_of(campaign: Campaign, model: LearnedModel, body: SupportsVariations) -> Array | None:
     """Loads that the logs of the model seem to carry; None where no physics tell."""
     physics: object = campaign.kind.physics(campaign.spec, campaign.config).get("identified")
     numbers = [r.number for r in campaign.state().learned if campaign.run_file(r.number).is_file()]
     if not isinstance(physics, SupportsWithout) or not numbers:
         return None
     told = ingested_samples(campaign, numbers)
-    return apparent_loads(physics.without(told, told.group), used.model, told, body)
+    return apparent_loads(physics.without(told, told.group), model, told, body)
 
 
-def _sentences(load: Load) -> tuple[str, ...]:
+def _sentences(load: Load, folder: Path) -> tuple[str, ...]:
     low, high = load.interval
+    motion = MOTION.format(typed(folder))
     if load.verdict == "cannot tell":
-        return (f"The motion cannot tell a load: {low:.2g} to {high:.2g} kg. {MOTION}",)
+        return (f"The motion cannot tell a load: {low:.2g} to {high:.2g} kg. {motion}",)
     if load.verdict == "none":
         return (f"No load shows: {low:.2g} to {high:.2g} kg.",)
     less = " less than the model knows" if load.mass < 0.0 else ""
@@ -120,7 +132,7 @@ def _sentences(load: Load) -> tuple[str, ...]:
     ]
     found.append(f"Centre of mass, in the frame of the link that the last axis moves: {', '.join(told)}.")
     if (NORMAL_95 * load.centre_deviation > TOLD).any():
-        found.append(MOTION)
+        found.append(motion)
     if load.left > MUCH_LEFT:
         found.append(
             f"The load leaves errors of {load.left:.2g} times their variance: something else has changed "
@@ -132,12 +144,12 @@ def _sentences(load: Load) -> tuple[str, ...]:
 def _written(campaign: Campaign, used: DeployedModel, load: Load) -> Path:
     kind, place = campaign.kind, campaign.path / ROBOT
     if load.verdict != "load" or not isinstance(kind, SupportsPayload):
-        raise UsageError(f"nothing to write: {_sentences(load)[0]}", where=str(place))
+        raise UsageError(f"nothing to write: {_sentences(load, campaign.path)[0]}", where=str(place))
     if NORMAL_95 * load.deviation > ROUGH * abs(load.mass):
         raise UsageError(
-            f"the load is known too roughly to be written: {_sentences(load)[0]}",
+            f"the load is known too roughly to be written: {_sentences(load, campaign.path)[0]}",
             where=str(place),
-            next_step=MOTION,
+            next_step=MOTION.format(typed(campaign.path)),
         )
     if of_another_body(campaign, used.number):
         raise UsageError(

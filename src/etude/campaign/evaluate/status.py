@@ -99,6 +99,8 @@ def _standing(round_: Round) -> str:
         return "abandoned"
     if round_.confirms:
         return f"confirms, {len(round_.runs)} of 2 runs"
+    if round_.weighs:
+        return "weighs a load"
     if round_.ingested is None:
         return "open" if round_.asked is not None else "taken back"
     if round_.excluded:

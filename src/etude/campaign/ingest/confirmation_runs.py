@@ -11,6 +11,7 @@ import numpy as np
 
 from etude.campaign.ingest.ingest_result import How, IngestResult, aligned_with, read
 from etude.campaign.ingest.questions import answers_of, questions_of
+from etude.campaign.ingest.recordings import Evidence, evidence_in, planned_log
 from etude.campaign.record.confirmation import FEEDFORWARD, RUNS, errors, moving, without_it
 from etude.campaign.record.events import Confirmed, Figures
 from etude.campaign.record.folder import Campaign
@@ -44,7 +45,11 @@ def take_run(
     answers = answers_of(state, how.get("accept", ()), how.get("repair", ()))
     asked = questions_of(campaign, state, answers)
     log = read(campaign, path, degrees=how.get("degrees", False), topics=how.get("topics", ()), asked=asked)
-    number, aligned = _confirming(campaign, log, known if number is None else [number])
+    evidence = evidence_in(campaign, path)
+    if evidence is None:
+        number, aligned = _confirming(campaign, log, known if number is None else [number])
+    else:
+        number, aligned = _sent(campaign, evidence, log, known, path)
     sent = Sent.of(campaign, number)
     found = measured_run(campaign, aligned, stored_trajectory(campaign, number), run, sent)
     place = campaign.run_file(number).with_suffix(f".{run}.parquet")
@@ -66,15 +71,31 @@ def _confirming(campaign: Campaign, log: Log, numbers: Sequence[int]) -> tuple[i
     raise refused
 
 
-def check_no_confirmation(campaign: Campaign, state: State, log: Log, path: Path) -> None:
-    """DataError: it is a run of a motion that confirms, from which nothing may be learned."""
-    known = [r.number for r in reversed(state.confirmations)]
+def _sent(
+    campaign: Campaign, evidence: Evidence, log: Log, numbers: Sequence[int], path: Path
+) -> tuple[int, Log]:
+    """The motion that a recording is of. DataError: it is none of these, or did not reach its end."""
+    number = evidence.answers(campaign)
+    if number is None or number not in numbers:
+        raise DataError("this is no recording of a whole motion that confirms", where=str(path))
+    return number, planned_log(campaign, evidence, log)
+
+
+def check_may_teach(campaign: Campaign, state: State, log: Log, path: Path) -> None:
+    """DataError: it is a run of a motion that confirms or weighs, from which nothing may be learned."""
+    known = [r.number for r in reversed((*state.confirmations, *state.weighings))]
     if not known or campaign.kind.path not in log:
         return
     try:
         number = _confirming(campaign, log, known)[0]
     except DataError:
         return
+    if state.rounds[number].weighs:
+        raise DataError(
+            f"this is a run of trajectory {number}, which weighs a load and is never learned from",
+            where=str(path),
+            next_step=f"etude payload {typed(campaign.path)} --log {typed(path)}",
+        )
     raise DataError(
         f"this is a run of trajectory {number}, which confirms and is never learned from",
         where=str(path),

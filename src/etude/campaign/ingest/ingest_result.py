@@ -8,10 +8,11 @@ from pathlib import Path
 from typing import TypedDict
 
 from etude.campaign.ingest.questions import Answers, LogQuestions
+from etude.campaign.ingest.recordings import evidence_in, log_of
 from etude.campaign.record.folder import Campaign
 from etude.codes import Notice
 from etude.logs.alignment.alignment import align
-from etude.logs.cleaning.read import Settle, read_log
+from etude.logs.cleaning.read import Settle, clean_log, read_log
 from etude.protocols import Trajectory
 from etude.types import Finding, Log
 
@@ -103,6 +104,10 @@ def read_settled(
 ) -> Log:
     """The log in a file after the doctor of all logs, who asks `settle`. Arguments and errors as `read`."""
     expected = campaign.kind.expected(campaign.spec)
+    evidence = evidence_in(campaign, path)
+    if evidence is not None:
+        log = log_of(campaign, evidence, path.name)
+        return clean_log(log, campaign.channels, expected.limits, log.channels, settle)
     return read_log(
         path,
         campaign.channels,

@@ -16,9 +16,10 @@ from typing import Unpack, overload
 import numpy as np
 
 from etude.campaign.ingest.command_decisions import MOST_NEW, Survey, told_logs
-from etude.campaign.ingest.confirmation_runs import check_no_confirmation, take_run
+from etude.campaign.ingest.confirmation_runs import check_may_teach, take_run
 from etude.campaign.ingest.ingest_result import How, IngestResult, aligned_with, read, read_settled
 from etude.campaign.ingest.questions import Answers, LogQuestions, answers_of, body_of, questions_of
+from etude.campaign.ingest.recordings import evidence_in, placed
 from etude.campaign.ingest.robot_changed import answer, change_found
 from etude.campaign.propose.constraints import start_in_words, with_tracking_errors
 from etude.campaign.record.controls import required
@@ -124,6 +125,11 @@ def check_asked(state: State, number: int) -> None:
         raise UsageError(
             f"trajectory {number} confirms, nothing is learned from it",
             next_step="Say which run its log is of: --confirm without, or --confirm with.",
+        )
+    if found.weighs:
+        raise UsageError(
+            f"trajectory {number} weighs a load, nothing is learned from it",
+            next_step="Give its log to: etude payload FOLDER --log LOG.",
         )
     if found.ingested is not None and not found.abandoned:
         raise UsageError(
@@ -239,12 +245,19 @@ def take(
         before = known.ingested
         repairs, findings = (before.repairs, before.findings) if before else ((), ())
         return IngestResult(known.number, True, known.asked is None, repairs, (), findings=findings)
-    control = how.get("control", "")
+    evidence = evidence_in(campaign, path)
+    control = how.get("control", "") or ("" if evidence is None else evidence.control)
     required(control)
     answers = answers_of(state, how.get("accept", ()), how.get("repair", ()))
     asked = questions_of(campaign, state, answers, None if survey is None else survey.of(path))
     log = read(campaign, path, degrees=how.get("degrees", False), topics=how.get("topics", ()), asked=asked)
-    log, answered, speed = _identify(campaign, state, path, number, how.get("foreign", False), log)
+    if evidence is not None:
+        log, answered = placed(campaign, evidence, log)
+        speed, number = FULL, None if answered is None else number
+        if answered is not None:
+            check_asked(state, answered)
+    else:
+        log, answered, speed = _identify(campaign, state, path, number, how.get("foreign", False), log)
     if answered is not None and not holds_enough(log, stored_trajectory(campaign, answered, speed).duration):
         log = log.repaired(
             f"Less than half of proposal {answered} is in it, so that stays open: run it again, or give it "
@@ -296,7 +309,7 @@ def _identify(
         check_asked(state, number)
         candidates = [number]
     else:
-        given_up = [r.number for r in state.rounds.values() if r.asked and r.abandoned and not r.confirms]
+        given_up = [r.number for r in state.rounds.values() if r.teaches and r.abandoned]
         candidates = [] if foreign else [*reversed(open_numbers), *reversed(given_up)]
     refused: DataError | None = None
     for candidate in candidates:
@@ -313,7 +326,7 @@ def _identify(
                 if candidate in open_numbers or candidate == number:
                     raise
     if number is None or foreign:
-        check_no_confirmation(campaign, state, log, path)
+        check_may_teach(campaign, state, log, path)
     if refused is None or (number is None and not open_numbers):
         return start_at_zero(log), None, FULL
     raise DataError(

@@ -13,6 +13,7 @@ import numpy as np
 
 from etude.abilities import SupportsOrder, SupportsPoses
 from etude.campaign.propose.constraints import Constraints
+from etude.campaign.propose.proposal import reachable
 from etude.campaign.propose.typical_motions import approaches_of
 from etude.campaign.record.events import Exported
 from etude.campaign.record.folder import Campaign
@@ -109,18 +110,25 @@ class There:
 
 
 def there_and_back(
-    motion: Trajectory, pose: Array, approaches: Approaches, limits: Sequence[Limit], home: Array
+    motion: Trajectory,
+    pose: Array,
+    approaches: Approaches,
+    limits: Sequence[Limit],
+    home: Array,
+    clear: Array | None = None,
 ) -> There | None:
-    """Straight ways, or by home where these are not proved; None from kinds that know none.
+    """Straight ways, or by home where these are not proved, or by a clear pose and home; None from kinds that
+    know none.
 
     A motion that is in motion at its ends is led in and out along its own path, if that goes on.
 
     Args:
         motion: what is run. pose: (k,) where the robot stands, and shall stand again.
         approaches: the kind's. limits: what may not be exceeded. home: (k,) a pose clear of everything.
+        clear: (n, k) poses from which a straight way leads home; None: none are known.
 
     Raises:
-        UnsafeTrajectoryError: neither way is proved; says what the straight one would leave or touch.
+        UnsafeTrajectoryError: no way is proved; says what the straight one would leave or touch.
     """
     before, after = leads(motion, limits) or (None, None)
     led = with_leads(motion, before, after)
@@ -130,8 +138,9 @@ def there_and_back(
     out, back = approaches(by_home[0], pose), approaches(by_home[1], pose)
     assert out is not None
     assert back is not None
-    approach = _proved([(straight[0],), (out[0], by_home[0])], limits)
-    returned = _proved([(straight[1],), (by_home[1], back[1])], limits)
+    around = [] if clear is None else _around(by_home, pose, approaches, clear)
+    approach = _proved([(straight[0],), (out[0], by_home[0]), *(to for to, _ in around)], limits)
+    returned = _proved([(straight[1],), (by_home[1], back[1]), *(back for _, back in around)], limits)
     there, again = _labelled("approach", approach), _labelled("return", returned)
     meet = _meet(approach[-1], led, returned[0])
     there = there if before is None else (*there, ("lead-in", before))
@@ -139,6 +148,28 @@ def there_and_back(
     own = [(label, piece) for _, label, piece in motion.pieces()]
     whole = Chain((*there, *own, *again)) if meet else None
     return There(_joined(there), _joined(again), whole)
+
+
+MOST_AROUND = 24
+"""Clear poses, the nearest first, by which a way is looked for."""
+Legs = tuple[Trajectory, ...]
+
+
+def _around(
+    by_home: tuple[Trajectory, Trajectory], pose: Array, approaches: Approaches, clear: Array
+) -> list[tuple[Legs, Legs]]:
+    """Ways by a clear pose and home, there and back: from a pose that home is not seen from."""
+    found: list[tuple[Legs, Legs]] = []
+    size = np.maximum(np.ptp(clear, axis=0), np.finfo(float).tiny)
+    near = np.argsort(np.linalg.norm((clear - pose) / size, axis=1), kind="stable")
+    for corner in clear[near[:MOST_AROUND]]:
+        inner = approaches(by_home[0], corner)
+        outer = None if inner is None else approaches(inner[0], pose)
+        after = approaches(by_home[1], corner)
+        last = None if after is None else approaches(after[1], pose)
+        if inner is not None and outer is not None and after is not None and last is not None:
+            found.append(((outer[0], inner[0], by_home[0]), (by_home[1], after[1], last[1])))
+    return found
 
 
 def require_inside(pose: Array, lower: Array, upper: Array, names: Sequence[str]) -> None:
@@ -155,7 +186,7 @@ def require_inside(pose: Array, lower: Array, upper: Array, names: Sequence[str]
 def _proved(tried: Sequence[tuple[Trajectory, ...]], limits: Sequence[Limit]) -> tuple[Trajectory, ...]:
     """The first that is proved, as fast as it is; the last word is what the straight one would do."""
     for parts in tried:
-        for factor in SLOWER:
+        for factor in SLOWER if len(parts) < 3 else SLOWER[:1]:
             if factor > 1.0 and not all(_rests(part) for part in parts):
                 break  # it leads into a motion, whose speed is given
             slowed = tuple(part.slowed(factor) for part in parts)
@@ -193,6 +224,12 @@ def _meet(approach: Trajectory, motion: Trajectory, back: Trajectory) -> bool:
     own = _ends(motion)
     jumps = _ends(approach)[1:, 1] - own[1:, 0], _ends(back)[1:, 0] - own[1:, 1]
     return all(np.abs(jump).max() <= JOINED for jump in jumps)
+
+
+def clear_poses(campaign: Campaign) -> Array | None:
+    """(n, k) poses that home is seen from, of robots that keep clear of something."""
+    reach = reachable(campaign)
+    return None if reach is None or len(reach.poses) < 2 else reach.poses
 
 
 def pose_inside(campaign: Campaign, start: str) -> Array:
@@ -241,7 +278,9 @@ def prepared(
     """The pose, the way from it and back, its files by stem; writes nothing. Errors as `approached`."""
     kind, spec, limits = campaign.kind, campaign.spec, constraints.limits(campaign)
     pose = pose_inside(campaign, start)
-    found = there_and_back(motion, pose, approaches_of(campaign), limits, kind.home(spec))
+    found = there_and_back(
+        motion, pose, approaches_of(campaign), limits, kind.home(spec), clear_poses(campaign)
+    )
     if found is None:
         raise UsageError(
             f"robots of the kind '{kind.name}' know no way to a motion's start",

@@ -130,17 +130,32 @@ def ask(
             number, constraints = state.next_number, constraints_now(campaign, state, under)
             check = _approach_check(campaign, start, speed)
             made = _propose(campaign, state, number, constraints, motions, tasks, go_on, say, check)
-        found = present(campaign, number, constraints, made, speed)
-        motion = stored_trajectory(campaign, number, speed)
-        approach = _approach(campaign, number, motion, found, start, constraints) if start else None
-        whole = (
-            (motion, found.folder)
-            if approach is None or approach.whole is None
-            else (approach.whole, approach.folder)
-        )
-        exported = _exported(campaign, number, whole, formats, effort)
+        found = presented(campaign, number, constraints, made, speed, start, formats, effort=effort)
         take_up(campaign)
-        return replace(found, exported=exported, approach=approach)
+        return found
+
+
+def presented(
+    campaign: Campaign,
+    number: int,
+    constraints: Constraints,
+    made: tuple[TrajectoryFiles, str] | None,
+    speed: int,
+    start: str,
+    formats: Sequence[str],
+    *,
+    effort: bool = False,
+) -> Proposal:
+    """A trajectory as `present` has it, with its way from where the robot stands and its formats."""
+    found = present(campaign, number, constraints, made, speed)
+    motion = stored_trajectory(campaign, number, speed)
+    approach = _approach(campaign, number, motion, found, start, constraints) if start else None
+    whole = (
+        (motion, found.folder)
+        if approach is None or approach.whole is None
+        else (approach.whole, approach.folder)
+    )
+    return replace(found, exported=_exported(campaign, number, whole, formats, effort), approach=approach)
 
 
 # what a plain `ask` does not need is not loaded: it is the command that is run most
@@ -291,7 +306,8 @@ def _outside_now(campaign: Campaign, number: int, problem: UnsafeTrajectoryError
     """Why an open proposal cannot be run as it is, and how to come by another."""
     asked = [e for e in campaign.events() if isinstance(e.fact, Asked) and e.number == number]
     why = " and ".join(changed_since(campaign, asked, [name for e in asked for name in e.files]))
-    confirm = "--confirm " * campaign.round(number).confirms
+    known = campaign.round(number)
+    confirm = "--confirm " * known.confirms + "--payload " * known.weighs
     since = f" since {why} changed" if why else ""
     return UnsafeTrajectoryError(
         f"trajectory {number}, which is open, is not proved{since}: {problem.fact}",

@@ -93,6 +93,7 @@ class Asked(Constrained):
         criterion, value, baseline_value, choice, deviation_before, deviation_after, evaluations, seconds:
             of the design; see `design.chain`.
         confirm: it confirms: it runs without and with the feedforward, and nothing learns from it.
+        weighs: it shows what hangs at the hand, and nothing learns from it.
         model_sha256: of the model whose feedforward it has. left_over, trained_speeds: see
             `record.confirmation`.
     """
@@ -112,6 +113,7 @@ class Asked(Constrained):
     evaluations: int = 0
     seconds: float = 0.0
     confirm: bool = False
+    weighs: bool = False
     model_sha256: str = ""
     left_over: Figures | None = None
     trained_speeds: tuple[float, ...] | None = None
@@ -388,11 +390,90 @@ class Confirmed(Fact):
     repairs: tuple[str, ...] = ()
 
 
+@dataclass(frozen=True, kw_only=True)
+class RunBegan(Fact):
+    """`etude run` connected to a robot that it may move.
+
+    Attributes:
+        driver: as it was named. robot, identity: as the robot says. real: it is no simulation.
+        agreed: how the person agreed: "typed", or "--yes" for a simulation.
+        told: what else the robot said of itself, by the name in `drivers.About`.
+    """
+
+    EVENT: ClassVar[str] = "run_began"
+    driver: str
+    robot: str = ""
+    identity: str = ""
+    real: bool = True
+    agreed: str = ""
+    told: Mapping[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, kw_only=True)
+class RobotMotion(Fact):
+    """One motion of a robot that Étude moves.
+
+    Attributes:
+        part: "approach", "motion" or "return". speed: per cent. first: its beginning alone.
+        sha256: of the trajectory's JSON. control: see `record.controls`. identity: of the robot.
+    """
+
+    part: str
+    speed: int = 100
+    first: bool = False
+    sha256: str = ""
+    control: str = ""
+    identity: str = ""
+
+
+@dataclass(frozen=True, kw_only=True)
+class MotionSent(RobotMotion):
+    """Committed before the first set-point: without its `MotionEnded` the robot may have moved.
+
+    Attributes:
+        start: pose (k,) at which it starts, rad (m).
+    """
+
+    EVENT: ClassVar[str] = "motion_sent"
+    start: tuple[float, ...] = ()
+
+
+@dataclass(frozen=True, kw_only=True)
+class MotionEnded(RobotMotion):
+    """What became of it.
+
+    Attributes:
+        ended: see `drivers.Ended`. reason: a sentence. reached: s of the motion. late: cycles missed.
+        worst_error: (k,) largest |measured - asked| in time, rad (m), until it stopped.
+        residual: (k,) largest |command - predicted|, means over 0.1 s; () where nothing was predicted.
+        recording, recording_sha256: its file in the campaign.
+    """
+
+    EVENT: ClassVar[str] = "motion_ended"
+    ended: str
+    reason: str = ""
+    reached: float = 0.0
+    late: int = 0
+    worst_error: Figures = ()
+    residual: Figures = ()
+    recording: str = ""
+    recording_sha256: str = ""
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunEnded(Fact):
+    """`etude run` left the robot at rest. why: a sentence. exit_code: of the command."""
+
+    EVENT: ClassVar[str] = "run_ended"
+    why: str = ""
+    exit_code: int = 0
+
+
 FACTS: Mapping[str, type[Fact]] = {
     kind.EVENT: kind
     for kind in (
         *(Created, Edited, Asked, Exported, Ingested, Untold, Changed, Trained, Evaluated, Abandoned),
-        *(Promoted, RolledBack, Confirmed),
+        *(Promoted, RolledBack, Confirmed, RunBegan, MotionSent, MotionEnded, RunEnded),
     )
 }
 

@@ -15,6 +15,7 @@ from etude.campaign.record.events import (
     Event,
     Ingested,
     Promoted,
+    RobotMotion,
     RolledBack,
     Trained,
     Untold,
@@ -61,6 +62,16 @@ class Round:
         return self.asked is not None and self.asked.confirm
 
     @property
+    def weighs(self) -> bool:
+        """It was asked for to show what hangs at the hand, and is never learned from."""
+        return self.asked is not None and self.asked.weighs
+
+    @property
+    def teaches(self) -> bool:
+        """It was asked for to be learned from."""
+        return self.asked is not None and not self.confirms and not self.weighs
+
+    @property
     def learned(self) -> bool:
         """Its log is in the model."""
         return self.trained is not None or self.learned_with is not None
@@ -68,7 +79,7 @@ class Round:
     @property
     def open(self) -> bool:
         """Asked for, and its log is still awaited."""
-        return self.asked is not None and self.ingested is None and not self.abandoned and not self.confirms
+        return self.teaches and self.ingested is None and not self.abandoned
 
 
 @dataclass(frozen=True)
@@ -146,6 +157,11 @@ class State:
         return [r for _, r in sorted(self.rounds.items()) if r.confirms and not r.abandoned]
 
     @property
+    def weighings(self) -> list[Round]:
+        """Motions that weigh and were not given up, by number."""
+        return [r for _, r in sorted(self.rounds.items()) if r.weighs and not r.abandoned]
+
+    @property
     def next_number(self) -> int:
         return max(self.rounds, default=0) + 1
 
@@ -176,6 +192,8 @@ def _apply(state: State, event: Event) -> State:
             return replace(state, promoted=(*state.promoted, (number, fact)))
         case RolledBack():
             return replace(state, promoted=state.promoted[:-1])
+        case RobotMotion():  # what moved changes nothing that is known; its log does
+            return state
     return state if event.number is None else _in_round(state, event, event.number)
 
 

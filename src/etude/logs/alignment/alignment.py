@@ -256,7 +256,7 @@ def align(
     half = 0.5 / plan.rate
     if not rest:
         aligned = aligned.take((aligned.t >= -half) & (aligned.t <= plan.duration + half))
-    return _with_plan(ended(aligned, plan.duration), trajectory, channels, path)
+    return with_plan(ended(aligned, plan.duration), trajectory, channels, path)
 
 
 def holds_enough(log: Log, duration: float) -> bool:
@@ -504,7 +504,7 @@ def _check_coverage(log: Log, duration: float) -> None:
         )
 
 
-def _with_plan(log: Log, trajectory: Trajectory, channels: Sequence[Channel], path: str) -> Log:
+def with_plan(log: Log, trajectory: Trajectory, channels: Sequence[Channel], path: str) -> Log:
     """The exact planned motion at the log's times; before and after, a trajectory rests."""
     known = {c.name: c for c in channels}
     first = f"{path}_des"

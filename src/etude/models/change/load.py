@@ -20,7 +20,7 @@ from etude.models.accuracy import NORMAL_95
 from etude.models.change.change_detection import doubted
 from etude.models.learned_model import LearnedModel
 from etude.models.scatter import scattered
-from etude.types import Array, Samples
+from etude.types import Array, Log, Samples
 
 Verdict = Literal["load", "none", "cannot tell"]
 SHOWN = 4.0
@@ -82,7 +82,8 @@ def load_of(
     x, covariance, left = _regressed(samples.command - mean, deviation, offset, worth, samples, body)
     if apparent is not None and len(apparent):
         covariance[:10, :10] += apparent.T @ apparent / len(apparent)
-    return _load(x, covariance, left, _whole(samples, body))
+    reach = np.array(samples.log.channels["command"].reach)
+    return _load(x, covariance, left, whole_mass(samples.log, body, reach))
 
 
 def apparent_loads(
@@ -106,27 +107,62 @@ def apparent_loads(
     return np.array(found).reshape(-1, 10)
 
 
+def load_forecast(
+    model: LearnedModel,
+    log: Log,
+    gains: Array,
+    body: SupportsVariations,
+    mass: float,
+    apparent: Array | None = None,
+) -> Array:
+    """(4, 4) covariance of mass and first moments, kg and kg m, that a motion would leave of a load.
+
+    Args:
+        log: states along the motion. gains: (n, J) roots of what its samples are worth.
+        mass: kg, about that of the load. apparent: as of `load_of`.
+    """
+    _, variance, noise = model.parted(log)
+    columns = _columns(log, body, gains / np.sqrt(doubted(variance, noise)))
+    prior = _prior(np.sqrt(noise.mean(axis=0)), mass)
+    found = np.linalg.inv(np.einsum("njp,njq->pq", columns, columns) + np.diag(prior**-2))[:4, :4]
+    if apparent is not None and len(apparent):
+        found = found + apparent[:, :4].T @ apparent[:, :4] / len(apparent)
+    return np.asarray(found)
+
+
+def _columns(log: Log, body: SupportsVariations, weight: Array) -> Array:
+    """(n, J, 10 + J) commands for each parameter of a load and for each offset, times weight (n, J)."""
+    n, J = weight.shape
+    columns = np.zeros((n, J, 10 + J))
+    columns[..., :10] = body.links(log)[:, :, -1]
+    columns[..., 10:] = np.eye(J)
+    return columns * weight[..., None]
+
+
+def _prior(offset: Array, size: float) -> Array:
+    """(10 + J,) deviations of a load of about `size` kg, and of each offset (J,)."""
+    prior = np.concatenate([np.full(10, FREE), offset])
+    prior[1:4], prior[4:10] = size * REACH, size * ROUND**2
+    return prior
+
+
 def _regressed(
     error: Array, deviation: Array, offset: Array, worth: Array, samples: Samples, body: SupportsVariations
 ) -> tuple[Array, Array, float]:
     """x (10 + J,), its covariance, and the mean square that is left, over the variance."""
-    n, J = error.shape
-    columns = np.zeros((n, J, 10 + J))
-    columns[..., :10] = body.links(samples.log)[:, :, -1]
-    columns[..., 10:] = np.eye(J)
-    use = (samples.usable & samples.moving)[..., None]
-    columns, z = use * columns / deviation[..., None], use[..., 0] * error / deviation
+    J = error.shape[1]
+    use = samples.usable & samples.moving
+    columns, z = _columns(samples.log, body, use / deviation), use * error / deviation
     H, g = np.einsum("j,njp,njq->pq", worth, columns, columns), np.einsum("j,njp,nj->p", worth, columns, z)
-    prior = np.concatenate([np.full(10, FREE), offset])
-    expected = np.zeros(10 + J)
+    prior, expected = np.concatenate([np.full(10, FREE), offset]), np.zeros(10 + J)
     for _ in range(PASSES):
         covariance = np.linalg.inv(H + np.diag(prior**-2))
         x = covariance @ (g + expected / prior**2)
         expected[4:10] = about_origin(float(x[0]), x[1:4])
         size = abs(float(x[0])) + float(np.sqrt(covariance[0, 0]))
-        prior[1:4], prior[4:10] = size * REACH, size * ROUND**2
+        prior = _prior(offset, size)
     rest = z - columns @ x
-    left = float(np.sum(worth * rest**2) / max(float(np.sum(worth * use[..., 0])), 1.0))
+    left = float(np.sum(worth * rest**2) / max(float(np.sum(worth * use)), 1.0))
     covariance = max(left, 1.0) * covariance
     stretch = np.floor((samples.t - samples.t[0]) / STRETCH_S).astype(np.int64)
     _, stretch = np.unique(stretch, return_inverse=True)
@@ -142,12 +178,11 @@ def about_origin(mass: float, first: Array) -> Array:
     return np.asarray(full[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]])
 
 
-def _whole(samples: Samples, body: SupportsVariations) -> float:
-    """kg that would take all of some command, somewhere on the way; 0 where no command holds the mass, since
-    the link's origin lies on every axis.
+def whole_mass(log: Log, body: SupportsVariations, reach: Array) -> float:
+    """kg that would take all of some command (reach (J,)), somewhere on the way; 0 where no command holds the
+    mass, since the link's origin lies on every axis.
     """
-    reach = np.array(samples.log.channels["command"].reach)
-    most = float((np.abs(body.links(samples.log)[:, :, -1, 0]).max(axis=0) / reach).max())
+    most = float((np.abs(body.links(log)[:, :, -1, 0]).max(axis=0) / reach).max())
     return 1.0 / most if most > LEAST else 0.0
 
 

@@ -430,13 +430,35 @@ def residuals_of(selection: ModelSelection) -> CrossValidationResiduals:
     return CrossValidationResiduals(rows, selection.samples.group[rows], *own, physics[rows], structure)
 
 
+SAME = 0.05
+"""Part of an error by which it differs from that of physics, below which the command is physics alone."""
+
+
 def _before(selection: ModelSelection) -> tuple[str, Array]:
-    """What the choice is compared with, and its errors (n, J): a model is not held against itself."""
+    """What the choice is compared with, and its errors (n, J): physics alone; of commands that are no more
+    than these, what there was before. A model is not held against itself.
+    """
+    own = selection.left_out.error
     first = next(name for name in PHYSICS if name in selection.held_out)
-    for structure in dict.fromkeys((first, "nominal")):
-        held = selection.held_out.get(structure)
-        if held is not None and not np.array_equal(held.error, selection.left_out.error, equal_nan=True):
-            return structure, held.error
+    names = [name for name in dict.fromkeys((first, "nominal")) if name in selection.held_out]
+    known = [(name, selection.held_out[name].error) for name in names] + [(CONSTANT, _constant(selection))]
+    found, used = np.empty_like(own), []
+    for j, error in enumerate(own.T):
+        other = next(pair for pair in known if pair[0] == CONSTANT or not _is_same(error, pair[1][:, j]))
+        found[:, j] = other[1][:, j]
+        used.append(other[0])
+    return next(name for name, _ in known if name in used), found
+
+
+def _is_same(error: Array, other: Array) -> bool:
+    """Whether two errors (n,) are those of one model, where both are known."""
+    both = np.isfinite(error) & np.isfinite(other)
+    size = float(np.linalg.norm(other[both]))
+    return bool(both.any()) and float(np.linalg.norm(error[both] - other[both])) <= SAME * size
+
+
+def _constant(selection: ModelSelection) -> Array:
+    """(n, J) errors of a constant command, the mean of the other folds."""
     command, fold, error = selection.judge, selection.left_out.fold, selection.left_out.error
     known = np.where(np.isfinite(error), command, np.nan)
     left = np.full_like(known, np.nan)
@@ -444,7 +466,7 @@ def _before(selection: ModelSelection) -> tuple[str, Array]:
         own = fold == number
         means = [fold_mean(column) for column in known[~own].T]
         left[own] = known[own] - np.array(means)
-    return CONSTANT, left
+    return left
 
 
 def read_residuals(path: Path) -> CrossValidationResiduals:

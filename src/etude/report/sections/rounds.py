@@ -96,6 +96,8 @@ def _state(entry: Round) -> str:
         return "abandoned"
     if entry.confirms:
         return "confirms, never learned"
+    if entry.weighs:
+        return "weighs a load, never learned"
     if entry.learned:
         return "learned" if entry.learned_with is None else f"learned with {entry.learned_with}"
     if entry.untold:

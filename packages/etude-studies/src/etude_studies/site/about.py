@@ -14,13 +14,18 @@ RULE = (
     "Every claim is one number a seed, paired: all rows of a seed share the first trajectory, the tests and "
     "the noise. Most are logarithms of a ratio; shown is the factor, with its plain 95 % interval.",
     "A difference is found where a paired t test and random sign flips both fall below "
-    f"{OWN_LEVEL:.0%}, corrected for how many claims of a chapter are asked at once (Holm). Explanations, "
-    "single observations and cited results are exploratory, and corrected at "
+    f"{OWN_LEVEL:.0%}, corrected for how many comparisons rest on the same table or figure (Holm). "
+    "Explanations, single observations and cited results are exploratory, and corrected at "
     f"{EXPLORATORY_LEVEL:.0%} (Benjamini and Hochberg).",
-    f"Where none is found, it is a tie if the 90 % interval lies within a factor of {MARGIN:g} both ways; "
-    "otherwise it is not decided, and the number of seeds that would settle it stands beside it.",
+    f"Where none is found, it is a tie if the 90 % interval lies within a factor of {MARGIN:g} both ways, "
+    "and the test would find a difference of that size more often than not (its power); otherwise it is not "
+    "decided.",
+    "The number of seeds that would settle a claim stands beside it, with its price. That number counts "
+    "once, as one block with twice the p, and neither fewer nor more.",
+    "Another reading exchanges every side of a comparison that it concerns.",
     f"There is no verdict where runs are missing, or more than {FAILED:.0%} of the seeds have no number.",
-    "The words were fixed before any result was looked at.",
+    "The rule was fixed before any result was looked at, and changed once, before any word under it was: "
+    "families by table, power, extra seeds.",
 )
 
 

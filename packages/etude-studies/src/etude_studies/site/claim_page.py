@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Sequence
 
 from etude.report import Html, element, join, number, paragraph, table
@@ -15,7 +16,7 @@ from etude_studies.site.claim_words import (
     printed_words,
     sentence,
 )
-from etude_studies.site.context import Study
+from etude_studies.site.context import Reading, Study
 from etude_studies.site.dot_plot import Dot, dot_plot
 from etude_studies.site.downloads import data_links
 from etude_studies.site.entry_more import reading_name
@@ -24,11 +25,13 @@ from etude_studies.site.numbers import Summary
 from etude_studies.site.page import chip, command, file_of, folded, link, page, word_chip
 from etude_studies.site.seed_plot import Strip, seed_plot
 from etude_studies.site.words import entry_name, plural, row_name, section_name
-from etude_studies.thesis.contrasts import EACH, contrasts
+from etude_studies.thesis.catalogue import catalogue
+from etude_studies.thesis.choosing import runs_of
+from etude_studies.thesis.contrasts import EACH
 from etude_studies.thesis.ledger import Claim, Part
-from etude_studies.thesis.part_verdicts import UNTESTED, PartVerdict
+from etude_studies.thesis.part_verdicts import NOT_RUN, UNTESTED, PartVerdict
 from etude_studies.thesis.parts import in_logs
-from etude_studies.thesis.verdicts import Verdict
+from etude_studies.thesis.verdict_file import Verdict, shown
 
 KINDS = {
     "own": "a result of the thesis",
@@ -52,10 +55,11 @@ def claim_page(study: Study, claim: Claim) -> Html:
         element("blockquote", " … ".join(claim.quote)),
         element("p", chip(verdict), " ", sentence(verdict, _short(study, claim, own)), class_="lead verdict"),
         _again(verdict),
+        _short_of_seeds(study, claim),
         _picture(own, verdict),
         _table(_names(study, claim), own, verdict),
         _told(claim),
-        _command(claim),
+        _command(study, claim, verdict),
         _readings(study, claim, verdict),
         _seeds(study, claim),
         _tests(own, verdict),
@@ -101,6 +105,15 @@ def _again(verdict: Verdict) -> Html:
         return Html("")
     links = [link(file_of(id), id) for id in verdict.same_as]
     return paragraph("It says again ", join(links, ", "), ", and has the verdict of that.")
+
+
+def _short_of_seeds(study: Study, claim: Claim) -> Html:
+    """Runs with fewer seeds than planned, which the verdict rests on all the same."""
+    if claim.untestable:
+        return Html("")
+    counts = [(run, study.planned.get(run, 0), catalogue()[run].seeds) for run in runs_of(claim.id)]
+    lack = [f"{run} {n} of {planned} planned seeds" for run, n, planned in counts if 1 < n < planned]
+    return paragraph(f"Run so far: {', '.join(lack)}.", class_="soft") if lack else Html("")
 
 
 def _matched(own: Sequence[tuple[str, Part]], verdict: Verdict) -> list[tuple[Part, PartVerdict]]:
@@ -164,9 +177,15 @@ def _item(names: Names, part: Part, found: PartVerdict) -> list[object]:
     facts = [estimate(found), f"{found.wins} of {plural(found.seeds, 'seed')} on the claimed side"]
     facts += [f"{plural(found.failed, 'seed')} without a number"] if found.failed else []
     facts += [printed_words(found)] if found.printed is not None else []
+    facts += [f"power {number(found.power, 2)} for {_margin(found)}"] if found.power is not None else []
     facts += [f"{found.needed} seeds would decide it"] if found.needed else []
     facts += [] if found.agree else ["the two tests disagree, and the weaker counts"]
     return [*first, paragraph(word_chip(found.word), " ", "; ".join(facts), ".")]
+
+
+def _margin(found: PartVerdict) -> str:
+    """The smallest effect of interest."""
+    return f"a factor of {number(found.margin)}" if found.log else f"a difference of {number(found.margin)}"
 
 
 def _told(claim: Claim) -> Html:
@@ -177,27 +196,51 @@ def _told(claim: Claim) -> Html:
     return element("dl", *map(Html, parts)) if parts else Html("")
 
 
-def _command(claim: Claim) -> Html:
+def _command(study: Study, claim: Claim, verdict: Verdict) -> Html:
     if claim.untestable:
         return Html("")
-    words = f"etude study run {claim.id} --seeds {claim.seeds}"
-    told = paragraph("The command that computes these numbers again, with as many seeds as planned:")
-    return join([told, command(words), command(f"etude study show {claim.id}"), data_links(claim.id)])
+    words, cost = f"etude study run {claim.id} --seeds {claim.seeds}", study.price(claim.id, claim.seeds)
+    told = paragraph(f"The command that computes these numbers again, with as many seeds as planned{cost}:")
+    again = [told, command(words), command(f"etude study show {claim.id}"), data_links(claim.id)]
+    return join([*_more_seeds(study, claim, verdict.asks), *again])
+
+
+def _more_seeds(study: Study, claim: Claim, asks: int | None) -> list[Html]:
+    """What would decide a claim, and what that costs."""
+    if not asks:
+        return []
+    cost = study.price(claim.id, asks, more=True)
+    told = f"{asks} seeds would decide it at this spread. They count once, all together{cost}:"
+    seeds = f"etude study run {claim.id} --seeds {asks} --go-on"
+    return [paragraph(told), command(seeds), command("etude study report --folder results")]
 
 
 def _readings(study: Study, claim: Claim, verdict: Verdict) -> Html:
-    found = study.readings_of(claim)
+    every = study.readings_of(claim)
+    found = [(own, other) for own, other in every if shown(other) != NOT_RUN]
+    rest = [own.name for own, other in every if shown(other) == NOT_RUN]
+    lack = paragraph(f"Not run with every side: {'; '.join(rest)}.", class_="soft") if rest else ""
     if not found:
-        return Html("")
+        return Html(lack)
     rows: list[list[object]] = [["as above", chip(verdict), ""]]
     for own, other in found:
         estimates = [estimate(part) for part in other.parts[:1]]
         rows.append([reading_name(own), chip(other), *estimates])
-    on = study.depends(claim)
-    note = f"depends on: {'; '.join(on)}" if on else "none of them turns the verdict round"
+    header = ["read so", "verdict", "first comparison"]
     return folded(
-        "The verdict under other readings", table(["read so", "verdict", "first comparison"], rows), note=note
+        "The verdict under other readings", table(header, rows), lack, note=_turns(study, claim, found)
     )
+
+
+def _turns(study: Study, claim: Claim, found: Sequence[tuple[Reading, Verdict]]) -> str:
+    """Whether another reading has another word."""
+    on, word = study.depends(claim), study.verdicts[claim.id].word
+    if on:
+        return f"depends on: {'; '.join(on)}"
+    others = Counter(other.word for _, other in found if other.word != word)
+    if others:
+        return ", ".join(f"{n} of {len(found)}: {other}" for other, n in others.items())
+    return "the same word under each of them"
 
 
 def _seeds(study: Study, claim: Claim) -> Html:
@@ -206,7 +249,7 @@ def _seeds(study: Study, claim: Claim) -> Html:
     for index, part in enumerate(claim.parts):
         log = in_logs(part)
         strips: list[Strip] = []
-        for found in contrasts(part, study.numbers, seeds=claim.seeds):
+        for found in study.contrasts_of(claim, part):
             values = {seed: math.exp(x) if log else x for seed, x in found.x.items()}
             name = f"({index + 1})" + (f" at {found.k}" if found.k is not None else "")
             if values:
@@ -232,6 +275,8 @@ def _tests(own: Sequence[tuple[str, Part]], verdict: Verdict) -> Html:
             number(found.sd),
             f"{number(found.p, 2)} / {number(found.p_permutation, 2)}",
             f"{number(found.p_adjusted, 2)} / {number(found.p_permutation_adjusted, 2)}",
+            number(found.level, 2),
+            number(found.power, 2),
             f"{found.seeds} of {found.planned}",
         ]
         for _, found in _matched(own, verdict)
@@ -239,7 +284,18 @@ def _tests(own: Sequence[tuple[str, Part]], verdict: Verdict) -> Html:
     ]
     if not rows:
         return Html("")
-    header = ["", "95 %", "90 %", "bootstrap 95 %", "sd", "p (t / sign flips)", "adjusted", "seeds"]
+    header = [
+        "",
+        "95 %",
+        "90 %",
+        "bootstrap 95 %",
+        "sd",
+        "p (t / sign flips)",
+        "adjusted",
+        "p to meet",
+        "power",
+        "seeds",
+    ]
     return folded(
         "The tests in full",
         table(header, rows),

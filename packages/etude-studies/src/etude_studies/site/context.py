@@ -6,8 +6,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
+from etude.report import number
 from etude_studies.site.numbers import Numbers
-from etude_studies.thesis.ledger import Claim, Entry, Ledger
+from etude_studies.thesis.choosing import runs_of
+from etude_studies.thesis.contrasts import Contrast, contrasts
+from etude_studies.thesis.kept import planned_seeds, price_s
+from etude_studies.thesis.ledger import Claim, Entry, Ledger, Part
 from etude_studies.thesis.verdicts import Verdict
 
 
@@ -17,12 +21,15 @@ class Reading:
 
     Attributes:
         name: a few words. ambiguity: id of what is read otherwise; "" if nothing of the thesis is.
-        replace: runs by those that take their place. verdicts: of the claims that this touches.
+        replace: runs by those that take their place, of every run that this concerns.
+        tests, measures: those by others that take their place. verdicts: of the claims that this touches.
     """
 
     name: str
     ambiguity: str
     replace: Mapping[str, str]
+    tests: Mapping[str, str] = field(default_factory=dict)
+    measures: Mapping[str, str] = field(default_factory=dict)
     verdicts: Mapping[str, Verdict] = field(default_factory=dict)
 
 
@@ -58,6 +65,22 @@ class Study:
         word = self.verdicts[claim.id].word
         others = ((own, verdict.word) for own, verdict in self.readings_of(claim))
         return tuple(own.name for own, other in others if {word, other} <= set(decided) and word != other)
+
+    @cached_property
+    def planned(self) -> Mapping[str, int]:
+        """Seeds by run that count."""
+        return planned_seeds(self.numbers.results)
+
+    def price(self, id: str, seeds: int, *, more: bool = False) -> str:
+        """ "; 800 CPU seconds" for all those seeds, or for those not there yet; "" if unknown."""
+        runs = [run for run in runs_of(id) if run in self.numbers.results.runs]
+        spent = price_s(runs, seeds, self.numbers.results, more=more)
+        return f"; {number(spent)} CPU seconds" if spent else ""
+
+    def contrasts_of(self, claim: Claim, part: Part) -> tuple[Contrast, ...]:
+        """The numbers of every seed that the verdict on a claim counts."""
+        block = self.verdicts[claim.id].block
+        return contrasts(part, self.numbers, planned=self.planned, seeds=claim.seeds, block=block)
 
     def names(self, claim: Claim) -> dict[str, str]:
         """Labels that the tables and figures behind a claim give to sources, the first of each."""

@@ -15,7 +15,6 @@ from etude.report import Html, element
 from etude_studies.site.context import Study
 from etude_studies.site.numbers import counts, figure_of, printed, summary
 from etude_studies.site.words import once
-from etude_studies.thesis.contrasts import contrasts
 from etude_studies.thesis.ledger import Claim, Entry
 
 FOLDER = "data"
@@ -73,7 +72,7 @@ def _numbers(study: Study, entry: Entry) -> Iterator[tuple[Any, ...]]:
 
 def _contrasts(study: Study, claim: Claim) -> Iterator[tuple[Any, ...]]:
     for index, part in enumerate(claim.parts):
-        for contrast in contrasts(part, study.numbers, seeds=claim.seeds):
+        for contrast in study.contrasts_of(claim, part):
             for seed, x in sorted(contrast.x.items()):
                 yield claim.id, index + 1, "" if contrast.k is None else contrast.k, seed, _short(x)
 

@@ -14,6 +14,8 @@ from etude_studies.site.page import chip, file_of, folded, link
 from etude_studies.site.seed_plot import Strip, seed_plot
 from etude_studies.site.words import axis_label, column_name, once, source_name, test_name
 from etude_studies.thesis.ledger import Entry
+from etude_studies.thesis.part_verdicts import NOT_RUN
+from etude_studies.thesis.verdict_file import shown
 
 COLUMN = "mean"
 
@@ -80,7 +82,7 @@ def _sensitivity(study: Study, entry: Entry) -> Html:
 def _verdicts(study: Study, entry: Entry) -> Html:
     """Claims as columns, readings as rows, the verdict under each."""
     claims = study.claims_of(entry)
-    touched = [own for own in study.readings if any(claim.id in own.verdicts for claim in claims)]
+    touched = [own for own in study.readings if any(_run_so(own, claim.id) for claim in claims)]
     if not touched:
         return Html("")
     header = ["read so", *(link(file_of(claim.id), claim.id) for claim in claims)]
@@ -90,10 +92,14 @@ def _verdicts(study: Study, entry: Entry) -> Html:
 
 
 def reading_name(own: Reading) -> Html:
-    """A reading with what it reads otherwise, and the runs that it exchanges."""
-    runs = ", ".join(f"{new} for {old}" for old, new in own.replace.items())
+    """A reading with what it reads otherwise, and the runs that take others' places."""
+    runs = ", ".join(f"{new} for {old}" for old, new in own.replace.items() if new.isalnum())
     about = f"{own.ambiguity}: " if own.ambiguity else ""
     return Html(element("span", f"{about}{own.name}", " ", element("small", runs, class_="soft")))
+
+
+def _run_so(own: Reading, claim: str) -> bool:
+    return claim in own.verdicts and shown(own.verdicts[claim]) != NOT_RUN
 
 
 def _under(own: Reading, claim: str) -> Html:

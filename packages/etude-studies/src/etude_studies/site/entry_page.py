@@ -30,7 +30,7 @@ def entry_page(study: Study, entry: Entry) -> Html:
         _said(entry),
         pictures(study, entry),
         *_tables(study, entry),
-        _again(entry),
+        _again(study, entry),
         joints(study, entry),
         more(study, entry),
         _neighbours(study, entry),
@@ -91,8 +91,8 @@ def _tables(study: Study, entry: Entry) -> Sequence[Html]:
     return [paragraph(told, class_="soft"), table_over_k(study, entry, column)]
 
 
-def _again(entry: Entry) -> Html:
-    seeds = plural(entry.seeds, "seed")
+def _again(study: Study, entry: Entry) -> Html:
+    seeds = plural(entry.seeds, "seed") + study.price(entry.id, entry.seeds)
     words = paragraph(f"The command that computes it again, with {seeds}:")
     return join([words, command(f"{entry.command} --seeds {entry.seeds}"), data_links(entry.id)])
 

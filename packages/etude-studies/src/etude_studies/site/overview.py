@@ -34,7 +34,7 @@ SECTIONS: Mapping[str, str] = {
 
 def overview(study: Study) -> Html:
     """The whole page."""
-    words = Counter(shown(study.verdicts[claim.id]) for claim in study.ledger.claims)
+    words = Counter(shown(study.verdicts[claim.id]) for claim in _distinct(study))
     return page(
         TITLE,
         element("h1", TITLE),
@@ -50,6 +50,11 @@ def overview(study: Study) -> Html:
         element("ul", *(_entry(study, entry) for entry in study.ledger.entries), class_="entries"),
         here=INDEX,
     )
+
+
+def _distinct(study: Study) -> list[Claim]:
+    """Claims that say nothing again."""
+    return [claim for claim in study.ledger.claims if not claim.alias_of]
 
 
 def _counts(words: Counter[str]) -> Html:
@@ -68,8 +73,9 @@ def _told(study: Study, words: Counter[str]) -> Html:
     runs = [run for run in study.runs if study.numbers.made(run)]
     seeds = sum(len(study.numbers.made(run).get("hashes", {})) for run in runs)
     said = (
-        f"Of {len(study.ledger.claims)} claims {judged} are answered, from {plural(len(runs), 'run')} "
-        f"with {plural(seeds, 'result')} in all. Claims that are said twice are counted twice. "
+        f"Of {len(_distinct(study))} distinct claims {judged} are answered, from {plural(len(runs), 'run')} "
+        f"with {plural(seeds, 'result')} in all. "
+        f"{len(study.ledger.claims) - len(_distinct(study))} more say one of them again. "
         f"“{NOT_RUN.capitalize()}”: their runs are missing or not complete, so they cannot be tested yet. "
     )
     return paragraph(said, link(ABOUT, "What the words mean, and how they are decided."))

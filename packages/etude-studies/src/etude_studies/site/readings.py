@@ -1,35 +1,160 @@
-"""Other readings of the thesis: which runs take which runs' places, and what the verdicts then are."""
+"""Other readings of the thesis: which runs and tests take others' places, and what the verdicts then are.
+
+A reading is a change to settings. Every run that it concerns is exchanged for the run that has its settings
+so changed; where the catalogue has none, the comparison has not been run so, whatever its other sides are.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import json
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict
 from dataclasses import replace as changed_copy
+from functools import cache
+from typing import Any
+
+import msgspec
 
 from etude_studies.site.context import Reading
+from etude_studies.thesis.arm_runs import ARM_RUNS, DOWNSAMPLED, EVERY_SAMPLE, ONE_START, UNREFINED
+from etude_studies.thesis.arm_settings import ArmSettings
 from etude_studies.thesis.contrasts import Values
-from etude_studies.thesis.ledger import Claim, Ledger
-from etude_studies.thesis.verdicts import Verdict, judge, touches
+from etude_studies.thesis.flights import FLIGHT_RUNS
+from etude_studies.thesis.ledger import Claim, Ledger, Part
+from etude_studies.thesis.parts import read_so
+from etude_studies.thesis.verdicts import Verdict, judge
 
-FADED = {run: f"{run}:faded" for run in ("A1", "A7", "S1", "S9")}
+Settings = dict[str, Any]
+Change = Callable[[Settings], Settings | None]
+"""Settings read otherwise; the same where the reading is not about them, None where nothing expresses it."""
+RECORDED = ("rounds", "beside", "described", "again", "source", "flights", "tests", "points", "steps")
+"""Settings of what is recorded, how long, and how finely a design is searched."""
+STEPS = 25
+"""Of the preset."""
+
+
+def missing(run: str) -> str:
+    """What stands for a run that has not been run so."""
+    return f"{run} (so read)"
+
+
+def exchange(change: Change) -> dict[str, str]:
+    """Every run that a change concerns, by the run that has its settings so changed."""
+    runs = _settings()
+    found = {_canonical(own): name for name, own in reversed(runs.items())}
+    out = {}
+    for name, own in runs.items():
+        other = change(own)
+        if other is None:
+            out[name] = missing(name)
+        elif _canonical(other) != _canonical(own):
+            out[name] = found.get(_canonical(other), missing(name))
+    return out
+
+
+@cache
+def _settings() -> dict[str, Settings]:
+    """Of every run of chapters 5 and 6."""
+    arms = {name: asdict(ArmSettings(**own)) for name, (_, own) in ARM_RUNS.items()}
+    return arms | {name: asdict(own) for name, (_, own) in FLIGHT_RUNS.items()}
+
+
+def _canonical(settings: Settings) -> str:
+    own = {name: value for name, value in settings.items() if name not in RECORDED}
+    return json.dumps(own, sort_keys=True, default=str)
+
+
+def _arm(change: Change) -> Change:
+    """A change to arms of the thesis's protocol alone."""
+    return lambda own: change(own) if own.get("preset") == "thesis" else own
+
+
+def _flight(change: Change, vehicle: str = "") -> Change:
+    return lambda own: change(own) if vehicle in own.get("vehicle", ()) else own
+
+
+def _key(name: str, old: Any, new: Any) -> Change:
+    """A value in the place of another."""
+    return lambda own: {**own, name: new} if own.get(name) == old else own
+
+
+def _amplitude(own: Settings) -> Settings | None:
+    # designed trajectories begin with a random one, which no run draws so
+    return None if own["motions"] == "designed" else {**own, "motions": "amplitude"}
+
+
+def _evaluations(own: Settings) -> Settings:
+    steps = own["model"].get("steps", STEPS)
+    return {**own, "model": {**own["model"], "steps": -steps}} if steps > 0 else own
+
+
+def _grown(own: Settings) -> Settings:
+    return {**own, "steps_grow": True} if own["model"].get("schedule") == "reinitialise" else own
+
+
+def _all_samples(own: Settings) -> Settings:
+    if not own["model"].get("process", "").startswith("ssgp") or own["data"] != DOWNSAMPLED:
+        return own
+    more = {"data": {"rate_hz": 100.0}, "model": {**own["model"], "fit_points": EVERY_SAMPLE}}
+    return {**own, **more}
+
+
+def _search(design: Settings) -> Change:
+    def change(own: Settings) -> Settings:
+        return {**own, "design": design} if own["motions"] == "designed" and not own["design"] else own
+
+    return change
+
+
+def _default(own: Settings) -> Settings | None:
+    # the protocol learns by other members of the family: nothing corresponds to the others
+    designed = own["motions"] == "designed"
+    plain = own["model"] == {"process": "thesis_dictionary_error"} and not own["design"]
+    criterion = {"criterion": "log_ivr"} if designed else {}
+    return {**own, "preset": "default", "model": {"rung": "gp"}, "design": criterion} if plain else None
+
+
+def _ladder(own: Settings) -> Settings | None:
+    other = _default(own)
+    return None if other is None else {**other, "model": {"rung": "auto"}}
+
+
+ON_EDGE, EXTREME = (dict.fromkeys(("uniform", "single", "fresh"), kind) for kind in ("boundary", "extreme"))
+SLOW = exchange(_flight(_key("speed", None, 3.0), "quadrotor"))
+HARMONICS = exchange(_flight(_key("harmonics", 2, 5), "quadrotor"))
+KINEMATIC = exchange(_flight(lambda own: {**own, "acceleration": "kinematic"}, "pelican"))
+FLOOR = exchange(_flight(_key("noise_floor", None, 0.2), "quadrotor"))
+RANDOM = exchange(_arm(_amplitude)) | exchange(_flight(_key("arm", "uniform", "scaled")))
+ONE = exchange(_arm(_search(ONE_START))) | exchange(_flight(_key("arm", "designed", "designed_one_start")))
+AROUND = {f"{run}t": run for run in ("A1", "A7", "S1", "S9")}
+WINDOWS = {"after_reversal": "reversal_share", "stuck_after": "stuck_share"}
+"""Rows of runs over time, and of the runs that they are of."""
 READINGS: Sequence[Reading] = (
-    Reading("random trajectories drawn again", "", {"A1": "X1"}),
-    Reading("feedforward fades", "R1", FADED),
-    Reading("random amplitudes, flights of random size", "R2", {"A1": "X2", "Q1": "Q2", "P1": "P3"}),
-    Reading("random flights on the edge", "R2", {"Q1": "Q3"}),
-    Reading("a base frequency for each joint", "R3", {"A1": "X3", "A7": "X4"}),
-    Reading(
-        "steps are evaluations of the likelihood", "R4", {"A1": "X5a", "A3": "X5b", "S1": "X6a", "S2": "X6b"}
-    ),
-    Reading("reinitialised with as many steps in all", "R4", {"A3": "X7"}),
-    Reading("designs from one random start", "R5", {"A7": "X8", "Q4": "Q5", "P2": "P4"}),
-    Reading("spectrum on all samples", "R7", {"S1": "X11"}),
-    Reading("kinematic acceleration on the Pelican", "R12", {"P1": "P5u", "P2": "P5d"}),
-    Reading("a noise floor of 0.2 deviations", "", {"Q1": "Q6u", "Q4": "Q6d"}),
-    Reading("flights up to 3 m/s", "", {"Q1": "Q7u", "Q4": "Q7d"}),
-    Reading("five harmonics", "", {"Q1": "Q8u", "Q4": "Q8d"}),
-    Reading("best of 24 random, not refined", "", {"A7": "X13"}),
-    Reading("default protocol, process alone", "", {"A1": "DP1", "A7": "DP2"}),
-    Reading("default protocol, ladder", "", {"A1": "DP3", "A7": "DP4"}),
+    Reading("random trajectories drawn again", "", exchange(_arm(_key("draw", 0, 1)))),
+    Reading("feedforward fades", "R1", {run: f"{run}:faded" for run in ARM_RUNS}),
+    Reading("random amplitudes, flights of random size", "R2", RANDOM),
+    Reading("random flights on the edge", "R2", exchange(_flight(_key("arm", "uniform", "boundary")))),
+    Reading("a base frequency for each joint", "R3", exchange(_arm(_key("own_omega0", False, True)))),
+    Reading("steps are evaluations of the likelihood", "R4", exchange(_arm(_evaluations))),
+    Reading("reinitialised with as many steps in all", "R4", exchange(_arm(_grown))),
+    Reading("designs from one random start", "R5", ONE),
+    Reading("spectrum on all samples", "R7", exchange(_arm(_all_samples))),
+    Reading("kinematic acceleration on the Pelican", "R12", KINEMATIC),
+    Reading("a noise floor of 0.2 deviations", "", FLOOR),
+    Reading("flights up to 3 m/s", "", SLOW),
+    Reading("five harmonics", "", HARMONICS),
+    Reading("best of 24 random, not refined", "", exchange(_arm(_search(UNREFINED)))),
+    Reading("default protocol, process alone", "", exchange(_arm(_default))),
+    Reading("default protocol, ladder", "", exchange(_arm(_ladder))),
+    Reading("the window around reversals", "", AROUND, measures=WINDOWS),
+    Reading("one test motion common to all seeds", "", {}, {"fourier": "common"}),
+    Reading("point-to-point moves as the test", "", {}, {"fourier": "moves"}),
+    Reading("uniform test flights", "", {}, dict.fromkeys(("single", "fresh"), "uniform")),
+    Reading("one test flight for each seed", "", {}, {"uniform": "single"}),
+    Reading("test flights on the edge", "", {}, ON_EDGE),
+    Reading("extreme test flights", "", {}, EXTREME),
+    Reading("flights up to 3 m/s, extreme test flights", "", SLOW, EXTREME),
+    Reading("five harmonics, extreme test flights", "", HARMONICS, EXTREME),
 )
 
 
@@ -43,14 +168,26 @@ def readings(
     """Each with the verdicts on the claims that it touches."""
     out = []
     for own in among:
-        found = judge(ledger, results, replace=own.replace, planned=planned)
-        out.append(changed_copy(own, verdicts=_touched(ledger, found, own.replace)))
+        read = {claim.id: tuple(_read(own, part) for part in claim.parts) for claim in ledger.claims}
+        claims = tuple(msgspec.structs.replace(claim, parts=read[claim.id]) for claim in ledger.claims)
+        found = judge(Ledger(claims, ledger.entries, ledger.ambiguities), results, planned=planned)
+        out.append(changed_copy(own, verdicts=_touched(ledger, found, read)))
     return out
 
 
-def _touched(ledger: Ledger, found: Mapping[str, Verdict], replace: Mapping[str, str]) -> dict[str, Verdict]:
+def _read(own: Reading, part: Part) -> Part:
+    """A part so read; where two conditions make a reading, it has to change both or it is another's."""
+    other = read_so(part, own.replace, own.tests, own.measures)
+    both = own.replace and own.tests
+    alone = (read_so(part, own.replace), read_so(part, {}, own.tests))
+    return part if both and part in alone else other
+
+
+def _touched(
+    ledger: Ledger, found: Mapping[str, Verdict], read: Mapping[str, tuple[Part, ...]]
+) -> dict[str, Verdict]:
     def changes(claim: Claim) -> bool:
         said = [ledger.claim(id) for id in claim.alias_of] or [claim]
-        return any(touches(one, replace) for one in said)
+        return any(one.parts != read[one.id] for one in said)
 
     return {claim.id: found[claim.id] for claim in ledger.claims if changes(claim)}

@@ -22,7 +22,7 @@
     return found;
   };
   const fits = (item, wanted, text) =>
-    words.get(item).includes(text) &&
+    text.split(/\s+/).every((word) => words.get(item).includes(word)) &&
     [...wanted].every(([facet, values]) => {
       const own = (item.getAttribute("data-" + facet) || "").split("|");
       return values.some((value) => own.includes(value));

@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterator
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from scipy.stats import spearmanr
 
@@ -19,6 +20,8 @@ NEAR_S = 1.0
 REST = 1e-3
 """rad/s, below which a joint rests. MOVES: above which it should move. FROZEN_S: for how long it rests."""
 MOVES, FROZEN_S = 0.02, 0.3
+AGAIN, AGAIN_S = 0.01, 0.1
+"""rad/s in the new direction, and for how long: a joint moves again after a reversal."""
 NEIGHBOURS = 500
 """Samples of each side at which distances are taken."""
 
@@ -63,6 +66,51 @@ def description(log: Log, rate: float) -> Iterator[Figure]:
     yield "reversal_share", np.array([near_share(e, own) for e, own in pairs])
     yield from excursions(np.rad2deg(wanted), np.rad2deg(actual), turns, rate)
     yield "stuck_share", stuck(actual, log["qd_des"], turns, rate)
+
+
+def standing(log: Log, rate: float) -> Iterator[Figure]:
+    """What happens from each reversal of the desired motion until the joint moves again: each (J,).
+
+    `after_reversal` is the share of the error there, `after_reversal_time` that of the time, `stuck_after`
+    the share of reversals after which the joint rests for 0.3 s although it should move.
+
+    Args:
+        log, rate: as in `tracking`.
+    """
+    log = log.take(log.t >= 0.0)
+    wanted, speed = log["q_des"], log["qd_des"]
+    actual_speed = np.gradient(log["q_true"], 1.0 / rate, axis=0)
+    rests = (np.abs(actual_speed) < REST) & (np.abs(speed) > MOVES)
+    error, shares = np.abs(wanted - log["q_true"]), []
+    for joint in range(wanted.shape[1]):
+        windows = until_it_moves(actual_speed[:, joint], speed[:, joint], rate)
+        inside = np.zeros(len(wanted), dtype=bool)
+        for window in windows:
+            inside[window] = True
+        stuck_in = [float(_longest(rests[own, joint]) >= round(FROZEN_S * rate)) for own in windows]
+        whole = error[:, joint].sum()
+        share = float(error[inside, joint].sum() / whole) if windows and whole > 0.0 else math.nan
+        shares.append((share, float(inside.mean()) if windows else math.nan, _mean(stuck_in)))
+    names = ("after_reversal", "after_reversal_time", "stuck_after")
+    yield from (
+        (name, np.array(values)) for name, values in zip(names, zip(*shares, strict=True), strict=True)
+    )
+
+
+def until_it_moves(actual: Array, wanted: Array, rate: float) -> list[slice]:
+    """From each reversal of a desired speed (T,) until the actual one follows; at most until the next one."""
+    turns, hold = reversals(wanted), round(AGAIN_S * rate)
+    windows = []
+    for turn, end in zip(turns, [*turns[1:], len(wanted)], strict=True):
+        follows = actual[turn:end] * np.sign(wanted[turn]) > AGAIN
+        kept = (
+            np.convolve(follows, np.ones(hold), "valid") >= hold - 0.5
+            if len(follows) >= hold
+            else follows[:0]
+        )
+        first = int(kept.argmax()) if kept.any() else end - turn
+        windows.append(slice(int(turn), int(turn) + first))
+    return windows
 
 
 def jerkiness(wanted: Array, actual: Array, rate: float) -> Array:
@@ -165,7 +213,7 @@ def _mean(values: list[float]) -> float:
     return float(np.mean(values)) if values else math.nan
 
 
-def _longest(flags: Array) -> int:
+def _longest(flags: NDArray[np.bool_]) -> int:
     """Length of the longest run of true values."""
     edges = np.flatnonzero(np.diff(np.concatenate([[0], flags.astype(int), [0]])))
     return int((edges[1::2] - edges[::2]).max(initial=0))

@@ -60,8 +60,8 @@ def _default(rung: str, criterion: str = "", **other: Any) -> Settings:
 _FULL = {"process": "exact", "points": 500 * ROUNDS, "fit_points": 500 * ROUNDS}
 _LONG: Settings = {"rounds": LONG, "beside": True, "described": True, "again": 5}
 _DESIGNED: Settings = {"motions": "designed", "beside": True}
-_ONE_START = {"candidates": 1, "refine": 1}
-_UNREFINED = {"candidates": 24, "refine": 0}
+ONE_START = {"candidates": 1, "refine": 1}
+UNREFINED = {"candidates": 24, "refine": 0}
 _RAW = {"inputs": "measured", "cutoff_hz": "none"}
 _AT_ONCE = {"process": "exact", "points": 500, "fit_points": 500}
 
@@ -98,7 +98,7 @@ ARM_RUNS: Mapping[str, tuple[str, Settings]] = {
         "A3 with as many steps in all as A1 has had by then",
         _dictionary(model={"schedule": "reinitialise"}, steps_grow=True),
     ),
-    "X8": ("A7 from one random start", _dictionary(motions="designed", design=_ONE_START)),
+    "X8": ("A7 from one random start", _dictionary(motions="designed", design=ONE_START)),
     "X9": ("A1 on measured positions, differentiated without a filter", _dictionary(data=_RAW)),
     "X11": (
         "S1 on all samples",
@@ -106,7 +106,7 @@ ARM_RUNS: Mapping[str, tuple[str, Settings]] = {
     ),
     "X13": (
         "the best of 24 random trajectories, not refined",
-        _dictionary(motions="designed", design=_UNREFINED),
+        _dictionary(motions="designed", design=UNREFINED),
     ),
     "X14": (
         "exact on 500 samples, evenly spread over all trajectories",

@@ -12,8 +12,9 @@ from etude.threads import threads_for
 from etude.types import Log
 from etude_studies.measured import Measured
 from etude_studies.spec import Spec
-from etude_studies.thesis.arm import PRIMARY, plan_of, stages, tested
+from etude_studies.thesis.arm import PRIMARY, joint_rows, plan_of, stages, tested
 from etude_studies.thesis.arm_lines import Given
+from etude_studies.thesis.arm_measures import standing
 from etude_studies.thesis.arm_motions import tests_of, training_motions
 from etude_studies.thesis.arm_runs import ARM_RUNS, arm_spec
 from etude_studies.thesis.arm_settings import ArmSettings
@@ -46,7 +47,8 @@ def traces(settings: Mapping[str, Any], seed: int, needs: Mapping[str, pl.DataFr
     """The seed's own test at 10 Hz; k counts the instants, the test is named "after 4", ... .
 
     Per joint the desired and the true angle, "q_des" and "q", deg, and the feedforward and the applied
-    command, "u_ff" and "u", command units; of part "mean" the time "t", s.
+    command, "u_ff" and "u", command units; of part "mean" the time "t", s. Beside them what
+    `arm_measures.standing` finds in the whole run, after k trajectories.
 
     Args:
         settings: of `ArmSettings`, and `after`: numbers of trajectories, 0 not among them.
@@ -63,6 +65,7 @@ def traces(settings: Mapping[str, Any], seed: int, needs: Mapping[str, pl.DataFr
                 given = Given(command, world.spec.rate, world.kind.limit(world.spec))
                 log = tested(own, motion, given, seed, PRIMARY)
                 found += drawn_rows(log, world, f"after {stage.number}")
+                found += joint_rows(stage.number, PRIMARY, "", world, standing(log, world.spec.rate))
     return found
 
 

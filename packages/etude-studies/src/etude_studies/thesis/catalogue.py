@@ -13,10 +13,8 @@ from etude_studies.spec import Spec
 from etude_studies.thesis.arm_runs import ARM_RUNS, CONTROLLERS, MINIATURE, arm_spec, baseline_spec
 from etude_studies.thesis.beyond_runs import BEYOND_LINES, BEYOND_RUNS, ROUGH
 
-ARM_SEEDS, FULL_SEEDS, FLIGHT_SEEDS, BEYOND_SEEDS = 20, 10, 60, 20
+ARM_SEEDS, FLIGHT_SEEDS, BEYOND_SEEDS = 20, 60, 20
 SMALL_SEEDS = 2
-FEWER = {"A6": FULL_SEEDS, "X11": 3, "Y2": FULL_SEEDS, "Y3": FULL_SEEDS, "Y4": FULL_SEEDS}
-"""Seeds of runs that would take days: full regression on 3,000 points; a spectrum on 36,000."""
 
 
 @dataclass(frozen=True)
@@ -48,7 +46,7 @@ def catalogue() -> Mapping[str, Run]:
     for name, (what, controller) in CONTROLLERS.items():
         runs.append(Run(name, what, ARM_SEEDS, partial(baseline_spec, controller)))
     for name, (what, settings) in ARM_RUNS.items():
-        runs.append(Run(name, what, FEWER.get(name, ARM_SEEDS), partial(arm_spec, settings)))
+        runs.append(Run(name, what, ARM_SEEDS, partial(arm_spec, settings)))
     for name, (what, settings) in BEYOND_RUNS.items():
         runs.append(Run(name, what, BEYOND_SEEDS, partial(arm_spec, settings)))
     for name, (what, controller) in BEYOND_LINES.items():

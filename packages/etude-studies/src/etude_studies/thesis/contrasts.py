@@ -15,8 +15,9 @@ from typing import Protocol
 
 import numpy as np
 
+from etude.types import Array
 from etude_studies.thesis.ledger_items import Part
-from etude_studies.thesis.parts import check, exchanged, parts_read, run_of, sources
+from etude_studies.thesis.parts import check, parts_read, run_of, sources
 
 RISE = 1.02
 """A step by less counts as none."""
@@ -38,7 +39,7 @@ class Contrast:
     Attributes:
         x: finite numbers by seed.
         planned: seeds that there should be, failed ones included.
-        stored: by source, after the exchange, how many of its seeds have anything here.
+        stored: by source, how many of its seeds have anything here.
         k: the count of trajectories of "ratio_each", else None.
     """
 
@@ -57,45 +58,47 @@ def contrasts(
     part: Part,
     results: Values,
     *,
-    replace: Mapping[str, str] | None = None,
     planned: Mapping[str, int] | None = None,
     seeds: int = 0,
+    block: int = 0,
 ) -> tuple[Contrast, ...]:
     """x_s of `part`: one contrast, or one at each k of "ratio_each".
 
     Args:
         part: what is claimed.
         results: what was measured.
-        replace: run or source by the one that takes its place.
-        planned: seeds by run. seeds: the same for runs that are not in it.
+        planned: seeds by run; those beyond are left out. seeds: planned of runs that are not in it.
+        block: the number of seeds in the place of both; 0: as planned.
 
     Raises:
         UsageError: an unknown statistic or claim, or a part without what its statistic needs.
     """
     check(part)
-    cells = _Cells(part, results, replace or {})
-    plan = min((planned or {}).get(run_of(source), seeds) for source in cells.stored)
+    cells = _Cells(part, results)
+    known = {} if block else planned or {}
+    plan = min(known.get(run_of(source), block or seeds) for source in cells.stored)
+    most = [count for source in cells.stored if (count := known.get(run_of(source), block))]
+    counted = sorted(set.intersection(*cells.stored.values()))[: min(most, default=None)]
     if part.statistic == EACH:
-        return tuple(_contrast(cells, plan, (k,), k) for k in part.at)
-    return (_contrast(cells, plan, tuple(part.at), None),)
+        return tuple(_contrast(cells, counted, plan, (k,), k) for k in part.at)
+    return (_contrast(cells, counted, plan, tuple(part.at), None),)
 
 
 class _Cells:
-    """The numbers of one part, each read once; `stored`: the seeds of each source after the exchange."""
+    """The numbers of one part, each read once; `stored`: the seeds of each source."""
 
-    def __init__(self, part: Part, results: Values, replace: Mapping[str, str]) -> None:
+    def __init__(self, part: Part, results: Values) -> None:
         self.part = part
-        self._results, self._replace = results, replace
+        self._results = results
         self._read: dict[tuple[str, int, str], Mapping[int, float]] = {}
-        self.stored = {exchanged(source, replace): self._seeds(source) for source in sources(part)}
+        self.stored = {source: self._seeds(source) for source in sources(part)}
 
     def of(self, source: str, k: int, name: str) -> Mapping[int, float]:
         """By seed, in joint or command `name`."""
         key = (source, k, name)
         if key not in self._read:
-            where = exchanged(source, self._replace)
             own = self.part
-            self._read[key] = self._results.values(where, own.measure, k, own.test, name)
+            self._read[key] = self._results.values(source, own.measure, k, own.test, name)
         return self._read[key]
 
     def _seeds(self, source: str) -> set[int]:
@@ -125,13 +128,16 @@ class _Seed:
         return _mean(self.log(a, k) - self.log(b, k) for k in at)
 
 
-def _contrast(cells: _Cells, plan: int, at: Sequence[int], k: int | None) -> Contrast:
-    common = set.intersection(*cells.stored.values())
-    statistic = _STATISTICS[cells.part.statistic]
-    x = {seed: statistic(_Seed(cells, seed), at) for seed in sorted(common)}
-    finite = {seed: value for seed, value in x.items() if math.isfinite(value)}
-    stored = {source: len(seeds) for source, seeds in cells.stored.items()}
-    return Contrast(finite, max(plan, len(common)), stored, k)
+def _contrast(cells: _Cells, seeds: Sequence[int], plan: int, at: Sequence[int], k: int | None) -> Contrast:
+    own = [_Seed(cells, seed) for seed in seeds]
+    together = _TOGETHER.get(cells.part.statistic)
+    if together is not None:
+        x = together(own, at) if own else np.empty(0)
+    else:
+        x = np.array([_STATISTICS[cells.part.statistic](one, at) for one in own])
+    finite = {seed: float(value) for seed, value in zip(seeds, x, strict=True) if math.isfinite(value)}
+    stored = {source: len(found) for source, found in cells.stored.items()}
+    return Contrast(finite, max(plan, len(seeds)), stored, k)
 
 
 def _ratio(own: _Seed, at: Sequence[int]) -> float:
@@ -167,14 +173,28 @@ def _value(own: _Seed, at: Sequence[int]) -> float:
     return _mean(own.m(part.a, k) for k in at) - (part.bound or 0.0)
 
 
-def _gap(own: _Seed, at: Sequence[int]) -> float:
-    part = own.part
-    other = abs(own.ratio(part.c, part.d or "", at)) if part.c else _log_bound(part)
-    return abs(_ratio(own, at)) - other
+def _gap(seeds: Sequence[_Seed], at: Sequence[int]) -> Array:
+    part = seeds[0].part
+    first = np.array([_ratio(own, at) for own in seeds])
+    if not part.c:
+        return _sizes(first)[0] - _log_bound(part)
+    second = np.array([own.ratio(part.c, part.d or "", at) for own in seeds])
+    return np.subtract(*_sizes(first, second))
 
 
-def _shrinks(own: _Seed, at: Sequence[int]) -> float:
-    return abs(_ratio(own, at[:1])) - abs(_ratio(own, at[-1:]))
+def _shrinks(seeds: Sequence[_Seed], at: Sequence[int]) -> Array:
+    return np.subtract(
+        *_sizes(*(np.array([_ratio(own, ends) for own in seeds]) for ends in (at[:1], at[-1:])))
+    )
+
+
+def _sizes(*effects: Array) -> list[Array]:
+    """The same (n,) with the sign of their means over the seeds that have all of them: sizes, in the mean.
+
+    The mean of single seeds' sizes would grow with the noise.
+    """
+    whole = np.isfinite(effects).all(axis=0)
+    return [own * (-1.0 if own[whole].sum() < 0.0 else 1.0) for own in effects]
 
 
 def _rank(own: _Seed, at: Sequence[int]) -> float:
@@ -210,12 +230,11 @@ def _needed(logs: Sequence[float], level: float, at: Sequence[int]) -> float:
     return float(at[-1])
 
 
-def _spread(own: _Seed, at: Sequence[int]) -> float:
-    def spread(k: int) -> float:
-        logs = np.array([own.log(source, k) for source in own.part.among or ()])
-        return float(logs.max() - logs.min())
-
-    return _mean(spread(k) for k in at) - _log_bound(own.part)
+def _spread(seeds: Sequence[_Seed], at: Sequence[int]) -> Array:
+    part = seeds[0].part
+    logs = np.array([[_mean(own.log(source, k) for k in at) for own in seeds] for source in part.among])
+    means = logs[:, np.isfinite(logs).all(axis=0)].sum(axis=1)
+    return np.asarray(logs[means.argmax()] - logs[means.argmin()] + 0.0 * logs.sum(axis=0) - _log_bound(part))
 
 
 def _extreme(choose: Callable[[list[float]], float]) -> Callable[[_Seed, Sequence[int]], float]:
@@ -242,14 +261,17 @@ _STATISTICS: Mapping[str, Callable[[_Seed, Sequence[int]], float]] = {
     "rises": _rises,
     "slope": _slope,
     "value": _value,
-    "gap": _gap,
-    "shrinks": _shrinks,
     "rank": _rank,
     "reach": _reach,
-    "spread": _spread,
     "largest": _extreme(max),
     "smallest": _extreme(min),
 }
+_TOGETHER: Mapping[str, Callable[[Sequence[_Seed], Sequence[int]], Array]] = {
+    "gap": _gap,
+    "shrinks": _shrinks,
+    "spread": _spread,
+}
+"""Statistics whose number of one seed depends on the mean of all."""
 
 
 def _log_bound(part: Part) -> float:

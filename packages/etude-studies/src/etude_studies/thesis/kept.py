@@ -14,8 +14,8 @@ from etude_studies.collected import Results, collect
 from etude_studies.made import Made
 from etude_studies.run_file import result_path, write_result
 from etude_studies.spec import Spec
-from etude_studies.thesis.catalogue import Run
-from etude_studies.thesis.choosing import ledger
+from etude_studies.thesis.catalogue import Run, catalogue
+from etude_studies.thesis.choosing import ledger, runs_of
 from etude_studies.thesis.verdicts import Verdict, from_json, judge, to_json
 
 FOLDER = Path(__file__).parent / "results"
@@ -36,14 +36,44 @@ def kept_verdicts() -> dict[str, Verdict]:
 
 
 def verdicts_of(results: Results) -> dict[str, Verdict]:
-    """Verdicts on every claim from as many seeds as there are."""
-    return judge(ledger(), results, planned=planned_seeds(results))
+    """Verdicts on every claim from as many seeds as there are, up to those that were planned or asked for."""
+    return judge(ledger(), results, planned=planned_seeds(results), blocks=blocks())
 
 
 def planned_seeds(results: Results) -> dict[str, int]:
-    """Seeds by run: as many as are there; how many there should be says the catalogue."""
+    """Seeds by run: as many as are there, and not beyond the catalogue's number."""
     counts = {run: len(results.seeds(run)) for run in results.runs}
-    return {run: count for run, count in counts.items() if count > 1}
+    known = catalogue()
+    return {
+        run: min(count, known[run].seeds) if run in known else count
+        for run, count in counts.items()
+        if count > 1
+    }
+
+
+def blocks() -> dict[str, int]:
+    """Seeds by claim: of its block, or those that its committed verdict asks for."""
+    asked = {claim: verdict.block or verdict.asks or 0 for claim, verdict in kept_verdicts().items()}
+    return {claim: seeds for claim, seeds in asked.items() if seeds}
+
+
+def asked_seeds() -> dict[str, int]:
+    """The most seeds by run that any claim asks for."""
+    found: dict[str, int] = {}
+    for claim, seeds in blocks().items():
+        for run in runs_of(claim):
+            found[run] = max(found.get(run, 0), seeds)
+    return found
+
+
+def price_s(runs: Iterable[str], seeds: int, results: Results, *, more: bool = False) -> float:
+    """CPU seconds of so many seeds of each run, by what the present ones took.
+
+    Args:
+        more: of those that are not there yet.
+    """
+    own = [(run, len(results.seeds(run))) for run in runs]
+    return float(sum(max(0, seeds - more * n) * results.made(run)["cpu_s"] / n for run, n in own if n))
 
 
 def unpack(runs: Iterable[Run], store: Path, results: Results) -> int:
@@ -80,17 +110,25 @@ def renew(runs: Sequence[Run], store: Path, folder: Path = FOLDER) -> dict[str, 
     return {name: len(specs) for name, specs in present.items()}
 
 
-def so_far(runs: Sequence[Run], store: Path) -> Results:
-    """The committed results; of runs that the store has seeds of, those instead."""
+def so_far(runs: Sequence[Run], store: Path, *, more: bool = False) -> Results:
+    """The committed results; of runs that the store has seeds of, those instead.
+
+    Args:
+        more: only where the store has more seeds of a run than are committed.
+    """
+    kept = kept_results()
+    least = {run.name: len(kept.seeds(run.name)) if more else 0 for run in runs}
     present = {run.name: _there(run, store) for run in runs}
     with TemporaryDirectory() as folder:
-        collect(store, {name: specs for name, specs in present.items() if specs}, Path(folder))
-        return kept_results().replaced_by(Results.load(Path(folder)))
+        taken = {name: specs for name, specs in present.items() if len(specs) > least[name]}
+        collect(store, taken, Path(folder))
+        return kept.replaced_by(Results.load(Path(folder)))
 
 
 def _there(run: Run, store: Path) -> list[Spec]:
-    """Seeds in a row from 0 on, as far as the store has them, and not beyond what was planned."""
-    return [spec for spec in run.specs(range(run.seeds)) if result_path(store, spec).exists()]
+    """Seeds from 0 on that the store has, not beyond what was planned or a claim asks for."""
+    seeds = max(run.seeds, asked_seeds().get(run.name, 0))
+    return [spec for spec in run.specs(range(seeds)) if result_path(store, spec).exists()]
 
 
 def _made(results: Results, run: str, seed: int) -> Made:

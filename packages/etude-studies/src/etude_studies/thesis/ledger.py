@@ -71,8 +71,8 @@ def load_ledger(folder: Path = HERE) -> Ledger:
 
     Raises:
         UsageError: a file that is missing or no TOML; an unknown key or statistic; an alias with parts or of
-            an alias; an own claim without a family; a figure or table that is missing or there twice; a name
-            that nothing bears. File and id are said.
+            an alias; a figure or table that is missing or there twice; a name that nothing bears. File and
+            id are said.
     """
     claims, tables = _read(folder / CLAIMS, ("claim",)), _read(folder / TABLES, ("entry", "ambiguity"))
     beyond = _read(folder / BEYOND, ("entry",))

@@ -32,6 +32,7 @@ MEASURES = (
     *("nmse", "nlpd", "nlpd_train", "nlml"),
     *("command", "feedback_share", "feedback_median", "feedback_p95"),
     *("jerk", "reversal_share", "undershoot", "undershoot_max", "undershoot_min", "spike", "stuck_share"),
+    *("after_reversal", "after_reversal_time", "stuck_after"),
     *("position", "speed", "mae", "mae_late", "nearest", "fill", "gap95", "ahead_variance", "ahead_mae"),
     *("length", "length_change", "signal_sd", "noise_sd", "kernel_rms"),
     *("cpu_train", "cpu_train_hours", "cpu_predict", "cpu_design", "cpu_swap"),
@@ -76,9 +77,6 @@ def _check_claim(claim: Claim, kinds: Mapping[str, str]) -> None:
     _known(claim.rests_on, ENTRIES, "figure or table", where)
     if not claim.quote or not all(piece.strip() for piece in claim.quote):
         _refuse("has no quotation", where, "Quote the sentence of the thesis.")
-    if (claim.kind == "own") != bool(claim.family):
-        fact = f"is of kind {claim.kind} and of the family {claim.family!r}"
-        _refuse(fact, where, "Own claims are of one family, others of none.")
     if (claim.kind == "alias") != bool(claim.alias_of):
         _refuse("is an alias of nothing, or names others and is none", where, "Give both kind and alias_of.")
     _known(claim.alias_of, kinds, "claim", where)

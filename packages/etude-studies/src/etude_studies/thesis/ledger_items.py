@@ -7,7 +7,6 @@ from typing import Literal
 import msgspec
 
 Kind = Literal["own", "mech", "obs", "cited", "alias"]
-Family = Literal["", "chapter5", "chapter6"]
 Statistic = Literal[
     "ratio",
     "ratio_each",
@@ -39,12 +38,14 @@ class Part(_Strict, frozen=True):
             slope: mean decrease of log M_a per trajectory between at[0] and at[1], minus that of b (a, if not
             given) between against[0] and against[1]; without `against` and b the decrease itself.
             value: mean over `at` of M_a, minus `bound` (log: of the logs of both).
-            gap: |log(M_a / M_b)| - |log(M_c / M_d)|, or minus log(bound) without c.
-            shrinks: |log(M_a / M_b)| at at[0] minus that at at[-1].
+            gap: size of log(M_a / M_b) minus that of log(M_c / M_d), or minus log(bound) without c; the size
+            of an effect is |its mean over seeds|: each seed's number has the sign of that mean.
+            shrinks: size of log(M_a / M_b) at at[0] minus that at at[-1].
             rank: rank of M_a among `among` (1 = least), minus `bound`.
             reach: log of the trajectories that a needs to reach b's value at at[-1], minus log of those that
             b needs to reach a's.
-            spread: log(largest / smallest M over `among`) - log(bound).
+            spread: log(M_a / M_b) - log(bound), a and b those of `among` with the largest and the smallest
+            mean over seeds.
             largest, smallest: log of M_a of `part` over the largest (smallest) of the other parts.
         claim: x is "less" or "more" than 0, or "equal": |x| within `margin`, a factor where x is a logarithm.
         measure, test, part: columns of the results; `part` a joint, a command or "mean".
@@ -84,8 +85,7 @@ class Claim(_Strict, frozen=True):
         quote: the sentence, or pieces of it, word for word.
         kind: own (the thesis's result), mech (its explanation), obs (one run described), cited (others'
             result), alias (says again what the claims of `alias_of` say).
-        family: within which several tests are corrected for; "" for kinds other than own.
-        rests_on: ids of entries.
+        rests_on: ids of entries; own claims with the same first one are corrected together.
         seeds: planned of the run with the fewest among those it reads.
         combine: whether all parts must hold, or any.
         thesis: its own numbers, in words. note: how it is tested, and what that leaves out.
@@ -97,7 +97,6 @@ class Claim(_Strict, frozen=True):
     section: str
     quote: tuple[str, ...]
     kind: Kind
-    family: Family = ""
     rests_on: tuple[str, ...] = ()
     alias_of: tuple[str, ...] = ()
     seeds: int = 20
@@ -114,14 +113,13 @@ class Row(_Strict, frozen=True):
     """One row of a table, or curve of a figure.
 
     Attributes:
-        run: its source. at: its k, where they are not the entry's. seeds: where fewer than the entry's.
+        run: its source. at: its k, where they are not the entry's.
         printed: the thesis's numbers, one a column other than "mean"; empty where it printed none.
     """
 
     label: str
     run: str
     at: tuple[int, ...] = ()
-    seeds: int = 0
     printed: tuple[float, ...] = ()
 
 

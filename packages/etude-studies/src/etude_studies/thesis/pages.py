@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
 from etude_studies.collected import Results
 from etude_studies.thesis.catalogue import catalogue
 from etude_studies.thesis.choosing import ledger, runs_of
-from etude_studies.thesis.kept import kept_results, kept_verdicts
+from etude_studies.thesis.kept import kept_results, kept_verdicts, price_s
 from etude_studies.thesis.ledger import Claim, Entry, Row
 from etude_studies.thesis.part_verdicts import NOT_RUN, WORDS, PartVerdict
 from etude_studies.thesis.presenting import cell
@@ -37,7 +37,13 @@ def write_thesis_page(path: Path = PAGE) -> None:
 def thesis_page() -> str:
     """The whole page as Markdown."""
     own, verdicts, results = ledger(), kept_verdicts(), kept_results()
-    parts = [HEAD, _counts(verdicts), "## Claims\n", _claims(own.claims, verdicts), "## Tables and figures\n"]
+    parts = [
+        HEAD,
+        _counts(own.claims, verdicts),
+        "## Claims\n",
+        _claims(own.claims, verdicts),
+        "## Tables and figures\n",
+    ]
     parts += [
         "Ours: mean ± half width of the 95 % interval over seeds; in brackets what the thesis prints.\n"
     ]
@@ -48,10 +54,12 @@ def thesis_page() -> str:
     return "\n".join(parts)
 
 
-def _counts(verdicts: dict[str, Verdict]) -> str:
-    counted = Counter(shown(verdict) for verdict in verdicts.values())
+def _counts(claims: Sequence[Claim], verdicts: dict[str, Verdict]) -> str:
+    """Of claims that say something of their own."""
+    own = [claim.id for claim in claims if not claim.alias_of and claim.id in verdicts]
+    counted = Counter(shown(verdicts[id]) for id in own)
     told = ", ".join(f"**{counted[word]}** {word}" for word in (*reversed(WORDS), NOT_RUN))
-    return f"Of {len(verdicts)} claims: {told}.\n"
+    return f"Of {len(own)} distinct claims: {told}. {len(claims) - len(own)} more say one of them again.\n"
 
 
 def _claims(claims: Iterable[Claim], verdicts: dict[str, Verdict]) -> str:
@@ -131,4 +139,15 @@ def _origins(results: Results) -> str:
         cost = f"{made['cpu_s'] / seeds:.3g}"
         lines.append(f"| {run} | {own.what} | {seeds} | {own.seeds} | {results.commits(run)} | {cost} |")
     told = f"\nNot run yet: {', '.join(missing)}.\n" if missing else ""
-    return "\n".join(lines) + "\n" + told
+    return "\n".join(lines) + "\n" + told + _price(results)
+
+
+def _price(results: Results) -> str:
+    """What the thesis's own runs cost with as many seeds as planned."""
+    own = [known for name in runs_of("thesis") if name in results.runs for known in [catalogue()[name]]]
+    spent = sum(price_s([run.name], run.seeds, results) for run in own)
+    lack = sum(price_s([run.name], run.seeds, results, more=True) for run in own)
+    return (
+        f"\nAll runs of `thesis` with their planned seeds take {spent / 3600.0:.1f} h of CPU time; "
+        f"{lack / 3600.0:.1f} h of them are not run yet.\n"
+    )

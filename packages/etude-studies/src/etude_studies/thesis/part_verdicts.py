@@ -16,8 +16,14 @@ from numpy.typing import NDArray
 from etude_studies.thesis import statistics
 from etude_studies.thesis.contrasts import Contrast
 from etude_studies.thesis.ledger_items import Part
-from etude_studies.thesis.parts import in_logs, margin_of
-from etude_studies.thesis.settling import seeds_for_difference, seeds_for_equivalence
+from etude_studies.thesis.parts import comparisons, in_logs, margin_of
+from etude_studies.thesis.settling import (
+    HALF,
+    difference_power,
+    equivalence_power,
+    seeds_for_difference,
+    seeds_for_equivalence,
+)
 
 HOLDS, REVERSED, TIE = "holds", "reversed", "tie"
 UNDECIDED, UNTESTED = "not decided", "cannot be tested here"
@@ -29,6 +35,8 @@ FAILED = 0.1
 """Share of seeds without a number above which there is no verdict."""
 EQUALLY = 0.05
 """Level of two one-sided tests, and of a mean beyond the margin: the 90 % and the 95 % interval."""
+SECOND = 2
+"""Looks at a claim whose block of extra seeds has been run."""
 DIGITS = 6
 """That a verdict keeps, so that another machine's rounding leaves it as it is."""
 
@@ -48,7 +56,10 @@ class PartVerdict(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         p, p_permutation: two-sided t and sign flips; adjusted in the family. Of "equal" those
             of the two one-sided tests, which are not adjusted.
         agree: whether both tests say the same.
-        needed: seeds that would settle a part not decided, None if no number would.
+        level: what p has to be below for its part to be found next, the other parts as they are.
+        power: chance that the test finds a true mean of one margin; of "equal", that it finds equality
+            where the mean is 0.
+        needed: seeds that would settle a part not decided, None if no number would, or a block has been run.
         margin: what still counts as equal, [1/margin, margin] or +-margin.
         printed: the thesis's own number. ordinary: whether it is inside the interval of a single run.
     """
@@ -79,6 +90,8 @@ class PartVerdict(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     p_permutation: float | None = None
     p_permutation_adjusted: float | None = None
     agree: bool = True
+    level: float | None = None
+    power: float | None = None
     needed: int | None = None
     margin: float | None = None
     printed: float | None = None
@@ -91,8 +104,9 @@ class Weighed:
 
     Attributes:
         index: number of the part in the claim. contrast: its x. reason: why there is no test, else "".
-        p, p_permutation: unadjusted; 1 where there is no test.
-        level: of the family. at_place: what p is compared with at its place in the family.
+        looks: 1, or 2 of a block of extra seeds. p, p_permutation: of the whole part, looks and chosen pairs
+            taken into account, unadjusted; 1 where there is no test.
+        level: of the family. to_meet: what p has to be below to be found next in the family.
     """
 
     index: int
@@ -100,12 +114,13 @@ class Weighed:
     contrast: Contrast
     printed: float | None
     reason: str
+    looks: int = 1
     p: float = 1.0
     p_permutation: float = 1.0
     p_adjusted: float = 1.0
     p_permutation_adjusted: float = 1.0
     level: float = EQUALLY
-    at_place: float = EQUALLY
+    to_meet: float = EQUALLY
 
     @property
     def x(self) -> NDArray[np.float64]:
@@ -117,16 +132,34 @@ class Weighed:
         """Whether its word rests on the p of its family: "equal" rests on an interval."""
         return self.part.claim != "equal"
 
+    @property
+    def times(self) -> int:
+        """By how much p is multiplied: looks, and pairs of arms that were chosen among."""
+        return self.looks * comparisons(self.part)
 
-def weigh(index: int, part: Part, contrast: Contrast, printed: float | None) -> Weighed:
+    @property
+    def power(self) -> float:
+        """Of its test, at one margin."""
+        n, _, sd = statistics.moments(self.x)
+        margin = margin_of(self.part)
+        if self.directed:
+            return difference_power(n, margin, sd, self.to_meet / self.times)
+        return equivalence_power(n, 0.0, sd, margin, EQUALLY / self.times)
+
+
+def weigh(index: int, part: Part, contrast: Contrast, printed: float | None, looks: int = 1) -> Weighed:
     """The p values of one part, or the reason why there are none."""
-    own = Weighed(index, part, contrast, printed, untested(contrast))
+    own = Weighed(index, part, contrast, printed, untested(contrast), looks)
     if own.reason:
         return own
     x, margin = own.x, margin_of(part)
     if own.directed:
-        return replace(own, p=statistics.paired_t(x), p_permutation=statistics.sign_flip(x))
-    p, flips = statistics.equivalence(x, margin), statistics.equivalence_flip(x, margin)
+        p, flips = statistics.paired_t(x), statistics.sign_flip(x)
+    else:
+        p, flips = statistics.equivalence(x, margin), statistics.equivalence_flip(x, margin)
+    p, flips = min(1.0, own.times * p), min(1.0, own.times * flips)
+    if own.directed:
+        return replace(own, p=p, p_permutation=flips)
     return replace(own, p=p, p_permutation=flips, p_adjusted=p, p_permutation_adjusted=flips)
 
 
@@ -164,7 +197,7 @@ def part_verdict(own: Weighed) -> PartVerdict:
         base,
         word=word,
         agree=agree,
-        needed=_needed(own) if word == UNDECIDED else None,
+        needed=_needed(own) if word == UNDECIDED and own.looks == 1 else None,
         **_numbers(own),
         **_wins(own),
         **_single(own),
@@ -177,7 +210,8 @@ def _directed(own: Weighed) -> tuple[str, bool]:
         claimed = (own.x.mean() < 0.0) == (own.part.claim == "less")
         return HOLDS if claimed else REVERSED, True
     alike, agree = _alike(own)
-    return (TIE if alike else UNDECIDED), not any(found) and agree
+    # a tie by a test that could hardly find a difference is none
+    return (TIE if alike and own.power >= HALF else UNDECIDED), not any(found) and agree
 
 
 def _equal(own: Weighed) -> tuple[str, bool]:
@@ -185,26 +219,31 @@ def _equal(own: Weighed) -> tuple[str, bool]:
     if alike:
         return HOLDS, True
     x, margin = own.x, margin_of(own.part)
-    beyond = statistics.outside(x, margin) < EQUALLY, statistics.outside_flip(x, margin) < EQUALLY
+    level = EQUALLY / own.times
+    beyond = statistics.outside(x, margin) < level, statistics.outside_flip(x, margin) < level
     return (REVERSED if all(beyond) else UNDECIDED), agree and beyond[0] == beyond[1]
 
 
 def _alike(own: Weighed) -> tuple[bool, bool]:
     """Whether the mean is within the margin by both tests; whether both say the same."""
     x, margin = own.x, margin_of(own.part)
-    within = statistics.equivalence(x, margin) < EQUALLY, statistics.equivalence_flip(x, margin) < EQUALLY
+    level = EQUALLY / own.looks
+    within = statistics.equivalence(x, margin) < level, statistics.equivalence_flip(x, margin) < level
     return all(within), within[0] == within[1]
 
 
 def _needed(own: Weighed) -> int | None:
     n, mean, sd = statistics.moments(own.x)
-    margin = margin_of(own.part)
-    ways = [seeds_for_equivalence(mean, sd, margin, EQUALLY)]
+    margin, pairs = margin_of(own.part), comparisons(own.part)
+    level = (own.to_meet if own.directed else EQUALLY) / (SECOND * pairs)
+    alike = seeds_for_equivalence(mean, sd, margin, EQUALLY / SECOND)
     if own.directed:
-        ways.append(seeds_for_difference(mean, sd, own.at_place))
-    elif abs(mean) > margin:
-        ways.append(seeds_for_difference(abs(mean) - margin, sd, EQUALLY))
-    found = [seeds for seeds in ways if seeds is not None]
+        least = seeds_for_difference(margin, sd, level, HALF)
+        alike = None if alike is None or least is None else max(alike, least)
+        other = seeds_for_difference(mean, sd, level)
+    else:
+        other = seeds_for_difference(abs(mean) - margin, sd, level) if abs(mean) > margin else None
+    found = [seeds for seeds in (alike, other) if seeds is not None]
     return max(min(found), n + 1) if found else None
 
 
@@ -220,7 +259,7 @@ def _numbers(own: Weighed) -> dict[str, float]:
         "bca_low": unit(bca_low), "bca_high": unit(bca_high),
         "single_low": unit(single_low), "single_high": unit(single_high),
         "sd": statistics.moments(x)[2], "margin": unit(margin_of(own.part)),
-        "p": own.p, "p_adjusted": own.p_adjusted,
+        "p": own.p, "p_adjusted": own.p_adjusted, "level": own.to_meet, "power": own.power,
         "p_permutation": own.p_permutation, "p_permutation_adjusted": own.p_permutation_adjusted,
     }  # fmt: skip
     return {name: rounded(value) for name, value in found.items()}

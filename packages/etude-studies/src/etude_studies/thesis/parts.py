@@ -6,6 +6,8 @@ import math
 from collections.abc import Iterable, Mapping
 from itertools import pairwise
 
+import msgspec
+
 from etude.errors import UsageError
 from etude_studies.thesis.ledger_items import Part
 
@@ -79,6 +81,11 @@ def margin_of(part: Part) -> float:
     return math.log(margin) / (part.at[-1] - part.at[0] if part.statistic == "slope" else 1)
 
 
+def comparisons(part: Part) -> int:
+    """Pairs of arms among which the statistic chooses the one that it tests."""
+    return math.comb(len(part.among), 2) if part.statistic == "spread" else 1
+
+
 def sources(part: Part) -> tuple[str, ...]:
     """Every source that the part names, each once."""
     named = (part.a, part.b, part.c, part.d, *(part.among or ()))
@@ -91,11 +98,36 @@ def run_of(source: str) -> str:
 
 
 def exchanged(source: str, replace: Mapping[str, str]) -> str:
-    """The source that takes the place of `source`: by its whole name first, else by its run."""
+    """The source that takes the place of `source`: by its whole name first, else by its run.
+
+    Where another model of a run takes the place of the run's own, the models beside it stay.
+    """
     if source in replace:
         return replace[source]
     run, colon, model = source.partition(":")
-    return replace.get(run, run) + colon + model
+    other = replace.get(run, run)
+    return source if colon and ":" in other else other + colon + model
+
+
+def read_so(
+    part: Part,
+    replace: Mapping[str, str],
+    tests: Mapping[str, str] | None = None,
+    measures: Mapping[str, str] | None = None,
+) -> Part:
+    """The part with every source, the test and the measure exchanged; itself where that makes two sides one.
+
+    Another model of a run has figures of tests alone, so that it takes no place in other figures.
+    """
+    own = {old: new for old, new in replace.items() if part.test or ":" not in new}
+    sides = {name: exchanged(getattr(part, name), own) for name in "abcd" if getattr(part, name)}
+    among = tuple(exchanged(source, own) for source in part.among)
+    columns = {
+        "test": (tests or {}).get(part.test, part.test),
+        "measure": (measures or {}).get(part.measure, part.measure),
+    }
+    other = msgspec.structs.replace(part, among=among, **columns, **sides)
+    return other if len(sources(other)) == len(sources(part)) else part
 
 
 def _wrong(part: Part) -> Iterable[str]:

@@ -134,9 +134,10 @@ def numbers(verdict: Verdict) -> list[str]:
             lines.append(f"part {part.part + 1}{at}: {part.word} ({part.reason})")
             continue
         p = "" if part.p_adjusted is None else f", adjusted p {part.p_adjusted:.2g}"
+        power = "" if part.power is None else f", power {part.power:.2g}"
         needed = "" if part.needed is None else f"; {part.needed} seeds would decide"
         lines.append(
             f"part {part.part + 1}{at}: {part.word}, {part.estimate:.3g} [{part.low:.3g}, {part.high:.3g}], "
-            f"{part.wins} of {part.seeds} seeds{p}{needed}"
+            f"{part.wins} of {part.seeds} seeds{p}{power}{needed}"
         )
     return lines

@@ -31,6 +31,6 @@ SMALL_RUNS: Mapping[str, tuple[str, int, Callable[[int], Spec]]] = {
     "O1": ("learning on line, also after the arm has changed", 12, partial(_plain, "other_runs:on_line")),
     "L1": ("voltages of a process in the quadrotor's loop", 12, partial(_plain, "other_runs:in_the_loop")),
     "P2t": ("a path and a thrust command of P2 over time", 1, partial(_plain, "flight_trace_run:run")),
-    **{name: (what, 1, partial(trace_spec, name)) for name, (what, _) in TRACED.items()},
+    **{name: (f"{run} over time", 20, partial(trace_spec, name)) for name, (run, _) in TRACED.items()},
 }
 """What each is, seeds, spec of a seed."""

@@ -139,15 +139,15 @@ def benjamini_hochberg(p: Sequence[float]) -> Array:
 
 
 def holm_levels(p: Sequence[float], level: float) -> Array:
-    """(m,) that each p is compared with at its present place in the order."""
-    own, order = _probabilities(p)
-    return _back(level / np.arange(len(own), 0, -1), order)
+    """(m,) that each p has to meet to be found next, the others as they are."""
+    found = holm(p) < level
+    return np.asarray(level / (len(found) - (found.sum() - found)))
 
 
 def benjamini_hochberg_levels(p: Sequence[float], level: float) -> Array:
     """The same for Benjamini and Hochberg."""
-    own, order = _probabilities(p)
-    return _back(level * np.arange(1, len(own) + 1) / max(len(own), 1), order)
+    found = benjamini_hochberg(p) < level
+    return np.asarray(level * (1 + found.sum() - found) / max(len(found), 1))
 
 
 @lru_cache(maxsize=8)

@@ -25,9 +25,10 @@ from etude_studies.thesis.kept import (
     unpack,
     verdicts_of,
 )
-from etude_studies.thesis.ledger import Entry, Row
+from etude_studies.thesis.ledger import Claim, Entry, Row
 from etude_studies.thesis.method import with_method
 from etude_studies.thesis.part_verdicts import UNTESTED
+from etude_studies.thesis.parts import run_of
 from etude_studies.thesis.presenting import entry_table, numbers, run_line, verdict_sentence
 from etude_studies.thesis.verdict_file import Verdict, shown
 
@@ -120,21 +121,23 @@ class ThesisStudy:
         return f"{text}\n{what}", {"id": id, "rows": _rows(id, results, ())}
 
     def report(self, folder: Path, options: Mapping[str, Any]) -> tuple[str, dict[str, Any]]:
-        """Writes the pages of what is committed; with `update`, from the store's results, committed first.
+        """Writes the pages of what is committed; of runs with more seeds in the store, of those.
 
         Args:
             folder: of the pages.
-            options: `update`; `folder` of the store; `paper`, a folder for figures or None.
+            options: `update`, to commit the store's results first; `folder` of the store; `paper`, a folder
+                for figures or None.
         """
         from etude_studies.site.build import build_site
         from etude_studies.site.paper import paper_figures
         from etude_studies.site.readings import readings
 
+        store = Path(options["folder"]) / "thesis"
         if options["update"]:
-            _renewed(Path(options["folder"]) / "thesis")
-        results = kept_results()
+            _renewed(store)
+        results = so_far(_all_runs(), store, more=True)
         other = readings(ledger(), results, planned=planned_seeds(results))
-        page = build_site(ledger(), kept_verdicts(), results, folder, sensitivity=other)
+        page = build_site(ledger(), verdicts_of(results), results, folder, sensitivity=other)
         figures = paper_figures(ledger(), results, options["paper"]) if options["paper"] else ()
         told = [str(page), *([f"{len(figures)} figures in {options['paper']}"] if figures else [])]
         return "\n".join(told), {"page": str(page), "figures": [str(path) for path in figures]}
@@ -148,7 +151,7 @@ class ThesisStudy:
             from etude_studies.site.context import Study
             from etude_studies.site.numbers import Numbers
 
-            results = so_far([run_named(name) for name in (*runs_of("all"), *runs_of("miniature"))], store)
+            results = so_far(_all_runs(), store)
             verdicts = verdicts_of(results) if store.exists() else kept_verdicts()
             return recipes(Study(ledger(), verdicts, Numbers(results), (), sentences()))
 
@@ -158,16 +161,18 @@ class ThesisStudy:
 STUDY = ThesisStudy()
 
 
+def _all_runs() -> list[Run]:
+    return [run_named(name) for name in (*runs_of("all"), *runs_of("miniature"))]
+
+
 def _renewed(store: Path) -> None:
-    """Commits what a store has. UsageError: it has nothing, or these are not the sources."""
+    """Commits what a store has, and judges all claims anew. UsageError: these are not the sources."""
     from etude_studies.thesis.pages import PAGE, write_thesis_page
 
     if not PAGE.parent.is_dir():
         step = "Clone it, and pip install -e . there."
         raise UsageError("this is no checkout of Étude's sources", where=str(PAGE.parent), next_step=step)
-    counts = renew([run_named(name) for name in (*runs_of("all"), *runs_of("miniature"))], store)
-    if not counts:
-        raise UsageError("there are no results to commit", where=str(store), next_step="Run them first.")
+    renew(_all_runs(), store)
     kept_results.cache_clear()
     kept_verdicts.cache_clear()
     write_thesis_page()
@@ -200,9 +205,15 @@ def _shown(id: str, results: Results, added: Sequence[Run]) -> str:
         lines = [run_line(name, results) for name in (*runs_of(id), *(run.name for run in added))]
     verdicts = verdicts_of(results)
     for claim in ledger().claims:
-        if (claim.id == id or id in claim.rests_on) and verdicts[claim.id].word != UNTESTED:
+        asked = claim.id == id or id in claim.rests_on or id in _read(claim)
+        if asked and verdicts[claim.id].word != UNTESTED:
             lines.append(verdict_sentence(claim, verdicts[claim.id]))
     return "\n".join(line for line in lines if line)
+
+
+def _read(claim: Claim) -> set[str]:
+    """The runs that the parts of a claim read."""
+    return {run_of(source) for part in claim.parts for source in part.sources}
 
 
 def _tables(entries: Sequence[Entry], results: Results, added: Sequence[Run]) -> str:

@@ -21,6 +21,8 @@ class Verdict(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         simulated: a claim about hardware that simulation answers.
         reason: why it cannot be tested, or how many seeds would decide.
         same_as: ids of the claims that it says again.
+        asks: seeds that would decide it; None where none would, or it needs none. block: seeds of its block,
+            once that has been run, else 0.
     """
 
     claim: str
@@ -30,6 +32,8 @@ class Verdict(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     simulated: bool = False
     reason: str = ""
     same_as: tuple[str, ...] = ()
+    asks: int | None = None
+    block: int = 0
 
 
 def shown(verdict: Verdict) -> str:

@@ -1,14 +1,16 @@
 """The verdict on every claim: its parts' words combined, after the correction for how many are asked at once.
 
-Own claims are one family by chapter (Holm, 5 %); what the thesis observed, explained or cited is one family
-more (Benjamini and Hochberg, 10 %), marked exploratory. Only parts that claim a direction are in a family. A
-part without a test stays in it with p = 1: a family is as large as planned, whatever has been run.
+Own claims that rest on the same table or figure first are a family (Holm, 5 %); what the thesis observed,
+explained or cited is one more (Benjamini and Hochberg, 10 %), marked exploratory. Only parts that claim a
+direction are in a family. A part without a test stays in it with p = 1: a family is as large as planned,
+whatever has been run.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace as changed_copy
+from functools import partial
 from typing import TYPE_CHECKING, cast
 
 from etude.errors import UsageError
@@ -17,6 +19,7 @@ from etude_studies.thesis import statistics
 from etude_studies.thesis.contrasts import Values, contrasts
 from etude_studies.thesis.ledger_items import Claim, Part
 from etude_studies.thesis.part_verdicts import (
+    SECOND,
     UNDECIDED,
     UNTESTED,
     WORDS,
@@ -25,13 +28,13 @@ from etude_studies.thesis.part_verdicts import (
     part_verdict,
     weigh,
 )
-from etude_studies.thesis.parts import exchanged, sources
+from etude_studies.thesis.settling import HALF
 from etude_studies.thesis.verdict_file import Verdict, changed, from_json, to_json
 
 if TYPE_CHECKING:
     from etude_studies.thesis.ledger import Ledger
 
-__all__ = ["Verdict", "changed", "from_json", "judge", "to_json", "touches"]
+__all__ = ["Verdict", "changed", "from_json", "judge", "to_json"]
 
 EXPLORATORY = "exploratory"
 OWN_LEVEL, EXPLORATORY_LEVEL = 0.05, 0.10
@@ -41,29 +44,23 @@ def judge(
     ledger: Ledger,
     results: Values,
     *,
-    replace: Mapping[str, str] | None = None,
     planned: Mapping[str, int] | None = None,
+    blocks: Mapping[str, int] | None = None,
 ) -> dict[str, Verdict]:
     """A verdict on every claim, by id, in the ledger's order.
 
     Args:
         ledger: the claims.
         results: what was measured.
-        replace: runs (or sources) by those that take their place, to see what a verdict depends on.
-        planned: seeds by run, where that is not the claim's own number.
+        planned: seeds by run, where that is not the claim's own number; those beyond do not count.
+        blocks: by claim the seeds that it has asked for; they count where all its runs have them.
 
     Raises:
         UsageError: a part that its statistic can do nothing with, an alias of no claim or of itself, or a
             claim with neither parts nor alias nor reason.
     """
-    found = {
-        claim.id: [
-            weigh(index, part, contrast, _printed(part, contrast.k))
-            for index, part in enumerate(() if claim.untestable else claim.parts)
-            for contrast in contrasts(part, results, replace=replace, planned=planned, seeds=claim.seeds)
-        ]
-        for claim in ledger.claims
-    }
+    read = partial(_weighed, results=results, planned=planned)
+    found = {claim.id: _block(claim, read, (blocks or {}).get(claim.id, 0)) for claim in ledger.claims}
     corrected = _corrected(ledger.claims, found)
     by_id = {claim.id: claim for claim in ledger.claims}
     verdicts: dict[str, Verdict] = {}
@@ -72,9 +69,28 @@ def judge(
     return {claim.id: verdicts[claim.id] for claim in ledger.claims}
 
 
-def touches(claim: Claim, replace: Mapping[str, str]) -> bool:
-    """Whether the exchange of runs changes what a claim with parts reads."""
-    return any(exchanged(name, replace) != name for part in claim.parts for name in sources(part))
+def _block(claim: Claim, read: Callable[..., list[Weighed]], seeds: int) -> list[Weighed]:
+    """The parts on the block of seeds that was asked for, if all runs have it; else on the planned seeds."""
+    if seeds:
+        found = read(claim, block=seeds)
+        if found and all(min(one.contrast.stored.values()) >= seeds for one in found):
+            return found
+    return read(claim)
+
+
+def _weighed(
+    claim: Claim,
+    block: int = 0,
+    *,
+    results: Values,
+    planned: Mapping[str, int] | None,
+) -> list[Weighed]:
+    """The parts of a claim with their own p values."""
+    return [
+        weigh(index, part, contrast, _printed(part, contrast.k), SECOND if block else 1)
+        for index, part in enumerate(() if claim.untestable else claim.parts)
+        for contrast in contrasts(part, results, planned=planned, seeds=claim.seeds, block=block)
+    ]
 
 
 def _corrected(claims: Sequence[Claim], found: Mapping[str, list[Weighed]]) -> dict[str, list[Weighed]]:
@@ -91,7 +107,7 @@ def _corrected(claims: Sequence[Claim], found: Mapping[str, list[Weighed]]) -> d
 
 
 def _family(claim: Claim) -> str:
-    return claim.family if claim.kind == "own" else EXPLORATORY
+    return next(iter(claim.rests_on), claim.id) if claim.kind == "own" else EXPLORATORY
 
 
 def _adjusted(family: str, parts: Sequence[Weighed]) -> list[Weighed]:
@@ -100,7 +116,7 @@ def _adjusted(family: str, parts: Sequence[Weighed]) -> list[Weighed]:
     columns = zip(parts, adjust(p), adjust(flips), levels(p, level), strict=True)
     return [
         changed_copy(
-            one, p_adjusted=float(p), p_permutation_adjusted=float(flips), level=level, at_place=float(at)
+            one, p_adjusted=float(p), p_permutation_adjusted=float(flips), level=level, to_meet=float(at)
         )
         for one, p, flips, at in columns
     ]
@@ -149,7 +165,10 @@ def _verdict(claim: Claim, found: Sequence[Weighed]) -> Verdict:
         raise UsageError(fact, where=claim.id, next_step="Give parts, alias_of or untestable.")
     parts = tuple(part_verdict(one) for one in found)
     word = _combined(claim.combine, parts)
-    return Verdict(claim.id, word, parts, exploratory, claim.simulated, _reason(word, parts))
+    block = found[0].contrast.planned if found[0].looks == SECOND else 0
+    asks = None if block or word != UNDECIDED else _asks(parts)
+    reason = _reason(word, parts, block)
+    return Verdict(claim.id, word, parts, exploratory, claim.simulated, reason, asks=asks, block=block)
 
 
 def _combined(combine: str, parts: Sequence[PartVerdict]) -> str:
@@ -167,19 +186,27 @@ def worst(words: Sequence[str]) -> str:
     return min(words, key=WORDS.index)
 
 
-def _reason(word: str, parts: Sequence[PartVerdict]) -> str:
+def _asks(parts: Sequence[PartVerdict]) -> int | None:
+    """Seeds that would decide every part that is not decided; None: no number would."""
+    needed = [part.needed for part in parts if part.word == UNDECIDED]
+    return None if None in needed else max(cast(list[int], needed))
+
+
+def _reason(word: str, parts: Sequence[PartVerdict], block: int) -> str:
     if word == UNTESTED:
         return "; ".join(dict.fromkeys(part.reason for part in parts if part.reason))
     if word != UNDECIDED:
         return ""
-    needed = [part.needed for part in parts if part.word == UNDECIDED]
-    if None in needed:
-        return "no number of seeds would decide at this spread"
-    return f"{max(cast(list[int], needed))} seeds would decide at this spread"
+    power = min(part.power or 0.0 for part in parts if part.word == UNDECIDED)
+    weak = [f"cannot tell at this n (power {power:.2f})"] if power < HALF else []
+    seeds = _asks(parts) or "no number of"
+    rest = f"its block of {block} seeds is used" if block else f"{seeds} seeds would decide at this spread"
+    return "; ".join([*weak, rest])
 
 
 def _again(claim: Claim, others: Sequence[Verdict]) -> Verdict:
     word = worst([other.word for other in others])
+    asked = [other.asks for other in others if other.word == UNDECIDED]
     reasons = dict.fromkeys(other.reason for other in others if other.word == word and other.reason)
     return Verdict(
         claim.id,
@@ -189,6 +216,7 @@ def _again(claim: Claim, others: Sequence[Verdict]) -> Verdict:
         claim.simulated or any(other.simulated for other in others),
         "; ".join(reasons),
         tuple(claim.alias_of),
+        asks=None if None in asked else max(cast(list[int], asked), default=None),
     )
 
 

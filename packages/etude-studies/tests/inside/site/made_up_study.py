@@ -42,7 +42,8 @@ def made_up_results(ledger: Ledger, seeds: int = 20, *, without: Iterable[str] =
         run, _, model = figure[0].partition(":")
         if run not in left_out:
             by_run.setdefault(run, []).extend(_rows(model, figure, seeds))
-    by_run |= {name: list(_traces(name, after)) for name, after in TRACED.items()}
+    for name, after in TRACED.items():
+        by_run.setdefault(name, []).extend(_traces(name, after))
     tables = {run: _table(rows) for run, rows in by_run.items()}
     return Results(tables, {run: _made(run, seeds) for run in tables})
 

@@ -31,7 +31,8 @@ from etude_studies.site.marks import style_of
 from etude_studies.site.numbers import Numbers, Summary, summary
 from etude_studies.site.readings import READINGS, readings
 from etude_studies.site.words import WORDS, listed
-from etude_studies.thesis.ledger import load_ledger
+from etude_studies.thesis.kept import kept_results, planned_seeds
+from etude_studies.thesis.ledger import Ledger, load_ledger
 from etude_studies.thesis.part_verdicts import NOT_RUN, UNTESTED
 from etude_studies.thesis.verdict_file import shown
 from etude_studies.thesis.verdicts import Verdict, judge
@@ -86,7 +87,7 @@ def replace_word(verdicts: dict[str, Verdict]) -> Reading:
     """A reading under which C6.2-3 is turned round."""
     old = verdicts["C6.2-3"]
     word = "reversed" if old.word == "holds" else "holds"
-    return Reading(FLIPPED, "R4", {"A1": "X5a"}, {"C6.2-3": msgspec.structs.replace(old, word=word)})
+    return Reading(FLIPPED, "R4", {"A1": "X5a"}, verdicts={"C6.2-3": msgspec.structs.replace(old, word=word)})
 
 
 def read(folder: Path, name: str) -> str:
@@ -96,10 +97,12 @@ def read(folder: Path, name: str) -> str:
 def test_the_counts_at_the_top_are_those_of_the_verdicts(site: Path) -> None:
     ledger, _, verdicts = small_study()
     found = re.findall(r'class="count (\w+)"[^>]*><b>(\d+)</b>', read(site, "index.html"))
-    expected = Counter(WORDS[shown(verdicts[claim.id])].name for claim in ledger.claims)
+    distinct = [claim for claim in ledger.claims if not claim.alias_of]
+    assert len(distinct) < len(ledger.claims)
+    expected = Counter(WORDS[shown(verdicts[claim.id])].name for claim in distinct)
     assert {name: int(n) for name, n in found if int(n)} == dict(expected)
     assert {"holds", "undecided", "untested", "notrun"} <= {*expected}
-    assert sum(int(n) for _, n in found) == len(ledger.claims)
+    assert sum(int(n) for _, n in found) == len(distinct)
 
 
 def test_what_was_not_run_is_told_from_what_nothing_can_test() -> None:
@@ -241,7 +244,8 @@ def test_without_any_result_the_whole_ledger_still_has_its_pages() -> None:
         Page(own[f"{item.id}.html"])
     counted = Counter(shown(v) for v in verdicts.values())
     assert {*counted} == {UNTESTED, NOT_RUN}
-    assert f"Of {len(ledger.claims)} claims 0 are answered" in Page(own["index.html"]).text
+    distinct = [claim for claim in ledger.claims if not claim.alias_of]
+    assert f"Of {len(distinct)} distinct claims 0 are answered" in Page(own["index.html"]).text
 
 
 def test_verdicts_that_are_missing_are_judged(tmp_path: Path) -> None:
@@ -320,9 +324,66 @@ def test_readings_touch_only_claims_whose_runs_they_exchange() -> None:
     (own,) = readings(ledger, results, planned=planned, among=[one])
     assert "C6.2-2" in own.verdicts
     assert "C6.2-3" not in own.verdicts
-    sources = {*load_ledger().runs()}
-    exchanged = {run.partition(":")[0] for each in READINGS for pair in each.replace.items() for run in pair}
-    assert exchanged <= sources
+
+
+def reading(name: str) -> Reading:
+    return next(own for own in READINGS if own.name == name)
+
+
+def test_a_reading_exchanges_every_side_of_a_comparison() -> None:
+    """A1 on other data stands beside arms of the same data, or beside none."""
+    drawn, amplitude = (
+        reading("random trajectories drawn again"),
+        reading("random amplitudes, flights of random size"),
+    )
+    for own, other in ((drawn, "X1"), (amplitude, "X2")):
+        assert own.replace["A1"] == other
+        assert {"A2", "A3", "A5", "A6", "A7", "S1", "S9"} <= {*own.replace}
+        assert not {"B0", "B1", "Y1", "K1"} & {*own.replace}
+    assert (amplitude.replace["Q1"], amplitude.replace["P1"]) == ("Q2", "P3")
+    assert "Q4" not in amplitude.replace, "its first flight is common to all arms"
+    steps = reading("steps are evaluations of the likelihood").replace
+    assert [steps[run] for run in ("A1", "A3", "S1", "S2")] == ["X5a", "X5b", "X6a", "X6b"]
+    assert "A0" not in steps, "it has none"
+    assert {run for run in steps if steps[run] == f"{run} (so read)"} >= {"A2", "A4", "A7", "S3", "S9"}
+    found = {name for own in READINGS for name in own.replace.values() if name.isalnum()}
+    assert found >= {
+        "X1",
+        "X2",
+        "X3",
+        "X4",
+        "X7",
+        "X8",
+        "X11",
+        "X13",
+        "Q5",
+        "P4",
+        "Q6d",
+        "Q8u",
+        "P5d",
+        "DP1",
+        "DP4",
+    }
+
+
+def test_readings_of_the_committed_results_have_both_sides_or_were_not_run() -> None:
+    """Figures found by a reader of the committed tables alone."""
+    whole, results = load_ledger(), kept_results()
+    asked = tuple(whole.claim(id) for id in ("C6.1.1-1", "C5.2-1a", "C6.3.1-1"))
+    names = [
+        "random amplitudes, flights of random size",
+        "five harmonics, extreme test flights",
+        "one test motion common to all seeds",
+    ]
+    ledger, among = Ledger(asked, whole.entries, whole.ambiguities), [reading(name) for name in names]
+    other, extreme, common = readings(ledger, results, planned=planned_seeds(results), among=among)
+    assert shown(other.verdicts["C6.1.1-1"]) == NOT_RUN
+    assert "A2 (so read)" in other.verdicts["C6.1.1-1"].reason
+    (part,) = extreme.verdicts["C5.2-1a"].parts
+    assert (part.estimate, part.wins, part.seeds) == (pytest.approx(0.704, abs=5e-4), 57, 58)
+    assert "C6.3.1-1" not in extreme.verdicts
+    (part,) = common.verdicts["C6.3.1-1"].parts
+    assert (part.estimate, part.wins) == (pytest.approx(0.813, abs=5e-4), 20)
 
 
 def test_numbers_in_words() -> None:

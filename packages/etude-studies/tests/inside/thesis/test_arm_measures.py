@@ -18,8 +18,10 @@ from etude_studies.thesis.arm_measures import (
     nearest_distance,
     rank_correlation,
     reversals,
+    standing,
     stuck,
     tracking,
+    until_it_moves,
 )
 
 RATE, PERIOD = 100.0, 20.0
@@ -117,6 +119,39 @@ def test_share_near_reversals() -> None:
     assert near_share(near.astype(float), at) == 1.0
     assert near_share(1.0 - near, at) < 0.2
     assert math.isnan(near_share(np.ones(10), np.zeros(0, dtype=np.int64)))
+
+
+def held(seconds: float) -> np.ndarray:
+    """The sine, held at each reversal for so long, then at the desired place again within 0.3 s."""
+    actual, back = sine(), 30
+    for turn in turns()[0]:
+        end = turn + round(seconds * RATE)
+        actual[turn:end] = actual[turn]
+        ramp = np.linspace(0.0, 1.0, back)[:, None]
+        actual[end : end + back] = (1.0 - ramp) * actual[turn] + ramp * sine()[end : end + back]
+    return actual
+
+
+def test_the_window_after_a_reversal_ends_when_the_joint_moves_again() -> None:
+    """The error of a joint that stands for two seconds passes zero at the reversal and grows after it."""
+    actual = held(2.0)
+    windows = until_it_moves(np.gradient(actual[:, 0], 1.0 / RATE), speed()[:, 0], RATE)
+    assert [own.start for own in windows] == list(turns()[0])
+    assert [(own.stop - own.start) / RATE for own in windows] == pytest.approx([2.0] * 6, abs=0.02)
+    found = {name: float(values[0]) for name, values in standing(run_of(actual), RATE)}
+    assert found["after_reversal"] > 0.8
+    assert found["after_reversal_time"] == pytest.approx(12.0 / 60.0, abs=0.01)
+    assert found["stuck_after"] == 1.0
+    around = near_share(np.abs(sine() - actual)[:, 0], turns()[0])
+    assert around < 0.5, "the window around reversals misses most of it"
+
+
+def test_a_joint_that_follows_at_once_has_no_window() -> None:
+    found = {name: float(values[0]) for name, values in standing(run_of(sine(lag=LAG)), RATE)}
+    assert found["stuck_after"] == 0.0
+    assert found["after_reversal_time"] < 6.0 * (LAG + 0.6) / 60.0
+    never = {name: float(values[0]) for name, values in standing(run_of(np.full_like(sine(), 0.1)), RATE)}
+    assert never["after_reversal_time"] == pytest.approx(55.0 / 60.0, abs=0.01), "up to the next reversal"
 
 
 def test_a_joint_that_rests_at_its_reversals_is_stuck() -> None:

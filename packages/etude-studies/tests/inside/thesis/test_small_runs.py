@@ -138,7 +138,9 @@ def test_a_trace_is_the_test_run_thinned() -> None:
     np.testing.assert_allclose(np.diff(t), 0.1, atol=1e-6)
     assert t[0] == 0.0
     assert t[-1] >= 59.9
-    assert {row.test for row in found} == {"after 1"}
+    assert {row.test for row in found} == {"after 1", "fourier"}
+    (share,) = (row.value for row in found if row.measure == "after_reversal" and row.part == "mean")
+    assert 0.0 < share < 1.0
     world = ArmSettings().world
     for joint, limit in zip(world.spec.names, world.kind.limit(world.spec), strict=True):
         wanted, actual = (

@@ -98,8 +98,11 @@ def test_benjamini_hochberg_is_that_of_scipy() -> None:
 
 def test_a_level_at_its_place_is_what_the_definition_compares_with() -> None:
     p = [0.02, 0.9, 0.01, 0.03]
-    assert statistics.holm_levels(p, 0.06) == pytest.approx([0.02, 0.06, 0.015, 0.03])
-    assert statistics.benjamini_hochberg_levels(p, 0.1) == pytest.approx([0.05, 0.1, 0.025, 0.075])
+    # of four, one is found: the others meet a third next, and that one has met a quarter
+    assert list(statistics.holm(p) < 0.06) == [False, False, True, False]
+    assert statistics.holm_levels(p, 0.06) == pytest.approx([0.02, 0.02, 0.015, 0.02])
+    assert list(statistics.benjamini_hochberg(p) < 0.041) == [True, False, True, True]
+    assert statistics.benjamini_hochberg_levels(p, 0.041) == pytest.approx(0.041 * np.array([3, 4, 3, 3]) / 4)
 
 
 def test_p_outside_0_to_1_is_refused() -> None:

@@ -14,6 +14,7 @@ from etude import plugins
 from etude.cli import main
 from etude_studies.thesis.catalogue import catalogue
 from etude_studies.thesis.choosing import GROUPS, group_of, ledger, runs_of
+from etude_studies.thesis.kept import kept_verdicts
 from etude_studies.thesis.method import with_method
 from etude_studies.thesis.pages import thesis_page
 
@@ -179,6 +180,21 @@ def test_a_bad_method_concerns_its_own_rows(
     (reason,) = found["failed"].values()
     assert said in reason
     assert (folder / "thesis" / "collected" / f"{RUN}.parquet").exists()  # the run without the method
+
+
+@pytest.mark.slow
+def test_the_seeds_that_a_page_asks_for_decide_its_claim(capsys, tmp_path: Path, monkeypatch) -> None:
+    """More seeds than asked for, of which as many count; the committed pages stay as they are."""
+    monkeypatch.chdir(tmp_path)
+    asks = kept_verdicts()["C2.4-1"].asks
+    assert asks
+    code, _, _ = answer(capsys, "run", "K1", "--seeds", str(asks + 9), "--workers", "1", "--go-on")
+    assert code == 0
+    answer(capsys, "report", "--folder", "results", "--output", "site")
+    page = (tmp_path / "site" / "C2.4-1.html").read_text(encoding="utf-8")
+    lead = page[page.index('class="lead verdict"') :].partition("</p>")[0]
+    assert "not decided" not in lead
+    assert f"of {asks} seeds" in lead
 
 
 def test_the_page_of_the_thesis_is_of_the_committed_results() -> None:

@@ -1,0 +1,211 @@
+"""ask --payload: a motion of ten seconds that shows best what hangs at the hand; nothing learns from it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from etude.abilities import SupportsVariations
+from etude.campaign.deployment.payload import TOLD, apparent_of, weighable
+from etude.campaign.propose.ask import Proposal, presented
+from etude.campaign.propose.constraints import Constraints, constraints_now, constraints_then
+from etude.campaign.propose.export import require_formats
+from etude.campaign.propose.proposal import roam_of
+from etude.campaign.propose.typical_motions import from_rest
+from etude.campaign.record.controls import FEEDBACK
+from etude.campaign.record.deployed_model import deployed_model
+from etude.campaign.record.events import Asked
+from etude.campaign.record.folder import Campaign, Say
+from etude.campaign.record.state import State
+from etude.campaign.record.stored_files import FULL, require_description, take_up
+from etude.campaign.record.stored_models import newest_model
+from etude.deploy.trajectory_files import TrajectoryFiles, render
+from etude.design.candidates import Drawn, Roamed, Source
+from etude.design.objective import instants
+from etude.design.solve import search
+from etude.errors import UsageError
+from etude.limits.commands import require_possible
+from etude.models import LearnedModel, load_forecast, whole_mass
+from etude.models.accuracy import NORMAL_95
+from etude.protocols import Family, Inputs, Limit
+from etude.types import Array, Log
+
+STREAM = 7
+"""Separates the random numbers of these motions from those of asks, of confirmations and of the tests."""
+DURATION_S = 10.0
+"""Of a motion, without its lead-in."""
+CORRELATED_S = 0.5
+"""s in which errors are alike: samples nearer than that share one vote."""
+POINTS = 50
+"""Instants of a motion that are looked at: five in each second."""
+CANDIDATES = 48
+"""Random motions, of which the best is refined."""
+REGIONS = 4
+"""Times that motions between obstacles are looked for: two each."""
+SHARE = 0.2
+"""Of the mass that takes all of some command: about a load that is rated."""
+REFINED, STEPS = 1, 12
+"""Of the candidates, and iterations: on a UR10 deviations fall by a fifth, in about ten seconds."""
+STEP = 1e-5
+"""Of a parameter's size, for differences."""
+
+
+@dataclass(frozen=True, eq=False)
+class Weighs:
+    """What a motion tells of a load: minus half the log determinant of the covariance of mass and first
+    moments that it leaves. Implements `solve.Sought`.
+
+    Attributes:
+        model, body, apparent, mass: see `load_forecast`.
+        family: of motions. inputs: of the model.
+    """
+
+    model: LearnedModel
+    body: SupportsVariations
+    apparent: Array | None
+    mass: float
+    family: Family
+    inputs: Inputs
+
+    def of(self, family: Family) -> Weighs:
+        return replace(self, family=family)
+
+    def covariance(self, p: Array) -> Array:
+        """(4, 4) that the motion of p (P,) leaves."""
+        duration = self.family.trajectory(p).duration
+        times, keep = instants(duration, POINTS, self.inputs.rate)
+        motion = self.family.motion(p, times, self.inputs.orders)
+        log, gains = self.inputs.states(motion), self.inputs.plan(motion, keep).gains
+        log = log if keep is None else log.take(keep)
+        votes = max(duration / CORRELATED_S, 1.0) / len(log)
+        weight = np.sqrt(min(votes, 1.0)) * gains
+        return load_forecast(self.model, log, weight, self.body, self.mass, self.apparent)
+
+    def value(self, p: Array) -> float:
+        return -0.5 * float(np.linalg.slogdet(self.covariance(p))[1])
+
+    def value_and_gradient(self, p: Array) -> tuple[float, Array]:
+        """By forward differences: a gradient costs as much as a few candidates."""
+        value, gradient = self.value(p), np.zeros_like(p)
+        for i in range(len(p)):
+            moved = p.copy()
+            moved[i] += STEP * max(abs(p[i]), 1.0)
+            gradient[i] = (self.value(moved) - value) / (moved[i] - p[i])
+        return value, gradient
+
+
+def ask_to_weigh(
+    campaign: Campaign,
+    *,
+    new: bool = False,
+    speed: int = FULL,
+    formats: Sequence[str] = (),
+    start: str = "",
+    say: Say = lambda _: None,
+) -> Proposal:
+    """The open motion that shows what hangs at the hand, or another one.
+
+    Args:
+        campaign: the folder.
+        new: ask for another one although one is open.
+        speed, formats, start: as of `ask`.
+        say: receives one sentence per step.
+
+    Raises:
+        UsageError: nothing was learned yet, a robot whose links are not known, no command that a load asks
+            for, a file that was changed, or an unknown format.
+        UnsafeTrajectoryError: no such motion inside the limits; nothing is written.
+    """
+    require_formats(formats)
+    with campaign.writing():
+        require_description(campaign)
+        state = campaign.state()
+        made, open_ones = None, state.weighings
+        if open_ones and not new:
+            number = open_ones[-1].number
+            constraints = constraints_then(campaign.round(number).asked)
+        else:
+            number, constraints = state.next_number, constraints_now(campaign, state, FEEDBACK)
+            made = _propose(campaign, state, number, constraints, say)
+        found = presented(campaign, number, constraints, made, speed, start, formats)
+        take_up(campaign)
+        return found
+
+
+def _propose(
+    campaign: Campaign, state: State, number: int, constraints: Constraints, say: Say
+) -> tuple[TrajectoryFiles, str]:
+    """Files of the motion, committed, and what it will show."""
+    used = deployed_model(campaign)
+    body = weighable(campaign)
+    say(used.sentence)
+    constraints = constraints.using(newest_model(campaign, state))
+    limits = constraints.limits(campaign)
+    require_possible(limits)
+    kind, spec, config = campaign.kind, campaign.spec, campaign.config
+    path = replace(config.trajectory, duration=DURATION_S, omega0=None)
+    family = kind.family(spec, replace(config, trajectory=path))
+    rng = np.random.default_rng([state.seed, number, STREAM])
+    candidates = _candidates(campaign, family, limits, rng)
+    first = candidates[0]
+    log = used.model.inputs.states(first.family.motion(first.p, np.linspace(0.0, DURATION_S, POINTS), 3))
+    mass = SHARE * _whole(campaign, log, body)
+    apparent = apparent_of(campaign, used.model, body)
+    aim = Weighs(used.model, body, apparent, mass, family, used.model.inputs)
+    say("Designing a motion that shows what hangs at the hand.")
+    found = search(aim, candidates, replace(config.design, refine=REFINED, steps=STEPS), limits)
+    motion = from_rest(campaign, found.best.trajectory, limits)
+    own = constraints.of(motion)
+    files = render(motion, kind, spec, config, limits, own.unenforced, control=own.control)
+    status = forecast(aim.of(found.best.family).covariance(found.best.p), mass)
+    asked = Asked(
+        weighs=True,
+        status=status,
+        seed=(state.seed, number, STREAM),
+        learned=len(state.trained),
+        active_limits=tuple(files.certificate.active()),
+        value=found.value,
+        baseline_value=found.baseline,
+        evaluations=found.evaluations,
+        model_sha256=used.sha256,
+    )
+    campaign.commit(own.recorded(asked), number, files.write(campaign.proposal(number)))
+    return files, status
+
+
+def _candidates(
+    campaign: Campaign, family: Family, limits: Sequence[Limit], rng: np.random.Generator
+) -> list[Drawn]:
+    """Random motions; between obstacles where there are some."""
+    config, roam = campaign.config.design, roam_of(campaign, family, ())
+    if roam is None:
+        source = Source(family, tuple(limits), campaign.kind.home(campaign.spec), config.sampler)
+        return source.candidates(rng, CANDIDATES)
+    between = Roamed.of(family, tuple(limits), roam, config.sampler)
+    return [one for _ in range(REGIONS) for one in between.candidates(rng, CANDIDATES)]
+
+
+def _whole(campaign: Campaign, log: Log, body: SupportsVariations) -> float:
+    whole = whole_mass(log, body, np.asarray(campaign.kind.limit(campaign.spec)))
+    if whole == 0.0:
+        raise UsageError(
+            f"no command of '{campaign.spec.name}' holds a load: all axes meet where it hangs",
+            where=str(campaign.path),
+            next_step="Choose more joints with --joints, or weigh it on a scale.",
+        )
+    return whole
+
+
+def forecast(covariance: Array, mass: float) -> str:
+    """What is to be expected of a load of `mass` kg whose centre is at the link's origin, 95 %."""
+    wide = NORMAL_95 * np.sqrt(np.diag(covariance)) / np.array([1.0, mass, mass, mass])
+    axes = [
+        f"{name} +- {1e3 * own:.0f} mm" if own <= TOLD else f"{name} cannot be told"
+        for name, own in zip("xyz", wide[1:].tolist(), strict=True)
+    ]
+    return (
+        f"to weigh what hangs at the hand. Forecast for {mass:.2g} kg: mass +- {wide[0]:.2g} kg, centre "
+        f"{', '.join(axes)}"
+    )

@@ -1,0 +1,158 @@
+"""Recordings of motions that Étude sent: what they answer is known, so nothing is aligned."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from etude.campaign.record.events import MotionEnded, RunBegan
+from etude.campaign.record.folder import Campaign
+from etude.campaign.record.journal import recorded
+from etude.campaign.record.stored_files import FULL, name_of, speed_folder
+from etude.deploy.trajectory_files import COEFFICIENTS
+from etude.drivers import Ended, Recording, read_recording
+from etude.drivers.recordings import HEADER
+from etude.errors import DataError
+from etude.logs.alignment.alignment import ended, with_plan
+from etude.logs.columns.units import start_at_zero
+from etude.logs.readers.frames import parquet_metadata
+from etude.protocols import Trajectory
+from etude.storage import sha256_of
+from etude.trajectories.json_text import from_json
+from etude.types import Array, Channel, Log
+
+REST_S = 0.5
+"""Of standing still before a motion and after it that is kept."""
+STATES = 3
+"""Position, velocity and acceleration: what a body's commands depend on."""
+LEAST_TAUGHT_S = 2.0
+"""A motion that was stopped earlier teaches nothing."""
+
+
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """A recording, and what it is of.
+
+    Attributes:
+        recording: read from its file. control: that it was run under; "" where the journal
+            knows no such file.
+        lacks_gravity: the robot adds gravity after the commands that it shows.
+    """
+
+    recording: Recording
+    control: str
+    lacks_gravity: bool = False
+
+    @property
+    def whole(self) -> bool:
+        """It reached the end of its motion, along which time never stood still."""
+        return self.recording.ended is Ended.DONE and not self.recording.held
+
+    @property
+    def trajectory(self) -> Trajectory:
+        return from_json(self.recording.motion.trajectory_json)
+
+    def answers(self, campaign: Campaign) -> int | None:
+        """The proposal that it answers: the whole motion of it, at full speed, with the bytes committed."""
+        motion = self.recording.motion
+        path = speed_folder(campaign, motion.number, FULL) / COEFFICIENTS
+        committed = recorded(campaign.events()).get(name_of(campaign, path))
+        own = motion.part == "motion" and motion.speed == FULL and committed == motion.sha256
+        to_the_end = motion.duration >= self.trajectory.duration - 1e-9
+        return motion.number if own and self.whole and to_the_end else None
+
+
+def is_recording(path: Path) -> bool:
+    """Whether a run wrote the file."""
+    try:
+        return path.suffix == ".parquet" and HEADER in parquet_metadata(path)
+    except DataError:
+        return False
+
+
+def evidence_in(campaign: Campaign, path: Path) -> Evidence | None:
+    """The recording in a file; None of other files. DataError: it is damaged, or has too little."""
+    if not is_recording(path):
+        return None
+    recording, digest = read_recording(path), sha256_of(path)
+    control, began = "", None
+    for fact in (e.fact for e in campaign.events()):
+        if isinstance(fact, RunBegan):
+            began = fact
+        if isinstance(fact, MotionEnded) and fact.recording_sha256 == digest:
+            control = fact.control
+            break
+    told = {} if began is None else began.told
+    lacks = told.get("gravity_in_command") is False and told.get("command_of") != "measured"
+    if recording.reached < LEAST_TAUGHT_S:
+        raise DataError(
+            f"the motion ended after {recording.reached:.2f} s, which teaches nothing",
+            where=str(path),
+            next_step="Run it again.",
+        )
+    return Evidence(recording, control, lacks)
+
+
+def log_of(campaign: Campaign, evidence: Evidence, source: str) -> Log:
+    """What was recorded, in the campaign's channels and order, by the time of the trajectory."""
+    own, path = evidence.recording, campaign.kind.path
+    joints = own.motion.joints
+    order = [joints.index(axis) for axis in campaign.axes]
+    t = own.t - own.began
+    last = own.reached + (REST_S if evidence.whole else 0.0)
+    use = (t >= -REST_S) & (t <= last)
+    for start, end in own.held:
+        use &= ~((own.t >= start) & (own.t <= end))
+    values: dict[str, Array] = {path: own.q, campaign.command.name: own.command}
+    rate = next((c.name for c in campaign.channels if c.derivative_of == path), "")
+    values |= {rate: own.qd} if own.qd is not None and rate else {}
+    channels: dict[str, Channel] = {name: campaign.channel(name) for name in values}
+    kept = {name: np.ascontiguousarray(value[use][:, order]) for name, value in values.items()}
+    log = Log(t[use], channels, kept, source)
+    added = file_gravity(campaign, log[path]) if evidence.lacks_gravity else None
+    if added is None:
+        return log
+    log = log.put(campaign.command, log[campaign.command.name] + added)
+    return log.repaired(
+        "The robot adds gravity after its commands: that of the model file was added to them."
+    )
+
+
+def file_gravity(campaign: Campaign, q: Array) -> Array | None:
+    """(n, k) what the model file's masses ask in poses q (n, k); None without a file, or for other units.
+
+    It goes into what is learned of a robot that adds gravity by itself, and out of what it is sent, so an
+    error of the file does no harm.
+    """
+    from etude.campaign.ingest.questions import body_of
+
+    body, path = body_of(campaign.kind, campaign.spec), campaign.kind.path
+    if body is None:
+        return None
+    channels = [campaign.channel(path)]
+    while len(channels) < STATES and (
+        rates := [c for c in campaign.channels if c.derivative_of == channels[-1].name]
+    ):
+        channels.append(rates[0])
+    values = {c.name: q if order == 0 else np.zeros_like(q) for order, c in enumerate(channels)}
+    still = Log(np.arange(len(q), dtype=float), {c.name: c for c in channels}, values)
+    return np.asarray(body.predict(still))
+
+
+def placed(campaign: Campaign, evidence: Evidence, log: Log) -> tuple[Log, int | None]:
+    """The cleaned log with its plan where it answers a proposal, and that one; else a log of its own."""
+    number = evidence.answers(campaign)
+    if number is not None:
+        return planned_log(campaign, evidence, log), number
+    own = evidence.recording
+    why = own.reason or own.ended.value
+    said = f"The motion ended at {own.reached:.2f} s ({why}): it teaches up to there."
+    return start_at_zero(log).repaired(said), None
+
+
+def planned_log(campaign: Campaign, evidence: Evidence, log: Log) -> Log:
+    """With the planned motion at its own times."""
+    trajectory = evidence.trajectory
+    return with_plan(ended(log, trajectory.duration), trajectory, campaign.channels, campaign.kind.path)

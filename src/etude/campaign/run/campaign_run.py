@@ -1,0 +1,457 @@
+"""The loop that the robot closes by itself: approach, careful steps, motion, log, next motion; then the
+motion that confirms, and promotion.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import math
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import asdict, dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from etude.campaign.deployment.promote import Promotion, promote
+from etude.campaign.evaluate.confirm import ask_to_confirm
+from etude.campaign.ingest.tell import take, tell
+from etude.campaign.propose.ask import ask
+from etude.campaign.record.confirmation import RUNS, confirmed
+from etude.campaign.record.controls import FEEDBACK, LEARNED, asked_under
+from etude.campaign.record.deployed_model import model_of_sha256
+from etude.campaign.record.events import Abandoned, Ingested, MotionEnded, RunBegan, RunEnded
+from etude.campaign.record.folder import Campaign, Say
+from etude.campaign.record.stored_models import newest_model
+from etude.campaign.run.certified_motions import (
+    CertifiedMotion,
+    Learned,
+    careful_motion,
+    holding,
+    proposal_motion,
+    require_accepted,
+    ways_of,
+)
+from etude.campaign.run.next_proposal import NextProposal
+from etude.campaign.run.preconditions import open_points, require_none
+from etude.campaign.run.robot_session import Result, RobotSession, Tell, only_one
+from etude.campaign.run.run_history import next_step
+from etude.drivers import About, Person, Player
+from etude.errors import DataError, EtudeError, RobotStopped, StopRuleReached, UsageError, typed
+from etude.models.learned_model import LearnedModel
+
+WORD = "move"
+"""What a person types before anything moves."""
+MOST_ROUNDS = 50
+"""Of one command, whatever the stop rule says."""
+
+
+@dataclass(frozen=True)
+class RunOptions:
+    """How a campaign is run.
+
+    Attributes:
+        on: the driver, as it was named. rounds: motions at most; 0: until the stop rule fires.
+        yes: agreed beforehand, to a simulation. dry: everything but motion.
+        resume: a person has looked at where an unfinished motion left the robot.
+        identity: that the person says the robot has now.
+        learned, confirm, promote: see `run_settings.RunDefaults`.
+    """
+
+    on: str = ""
+    rounds: int = 0
+    yes: bool = False
+    dry: bool = False
+    resume: bool = False
+    identity: str = ""
+    learned: bool = True
+    confirm: bool = True
+    promote: bool = True
+
+
+@dataclass(frozen=True)
+class RoundRun:
+    """One motion that taught.
+
+    Attributes:
+        number: of the proposal. control: that it ran under.
+        error: (k,) mean |measured - asked|, deg or the path's unit. worst: (k,) the largest, rad (m).
+    """
+
+    number: int
+    control: str
+    error: tuple[float, ...]
+    worst: tuple[float | None, ...]
+
+
+@dataclass(frozen=True)
+class RunResult:
+    """What a run did.
+
+    Attributes:
+        rounds: motions that taught. why: it ended, a sentence.
+        robot_seconds: of motion, ways and careful steps too. stood: s that the robot stood and waited.
+        confirmed: what `status` says of the motion that confirms; None without one.
+        promotion: what became of the newest model; None where nobody asked. said: sentences beside.
+    """
+
+    rounds: tuple[RoundRun, ...] = ()
+    why: str = ""
+    robot_seconds: float = 0.0
+    stood: float = 0.0
+    confirmed: Mapping[str, Any] | None = None
+    promotion: Promotion | None = None
+    said: tuple[str, ...] = ()
+
+
+def run_campaign(
+    campaign: Campaign,
+    player: Player,
+    person: Person,
+    options: RunOptions,
+    *,
+    say: Say = lambda _: None,
+    tell_event: Tell = lambda _, __: None,
+) -> RunResult:
+    """Closes the loop with a robot; see docs/run.md.
+
+    Args:
+        campaign: the folder. player: the robot, not connected yet. person: who agrees, and who can stop it.
+        say: receives one sentence per step. tell_event: what happened, by name.
+
+    Raises:
+        UsageError: something is open, or a person did not agree; nothing moved.
+        UnsafeTrajectoryError: no motion or way is proved, or the robot refuses it. DataError: a recording
+            cannot be used. RobotStopped, LinkLost, KeyboardInterrupt: see `RobotSession.play`.
+    """
+    with connected(
+        campaign, player, person, resume=options.resume, identity=options.identity, tell=tell_event
+    ) as session:
+        return close_loop(session, options, say)
+
+
+@contextlib.contextmanager
+def connected(
+    campaign: Campaign,
+    player: Player,
+    person: Person,
+    *,
+    resume: bool = False,
+    identity: str = "",
+    tell: Tell = lambda _, __: None,
+) -> Iterator[RobotSession]:
+    """The robot, connected, once nothing is open that blocks it; nothing moves. Errors as `run_campaign`."""
+    about = player.about()
+    with only_one(campaign, about):
+        found = open_points(campaign, about, resume=resume, identity=identity)
+        waived = require_none(campaign, found, simulated=not about.real)
+        with player:
+            yield RobotSession(campaign, player, about, person, tell, waived=tuple(waived))
+
+
+def close_loop(session: RobotSession, options: RunOptions, say: Say = lambda _: None) -> RunResult:
+    """As `run_campaign`, of a robot that is connected."""
+    loop = _Loop(session.campaign, session, options, say)
+    first, fired = loop.first()
+    sentences = what_will_happen(session, options, first)
+    if options.dry:
+        return RunResult(why="nothing was moved: --dry-run", said=tuple(sentences))
+    _require_agreed(session.person, session.about, options, sentences)
+    with _kept(session.campaign, session.about, options):
+        return loop.closed(first, fired)
+
+
+@contextlib.contextmanager
+def _kept(campaign: Campaign, about: About, options: RunOptions) -> Iterator[None]:
+    """The journal says that a run began, and how it ended."""
+    told = {name: value for name, value in vars(about).items() if isinstance(value, str | bool | int | float)}
+    began = RunBegan(
+        driver=options.on,
+        robot=about.name,
+        identity=about.identity,
+        real=about.real,
+        agreed="--yes" if options.yes else "typed",
+        told=told,
+    )
+    with campaign.writing():
+        campaign.commit(began)
+    try:
+        yield
+    except BaseException as problem:
+        code, why = 130 if isinstance(problem, KeyboardInterrupt) else 1, type(problem).__name__
+        if isinstance(problem, EtudeError):
+            code, why = problem.exit_code, problem.fact
+        with contextlib.suppress(EtudeError), campaign.writing():
+            campaign.commit(RunEnded(why=why, exit_code=code))
+        raise
+    with campaign.writing():
+        campaign.commit(RunEnded(why="done"))
+
+
+def what_will_happen(session: RobotSession, options: RunOptions, first: CertifiedMotion | None) -> list[str]:
+    """What a person reads before agreeing: who moves, where, how long, what stops it, what was assumed."""
+    campaign, about, pose = session.campaign, session.about, session.pose()
+    where = ", ".join(f"{axis} {value:.3g}" for axis, value in zip(campaign.axes, pose.tolist(), strict=True))
+    rounds = f"{options.rounds} motions" if options.rounds else "as many motions as the stop rule asks for"
+    rounds = rounds if first is not None else "the motion that confirms alone, since the stop rule has fired"
+    real = "It is real: keep a hand on its emergency stop." if about.real else "It is a simulation."
+    does = {"stops": "stops", "holds": "holds where it is", "goes on": "GOES ON"}
+    dies = does.get(about.on_loss, "does nobody knows what")
+    return [
+        f"{about.name} ({about.identity}) will move: {rounds}, with ways between them. {real}",
+        f"It stands at {where}.",
+        f"If this program dies, it {dies}.",
+        *([] if first is None else _of_first(campaign, first)),
+        *session.waived,
+    ]
+
+
+def _of_first(campaign: Campaign, first: CertifiedMotion) -> list[str]:
+    step, last = "the beginning of " * first.first, first.trajectory.duration
+    q = first.trajectory.motion(np.linspace(0.0, first.trajectory.duration, 1000), 1).orders[0]
+    rows = zip(campaign.axes, q.min(axis=0), q.max(axis=0), strict=True)
+    ranges = ", ".join(f"{axis} in {low:.2f}..{high:.2f}" for axis, low, high in rows)
+    return [
+        f"First: {step}motion {first.number} at {first.speed} % of its speed, {last:.0f} s, "
+        f"under {first.control}.",
+        f"Motion {first.number} moves {ranges}.",
+    ]
+
+
+def _require_agreed(person: Person, about: About, options: RunOptions, sentences: list[str]) -> None:
+    if options.yes:
+        if about.real:
+            raise UsageError(
+                f"{about.name} is real, so a person has to agree",
+                where="--yes",
+                next_step=f"Leave --yes out, and type {WORD}.",
+            )
+        return
+    if not person.agrees(sentences, WORD):
+        raise UsageError("nobody agreed; nothing moved", next_step=f"Run it again, and type {WORD} in full.")
+
+
+@dataclass(eq=False)
+class _Loop:
+    """A campaign and the robot that closes it."""
+
+    campaign: Campaign
+    session: RobotSession
+    options: RunOptions
+    say: Say
+    rounds: list[RoundRun] = field(default_factory=list)
+
+    def first(self) -> tuple[CertifiedMotion | None, str]:
+        """The motion that is run first, proved and accepted; None where the stop rule has fired, and why.
+        Nothing moves.
+        """
+        try:
+            motion = self._at_step(self._asked())
+        except StopRuleReached as fired:
+            return None, fired.fact
+        pose = self.session.pose()
+        ways = ways_of(self.campaign, motion, pose)
+        for own in (ways.approach, motion):
+            if own is not None:
+                planned = own.for_driver(self.campaign, self.session.about)
+                require_accepted(self.session.player.check(planned), own)
+        return motion, ""
+
+    def closed(self, first: CertifiedMotion | None, why: str) -> RunResult:
+        """All rounds, the motion that confirms, promotion."""
+        number = None if first is None else first.number
+        most = self.options.rounds or MOST_ROUNDS
+        while number is not None:
+            number, why = self._round(number, last=len(self.rounds) + 1 >= most)
+        self.say(f"{why[:1].upper()}{why[1:]}.")
+        found = self._confirmed() if self.options.confirm else (None, "no motion was to confirm it")
+        promotion, said = self._promoted(*found)
+        return RunResult(
+            tuple(self.rounds), why, self.session.seconds, self.session.stood, found[0], promotion, said
+        )
+
+    @property
+    def control(self) -> str:
+        """That the next motion is asked for."""
+        return LEARNED if self._takes_learned and self.campaign.state().learned else FEEDBACK
+
+    @property
+    def _takes_learned(self) -> bool:
+        return self.options.learned and LEARNED in self.session.about.controls
+
+    def _asked(self) -> int:
+        """The number of the next proposal. StopRuleReached: another is not worth its robot time."""
+        control = "" if self.campaign.state().proposals else self.control
+        return ask(self.campaign, control=control, say=self.say).number
+
+    def _round(self, number: int, last: bool) -> tuple[int | None, str]:
+        """One motion, its careful steps before it; the number of the next one, or None and why."""
+        try:
+            result = self._whole(number, self._control_of(number))
+        except RobotStopped:
+            self._given_up(number)
+            raise
+        self._taken_in(number, result)
+        ours = not self.session.about.virtual
+        onward = NextProposal(self.campaign, self._onward_control, beside=ours, say=self.say)
+        changed = bool(self.campaign.state().awaiting_answer)
+        try:
+            self._back(number, (lambda: None) if last or changed else onward.begin)
+            if changed:
+                raise RobotChanged(self.campaign)
+            if last:
+                learn(self.campaign, self.say)
+                return None, f"{len(self.rounds)} rounds are done"
+            return onward.number(), ""
+        except StopRuleReached as fired:
+            return None, fired.fact
+        finally:
+            onward.end()
+
+    @property
+    def _onward_control(self) -> str:
+        """Of the next motion, once the log that was taken in is learned."""
+        return LEARNED if self._takes_learned else FEEDBACK
+
+    def _control_of(self, number: int) -> str:
+        """What a proposal was asked for; learned where both would do."""
+        own = asked_under(self.campaign.round(number).asked) or (FEEDBACK,)
+        return LEARNED if LEARNED in own and self._takes_learned else own[0]
+
+    def _whole(self, number: int, control: str, model: LearnedModel | None = None) -> Result:
+        """The whole motion at full speed, after the careful steps that its control still lacks."""
+        while True:
+            motion = self._at_step(number, control)
+            result = self._sent(self._with_command(motion, model))
+            if not motion.first:
+                return result
+
+    def _at_step(self, number: int, control: str = "") -> CertifiedMotion:
+        """At the speed that its control has earned; nothing of it moves faster than is proved."""
+        motion = proposal_motion(self.campaign, number, control or self._control_of(number))
+        step = next_step(self.campaign.events(), motion.control)
+        return (careful_motion(self.campaign, motion, step.speed) or motion) if step.first else motion
+
+    def _with_command(self, motion: CertifiedMotion, model: LearnedModel | None = None) -> CertifiedMotion:
+        """With the learned command, where it is run under that."""
+        if motion.control != LEARNED:
+            return motion
+        model = model or newest_model(self.campaign, self.campaign.state())
+        found = Learned.along(self.campaign, model, motion.trajectory, self.session.about)
+        return replace(motion, learned=found)
+
+    def _sent(self, motion: CertifiedMotion) -> Result:
+        """The way to its start, and the motion; a learned command comes or goes on the way."""
+        pose = self.session.pose()
+        level = 1.0 if motion.learned is not None else 0.0
+        way = ways_of(self.campaign, motion, pose).approach
+        if way is None and level != self.session.level:
+            way = holding(self.campaign, motion, pose)
+        if way is not None:
+            self.session.play(self._faded(way, level))
+        what = "the beginning of motion" if motion.first else "motion"
+        self.say(f"Running {what} {motion.number} at {motion.speed} %, under {motion.control}.")
+        return self.session.play(motion)
+
+    def _faded(self, way: CertifiedMotion, level: float) -> CertifiedMotion:
+        """With the command that the robot has, fading to the level that comes next."""
+        if not level and not self.session.level:
+            return way
+        learned = self._with_command(replace(way, control=LEARNED))
+        return replace(learned, fade=(self.session.level, level))
+
+    def _back(self, number: int, meanwhile: Callable[[], None] = lambda: None) -> None:
+        """Home, while the next motion is computed."""
+        motion = proposal_motion(self.campaign, number, self._control_of(number))
+        home = np.asarray(self.campaign.kind.home(self.campaign.spec), dtype=float)
+        way = ways_of(self.campaign, motion, home).back
+        if way is None:
+            meanwhile()
+        else:
+            self.session.play(self._faded(way, self.session.level), meanwhile)
+
+    def _taken_in(self, number: int, result: Result) -> None:
+        """The recording as the log of its proposal; it is learned with the next `ask`."""
+        with self.campaign.writing():
+            found = take(self.campaign, result.path, number)
+        for sentence in found.repairs:
+            self.say(f"{result.path.name}: {sentence}")
+        self.rounds.append(self._figures(number, result))
+        self.session.tell("taken_in", asdict(self.rounds[-1]))
+
+    def _given_up(self, number: int) -> None:
+        """A whole motion that was stopped is not tried again: it teaches up to there."""
+        last = next(e.fact for e in reversed(self.campaign.events()) if isinstance(e.fact, MotionEnded))
+        if last.part != "motion" or last.first:
+            return
+        with self.campaign.writing():
+            with contextlib.suppress(DataError):
+                take(self.campaign, self.campaign.path / last.recording)
+            self.campaign.commit(Abandoned(), number)
+        self.say(f"Motion {number} is given up, and teaches up to there.")
+
+    def _figures(self, number: int, result: Result) -> RoundRun:
+        own = result.recording
+        inside = (own.t >= own.began) & (own.t - own.began <= own.reached)
+        error = np.nanmean(np.abs(own.q - own.asked)[inside], axis=0)[self.session.columns]
+        units = self.campaign.channel(self.campaign.kind.path).units
+        shown = [math.degrees(e) if u == "rad" else e for e, u in zip(error.tolist(), units, strict=True)]
+        return RoundRun(number, result.fact.control, tuple(shown), result.fact.worst_error)
+
+    def _confirmed(self) -> tuple[Mapping[str, Any] | None, str]:
+        """What the motion that confirms has shown; None, and why there is none."""
+        if not self._takes_learned:
+            return None, "the robot takes no learned command, so none was confirmed"
+        number = ask_to_confirm(self.campaign, say=self.say).number
+        asked = self.campaign.round(number).asked
+        model = None if asked is None else model_of_sha256(self.campaign, asked.model_sha256)
+        for name, control in zip(RUNS, (FEEDBACK, LEARNED), strict=True):
+            if name in self.campaign.round(number).runs:
+                continue
+            result = self._whole(number, control, model)
+            tell(self.campaign, result.path, number=number, confirm=name, say=self.say)
+        self._back(number)
+        return confirmed(self.campaign, self.campaign.round(number)), ""
+
+    def _promoted(
+        self, found: Mapping[str, Any] | None, why: str
+    ) -> tuple[Promotion | None, tuple[str, ...]]:
+        """The newest model in use if it is better; sentences why not."""
+        said = (f"{why[:1].upper()}{why[1:]}.",) if why else ()
+        if not self.options.promote:
+            return None, said
+        if found is not None and (worse := _worse(found)):
+            return None, (*said, worse)
+        return promote(self.campaign, say=self.say), said
+
+
+def learn(campaign: Campaign, say: Say) -> None:
+    """Learns what was taken in, without asking for more."""
+    from etude.campaign.training import learn_pending
+
+    with campaign.writing():
+        learn_pending(campaign, say=say)
+
+
+def _worse(found: Mapping[str, Any]) -> str:
+    """Why a model is not promoted that made the motion that confirms worse; "" if it did not."""
+    without, own = (np.array(found[name], dtype=float) for name in RUNS)
+    if not np.nansum(own) > np.nansum(without):
+        return ""
+    return (
+        f"The model was not promoted: on the motion that confirms the mean error was {np.nanmean(own):.3g} "
+        f"{found['units'][0]} with it and {np.nanmean(without):.3g} without."
+    )
+
+
+class RobotChanged(EtudeError):
+    """The newest recording is not of the robot that the model knows."""
+
+    exit_code = 6
+
+    def __init__(self, campaign: Campaign) -> None:
+        held = campaign.state().awaiting_answer[0]
+        found = held.ingested.findings if isinstance(held.ingested, Ingested) else ()
+        why = " ".join(one.sentence for one in found).rstrip(".")
+        step = f"etude tell {typed(campaign.path)} --changed new (or forget, or same), then run again."
+        fact = f"the robot has changed: log {held.number}: {why}"
+        super().__init__(fact, where=str(campaign.path), next_step=step)

@@ -1,0 +1,272 @@
+"""What a run sends: motions of proposals, slow ones with their first segment alone, and the ways to and from
+them; each proved before it moves, with the learned command where the robot takes one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from etude.campaign.ingest.recordings import file_gravity
+from etude.campaign.propose.approach import clear_poses, require_inside, there_and_back
+from etude.campaign.propose.constraints import Constraints, constraints_then
+from etude.campaign.propose.typical_motions import approaches_of
+from etude.campaign.record.folder import Campaign
+from etude.campaign.record.stored_files import proposal_advice, speed_folder, stored_bytes
+from etude.campaign.run.run_history import FULL
+from etude.campaign.run.supervision import bounds_for
+from etude.deploy.trajectory_files import COEFFICIENTS, at_speed
+from etude.drivers import About, Bounds, PlannedMotion, first_segment_ends, planned
+from etude.drivers.contract import MotionPart
+from etude.errors import UnsafeTrajectoryError, UsageError
+from etude.limits.certificate import certify, require_certified
+from etude.models.learned_model import LearnedModel
+from etude.protocols import Trajectory
+from etude.trajectories.json_text import from_json
+from etude.trajectories.splined import Splined
+from etude.types import Array, Motion
+
+NEAR = 1e-9
+"""rad or m: a robot that was asked to stand so near to a motion's start needs no way there."""
+COMMAND_HZ = 200.0
+"""At which learned commands are computed; between, they are joined by lines."""
+FADE_S = 1.5
+"""s in which a learned command comes or goes, where the motion before was sent without, or with it."""
+
+
+@dataclass(frozen=True, eq=False)
+class Learned:
+    """The command of a model along a motion, in the campaign's order.
+
+    Attributes:
+        t: (T,) s. total: (T, k) what the model predicts. deviation: (T, k) of it.
+        sent: (T, k) the part that is sent: without gravity where the robot adds it by itself.
+        logged: (T, k) the part that the robot's own commands show.
+    """
+
+    t: Array
+    total: Array
+    deviation: Array
+    sent: Array
+    logged: Array
+
+    @classmethod
+    def along(cls, campaign: Campaign, model: LearnedModel, trajectory: Trajectory, about: About) -> Learned:
+        states = model.planned(trajectory, COMMAND_HZ)
+        found = model.commanded(states)
+        total = found["command"]
+        t = np.minimum(np.arange(len(total)) / COMMAND_HZ, trajectory.duration)
+        if about.gravity_in_command is not False:
+            return cls(t, total, found["deviation"], total, total)
+        q = trajectory.motion(t, 1).orders[0]
+        added = file_gravity(campaign, q)
+        sent = total - (model.static(states) if added is None else added)
+        logged = total if added is None or about.command_of == "measured" else sent
+        return cls(t, total, found["deviation"], sent, logged)
+
+    def at(self, t: Array, values: Array) -> Array:
+        """(n, k) of `sent` or `logged`."""
+        return np.stack([np.interp(t, self.t, own) for own in values.T], axis=1)
+
+
+@dataclass(frozen=True, eq=False)
+class CertifiedMotion:
+    """One motion that may be sent.
+
+    Attributes:
+        number: of the proposal. part: of it. speed: per cent. first: it is the motion's beginning alone.
+        data: the JSON that was proved, its trajectory. control: that it is run under.
+        learned: command along it; None under feedback alone.
+        fade: levels of the learned command at its beginning and from `FADE_S` on.
+    """
+
+    number: int
+    part: MotionPart
+    speed: int
+    data: bytes
+    trajectory: Trajectory
+    constraints: Constraints
+    control: str
+    first: bool = False
+    learned: Learned | None = None
+    fade: tuple[float, float] = (1.0, 1.0)
+
+    @property
+    def start(self) -> Array:
+        """(k,) rad or m"""
+        return np.asarray(self.trajectory.motion(np.zeros(1), 1).orders[0, 0])
+
+    @property
+    def end(self) -> Array:
+        """(k,) rad or m"""
+        return np.asarray(self.trajectory.motion(np.array([self.trajectory.duration]), 1).orders[0, 0])
+
+    def for_driver(self, campaign: Campaign, about: About) -> PlannedMotion:
+        """Its rows at the driver's rate, joints in the driver's order."""
+        return planned(
+            self.data,
+            number=self.number,
+            part=self.part,
+            speed=self.speed,
+            names=campaign.axes,
+            joints=about.joints,
+            rate=about.rate,
+            effort=self._effort(),
+        )
+
+    def _effort(self) -> Callable[[Motion], Array] | None:
+        learned = self.learned
+        if learned is None:
+            return None
+
+        def effort(motion: Motion) -> Array:
+            level = np.interp(motion.t, [0.0, FADE_S], self.fade)
+            return np.asarray(level[:, None] * learned.at(motion.t, learned.sent))
+
+        return effort
+
+    def predicted(self, t: Array) -> Array | None:
+        """(n, k) the commands that are expected at times t; None where nothing is learned."""
+        return None if self.learned is None else self.learned.at(t, self.learned.logged)
+
+    def bounds(self, campaign: Campaign, about: About) -> Bounds:
+        """In the campaign's order of axes."""
+        deviation = None if self.learned is None else self.learned.deviation
+        return bounds_for(campaign, about, self.constraints, self.trajectory, self.control, deviation)
+
+
+def proposal_motion(campaign: Campaign, number: int, control: str) -> CertifiedMotion:
+    """The whole motion of a proposal at full speed. UsageError: its file is missing or was changed."""
+    path = speed_folder(campaign, number, FULL) / COEFFICIENTS
+    data = stored_bytes(campaign, path, proposal_advice(campaign, number))
+    constraints = constraints_then(campaign.round(number).asked)
+    return CertifiedMotion(number, "motion", FULL, data, from_json(data), constraints, control)
+
+
+CAREFUL_S = 10.0
+"""s of a motion, at full speed, that are run slowly first, if its first segment is not over before."""
+BRAKES = (3.0, 6.0)
+"""s in which it is braked along its path there, at full speed; the first that is proved."""
+KNOTS_S = 0.05
+"""s of the motion between two knots of what is run instead."""
+
+
+def careful_motion(campaign: Campaign, motion: CertifiedMotion, speed: int) -> CertifiedMotion | None:
+    """The beginning of a motion at that speed, per cent, along its own path to rest; None if it is not
+    proved, as at full speed, where a motion may leave no room to brake.
+    """
+    limits, rests = motion.constraints.limits(campaign), first_segment_ends(motion.trajectory)
+    if rests <= CAREFUL_S and rests == motion.trajectory.duration and speed == FULL:
+        return motion
+    for brake in BRAKES if rests > CAREFUL_S else (0.0,):
+        trajectory = _beginning(motion.trajectory, speed / FULL, brake)
+        if certify(trajectory, limits).ok:
+            data = trajectory.to_json().encode()
+            return replace(motion, speed=speed, first=True, data=data, trajectory=trajectory)
+    return None
+
+
+def _beginning(trajectory: Trajectory, pace: float, brake: float) -> Splined:
+    """Its first seconds at that pace, braked to rest by a raised cosine, as quintics through its knots.
+
+    brake: s at full speed; 0 where the motion rests by itself.
+    """
+    last = min(CAREFUL_S, first_segment_ends(trajectory))
+    until = (last - 0.5 * brake) / pace  # s of our time, from where on it is braked
+    duration = until + brake / pace
+    t = np.linspace(0.0, duration, int(np.ceil(duration * pace / KNOTS_S)) + 1)
+    x = np.clip((t - until) * pace / max(brake, KNOTS_S), 0.0, 1.0) * (brake > 0.0)
+    at = pace * np.minimum(t, until) + 0.5 * brake * (x + np.sin(np.pi * x) / np.pi)
+    rate = 0.5 * pace * (1.0 + np.cos(np.pi * x))
+    change = -0.5 * pace * pace * np.pi / max(brake, KNOTS_S) * np.sin(np.pi * x)
+    q, dq, ddq = trajectory.motion(np.minimum(at, trajectory.duration)).orders
+    points = np.stack([q, dq * rate[:, None], ddq * rate[:, None] ** 2 + dq * change[:, None]])
+    points[1:, -1] = 0.0
+    return Splined(t, points, like=trajectory.pieces()[0][2].form)
+
+
+@dataclass(frozen=True, eq=False)
+class Ways:
+    """To a motion, and from its end back to the pose; an approach of None: it stands at the start."""
+
+    approach: CertifiedMotion | None
+    back: CertifiedMotion | None
+
+
+def ways_of(campaign: Campaign, motion: CertifiedMotion, pose: Array) -> Ways:
+    """Proved ways from a pose (k,) to the motion's start, and from its end back, at the motion's speed.
+
+    Raises:
+        UsageError: the pose is outside the limits, or the kind knows no ways, or the motion does not begin
+            and end at rest. UnsafeTrajectoryError: no way is proved.
+    """
+    lower, upper = campaign.kind.expected(campaign.spec).limits[campaign.kind.path]
+    require_inside(pose, lower, upper, campaign.axes)
+    limits = motion.constraints.limits(campaign)
+    home, clear = np.asarray(campaign.kind.home(campaign.spec), dtype=float), clear_poses(campaign)
+    try:
+        found = there_and_back(motion.trajectory, pose, approaches_of(campaign), limits, home, clear)
+    except UnsafeTrajectoryError as problem:
+        raise _no_way(campaign, motion, pose, home, problem) from None
+    if found is None or found.whole is None:
+        raise UsageError(
+            f"robots of the kind '{campaign.kind.name}' know no way to a motion that begins and ends at rest",
+            where=str(campaign.path),
+            next_step="Play the files of etude ask by the robot's own controller, then tell its log.",
+        )
+    near, again = (float(np.abs(own - pose).max()) <= NEAR for own in (motion.start, motion.end))
+    return Ways(
+        None if near else _way(campaign, motion, "approach", found.approach),
+        None if again or motion.first else _way(campaign, motion, "return", found.back),
+    )
+
+
+def _no_way(
+    campaign: Campaign, motion: CertifiedMotion, pose: Array, home: Array, problem: UnsafeTrajectoryError
+) -> UnsafeTrajectoryError:
+    """Whether the pose is the fault, or what is between; a pose from which there is a way, to be typed."""
+    stands = certify(_still(pose), motion.constraints.limits(campaign)).ok
+    fact = f"no way to motion {motion.number} is proved" if stands else "where it stands is the fault"
+    named = ", ".join(f"{a} = {x:.3g}" for a, x in zip(campaign.axes, home.tolist(), strict=True))
+    return UnsafeTrajectoryError(
+        f"{fact}: {problem.fact}",
+        where=problem.where,
+        next_step=f"Bring the robot home by its own controller, or near: {named}.",
+    )
+
+
+def _still(pose: Array) -> Splined:
+    """Standing at a pose (k,) for as long as a learned command comes or goes."""
+    points = np.zeros((3, 2, len(pose)))
+    points[0] = pose
+    return Splined(np.array([0.0, 2.0 * FADE_S]), points)
+
+
+def _way(
+    campaign: Campaign, motion: CertifiedMotion, part: MotionPart, trajectory: Trajectory
+) -> CertifiedMotion:
+    """As slow as the motion that it is to: a control that is new is new on the way, too."""
+    if motion.speed != FULL:
+        trajectory = at_speed(trajectory, motion.speed)
+        require_certified(trajectory, motion.constraints.limits(campaign))
+    data = trajectory.to_json().encode()
+    return CertifiedMotion(
+        motion.number, part, motion.speed, data, trajectory, motion.constraints, motion.control
+    )
+
+
+def holding(campaign: Campaign, motion: CertifiedMotion, pose: Array) -> CertifiedMotion:
+    """Standing at a pose (k,) for as long as a learned command comes or goes."""
+    return _way(campaign, replace(motion, speed=FULL), "hold", _still(pose))
+
+
+def require_accepted(said: Sequence[str], motion: CertifiedMotion) -> None:
+    """UnsafeTrajectoryError with what the driver says against a motion."""
+    if said:
+        raise UnsafeTrajectoryError(
+            f"the robot refuses {motion.part} {motion.number}: {' '.join(said).rstrip('.')}",
+            where=motion.part,
+            next_step="Write what the robot enforces into robot.toml, and ask for another motion.",
+        )

@@ -1,0 +1,349 @@
+"""A robot that is connected: one motion after the other, each in the journal before its first set-point."""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import os
+import shutil
+import signal
+import tempfile
+import threading
+import time
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from types import FrameType
+from typing import Any
+
+import numpy as np
+
+from etude.campaign.record.events import Figures, MotionEnded, MotionSent, RobotMotion
+from etude.campaign.record.folder import Campaign
+from etude.campaign.record.journal import jsonable
+from etude.campaign.run.certified_motions import CertifiedMotion, require_accepted
+from etude.drivers import (
+    About,
+    Bounds,
+    Ended,
+    Person,
+    PlannedMotion,
+    Player,
+    Reaction,
+    Recording,
+    Sample,
+    Supervisor,
+    write_recording,
+)
+from etude.errors import EtudeError, LinkLost, RobotStopped, UnsafeTrajectoryError, UsageError, typed
+from etude.storage import sha256_of
+from etude.types import Array, Index
+
+RECORDINGS, KEPT_RECORDINGS = "recordings", 60
+"""Where they are, and how many of motions that ended well stay: logs that were taken in are in runs, too."""
+MEAN_S = 0.1
+"""Over which residuals of commands are averaged."""
+BYTES_A_VALUE, LEAST_FREE = 8, 64 * 2**20
+"""Of a recording before it is packed; bytes that stay free on the disk beside it."""
+JOURNAL_WAIT_S = 600.0
+"""For another writer when a motion has ended: what is computed meanwhile is one."""
+Tell = Callable[[str, Mapping[str, Any]], None]
+"""Receives the name of an event and what it holds."""
+
+
+@dataclass(frozen=True, eq=False)
+class Result:
+    """A motion that was sent.
+
+    Attributes:
+        fact: what the journal says of its end. recording: what came back. path: its file.
+    """
+
+    fact: MotionEnded
+    recording: Recording
+    path: Path
+
+    @property
+    def done(self) -> bool:
+        return self.fact.ended == Ended.DONE.value
+
+
+@dataclass(eq=False)
+class RobotSession:
+    """A connected robot, and how far its learned command is faded in.
+
+    Attributes:
+        waived: what a simulation lets pass, a sentence each. seconds: of motion so far.
+        level: of the learned command that the robot was sent last, 0 or 1.
+        stood_since: our clock when the last motion ended, s. stood: s that it stood still between motions.
+    """
+
+    campaign: Campaign
+    player: Player
+    about: About
+    person: Person
+    tell: Tell
+    waived: tuple[str, ...] = ()
+    level: float = 0.0
+    seconds: float = 0.0
+    stood_since: float | None = None
+    stood: float = 0.0
+    interrupted: threading.Event = field(default_factory=threading.Event)
+
+    @property
+    def columns(self) -> Index:
+        """Of each of the campaign's axes its column in the driver's arrays."""
+        return np.array([self.about.joints.index(axis) for axis in self.campaign.axes])
+
+    def pose(self) -> Array:
+        """(k,) where it stands: the set-point that holds it, else what it measures.
+
+        Raises:
+            LinkLost: it does not say. RobotStopped: it reports a fault.
+        """
+        sample = self.player.where()
+        if sample.fault:
+            raise RobotStopped(
+                f"{self.about.name} reports a fault: {sample.fault}",
+                next_step="Clear it at the robot, then run again.",
+            )
+        q = sample.q if sample.asked is None else sample.asked
+        if not np.isfinite(q).all() or q.shape != (len(self.about.joints),):
+            raise LinkLost(
+                f"{self.about.name} does not say where it stands",
+                next_step="Check its connection, then run again.",
+            )
+        return np.asarray(q[self.columns], dtype=float)
+
+    def play(self, motion: CertifiedMotion, meanwhile: Callable[[], None] = lambda: None) -> Result:
+        """Sends one motion, which is in the journal before it moves, and keeps what came back.
+
+        meanwhile: starts what is computed while it moves, and may hold the journal until that is done.
+
+        Raises:
+            UnsafeTrajectoryError: the robot refuses it. RobotStopped: it was stopped, or stopped by itself.
+            LinkLost: nothing was heard of the robot. KeyboardInterrupt: a person stopped it.
+            UsageError: another robot answers now. EtudeError: no room on the disk; nothing moved.
+        """
+        planned = motion.for_driver(self.campaign, self.about)
+        require_accepted(self.player.check(planned), motion)
+        self._require_same_robot()
+        require_room(self.campaign.path, planned)
+        fact = RobotMotion(
+            part=motion.part,
+            speed=motion.speed,
+            first=motion.first,
+            sha256=planned.sha256,
+            control=motion.control,
+            identity=self.about.identity,
+        )
+        with self.campaign.writing():
+            sent = MotionSent(**vars(fact), start=tuple(motion.start.tolist()))
+            self.campaign.commit(sent, motion.number)
+        self.tell("motion_sent", {"number": motion.number, "duration": planned.duration, **vars(fact)})
+        meanwhile()
+        result = self._ended(motion, fact, *self._played(motion, planned))
+        self.level = motion.fade[1] if motion.learned is not None else 0.0
+        self._require_done(motion, result)
+        return result
+
+    def _played(self, motion: CertifiedMotion, planned: PlannedMotion) -> tuple[Recording, Supervisor]:
+        bounds = _ordered(motion.bounds(self.campaign, self.about), self.about, self.campaign)
+        predicted = motion.predicted(planned.t)
+        predicted = None if predicted is None else predicted[:, np.argsort(self.columns)]
+        supervisor = Supervisor(bounds, self.about, planned, predicted)
+        watch = _Watching(self, supervisor, planned)
+        if self.stood_since is not None:
+            self.stood += time.monotonic() - self.stood_since
+        with resting_on_signals(self.player, self.interrupted):
+            recording = self.player.play(planned, watch, motion.control)  # type: ignore[arg-type]
+        self.stood_since = time.monotonic()
+        self.seconds += recording.reached
+        if self.interrupted.is_set() and recording.ended in (Ended.STOPPED, Ended.FAULT):
+            recording = replace(recording, ended=Ended.INTERRUPTED)
+        if supervisor.reason and recording.ended is Ended.STOPPED:
+            recording = replace(recording, reason=supervisor.reason)
+        return recording, supervisor
+
+    def _ended(
+        self,
+        motion: CertifiedMotion,
+        fact: RobotMotion,
+        recording: Recording,
+        supervisor: Supervisor,
+    ) -> Result:
+        """Keeps the recording and commits the end."""
+        path, problem = free_path(self.campaign.path / RECORDINGS, f"{motion.number:04d}.{motion.part}"), None
+        try:
+            write_recording(path, recording)
+        except EtudeError as error:  # that the motion ended is worth more than what it left
+            problem = error
+        worst = supervisor.worst_error[self.columns]
+        ended = MotionEnded(
+            **vars(fact),
+            ended=recording.ended.value,
+            reason=recording.reason,
+            reached=float(recording.reached),
+            late=recording.late,
+            worst_error=jsonable(worst),
+            residual=self._residual(motion, recording),
+            recording="" if problem else path.relative_to(self.campaign.path).as_posix(),
+            recording_sha256="" if problem else sha256_of(path),
+        )
+        with self.campaign.writing(JOURNAL_WAIT_S):
+            self.campaign.commit(ended, motion.number)
+        prune_recordings(self.campaign)
+        self.tell("motion_ended", {"number": motion.number, **vars(ended)})
+        if problem is not None:
+            raise problem
+        return Result(ended, recording, path)
+
+    def _residual(self, motion: CertifiedMotion, recording: Recording) -> Figures:
+        """(k,) largest mean over `MEAN_S` of |command - predicted|; () where nothing was predicted."""
+        t = recording.t - recording.began
+        inside = (t >= 0.0) & (t <= recording.reached)
+        predicted = motion.predicted(t[inside])
+        if predicted is None or inside.sum() < 2:
+            return ()
+        left = recording.command[inside][:, self.columns] - predicted
+        rows = max(1, round(MEAN_S * (inside.sum() - 1) / max(float(np.ptp(t[inside])), MEAN_S)))
+        total = np.cumsum(np.vstack([np.zeros(left.shape[1]), left]), axis=0)
+        return jsonable(np.abs(total[rows:] - total[:-rows]).max(axis=0) / rows)
+
+    def _require_same_robot(self) -> None:
+        now = self.player.about().identity
+        if now != self.about.identity:
+            raise UsageError(
+                f"another robot answers now: {now!r}, not {self.about.identity!r}",
+                next_step="Check the address; nothing was sent to it.",
+            )
+
+    def _require_done(self, motion: CertifiedMotion, result: Result) -> None:
+        """The error of a motion that did not reach its end."""
+        fact, where = result.fact, f"{motion.part} {motion.number}, {result.fact.reached:.2f} s"
+        why = fact.reason.rstrip(".") or fact.ended
+        again = f"See to it, then: etude run {typed(self.campaign.path)}. It plans a new way from there."
+        if result.done:
+            return
+        if fact.ended == Ended.INTERRUPTED.value:
+            raise KeyboardInterrupt
+        if fact.ended == Ended.REFUSED.value:
+            raise UnsafeTrajectoryError(f"the robot would not start: {why}", where=where, next_step=again)
+        if fact.ended == Ended.LOST.value:
+            does = {"stops": "It stops by itself", "holds": "It holds by itself", "goes on": "It GOES ON"}
+            raise LinkLost(
+                f"nothing was heard of {self.about.name}: {why}",
+                where=where,
+                next_step=f"{does.get(self.about.on_loss, 'Nobody knows what it does')}. {again}",
+            )
+        raise RobotStopped(f"stopped: {why}", where=where, next_step=again)
+
+
+class _Watching:
+    """The supervisor, the dead-man switch, and a line of status a second."""
+
+    def __init__(self, session: RobotSession, supervisor: Supervisor, planned: PlannedMotion) -> None:
+        self.session, self.supervisor, self.planned = session, supervisor, planned
+        self.told = time.monotonic()
+
+    def __call__(self, sample: Sample) -> Reaction:
+        reaction = self.supervisor.watch(sample)
+        if reaction is Reaction.GO and not self.session.person.alive():
+            self.session.interrupted.set()
+            return Reaction.STOP
+        now = time.monotonic()
+        if now - self.told >= 1.0:
+            self.told = now
+            worst = self.supervisor.worst_error[self.session.columns]
+            fields = {"number": self.planned.number, "part": self.planned.part, "at": sample.at}
+            fields |= {"of": self.planned.duration, "worst_error": worst.tolist()}
+            self.session.tell("status", fields)
+        return reaction
+
+
+def _ordered(bounds: Bounds, about: About, campaign: Campaign) -> Bounds:
+    """The same in the driver's order of joints."""
+    order = np.array([campaign.axes.index(joint) for joint in about.joints])
+    own = {name: value[order] for name, value in vars(bounds).items() if isinstance(value, np.ndarray)}
+    return replace(bounds, **own)
+
+
+@contextlib.contextmanager
+def resting_on_signals(player: Player, interrupted: threading.Event) -> Iterator[None]:
+    """While the robot moves, Ctrl-C and SIGTERM bring it to rest; a second one stops it at once."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+
+    def rest(_: int, __: FrameType | None) -> None:
+        player.stop(kill=interrupted.is_set())
+        interrupted.set()
+
+    before = {number: signal.signal(number, rest) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def require_room(folder: Path, motion: PlannedMotion) -> None:
+    """UsageError: the disk has no room for what the motion will leave; nothing moves."""
+    arrays = 4 * motion.q.size * BYTES_A_VALUE
+    free = shutil.disk_usage(folder).free
+    if free < arrays + LEAST_FREE:
+        raise UsageError(
+            f"the disk has {free / 2**20:.0f} MB left, and a recording may take {arrays / 2**20:.0f} MB",
+            where=str(folder),
+            next_step="Make room, then run again; nothing moved.",
+        )
+
+
+def prune_recordings(campaign: Campaign) -> None:
+    """Removes the recordings of motions that ended well, but for the newest; those of stopped ones stay."""
+    events = [e.fact for e in campaign.events() if isinstance(e.fact, MotionEnded)]
+    done = [fact.recording for fact in events if fact.ended == Ended.DONE.value and fact.recording]
+    for name in set(done[:-KEPT_RECORDINGS]) - set(done[-KEPT_RECORDINGS:]):
+        (campaign.path / name).unlink(missing_ok=True)
+
+
+def free_path(folder: Path, stem: str) -> Path:
+    """A name that no file of the folder has: stem.1.parquet, stem.2.parquet, ..."""
+    folder.mkdir(exist_ok=True)
+    taken = {int(own) for path in folder.glob(f"{stem}.*") if (own := path.name.split(".")[2]).isdigit()}
+    return folder / f"{stem}.{max(taken, default=0) + 1}.parquet"
+
+
+@contextlib.contextmanager
+def only_one(campaign: Campaign, about: About) -> Iterator[None]:
+    """Of a campaign, and of a robot that is real, only one run at a time. UsageError: there is another."""
+    with contextlib.ExitStack() as held:
+        held.enter_context(_locked(campaign.path / ".run.lock", "another etude run works in this campaign"))
+        if about.real:
+            named = hashlib.sha256(about.identity.encode()).hexdigest()[:16]
+            place = _runtime_folder() / f"robot-{named}.lock"
+            held.enter_context(_locked(place, f"another etude run moves this robot, {about.identity}"))
+        yield
+
+
+def _runtime_folder() -> Path:
+    """This user's folder for locks, which a new start of the machine empties."""
+    base = os.environ.get("XDG_RUNTIME_DIR")
+    folder = Path(base) / "etude" if base else Path(tempfile.gettempdir()) / f"etude-{os.getuid()}"
+    folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+    return folder
+
+
+@contextlib.contextmanager
+def _locked(path: Path, said: str) -> Iterator[None]:
+    import fcntl
+
+    handle = os.open(path, os.O_RDWR | os.O_CREAT, 0o600)
+    try:
+        try:
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise UsageError(said, where=str(path), next_step="Let it end, or end it by Ctrl-C.") from None
+        yield
+    finally:
+        os.close(handle)

@@ -1,0 +1,95 @@
+"""What the journal says of earlier runs: a motion that has no end, the robot's identity, the careful steps
+that a control has passed, and the errors that recordings have shown in time.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from etude.campaign.record.controls import FEEDBACK, LEARNED
+from etude.campaign.record.events import Event, Figures, MotionEnded, MotionSent, RunBegan
+from etude.drivers import Ended
+from etude.limits.tracking_margins import LOGS_CONSIDERED, factor
+from etude.types import Array
+
+FULL = 100  # per cent
+CAREFUL = {FEEDBACK: (25, 50, 100), LEARNED: (50,)}
+"""Per cent at which the beginning of a motion is run before a whole one under that control."""
+FAILED = (Ended.STOPPED.value, Ended.FAULT.value, Ended.LOST.value)
+
+
+@dataclass(frozen=True)
+class SpeedStep:
+    """How the next motion under a control is run: speed, per cent, and whether its beginning alone."""
+
+    speed: int
+    first: bool
+
+
+def next_step(events: Sequence[Event], control: str) -> SpeedStep:
+    """One step up after each motion that ended well, one down after each that was stopped; a whole motion at
+    full speed is the last step.
+    """
+    steps = [SpeedStep(speed, True) for speed in CAREFUL.get(control, CAREFUL[FEEDBACK])] + [
+        SpeedStep(FULL, False)
+    ]
+    at = 0
+    for fact in _motions(events, control):
+        if fact.ended == Ended.DONE.value:
+            at = min(at + 1, len(steps) - 1)
+        elif fact.ended in FAILED:
+            at = max(at - 1, 0)
+    return steps[at]
+
+
+def unfinished(events: Sequence[Event]) -> Event | None:
+    """The motion that was sent last, if nothing says how it ended."""
+    last = next((e for e in reversed(events) if isinstance(e.fact, MotionSent | MotionEnded)), None)
+    return last if last is not None and isinstance(last.fact, MotionSent) else None
+
+
+def last_identity(events: Sequence[Event]) -> str:
+    """Of the robot that was run last; "" before any run."""
+    return next((e.fact.identity for e in reversed(events) if isinstance(e.fact, RunBegan)), "")
+
+
+@dataclass(frozen=True, eq=False)
+class SeenErrors:
+    """The largest values (k,) of the last recordings at full speed, and the factor for their number."""
+
+    largest: Array
+    factor: float
+
+    @property
+    def expected(self) -> Array:
+        """(k,) what the next motion stays below, as margins are made."""
+        return self.factor * self.largest
+
+
+def seen_errors(events: Sequence[Event], control: str) -> SeenErrors | None:
+    """Of |measured - asked| in time; None before any recording of a whole motion under that control."""
+    return _largest([fact.worst_error for fact in _whole(events, control)])
+
+
+def seen_residuals(events: Sequence[Event], control: str) -> SeenErrors | None:
+    """The same of |command - predicted|, means over 0.1 s."""
+    return _largest([fact.residual for fact in _whole(events, control)])
+
+
+def _largest(rows: Sequence[Figures]) -> SeenErrors | None:
+    known = np.array([row for row in rows if row and None not in row], dtype=float)[-LOGS_CONSIDERED:]
+    return SeenErrors(known.max(axis=0), factor(len(known))) if len(known) else None
+
+
+def _motions(events: Sequence[Event], control: str) -> list[MotionEnded]:
+    found = [e.fact for e in events if isinstance(e.fact, MotionEnded)]
+    return [fact for fact in found if fact.part == "motion" and fact.control == control]
+
+
+def _whole(events: Sequence[Event], control: str) -> list[MotionEnded]:
+    """Those at full speed that ended well: a beginning sags less than poses that come later."""
+    own = [fact for fact in _motions(events, control) if not fact.first]
+    return [fact for fact in own if fact.speed == FULL and fact.ended == Ended.DONE.value]

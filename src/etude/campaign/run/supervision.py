@@ -1,0 +1,106 @@
+"""What the supervisor of a motion holds, from what the campaign knows of the robot and of its tracking."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from etude.campaign.propose.constraints import Constraints, ranges_of
+from etude.campaign.record.controls import FEEDBACK, LEARNED
+from etude.campaign.record.events import Event
+from etude.campaign.record.folder import Campaign
+from etude.campaign.run.run_history import seen_errors, seen_residuals
+from etude.drivers import About, Bounds
+from etude.limits.tracking_margins import margins_of
+from etude.protocols import Trajectory
+from etude.types import Array
+
+WHILE_ASSUMED, ONCE_MEASURED = 4.0, 2.0
+"""Times a margin at which a motion is stopped. A margin holds in 95 of 100 runs, so it is no bound itself."""
+OF_FEEDBACK = 1.5
+"""Times the largest error under feedback alone below which no learned command is stopped: where a model knows
+nothing its command fades, and the feedback is what is left."""
+LEAST_STEPS = 5.0
+"""Steps of the encoder below which no error stops a motion."""
+FASTER = 1.25
+"""Times the velocity limit that measured velocities may reach: they hold noise."""
+STRONGER = 1.05  # the same of commands, which drives cut at their limit
+DEVIATIONS = 4.0
+"""Deviations of the model below which no residual of commands stops a motion."""
+
+
+def bounds_for(
+    campaign: Campaign,
+    about: About,
+    constraints: Constraints,
+    trajectory: Trajectory,
+    control: str,
+    deviation: Array | None = None,
+) -> Bounds:
+    """The bounds (k,) of a motion, in the campaign's order of axes.
+
+    Args:
+        constraints: what the motion was proved with. trajectory: it.
+        deviation: (T, k) of the learned command along it; None where none is sent.
+    """
+    events = campaign.events()
+    limits = campaign.kind.expected(campaign.spec).limits
+    path = campaign.kind.path
+    lower, upper = (np.asarray(end, dtype=float) for end in limits[path])
+    rate = next((c.name for c in campaign.channels if c.derivative_of == path), "")
+    fastest = np.asarray(limits[rate][1]) if rate in limits else np.full(len(lower), np.inf)
+    command = limits.get(campaign.command.name)
+    return Bounds(
+        error=_error_bound(campaign, about, constraints, trajectory, control, events),
+        lower=lower,
+        upper=upper,
+        velocity=FASTER * fastest,
+        silence=about.silence,
+        effort=None if command is None else STRONGER * np.asarray(command[1]),
+        residual=_residual_bound(events, control, deviation),
+    )
+
+
+def _error_bound(
+    campaign: Campaign,
+    about: About,
+    constraints: Constraints,
+    trajectory: Trajectory,
+    control: str,
+    events: Sequence[Event],
+) -> Array:
+    """(k,) Where the path is nearer to a hard limit than that, the limit itself stops the motion."""
+    margin = assumed_margin(campaign, constraints, trajectory)
+    own, alone = seen_errors(events, control), seen_errors(events, FEEDBACK)
+    found = WHILE_ASSUMED * margin
+    if own is not None:
+        found = ONCE_MEASURED * own.expected
+    elif alone is not None:
+        found = np.minimum(found, WHILE_ASSUMED * alone.expected)
+    if control == LEARNED and alone is not None:
+        found = np.maximum(found, OF_FEEDBACK * alone.largest)
+    steps = 0.0 if about.encoder_step is None else LEAST_STEPS * np.asarray(about.encoder_step)
+    return np.asarray(np.maximum(found, steps))
+
+
+def assumed_margin(campaign: Campaign, constraints: Constraints, trajectory: Trajectory) -> Array:
+    """(k,) largest position margin of the forms of a motion, as it was proved; as before any log where the
+    certificate keeps none.
+    """
+    forms = {piece.form for _, _, piece in trajectory.pieces()}
+    own = [np.asarray(table)[0] for form, (table, _) in constraints.margins.items() if form in forms]
+    if not own:
+        tracking = replace(campaign.config.tracking, margin="assumed")
+        start = margins_of(tracking, ranges_of(campaign), {}, sorted(forms))
+        own = [np.asarray(table)[0] for table, _ in start.values()]
+    return np.asarray(np.nan_to_num(np.max(own, axis=0), nan=np.inf))
+
+
+def _residual_bound(events: Sequence[Event], control: str, deviation: Array | None) -> Array | None:
+    """(k,) None until recordings under the learned command tell what it leaves."""
+    seen = seen_residuals(events, control) if deviation is not None else None
+    if seen is None or deviation is None:
+        return None
+    return np.asarray(np.maximum(ONCE_MEASURED * seen.expected, DEVIATIONS * deviation.max(axis=0)))

@@ -1,0 +1,165 @@
+"""etude run"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Mapping, Sequence
+from contextlib import redirect_stdout
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Any, ClassVar
+
+from etude.cli.outcome import Common, Folder, Outcome, Say, opened, table, to_json
+from etude.errors import typed
+
+if TYPE_CHECKING:
+    from typing import TextIO
+
+    from etude.campaign.record.folder import Campaign
+    from etude.campaign.run.campaign_run import RunOptions, RunResult
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunRobot(Common):
+    """Let a robot close the loop by itself: it MOVES. Exit code 3: a recording cannot be used; 4: no safe
+    motion, or the robot refuses it; 6: the robot has changed; 7: the robot or the supervisor stopped it; 8:
+    the link was lost; 130: interrupted, and at rest.
+    """
+
+    prints: ClassVar[bool] = True
+    folder: Folder
+    on: str = ""
+    """The driver: NAME, NAME:ADDRESS, module:factory or file.py:factory (docs/run.md); if not given, that of
+    run.toml."""
+    rounds: int | None = None
+    """Motions at most; if not given, until the stop rule fires."""
+    yes: bool = False
+    """Agree beforehand, to a simulation alone: nobody has to type move."""
+    dry_run: bool = False
+    """Everything but motion: what is open, the first motion and the way to it, whether the robot takes it."""
+    resume: bool = False
+    """Go on after a motion that nothing says the end of: you have looked at where the robot stands."""
+    identity: str = ""
+    """The robot's identity, if it has another one than before and is the same robot."""
+    feedback: bool = False
+    """Teach under feedback alone, though the robot takes learned commands."""
+
+    def run(self, say: Say) -> Outcome:
+        from etude.campaign.run.campaign_run import run_campaign
+        from etude.campaign.run.run_settings import driver_of, read_settings
+
+        out = sys.stdout
+        with redirect_stdout(sys.stderr):  # a driver may print
+            campaign = opened(self.folder)
+            settings = read_settings(campaign, self.on)
+            options = self._options(settings.on, settings.defaults)
+            told = _Told(out if self.json else None, say)
+            found = run_campaign(
+                campaign, driver_of(campaign, settings), Typing(say), options, say=say, tell_event=told
+            )
+            report = "" if self.dry_run else _report(campaign, say)
+        return Outcome("\n".join(_lines(campaign, found, report)), {**_data(found), "report": report}, 0)
+
+    def _options(self, on: str, defaults: Any) -> RunOptions:
+        from etude.campaign.run.campaign_run import RunOptions
+        from etude.errors import UsageError
+
+        rounds = defaults.rounds if self.rounds is None else self.rounds
+        if rounds < 0 or self.rounds == 0:
+            raise UsageError(f"the number of rounds must be 1 or more, not {rounds}")
+        return RunOptions(
+            on=on,
+            rounds=rounds,
+            yes=self.yes,
+            dry=self.dry_run,
+            resume=self.resume,
+            identity=self.identity,
+            learned=defaults.learned and not self.feedback,
+            confirm=defaults.confirm,
+            promote=defaults.promote,
+        )
+
+
+@dataclass
+class Typing:
+    """The person at this terminal."""
+
+    say: Say
+
+    def agrees(self, sentences: Sequence[str], word: str) -> bool:
+        """Shows them, and waits for the word."""
+        for sentence in sentences:
+            self.say(sentence)
+        self.say(f"Is the room free? Type {word} to let it move:")
+        return sys.stdin.readline().strip() == word
+
+    def alive(self) -> bool:
+        """Ctrl-C is how a person stops it here."""
+        return True
+
+
+@dataclass
+class _Told:
+    """What happens: lines of JSON on stdout, or a line of status a second for people."""
+
+    out: TextIO | None
+    say: Say
+
+    def __call__(self, event: str, fields: Mapping[str, Any]) -> None:
+        if self.out is not None:
+            print(to_json({"event": event, **fields}), file=self.out, flush=True)
+        elif event == "status" and fields["at"] is not None:
+            worst = max(fields["worst_error"], default=0.0)
+            self.say(
+                f"{fields['part']} {fields['number']}: {fields['at']:.0f} of {fields['of']:.0f} s, "
+                f"worst error {worst:.3g}"
+            )
+
+
+def _report(campaign: Campaign, say: Say) -> str:
+    from etude.report.build import build_report
+
+    say("Drawing the report.")
+    return str(build_report(campaign.path))
+
+
+def _lines(campaign: Campaign, found: RunResult, report: str) -> list[str]:
+    unit = {"rad": "deg"}.get(campaign.channel(campaign.kind.path).units[0], "m")
+    rows = [
+        [f"motion {one.number}", one.control, *(f"{error:.3f}" for error in one.error)]
+        for one in found.rounds
+    ]
+    if found.confirmed is not None:
+        rows += [
+            [f"confirm {found.confirmed['number']}", name, *(f"{e:.3f}" for e in found.confirmed[name])]
+            for name in ("without", "with")
+        ]
+    lines = [table([f"mean error, {unit}", "", *campaign.axes], rows, keys=2)] if rows else []
+    lines += [f"Ended: {found.why}.", *found.said]
+    if found.robot_seconds:
+        lines.append(f"The robot moved for {found.robot_seconds:.0f} s and waited for {found.stood:.0f} s.")
+    if found.promotion is not None:
+        lines += _promotion(found, campaign)
+    return [*lines, *([f"Written: {report}"] if report else [])]
+
+
+def _promotion(found: RunResult, campaign: Campaign) -> list[str]:
+    assert found.promotion is not None
+    model = f"The model of log {found.promotion.number}"
+    if found.promotion.promoted:
+        return [f"{model} is in use now. Next: etude export {typed(campaign.path)} --to c"]
+    why = " ".join(f"{one.sentence[:1].upper()}{one.sentence[1:]}." for one in found.promotion.refused)
+    return [f"{model} is not promoted. {why}"]
+
+
+def _data(found: RunResult) -> dict[str, Any]:
+    promotion = found.promotion
+    return {
+        "rounds": [asdict(one) for one in found.rounds],
+        "why": found.why,
+        "robot_seconds": found.robot_seconds,
+        "stood_seconds": found.stood,
+        "confirmed": found.confirmed,
+        "promoted": promotion is not None and promotion.promoted,
+        "not_promoted": [] if promotion is None else [one.facts() for one in promotion.refused],
+        "said": list(found.said),
+    }

@@ -1,0 +1,328 @@
+"""What a robot that Étude may move has to say and do: the contract of `etude run FOLDER --on DRIVER`.
+
+Two levels, because there are two kinds of robots. A `Stream` takes a set-point in each cycle, 50 to 1000
+times a second: a user's own class of about 30 lines. `streaming.Streamed` makes a Player of it, and then
+Étude keeps the clock, watches and records. A `Player` plays whole motions itself, and calls `watch` with
+every sample.
+
+A driver is a factory of one of the two: an entry point of the group `etude.drivers`, `module:factory` or
+`file.py:factory`. It is called with the joints' names, the address and the table [driver] of run.toml.
+`etude.testing.DriverSuite` holds it to the laws that the docstrings state.
+
+Units are SI and radians; arrays are in the order of `About.joints`, which is never assumed.
+"""
+
+from __future__ import annotations
+
+import enum
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from types import TracebackType
+from typing import Any, Literal, Protocol, Self, runtime_checkable
+
+from etude.types import Array
+
+Control = Literal["feedback", "file", "learned"]
+"""Words of `etude ask --control`: margins and logs are kept for each."""
+CommandOf = Literal["applied", "measured", "desired"]
+OnLoss = Literal["stops", "holds", "goes on", "unknown"]
+MotionPart = Literal["approach", "motion", "return", "hold"]
+
+
+class Reaction(enum.Enum):
+    """What the supervisor answers to a sample. A Player obeys within `About.stop_latency` s."""
+
+    GO = "go"
+    HOLD = "hold"
+    """Slow down along the path to rest, and wait; where `About.can_hold` is False it is a STOP."""
+    STOP = "stop"
+    """Come to rest as fast as is gentle, and go on holding; the motion is over."""
+    KILL = "kill"
+    """Whatever stops at once."""
+
+
+class Ended(enum.Enum):
+    """How a motion ended. Only DONE answers the whole proposal."""
+
+    DONE = "done"
+    STOPPED = "stopped"
+    """By the supervisor, with its reason."""
+    INTERRUPTED = "interrupted"
+    """By the person: Ctrl-C, SIGTERM, the dead-man switch."""
+    REFUSED = "refused"
+    """The robot would not start it: nothing moved."""
+    FAULT = "fault"
+    """The robot stopped by itself: reflex, protective stop, emergency stop, limit."""
+    LOST = "lost"
+    """No sample for `About.silence` s; what the robot does then is `About.on_loss`."""
+
+
+@dataclass(frozen=True, eq=False)
+class Sample:
+    """One state of the robot.
+
+    Attributes:
+        t: the robot's own clock, s.
+        q: (J,) measured positions, rad or m. qd: (J,) measured velocities, if it measures them.
+        command: (J,) what the model is to predict, in the campaign's unit; `About.command_of` says of what.
+        asked: (J,) the set-point in force at t, if the robot says so. Ways start there, since feedback sags.
+        seen: our own clock when it came, s; a Player fills it: of silence, lateness and drift. It counts
+            cycles where the robot's is virtual.
+        at: trajectory time of `asked`, s; a Player fills both, None before the first set-point.
+        fault: not empty: the robot does not follow any more, and why.
+        extra: temperature, voltage, success rate, ...
+    """
+
+    t: float
+    q: Array
+    command: Array | None = None
+    qd: Array | None = None
+    asked: Array | None = None
+    seen: float = 0.0
+    at: float | None = None
+    fault: str = ""
+    extra: Mapping[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, eq=False)
+class VelocityEnvelope:
+    """Velocity limits that shrink towards a joint's ends, as controllers of Franka robots enforce them.
+
+    The upper limit of joint j at q is min(most, offset + sqrt(slope * (upper - q))), the lower one
+    -min(most, offset + sqrt(slope * (q - lower))); below 0 they count as 0. All (J,).
+    """
+
+    most: Array
+    offset: Array
+    slope: Array
+    lower: Array
+    upper: Array
+
+
+@dataclass(frozen=True, eq=False)
+class About:
+    """What a robot says of itself before it is moved. Nothing of it is guessed: what is None blocks.
+
+    Attributes:
+        name: of the robot. identity: serial number, bus path or address; it is written into every recording,
+            and a changed one is asked about.
+        joints: by name; matched with the campaign's, never by order alone.
+        rate: Hz at which it takes set-points (a Stream) or gives samples (a Player).
+        command_unit: "N m", "A", "1", ...: has to be the campaign's. command_of: what `Sample.command` is.
+        gravity_in_command: False where the robot adds gravity by itself (libfranka, UR's direct torque).
+        controls: "learned" only if the effort of `send` is added to the feedback.
+        lower, upper, velocity, acceleration, jerk, torque_rate: (J,) as the robot enforces them; None: it
+            enforces none. envelope: velocity limits by position.
+        can_hold: HOLD, and going on after it, are possible.
+        stop_latency: s from STOP to the first decelerating set-point.
+        on_loss: what the robot does if this program dies now.
+        silence: s without a sample that count as a lost link.
+        encoder_step: (J,) rad or m of one step; None: unknown.
+        real: False: a simulation, and nobody has to stand at the button.
+        virtual: its clock is not ours: a cycle is as long as it says, so silence and lateness are told by
+            its own clock.
+    """
+
+    name: str
+    identity: str
+    joints: tuple[str, ...]
+    rate: float
+    command_unit: str
+    command_of: CommandOf | None
+    gravity_in_command: bool | None
+    controls: tuple[Control, ...] = ("feedback",)
+    lower: Array | None = None
+    upper: Array | None = None
+    velocity: Array | None = None
+    acceleration: Array | None = None
+    jerk: Array | None = None
+    torque_rate: Array | None = None
+    envelope: VelocityEnvelope | None = None
+    can_hold: bool = False
+    stop_latency: float = 0.05
+    on_loss: OnLoss = "unknown"
+    silence: float = 0.1
+    encoder_step: Array | None = None
+    real: bool = True
+    virtual: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class PlannedMotion:
+    """What is to be run. The supervisor, the recording and the journal all name it by `sha256`.
+
+    Attributes:
+        number: of the proposal. part: of it. speed: per cent. sha256: of the bytes of `trajectory_json`.
+        joints: in the order of the columns, which is the driver's own; names: in that of the trajectory.
+        t: (n,) s at rate Hz (`About.rate`), from 0; the last row is the end, exactly.
+        q, qd, qdd: (n, J) exact at these times.
+        effort: (n, J) learned command in the unit of `About.command_unit`, less gravity where the robot adds
+            it; None: feedback alone.
+        trajectory_json: for a Player that wants pieces rather than points.
+    """
+
+    number: int
+    part: MotionPart
+    speed: int
+    sha256: str
+    joints: tuple[str, ...]
+    names: tuple[str, ...]
+    rate: float
+    t: Array
+    q: Array
+    qd: Array
+    qdd: Array
+    effort: Array | None = None
+    trajectory_json: str = ""
+
+    @property
+    def duration(self) -> float:
+        """s"""
+        return float(self.t[-1])
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """What came back. `trajectory time = robot time - began`, exactly: no alignment is guessed from it.
+
+    Attributes:
+        motion: that was to be run. ended: how it ended, and `reason`, a sentence; of STOPPED it is
+            `Supervisor.reason`, which a Player does not know, and leaves "".
+        began: the robot's clock at trajectory time 0, s. t: (n,) the robot's clock.
+        at: (n,) trajectory time of the set-point in force, s: t - began, but for waits and brakings.
+        q, command, asked: (n, J); asked is the set-point in force at each t. qd: None: not measured.
+            NaN where a sample lacked it.
+        reached: trajectory time that was reached, s. late: cycles that we missed.
+        identity, command_unit: as `About` had them at that time.
+        held: (start, end) s of the robot's clock from the first braking set-point of a HOLD to full speed.
+    """
+
+    motion: PlannedMotion
+    ended: Ended
+    reason: str
+    began: float
+    t: Array
+    at: Array
+    q: Array
+    qd: Array | None
+    command: Array
+    asked: Array
+    reached: float
+    late: int = 0
+    identity: str = ""
+    command_unit: str = ""
+    held: tuple[tuple[float, float], ...] = ()
+
+
+Watch = Callable[[Sample], Reaction]
+"""The supervisor: called with every sample, in the order in which they come."""
+
+
+@runtime_checkable
+class Stream(Protocol):
+    """A robot that takes a set-point in each cycle. One thread makes all calls, except `stop`."""
+
+    def about(self) -> About:
+        """Before `__enter__` too; moves nothing."""
+        ...
+
+    def __enter__(self) -> Self:
+        """Connects. Nothing moves, brakes stay as they are."""
+        ...
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None, /
+    ) -> None:
+        """Comes to rest and disconnects; also after a fault."""
+        ...
+
+    def state(self) -> Sample:
+        """The newest sample. It may wait for up to one cycle: then the robot is the clock."""
+        ...
+
+    def send(self, q: Array, qd: Array, qdd: Array, effort: Array | None) -> None:
+        """The set-point (J,) of the coming cycle: where it has to be at the next sample. Returns at once."""
+        ...
+
+    def ready(self, control: Control) -> None:
+        """Starts to follow set-points from where it stands now: servo mode, torque on."""
+        ...
+
+    def stop(self, kill: bool = False) -> None:
+        """Comes to rest and holds. From any thread or signal handler; idempotent; never raises; works without
+        `ready`.
+        """
+        ...
+
+
+@runtime_checkable
+class Player(Protocol):
+    """A robot that plays whole motions itself."""
+
+    def about(self) -> About: ...
+    def __enter__(self) -> Self: ...
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None, /
+    ) -> None: ...
+
+    def where(self) -> Sample:
+        """Fresh, never a cached one; moves nothing."""
+        ...
+
+    def check(self, motion: PlannedMotion) -> Sequence[str]:
+        """Sentences why it would refuse this motion; moves nothing."""
+        ...
+
+    def play(self, motion: PlannedMotion, watch: Watch, control: Control) -> Recording:
+        """Plays it from its first point, where the robot has to stand (else `Ended.REFUSED`), and blocks.
+
+        It records everything from before the first set-point to rest. It never raises for what the robot
+        did: `Recording.ended` says it.
+        """
+        ...
+
+    def stop(self, kill: bool = False) -> None:
+        """As `Stream.stop`."""
+        ...
+
+
+Factory = Callable[[tuple[str, ...], str, Mapping[str, Any]], "Stream | Player"]
+"""(joints of the campaign, address or "", table [driver] of run.toml) -> driver. It does not connect."""
+
+
+@dataclass(frozen=True, eq=False)
+class Bounds:
+    """What the supervisor holds. All (J,), except where a float.
+
+    Attributes:
+        error: |q - asked|. A tracking margin holds in 95 % of runs by design, so it is no bound to stop at:
+            4 times it while it is assumed, twice once logs have measured it, and at least 5 encoder steps;
+            never beyond the distance to the hard limit.
+        for_s: s that an error has to last. One sample is a glitch of the bus, 20 ms are a collision.
+        lower, upper, velocity: of what is measured, hard. effort: of |command|; None: unknown.
+        residual: of |command - predicted|, means over 0.1 s, under the learned command, where stiff feedback
+            hides a push from `error`; None until logs tell it.
+        silence: s without a sample. clock: largest drift between the robot's clock and ours, s.
+    """
+
+    error: Array
+    lower: Array
+    upper: Array
+    velocity: Array
+    for_s: float = 0.02
+    silence: float = 0.1
+    effort: Array | None = None
+    residual: Array | None = None
+    clock: float = 0.5
+
+
+class Person(Protocol):
+    """The one who stands at the button."""
+
+    def agrees(self, sentences: Sequence[str], word: str) -> bool:
+        """Shows what will move where, how long and how fast, and waits for `word`, typed in full."""
+        ...
+
+    def alive(self) -> bool:
+        """The dead-man switch: False stops the motion."""
+        ...

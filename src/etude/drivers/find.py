@@ -1,0 +1,104 @@
+"""From what is typed after `--on` to a Player: NAME, NAME:ADDRESS, module:factory or file.py:factory."""
+
+from __future__ import annotations
+
+import importlib.util
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from etude.drivers.contract import Player, Stream
+from etude.drivers.streaming import Streamed
+from etude.errors import UsageError
+from etude.plugins import FULL_NAME, load, names, of_group, require_word
+
+GROUP = "etude.drivers"
+FORMS = "NAME, NAME:ADDRESS, module:factory or file.py:factory"
+
+
+def find_driver(on: str, joints: Sequence[str], settings: Mapping[str, Any] | None = None) -> Player:
+    """The driver, not yet connected; a stream is given its clock loop.
+
+    Args:
+        on: what names it. A name typed by a person is trusted; in a file, under `plugins.named_in`, only if
+            the file's folder is.
+        joints: of the campaign, by name.
+        settings: table [driver] of run.toml.
+
+    Raises:
+        UsageError: no such driver, one that cannot be loaded, a library that it needs is missing, or it is
+            neither a Stream nor a Player.
+    """
+    factory, address = _resolved(on)
+    try:
+        driver = factory(tuple(joints), address, dict(settings or {}))
+    except UsageError:
+        raise
+    except Exception as error:
+        raise UsageError(
+            f"the driver {on} cannot be made: {type(error).__name__}: {error}",
+            where=GROUP,
+            next_step="Check its address and the table [driver] of run.toml.",
+        ) from error
+    # a Player first: it may have the methods of a Stream too
+    if isinstance(driver, Player):
+        return driver
+    if isinstance(driver, Stream):
+        return Streamed(driver)
+    raise UsageError(
+        f"{on} made a {type(driver).__name__}, which is neither a Stream nor a Player",
+        where=GROUP,
+        next_step=f"It lacks {_lacking(driver)}: docs/drivers.md has both.",
+    )
+
+
+def _resolved(on: str) -> tuple[Any, str]:
+    """(factory, address); nothing of it is called."""
+    name, _, rest = on.partition(":")
+    if name in names(GROUP):
+        return load(GROUP, name), rest
+    if name.endswith(".py"):
+        attribute, _, address = rest.partition(":")
+        return of_group(GROUP, f"{name}:{attribute}", _of_file(name, attribute)), address
+    attribute, _, address = rest.partition(":")
+    if FULL_NAME.fullmatch(f"{name}:{attribute}"):
+        return load(GROUP, f"{name}:{attribute}"), address
+    known = ", ".join(names(GROUP)) or "none"
+    raise UsageError(f"there is no driver {on!r}", next_step=f"Name it as {FORMS}. Known: {known}.")
+
+
+def _of_file(name: str, attribute: str) -> Any:
+    """What a file of Python calls by that name."""
+    path = Path(name).expanduser().resolve()
+    if not path.is_file():
+        raise UsageError("there is no such file", where=str(path), next_step=f"Name a driver as {FORMS}.")
+    if not attribute:
+        raise UsageError(
+            "a file of drivers needs the name of a factory in it",
+            where=str(path),
+            next_step=f"Name it: --on {name}:FACTORY",
+        )
+    require_word(f"{name}:{attribute}", GROUP)
+    module_name = f"etude_driver_{path.stem}"
+    spec = importlib.util.spec_from_file_location(module_name, path)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[module_name] = module  # dataclasses look their module up
+    try:
+        spec.loader.exec_module(module)
+        return getattr(module, attribute)
+    except (Exception, SystemExit) as error:
+        del sys.modules[module_name]
+        raise UsageError(
+            f"{attribute} cannot be loaded: {type(error).__name__}: {error}",
+            where=str(path),
+            next_step="Repair the file, or install what it imports.",
+        ) from error
+
+
+def _lacking(driver: Any) -> str:
+    """What it lacks of a Stream."""
+    wanted = ("about", "__enter__", "__exit__", "state", "send", "ready", "stop")
+    return ", ".join(name for name in wanted if not hasattr(driver, name)) or "nothing"

@@ -1,0 +1,116 @@
+"""Recordings as files: Parquet that any tool opens, with what a recording has beside its rows in a header."""
+
+from __future__ import annotations
+
+import io
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from etude.drivers.contract import Ended, Recording
+from etude.drivers.plans import planned
+from etude.errors import DataError, EtudeError, reason
+from etude.storage import DAMAGE, write_atomic
+from etude.types import Array
+
+HEADER = "etude_recording"
+FORMAT = 1
+"""Of the header: it grows when what is in it does not read as before."""
+MOTION = ("number", "part", "speed", "sha256", "joints", "names", "rate", "trajectory_json")
+OWN = ("reason", "began", "reached", "late", "identity", "command_unit", "held")
+"""Of the header, beside ended, until (the motion's end) and format."""
+CHANNELS = ("q", "qd", "command", "asked")
+
+
+def write_recording(path: Path, recording: Recording) -> None:
+    """Writes it whole or not at all. Columns: t, at, and q_JOINT, qd_JOINT, command_JOINT, asked_JOINT.
+
+    Times are doubles; the rest is single precision, finer than encoders are.
+
+    Raises:
+        EtudeError: the disk is full or refuses.
+    """
+    import polars
+
+    columns: dict[str, Any] = {"t": recording.t, "at": recording.at}
+    for channel in CHANNELS:
+        values = getattr(recording, channel)
+        for j, joint in enumerate(recording.motion.joints if values is not None else ()):
+            columns[f"{channel}_{joint}"] = values[:, j].astype(np.float32)
+    buffer = io.BytesIO()
+    polars.DataFrame(columns).write_parquet(
+        buffer,
+        compression="zstd",
+        compression_level=9,
+        statistics=False,
+        metadata={HEADER: json.dumps(_header(recording))},
+    )
+    write_atomic(path, buffer.getvalue())
+
+
+def read_recording(path: Path) -> Recording:
+    """The recording. Its motion is evaluated again from the trajectory in it, and has no effort.
+
+    Raises:
+        DataError: no such file, a damaged one, or one that is no recording.
+    """
+    import polars
+
+    try:
+        data = Path(path).read_bytes()
+        header = json.loads(polars.read_parquet_metadata(io.BytesIO(data))[HEADER])
+        return _recording(header, polars.read_parquet(io.BytesIO(data)))
+    except (*DAMAGE, EtudeError, polars.exceptions.PolarsError) as error:
+        raise DataError(
+            f"it is no recording of etude run: {reason(error)}",
+            where=str(path),
+            next_step="Name a file that etude run wrote; other logs go to etude tell.",
+        ) from error
+
+
+def _header(recording: Recording) -> dict[str, Any]:
+    motion = {name: getattr(recording.motion, name) for name in MOTION}
+    own = {name: getattr(recording, name) for name in OWN}
+    return {
+        "format": FORMAT,
+        **motion,
+        "until": recording.motion.duration,
+        **own,
+        "ended": recording.ended.value,
+    }
+
+
+def _recording(header: dict[str, Any], frame: Any) -> Recording:
+    text, joints = header["trajectory_json"].encode(), header["joints"]
+    motion = planned(
+        text,
+        number=header["number"],
+        part=header["part"],
+        speed=header["speed"],
+        names=header["names"],
+        joints=joints,
+        rate=header["rate"],
+        until=header["until"],
+    )
+    if motion.sha256 != header["sha256"]:
+        raise ValueError("the trajectory in it is not the one that its header names")
+
+    def table(channel: str) -> Array:
+        names = [f"{channel}_{joint}" for joint in joints]
+        values: Array = frame.select(names).to_numpy().astype(float).reshape(len(frame), len(joints))
+        return values
+
+    own = {name: header[name] for name in OWN}
+    return Recording(
+        **{**own, "held": tuple(tuple(span) for span in own["held"])},
+        motion=motion,
+        ended=Ended(header["ended"]),
+        t=frame["t"].to_numpy(),
+        at=frame["at"].to_numpy(),
+        q=table("q"),
+        qd=table("qd") if f"qd_{joints[0]}" in frame.columns else None,
+        command=table("command"),
+        asked=table("asked"),
+    )

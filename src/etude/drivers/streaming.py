@@ -1,0 +1,439 @@
+"""The clock loop of streams: a robot that takes a set-point in each cycle plays whole motions.
+
+In each cycle: the newest sample, what the supervisor says of it, the set-point of the coming cycle. However a
+motion ends, the robot comes to rest, is held by its driver, and what was recorded comes back.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import gc
+import signal
+import threading
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+from types import FrameType, TracebackType
+from typing import Self
+
+import numpy as np
+
+from etude.drivers.contract import (
+    About,
+    Control,
+    Ended,
+    PlannedMotion,
+    Player,
+    Reaction,
+    Recording,
+    Sample,
+    Stream,
+    Watch,
+)
+from etude.drivers.set_points import Pace, PathInTime, SetPoint, Stopping, acceleration_limits
+from etude.drivers.within_limits import refusals
+from etude.types import Array
+
+LEAD = 0.1
+"""s that are recorded before the first set-point of the path."""
+SETTLED, LONGEST_SETTLE = 0.1, 0.5
+"""s after the last set-point that moves: recorded at least, and at most where the robot still moves."""
+RESTS = 2e-3
+"""rad/s or m/s: slower than that a joint rests."""
+STANDS = 1e-3
+"""rad or m between the first point and the set-point in force, where the robot says that."""
+STANDS_MEASURED = 0.02
+"""The same of the measured position, where it does not."""
+LARGEST_STEP = 5
+"""Cycles by which the path goes on in one of ours, however much later the robot says it is."""
+AHEAD = 0.02
+"""s by which the path may be ahead of our clock: a robot's clock that runs fast does not speed it up."""
+LOOKED = 0.05
+"""s between two looks of the watchdog at the loop."""
+
+
+class Streamed:
+    """A Player that plays motions over a stream."""
+
+    def __init__(self, stream: Stream) -> None:
+        self.stream = stream
+        self._identity = ""
+        self._asked: Array | None = None
+        self._run: _Run | None = None
+
+    def about(self) -> About:
+        """Of the stream."""
+        return self.stream.about()
+
+    def __enter__(self) -> Self:
+        self.stream.__enter__()
+        self._identity, self._asked = self.about().identity, None
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None, /
+    ) -> None:
+        self.stream.__exit__(kind, error, trace)
+
+    def where(self) -> Sample:
+        """Of now, with the last set-point where the robot does not say its own."""
+        sample = _own(self.stream.state())
+        return sample if sample.asked is not None else replace(sample, asked=self._asked)
+
+    def check(self, motion: PlannedMotion) -> Sequence[str]:
+        """What of the motion the robot would not take, by what it says of itself."""
+        return refusals(motion, self.about())
+
+    def play(self, motion: PlannedMotion, watch: Watch, control: Control) -> Recording:
+        """Plays it; in the main thread, Ctrl-C and SIGTERM bring the robot to rest meanwhile."""
+        about = self.about()
+        why = self._refused(motion, control, about)
+        run = self._run = _Run(self.stream, about, motion, watch)
+        if why:
+            self._run = None
+            return run.recording(Ended.REFUSED, why)
+        try:
+            with _interrupts(run), _no_collections(), _watchdog(run, about):
+                ended, reason = run.play(control)
+        finally:
+            self._run = None
+        self._asked = run.point.q if ended in (Ended.DONE, Ended.STOPPED, Ended.INTERRUPTED) else None
+        return run.recording(ended, reason)
+
+    def stop(self, kill: bool = False) -> None:
+        """From any thread or signal handler."""
+        run = self._run
+        if run is None or kill:
+            self.stream.stop(kill)
+        if run is not None:
+            run.interrupt("stop() was called", kill)
+
+    def _refused(self, motion: PlannedMotion, control: Control, about: About) -> str:
+        if about.identity != self._identity:
+            return f"the robot was {self._identity} when it was connected, and is {about.identity} now"
+        if control not in about.controls:
+            return f"{about.name} has no control {control!r}; it has {', '.join(about.controls)}"
+        problems = self.check(motion)
+        if problems:
+            return problems[0]
+        try:
+            sample = self.where()
+        except Exception as error:
+            return f"{about.name} does not say where it is: {type(error).__name__}: {error}"
+        if sample.fault:
+            return f"{about.name} reports: {sample.fault}"
+        stands, near = (sample.q, STANDS_MEASURED) if sample.asked is None else (sample.asked, STANDS)
+        off = np.abs(stands - motion.q[0])
+        if not np.all(off <= near):
+            joint = int(np.argmax(np.where(np.isfinite(off), off, np.inf)))
+            return f"{motion.joints[joint]} is {off[joint]:.3g} away from the first point of the motion"
+        return ""
+
+
+class _Run:
+    """One motion, as it is played."""
+
+    def __init__(self, stream: Stream, about: About, motion: PlannedMotion, watch: Watch) -> None:
+        self.stream, self.about, self.motion, self.watch = stream, about, motion, watch
+        self.period = 1.0 / about.rate
+        self.path = PathInTime(motion, about.rate)
+        self.limits = acceleration_limits(motion, about)
+        self.rows = _Rows(int((motion.duration + 2.0) * about.rate), len(motion.joints))
+        self.clock = _Clock(about)
+        self.point = self.path.at(0.0)
+        self.began = np.nan
+        self.late = 0
+        self.held: list[tuple[float, float]] = []
+        self.interrupted, self.killed, self.lost = "", False, False
+        self._pace = Pace()
+        self._stopping: Stopping | None = None
+        self._since = 0.0
+        self._why = Ended.DONE, ""
+        self._fresh_at = 0.0
+        self._moves = False
+
+    def play(self, control: Control) -> tuple[Ended, str]:
+        """How it ended and why. The stream is stopped and holds, whatever happened."""
+        try:
+            self.stream.ready(control)
+        except Exception as error:
+            return Ended.REFUSED, f"{type(error).__name__}: {error}"
+        try:
+            self.clock.start()
+            while self._cycle():
+                pass
+        except KeyboardInterrupt:
+            self._why = Ended.INTERRUPTED, "Ctrl-C"
+        except Exception as error:  # of the driver, or of the supervisor: nothing of it may end in motion
+            self._why = Ended.FAULT, f"{type(error).__name__}: {error}"
+        with contextlib.suppress(Exception):
+            self.stream.stop(self.killed)
+        return self._why
+
+    def interrupt(self, why: str, kill: bool = False) -> None:
+        """From any thread or signal handler."""
+        self.interrupted = self.interrupted or why
+        self.killed = self.killed or kill
+
+    def recording(self, ended: Ended, reason: str) -> Recording:
+        """What has come in so far."""
+        t, at, q, qd, command, asked = self.rows.cut()
+        reached = self.point.at if len(t) else 0.0
+        return Recording(
+            motion=self.motion,
+            ended=ended,
+            reason=reason,
+            began=self.began,
+            t=t,
+            at=at,
+            q=q,
+            qd=qd,
+            command=command,
+            asked=asked,
+            reached=reached,
+            late=self.late,
+            identity=self.about.identity,
+            command_unit=self.about.command_unit,
+            held=tuple(self.held),
+        )
+
+    def _cycle(self) -> bool:
+        """One of them; False: the motion is over."""
+        sample = self.clock.wait(self.stream.state)
+        self.late += self.clock.late
+        reaction = Reaction.GO
+        if self.clock.fresh:
+            sample = self._filled(sample)
+            if self.clock.forward:
+                self.rows.add(sample, self.point)
+            reaction = self.watch(sample)
+        if self._over(sample, reaction):
+            return False
+        self.point = self._next(reaction)
+        self.stream.send(self.point.q, self.point.qd, self.point.qdd, self.point.effort)
+        return True
+
+    def _filled(self, sample: Sample) -> Sample:
+        own = _own(sample)
+        asked = self.point.q if own.asked is None else own.asked
+        return replace(own, asked=asked, at=self.point.at, seen=self.clock.now)
+
+    def _over(self, sample: Sample, reaction: Reaction) -> bool:
+        """Whether nothing more is sent; else a stop begins where there is a reason."""
+        self.killed = self.killed or reaction is Reaction.KILL
+        if self.clock.fresh and sample.fault:
+            self._why = Ended.FAULT, f"{self.about.name} reports: {sample.fault}"
+            return True
+        why: tuple[Ended, str] | None = None
+        if self.interrupted:
+            why = Ended.INTERRUPTED, self.interrupted
+        elif self.lost:
+            why = Ended.LOST, "a cycle did not come to its end: the driver or this computer was stuck"
+        elif self.clock.silent > self.about.silence:
+            why = Ended.LOST, f"no sample for {self.about.silence:g} s"
+        elif reaction in (Reaction.STOP, Reaction.KILL):
+            why = Ended.STOPPED, ""
+        elif reaction is Reaction.HOLD and not self.about.can_hold:
+            why = Ended.STOPPED, f"{self.about.name} cannot hold"
+        if why is not None and self._stopping is None:
+            self._why = why
+            self._stopping, self._since = Stopping(self.point, self.limits), 0.0
+        return self.killed or self.lost or self._settled(sample)
+
+    def _settled(self, sample: Sample) -> bool:
+        """Whether the last set-point that moves is long enough ago, and the robot rests."""
+        if self._stopping is not None:
+            past = self._since - self._stopping.span
+        elif self.point.at >= self.motion.duration:
+            past = self._since
+        else:
+            return False
+        rests = sample.qd is None or bool(np.all(np.abs(sample.qd) <= RESTS))
+        return past >= (SETTLED if rests else LONGEST_SETTLE)
+
+    def _next(self, reaction: Reaction) -> SetPoint:
+        """The set-point of the coming cycle."""
+        tick = self.clock.tick
+        if self._stopping is not None:
+            self._since += tick
+            return self._stopping.at(self._since)
+        if not self._moves:
+            self._since += tick
+            if self._since < LEAD:
+                return self.point
+            self._moves, self._since, self.began = True, 0.0, self.clock.robot
+            tick = self.period
+        elif self.point.at >= self.motion.duration:
+            self._since += tick
+            return self.point
+        return self._along(tick, reaction is Reaction.HOLD)
+
+    def _along(self, tick: float, wait: bool) -> SetPoint:
+        """Further on the path, at the pace that holding leaves."""
+        pace, s, before = self._pace, self.point.at, self._pace.now
+        if pace.steady and wait == (pace.end == 1.0):
+            pace.end = 0.0 if wait else 1.0
+            if wait:
+                self.held.append((self.clock.robot, np.inf))
+        pace.go_on(tick, self.path, s, self.limits)
+        if self.held and self.held[-1][1] == np.inf and pace.now == pace.end == 1.0:
+            self.held[-1] = self.held[-1][0], self.clock.robot
+        return self.path.at(s + 0.5 * tick * (before + pace.now), pace.now, pace.change)
+
+
+class _Clock:
+    """The robot's clock and ours. A robot whose `state` waits for its next sample is the pace; else we are.
+
+    Attributes:
+        now: ours, s; of a virtual robot, cycles counted. robot: its own, s, estimated during silence.
+        tick: s by which the path goes on in this cycle. fresh: the sample is a new one; forward: and later.
+        silent: s since the last new sample. late: cycles missed before this one.
+    """
+
+    def __init__(self, about: About) -> None:
+        self.virtual, self.period = about.virtual, 1.0 / about.rate
+        self.now = self.robot = self.tick = self.silent = 0.0
+        self.fresh, self.forward, self.late = False, False, 0
+        self.beat = np.inf  # the watchdog waits for the first cycle
+        self._blocks = False
+        self._cycles = 0
+        self._sampled = self._newest = -np.inf
+        self._ahead = 0.0
+        self._due = self._heard = 0.0
+
+    def start(self) -> None:
+        """Just before the first cycle."""
+        self.beat = time.monotonic()
+        self.now = self._due = self._heard = self.period if self.virtual else self.beat
+
+    def wait(self, state: Callable[[], Sample]) -> Sample:
+        """The sample of this cycle, when it is due."""
+        before = self.now
+        if not self.virtual and not self._blocks and self._cycles >= 4:  # first: does it wait by itself?
+            self._due = max(self._due + self.period, self.now)
+            time.sleep(max(self._due - time.monotonic(), 0.0))
+        asked = time.monotonic()
+        sample = state()
+        self.beat = time.monotonic()
+        self._cycles += 1
+        self.now = self.now + self.period if self.virtual else self.beat
+        self._blocks = self._blocks or self.beat - asked > 0.5 * self.period
+        self._tell(sample.t, self.now - before)
+        return sample
+
+    def _tell(self, t: float, elapsed: float) -> None:
+        first = self._newest == -np.inf
+        self.fresh, self.forward = t != self._sampled, t > self._newest
+        between = t - self._newest if (self.virtual or self._blocks) and not first else elapsed
+        self.late = 0 if first else max(round(between / self.period) - 1, 0)
+        robot = t if self.fresh else self.robot + elapsed
+        step = 0.0 if first else min(max(robot - self.robot, 0.0), LARGEST_STEP * self.period)
+        self.tick = min(step, max(AHEAD - self._ahead + elapsed, 0.0))
+        self._ahead = max(self._ahead + self.tick - elapsed, -AHEAD)
+        self.robot, self._sampled, self._newest = robot, t, max(self._newest, t)
+        self._heard = self.now if self.fresh else self._heard
+        self.silent = self.now - self._heard
+
+
+class _Rows:
+    """Samples in arrays that are there beforehand; they double for a motion that waits."""
+
+    def __init__(self, length: int, joints: int) -> None:
+        self.n = 0
+        self.has_qd = True
+        self.times = np.empty((length, 2))
+        self.values = np.empty((length, 4, joints))
+
+    def add(self, sample: Sample, point: SetPoint) -> None:
+        """What was measured while this set-point was in force."""
+        if self.n == len(self.times):
+            self.times = np.concatenate([self.times, np.empty_like(self.times)])
+            self.values = np.concatenate([self.values, np.empty_like(self.values)])
+        self.times[self.n] = sample.t, point.at
+        row = self.values[self.n]
+        row[0], row[3] = sample.q, sample.asked
+        row[1] = np.nan if sample.qd is None else sample.qd
+        row[2] = np.nan if sample.command is None else sample.command
+        self.has_qd = self.has_qd and sample.qd is not None
+        self.n += 1
+
+    def cut(self) -> tuple[Array, Array, Array, Array | None, Array, Array]:
+        """t, at (n,), q, qd, command, asked (n, J)."""
+        times, values = self.times[: self.n].copy(), self.values[: self.n].transpose(1, 0, 2).copy()
+        qd = values[1] if self.has_qd and self.n else None
+        return times[:, 0], times[:, 1], values[0], qd, values[2], values[3]
+
+
+def _own(sample: Sample) -> Sample:
+    """The same, in arrays that the driver does not write into again."""
+    q, qd, command, asked = (
+        None if value is None else np.array(value, dtype=float)
+        for value in (sample.q, sample.qd, sample.command, sample.asked)
+    )
+    assert q is not None
+    return replace(sample, q=q, qd=qd, command=command, asked=asked)
+
+
+@contextlib.contextmanager
+def _interrupts(run: _Run) -> Iterator[None]:
+    """Ctrl-C and SIGTERM stop the motion; the second one kills, the third one is Python's own."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    names = {signal.SIGINT: "Ctrl-C", signal.SIGTERM: "SIGTERM"}
+
+    def heard(number: int, frame: FrameType | None) -> None:  # noqa: ARG001
+        if run.killed:
+            raise KeyboardInterrupt
+        run.interrupt(names[signal.Signals(number)], kill=bool(run.interrupted))
+
+    before = {number: signal.signal(number, heard) for number in names}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+@contextlib.contextmanager
+def _no_collections() -> Iterator[None]:
+    """Python looks for garbage in circles afterwards; it would cost cycles."""
+    enabled = gc.isenabled()
+    gc.collect()
+    gc.freeze()
+    gc.disable()
+    try:
+        yield
+    finally:
+        gc.unfreeze()
+        if enabled:
+            gc.enable()
+
+
+@contextlib.contextmanager
+def _watchdog(run: _Run, about: About) -> Iterator[None]:
+    """Stops the stream from a thread of its own where a call of the loop does not come back."""
+    if about.virtual:
+        yield
+        return
+    over = threading.Event()
+    limit = about.silence + max(4 / about.rate, 2 * LOOKED)
+
+    def look() -> None:
+        while not over.wait(LOOKED):
+            if time.monotonic() - run.clock.beat > limit and not run.lost:
+                run.lost = True
+                run.stream.stop()
+
+    thread = threading.Thread(target=look, daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        over.set()
+        thread.join()
+
+
+def _is_player(stream: Stream) -> Player:
+    """Type checkers hold Streamed to the protocol."""
+    return Streamed(stream)

@@ -1,0 +1,274 @@
+"""What watches a motion: each check is a quantity against a bound, and a time for which it has to be beyond.
+
+A glitch of the bus is one sample, a collision lasts. So nothing stops at once, except what the robot itself
+reports. Times are of our own clock (`Sample.seen`), which no fault of the robot's clock touches.
+"""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from etude.drivers.contract import About, Bounds, PlannedMotion, Reaction, Sample
+from etude.errors import UsageError
+from etude.types import Array
+
+MEAN_OVER = 0.1
+"""s, of the means of residuals."""
+DRIFT_FORGOTTEN = 1.0
+"""s in which a drift of the robot's clock becomes the one that a jump is told against."""
+FROZEN_STEPS, FROZEN_PART = 3.0, 0.25
+"""No position of any joint changes in any bit, while a motion asks a joint to move by so many steps of its
+encoder and by this part of its bound of errors. Stiction holds a joint too, but not all of them that far.
+"""
+
+
+@dataclass(eq=False)
+class _Check:
+    """A quantity that must not be beyond its bound for longer than for_s.
+
+    quantity: from a sample to (J,) or a number; None: it cannot be told from this one. bound: of its size.
+    words: for the reason, with {name}, {value} and {bound}.
+    """
+
+    quantity: Callable[[Sample], Array | float | None]
+    bound: Array | float
+    words: str
+    for_s: float
+    since: float | None = None
+
+    def beyond(self, sample: Sample) -> tuple[int, float, float] | None:
+        """(joint, value, bound) if the bound has been left for long enough."""
+        value = self.quantity(sample)
+        inside = value is None or np.all(np.less_equal(value, self.bound))  # NaN is beyond
+        if value is None or inside:
+            self.since = None
+            return None
+        if self.since is None:
+            self.since = sample.seen
+        if sample.seen - self.since < self.for_s:
+            return None
+        values, bounds = np.broadcast_arrays(np.atleast_1d(value), self.bound)
+        joint = int(np.argmax(np.where(np.isfinite(values), values / np.maximum(bounds, 1e-300), np.inf)))
+        return joint, float(values[joint]), float(bounds[joint])
+
+
+class Supervisor:
+    """Watches one motion. `watch` is called with every sample, in the order in which they come.
+
+    Args:
+        bounds: that it holds.
+        about: the robot that moves.
+        motion: that it plays.
+        predicted: (n, J) commands at the rows of the motion, with what gravity the robot's own commands have;
+            None: residuals are not watched.
+
+    Attributes:
+        reason: why it stopped the motion, a sentence; "" as long as it did not.
+        worst_error: (J,) largest |q - asked| so far, glitches of one sample left out.
+
+    Raises:
+        UsageError: the motion is of other joints, or bounds of another number of them.
+    """
+
+    def __init__(
+        self, bounds: Bounds, about: About, motion: PlannedMotion, predicted: Array | None = None
+    ) -> None:
+        _require_fitting(bounds, about, motion, predicted)
+        self.bounds, self.about, self.motion = bounds, about, motion
+        self.reason = ""
+        self.worst_error = np.zeros(len(about.joints))
+        self._predicted = predicted
+        self._error_before = np.zeros(len(about.joints))
+        self._still = _Still(bounds, about)
+        self._clock = _ClockOffset()
+        self._velocity = _Velocity(bounds.for_s)
+        self._residual = _Mean(MEAN_OVER)
+        self._checks = self._made(bounds)
+
+    def watch(self, sample: Sample) -> Reaction:
+        """What the robot has to do now. STOP for ever, once it is said."""
+        if not sample.seen:
+            sample = _seen(sample)
+        if not self.reason:
+            self._note_error(sample)
+            self.reason = self._found(sample)
+        return Reaction.STOP if self.reason else Reaction.GO
+
+    def _found(self, sample: Sample) -> str:
+        if sample.fault:
+            return f"{self.about.name} reports: {sample.fault}"
+        for check in self._checks:
+            beyond = check.beyond(sample)
+            if beyond is not None:
+                joint, value, bound = beyond
+                where = "" if sample.at is None else f" at {sample.at:.2f} s of the motion"
+                name = self.about.joints[joint]
+                return check.words.format(name=name, value=value, bound=bound) + where
+        return ""
+
+    def _made(self, bounds: Bounds) -> list[_Check]:
+        hold, low, high = bounds.for_s, bounds.lower, bounds.upper
+        checks = [
+            _Check(lambda s: float(np.sum(~np.isfinite(s.q))), 0.0, "a position is no number", hold),
+            _Check(self._clock.drift, bounds.clock, "the robot's clock is {value:.2f} s off ours", hold),
+            _Check(self._clock.jump, bounds.silence, "the robot's clock jumped by {value:.2f} s", hold),
+            _Check(self._clock.back, 0.0, "the robot's clock went back by {value:.3f} s", hold),
+            _Check(self._still, 1.0, "no position changes while {name} is asked to move: encoders", hold),
+            _Check(_asked_lacks, 0.0, "the driver does not say what it asks for", hold),
+            _Check(
+                lambda s: None if s.asked is None else np.abs(s.q - s.asked),
+                bounds.error,
+                "{name} is {value:.3g} from where it was asked to be, more than {bound:.3g}",
+                hold,
+            ),
+            _Check(lambda s: low - s.q, 0.0, "{name} is {value:.3g} below its lower limit", hold),
+            _Check(lambda s: s.q - high, 0.0, "{name} is {value:.3g} above its upper limit", hold),
+            _Check(
+                self._velocity.of, bounds.velocity, "{name} moves at {value:.3g}, more than {bound:.3g}", hold
+            ),
+        ]
+        if bounds.effort is not None:
+            words = "the command of {name} is {value:.3g}, more than {bound:.3g}"
+            checks.append(_Check(_effort, bounds.effort, words, hold))
+        if bounds.residual is not None and self._predicted is not None:
+            words = (
+                "the command of {name} is {value:.3g} off what was learned, more than {bound:.3g}: a push?"
+            )
+            checks.append(_Check(self._mean_residual, bounds.residual, words, hold))
+        return checks
+
+    def _note_error(self, sample: Sample) -> None:
+        """The smaller one of two in a row, so that a glitch of one sample does not count."""
+        if sample.asked is None or not np.isfinite(sample.q).all():
+            return
+        error = np.abs(sample.q - sample.asked)
+        np.maximum(self.worst_error, np.minimum(error, self._error_before), out=self.worst_error)
+        self._error_before = error
+
+    def _mean_residual(self, sample: Sample) -> Array | None:
+        if sample.command is None or sample.at is None or self._predicted is None:
+            return None
+        row = min(int(np.searchsorted(self.motion.t, sample.at)), len(self._predicted) - 1)
+        mean = self._residual.with_one_more(sample.seen, sample.command - self._predicted[row])
+        return None if mean is None else np.abs(mean)
+
+
+class _ClockOffset:
+    """The robot's clock against ours."""
+
+    def __init__(self) -> None:
+        self.first: tuple[float, float] | None = None
+        self.newest = -np.inf
+        self.usual = 0.0
+        self.before = 0.0
+
+    def _offset(self, sample: Sample) -> float:
+        if self.first is None:
+            self.first = sample.t, sample.seen
+        return (sample.t - self.first[0]) - (sample.seen - self.first[1])
+
+    def drift(self, sample: Sample) -> float:
+        """s since the first sample."""
+        return abs(self._offset(sample))
+
+    def jump(self, sample: Sample) -> float:
+        """s off the drift of the last second; a stall of ours, after which samples come in a row, is none."""
+        offset = self._offset(sample)
+        part = min((sample.seen - self.before) / DRIFT_FORGOTTEN, 1.0) if self.before else 0.0
+        self.usual += part * (offset - self.usual)
+        self.before = sample.seen
+        return max(offset - self.usual, 0.0)
+
+    def back(self, sample: Sample) -> float:
+        """s before the newest time."""
+        self.newest = max(self.newest, sample.t)
+        return self.newest - sample.t
+
+
+class _Still:
+    """How far each joint was asked to move since any position last changed, in parts of what counts."""
+
+    def __init__(self, bounds: Bounds, about: About) -> None:
+        steps = 0.0 if about.encoder_step is None else FROZEN_STEPS * about.encoder_step
+        self.way = np.maximum(steps, FROZEN_PART * bounds.error)
+        self.q: Array | None = None
+        self.asked: Array | None = None
+
+    def __call__(self, sample: Sample) -> Array | None:
+        if sample.asked is None:
+            return None
+        if self.q is None or self.asked is None or not np.array_equal(sample.q, self.q):
+            self.q, self.asked = sample.q, sample.asked.copy()
+        return np.abs(sample.asked - self.asked) / self.way
+
+
+class _Velocity:
+    """What is measured, or differences over at least for_s, in which a glitch of one sample shows twice."""
+
+    def __init__(self, over: float) -> None:
+        self.over = over
+        self.past: deque[tuple[float, Array]] = deque()
+
+    def of(self, sample: Sample) -> Array | None:
+        if sample.qd is not None:
+            return np.abs(sample.qd)
+        self.past.append((sample.t, sample.q))
+        while len(self.past) > 2 and sample.t - self.past[1][0] >= self.over:
+            self.past.popleft()
+        t, q = self.past[0]
+        if sample.t < t:  # the clock went back: another check's
+            self.past.clear()
+            return None
+        return np.abs(sample.q - q) / (sample.t - t) if sample.t - t >= self.over else None
+
+
+class _Mean:
+    """Running mean over the last seconds."""
+
+    def __init__(self, over: float) -> None:
+        self.over = over
+        self.past: deque[tuple[float, Array]] = deque()
+        self.total: Array | None = None
+
+    def with_one_more(self, t: float, value: Array) -> Array | None:
+        """(J,) the mean, once it is of the whole span. A value that is no number is left out."""
+        if not np.isfinite(value).all():
+            return None
+        self.past.append((t, value))
+        self.total = value.copy() if self.total is None else self.total + value
+        full = False
+        while t - self.past[0][0] > self.over:
+            self.total = self.total - self.past.popleft()[1]
+            full = True
+        return self.total / len(self.past) if full else None
+
+
+def _asked_lacks(sample: Sample) -> float:
+    return float(sample.at is not None and sample.asked is None)
+
+
+def _effort(sample: Sample) -> Array | None:
+    return None if sample.command is None else np.abs(sample.command)
+
+
+def _seen(sample: Sample) -> Sample:
+    return replace(sample, seen=time.monotonic())
+
+
+def _require_fitting(bounds: Bounds, about: About, motion: PlannedMotion, predicted: Array | None) -> None:
+    if motion.joints != about.joints:
+        raise UsageError(
+            f"the motion is of {', '.join(motion.joints)}, and {about.name} has {', '.join(about.joints)}",
+            next_step="Plan it with the joints in the driver's order.",
+        )
+    for name in ("error", "lower", "upper", "velocity", "effort", "residual"):
+        value = getattr(bounds, name)
+        if value is not None and np.shape(value) != (len(about.joints),):
+            raise UsageError(f"bounds.{name} has shape {np.shape(value)}, not ({len(about.joints)},)")
+    if predicted is not None and predicted.shape != motion.q.shape:
+        raise UsageError(f"predicted commands have shape {predicted.shape}, not {motion.q.shape}")

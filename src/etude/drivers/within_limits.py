@@ -1,0 +1,76 @@
+"""What of a motion a robot would not take, by what it says of itself."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from etude.drivers.contract import About, PlannedMotion, VelocityEnvelope
+from etude.types import Array
+
+SLACK = 1e-6
+"""Part of each limit that rounding may take."""
+
+
+def refusals(motion: PlannedMotion, about: About) -> Sequence[str]:
+    """A sentence for each limit of `about` that the motion leaves, and for what it cannot play at all."""
+    if motion.joints != about.joints:
+        return [
+            f"the motion is of {', '.join(motion.joints)}, not of {', '.join(about.joints)} in this order"
+        ]
+    found = []
+    steps = np.diff(motion.t) * about.rate
+    if motion.t[0] != 0.0 or not np.allclose(steps[:-1], 1.0, atol=1e-6) or not np.all(steps <= 1.0 + 1e-6):
+        found.append(f"the rows of the motion are not {about.rate:g} Hz from 0")
+    if motion.effort is not None and "learned" not in about.controls:
+        found.append(f"{about.name} takes no effort beside set-points")
+    for words, values, lower, upper in _limited(motion, about):
+        found += _left(words, values, lower, upper, motion)
+    return found
+
+
+def velocity_range(envelope: VelocityEnvelope, q: Array) -> tuple[Array, Array]:
+    """(n, J) lowest and highest velocity at positions q (n, J)."""
+    up = np.sqrt(np.maximum(envelope.slope * (envelope.upper - q), 0.0))
+    down = np.sqrt(np.maximum(envelope.slope * (q - envelope.lower), 0.0))
+    highest = np.clip(envelope.offset + up, 0.0, envelope.most)
+    return -np.clip(envelope.offset + down, 0.0, envelope.most), highest
+
+
+def _limited(motion: PlannedMotion, about: About) -> Sequence[tuple[str, Array, Array, Array]]:
+    """What is limited: words, values (n, J), lower and upper."""
+    rows: list[tuple[str, Array, Array, Array]] = []
+    low = np.full(len(about.joints), -np.inf) if about.lower is None else about.lower
+    high = np.full(len(about.joints), np.inf) if about.upper is None else about.upper
+    rows.append(("position", motion.q, low, high))
+    sizes = [
+        ("velocity", motion.qd, about.velocity),
+        ("acceleration", motion.qdd, about.acceleration),
+        ("jerk", np.diff(motion.qdd, axis=0) / np.diff(motion.t)[:, None], about.jerk),
+    ]
+    if motion.effort is not None:
+        rates = np.diff(motion.effort, axis=0) / np.diff(motion.t)[:, None]
+        sizes.append(("rate of the command", rates, about.torque_rate))
+    rows += [(words, values, -limit, limit) for words, values, limit in sizes if limit is not None]
+    if about.envelope is not None:
+        rows.append(("velocity at its position", motion.qd, *velocity_range(about.envelope, motion.q)))
+    return rows
+
+
+def _left(words: str, values: Array, lower: Array, upper: Array, motion: PlannedMotion) -> Sequence[str]:
+    """A sentence for the joint that is furthest outside."""
+    if not np.isfinite(values).all():
+        return [f"the {words} of the motion is no number somewhere"]
+    lower, upper = np.broadcast_to(lower, values.shape), np.broadcast_to(upper, values.shape)
+    beyond = np.maximum(values - upper, lower - values)
+    allowed = SLACK * np.where(values > 0, np.abs(upper), np.abs(lower))
+    beyond = np.where(np.isfinite(beyond), beyond - np.nan_to_num(allowed, posinf=0.0), -np.inf)
+    row, joint = np.unravel_index(int(np.argmax(beyond)), beyond.shape)
+    if beyond[row, joint] <= 0.0:
+        return []
+    limit = upper[row, joint] if values[row, joint] > upper[row, joint] else lower[row, joint]
+    return [
+        f"the {words} of {motion.joints[joint]} is {values[row, joint]:.4g} at {motion.t[row]:.2f} s, "
+        f"and {limit:.4g} is its limit"
+    ]

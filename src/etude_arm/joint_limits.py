@@ -1,0 +1,280 @@
+"""MoveIt's joint_limits.yaml: limits that `etude init` reads, and `etude export --to joint_limits` writes.
+
+MoveIt takes a limit that a file gives unless its `has_..._limits` is false. Units are those of ROS (REP 103):
+rad and m. The file is two levels of names, so that no reader of all of YAML is needed.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from etude._runtime.options import taken
+from etude.errors import UsageError
+from etude.protocols import Kind
+from etude.toml_tables import read_text
+from etude.types import Delivered
+from etude_arm.loading.joint_choice import Moving
+from etude_arm.spec import ArmSpec, Axis
+
+FILE = "joint_limits.yaml"
+TABLE = "joint_limits"
+KEYS = {
+    "min_position": ("lower", "position"),
+    "max_position": ("upper", "position"),
+    "max_velocity": ("velocity", "velocity"),
+    "max_acceleration": ("acceleration", "acceleration"),
+    "max_jerk": ("jerk", "jerk"),
+    "max_effort": ("command", "effort"),
+}
+"""MoveIt's name -> ours, and that of its switch `has_..._limits`."""
+SCALING = ("default_velocity_scaling_factor", "default_acceleration_scaling_factor")
+LINE = re.compile(r"^( *)(?:\"([^\"]*)\"|'([^']*)'|([^\s#:'\"][^:#]*?))\s*:(?:\s+(.*))?$")
+SWITCH = {"true": True, "yes": True, "on": True, "false": False, "no": False, "off": False}
+DEGREES = "!degrees"
+"""A tag that descriptions of Universal Robots use."""
+UNLIKELY_TIMES = 10.0
+"""Times the model file's velocity limit: a degree is 57 times smaller than a radian."""
+LEAST_START_S = 0.01
+"""s from rest to full speed: no drive is faster, but an acceleration in degrees looks as if one were."""
+
+
+@dataclass(frozen=True)
+class Read:
+    """What a file says.
+
+    Attributes:
+        limits: joint -> those of `KEYS` that count.
+        scaling: the defaults of MoveIt's planner that are below one, by name.
+    """
+
+    limits: Mapping[str, Mapping[str, float]]
+    scaling: Mapping[str, float]
+
+
+def read(path: Path) -> Read:
+    """The limits of a joint_limits.yaml.
+
+    Raises:
+        UsageError: no such file, no `joint_limits` in it, or a line that is none of this format.
+    """
+    levels = _levels(path)
+    found = [table for name, table in _tables(levels) if name == TABLE]
+    if not found:
+        raise UsageError(
+            f"there is no {TABLE}: in this file",
+            where=str(path),
+            next_step=f"Name MoveIt's {FILE}: {TABLE}:, below it each joint, below that max_velocity: ...",
+        )
+    limits = {joint: _limits(own, joint, path) for joint, own in found[0].items() if isinstance(own, dict)}
+    around = {name: value for _, table in (("", levels), *_tables(levels)) for name, value in table.items()}
+    scaling = {name: _number(around[name], name, path) for name in SCALING if name in around}
+    return Read(limits, {name: value for name, value in scaling.items() if value < 1.0})
+
+
+def _levels(path: Path) -> dict[str, Any]:
+    """Names within names, of texts."""
+    top: dict[str, Any] = {}
+    stack: list[tuple[int, dict[str, Any]]] = [(-1, top)]
+    for count, line in enumerate(read_text(path, FILE).splitlines(), 1):
+        text = re.sub(r"(^|\s)#.*$", "", line).rstrip()
+        if not text.strip() or text in ("---", "..."):
+            continue
+        found = LINE.match(text)
+        value = found[5].strip() if found and found[5] else ""
+        if found is None or value[:1] in ("{", "[", "&", "*", "|", ">"):
+            raise UsageError(
+                f"line {count} is not `name: value` with blanks before it: {text.strip()!r}",
+                where=str(path),
+                next_step="Write one limit on each line, as MoveIt's Setup Assistant does.",
+            )
+        while stack[-1][0] >= len(found[1]):
+            stack.pop()
+        name = next(own for own in found.groups()[1:4] if own is not None)
+        inner: dict[str, Any] = {}
+        stack[-1][1][name] = value or inner
+        if not value:
+            stack.append((len(found[1]), inner))
+    return top
+
+
+def _tables(table: Mapping[str, Any]) -> Iterator[tuple[str, dict[str, Any]]]:
+    """All of them by their names, outer ones first."""
+    for name, own in table.items():
+        if isinstance(own, dict):
+            yield name, own
+            yield from _tables(own)
+
+
+def _limits(own: Mapping[str, Any], joint: str, path: Path) -> dict[str, float]:
+    found = {}
+    for key, (limit, switch) in KEYS.items():
+        off = not SWITCH.get(str(own.get(f"has_{switch}_limits", "true")).lower(), True)
+        if key not in own or off:
+            continue
+        value = found[limit] = _number(own[key], f"{key} of {joint}", path)
+        if switch != "position" and not value > 0.0:
+            raise UsageError(
+                f"{key} of joint '{joint}' must be above zero, not {value:g}",
+                where=str(path),
+                next_step=f"Correct it, or write has_{switch}_limits: false.",
+            )
+    return found
+
+
+def _number(text: Any, what: str, path: Path) -> float:
+    tag, _, rest = str(text).rpartition(" ")
+    try:
+        value = float(rest)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value) or tag.strip() not in ("", DEGREES, "!radians"):
+        raise UsageError(f"{what} is no number: {text}", where=str(path), next_step="Correct the file.")
+    return math.radians(value) if tag.strip() == DEGREES else value
+
+
+def tightened(
+    stated: Mapping[str, Mapping[str, float]],
+    path: Path,
+    arm: Sequence[str],
+    moving: Mapping[str, Moving],
+) -> tuple[dict[str, dict[str, float]], tuple[str, ...]]:
+    """A model file's limits with those of a joint_limits.yaml that are tighter, or that it lacks.
+
+    Args:
+        stated: joint -> limit -> value, of the model file.
+        path: of joint_limits.yaml.
+        arm: joints that are learned. moving: all that move, by name.
+
+    Returns:
+        the limits, and sentences of what does not count or is missing.
+
+    Raises:
+        UsageError: as `read`; joints that the model does not have; limits that look like degrees or mm.
+    """
+    found = read(path)
+    _require_known(found, arm, moving, path)
+    limits = {joint: dict(own) for joint, own in stated.items()}
+    loose: list[str] = []
+    for joint in (name for name in arm if name in found.limits):
+        own, before = found.limits[joint], stated[joint]
+        for limit, value in own.items():
+            if limit == "velocity":
+                _require_alike(value, before.get(limit), joint, moving[joint], path)
+            tight = max if limit == "lower" else min
+            limits[joint][limit] = tight(value, before.get(limit, value))
+            if limits[joint][limit] != value:
+                loose.append(f"{limit} of {joint} {value:g} for {before[limit]:g}")
+        fastest = max((own["velocity"] for own in (own, before) if "velocity" in own), default=math.inf)
+        _require_possible(limits[joint], fastest, joint, moving[joint], path)
+    return limits, _said(found, loose, [name for name in arm if name not in found.limits])
+
+
+def _require_known(found: Read, arm: Sequence[str], moving: Mapping[str, Moving], path: Path) -> None:
+    unknown = [joint for joint in found.limits if joint not in moving]
+    if unknown or not any(joint in found.limits for joint in arm):
+        what = f"the model has no moving joint {', '.join(unknown)}" if unknown else "it limits no joint"
+        raise UsageError(
+            what,
+            where=str(path),
+            next_step=f"Names must be those of the model file: {', '.join(moving)}. Correct the file.",
+        )
+
+
+def _require_alike(value: float, model: float | None, joint: str, kind: Moving, path: Path) -> None:
+    """UsageError for a velocity far above the model file's."""
+    if model is not None and model > 0.0 and value > UNLIKELY_TIMES * model:
+        units = "mm/s, not m/s" if kind.slides else "degrees/s, not rad/s"
+        raise UsageError(
+            f"max_velocity {value:g} of joint '{joint}' looks like {units}: the model file says {model:g}",
+            where=str(path),
+            next_step="Correct one of the two files.",
+        )
+
+
+def _require_possible(own: Mapping[str, float], fastest: float, joint: str, kind: Moving, path: Path) -> None:
+    """UsageError for ranges that leave nothing, and accelerations that no drive has."""
+    if own.get("lower", -math.inf) >= own.get("upper", math.inf):
+        raise UsageError(
+            f"positions {own['lower']:g}..{own['upper']:g} leave nothing of the range of joint '{joint}'",
+            where=str(path),
+            next_step="Correct min_position and max_position.",
+        )
+    acceleration = own.get("acceleration", 0.0)
+    if acceleration * LEAST_START_S > fastest:
+        units = "mm/s^2, not m/s^2" if kind.slides else "degrees/s^2, not rad/s^2"
+        raise UsageError(
+            f"max_acceleration {acceleration:g} of joint '{joint}' looks like {units}: the velocity limit "
+            f"{fastest:g} is reached in {1e3 * fastest / acceleration:.2g} ms",
+            where=str(path),
+            next_step="Correct the file.",
+        )
+
+
+def _said(found: Read, loose: Sequence[str], missing: Sequence[str]) -> tuple[str, ...]:
+    said = []
+    if loose:
+        said.append(f"The model file's limits count where {FILE} is looser: {', '.join(loose)}.")
+    if missing:
+        said.append(f"{FILE} does not name {', '.join(missing)}: the model file's limits count.")
+    for name, value in found.scaling.items():
+        said.append(
+            f"{name} {value:g} of {FILE} does not lower limits here: it is what MoveIt's planner uses unless "
+            "asked otherwise."
+        )
+    return tuple(said)
+
+
+@dataclass(frozen=True)
+class JointLimitsOptions:
+    """What every target is told."""
+
+    model_hash: str = ""
+
+
+class JointLimits:
+    """The target (`protocols.Target`): the limits that motions of this campaign are certified within."""
+
+    def __call__(self, model: Any, kind: Kind, spec: Any, options: Mapping[str, Any]) -> Delivered:  # noqa: ARG002
+        """joint_limits.yaml. UsageError: no robot of joints, or unknown options."""
+        taken(options, JointLimitsOptions, TABLE)
+        if not isinstance(spec, ArmSpec):
+            raise UsageError(
+                f"'{spec.name}' has no joints to limit", next_step="Export the model itself: --to c."
+            )
+        said = [f"{FILE} limits {spec.dof} joints as this campaign certifies motions, without margins."]
+        open_points = [line for line in spec.confirm if line.startswith("Acceleration limits are assumed")]
+        return Delivered({FILE: written(spec).encode()}, (*said, *open_points))
+
+
+def written(spec: ArmSpec) -> str:
+    """The text of joint_limits.yaml, which `read` reads back to the same limits."""
+    head = [
+        "# Limits that Etude certifies motions within. Units: rad, m, s; N m or N.",
+        f"{TABLE}:",
+    ]
+    return "\n".join([*head, *(line for axis in spec.axes for line in _lines(axis))]) + "\n"
+
+
+def _lines(axis: Axis) -> list[str]:
+    lines = [f"  {_name(axis.name)}:"]
+    for key, (limit, switch) in KEYS.items():
+        value = None if limit == "command" else getattr(axis, limit)
+        if key != "max_position" and limit != "command":
+            lines.append(f"    has_{switch}_limits: {'false' if value is None else 'true'}")
+        if value is not None:
+            lines.append(f"    {key}: {float(value)!r}")
+    return lines
+
+
+def _name(joint: str) -> str:
+    """Quoted unless every reader takes it for a word."""
+    return joint if re.fullmatch(r"[A-Za-z]\w*", joint) and joint.lower() not in SWITCH else json.dumps(joint)
+
+
+JOINT_LIMITS = JointLimits()

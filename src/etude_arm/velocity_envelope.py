@@ -1,0 +1,153 @@
+"""Velocity limits that shrink towards the ends of a joint's range, as the controllers of some arms enforce.
+
+Franka's FR3 stops where |qd| exceeds min(velocity, offset + sqrt(slope (end - q))) on the way to an end; see
+"Robot and interface specifications" in the documentation of libfranka. A motion inside the constant limits is
+aborted there.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from etude.limits.certificate import memoized
+from etude.limits.convex_limits import bound_of, tracked
+from etude.limits.lipschitz import FIRST_STEP, SEARCH_STEP, TOLERANCE, extremes
+from etude.protocols import Family, Trajectory
+from etude.types import Array, Cone, Margins, Motion, Proof
+from etude_arm.spec import Envelope
+
+QUANTITY = "velocity left before the end"
+"""How much faster the joint may go at the position where it is."""
+SMALLEST_ROOT = 1e-6
+"""rad/s, below which the slope of a root counts as that of this value."""
+
+
+@dataclass(frozen=True, eq=False)
+class EnvelopeLimit:
+    """A `Limit`: all joints with an envelope keep it, tracking errors of position and velocity included.
+
+    Attributes:
+        names: of these joints. axes: their places in the motion. envelopes: of them.
+        velocity: (n,) rad/s (m/s), the constant limits, above which no envelope allows more.
+        margins: of tracking, by form of motion.
+    """
+
+    names: tuple[str, ...]
+    axes: tuple[int, ...]
+    envelopes: tuple[Envelope, ...]
+    velocity: Array
+    margins: Margins = field(default_factory=dict)
+    _proofs: dict[str, tuple[Proof, ...]] = field(default_factory=dict, repr=False)
+
+    @property
+    def name(self) -> str:
+        return QUANTITY
+
+    def cones(self, family: Family) -> Sequence[Cone]:  # noqa: ARG002
+        """None: position and velocity are bounded together."""
+        return ()
+
+    def penalty(self, motion: Motion) -> tuple[float, Array]:
+        """Mean square of what exceeds, in parts of the constant limit."""
+        gradient = np.zeros_like(motion.orders)
+        value, size = 0.0, len(motion.t) * len(self.axes)
+        for sign in (1.0, -1.0):
+            q, qd = self._towards(motion, sign)
+            top, slope = self._top(q, sign)
+            over = np.maximum(qd - top, 0.0) / self.velocity
+            value += float((over**2).sum()) / size
+            push = 2.0 * over / self.velocity / size
+            gradient[0][:, self.axes] += sign * push * np.where(top > 0.0, slope, 0.0)
+            gradient[1][:, self.axes] += sign * push
+        return value, gradient
+
+    def keeps(self, piece: Trajectory) -> bool:
+        """Whether samples keep it: for searches, whose result is then proved."""
+        count = max(2, math.ceil(piece.duration / SEARCH_STEP)) + 1
+        motion = piece.motion(np.linspace(0.0, piece.duration, count), 2)
+        return bool(np.all(self._left(motion, piece.form) >= 0.0))
+
+    def prove(self, piece: Trajectory) -> Sequence[Proof]:
+        """One row for each joint."""
+        return memoized(self._proofs, piece.to_json(), lambda: self._rows(piece))
+
+    def of_motion(self, motion: Motion) -> Array:
+        """(T, n) rad/s (m/s) left, less no margin."""
+        return self._left(motion, "")
+
+    def _rows(self, piece: Trajectory) -> tuple[Proof, ...]:
+        t = np.linspace(0.0, piece.duration, max(2, math.ceil(piece.duration / FIRST_STEP)) + 1)
+        motion = piece.motion(t, 2)
+        values, rates = self._left(motion, piece.form), self._rates(piece)
+        confidence = self._kept(piece.form)[2]
+        margins = (self._left(motion, "") - values).max(axis=0).tolist()
+        rows = []
+        for j, name in enumerate(self.names):
+
+            def at(instants: Array, j: int = j) -> Array:
+                return self._left(piece.motion(instants, 2), piece.form)[:, j]
+
+            least, most = extremes(at, t, values[:, j], float(rates[j]), TOLERANCE * float(self.velocity[j]))
+            how = f"samples, and a rate of at most {rates[j]:.3g} per s between them"
+            sure = float(confidence[j])
+            ends = 0.0, math.inf, least, most
+            rows.append(Proof(name, QUANTITY, *ends, how, tracking_margin=margins[j], confidence=sure))
+        return tuple(rows)
+
+    def _rates(self, piece: Trajectory) -> Array:
+        """(n,) bound of the rate at which what is left changes: |qdd| and |qd| times the envelope's slope."""
+        none = np.zeros(len(self.axes))
+        q, qd, qdd = (bound_of(piece, order, 1, list(self.axes), none).range() for order in range(3))
+        error = self._kept(piece.form)[0]
+        steepest = np.maximum(self._top(q[1] + error, 1.0)[1], self._top(-(q[0] - error), -1.0)[1])
+        speed, change = (np.maximum(np.abs(low), np.abs(high)) for low, high in (qd, qdd))
+        return np.asarray(change + steepest * speed)
+
+    def _left(self, motion: Motion, form: str) -> Array:
+        """(T, n) the lesser of what is left in both directions."""
+        error, speed, _ = self._kept(form)
+        found = []
+        for sign in (1.0, -1.0):
+            q, qd = self._towards(motion, sign)
+            found.append(self._top(q + error, sign)[0] - speed - qd)
+        return np.minimum(*found)
+
+    def _kept(self, form: str) -> tuple[Array, Array, Array]:
+        """(n,) tracking errors of position and velocity that are kept, and their confidence."""
+        places = list(self.axes)
+        (error, sure), (speed, quick) = (tracked(0.0, self.margins, form, order, places) for order in (0, 1))
+        return error, speed, np.minimum(sure, quick)
+
+    def _towards(self, motion: Motion, sign: float) -> tuple[Array, Array]:
+        """(T, n) positions and velocities, mirrored for the lower end."""
+        q, qd = (motion.orders[order][:, self.axes] for order in (0, 1))
+        return sign * q, sign * qd
+
+    def _top(self, q: Array, sign: float) -> tuple[Array, Array]:
+        """(..., n) the largest velocity towards an end at (mirrored) positions, and how steeply it falls.
+
+        Where it is constant it falls by 0. Its slope grows up to where the velocity is 0, if the offset is
+        less than 0; else it has no bound at the end, and no motion up to there is proved.
+        """
+        end = np.array([own.upper if sign > 0.0 else -own.lower for own in self.envelopes])
+        offset = np.array([own.offset for own in self.envelopes])
+        slope = np.array([own.slope for own in self.envelopes])
+        root = np.sqrt(slope * np.maximum(end - q, 0.0))
+        top = np.minimum(self.velocity, np.maximum(offset + root, 0.0))
+        steep = 0.5 * slope / np.maximum(root, np.maximum(-offset, SMALLEST_ROOT))
+        return top, np.where(offset + root < self.velocity, steep, 0.0)
+
+
+def envelope_of(
+    names: Sequence[str], envelopes: Sequence[Envelope | None], velocity: Array, margins: Margins
+) -> EnvelopeLimit | None:
+    """The limit of the joints that have an envelope; None where none has. All in the order of the axes."""
+    places = tuple(j for j, own in enumerate(envelopes) if own is not None)
+    if not places:
+        return None
+    found = tuple(own for own in envelopes if own is not None)
+    return EnvelopeLimit(tuple(names[j] for j in places), places, found, velocity[list(places)], margins)

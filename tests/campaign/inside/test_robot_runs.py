@@ -1,0 +1,322 @@
+"""A robot closes the loop: what moves is in the journal first, what it left answers its proposal, and
+whatever goes wrong leaves it at rest.
+"""
+
+from __future__ import annotations
+
+import shutil
+from collections import namedtuple
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from robot_runs import JOINTS, Robot, Somebody, events, facts, home, lab, moved
+
+from etude import tell, untell
+from etude.campaign import Campaign, Trained, open_campaign
+from etude.campaign.record.events import Ingested, MotionEnded, MotionSent, RunEnded
+from etude.campaign.run.run_history import next_step
+from etude.drivers import About, Streamed, read_recording
+from etude.errors import EtudeError, RobotStopped, UsageError
+
+
+@pytest.fixture(scope="module")
+def done(tmp_path_factory: pytest.TempPathFactory) -> tuple[Campaign, Robot, Any]:
+    """Two motions, and the one that confirms."""
+    campaign = lab(tmp_path_factory.mktemp("done"))
+    robot = Robot()
+    return campaign, robot, moved(campaign, robot, rounds=2, confirm=True, promote=True)
+
+
+def test_what_moves_is_in_the_journal_first(done: tuple[Campaign, Robot, Any]) -> None:
+    campaign, _, _ = done
+    own = [e for e in events(campaign) if isinstance(e.fact, MotionSent | MotionEnded)]
+    for sent, ended in zip(own[::2], own[1::2], strict=True):
+        assert isinstance(sent.fact, MotionSent)
+        assert isinstance(ended.fact, MotionEnded)
+        assert (sent.number, sent.fact.sha256, sent.fact.part) == (
+            ended.number,
+            ended.fact.sha256,
+            ended.fact.part,
+        )
+        assert ended.fact.ended == "done"
+    assert facts(campaign, RunEnded)[-1].exit_code == 0
+
+
+def test_a_control_is_tried_slowly_before_a_whole_motion(done: tuple[Campaign, Robot, Any]) -> None:
+    campaign, _, _ = done
+    own = [e for e in events(campaign) if isinstance(e.fact, MotionEnded) and e.fact.part == "motion"]
+    steps = [(e.number, e.fact.control, e.fact.speed, e.fact.first) for e in own]  # type: ignore[union-attr]
+    one, two, confirming = steps[:3], steps[3:5], steps[5:]
+    assert one == [(1, "feedback", 25, True), (1, "feedback", 50, True), (1, "feedback", 100, False)]
+    assert two == [(2, "learned", 50, True), (2, "learned", 100, False)]
+    assert confirming == [(3, "feedback", 100, False), (3, "learned", 100, False)]
+
+
+def test_a_whole_motion_answers_its_proposal_at_its_own_times(done: tuple[Campaign, Robot, Any]) -> None:
+    campaign, _, found = done
+    one, two = facts(campaign, Ingested)
+    assert (one.foreign, one.control, two.control) == (False, "feedback", "learned")
+    assert [r.number for r in found.rounds] == [1, 2]
+    assert len(facts(campaign, Trained)) == 2
+    ended = [fact for fact in facts(campaign, MotionEnded) if fact.recording_sha256 == one.sha256]
+    recording = read_recording(campaign.path / ended[0].recording)
+    inside = (recording.t >= recording.began) & (recording.t <= recording.began + recording.reached)
+    lag = np.abs(recording.q - recording.asked)[inside].max(axis=0)[[1, 0]]
+    kept = np.array(next(iter(one.tracked.values())))[0]
+    assert kept == pytest.approx(lag, rel=0.02), "no lag was absorbed, and joints are by name"
+
+
+def test_it_ends_at_home_and_the_learned_command_was_sent(done: tuple[Campaign, Robot, Any]) -> None:
+    campaign, robot, found = done
+    assert np.abs(robot.q[[1, 0]] - home(campaign)).max() < 1e-3
+    assert any(robot.efforts)
+    assert not robot.efforts[0]
+    assert found.confirmed["number"] == 3
+    assert found.robot_seconds > 60.0
+
+
+def test_a_recording_that_is_taken_back_is_told_again_as_it_was(done: tuple[Campaign, Robot, Any]) -> None:
+    campaign, _, _ = done
+    before = facts(campaign, Ingested)[1]
+    path = next(f.recording for f in facts(campaign, MotionEnded) if f.recording_sha256 == before.sha256)
+    untell(campaign, 2)
+    told = tell(campaign, campaign.path / path)
+    assert (told.number, told.foreign) == (2, False)
+    assert facts(campaign, Ingested)[-1].tracked == before.tracked
+
+
+HALF = np.array([1.0, 0.5])
+BLOCKS: dict[str, tuple[Callable[[], Robot], str]] = {
+    "command": (lambda: Robot(command_of=None), "does not say command_of"),
+    "gravity": (lambda: Robot(gravity_in_command=None), "does not say gravity_in_command"),
+    "joints": (lambda: Robot(("hip", "elbow")), "it lacks knee and it has elbow"),
+    "unit": (lambda: Robot(command_unit="A"), "commands in A, and robot.toml says N m"),
+    "velocity": (
+        lambda: Robot(velocity=np.array([1.0, 0.5])),
+        "velocity 0.5 of hip, and robot.toml allows 1",
+    ),
+    "lower": (lambda: Robot(lower=np.array([-1.4, -1.0])), "lower -1.4 of knee, and robot.toml allows -1.5"),
+    "nameless": (lambda: Robot(identity=""), "has no identity"),
+}
+
+
+@pytest.mark.parametrize("case", BLOCKS)
+def test_what_is_open_blocks(tmp_path: Path, case: str) -> None:
+    make, sentence = BLOCKS[case]
+    robot, campaign = make(), lab(tmp_path)
+    with pytest.raises(UsageError, match=sentence):
+        moved(campaign, robot)
+    assert robot.sent == []
+    assert len(events(campaign)) == 1, "nothing was asked either"
+
+
+def test_a_line_to_confirm_blocks_a_real_robot_alone(tmp_path: Path) -> None:
+    campaign = lab(tmp_path)
+    path = campaign.path / "robot.toml"
+    path.write_text('confirm = ["No floor is assumed."]\n' + path.read_text())
+    campaign, person = open_campaign(campaign.path), Somebody()
+    with pytest.raises(UsageError, match="No floor is assumed"):
+        moved(campaign, Robot(real=True))
+    moved(campaign, Robot(), person, dry=True)
+    assert moved(campaign, Robot(), dry=True).said[-1].endswith("No floor is assumed.")
+
+
+def test_nobody_agrees_for_a_real_robot(tmp_path: Path) -> None:
+    campaign, robot = lab(tmp_path), Robot(real=True)
+    with pytest.raises(UsageError, match="real"):
+        moved(campaign, robot, yes=True)
+    with pytest.raises(UsageError, match="nobody agreed"):
+        moved(campaign, robot, Somebody(word="yes"))
+    assert robot.sent == []
+    assert facts(campaign, MotionSent) == []
+
+
+def test_a_dry_run_moves_nothing_and_says_what_would(tmp_path: Path) -> None:
+    campaign, robot = lab(tmp_path), Robot()
+    said = moved(campaign, robot, dry=True).said
+    assert robot.sent == []
+    assert facts(campaign, MotionSent) == []
+    assert any("the beginning of motion 1 at 25 %" in own for own in said)
+
+
+def test_a_joint_that_sticks_is_stopped_and_the_next_run_is_slower(tmp_path: Path) -> None:
+    campaign, robot = lab(tmp_path), Robot()
+
+    def sticks(event: str, fields: Any) -> None:
+        robot.blocked[0] = (event, fields.get("part"), fields.get("speed")) == ("motion_sent", "motion", 50)
+
+    with pytest.raises(RobotStopped, match=r"stopped: .*knee is .* of the motion"):
+        moved(campaign, robot, told=sticks)
+    last = facts(campaign, MotionEnded)[-1]
+    assert (last.ended, last.part) == ("stopped", "motion")
+    assert facts(campaign, RunEnded)[-1].exit_code == RobotStopped.exit_code
+    assert facts(campaign, Ingested) == []
+    assert [r.number for r in campaign.state().proposals] == [1]
+    steps = [fact for fact in facts(campaign, MotionEnded) if fact.part == "motion"]
+    assert next_step(events(campaign), "feedback").speed < steps[-1].speed
+    robot.blocked[:] = False
+    moved(campaign, robot)
+    sent = [fact for fact in facts(campaign, MotionSent) if fact.part == "approach"][-2:]
+    assert facts(campaign, Ingested)[0].control == "feedback"
+    assert sent
+
+
+def test_a_whole_motion_that_was_stopped_is_given_up_and_another_asked_for(tmp_path: Path) -> None:
+    campaign, robot = lab(tmp_path), Robot()
+
+    def hangs(event: str, fields: Any) -> None:
+        if event == "motion_sent" and fields["part"] == "motion" and not fields["first"]:
+            robot.at = {len(robot.sent) + 160: lambda: robot.blocked.__setitem__(1, True)}
+
+    with pytest.raises(RobotStopped, match="hip"):
+        moved(campaign, robot, told=hangs)
+    fact = facts(campaign, Ingested)[0]
+    assert fact.foreign
+    assert fact.robot_seconds == pytest.approx(3.2, abs=0.5)
+    assert campaign.state().proposals == []
+    robot.blocked[:] = False
+    moved(campaign, robot)
+    assert [one.foreign for one in facts(campaign, Ingested)] == [True, False]
+
+
+def test_a_stopped_motion_teaches_up_to_the_stop_and_answers_nothing(tmp_path: Path) -> None:
+    campaign, robot = lab(tmp_path), Robot()
+    person = Somebody()
+
+    def whole_motion(event: str, fields: Any) -> None:
+        if event == "motion_sent" and fields["part"] == "motion" and not fields["first"]:
+            person.left = 150
+
+    with pytest.raises(KeyboardInterrupt):
+        moved(campaign, robot, person, whole_motion)
+    last = facts(campaign, MotionEnded)[-1]
+    assert (last.ended, last.speed, last.first) == ("interrupted", 100, False)
+    told = tell(campaign, campaign.path / last.recording)
+    fact = facts(campaign, Ingested)[0]
+    assert (told.foreign, told.number) == (True, 2)
+    assert fact.robot_seconds == pytest.approx(last.reached, abs=0.6)
+    assert any("it teaches up to there" in own for own in fact.repairs)
+    assert [r.number for r in campaign.state().proposals] == [1]
+
+
+def test_a_person_who_lets_go_stops_it_and_nothing_is_told(tmp_path: Path) -> None:
+    campaign, robot = lab(tmp_path), Robot()
+    with pytest.raises(KeyboardInterrupt):
+        moved(campaign, robot, Somebody(lets_go_after=60))
+    assert facts(campaign, MotionEnded)[-1].ended == "interrupted"
+    assert facts(campaign, RunEnded)[-1].exit_code == 130
+    assert np.abs(robot.qd).max() == 0.0
+
+
+def test_after_a_crash_it_asks_and_plans_anew_from_where_it_stands(tmp_path: Path) -> None:
+    campaign = lab(tmp_path)
+
+    class Power(Exception):
+        pass
+
+    class Cut(Streamed):
+        def play(self, *_: Any) -> Any:
+            raise Power
+
+    with pytest.raises(Power):
+        moved(campaign, Cut(Robot()))
+    assert facts(campaign, MotionEnded) == []
+    elsewhere = Robot(start=np.array([0.2, -0.3]))
+    with pytest.raises(UsageError, match="the robot may have moved"):
+        moved(campaign, elsewhere)
+    assert elsewhere.sent == []
+    moved(campaign, elsewhere, resume=True)
+    approach = facts(campaign, MotionSent)[1]
+    assert approach.part == "approach"
+    assert approach.start == pytest.approx((-0.3, 0.2))
+    assert facts(campaign, Ingested)[0].foreign is False
+
+
+def test_another_identity_is_asked_about(tmp_path: Path) -> None:
+    campaign = lab(tmp_path)
+    with pytest.raises(KeyboardInterrupt):
+        moved(campaign, Robot(), Somebody(lets_go_after=20))
+    with pytest.raises(UsageError, match="Earlier recordings are of fake-1, and this robot is fake-2"):
+        moved(campaign, Robot(identity="fake-2"))
+    moved(campaign, Robot(identity="fake-2"), identity="fake-2", dry=True)
+
+
+def test_one_campaign_and_one_robot_have_one_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    campaign, other = lab(tmp_path / "a"), lab(tmp_path / "b")
+    refused: list[str] = []
+
+    def second(of: Campaign) -> None:
+        with pytest.raises(UsageError) as error:
+            moved(of, Robot(real=True), dry=True)
+        refused.append(error.value.fact)
+
+    robot = Robot(real=True)
+    robot.at = {5: lambda: second(campaign), 6: lambda: second(other)}
+    with pytest.raises(KeyboardInterrupt):
+        moved(campaign, robot, Somebody(lets_go_after=20))
+    assert refused == [
+        "another etude run works in this campaign",
+        "another etude run moves this robot, fake-1",
+    ]
+
+
+def test_a_full_disk_is_seen_before_anything_moves(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    campaign, robot = lab(tmp_path), Robot()
+    moved(campaign, robot, dry=True)
+    usage = namedtuple("usage", "total used free")
+    monkeypatch.setattr(shutil, "disk_usage", lambda _: usage(10**9, 10**9, 10**6))
+    with pytest.raises(UsageError, match="the disk has 1 MB left"):
+        moved(campaign, robot)
+    assert robot.sent == []
+    assert facts(campaign, MotionSent) == []
+
+
+def test_a_disk_that_fills_up_meanwhile_loses_a_recording_and_no_end(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    campaign, robot = lab(tmp_path), Robot()
+
+    def full(path: Path, _: Any) -> None:
+        raise EtudeError("could not write: No space left on device", where=str(path))
+
+    monkeypatch.setattr("etude.campaign.run.robot_session.write_recording", full)
+    with pytest.raises(EtudeError, match="No space left"):
+        moved(campaign, robot)
+    ended = facts(campaign, MotionEnded)
+    assert [(one.part, one.ended, one.recording) for one in ended] == [("approach", "done", "")]
+    assert np.abs(robot.qd).max() == 0.0
+
+
+def test_a_fault_of_the_robot_is_its_own_word(tmp_path: Path) -> None:
+    campaign, robot = lab(tmp_path), Robot()
+    robot.at = {40: lambda: setattr(robot, "fault", "protective stop")}
+    with pytest.raises(RobotStopped, match="protective stop"):
+        moved(campaign, robot)
+    with pytest.raises(RobotStopped, match="reports a fault: protective stop"):
+        moved(campaign, robot)
+
+
+def test_joints_are_matched_by_name(tmp_path: Path) -> None:
+    campaign, robot = lab(tmp_path), Robot(start=np.array([0.1, 0.4]))
+    moved(campaign, robot, dry=True)
+    person = Somebody()
+    with pytest.raises(KeyboardInterrupt):
+        moved(campaign, robot, Somebody(lets_go_after=5))
+    assert facts(campaign, MotionSent)[0].start == pytest.approx((0.4, 0.1))
+    assert robot.sent[0] == pytest.approx(np.array([0.1, 0.4]), abs=1e-3)
+    assert campaign.axes != JOINTS
+    assert person.read == []
+
+
+def test_about_is_read(tmp_path: Path) -> None:
+    campaign, person = lab(tmp_path), Somebody(word="no")
+    with pytest.raises(UsageError, match="nobody agreed"):
+        moved(campaign, Robot(real=True, on_loss="goes on"), person)
+    text = " ".join(person.read)
+    assert "keep a hand on its emergency stop" in text
+    assert "GOES ON" in text
+    assert About.__name__ == "About"

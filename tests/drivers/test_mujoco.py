@@ -1,0 +1,160 @@
+"""The driver `mujoco`: a model as a robot, on a clock of its own and in a process of its own."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ElementTree
+from collections.abc import Mapping
+from importlib.metadata import PackageNotFoundError, distribution
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from etude.drivers import Bounds, Ended, Player, Recording, Supervisor, find_driver, planned
+from etude.errors import UsageError
+from etude.trajectories import PointToPoint
+from etude.types import Array
+
+UR10 = Path(__file__).parents[2] / "examples" / "ur10" / "ur10.urdf"
+JOINTS = tuple(
+    f"{name}_joint" for name in ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3")
+)
+
+
+def play(
+    player: Player, way: float, joints: tuple[str, ...] = JOINTS, effort: Array | None = None
+) -> Recording:
+    """Of all joints from where they stand and back."""
+    about, start = player.about(), player.where().asked
+    assert start is not None
+    there = np.array([start, start + way, start])
+    own = PointToPoint(there, peak_velocity=1.0, dwell=0.1, peak_acceleration=4.0)
+    held = None if effort is None else lambda motion: np.tile(effort, (len(motion.t), 1))
+    motion = planned(
+        own.to_json().encode(),
+        number=1,
+        part="motion",
+        speed=100,
+        names=joints,
+        joints=about.joints,
+        rate=about.rate,
+        effort=held,
+    )
+    ones = np.ones(len(joints))
+    bounds = Bounds(error=0.2 * ones, lower=-6 * ones, upper=6 * ones, velocity=5 * ones)
+    supervisor = Supervisor(bounds, about, motion)
+    recording = player.play(motion, supervisor.watch, "feedback" if effort is None else "learned")
+    assert not supervisor.reason
+    return recording
+
+
+def simulated(settings: Mapping[str, Any] | None = None) -> Player:
+    return find_driver(f"mujoco:{UR10},virtual", JOINTS, settings)
+
+
+def error(recording: Recording) -> float:
+    return float(np.abs(recording.q - recording.asked).mean())
+
+
+def at_the_end(recording: Recording) -> float:
+    return float(np.abs(recording.q[-1] - recording.asked[-1]).max())
+
+
+def test_a_urdf_without_its_meshes_plays_a_motion() -> None:
+    with simulated() as player:
+        recording = play(player, 0.5)
+        again = play(player, 0.5)
+    assert recording.ended is Ended.DONE
+    assert 1e-4 < error(recording) < 0.02
+    assert recording.late == 0
+    assert again.t[0] >= recording.t[-1]
+    assert np.abs(recording.command).max() > 50.0, "it holds its weight"
+
+
+def test_the_same_settings_give_the_same_robot_and_wrong_masses_another() -> None:
+    def once(settings: Mapping[str, Any]) -> Recording:
+        with simulated(settings) as player:
+            return play(player, 0.2)
+
+    same = once({}), once({})
+    np.testing.assert_array_equal(same[0].q, same[1].q)
+    other = once({"wrong_masses": 0.1})
+    assert np.abs(other.command[:50] - same[0].command[:50]).max() > 1.0
+
+
+def test_effort_is_added_to_feedback() -> None:
+    """What it takes to hold the pose, fed forward, takes gravity's error away."""
+    with simulated({"friction": 0.0}) as player:
+        sag = play(player, 0.001)
+        held = play(player, 0.001, effort=sag.command.mean(axis=0))
+    assert at_the_end(held) < 0.1 * at_the_end(sag)
+
+
+def test_a_robot_that_adds_gravity_has_commands_without_it() -> None:
+    with simulated({"adds_gravity": True}) as player:
+        assert player.about().gravity_in_command is False
+        recording = play(player, 0.01)
+    assert np.abs(recording.command[-1]).max() < 15.0
+
+
+def test_joints_that_are_not_the_campaigns_are_held_and_go_by_name() -> None:
+    joints = ("elbow_joint", "shoulder_lift_joint")
+    with find_driver(f"mujoco:{UR10},virtual", joints, {"start": {"elbow_joint": 0.4}}) as player:
+        assert player.about().joints == joints
+        np.testing.assert_allclose(player.where().q, [0.4, 0.0], atol=0.03)
+        assert play(player, 0.1, joints).ended is Ended.DONE
+
+
+def test_in_its_own_process_it_is_a_robot_in_real_time() -> None:
+    with find_driver(f"mujoco:{UR10}", JOINTS) as player:
+        recording = play(player, 0.05)
+        assert recording.ended is Ended.DONE
+        assert error(recording) < 0.02
+
+
+@pytest.mark.parametrize(
+    ("on", "settings", "words"),
+    [
+        ("mujoco", {}, "there is no such model"),
+        ("mujoco:nowhere.urdf", {}, "there is no such model"),
+        (f"mujoco:{UR10}", {"colour": 1}, r"no key colour for mujoco"),
+        (f"mujoco:{UR10}", {"start": {"knee": 1.0}}, "start names 'knee'"),
+        (f"mujoco:{UR10}", {"rate": -1.0}, "rate and bandwidth have to be positive"),
+    ],
+)
+def test_what_is_wrong_is_said_before_anything_starts(on: str, settings: dict[str, Any], words: str) -> None:
+    with pytest.raises(UsageError, match=words):
+        find_driver(on, JOINTS, settings)
+
+
+def test_a_joint_that_the_model_lacks_is_named() -> None:
+    with pytest.raises(UsageError, match="the model has no joint knee"):
+        find_driver(f"mujoco:{UR10},virtual", ("knee",))
+
+
+@pytest.mark.parametrize(
+    "file",
+    [
+        "kinova_description/robots/kinova.urdf",
+        "z1_description/urdf/z1.urdf",
+        "tiago_description/robots/tiago.urdf",
+    ],
+)
+def test_robots_of_others_are_stable(file: str) -> None:
+    """With light wrists, with friction in the file, and with moments of inertia that no body has."""
+    try:
+        files = distribution("example-robot-data")
+    except PackageNotFoundError:
+        pytest.skip("example-robot-data is not installed: pip install example-robot-data")
+    path = Path(str(files.locate_file(f"cmeel.prefix/share/example-robot-data/robots/{file}")))
+    joints = tuple(
+        joint.get("name", "")
+        for joint in ElementTree.parse(path).getroot().iter("joint")
+        if joint.get("type") == "revolute" and joint.find("mimic") is None
+    )[:6]
+    with find_driver(f"mujoco:{path},virtual", joints, {"wrong_masses": 0.1}) as player:
+        recording = play(player, 0.1, joints)
+    assert recording.qd is not None
+    assert np.abs(recording.qd[-1]).max() < 0.01
+    assert error(recording) < 0.02

@@ -1,0 +1,235 @@
+"""A stream plays whole motions: exactly on the path, to rest however it ends, and all of it comes back."""
+
+from __future__ import annotations
+
+import threading
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from etude.drivers import (
+    Bounds,
+    Ended,
+    PlannedMotion,
+    Reaction,
+    Recording,
+    Sample,
+    Streamed,
+    Supervisor,
+    Watch,
+    first_segment_ends,
+    planned,
+    read_recording,
+    write_recording,
+)
+from etude.errors import DataError, UsageError
+from etude.testing import FakeRobot
+from etude.trajectories import Chain, PointToPoint, from_json
+
+NAMES = ("base", "elbow")
+
+
+def moves() -> PointToPoint:
+    """There and back in 2 s."""
+    there = np.array([[0.0, 0.0], [0.5, -0.4], [0.0, 0.0]])
+    return PointToPoint(there, peak_velocity=1.2, dwell=0.1)
+
+
+def motion(rate: float = 250.0, speed: int = 100) -> PlannedMotion:
+    text = moves().to_json().encode()
+    return planned(text, number=1, part="motion", speed=speed, names=NAMES, joints=NAMES, rate=rate)
+
+
+def bounds(error: float = 0.05) -> Bounds:
+    ones = np.ones(2)
+    return Bounds(error=error * ones, lower=-2 * ones, upper=2 * ones, velocity=5 * ones)
+
+
+def go(sample: Sample) -> Reaction:
+    return Reaction.GO
+
+
+def played(
+    watch: Watch = go, robot: FakeRobot | None = None, own: PlannedMotion | None = None
+) -> tuple[Recording, FakeRobot]:
+    robot = robot or FakeRobot()
+    with Streamed(robot) as player:
+        return player.play(own or motion(robot.rate), watch, "feedback"), robot
+
+
+def test_it_plays_the_path_exactly() -> None:
+    own = motion()
+    recording, _ = played(own=own)
+    assert recording.ended is Ended.DONE, recording.reason
+    on_path = (recording.at > 0) & (recording.at < own.duration)
+    np.testing.assert_allclose((recording.t - recording.began)[on_path], recording.at[on_path], atol=1e-9)
+    exact = from_json(own.trajectory_json).motion(recording.at, 1).orders[0]
+    np.testing.assert_allclose(recording.asked, exact, atol=1e-9)
+    assert recording.reached == own.duration
+    assert recording.late == 0
+    assert np.all(np.diff(recording.t) > 0)
+    assert recording.t[0] < recording.began < recording.t[-1] - own.duration
+    assert np.abs(recording.qd[-1]).max() < 1e-3
+
+
+def test_the_recording_comes_back_from_its_file(tmp_path: Path) -> None:
+    recording, _ = played()
+    write_recording(tmp_path / "r.parquet", recording)
+    back = read_recording(tmp_path / "r.parquet")
+    for name in (
+        "t",
+        "at",
+        "began",
+        "reached",
+        "ended",
+        "reason",
+        "late",
+        "identity",
+        "command_unit",
+        "held",
+    ):
+        np.testing.assert_array_equal(getattr(back, name), getattr(recording, name))
+    for name in ("q", "qd", "command", "asked"):
+        np.testing.assert_allclose(getattr(back, name), getattr(recording, name), rtol=1e-7, atol=1e-9)
+    assert back.motion.sha256 == recording.motion.sha256
+    np.testing.assert_array_equal(back.motion.q, recording.motion.q)
+    (tmp_path / "r.parquet").write_bytes((tmp_path / "r.parquet").read_bytes()[:-50])
+    with pytest.raises(DataError, match="no recording of etude run"):
+        read_recording(tmp_path / "r.parquet")
+
+
+def test_joints_go_by_name() -> None:
+    text = moves().to_json().encode()
+    turned = ("elbow", "base")
+    own = planned(text, number=1, part="motion", speed=100, names=NAMES, joints=turned, rate=100.0)
+    straight = planned(text, number=1, part="motion", speed=100, names=NAMES, joints=NAMES, rate=100.0)
+    np.testing.assert_array_equal(own.q, straight.q[:, ::-1])
+    with pytest.raises(UsageError, match="lacks elbow and has wrist"):
+        planned(text, number=1, part="motion", speed=100, names=NAMES, joints=("base", "wrist"), rate=100.0)
+
+
+def test_the_last_row_is_the_end_and_a_motion_is_cut_only_at_rest() -> None:
+    chain = Chain((("segment", moves()), ("link", moves()), ("segment", moves())))
+    text = chain.to_json().encode()
+    end = first_segment_ends(chain)
+    assert end == moves().duration
+
+    def cut(until: float | None) -> PlannedMotion:
+        return planned(
+            text, number=1, part="motion", speed=25, names=NAMES, joints=NAMES, rate=97.0, until=until
+        )
+
+    assert cut(None).duration == chain.duration
+    assert cut(end).duration == end
+    np.testing.assert_allclose(np.diff(cut(end).t)[:-1], 1 / 97)
+    with pytest.raises(UsageError, match="does not rest at 0"):
+        cut(0.5)
+
+
+def test_a_stop_comes_to_rest_within_the_braking_distance() -> None:
+    seen: list[Sample] = []
+
+    def stops(sample: Sample) -> Reaction:
+        seen.append(sample)
+        return Reaction.STOP if sample.at is not None and sample.at > 0.4 else Reaction.GO
+
+    recording, robot = played(stops)
+    assert recording.ended is Ended.STOPPED
+    assert recording.reached == pytest.approx(0.4, abs=0.01)
+    assert np.abs(recording.qd[-1]).max() < 2e-3
+    stop = int(np.argmax(recording.at > 0.4))
+    speeds = np.abs(np.diff(recording.asked, axis=0)) * 250.0
+    assert np.all(np.diff(speeds[stop + 30 :], axis=0) <= 1e-9), "it never speeds up again"
+    accelerations = np.abs(np.diff(recording.asked, 2, axis=0)) * 250.0**2
+    assert accelerations.max() < 1.6 * np.abs(motion().qdd).max()
+    assert robot.stopped
+
+
+def test_a_hold_waits_on_the_path_and_goes_on() -> None:
+    """Braked and started again along the path, inside the motion's own accelerations."""
+
+    def holds(sample: Sample) -> Reaction:
+        return Reaction.HOLD if 0.8 < sample.t < 2.0 else Reaction.GO
+
+    own = motion()
+    recording, _ = played(holds, own=own)
+    assert recording.ended is Ended.DONE
+    assert len(recording.held) == 1
+    start, end = recording.held[0]
+    assert 0.8 < start < 0.82
+    assert 2.0 < end < 4.0
+    exact = from_json(own.trajectory_json).motion(recording.at, 1).orders[0]
+    np.testing.assert_allclose(recording.asked, exact, atol=1e-7)
+    waits = (recording.t > 1.8) & (recording.t < 2.0)
+    assert np.ptp(recording.at[waits]) == 0.0
+    accelerations = np.abs(np.diff(recording.asked, 2, axis=0)) * 250.0**2
+    assert accelerations.max() < 1.1 * np.abs(own.qdd).max()
+
+
+@pytest.mark.parametrize("kill", [False, True])
+def test_stop_from_a_thread_ends_at_rest(kill: bool) -> None:
+    robot = FakeRobot(virtual=False)
+    with Streamed(robot) as player:
+        timer = threading.Timer(0.6, lambda: [player.stop(kill), player.stop(kill)])
+        timer.start()
+        recording = player.play(motion(), go, "feedback")
+        timer.join()
+    assert recording.ended is Ended.INTERRUPTED
+    assert 0.0 < recording.reached < motion().duration
+    if not kill:
+        assert np.abs(recording.qd[-1]).max() < 2e-3
+
+
+def test_it_refuses_from_elsewhere_and_moves_nothing() -> None:
+    robot = FakeRobot(start=np.array([0.3, 0.0]))
+    recording, _ = played(robot=robot)
+    assert recording.ended is Ended.REFUSED
+    assert "base is 0.3 away from the first point" in recording.reason
+    assert not robot.sent
+    assert len(recording.t) == 0
+
+
+def test_a_driver_that_raises_ends_in_a_recording() -> None:
+    robot = FakeRobot()
+    before = robot.send
+
+    def fails(*args: object) -> None:
+        if robot.t > 0.5:
+            raise ConnectionError("the cable is out")
+        before(*args)  # type: ignore[arg-type]
+
+    robot.send = fails  # type: ignore[method-assign]
+    recording, _ = played(robot=robot)
+    assert recording.ended is Ended.FAULT
+    assert recording.reason == "ConnectionError: the cable is out"
+    assert robot.stopped
+
+
+def test_the_supervisor_lets_a_good_motion_through() -> None:
+    robot, own = FakeRobot(), motion()
+    supervisor = Supervisor(bounds(), robot.about(), own)
+    recording, _ = played(supervisor.watch, robot, own)
+    assert recording.ended is Ended.DONE, supervisor.reason
+    np.testing.assert_allclose(
+        supervisor.worst_error, np.abs(recording.q - recording.asked).max(axis=0), rtol=0.1
+    )
+
+
+def test_a_blocked_joint_is_stopped_and_one_glitch_is_not() -> None:
+    robot, own = FakeRobot(), motion()
+    supervisor = Supervisor(bounds(), robot.about(), own)
+    glitches = {101}
+
+    def watch(sample: Sample) -> Reaction:
+        robot.blocked[1] = sample.t > 0.7
+        if len(robot.sent) in glitches:
+            sample = replace(sample, q=sample.q + 1.0)
+        return supervisor.watch(sample)
+
+    recording, _ = played(watch, robot, own)
+    assert recording.ended is Ended.STOPPED
+    assert supervisor.reason.startswith("elbow is 0.0")
+    assert 0.7 < recording.t[-1] < 1.6
+    assert recording.t[np.argmax(recording.at == recording.reached)] < 0.95
