@@ -11,7 +11,7 @@ from etude.models.c99 import mean_function
 from etude.models.gp.c99 import real
 from etude.types import Code
 from etude_arm.memory import MEMORY_RATE
-from etude_arm.physics.rigid_body import RIPPLES
+from etude_arm.physics.rigid_body import FIRST_WAVE, RIPPLES
 from etude_arm.spec import PATH, PLAN
 
 FUNCTION = 40
@@ -149,7 +149,7 @@ def _remembering(name: str, reads: Sequence[str], J: int, remembers: bool) -> st
 
 _RIPPLE = f"""\
         for (s = 0; s < {RIPPLES}; ++s) {{
-            const real angle = (real)(s + 2) * q[j];
+            const real angle = (real)(s + {FIRST_WAVE}) * q[j];
             command[j] += NAME_ripple[{2 * RIPPLES} * j + 2 * s] * SIN(angle);
             command[j] += NAME_ripple[{2 * RIPPLES} * j + 2 * s + 1] * COS(angle);
         }}

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from synthetic_campaign import DEFAULT, proposed
+from synthetic_campaign import DEFAULT, proposed, told
 
 from etude.campaign import config_text
 from etude.trajectories import FourierTrajectory
@@ -19,7 +19,11 @@ BOXES = {
     "upper": (0.08, 0.08, 0.4),
     "fore": (0.06, 0.1, 0.3),
 }
-JOINTS = (("pan", "0 0 1", "0 0 0.05"), ("lift", "0 1 0", "0 0.1 0.2"), ("elbow", "0 1 0", "0 -0.1 0.4"))
+JOINTS = (
+    ("a_joint_with_a_name_that_is_as_long_as_a_phone_is_wide", "0 0 1", "0 0 0.05"),
+    ("lift", "0 1 0", "0 0.1 0.2"),
+    ("elbow", "0 1 0", "0 -0.1 0.4"),
+)
 ROBOT = """
 name = "<img src=x onerror=alert(1)>"
 command_unit = "N m"
@@ -59,8 +63,8 @@ def urdf() -> str:
     return f'<robot name="boxes">{"".join([*links, *joints])}</robot>'
 
 
-def write_space(folder: Path) -> FourierTrajectory:
-    """The folder of the campaign, and what was asked for."""
+def write_space(folder: Path, *, ran: bool = False) -> FourierTrajectory:
+    """The folder of the campaign, and what was asked for; with the log of it."""
     axes = "".join(
         f'[[axis]]\nname = "{name}"\nlower = -1.5\nupper = 1.5\nvelocity = 1.5\nacceleration = 3.0\n'
         "command = 100.0\n"
@@ -70,4 +74,8 @@ def write_space(folder: Path) -> FourierTrajectory:
     (folder / "robot.toml").write_text(ROBOT.format(axes=axes))
     (folder / "campaign.toml").write_text(config_text(DEFAULT, KIND))
     commit(folder, "created", None, "0" * 64, [], seed=3)
-    return proposed(folder, KIND.spec(folder / "robot.toml"), 1, np.random.default_rng(1))
+    robot, rng = KIND.spec(folder / "robot.toml"), np.random.default_rng(1)
+    trajectory = proposed(folder, robot, 1, rng)
+    if ran:
+        told(folder, robot, trajectory, 1, rng)
+    return trajectory

@@ -51,7 +51,7 @@ def write_campaign(
     for number in range(1, rounds + 2):
         trajectory = proposed(folder, robot, number, rng)
         if number <= rounds:
-            _tell(folder, robot, trajectory, number, rng)
+            told(folder, robot, trajectory, number, rng)
             _train(folder, robot.dof, number, rng)
             if evaluated:
                 _evaluate(folder, robot.dof, number)
@@ -107,9 +107,10 @@ def synthetic_log(
     return Log(t, channels, values, "synthetic", ("dropped 3 repeated samples",))
 
 
-def _tell(
+def told(
     folder: Path, robot: ArmSpec, trajectory: FourierTrajectory, number: int, rng: np.random.Generator
 ) -> None:
+    """The log of a motion, committed."""
     log = synthetic_log(robot, trajectory, error_after(number - 1), rng)
     path = folder / "runs" / f"{number:04d}.parquet"
     write_log(path, log)

@@ -19,9 +19,9 @@ from etude.report.markup import Html, error_axis, test_title, text
 from etude.report.pictures import SIZE, alone, learned_tests
 from etude.report.record import Record, Test, read_record
 from etude.report.scales import Axis, fitted_scale
-from etude.report.scene import Camera, camera_of, drawn_room, standing
+from etude.report.scene import Camera, camera_of, drawn_room, figure_along, room_around, standing
 from etude.report.sections.learning import curve_marks
-from etude.report.sections.motion import figure_along, room_around, sticks
+from etude.report.sections.motion import sticks
 from etude.report.svg import panel
 from etude.storage import write_atomic
 from etude.types import Array, Figure

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from functools import cache
-from importlib import resources
 from pathlib import Path
 
 from etude.campaign.record.config_file import CONFIG
@@ -21,6 +20,7 @@ from etude.report.sections.prediction import prediction
 from etude.report.sections.rounds import confirmation, provenance, repairs, rounds
 from etude.report.sections.tracking import tracking
 from etude.report.sections.trajectories import trajectories
+from etude.report.space import asset
 from etude.storage import write_atomic
 
 SECTIONS = (
@@ -93,9 +93,7 @@ def render(record: Record) -> Html:
     parts += [part for part in drawn.values() if part]
     main = Html(f"<main>\n{join(parts)}\n</main>")
     readout = element("div", class_="readout", aria_hidden="true")
-    script = element("script", Html(_asset("report.js")))
-    return document(title, element("style", Html(_asset("report.css"))), main, readout, script)
-
-
-def _asset(name: str) -> str:
-    return resources.files("etude.report").joinpath(name).read_text(encoding="utf-8")
+    script = element("script", Html(asset("report.js") + asset("space.js")))
+    return document(
+        title, element("style", Html(asset("report.css") + asset("space.css"))), main, readout, script
+    )

@@ -16,6 +16,7 @@ from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from threading import BoundedSemaphore, Lock, Timer
+from time import sleep
 from typing import Any
 from urllib.parse import urlsplit
 
@@ -30,7 +31,15 @@ HOST, PORT, PORTS = "127.0.0.1", 8716, 20
 FULL = b"HTTP/1.0 503 Service Unavailable\r\nRetry-After: 1\r\nContent-Length: 0\r\n\r\n"
 DIGEST = "/digest"
 INDEX = "index.html"
-TYPES = {"html": "text/html", "css": "text/css", "js": "text/javascript", "json": "application/json"}
+POSES, POSES_HZ = "/poses", 25.0
+"""Where poses of a robot are sent from, and how often: no eye sees more."""
+TYPES = {
+    "html": "text/html",
+    "css": "text/css",
+    "js": "text/javascript",
+    "json": "application/json",
+    "sse": "text/event-stream",
+}
 POLICY = "default-src 'self' 'unsafe-inline' data:; form-action 'none'; frame-ancestors 'none'"
 """What a page may load: nothing from elsewhere, even if it asked."""
 SCRIPT = """<script>
@@ -56,10 +65,12 @@ class Pages:
     Attributes:
         made: what makes each page, by its name, "index.html" among them.
         digest: a word that changes with what the pages are made of; cheap.
+        pose: the newest message that `POSES` sends; None: it sends nothing.
     """
 
     made: Callable[[], Mapping[str, Callable[[], str]]]
     digest: Callable[[], str]
+    pose: Callable[[], str] | None = None
     _kept: tuple[str, Mapping[str, Callable[[], str]]] | None = None
     _lock: Lock = field(default_factory=Lock)
 
@@ -170,8 +181,11 @@ class _Handler(BaseHTTPRequestHandler):
     server_version, sys_version = "etude", ""
 
     def do_GET(self) -> None:
-        """One page, or the digest."""
-        self._answer(body=True)
+        """One page, the digest, or messages for as long as a request may last: a browser asks again."""
+        if self.path == POSES and self.served.pose is not None and self._is_own():
+            self._stream(self.served.pose)
+        else:
+            self._answer(body=True)
 
     def do_HEAD(self) -> None:
         """As GET, without the page."""
@@ -190,8 +204,27 @@ class _Handler(BaseHTTPRequestHandler):
             if body:
                 self.wfile.write(content)
 
-    def _found(self) -> tuple[HTTPStatus, str, bytes]:
+    def _stream(self, pose: Callable[[], str]) -> None:
+        """Server-sent events: each new message, and a line without one where there is none."""
+        with suppress(OSError):  # the reader went on, or its time is over
+            self.send_response(HTTPStatus.OK)
+            for name, value in _headers("sse", None).items():
+                self.send_header(name, value)
+            self.end_headers()
+            self.wfile.write(b"retry: 300\n\n")
+            sent = ""
+            while True:
+                now = pose()
+                self.wfile.write(f"data: {now}\n\n".encode() if now != sent else b":\n\n")
+                sent = now
+                sleep(1.0 / POSES_HZ)
+
+    def _is_own(self) -> bool:
+        """Whether the request names this machine: else a page of somebody else had its name point here."""
         port = self.connection.getsockname()[1]
+        return self.headers.get_all("Host", []) in ([f"{HOST}:{port}"], [f"localhost:{port}"])
+
+    def _found(self) -> tuple[HTTPStatus, str, bytes]:
         host = self.headers.get_all("Host", [])
         try:
             path = urlsplit(self.path).path
@@ -199,8 +232,7 @@ class _Handler(BaseHTTPRequestHandler):
             path = ""
         if len(host) != 1 or not path.startswith("/") or not path.isprintable():
             return HTTPStatus.BAD_REQUEST, "html", b"<title>Bad request</title>This is no request for a page."
-        if host[0] not in (f"{HOST}:{port}", f"localhost:{port}"):
-            # a page of somebody else's that had its name point here
+        if not self._is_own():
             return HTTPStatus.FORBIDDEN, "html", b"This is served to its own machine only."
         if path == DIGEST:
             return HTTPStatus.OK, "txt", self.served.digest().encode()
@@ -214,10 +246,11 @@ class _Handler(BaseHTTPRequestHandler):
         return HTTPStatus.OK, (path.rpartition(".")[2] if "." in path else "html"), found
 
 
-def _headers(kind: str, length: int) -> dict[str, str]:
+def _headers(kind: str, length: int | None) -> dict[str, str]:
+    """length: of the content; None where it has no end."""
     return {
         "Content-Type": f"{TYPES.get(kind, 'text/plain')}; charset=utf-8",
-        "Content-Length": str(length),
+        **({} if length is None else {"Content-Length": str(length)}),
         "Content-Security-Policy": POLICY,
         "Cache-Control": "no-store",
         "X-Content-Type-Options": "nosniff",

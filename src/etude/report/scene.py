@@ -7,19 +7,20 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
 
-from etude.abilities import SupportsDrawing
+from etude.abilities import SupportsDrawing, SupportsFigure
 from etude.limits.convex_limits import AxisLimit, NormLimit
 from etude.protocols import Limit
 from etude.report.markup import Html, text
 from etude.report.png import VIRIDIS, colours
+from etude.report.record import Record
 from etude.report.scales import linear_ticks, tick_text
 from etude.report.svg import CHARACTER, polyline
-from etude.types import Array, Thing
+from etude.types import Array, Figure, Thing
 
 AZIMUTH, ELEVATION = math.radians(-60.0), math.radians(24.0)
 """Of the eye as seen from the room's middle: x runs to the right, y into the page."""
@@ -311,3 +312,64 @@ def _names(marks: list[tuple[tuple[float, float], str]]) -> str:
             f'<text class="thing-name" x="{x:.1f}" y="{y:.1f}" text-anchor="middle">{text(name)}</text>'
         )
     return "".join(parts)
+
+
+def figure_along(record: Record, path: Array) -> Figure | None:
+    """The robot along poses (T, k), with what stands around it; None where it cannot be drawn."""
+    campaign = record.campaign
+    if campaign is None or not isinstance(campaign.kind, SupportsFigure):
+        return None
+    found = campaign.kind.figure(campaign.spec, path)
+    return found and replace(found, things=(*found.things, *things_of(record.limits)))
+
+
+BEYOND = 0.5
+"""Of the robot's own extent: how much farther out things are drawn, which may be as large as a hall."""
+DEEPER = 4.0
+"""Times that, of a floor, a wall, and the line from a base down to its floor."""
+SLACK = 1e-3
+"""m that a robot may be in its floor for rounding."""
+
+
+def room_around(figure: Figure) -> SceneBox:
+    """A box around the motion and what is near it; its floor is where the robot stands, or below it."""
+    moving = [figure.points, *(thing.points for thing in figure.things if thing.kind == "carried")]
+    low = np.min([points.min(axis=(0, 1)) for points in moving], axis=0)
+    high = np.max([points.max(axis=(0, 1)) for points in moving], axis=0)
+    margin = 0.05 * max(float((high - low).max()), 0.1)
+    lower, upper = low - margin, high + margin
+    reach = BEYOND * float((high - low).max())
+    for thing in figure.things:
+        # planes and what the robot stands on take no width of the drawing, and tell what the rest hangs above
+        own = reach * (DEEPER if thing.kind in ("plane", "stand") else 1.0)
+        near = _near(thing, low - own, high + own)
+        if len(near):
+            lower, upper = np.minimum(lower, near.min(axis=0)), np.maximum(upper, near.max(axis=0))
+    lower[2] = _bottom(figure, float(low[2]), float(lower[2]))
+    (x0, y0, z0), (x1, y1, z1) = lower.tolist(), upper.tolist()
+    return SceneBox((x0, y0, z0), (x1, y1, z1))
+
+
+def _bottom(figure: Figure, lowest: float, lower: float) -> float:
+    """m: the drawing's floor is the robot's, where that is drawn and nothing of the robot is below it."""
+    floors = [one for one in figure.things if one.kind == "plane" and one.name == "floor"]
+    height = float(floors[0].points[0, 0, 2]) if floors else 0.0
+    shown = not floors or height >= lower - SLACK
+    return height if shown and lowest > height - SLACK else lower
+
+
+def _near(thing: Thing, lower: Array, upper: Array) -> Array:
+    """(V, 3) the points that the drawing is widened to hold; of a plane its foot, of a room nothing."""
+    if thing.kind in ("carried", "inside"):
+        return np.empty((0, 3))
+    if thing.kind == "plane":
+        foot = thing.points[0].mean(axis=0, keepdims=True)
+        within = bool(np.all((foot >= lower) & (foot <= upper)))
+        return np.asarray(foot if within else foot[:0])
+    return np.concatenate([cut(thing.points[0][list(face)], lower, upper) for face in thing.faces])
+
+
+def beyond(figure: Figure) -> list[str]:
+    """Names of what is too far away from the robot to be drawn with it."""
+    room = room_around(figure)
+    return [thing.name for thing in figure.things if thing.kind != "carried" and not faces_in(thing, room)]

@@ -17,8 +17,8 @@
       float light = lit ? 0.45 + 0.3 * dot(n, to) + 0.35 * max(dot(n, normalize(vec3(0.3, -0.5, 0.9))), 0.0) : 1.0;
       shown = vec4(colour.rgb * light, colour.a);
     }`;
-  const FIELD = 0.6, NEAR_MM = 30, FAR_MM = 100, COPIES = 120;  // rad; mm between red and plain; poses of what is swept
-  const GREEN = [0.16, 0.62, 0.45], AMBER = [0.93, 0.62, 0.0], RED = [0.83, 0.13, 0.13];
+  const FIELD = 0.6, NEAR_MM = 30, FAR_MM = 100, COPIES = 90, SLOW_MS = 150;  // rad; mm between red and plain; poses of what is swept; between two pictures
+  const GREEN = [0.16, 0.62, 0.45], AMBER = [0.93, 0.62, 0.0], RED = [0.83, 0.13, 0.13], GHOST = [0.1, 0.45, 0.85];
   const INK = { solid: [0.9, 0.62, 0.0], plane: [0.5, 0.53, 0.57], inside: [0.45, 0.48, 0.52], stand: [0.45, 0.48, 0.52] };
 
   const decoded = (text, type) => new type(Uint8Array.from(atob(text), (c) => c.charCodeAt(0)).buffer);
@@ -179,7 +179,7 @@
     const draws = renderer(canvas);
     if (!draws) { figure.querySelector(".no-view").hidden = false; return; }
     const part = (name) => figure.querySelector(name);
-    const [frames, q, room, lines] = [decoded(data.frames, Int16Array), decoded(data.q, Float32Array), decoded(data.room, Uint16Array), decoded(data.lines, Int16Array)];
+    const [room, lines] = [decoded(data.room, Uint16Array), decoded(data.lines, Int16Array)];
     const bodies = data.bodies.map((one) => ({ ...one, mesh: draws.mesh([...decoded(one.points, Int16Array)].map((v) => v * one.unit), decoded(one.faces, Uint16Array)) }));
     const B = bodies.length, last = data.count - 1, L = data.lines_each, J = data.joints.length;
     const box = draws.mesh([[-.5, -.5, 0], [.5, -.5, 0], [.5, .5, 0], [-.5, .5, 0], [-.5, -.5, 1], [.5, -.5, 1], [.5, .5, 1], [-.5, .5, 1]].flat(),
@@ -187,13 +187,13 @@
     const things = data.things.map((one) => ({ ...one, mesh: draws.mesh(one.points.flat(), one.faces.flatMap((face) => face.slice(2).flatMap((_, k) => [face[0], face[k + 1], face[k + 2]]))) }));
     const still = [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0];
     const thin = 0.0016 * data.size, less = window.matchMedia("(prefers-reduced-motion: reduce)");
-    let time = 0, playing = false, tick = null, measured = null, inSight = true;
+    let time = 0, playing = false, tick = null, live = null, inSight = true, slow = false;
 
     const theme = () => {
       const dark = window.matchMedia("(prefers-color-scheme: dark)").matches;
       return dark ? { paper: [0.078, 0.09, 0.102], plain: [0.62, 0.67, 0.74], faint: [0.25, 0.28, 0.32] } : { paper: [1, 1, 1], plain: [0.52, 0.57, 0.65], faint: [0.8, 0.82, 0.85] };
     };
-    const at = (own, target) => {  // frames of all parts at a time, between two of those that are known
+    const at = (own, target, frames) => {  // frames of all parts at a time, between two of those that are known
       const k = Math.min(Math.floor(own / data.step), last - 1), share = Math.min(Math.max(own / data.step - k, 0), 1);
       for (let b = 0; b < B; b++) {
         const [one, two] = [7 * (k * B + b), 7 * ((k + 1) * B + b)];
@@ -205,12 +205,18 @@
       return target;
     };
     const now = new Float32Array(12 * B);
-    const points = decoded(data.points, Int16Array), P = points.length / 3 / data.count;  // of a robot that is sticks
-    const limbs = (own, colour) => data.sticks.flatMap((ends) => {
-      const k = Math.min(Math.floor(own / data.step), last - 1), share = own / data.step - k;
-      const place = (end) => [0, 1, 2].map((i) => data.unit * (points[3 * (k * P + end) + i] * (1 - share) + points[3 * ((k + 1) * P + end) + i] * share));
-      return [...stretched(...ends.map(place), 0.03 * data.size), ...colour];
-    });
+    const ends = (own, points) => {  // of the sticks of a robot without parts, likewise
+      const k = Math.min(Math.floor(own / data.step), last - 1), share = own / data.step - k, P = points.length / data.count;
+      return Array.from({ length: P }, (_, i) => data.unit * (points[k * P + i] * (1 - share) + points[(k + 1) * P + i] * share));
+    };
+    const limbs = (places, colour) => data.sticks.flatMap((pair) => [...stretched(...pair.map((end) => places.slice(3 * end, 3 * end + 3)), 0.03 * data.size), ...colour]);
+    const unpacked = (own) => own && { ...own, frames: decoded(own.frames, Int16Array), points: decoded(own.points, Int16Array), q: decoded(own.q, Float32Array) };
+    const [planned, replay] = [data.planned, data.measured].map(unpacked);
+    const real = () => {  // where the robot is, or was at this time
+      if (live || !replay || time < replay.from || time > replay.to) { return live; }
+      const k = nearest(time);
+      return { frame: at(time, new Float32Array(12 * B), replay.frames), points: ends(time, replay.points), q: replay.q.subarray(k * J, k * J + J) };
+    };
     const nearest = (own) => Math.min(Math.max(Math.round(own / data.step), 0), last);
     const left = (k, b) => room[k * B + b];  // mm, beyond what is kept
     const narrow = (k) => [...Array(L).keys()].map((i) => {
@@ -222,8 +228,8 @@
       const { plain, faint } = theme(), swept = bodies.map(() => []), skin = [], path = [];
       for (let c = 0; c < COPIES; c++) {
         const k = Math.round(c * last / (COPIES - 1));
-        skin.push(...limbs(k * data.step, [...mixed(plain, [0, 0.45, 0.7], 0.5), 0.3]));
-        const frame = at(k * data.step, new Float32Array(12 * B));
+        skin.push(...limbs(ends(k * data.step, planned.points), [...mixed(plain, [0, 0.45, 0.7], 0.5), 0.3]));
+        const frame = at(k * data.step, new Float32Array(12 * B), planned.frames);
         bodies.forEach((one, b) => { if (one.moves) { swept[b].push(...frame.subarray(12 * b, 12 * b + 12), ...coloured(left(k, b), mixed(plain, [0, 0.45, 0.7], 0.5)), 0.3); } });
       }
       for (const tip of data.tips.map((text) => decoded(text, Int16Array))) {
@@ -239,8 +245,8 @@
     const wanted = (name) => part(`[name=${name}]`)?.checked;
     const robot = (frame, colour, alpha) => bodies.forEach((one, b) => draws.draw(one.mesh, new Float32Array([...frame.subarray(12 * b, 12 * b + 12), ...colour(b), alpha])));
     const paint = () => {
-      const { paper, plain } = theme(), k = nearest(time), view = eye.view(), near = narrow(k);
-      at(time, now);
+      const { paper, plain } = theme(), k = nearest(time), view = eye.view(), near = narrow(k), ghost = real();
+      at(time, now, planned.frames);
       draws.begin(view.matrix, view.eye, paper);
       draws.lit(false);
       draws.draw(box, kept.edges);
@@ -248,11 +254,11 @@
       if (wanted("distances")) { draws.draw(box, new Float32Array(near.flatMap((one) => [...stretched(...one.ends, 3 * thin), ...coloured(one.spare, GREEN), 1]))); }
       draws.lit(true);
       robot(now, (b) => coloured(left(k, b), plain), 1);
-      draws.draw(box, new Float32Array(limbs(time, [...plain, 1])));
-      if (measured) { draws.skin(() => robot(measured.frame, () => [0.1, 0.45, 0.85], 0.55)); }
+      draws.draw(box, new Float32Array(limbs(ends(time, planned.points), [...plain, 1])));
+      if (ghost) { draws.skin(() => { robot(ghost.frame, () => GHOST, 0.55); draws.draw(box, new Float32Array(limbs(ghost.points, [...GHOST, 0.55]))); }); }
       draws.pale(() => things.filter((one) => one.faces.length && one.kind !== "inside").forEach((one) => draws.draw(one.mesh, new Float32Array([...still, ...INK[one.kind], one.kind === "plane" ? 0.1 : 0.3]))));
-      if (wanted("swept")) { draws.skin(() => { bodies.forEach((one, b) => draws.draw(one.mesh, kept.swept[b])); draws.draw(box, kept.skin); }); }
-      label(view, near, k);
+      if (wanted("swept") && !(slow && playing)) { draws.skin(() => { bodies.forEach((one, b) => draws.draw(one.mesh, kept.swept[b])); draws.draw(box, kept.skin); }); }
+      label(view, near, k, ghost);
     };
 
     const labels = part(".labels"), tags = new Map();
@@ -272,7 +278,7 @@
       own.style.transform = `translate(${x.toFixed(1)}px, ${y.toFixed(1)}px) translate(-50%, -130%)`;
     };
     const middle = (a, b) => a.map((value, i) => 0.5 * (value + b[i]));
-    const label = (view, near, k) => {
+    const label = (view, near, k, ghost) => {
       written = [];
       for (let i = 0; i < L; i++) {
         const one = wanted("distances") && near[i];
@@ -290,21 +296,21 @@
       part(".time").textContent = `${time.toFixed(2)} s`;
       part(".piece").textContent = data.pieces.filter((one) => one.start <= time + 1e-9).at(-1).label;
       part("[name=time]").value = time;
-      joints(k);
+      joints(k, ghost);
     };
     const cells = data.joints.map((one) => {
       const row = part(".joints tbody").insertRow(), name = row.insertCell();
       name.textContent = one.name;
-      const [planned, real, bar] = [row.insertCell(), row.insertCell(), row.insertCell()];
+      const [plan, real, bar] = [row.insertCell(), row.insertCell(), row.insertCell()];
       const meter = bar.appendChild(document.createElement("div")), place = meter.appendChild(document.createElement("i"));
-      [planned.className, real.className, meter.className] = ["number", "number measured", "meter"];
-      return { planned, real, place };
+      [plan.className, real.className, meter.className] = ["number", "number measured", "meter"];
+      return { plan, real, place };
     });
     const shownValue = (value, unit) => unit === "rad" ? `${(value * 180 / Math.PI).toFixed(1)}°` : `${value.toFixed(3)} ${unit}`;
-    const joints = (k) => data.joints.forEach((one, j) => {
-      const value = q[k * J + j], share = (value - one.lower) / (one.upper - one.lower);
-      cells[j].planned.textContent = shownValue(value, one.unit);
-      cells[j].real.textContent = measured && measured.q ? shownValue(measured.q[j], one.unit) : "";
+    const joints = (k, ghost) => data.joints.forEach((one, j) => {
+      const value = planned.q[k * J + j], share = (value - one.lower) / (one.upper - one.lower);
+      cells[j].plan.textContent = shownValue(value, one.unit);
+      cells[j].real.textContent = ghost ? shownValue(ghost.q[j], one.unit) : "";
       cells[j].place.style.cssText = Number.isFinite(share) ? `left:${(100 * share - 1.5).toFixed(1)}%;width:3%` : "display:none";
     });
 
@@ -326,6 +332,7 @@
     const eye = orbit(canvas, { azimuth: -1.05, elevation: 0.42, distance: 0.44 * data.size / Math.tan(FIELD / 2), target: data.middle }, changed);
     const step = (moment) => {
       if (!playing || !inSight) { tick = null; return; }
+      slow = slow || (tick !== null && moment - tick > SLOW_MS);  // no graphics card: what is swept is shown when it stands
       if (tick !== null) { time = (time + Number(part("[name=speed]").value) * (moment - tick) / 1000) % (last * data.step); }
       tick = moment;
       paint();
@@ -334,14 +341,13 @@
     const play = (on) => {
       playing = on;
       part(".play").textContent = on ? "Pause" : "Play";
+      if (!on) { changed(); }
       if (on && tick === null) { requestAnimationFrame(step); }
     };
     const show = (own) => { play(false); time = Math.min(Math.max(own, 0), last * data.step); paint(); };
-    const measure = (message) => {  // poses of the real robot: 7 numbers a part, place and quaternion (w x y z)
-      const frame = new Float32Array(12 * B);
-      for (let b = 0; b < B; b++) { framed(frame, 12 * b, message.frames[b].slice(0, 3), message.frames[b].slice(3)); }
-      measured = { frame, q: message.q };
-      figure.classList.add("live");
+    const measure = (message) => {  // the real robot: its positions, and a frame of 12 numbers for each part
+      live = { frame: new Float32Array(message.frames.flat()), points: message.points.flat(), q: message.q };
+      figure.classList.add("real");
       if (Number.isFinite(message.t)) { show(message.t); } else { changed(); }
     };
     part(".play").addEventListener("click", () => play(!playing));
@@ -352,12 +358,14 @@
     window.matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => { kept = fixed(); changed(); });
     new IntersectionObserver(([entry]) => { inSight = entry.isIntersecting; if (inSight && playing && tick === null) { requestAnimationFrame(step); } }).observe(canvas);
     if (data.stream) { new EventSource(data.stream).addEventListener("message", (event) => measure(JSON.parse(event.data))); }
+    figure.classList.toggle("real", Boolean(replay));
+    figure.classList.add("drawn");
     part(".controls").hidden = false;
     strip();
     const wish = /^#t=([\d.]+)$/.exec(location.hash);  // view.html#t=12.5 stands there
     show(wish ? Number(wish[1]) : 0);
     play(!wish && !less.matches && !data.stream);
-    figure.scene = { show, measure, camera: (change) => { Object.assign(eye.own, change); paint(); }, frames: () => [...now], time: () => time };
+    figure.scene = { show, measure, camera: (change) => { Object.assign(eye.own, change); paint(); }, frames: () => [...now], real: () => { const own = real(); return own && { frame: [...own.frame], q: [...own.q] }; }, time: () => time };
   };
   document.querySelectorAll("figure.space").forEach(opened);
 })();

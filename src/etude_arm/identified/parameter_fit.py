@@ -164,7 +164,8 @@ class Problem:
         speed, sign = extra[..., SPEED], extra[..., NARROW]
         load = np.abs(np.einsum("njp,jp->nj", rigid, model.inertial))
         drive = [extra[..., 0], speed, sign, sign, load * sign, np.abs(speed), np.ones_like(speed)]
-        drive += [*np.moveaxis(waves(model.tree, samples.log[(PLAN if mean.desired else PATH)[0]]), 2, 0)]
+        q, hinges = samples.log[(PLAN if mean.desired else PATH)[0]], ~model.tree.joint_slides
+        drive += [hinges * wave for wave in np.moveaxis(waves(q), 2, 0)]
         same = np.isclose(model.inertial[:, None], model.inertial[None], rtol=1e-9).all(axis=2)
         shared = (same.sum(axis=1) > min(1, spec.dof - 1)) & (spec.command_unit in FORCES)
         nothing = np.zeros((rigid.shape[2], 0))

@@ -13,6 +13,7 @@ from etude_arm.identified.consistent_parameters import Identified
 from etude_arm.identified.parameter_fit import OFFSET_TERM
 from etude_arm.physics.kinematics import body_motion
 from etude_arm.physics.mean import RigidBodyMean
+from etude_arm.physics.rigid_body import waves
 from etude_arm.physics.transmission import drive_motion
 from etude_arm.spec import PATH, PLAN, ArmSpec
 
@@ -27,10 +28,12 @@ class Replayed:
 
     Attributes:
         file: of MuJoCo's inverse dynamics with the written file.
+        cogged: of the same with the cogging that was identified, which no file can hold either.
         physics: of the identified physics that the model uses.
     """
 
     file: Array
+    cogged: Array
     physics: Array
 
 
@@ -53,7 +56,9 @@ def replayed(
     def error(predicted: Array) -> Array:
         return np.asarray(np.sqrt(np.mean((samples.command - predicted) ** 2, axis=0, where=found.used)))
 
-    return Replayed(error(force + found.own[:, OFFSET_TERM]), error(mean.predict(samples.log)))
+    file = force + found.own[:, OFFSET_TERM]
+    cogging = np.einsum("njw,jw->nj", waves(motion[0]), found.own[:, OFFSET_TERM + 1 :])
+    return Replayed(error(file), error(file + cogging), error(mean.predict(samples.log)))
 
 
 def inverse(model: mujoco.MjModel, spec: ArmSpec, q: Array, qd: Array, qdd: Array) -> Array:

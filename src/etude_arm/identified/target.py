@@ -16,10 +16,12 @@ from etude.protocols import Kind
 from etude.types import Array, Delivered, Samples
 from etude_arm.identified.consistent_parameters import Identified, identified
 from etude_arm.identified.model_file_writer import JointTerms, mjcf, written
+from etude_arm.identified.parameter_fit import OFFSET_TERM
 from etude_arm.identified.pseudo_inertia import is_possible
 from etude_arm.identified.replayed import Replayed, replayed
 from etude_arm.physics.geometry import has_masses
 from etude_arm.physics.mean import RigidBodyMean
+from etude_arm.physics.rigid_body import FIRST_WAVE
 from etude_arm.spec import FORCES, ArmSpec
 
 NAMES = ("mass", "m cx", "m cy", "m cz", "Ixx", "Iyy", "Izz", "Ixy", "Ixz", "Iyz")
@@ -66,7 +68,7 @@ class ModelFile:
         said = [*_said(found, spec, rows), *_carried(name, spec), *_played_sentences(played, found, spec)]
         facts: dict[str, Any] = {"told": found.result.told, "segments": found.errors.segments}
         if played is not None:
-            names = ("file", "physics")
+            names = ("file", "cogged", "physics")
             facts["played"] = {
                 one: dict(zip(spec.names, getattr(played, one).tolist(), strict=True)) for one in names
             }
@@ -76,6 +78,8 @@ class ModelFile:
             "identifiability.json": (json.dumps(rows, indent=1) + "\n").encode(),
             "README.md": _readme(name, found, spec, rows, said).encode(),
         }
+        if played is not None:
+            files["cogging.csv"] = table(_cogging(found, spec)).encode()
         return Delivered(files, tuple(said), {**facts, "parameters": rows})
 
 
@@ -97,15 +101,31 @@ def _played(
 def _played_sentences(played: Replayed | None, found: Identified, spec: ArmSpec) -> list[str]:
     if played is None:
         return []
-    pairs = zip(spec.names, spec.command_units, played.file, played.physics, strict=True)
-    parts = ", ".join(f"{name} {digits(file)} ({digits(own)}) {unit}" for name, unit, file, own in pairs)
+    errors = played.file, played.cogged, played.physics
+    pairs = zip(spec.names, spec.command_units, *errors, strict=True)
+    parts = ", ".join(
+        f"{name} {digits(file)}, {digits(cogged)} ({digits(own)}) {unit}"
+        for name, unit, file, cogged, own in pairs
+    )
     waves = zip(spec.names, spec.command_units, found.ripple.tolist(), strict=True)
     ripple = ", ".join(f"{name} {digits(size)} {unit}" for name, unit, size in waves)
     return [
-        f"MuJoCo's inverse dynamics of the file errs on the logs by (the model's physics by): {parts}.",
-        f"The file has no cogging, which was told from gravity (rms): {ripple}.",
+        "MuJoCo's inverse dynamics of the file errs on the logs by, with the cogging by (the model's physics "
+        f"by): {parts}.",
+        f"The file has no cogging, which was told from gravity (rms): {ripple}. cogging.csv has its waves: "
+        "qfrc_applied of minus their sum adds it to a simulation.",
         "frictionloss and damping are the nearest c sign(v) + d v: the file has no Stribeck's dip, no "
         "friction that turns round over a way or differs by direction, and no offset.",
+    ]
+
+
+def _cogging(found: Identified, spec: ArmSpec) -> list[dict[str, Any]]:
+    """A row for each wave: the command holds sine * sin(periods * q) + cosine * cos(periods * q) more."""
+    sizes = found.own[:, OFFSET_TERM + 1 :].reshape(spec.dof, -1, 2)
+    return [
+        {"joint": name, "periods": FIRST_WAVE + k, "sine": float(sine), "cosine": float(cosine), "unit": unit}
+        for name, unit, own in zip(spec.names, spec.command_units, sizes, strict=True)
+        for k, (sine, cosine) in enumerate(own.tolist())
     ]
 
 

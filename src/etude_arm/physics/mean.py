@@ -251,7 +251,8 @@ class ArmPhysics:
         """At the states of the samples, as models look at them."""
         require_axes(samples, self.spec, self._body.tree, self._body.drives)
         motion = (samples.log[name] for name in (PLAN if self.desired else PATH))
-        wave = waves(self._body.tree, samples.log[(PLAN if self.desired else PATH)[0]])
+        hinges = ~self._body.tree.joint_slides[:, None]
+        wave = hinges * waves(samples.log[(PLAN if self.desired else PATH)[0]])
         found = command_regressors(*self._body, *motion)
         return Regressors(*found, remembered_of(samples.log), wave if self.ripple else None)
 

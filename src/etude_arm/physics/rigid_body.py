@@ -32,8 +32,8 @@ Array = NDArray[np.float64]
 EXTRA_TERMS = ("armature", "viscous", *(f"friction {scale:g} v0" for scale in FRICTION_SCALES), "offset")
 SPEED, NARROW = 1, 2
 """The terms of the drive's speed, and of its narrowest friction."""
-RIPPLES = 6
-"""Waves of a hinge's position, from 2 periods a turn on: one period is what gravity has."""
+RIPPLES, FIRST_WAVE = 6, 2
+"""Waves of a hinge's position, and the periods a turn of the first: one period is what gravity has."""
 
 
 class RigidBody(NamedTuple):
@@ -90,7 +90,7 @@ class RigidBodyModel:
     def predict(self, q: Array, qd: Array, qdd: Array, turning: Array | None = None) -> Array:
         """Command (n, dof) at q, qd, qdd (n, dof); turning as in `Regressors`, None: by speed."""
         found = command_regressors(self.tree, self.drives, self.friction_velocity, q, qd, qdd)
-        return self.of(Regressors(*found, turning, None if self.ripple is None else waves(self.tree, q)))
+        return self.of(Regressors(*found, turning, None if self.ripple is None else waves(q)))
 
     def of(self, regressors: Regressors) -> Array:
         """Command (n, dof) at those regressors."""
@@ -126,10 +126,10 @@ def turned(turning: Array, speed: Array, drive: Drive, joint: int, v0: float) ->
     return np.asarray(drive.side(joint) * turning * slides[:, None])
 
 
-def waves(tree: KinematicTree, q: Array) -> Array:
-    """(n, dof, 2 R) sin(k q), cos(k q) of each hinge, k = 2 .. R + 1; 0 of slides."""
-    each = [wave(k * q) for k in range(2, RIPPLES + 2) for wave in (np.sin, np.cos)]
-    return np.stack(each, axis=2) * ~tree.joint_slides[:, None]
+def waves(q: Array) -> Array:
+    """(n, dof, 2 R) sine and cosine of each wave of what returns with positions q (n, dof)."""
+    counts = range(FIRST_WAVE, FIRST_WAVE + RIPPLES)
+    return np.stack([wave(k * q) for k in counts for wave in (np.sin, np.cos)], axis=2)
 
 
 def nominal_model(tree: KinematicTree, drives: tuple[Drive, ...], friction_velocity: Array) -> RigidBodyModel:

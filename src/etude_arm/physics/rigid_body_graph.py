@@ -15,7 +15,7 @@ from etude_arm.memory import MEMORY_RATE
 from etude_arm.onnx import followed
 from etude_arm.physics.kinematics import BodyMotion, body_motion
 from etude_arm.physics.regressor import wrench_maps
-from etude_arm.physics.rigid_body import NARROW, RIPPLES, RigidBodyModel, drive_terms
+from etude_arm.physics.rigid_body import FIRST_WAVE, NARROW, RIPPLES, RigidBodyModel, drive_terms
 from etude_arm.physics.transmission import drive_motion
 from etude_arm.spec import PATH, PLAN
 
@@ -49,7 +49,7 @@ def commands(model: RigidBodyModel, q: Value, qd: Value, qdd: Value, turned: Val
     for number, term in enumerate(terms):
         found = found + term * extra[:, number]
     for number in range(0 if model.ripple is None else RIPPLES):
-        angle, weights = q * float(number + 2), model.ripple[:, 2 * number : 2 * number + 2]
+        angle, weights = q * float(number + FIRST_WAVE), model.ripple[:, 2 * number : 2 * number + 2]
         found = found + sine(angle) * weights[:, 0] + cosine(angle) * weights[:, 1]
     return found
 

@@ -4,6 +4,7 @@ whatever goes wrong leaves it at rest.
 
 from __future__ import annotations
 
+import json
 import shutil
 from collections import namedtuple
 from collections.abc import Callable
@@ -12,14 +13,19 @@ from typing import Any
 
 import numpy as np
 import pytest
-from robot_runs import JOINTS, Robot, Somebody, events, facts, home, lab, moved
+from robot_runs import JOINTS, QUICK, Robot, Somebody, events, facts, home, lab, moved
 
-from etude import tell, untell
-from etude.campaign import Campaign, Trained, open_campaign
+import etude
+from etude import cli, tell, untell
+from etude.campaign import Campaign, Trained, newest_model, open_campaign
+from etude.campaign.ingest.recordings import file_gravity
 from etude.campaign.record.events import Ingested, MotionEnded, MotionSent, RunEnded
+from etude.campaign.run.certified_motions import Learned, proposal_motion
 from etude.campaign.run.run_history import next_step
+from etude.campaign.run.run_settings import read_settings
 from etude.drivers import About, Streamed, read_recording
 from etude.errors import EtudeError, RobotStopped, UsageError
+from etude.logs import read_log_file
 
 
 @pytest.fixture(scope="module")
@@ -320,3 +326,102 @@ def test_about_is_read(tmp_path: Path) -> None:
     assert "keep a hand on its emergency stop" in text
     assert "GOES ON" in text
     assert About.__name__ == "About"
+
+
+BOT = """\
+from etude.testing import FakeRobot
+def bot(joints, address, settings):
+    return FakeRobot(joints, **settings)
+"""
+
+
+def weighing(folder: Path) -> Campaign:
+    """A campaign of two joints in a row that carry weight, by a model file."""
+    links = "".join(
+        f'<link name="{n}"><inertial><origin xyz="0.2 0 0"/><mass value="2"/><inertia ixx="0.01" iyy="0.02"'
+        f' izz="0.02" ixy="0" ixz="0" iyz="0"/></inertial></link>'
+        for n in ("base", "upper", "fore")
+    )
+    joints = "".join(
+        f'<joint name="{n}" type="revolute"><parent link="{a}"/><child link="{b}"/><origin xyz="0.4 0 0"/>'
+        '<axis xyz="0 1 0"/><limit lower="-1.5" upper="1.5" velocity="1" effort="60"/></joint>'
+        for n, a, b in (("hip", "base", "upper"), ("knee", "upper", "fore"))
+    )
+    (folder / "two.urdf").write_text(f'<robot name="two">{links}{joints}</robot>')
+    path = etude.create_campaign(folder / "lab", str(folder / "two.urdf"), seed=3)[0].path
+    (path / "campaign.toml").write_text(f'kind = "arm"\nseed = 3\n{QUICK}')
+    return open_campaign(path)
+
+
+@pytest.fixture
+def driven(tmp_path: Path) -> Campaign:
+    """A campaign whose run.toml names a driver in a file."""
+    campaign = lab(tmp_path)
+    (tmp_path / "bot.py").write_text(BOT)
+    text = f'[driver]\non = "{tmp_path}/bot.py:bot"\nrate = 50.0\n[run]\nrounds = 3\nconfirm = false\n'
+    (campaign.path / "run.toml").write_text(text)
+    return campaign
+
+
+def test_a_notebook_has_the_same_robot(driven: Campaign) -> None:
+    with etude.connect(driven, yes=True) as robot:
+        assert robot.pose() == {"hip": 0.0, "knee": 0.0}
+        assert any("3 motions" in own or "stop rule" in own for own in robot.plan())
+        assert facts(driven, MotionSent) == []
+        with pytest.raises(UsageError, match="another etude run works in this campaign"):
+            moved(driven, Robot(), dry=True)
+
+
+def test_a_dry_run_at_the_terminal(driven: Campaign, capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["run", str(driven.path), "--dry-run", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["why"] == "nothing was moved: --dry-run"
+    assert any("3 motions" in own for own in found["said"])
+    assert cli.main(["run", str(driven.path), "--dry-run", "--rounds", "0"]) == 2
+    assert cli.main(["run", str(driven.path), "--on", "nobody"]) == 2
+    assert "there is no driver 'nobody'" in capsys.readouterr().err.lower()
+
+
+def test_a_wrong_run_toml_is_named(driven: Campaign) -> None:
+    (driven.path / "run.toml").write_text("[run]\nround = 3\n")
+    with pytest.raises(UsageError, match="unknown key 'round'"):
+        read_settings(driven, "bot")
+    (driven.path / "run.toml").write_text("")
+    with pytest.raises(UsageError, match="nobody names the driver"):
+        read_settings(driven)
+
+
+def test_gravity_that_the_robot_adds_is_learned_and_left_out(tmp_path: Path) -> None:
+    """The log has it beside what the robot shows; what is sent and what is expected of it do not."""
+    campaign, robot = weighing(tmp_path), Robot(("hip", "knee"), gravity_in_command=False)
+    moved(campaign, robot)
+    ended = [fact for fact in facts(campaign, MotionEnded) if not fact.first and fact.part == "motion"]
+    shown = read_recording(campaign.path / ended[0].recording)
+    log = read_log_file(campaign.run_file(1))
+    weight = file_gravity(campaign, log["q"])
+    assert weight is not None
+    assert np.abs(weight).max() > 5.0
+    rows = np.searchsorted(shown.t - shown.began, log.t).clip(0, len(shown.t) - 1)
+    assert log["command"] - weight == pytest.approx(shown.command[rows], abs=0.5)
+    motion = proposal_motion(campaign, 1, "learned")
+    model = newest_model(campaign, campaign.state())
+    learned = Learned.along(campaign, model, motion.trajectory, robot.about())
+    q = motion.trajectory.motion(learned.t, 1).orders[0]
+    assert learned.total - learned.sent == pytest.approx(file_gravity(campaign, q))
+    assert learned.logged == pytest.approx(learned.sent)
+
+
+def test_old_recordings_are_removed_and_stopped_ones_stay(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("etude.campaign.run.robot_session.KEPT_RECORDINGS", 2)
+    campaign, robot = lab(tmp_path), Robot()
+    with pytest.raises(KeyboardInterrupt):
+        moved(campaign, robot, Somebody(lets_go_after=60))
+    moved(campaign, robot)
+    ended = facts(campaign, MotionEnded)
+    there = {path.name for path in (campaign.path / "recordings").iterdir()}
+    wanted = [one for one in ended if one.ended != "done"] + [one for one in ended if one.ended == "done"][
+        -2:
+    ]
+    assert there == {Path(one.recording).name for one in wanted}

@@ -15,7 +15,9 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
+from space_campaign import write_space
 from synthetic_campaign import write_campaign
 
 from chromium import chromium, complaints
@@ -24,7 +26,8 @@ from etude.campaign import abandon, open_campaign
 from etude.errors import UsageError
 from etude.report import HOST, Pages, digest_of, server
 from etude.report.build import live_report
-from etude.report.live import MOST, PORT
+from etude.report.live import MOST, PORT, POSES
+from etude.report.space import served_in_space
 
 
 @contextmanager
@@ -246,3 +249,55 @@ def test_a_new_event_renews_the_page_by_itself(tmp_path: Path) -> None:
         assert complaints(browser) == []
         loaded = browser.execute_script("return performance.getEntriesByType('resource').map((e) => e.name)")
         assert {own.split("/")[2] for own in loaded if own.startswith("http")} <= {f"{HOST}:{port}"}
+
+
+def events(port: int, count: int) -> list[str]:
+    """The first messages of the stream of poses."""
+    connection = http.client.HTTPConnection(HOST, port, timeout=30)
+    connection.request("GET", POSES)
+    answer = connection.getresponse()
+    assert answer.getheader("Content-Type", "").startswith("text/event-stream")
+    found: list[str] = []
+    while len(found) < count and (line := answer.readline().decode()):
+        found += [line.removeprefix("data: ").strip()] if line.startswith("data: ") else []
+    connection.close()
+    return found
+
+
+def test_each_new_pose_is_sent_once_and_to_this_machine_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    words = iter(["a", "a", "b", "b", "c"] + 10_000 * ["c"])
+    pages = plain({"now": "one"})
+    with running(pages) as port:
+        assert asked(port, POSES)[0] == 404
+    pages.pose = lambda: next(words)
+    monkeypatch.setattr("etude.report.live.POSES_HZ", 200.0)
+    with running(pages) as port:
+        assert asked(port, POSES, Host="elsewhere.example")[0] == 403
+        assert events(port, 3) == ["a", "b", "c"]
+        monkeypatch.setattr("etude.report.live.LONGEST_S", 0.3)
+        assert events(port, 1_000) == ["c"], "a stream ends like any request; a browser asks again"
+        assert asked(port, "/")[0] == 200
+
+
+@pytest.mark.browser
+def test_the_real_robot_is_drawn_where_it_is(tmp_path: Path) -> None:
+    from selenium.webdriver.support.ui import WebDriverWait
+
+    write_space(tmp_path)
+    pages, real = served_in_space(tmp_path)
+    assert pages.pose is not None
+    assert pages.pose() == ""
+    with chromium() as browser, running(pages) as port:
+        browser.get(f"http://{HOST}:{port}/")
+        now = (
+            "const s = document.querySelector('.space').scene; return s && s.real() && [s.time(), s.real().q]"
+        )
+        assert browser.execute_script(now) is None
+        for t, q in ((2.5, [0.1, 0.2, 0.3]), (4.0, [0.2, 0.1, 0.9])):
+            real.put(t, np.array(q))
+
+            def shown(page: Any, t: float = t, q: list[float] = q) -> bool:
+                return bool(page.execute_script(now) == [t, q])
+
+            WebDriverWait(browser, 30, poll_frequency=0.05).until(shown)
+        assert complaints(browser) == []

@@ -1,12 +1,9 @@
-"""The figure of sticks: what is drawn without a script, and what the script does with it."""
+"""The robot in motion: in space, and the figure of sticks that paper shows."""
 
 from __future__ import annotations
 
-import json
 import shutil
-import time
 from collections.abc import Iterator
-from html import unescape
 from pathlib import Path
 from typing import Any
 
@@ -17,8 +14,8 @@ from synthetic_campaign import write_campaign
 from chromium import chromium, complaints, open_page, overhang
 from etude.report import build_report
 from etude.report.record import read_record
-from etude.report.scene import camera_of, project
-from etude.report.sections.motion import SIZE, beyond, cut, frames, motion, room_around, stage
+from etude.report.scene import beyond, camera_of, cut, room_around
+from etude.report.sections.motion import SIZE, motion, stage
 from etude.types import Figure, Thing
 from etude_arm import KIND
 
@@ -71,33 +68,23 @@ def browser() -> Iterator[Any]:
         yield opened
 
 
-def data_of(html: str) -> dict[str, Any]:
-    return dict(json.loads(unescape(html.split('data-motion="')[1].split('"')[0])))
-
-
-def test_every_frame_is_where_the_camera_sees_the_robot() -> None:
+def test_sticks_are_where_the_camera_sees_the_robot() -> None:
     rng = np.random.default_rng(0)
     figure = Figure(rng.uniform(-1.0, 1.0, (4, 3, 3)), np.array([[0, 1], [1, 2]]), (2,))
-    facts = data_of(stage("made", np.linspace(0.0, 3.0, 4), figure))
-    assert facts["step"] == 1.0
-    assert facts["sticks"] == [0, 1, 1, 2]
-    pixels = np.array(facts["pixels"]).reshape(12, 2) / 10.0
-    seen = project(figure.points.reshape(-1, 3)) * [1.0, -1.0]
-    # the same picture, but for its place and size: 2 of the 4 numbers that fix it are one scale
-    slope = np.polyfit(seen[:, 0], pixels[:, 0], 1)[0]
-    np.testing.assert_allclose(pixels - pixels[0], slope * (seen - seen[0]), atol=0.2)
-    assert pixels.min() > 0.0
-    assert pixels.max() < 430.0
+    page = stage("made", figure)
+    drawn = page.split('class="limb c1" d="')[1].split('"')[0]
+    found = [[float(x) for x in part.split()] for part in drawn.replace("L", "M").split("M")[1:]]
+    camera, height = camera_of(room_around(figure), SIZE)
+    pixels = camera(figure.points[0])
+    np.testing.assert_allclose(found, pixels[[0, 1, 1, 2]], atol=0.06)
+    assert np.all((pixels > 0.0) & (pixels < [SIZE[0], height]))
 
 
 def test_a_robot_with_a_model_file_is_drawn_and_one_without_is_not(folder: Path, tmp_path: Path) -> None:
     record = read_record(folder)
     page = motion(record)
-    trajectory = record.trajectory(2)
     assert "Trajectory 2" in page
     assert "http" not in page
-    points = 6 + 32  # base, four joints, tip; both rings of the tool
-    assert len(data_of(page)["pixels"]) == len(frames(trajectory)) * points * 2
     assert page.count('class="ghost"') == 6
     assert "what robot.toml names: floor, fence, table &lt;left&gt;, shelf, the tool that it carries." in page
     assert "Too far away to be drawn: hall." in page
@@ -148,7 +135,7 @@ def test_the_drawing_holds_what_is_near_and_says_what_is_not() -> None:
     far = made(square("hall", "solid", 0.0, 0.1, x=9.0), square("floor", "plane", -5.0, 50.0))
     assert room_around(far).upper == alone.upper
     assert beyond(far) == ["hall", "floor"]
-    page = stage("made", np.array([0.0, 1.0]), far)
+    page = stage("made", far)
     assert "hall" not in page
 
 
@@ -156,7 +143,7 @@ def test_a_box_is_where_the_camera_sees_it_in_front_of_its_own_back() -> None:
     cube = np.array([[x, y, z] for x in (0.6, 0.8) for y in (0.6, 0.8) for z in (0.6, 0.8)])
     faces = ((0, 1, 3, 2), (4, 5, 7, 6), (0, 1, 5, 4), (2, 3, 7, 6), (0, 2, 6, 4), (1, 3, 7, 5))
     figure = made(Thing("cube", "solid", cube[None], faces))
-    page = stage("made", np.array([0.0, 1.0]), figure)
+    page = stage("made", figure)
     behind, front = (
         page.split(f'class="thing solid c5{style}" d="')[1].split('"')[0] for style in (" behind", "")
     )
@@ -171,7 +158,7 @@ def test_a_box_is_where_the_camera_sees_it_in_front_of_its_own_back() -> None:
 
 
 @pytest.mark.browser
-def test_it_plays_stands_where_less_motion_is_asked_for_and_follows_the_slider(
+def test_it_stands_where_less_motion_is_asked_for_and_sticks_are_for_paper(
     browser: Any, folder: Path
 ) -> None:
     page = build_report(folder)
@@ -179,25 +166,14 @@ def test_it_plays_stands_where_less_motion_is_asked_for_and_follows_the_slider(
     for wish in ("reduce", "no-preference"):
         media = {"features": [{"name": "prefers-reduced-motion", "value": wish}]}
         browser.execute_cdp_cmd("Emulation.setEmulatedMedia", media)
-        open_page(browser, page, 400)
-        browser.execute_script("document.querySelector('.stage').scrollIntoView({block: 'center'})")
-        time.sleep(0.6)
-        seen[wish] = browser.execute_script(
-            "const s = document.querySelector('.stage'); return [s.querySelector('button').textContent,"
-            " Number(s.querySelector('input').value) > 0, s.querySelector('.robot path').getAttribute('d')]"
-        )
-    assert seen["reduce"][:2] == ["Play", False]
-    assert seen["no-preference"][:2] == ["Pause", True]
-    assert seen["reduce"][2] != seen["no-preference"][2]
-    facts = data_of(page.read_text(encoding="utf-8"))
-    drawn = browser.execute_script(
-        "const s = document.querySelector('.stage'), r = s.querySelector('input'); r.value = arguments[0];"
-        "r.dispatchEvent(new Event('input')); return s.querySelector('.robot path').getAttribute('d')",
-        7 * facts["step"],
-    )
-    pixels = np.array(facts["pixels"]).reshape(-1, 6 + 32, 2)[7] / 10.0
-    first = [float(x) for x in drawn.split("M")[1].replace("L", " ").split()]
-    np.testing.assert_allclose(first, [*pixels[0], *pixels[1]], atol=0.06)
+        open_page(browser, page, 400, 500)
+        seen[wish] = browser.execute_script("return document.querySelector('.space .play').textContent")
+    assert seen == {"reduce": "Play", "no-preference": "Pause"}
+    sizes = "return ['.space', '.sticks'].map((s) => document.querySelector(s).offsetHeight > 0)"
+    assert browser.execute_script(sizes) == [True, False]
+    browser.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": "print"})
+    assert browser.execute_script(sizes) == [False, True]
+    browser.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": ""})
     assert overhang(browser) == 0
     assert complaints(browser) == []
 
@@ -208,6 +184,7 @@ def test_what_stands_around_is_drawn_with_names_that_can_be_read(
     browser: Any, folder: Path, width: int
 ) -> None:
     open_page(browser, build_report(folder), width)
+    browser.execute_script("document.querySelector('.space').classList.remove('drawn')")
     shapes, names, drawing = browser.execute_script(
         "const box = (e) => { const b = e.getBoundingClientRect();"
         " return [b.left, b.top, b.right, b.bottom]; };"
@@ -230,17 +207,6 @@ def test_what_stands_around_is_drawn_with_names_that_can_be_read(
     assert complaints(browser) == []
 
 
-@pytest.mark.browser
-def test_what_is_carried_goes_along(browser: Any, folder: Path) -> None:
-    page = build_report(folder)
-    open_page(browser, page, 400)
-    facts = data_of(page.read_text(encoding="utf-8"))
-    drawn = browser.execute_script(
-        "const s = document.querySelector('.stage'), r = s.querySelector('input'); r.value = arguments[0];"
-        "r.dispatchEvent(new Event('input')); return s.querySelector('.robot .carried').getAttribute('d')",
-        7 * facts["step"],
-    )
-    pixels = np.array(facts["pixels"]).reshape(-1, 6 + 32, 2)[7] / 10.0
-    first = [float(x) for x in drawn.split("Z")[0].replace("M", "").replace("L", " ").split()]
-    np.testing.assert_allclose(first, pixels[facts["carried"][0][0]].ravel(), atol=0.06)
-    assert drawn.count("Z") == 18
+def test_what_is_carried_is_drawn(folder: Path) -> None:
+    drawn = motion(read_record(folder)).split('class="carried c3" d="M')[1:]
+    assert [path.split('"')[0].count("Z") for path in drawn if "Z" in path.split('"')[0]] == [18]

@@ -13,8 +13,9 @@ from space_campaign import write_space
 
 from chromium import chromium, complaints, open_page, overhang
 from etude import cli
+from etude.report.motion_in_space import in_space
 from etude.report.record import read_record
-from etude.report.space import in_space, page
+from etude.report.space import page
 from etude.trajectories import FourierTrajectory
 
 pytestmark = pytest.mark.browser
@@ -35,7 +36,7 @@ return seen;
 @pytest.fixture(scope="module")
 def asked(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, FourierTrajectory]:
     folder = tmp_path_factory.mktemp("lab")
-    return folder, write_space(folder)
+    return folder, write_space(folder, ran=True)
 
 
 @pytest.fixture(scope="module")
@@ -43,7 +44,7 @@ def browser(asked: tuple[Path, FourierTrajectory]) -> Iterator[Any]:
     """With the page open."""
     assert cli.main(["view", str(asked[0])]) == 0
     with chromium() as opened:
-        open_page(opened, asked[0] / "view.html", 500, 600)
+        open_page(opened, asked[0] / "view.html", 400, 600)
         yield opened
 
 
@@ -53,7 +54,7 @@ def scene(browser: Any, call: str, *given: Any) -> Any:
 
 def test_something_is_drawn_that_moves(browser: Any) -> None:
     assert complaints(browser) == []
-    assert overhang(browser) == 0
+    assert overhang(browser) == 0, "with names as long as a screen of a phone is wide"
     shares = []
     for time in (0.0, 6.0):
         shares.append(browser.execute_script(PIXELS, time))
@@ -62,16 +63,37 @@ def test_something_is_drawn_that_moves(browser: Any) -> None:
     assert shares[0] != shares[1]
 
 
-def test_parts_are_where_pinocchio_has_them(browser: Any, asked: tuple[Path, FourierTrajectory]) -> None:
+def poses_of(folder: Path, q: np.ndarray) -> list[np.ndarray]:
+    """(3, 4) frames of the links at a pose, by pinocchio."""
     pinocchio = pytest.importorskip("pinocchio", reason="pip install pin")
-    model = pinocchio.buildModelFromUrdf(str(asked[0] / "arm.urdf"))
+    model = pinocchio.buildModelFromUrdf(str(folder / "arm.urdf"))
     data = model.createData()
+    pinocchio.forwardKinematics(model, data, q)
+    return [np.eye(4)[:3], *(np.array(own.homogeneous)[:3] for own in list(data.oMi)[1:])]
+
+
+def test_parts_are_where_pinocchio_has_them(browser: Any, asked: tuple[Path, FourierTrajectory]) -> None:
     for time in (0.0, 3.217, 11.5):
         scene(browser, "show(arguments[0])", time)
         frames = np.array(scene(browser, "frames()")).reshape(4, 3, 4)
-        pinocchio.forwardKinematics(model, data, asked[1].motion(np.array([time]), 1).orders[0][0])
-        wanted = [np.eye(4)[:3], *(np.array(own.homogeneous)[:3] for own in list(data.oMi)[1:])]
+        wanted = poses_of(asked[0], asked[1].motion(np.array([time]), 1).orders[0][0])
         np.testing.assert_allclose(frames, wanted, atol=1e-3)
+
+
+def test_a_motion_that_was_run_is_replayed_beside_the_plan(
+    browser: Any, asked: tuple[Path, FourierTrajectory]
+) -> None:
+    log = read_record(asked[0]).log(1)
+    assert log is not None
+    scene(browser, "show(arguments[0])", 6.84)
+    real = scene(browser, "real()")
+    measured = np.array([np.interp(6.84, log.t, column) for column in log["q"].T])
+    np.testing.assert_allclose(real["q"], measured, atol=1e-6)
+    frames = np.array(real["frame"]).reshape(4, 3, 4)
+    np.testing.assert_allclose(frames, poses_of(asked[0], measured), atol=1e-3)
+    assert np.abs(frames - np.array(scene(browser, "frames()")).reshape(4, 3, 4)).max() > 0.01
+    shown = "return [...document.querySelectorAll('.joints td.measured')].map((c) => c.textContent)"
+    assert browser.execute_script(shown)[0] == f"{np.degrees(real['q'][0]):.1f}°"
 
 
 def test_distances_are_those_of_the_limit_and_the_table_that_of_the_certificate(
@@ -94,8 +116,8 @@ def test_distances_are_those_of_the_limit_and_the_table_that_of_the_certificate(
     certificate = json.loads((asked[0] / "proposals/0001/certificate.json").read_text())
     proved = {r["axis"]: r["proved_lower"] for r in certificate["rows"] if r["quantity"] == "clearance"}
     cells = browser.execute_script(
-        "return [...document.querySelectorAll('.scroll tbody tr')].map((r) => [...r.cells].map((c) => "
-        "c.textContent))"
+        "return [...document.querySelectorAll('.scroll table:not(.joints) tbody tr')]"
+        ".map((r) => [...r.cells].map((c) => c.textContent))"
     )
     assert {cell[0] for cell in cells} == set(proved)
     for axis, _, value, *_ in cells:
@@ -133,7 +155,8 @@ def test_it_plays_is_dragged_and_follows_the_slider(browser: Any) -> None:
     assert scene(browser, "time()") == 4.0
     before = browser.execute_script(PIXELS, 4.0)
     view = browser.find_element("css selector", "canvas.view")
-    ActionChains(browser).drag_and_drop_by_offset(view, 120, 30).perform()
+    browser.execute_script("arguments[0].scrollIntoView({block: 'center'})", view)
+    ActionChains(browser).drag_and_drop_by_offset(view, 60, 30).perform()
     browser.execute_async_script("requestAnimationFrame(() => requestAnimationFrame(arguments[0]))")
     assert browser.execute_script(PIXELS, 4.0) != before
 

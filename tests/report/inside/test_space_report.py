@@ -96,8 +96,8 @@ def as_if_real(folder: Path) -> Path:
 
 
 def test_the_page_is_complete_and_asks_for_nothing_outside_itself(flown: Path, page: Page) -> None:
-    # a path in space is drawn in its room, a vehicle is no figure of sticks, nothing was confirmed
-    assert page.identifiers == set(CONTENTS) - {"uncertainty", "motion", "confirmation"}
+    # a path in space is drawn in its room, nothing was confirmed
+    assert page.identifiers == set(CONTENTS) - {"uncertainty", "confirmation"}
     assert all(address.startswith(("#", "data:")) for address in page.addresses)
     source = (flown / "report.html").read_text()
     assert len(source) < 3_000_000

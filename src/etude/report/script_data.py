@@ -1,0 +1,226 @@
+"""A motion in space as its script takes it: one JSON, numbers in base64, lengths in whole steps."""
+
+from __future__ import annotations
+
+import base64
+import json
+import math
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.spatial.transform import Rotation
+
+from etude.report.motion_in_space import LINES, MotionInSpace
+from etude.report.record import Record
+from etude.report.scales import linear_ticks
+from etude.report.scene import EYE, SceneBox, faces_in, room_around
+from etude.types import Array, Thing
+
+SHOWN_M = 0.15
+"""m beyond what is kept, from which on a distance is not drawn."""
+SAME_M = 0.02
+"""m within which a motion ends where it started."""
+
+
+def script_data(seen: MotionInSpace, record: Record, stream: str) -> str:
+    """What the script needs, as JSON in which nothing ends a script."""
+    room = _room(seen)
+    real = seen.measured
+    points = [*seen.tips, seen.figure.points, seen.placed[..., 3]]
+    points += [np.nan_to_num(seen.nearby.ends)] if seen.nearby is not None else []
+    points += [real.points, real.placed[..., 3]] if real is not None else []
+    unit = max(float(np.abs(own).max(initial=0.0)) for own in points) / 32000.0 or 1e-4
+    low, high = _extent(seen)
+    facts = {
+        "unit": unit,
+        "step": float(seen.t[1] - seen.t[0]),
+        "count": len(seen.t),
+        "size": float(np.linalg.norm(high - low)),
+        "middle": (0.5 * (low + high)).tolist(),
+        "bodies": [_body(seen, b) for b in range(len(seen.solids))],
+        "sticks": [] if seen.solids else seen.figure.sticks.tolist(),
+        "planned": _poses(seen.motion.orders[0], seen.placed, seen.figure.points, unit),
+        "measured": real and _poses(real.q, real.placed, real.points, unit, real.ends),
+        "things": [_thing(thing, room) for thing in seen.figure.things if thing.kind != "carried"],
+        "tips": [_packed(tip / unit, np.int16) for tip in seen.tips],
+        "marks": _marks(seen),
+        "pieces": [{"start": start, "label": label} for start, label in seen.pieces],
+        "joints": _joints(record),
+        **_distances(seen, unit),
+        "nothing": f"nothing within {1000.0 * SHOWN_M:.0f} mm of what is kept",
+        "stream": stream,
+    }
+    return json.dumps(facts, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
+
+
+def _poses(
+    q: Array, placed: Array, points: Array, unit: float, ends: tuple[float, float] = (0.0, math.inf)
+) -> dict[str, object]:
+    """Positions (T, k), frames (T, B, 3, 4) as places in `unit` m and quaternions (w x y z), or where no part
+    is known the points (T, P, 3) of sticks; known between two times.
+    """
+    turns = np.zeros((0, 4))
+    if placed.size:
+        turns = Rotation.from_matrix(placed[..., :3].reshape(-1, 3, 3)).as_quat()[:, [3, 0, 1, 2]]
+        points = points[:, :0]
+    frames = np.concatenate([placed[..., 3].reshape(-1, 3) / unit, 32767.0 * turns], axis=1)
+    return {
+        "q": _packed(q, np.float32),
+        "frames": _packed(frames, np.int16),
+        "points": _packed(points / unit, np.int16),
+        "from": ends[0],
+        "to": _finite(ends[1]),
+    }
+
+
+def _packed(values: ArrayLike, kind: type[np.generic]) -> str:
+    """Base64 of numbers as the script reads them: little-endian, whole ones rounded and held in range."""
+    found = np.asarray(values, dtype=float).ravel()
+    if issubclass(kind, np.integer):
+        ends = np.iinfo(kind)
+        found = np.clip(np.rint(np.nan_to_num(found)), ends.min, ends.max)
+    return base64.b64encode(found.astype(np.dtype(kind).newbyteorder("<")).tobytes()).decode()
+
+
+def _extent(seen: MotionInSpace) -> tuple[Array, Array]:
+    """(3,) corners of a box around all that moves, m."""
+    points = _corners(seen).reshape(-1, 3)
+    return points.min(axis=0), points.max(axis=0)
+
+
+def _corners(seen: MotionInSpace) -> Array:
+    """(T, P, 3) m in the world: the sticks' points, or corners of boxes about the solid parts."""
+    if not seen.solids:
+        return seen.figure.points
+    boxes = [
+        np.array(np.meshgrid(*zip(s.points.min(axis=0), s.points.max(axis=0), strict=True)))
+        for s in seen.solids
+    ]
+    own = np.stack([box.reshape(3, 8).T for box in boxes])
+    turned = np.einsum("tbij,bpj->tbpi", seen.placed[..., :3], own) + seen.placed[..., None, :, 3]
+    return np.asarray(turned.reshape(len(seen.t), -1, 3))
+
+
+def _room(seen: MotionInSpace) -> SceneBox:
+    return room_around(replace(seen.figure, points=_corners(seen)))
+
+
+def _body(seen: MotionInSpace, b: int) -> dict[str, object]:
+    """One part, its points in whole steps, and whether it moves at all."""
+    solid, placed = seen.solids[b], seen.placed[:, b]
+    unit = float(np.abs(solid.points).max()) / 32000.0
+    facts = {
+        "name": solid.name,
+        "unit": unit * seen.enlarged,
+        "moves": bool(np.ptp(placed, axis=0).max() > 1e-9),
+    }
+    return {
+        **facts,
+        "points": _packed(solid.points / unit, np.int16),
+        "faces": _packed(solid.faces, np.uint16),
+    }
+
+
+def _thing(thing: Thing, room: SceneBox) -> dict[str, object]:
+    """What stands around as far as it is near: faces, edges, and where its name stands."""
+    faces = [face.round(4) for face in faces_in(thing, room)]
+    points = np.concatenate(faces) if faces else np.zeros((0, 3))
+    first = np.cumsum([0, *map(len, faces)])
+    edges = [
+        [a.tolist(), b.tolist()]
+        for face in faces
+        for a, b in zip(face, np.roll(face, -1, axis=0), strict=True)
+    ]
+    if thing.kind == "plane" and len(points) and np.ptp(points[:, 2]) < 1e-6:
+        edges += _grid(points)
+    numbered = [[*range(a, b)] for a, b in pairwise(first.tolist()) if b - a > 2]
+    side = (
+        EYE * [-1.0, -1.0, 1.0] if thing.kind == "inside" else EYE
+    )  # a room is named where it hides nothing
+    place = points[int((points @ side).argmax())].tolist() if len(points) else None
+    if thing.kind == "solid" and len(points):
+        place = [*points[:, :2].mean(axis=0).tolist(), float(points[:, 2].max())]
+    return {
+        "name": thing.name,
+        "kind": thing.kind,
+        "points": points.tolist(),
+        "faces": numbered,
+        "edges": edges,
+        "label": place,
+    }
+
+
+def _grid(points: Array) -> list[list[list[float]]]:
+    """Lines on a level floor at round metres."""
+    (x0, y0, z), (x1, y1, _) = points.min(axis=0).tolist(), points.max(axis=0).tolist()
+    step = linear_ticks(0.0, max(x1 - x0, y1 - y0), 8)[1]
+    along, across = (
+        (np.arange(np.ceil(low / step), np.floor(high / step) + 1) * step).tolist()
+        for low, high in ((x0, x1), (y0, y1))
+    )
+    return [[[x, y0, z], [x, y1, z]] for x in along] + [[[x0, y, z], [x1, y, z]] for y in across]
+
+
+def _marks(seen: MotionInSpace) -> list[dict[str, object]]:
+    """Where tips start and end, and where all come closest."""
+    found = []
+    for tip in seen.tips[:1]:
+        same = float(np.linalg.norm(tip[0] - tip[-1])) < SAME_M
+        found.append({"text": "start and end" if same else "start", "at": tip[0].tolist(), "time": 0.0})
+        found += [] if same else [{"text": "end", "at": tip[-1].tolist(), "time": float(seen.t[-1])}]
+    if seen.closest is not None and seen.nearby is not None:
+        k, row = seen.closest
+        at = np.flatnonzero(seen.nearby.narrowest[k] == row)
+        place = seen.nearby.ends[k, at].mean(axis=(0, 1)) if len(at) else np.full(3, np.nan)
+        if np.isfinite(place).all():
+            words = f"closest: {1000.0 * seen.nearby.distance[k, row]:.0f} mm at {seen.t[k]:.1f} s"
+            found.append({"text": words, "at": place.tolist(), "time": float(seen.t[k])})
+    return found
+
+
+def _joints(record: Record) -> list[dict[str, object]]:
+    """Names, units and ranges of the coordinates of the path."""
+    campaign, path = record.campaign, record.path
+    assert campaign is not None
+    assert path is not None
+    known = campaign.kind.expected(campaign.spec).limits.get(path.name)
+    lower, upper = (np.broadcast_to(side, len(path.parts)) for side in known or (np.nan, np.nan))
+    return [
+        {"name": name, "unit": unit, "lower": _finite(low), "upper": _finite(high)}
+        for name, unit, low, high in zip(path.parts, path.units, lower, upper, strict=True)
+    ]
+
+
+def _finite(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None
+
+
+def _distances(seen: MotionInSpace, unit: float) -> dict[str, object]:
+    """What is left of each part's distances, mm, and the narrowest with their ends."""
+    near = seen.nearby
+    if near is None:
+        return {
+            "rows": [],
+            "lines_each": 0,
+            "lines": "",
+            "room": _packed(np.full((len(seen.t), len(seen.solids)), 65535), np.uint16),
+        }
+    spare, silent = near.distance - near.kept, seen.silent
+    left = np.full((len(seen.t), len(seen.solids)), np.inf)
+    for b, solid in enumerate(seen.solids):
+        own = [r for r, pair in enumerate(near.pairs) if solid.name in pair and not silent[r]]
+        left[:, b] = spare[:, own].min(axis=1, initial=np.inf)
+    apart, rows = (np.take_along_axis(one, near.narrowest, axis=1) for one in (near.distance, spare))
+    drawn = (rows < SHOWN_M) & np.isfinite(near.ends).all(axis=(2, 3)) & ~silent[near.narrowest]
+    row = np.where(drawn, near.narrowest, -1)[..., None]
+    lines = np.concatenate([row, 1e4 * apart[..., None], near.ends.reshape(*apart.shape, 6) / unit], axis=2)
+    first = np.argsort(~drawn, axis=1, kind="stable")[:, :LINES, None]
+    lines = np.take_along_axis(lines, first, axis=1)
+    named = [
+        {"pair": " and ".join(pair), "kept": 1000.0 * float(kept)}
+        for pair, kept in zip(near.pairs, near.kept, strict=True)
+    ]
+    room = _packed(np.where(np.isfinite(left), 1000.0 * left, 65535.0), np.uint16)
+    return {"rows": named, "lines_each": lines.shape[1], "lines": _packed(lines, np.int16), "room": room}
