@@ -1,9 +1,4 @@
-"""A kernel of one's own, to be put into the tables of the thesis.
-
-    PYTHONPATH=examples/method etude study run table-6.9 --seeds 5 --method my_kernel:two_parts
-
-Every row that takes a kernel gets a second row with this one, on the same trajectories, tests and seeds.
-"""
+"""A kernel of one's own for the tables of the thesis."""
 
 from etude.models import Linear, SquaredExponential
 

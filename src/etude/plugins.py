@@ -107,6 +107,7 @@ BUILT_IN: Mapping[str, Mapping[str, str]] = {
         "franka": "etude_drivers.franka:driver",
         "lerobot": "etude_drivers.lerobot:driver",
         "mujoco": "etude_drivers.mujoco:driver",
+        "ros2": "etude_drivers.ros2:driver",
     },
     # how a model goes on learning in simulated tests: `etude simulate --online`
     "etude.adaptations": {"online": "etude_online.simulated:online_learning"},

@@ -5,10 +5,24 @@ from typing import TYPE_CHECKING
 from etude._runtime.lazy import face
 
 if TYPE_CHECKING:
+    from etude_drivers.dds import DdsTopics, JointRow, Points, Topics, message_of, types
     from etude_drivers.franka import FrankaArm
     from etude_drivers.lerobot import LeRobotArm
     from etude_drivers.machine import MachineSettings
     from etude_drivers.mujoco import MujocoRobot
+    from etude_drivers.ros2 import Ros2Controller
 
-__all__ = ["FrankaArm", "LeRobotArm", "MachineSettings", "MujocoRobot"]
+__all__ = [
+    "DdsTopics",
+    "FrankaArm",
+    "JointRow",
+    "LeRobotArm",
+    "MachineSettings",
+    "MujocoRobot",
+    "Points",
+    "Ros2Controller",
+    "Topics",
+    "message_of",
+    "types",
+]
 __getattr__, __dir__ = face(__name__)

@@ -26,7 +26,7 @@ from etude_drivers.machine import Machine, MachineSettings
 
 OPTIONS = ("virtual", "view")
 """Words after a comma of the address."""
-SILENCE = 0.1
+SILENCE = 0.3
 """s"""
 STARTS = 30.0
 """s in which the process has to come up."""

@@ -23,9 +23,12 @@ if TYPE_CHECKING:
     )
     from etude.drivers.find import find_driver
     from etude.drivers.plans import first_segment_ends, planned
+    from etude.drivers.playing import Interrupt, RecordedRows, interrupts, own_arrays, why_not
     from etude.drivers.recordings import read_recording, write_recording
+    from etude.drivers.set_points import PathInTime, Stopping, acceleration_limits
     from etude.drivers.streaming import Streamed
     from etude.drivers.supervisor import Supervisor
+    from etude.drivers.within_limits import refusals
 
 __all__ = [
     "About",
@@ -33,21 +36,30 @@ __all__ = [
     "Control",
     "Ended",
     "Factory",
+    "Interrupt",
+    "PathInTime",
     "Person",
     "PlannedMotion",
     "Player",
     "Reaction",
+    "RecordedRows",
     "Recording",
     "Sample",
+    "Stopping",
     "Stream",
     "Streamed",
     "Supervisor",
     "VelocityEnvelope",
     "Watch",
+    "acceleration_limits",
     "find_driver",
     "first_segment_ends",
+    "interrupts",
+    "own_arrays",
     "planned",
     "read_recording",
+    "refusals",
+    "why_not",
     "write_recording",
 ]
 __getattr__, __dir__ = face(__name__)

@@ -8,12 +8,11 @@ from __future__ import annotations
 
 import contextlib
 import gc
-import signal
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
-from types import FrameType, TracebackType
+from types import TracebackType
 from typing import Self
 
 import numpy as np
@@ -30,6 +29,7 @@ from etude.drivers.contract import (
     Stream,
     Watch,
 )
+from etude.drivers.playing import Interrupt, RecordedRows, interrupts, own_arrays, why_not
 from etude.drivers.set_points import Pace, PathInTime, SetPoint, Stopping, acceleration_limits
 from etude.drivers.within_limits import refusals
 from etude.types import Array
@@ -40,10 +40,6 @@ SETTLED, LONGEST_SETTLE = 0.1, 0.5
 """s after the last set-point that moves: recorded at least, and at most where the robot still moves."""
 RESTS = 2e-3
 """rad/s or m/s: slower than that a joint rests."""
-STANDS = 1e-3
-"""rad or m between the first point and the set-point in force, where the robot says that."""
-STANDS_MEASURED = 0.02
-"""The same of the measured position, where it does not."""
 LARGEST_STEP = 5
 """Cycles by which the path goes on in one of ours, however much later the robot says it is."""
 AHEAD = 0.02
@@ -77,7 +73,7 @@ class Streamed:
 
     def where(self) -> Sample:
         """Of now, with the last set-point where the robot does not say its own."""
-        sample = _own(self.stream.state())
+        sample = own_arrays(self.stream.state())
         return sample if sample.asked is not None else replace(sample, asked=self._asked)
 
     def check(self, motion: PlannedMotion) -> Sequence[str]:
@@ -93,7 +89,7 @@ class Streamed:
             self._run = None
             return run.recording(Ended.REFUSED, why)
         try:
-            with _interrupts(run), _no_collections(), _watchdog(run, about):
+            with interrupts(run.interrupt), _no_collections(), _watchdog(run, about):
                 ended, reason = run.play(control)
         finally:
             self._run = None
@@ -113,21 +109,7 @@ class Streamed:
             return f"the robot was {self._identity} when it was connected, and is {about.identity} now"
         if control not in about.controls:
             return f"{about.name} has no control {control!r}; it has {', '.join(about.controls)}"
-        problems = self.check(motion)
-        if problems:
-            return problems[0]
-        try:
-            sample = self.where()
-        except Exception as error:
-            return f"{about.name} does not say where it is: {type(error).__name__}: {error}"
-        if sample.fault:
-            return f"{about.name} reports: {sample.fault}"
-        stands, near = (sample.q, STANDS_MEASURED) if sample.asked is None else (sample.asked, STANDS)
-        off = np.abs(stands - motion.q[0])
-        if not np.all(off <= near):
-            joint = int(np.argmax(np.where(np.isfinite(off), off, np.inf)))
-            return f"{motion.joints[joint]} is {off[joint]:.3g} away from the first point of the motion"
-        return ""
+        return why_not(self, motion)
 
 
 class _Run:
@@ -138,13 +120,13 @@ class _Run:
         self.period = 1.0 / about.rate
         self.path = PathInTime(motion, about.rate)
         self.limits = acceleration_limits(motion, about)
-        self.rows = _Rows(int((motion.duration + 2.0) * about.rate), len(motion.joints))
+        self.rows = RecordedRows(int((motion.duration + 2.0) * about.rate), len(motion.joints))
         self.clock = _Clock(about)
         self.point = self.path.at(0.0)
         self.began = np.nan
         self.late = 0
         self.held: list[tuple[float, float]] = []
-        self.interrupted, self.killed, self.lost = "", False, False
+        self.interrupt, self.lost = Interrupt(), False
         self._pace = Pace()
         self._stopping: Stopping | None = None
         self._since = 0.0
@@ -167,35 +149,14 @@ class _Run:
         except Exception as error:  # of the driver, or of the supervisor: nothing of it may end in motion
             self._why = Ended.FAULT, f"{type(error).__name__}: {error}"
         with contextlib.suppress(Exception):
-            self.stream.stop(self.killed)
+            self.stream.stop(self.interrupt.killed)
         return self._why
-
-    def interrupt(self, why: str, kill: bool = False) -> None:
-        """From any thread or signal handler."""
-        self.interrupted = self.interrupted or why
-        self.killed = self.killed or kill
 
     def recording(self, ended: Ended, reason: str) -> Recording:
         """What has come in so far."""
-        t, at, q, qd, command, asked = self.rows.cut()
-        reached = self.point.at if len(t) else 0.0
-        return Recording(
-            motion=self.motion,
-            ended=ended,
-            reason=reason,
-            began=self.began,
-            t=t,
-            at=at,
-            q=q,
-            qd=qd,
-            command=command,
-            asked=asked,
-            reached=reached,
-            late=self.late,
-            identity=self.about.identity,
-            command_unit=self.about.command_unit,
-            held=tuple(self.held),
-        )
+        recording = self.rows.recording(self.motion, self.about, ended, reason, self.began)
+        reached = self.point.at if self.rows.n else 0.0
+        return replace(recording, reached=reached, late=self.late, held=tuple(self.held))
 
     def _cycle(self) -> bool:
         """One of them; False: the motion is over."""
@@ -205,7 +166,7 @@ class _Run:
         if self.clock.fresh:
             sample = self._filled(sample)
             if self.clock.forward:
-                self.rows.add(sample, self.point)
+                self.rows.add(sample)
             reaction = self.watch(sample)
         if self._over(sample, reaction):
             return False
@@ -214,19 +175,19 @@ class _Run:
         return True
 
     def _filled(self, sample: Sample) -> Sample:
-        own = _own(sample)
+        own = own_arrays(sample)
         asked = self.point.q if own.asked is None else own.asked
         return replace(own, asked=asked, at=self.point.at, seen=self.clock.now)
 
     def _over(self, sample: Sample, reaction: Reaction) -> bool:
         """Whether nothing more is sent; else a stop begins where there is a reason."""
-        self.killed = self.killed or reaction is Reaction.KILL
+        killed = self.interrupt.killed = self.interrupt.killed or reaction is Reaction.KILL
         if self.clock.fresh and sample.fault:
             self._why = Ended.FAULT, f"{self.about.name} reports: {sample.fault}"
             return True
         why: tuple[Ended, str] | None = None
-        if self.interrupted:
-            why = Ended.INTERRUPTED, self.interrupted
+        if self.interrupt.why:
+            why = Ended.INTERRUPTED, self.interrupt.why
         elif self.lost:
             why = Ended.LOST, "a cycle did not come to its end: the driver or this computer was stuck"
         elif self.clock.silent > self.about.silence:
@@ -238,7 +199,7 @@ class _Run:
         if why is not None and self._stopping is None:
             self._why = why
             self._stopping, self._since = Stopping(self.point, self.limits), 0.0
-        return self.killed or self.lost or self._settled(sample)
+        return killed or self.lost or self._settled(sample)
 
     def _settled(self, sample: Sample) -> bool:
         """Whether the last set-point that moves is long enough ago, and the robot rests."""
@@ -333,66 +294,6 @@ class _Clock:
         self.robot, self._sampled, self._newest = robot, t, max(self._newest, t)
         self._heard = self.now if self.fresh else self._heard
         self.silent = self.now - self._heard
-
-
-class _Rows:
-    """Samples in arrays that are there beforehand; they double for a motion that waits."""
-
-    def __init__(self, length: int, joints: int) -> None:
-        self.n = 0
-        self.has_qd = True
-        self.times = np.empty((length, 2))
-        self.values = np.empty((length, 4, joints))
-
-    def add(self, sample: Sample, point: SetPoint) -> None:
-        """What was measured while this set-point was in force."""
-        if self.n == len(self.times):
-            self.times = np.concatenate([self.times, np.empty_like(self.times)])
-            self.values = np.concatenate([self.values, np.empty_like(self.values)])
-        self.times[self.n] = sample.t, point.at
-        row = self.values[self.n]
-        row[0], row[3] = sample.q, sample.asked
-        row[1] = np.nan if sample.qd is None else sample.qd
-        row[2] = np.nan if sample.command is None else sample.command
-        self.has_qd = self.has_qd and sample.qd is not None
-        self.n += 1
-
-    def cut(self) -> tuple[Array, Array, Array, Array | None, Array, Array]:
-        """t, at (n,), q, qd, command, asked (n, J)."""
-        times, values = self.times[: self.n].copy(), self.values[: self.n].transpose(1, 0, 2).copy()
-        qd = values[1] if self.has_qd and self.n else None
-        return times[:, 0], times[:, 1], values[0], qd, values[2], values[3]
-
-
-def _own(sample: Sample) -> Sample:
-    """The same, in arrays that the driver does not write into again."""
-    q, qd, command, asked = (
-        None if value is None else np.array(value, dtype=float)
-        for value in (sample.q, sample.qd, sample.command, sample.asked)
-    )
-    assert q is not None
-    return replace(sample, q=q, qd=qd, command=command, asked=asked)
-
-
-@contextlib.contextmanager
-def _interrupts(run: _Run) -> Iterator[None]:
-    """Ctrl-C and SIGTERM stop the motion; the second one kills, the third one is Python's own."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    names = {signal.SIGINT: "Ctrl-C", signal.SIGTERM: "SIGTERM"}
-
-    def heard(number: int, frame: FrameType | None) -> None:  # noqa: ARG001
-        if run.killed:
-            raise KeyboardInterrupt
-        run.interrupt(names[signal.Signals(number)], kill=bool(run.interrupted))
-
-    before = {number: signal.signal(number, heard) for number in names}
-    try:
-        yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
 
 
 @contextlib.contextmanager

@@ -86,8 +86,8 @@ class FakeRobot:
         self.stop()
 
     def state(self) -> Sample:
-        if not self.virtual:
-            self._follow_our_clock()
+        if not (self.virtual or self.t):
+            self.t = time.monotonic()
         return Sample(self.t, self._measured.copy(), self.command.copy(), self.qd.copy())
 
     def ready(self, control: Control) -> None:  # noqa: ARG002
@@ -96,7 +96,7 @@ class FakeRobot:
     def send(self, q: Array, qd: Array, qdd: Array, effort: Array | None) -> None:
         self.sent.append(np.array(q))
         added = self.feedforward * qdd if effort is None else effort
-        self._step(max(1.0 / self.rate, self._stall), q, qd, added)
+        self._step(self._cycle(), q, qd, added)
         self._stall = 0.0
 
     def stop(self, kill: bool = False) -> None:  # noqa: ARG002
@@ -121,8 +121,10 @@ class FakeRobot:
         self.truth.append(np.concatenate([[self.t], self.q, self.qd]))
         self._measured = self.q + self.noise * self._rng.standard_normal(len(self.q))
 
-    def _follow_our_clock(self) -> None:
-        due = time.monotonic() - self.t - 1.0 / self.rate
-        if self.t and due < 0.0:
-            time.sleep(-due)
-        self.t = time.monotonic()
+    def _cycle(self) -> float:
+        """s of this one; in real time it waits until it is over."""
+        if self.virtual:
+            return max(1.0 / self.rate, self._stall)
+        left = self.t + 1.0 / self.rate - time.monotonic()
+        time.sleep(max(left, 0.0))
+        return time.monotonic() - self.t

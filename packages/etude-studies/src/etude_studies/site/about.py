@@ -66,7 +66,8 @@ def _tables() -> Html:
 
 
 def _ambiguities(study: Study) -> Html:
-    rows = [[own.id, own.what, own.resolution] for own in study.ledger.ambiguities]
+    # spans: words that begin with a number are no number
+    rows = [[own.id, own.what, element("span", own.resolution)] for own in study.ledger.ambiguities]
     header = ["", "what the thesis leaves open", "how it is read here"]
     return join([element("h2", "What the thesis leaves open", id="open"), table(header, rows)])
 

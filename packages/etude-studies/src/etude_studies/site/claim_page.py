@@ -58,6 +58,7 @@ def claim_page(study: Study, claim: Claim) -> Html:
         _short_of_seeds(study, claim),
         _picture(own, verdict),
         _table(_names(study, claim), own, verdict),
+        _why(study, claim, verdict),
         _told(claim),
         _command(study, claim, verdict),
         _readings(study, claim, verdict),
@@ -105,6 +106,29 @@ def _again(verdict: Verdict) -> Html:
         return Html("")
     links = [link(file_of(id), id) for id in verdict.same_as]
     return paragraph("It says again ", join(links, ", "), ", and has the verdict of that.")
+
+
+def _why(study: Study, claim: Claim, verdict: Verdict) -> Html:
+    """Of a reversed claim: what was recorded beside, and the readings under which it holds."""
+    if verdict.word != "reversed":
+        return Html("")
+    own = next((found for id in (claim.id, *claim.alias_of) if (found := study.ledger.why(id))), None)
+    names, items = _names(study, claim), []
+    for part in own.parts if own else ():
+        said, numbers = compared(part, names), study.recorded(part)
+        facts = estimate(numbers) or numbers.reason
+        items.append(element("li", f"{said[:1].upper()}{said[1:]}: {facts}, n = {numbers.seeds}."))
+    told = [paragraph(own.words), element("ul", *items)] if own else []
+    return join([element("h2", "Why"), *told, paragraph(_returns(study, claim))])
+
+
+def _returns(study: Study, claim: Claim) -> str:
+    """The settings under which the thesis's word returns, among those that have been run."""
+    run = [(own.name, other.word) for own, other in study.readings_of(claim) if shown(other) != NOT_RUN]
+    found = [name for name, word in run if word == "holds"]
+    if not found:
+        return f"Settings under which the claim holds: none found among {plural(len(run), 'reading')}."
+    return f"The claim holds under: {'; '.join(found)} ({len(found)} of {plural(len(run), 'reading')})."
 
 
 def _short_of_seeds(study: Study, claim: Claim) -> Html:
@@ -173,7 +197,8 @@ def _item(names: Names, part: Part, found: PartVerdict) -> list[object]:
     said = compared(part, names, found.k)
     first = [element("b", _number(found)), f" {said[:1].upper()}{said[1:]}; {claimed(part)}."]
     if found.estimate is None:
-        return [*first, paragraph(word_chip(found.word), f" {found.reason}.")]
+        word = NOT_RUN if found.reason.startswith(NOT_RUN) else found.word
+        return [*first, paragraph(word_chip(word), f" {found.reason.removeprefix(f'{NOT_RUN}: ')}.")]
     facts = [estimate(found), f"{found.wins} of {plural(found.seeds, 'seed')} on the claimed side"]
     facts += [f"{plural(found.failed, 'seed')} without a number"] if found.failed else []
     facts += [printed_words(found)] if found.printed is not None else []
@@ -185,7 +210,7 @@ def _item(names: Names, part: Part, found: PartVerdict) -> list[object]:
 
 def _margin(found: PartVerdict) -> str:
     """The smallest effect of interest."""
-    return f"a factor of {number(found.margin)}" if found.log else f"a difference of {number(found.margin)}"
+    return f"a {'factor' if found.log else 'difference'} of {found.margin:.4g}"
 
 
 def _told(claim: Claim) -> Html:
@@ -222,10 +247,11 @@ def _readings(study: Study, claim: Claim, verdict: Verdict) -> Html:
     lack = paragraph(f"Not run with every side: {'; '.join(rest)}.", class_="soft") if rest else ""
     if not found:
         return Html(lack)
+    sources = {source for _, part in _parts(study, claim) for source in part.sources}
     rows: list[list[object]] = [["as above", chip(verdict), ""]]
     for own, other in found:
         estimates = [estimate(part) for part in other.parts[:1]]
-        rows.append([reading_name(own), chip(other), *estimates])
+        rows.append([reading_name(own, sources), chip(other), *estimates])
     header = ["read so", "verdict", "first comparison"]
     return folded(
         "The verdict under other readings", table(header, rows), lack, note=_turns(study, claim, found)

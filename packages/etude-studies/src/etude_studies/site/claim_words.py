@@ -24,7 +24,7 @@ STATISTICS: Mapping[str, str] = {
     "ratio": "{m} of {a}, over that of {b}; the mean of the logarithms {at}",
     "ratio_each": "{m} of {a}, over that of {b}; each {at} by itself",
     "rises": "the share of steps {at} at which {m} of {a} rises by more than 2 %",
-    "slope": "by how much the logarithm of {m} of {a} falls a trajectory, {at}",
+    "slope": "by how much the logarithm of {m} of {a} falls with each of the {counted}, {at}",
     "value": "{m} of {a}, {at}",
     "gap": "how far {m} of {a} and of {b} are apart, as a factor, {at}",
     "shrinks": "how far {m} of {a} and of {b} are apart {first}, over how far they are {last}",

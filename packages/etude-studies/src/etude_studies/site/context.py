@@ -12,6 +12,7 @@ from etude_studies.thesis.choosing import runs_of
 from etude_studies.thesis.contrasts import Contrast, contrasts
 from etude_studies.thesis.kept import planned_seeds, price_s
 from etude_studies.thesis.ledger import Claim, Entry, Ledger, Part
+from etude_studies.thesis.part_verdicts import PartVerdict, part_verdict, weigh
 from etude_studies.thesis.verdicts import Verdict
 
 
@@ -76,6 +77,11 @@ class Study:
         runs = [run for run in runs_of(id) if run in self.numbers.results.runs]
         spent = price_s(runs, seeds, self.numbers.results, more=more)
         return f"; {number(spent)} CPU seconds" if spent else ""
+
+    def recorded(self, part: Part) -> PartVerdict:
+        """The numbers of a quantity that is no test of a claim."""
+        (found,) = contrasts(part, self.numbers, planned=self.planned)
+        return part_verdict(weigh(0, part, found, None))
 
     def contrasts_of(self, claim: Claim, part: Part) -> tuple[Contrast, ...]:
         """The numbers of every seed that the verdict on a claim counts."""

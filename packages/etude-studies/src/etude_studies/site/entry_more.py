@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 from etude.report import Html, element, join, number, paragraph, table
 from etude_studies.site.context import Reading, Study
@@ -80,20 +80,22 @@ def _sensitivity(study: Study, entry: Entry) -> Html:
 
 
 def _verdicts(study: Study, entry: Entry) -> Html:
-    """Claims as columns, readings as rows, the verdict under each."""
-    claims = study.claims_of(entry)
+    """Claims of the entry's own section as columns, readings as rows, the verdict under each."""
+    claims = [claim for claim in study.claims_of(entry) if claim.section == entry.section and claim.parts]
     touched = [own for own in study.readings if any(_run_so(own, claim.id) for claim in claims)]
     if not touched:
         return Html("")
     header = ["read so", *(link(file_of(claim.id), claim.id) for claim in claims)]
     first = ["as above", *(chip(study.verdicts[claim.id]) for claim in claims)]
-    rows = [[reading_name(own), *(_under(own, claim.id) for claim in claims)] for own in touched]
+    sources = {source for claim in claims for part in claim.parts for source in part.sources}
+    rows = [[reading_name(own, sources), *(_under(own, claim.id) for claim in claims)] for own in touched]
     return folded("The verdicts under other readings", table(header, [first, *rows]))
 
 
-def reading_name(own: Reading) -> Html:
-    """A reading with what it reads otherwise, and the runs that take others' places."""
-    runs = ", ".join(f"{new} for {old}" for old, new in own.replace.items() if new.isalnum())
+def reading_name(own: Reading, sources: Iterable[str]) -> Html:
+    """A reading with what it reads otherwise, and the runs that take the places of those of `sources`."""
+    asked = {source.partition(":")[0] for source in sources}
+    runs = ", ".join(f"{new} for {old}" for old, new in own.replace.items() if new.isalnum() and old in asked)
     about = f"{own.ambiguity}: " if own.ambiguity else ""
     return Html(element("span", f"{about}{own.name}", " ", element("small", runs, class_="soft")))
 

@@ -1,8 +1,9 @@
-"""Figures for print: tables as dots with intervals, curves with bands, as PDF and SVG through matplotlib."""
+"""For print: tables as dots with intervals and curves with bands, as PDF and SVG; tables in LaTeX."""
 
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -13,7 +14,8 @@ from etude_studies.site.claim_words import COUNTED
 from etude_studies.site.curve_plot import letter
 from etude_studies.site.numbers import Numbers, Summary, counts, printed, summary
 from etude_studies.site.words import LINES, axis_label, column_name, line_name
-from etude_studies.thesis.ledger import Entry, Ledger
+from etude_studies.thesis.ledger import Entry, Ledger, Row
+from etude_studies.thesis.presenting import cell
 
 INCHES = (3.4, 2.9)
 """One column of a journal."""
@@ -58,6 +60,50 @@ def paper_figures(
             with pyplot.rc_context(SETTINGS):
                 written += _saved(pyplot, Numbers(results), entry, folder)
     return tuple(written)
+
+
+def paper_tables(ledger: Ledger, results: Results, folder: Path) -> tuple[Path, ...]:
+    """Writes `<id>.tex` of every table that has results, for the package booktabs; the files."""
+    folder.mkdir(parents=True, exist_ok=True)
+    written = []
+    for entry in ledger.entries:
+        lines = _rows(entry, results) if entry.kind == "table" else []
+        if lines:
+            path = folder / f"{entry.id}.tex"
+            path.write_text("\n".join(_tex(entry, lines)) + "\n", encoding="utf-8")
+            written.append(path)
+    return tuple(written)
+
+
+def _rows(entry: Entry, results: Results) -> list[str]:
+    """Each row and line that has results: label, cells, seeds."""
+    rows = [*entry.rows, *(Row(line_name(line, {}), line) for line in entry.lines)]
+    out = []
+    for row in rows:
+        found = [cell(results, entry, row.run, column, counts(entry, row)[-1]) for column in entry.columns]
+        if any(own.asked for own in found):
+            cells = [own.text.replace("±", r"$\pm$") for own in found]
+            out.append(" & ".join([tex(row.label), *cells, str(max(own.asked for own in found))]) + r" \\")
+    return out
+
+
+def _tex(entry: Entry, rows: Sequence[str]) -> list[str]:
+    k = f" after {entry.at[-1]}" if entry.at[-1] and "after" not in entry.title else ""
+    unit = f" ({entry.unit})" if entry.unit not in entry.title else ""
+    told = (
+        f"{entry.title}{unit}{k}: mean over n paired seeds and half width of its 95 % t interval. "
+        "The thesis has one run of each row."
+    )
+    head = " & ".join(["", *(tex(column_name(column)) for column in entry.columns), "n"]) + r" \\"
+    columns = "l" + "r" * (len(entry.columns) + 1)
+    top = [r"\begin{table}", r"\centering", rf"\caption{{{tex(told)}}}", rf"\label{{{entry.id}}}"]
+    inside = [rf"\begin{{tabular}}{{{columns}}}", r"\toprule", head, r"\midrule", *rows, r"\bottomrule"]
+    return [*top, *inside, r"\end{tabular}", r"\end{table}"]
+
+
+def tex(words: str) -> str:
+    """Words with LaTeX's own signs escaped."""
+    return re.sub(r"([#$%&_{}])", r"\\\1", words)
 
 
 def _pyplot() -> Any:

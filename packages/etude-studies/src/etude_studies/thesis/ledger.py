@@ -17,20 +17,21 @@ import msgspec
 from etude.errors import UsageError
 from etude_studies.thesis import ledger_checks as checks
 from etude_studies.thesis.ledger_checks import BEYOND, CLAIMS, TABLES
-from etude_studies.thesis.ledger_items import Ambiguity, Claim, Entry, Part, Row
+from etude_studies.thesis.ledger_items import Ambiguity, Claim, Entry, Part, Row, Why
 
 HERE = Path(__file__).parent
-__all__ = ["Ambiguity", "Claim", "Entry", "Ledger", "Part", "Row", "load_ledger"]
+__all__ = ["Ambiguity", "Claim", "Entry", "Ledger", "Part", "Row", "Why", "load_ledger"]
 
 Item = TypeVar("Item")
 
 
 class Ledger(msgspec.Struct, frozen=True, dict=True):
-    """Claims, entries and ambiguities, in the order of the thesis."""
+    """Claims, entries and ambiguities, in the order of the thesis; and why claims are reversed."""
 
     claims: tuple[Claim, ...]
     entries: tuple[Entry, ...]
     ambiguities: tuple[Ambiguity, ...]
+    whys: tuple[Why, ...] = ()
 
     def claim(self, id: str) -> Claim:
         """The claim of that id. UsageError with the nearest if there is none."""
@@ -47,6 +48,10 @@ class Ledger(msgspec.Struct, frozen=True, dict=True):
     def aliases_of(self, claim: str) -> tuple[str, ...]:
         """Ids of claims that say the same as the claim of that id."""
         return tuple(other.id for other in self.claims if claim in other.alias_of)
+
+    def why(self, claim: str) -> Why | None:
+        """Why the claim of that id is reversed."""
+        return next((one for one in self.whys if claim in one.claims), None)
 
     def sources(self) -> tuple[str, ...]:
         """Every source that a claim or an entry names, "RUN" or "RUN:model", sorted."""
@@ -75,11 +80,12 @@ def load_ledger(folder: Path = HERE) -> Ledger:
             id are said.
     """
     claims, tables = _read(folder / CLAIMS, ("claim",)), _read(folder / TABLES, ("entry", "ambiguity"))
-    beyond = _read(folder / BEYOND, ("entry",))
+    beyond = _read(folder / BEYOND, ("entry", "why"))
     ledger = Ledger(
         claims=_made(Claim, claims, "claim", CLAIMS),
         entries=(*_made(Entry, tables, "entry", TABLES), *_made(Entry, beyond, "entry", BEYOND)),
         ambiguities=_made(Ambiguity, tables, "ambiguity", TABLES),
+        whys=_made(Why, beyond, "why", BEYOND),
     )
     checks.check(ledger)
     return ledger

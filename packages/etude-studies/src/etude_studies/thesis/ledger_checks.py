@@ -70,6 +70,11 @@ def check(ledger: Ledger) -> None:
         _check_claim(claim, kinds)
     for entry in ledger.entries:
         _check_entry(entry, known)
+    for why in ledger.whys:
+        where = f"{BEYOND}, why {', '.join(why.claims)}"
+        _known(why.claims, kinds, "claim", where)
+        for part in why.parts:
+            _check_part(part, where)
 
 
 def _check_claim(claim: Claim, kinds: Mapping[str, str]) -> None:

@@ -109,6 +109,19 @@ class Claim(_Strict, frozen=True):
     parts: tuple[Part, ...] = msgspec.field(default=(), name="part")
 
 
+class Why(_Strict, frozen=True):
+    """What was recorded beside the comparisons of claims that are reversed.
+
+    Attributes:
+        claims: ids. words: what the numbers say together.
+        parts: recorded quantities, each on the side that the words name; none is a test of a claim.
+    """
+
+    claims: tuple[str, ...]
+    words: str
+    parts: tuple[Part, ...] = msgspec.field(name="part")
+
+
 class Row(_Strict, frozen=True):
     """One row of a table, or curve of a figure.
 

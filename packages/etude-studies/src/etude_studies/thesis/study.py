@@ -129,7 +129,7 @@ class ThesisStudy:
                 for figures or None.
         """
         from etude_studies.site.build import build_site
-        from etude_studies.site.paper import paper_figures
+        from etude_studies.site.paper import paper_figures, paper_tables
         from etude_studies.site.readings import readings
 
         store = Path(options["folder"]) / "thesis"
@@ -139,8 +139,10 @@ class ThesisStudy:
         other = readings(ledger(), results, planned=planned_seeds(results))
         page = build_site(ledger(), verdicts_of(results), results, folder, sensitivity=other)
         figures = paper_figures(ledger(), results, options["paper"]) if options["paper"] else ()
-        told = [str(page), *([f"{len(figures)} figures in {options['paper']}"] if figures else [])]
-        return "\n".join(told), {"page": str(page), "figures": [str(path) for path in figures]}
+        tables = paper_tables(ledger(), results, Path(options["paper"])) if options["paper"] else ()
+        printed = f"{len(figures)} figures and {len(tables)} tables in {options['paper']}"
+        told = [str(page), *([printed] if figures else [])]
+        return "\n".join(told), {"page": str(page), "figures": [str(path) for path in (*figures, *tables)]}
 
     def live(self, options: Mapping[str, Any]) -> Pages:
         """The same pages to be served, of the committed results and what `folder` has of them so far."""

@@ -130,6 +130,9 @@ def test_the_search_finds_words_of_quotations(browser: Any, site: Path) -> None:
     assert browser.execute_script(LISTED) == ["C6.2-3"]
     browser.find_element("id", "clear").click()
     assert len(browser.execute_script(LISTED)) == len(small_study()[0].claims)
+    browser.find_element("id", "search").send_keys("variance  Dictionary")
+    assert "C6.2-2" in browser.execute_script(LISTED), "words in any order"
+    assert len(browser.execute_script(LISTED)) < len(small_study()[0].claims)
 
 
 def test_a_count_at_the_top_filters_and_the_address_keeps_it(browser: Any, site: Path) -> None:

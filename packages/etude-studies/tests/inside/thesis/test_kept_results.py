@@ -15,6 +15,8 @@ from etude_studies.run_file import result_path
 from etude_studies.spec import Spec, run_one
 from etude_studies.thesis.again import STEADY
 from etude_studies.thesis.catalogue import catalogue
+from etude_studies.thesis.choosing import ledger
+from etude_studies.thesis.contrasts import contrasts
 from etude_studies.thesis.kept import (
     FOLDER,
     VERDICTS,
@@ -24,6 +26,7 @@ from etude_studies.thesis.kept import (
     unpack,
     verdicts_of,
 )
+from etude_studies.thesis.statistics import interval
 from etude_studies.thesis.verdicts import changed, from_json, to_json
 from etude_studies.world import World
 
@@ -89,6 +92,18 @@ def test_the_verdicts_are_of_the_committed_results() -> None:
     again = verdicts_of(kept_results())
     assert not changed(kept_verdicts(), again)
     assert (FOLDER / VERDICTS).read_text(encoding="utf-8") == to_json(again)
+
+
+def test_every_reversed_claim_has_a_reason_that_the_records_bear_out() -> None:
+    own, results, verdicts = ledger(), kept_results(), kept_verdicts()
+    for claim in own.claims:
+        if verdicts[claim.id].word == "reversed" and not claim.alias_of:
+            assert own.why(claim.id), claim.id
+    for why in own.whys:
+        for part in why.parts:
+            (found,) = contrasts(part, results)
+            low, high = interval(list(found.x.values()))
+            assert (low > 0.0) if part.claim == "more" else (high < 0.0), (why.words, part)
 
 
 def test_committed_results_become_a_store_again(tmp_path: Path) -> None:
