@@ -48,9 +48,10 @@ def commands(model: RigidBodyModel, q: Value, qd: Value, qdd: Value, turned: Val
     found: Value = (forces(model, motion) * drive.inverse(tree.joints)).sum(1) + extra[:, -1]
     for number, term in enumerate(terms):
         found = found + term * extra[:, number]
-    for number in range(0 if model.ripple is None else RIPPLES):
-        angle, weights = q * float(number + FIRST_WAVE), model.ripple[:, 2 * number : 2 * number + 2]
-        found = found + sine(angle) * weights[:, 0] + cosine(angle) * weights[:, 1]
+    if model.ripple is not None:
+        for number in range(RIPPLES):
+            angle, weights = q * float(number + FIRST_WAVE), model.ripple[:, 2 * number : 2 * number + 2]
+            found = found + sine(angle) * weights[:, 0] + cosine(angle) * weights[:, 1]
     return found
 
 

@@ -194,7 +194,8 @@ def _sources(folds: Folds, physics: Mapping[str, Physics]) -> Sources:
     """Candidates with samples and physics of their own, as far as these may be so: what slow samples tell,
     and what returns with a joint's position.
     """
-    own, names, told = physics.get("identified"), folds.config.candidates, {}
+    own: object = physics.get("identified")
+    names, told = folds.config.candidates, dict[str, tuple[Samples, Physics]]()
     if not folds.config.stacks:
         return {}
     if "slow" in names and isinstance(own, SupportsSlow) and (slow := own.slow(folds.samples)) is not None:
