@@ -14,8 +14,9 @@ from compilers import FAST, SANITIZED, STRICT, run, tool
 from etude.deploy import CForm, c_files, log_of, planned
 from etude.deploy.c99.self_test import golden
 from etude.models import LearnedModel
-from etude_arm.physics.rigid_body import RIPPLES
 
+WAVES = 12
+"""Sines and cosines of a joint's position in physics with ripple."""
 WHOLE = CForm(variance=True, digest="0" * 64)
 
 
@@ -44,7 +45,7 @@ def rippled(model: LearnedModel) -> LearnedModel:
     for candidate in model.candidates:
         mean: Any = candidate.mean
         size = 0.02 * np.asarray(ARM.limit(arm_spec()))[:, None]
-        ripple = size * np.random.default_rng(3).normal(size=(len(size), 2 * RIPPLES))
+        ripple = size * np.random.default_rng(3).normal(size=(len(size), WAVES))
         found.append(replace(candidate, mean=replace(mean, model=replace(mean.model, ripple=ripple))))
     return replace(model, candidates=tuple(found))
 
