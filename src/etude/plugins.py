@@ -108,6 +108,7 @@ BUILT_IN: Mapping[str, Mapping[str, str]] = {
         "lerobot": "etude_drivers.lerobot:driver",
         "mujoco": "etude_drivers.mujoco:driver",
         "ros2": "etude_drivers.ros2:driver",
+        "ur": "etude_drivers.ur:driver",
     },
     # how a model goes on learning in simulated tests: `etude simulate --online`
     "etude.adaptations": {"online": "etude_online.simulated:online_learning"},

@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     from etude_drivers.machine import MachineSettings
     from etude_drivers.mujoco import MujocoRobot
     from etude_drivers.ros2 import Ros2Controller
+    from etude_drivers.ur import UrArm
 
 __all__ = [
     "DdsTopics",
@@ -22,6 +23,7 @@ __all__ = [
     "Points",
     "Ros2Controller",
     "Topics",
+    "UrArm",
     "message_of",
     "types",
 ]

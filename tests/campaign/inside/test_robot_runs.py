@@ -8,6 +8,7 @@ import json
 import shutil
 from collections import namedtuple
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -21,11 +22,13 @@ from etude.campaign import Campaign, Trained, newest_model, open_campaign
 from etude.campaign.ingest.recordings import file_gravity
 from etude.campaign.record.events import Ingested, MotionEnded, MotionSent, RunEnded
 from etude.campaign.run.certified_motions import Learned, proposal_motion
+from etude.campaign.run.next_proposal import NextProposal
 from etude.campaign.run.run_history import next_step
 from etude.campaign.run.run_settings import read_settings
-from etude.drivers import About, Streamed, read_recording
-from etude.errors import EtudeError, RobotStopped, UsageError
+from etude.drivers import About, Sample, Streamed, read_recording
+from etude.errors import EtudeError, RobotStopped, UnsafeTrajectoryError, UsageError
 from etude.logs import read_log_file
+from etude.types import Array
 
 
 @pytest.fixture(scope="module")
@@ -425,3 +428,53 @@ def test_old_recordings_are_removed_and_stopped_ones_stay(
         -2:
     ]
     assert there == {Path(one.recording).name for one in wanted}
+
+
+def test_the_next_motion_is_computed_beside_the_robot(tmp_path: Path) -> None:
+    """By a process of its own, whose errors are this one's."""
+    campaign = lab(tmp_path)
+    following = NextProposal(campaign, "feedback", beside=True, say=lambda _: None)
+    following.begin()
+    assert following.number() == 1
+    following.end()
+    assert [r.number for r in campaign.state().proposals] == [1]
+    (campaign.path / "campaign.toml").write_text("seed = 1")
+    broken = NextProposal(campaign, "feedback", beside=True, say=lambda _: None)
+    broken.begin()
+    with pytest.raises(UsageError, match="kind"):
+        broken.number()
+    broken.end()
+
+
+LIES: dict[str, Callable[[Array], Array]] = {
+    "sign": lambda q: q * np.array([-1.0, 1.0]),
+    "degrees": np.degrees,
+    "exchanged": lambda q: q[::-1],
+}
+
+
+@pytest.mark.parametrize("lie", LIES)
+def test_a_robot_that_lies_is_stopped_before_it_has_gone_far(tmp_path: Path, lie: str) -> None:
+    class Liar(Robot):
+        def state(self) -> Sample:
+            own = super().state()
+            return replace(own, q=LIES[lie](own.q))
+
+    campaign, robot = lab(tmp_path), Liar()
+    with pytest.raises((RobotStopped, UsageError, UnsafeTrajectoryError)):
+        moved(campaign, robot)
+    assert facts(campaign, Ingested) == []
+    assert all(one.part == "approach" or one.first for one in facts(campaign, MotionSent))
+    assert np.abs(robot.q).max() < 0.6, "it was at home, and its way was slow"
+
+
+def test_the_bounds_shrink_with_what_whole_motions_have_shown(done: tuple[Campaign, Robot, Any]) -> None:
+    campaign, robot, _ = done
+    motion = proposal_motion(campaign, 1, "feedback")
+    seen = [np.array(f.worst_error) for f in facts(campaign, MotionEnded) if f.control == "feedback"]
+    bounds = motion.bounds(campaign, robot.about())
+    assert np.all(bounds.error > 2.0 * np.max(seen, axis=0))
+    assert np.all(bounds.error < 0.05), "assumed it was 4 times 2 % of the range"
+    coarse = replace(robot.about(), encoder_step=np.array([0.02, 0.0]))
+    assert motion.bounds(campaign, coarse).error[1] == pytest.approx(0.1), "the knee's, by name"
+    assert bounds.residual is None

@@ -62,7 +62,7 @@ class NextProposal:
 
     def end(self) -> None:
         """Nobody waits for it any more."""
-        if self._process is not None:
+        if self._process is not None and self._process.returncode is None:
             self._process.terminate()
             self._process.communicate()
 

@@ -81,8 +81,10 @@ def _error_bound(
         found = np.minimum(found, WHILE_ASSUMED * alone.expected)
     if control == LEARNED and alone is not None:
         found = np.maximum(found, OF_FEEDBACK * alone.largest)
-    steps = 0.0 if about.encoder_step is None else LEAST_STEPS * np.asarray(about.encoder_step)
-    return np.asarray(np.maximum(found, steps))
+    if about.encoder_step is not None:
+        order = [about.joints.index(axis) for axis in campaign.axes]
+        found = np.maximum(found, LEAST_STEPS * about.encoder_step[order])
+    return np.asarray(found)
 
 
 def assumed_margin(campaign: Campaign, constraints: Constraints, trajectory: Trajectory) -> Array:

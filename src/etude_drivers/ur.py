@@ -1,0 +1,144 @@
+"""The driver `ur`: arms of Universal Robots by servoJ of ur_rtde.
+
+servoJ smooths what it is asked for (lookahead, gain), so the arm lags by design; bounds of errors have to
+hold that. A watchdog on the controller stops the arm when this program dies.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import importlib
+from collections.abc import Mapping, Sequence
+from types import TracebackType
+from typing import Any, Self
+
+import numpy as np
+
+from etude.drivers import About, Control, Sample
+from etude.errors import UsageError
+from etude.types import Array
+
+NAMES = ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3")
+"""Of joints in the descriptions of Universal Robots, before "_joint", in the controller's order."""
+KEYS = ("rate", "lookahead", "gain", "deceleration")
+"""Of the table [driver]."""
+WATCHED = 10.0
+"""Hz at which the controller wants to hear of us."""
+
+
+def driver(joints: tuple[str, ...], address: str, settings: Mapping[str, Any]) -> UrArm:
+    """`--on ur:ADDRESS`; [driver] has `KEYS`."""
+    if not address:
+        raise UsageError("ur needs the robot's address", next_step="--on ur:192.168.56.101")
+    try:
+        control, receive = (importlib.import_module(name) for name in ("rtde_control", "rtde_receive"))
+    except ImportError as problem:
+        raise UsageError(
+            f"the driver ur needs ur_rtde, which is not installed ({problem})",
+            next_step="Install it: pip install 'ur_rtde>=1.6'",
+        ) from problem
+    return UrArm(joints, address, settings, control.RTDEControlInterface, receive.RTDEReceiveInterface)
+
+
+class UrArm:
+    """A Stream over ur_rtde.
+
+    Args:
+        joints: of the campaign. address: of the robot.
+        settings: rate, 500 Hz of an e-Series and 125 of a CB3; lookahead, s; gain; deceleration, rad/s^2.
+        control, receive: makers of ur_rtde's two interfaces. virtual: of a simulation, which waits for us.
+    """
+
+    def __init__(
+        self,
+        joints: Sequence[str],
+        address: str,
+        settings: Mapping[str, Any],
+        control: Any,
+        receive: Any,
+        virtual: bool = False,
+    ) -> None:
+        unknown = [name for name in settings if name not in KEYS]
+        if unknown:
+            raise UsageError(
+                f"[driver] has no key {', '.join(unknown)} for ur", next_step=f"It knows {KEYS}."
+            )
+        self.joints, self.address, self.virtual = _in_order(joints), address, virtual
+        self.rate = float(settings.get("rate", 500.0))
+        self.lookahead = float(settings.get("lookahead", 0.05))
+        self.gain = float(settings.get("gain", 600.0))
+        self.deceleration = float(settings.get("deceleration", 4.0))
+        self._makers = control, receive
+        self.control: Any = None
+        self.receive: Any = None
+        self._serves = False
+
+    def about(self) -> About:
+        return About(
+            name="Universal Robots arm",
+            identity=f"ur at {self.address}",
+            joints=self.joints,
+            rate=self.rate,
+            command_unit="A",
+            command_of="measured",
+            gravity_in_command=True,
+            can_hold=True,
+            on_loss="stops",
+            silence=0.1,
+            real=not self.virtual,
+            virtual=self.virtual,
+        )
+
+    def __enter__(self) -> Self:
+        control, receive = self._makers
+        self.receive = receive(self.address)
+        self.control = control(self.address)
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None, /
+    ) -> None:
+        self.stop()
+        for part in (self.control, self.receive):
+            with contextlib.suppress(Exception):
+                part.disconnect()
+        self.control = self.receive = None
+
+    def state(self) -> Sample:
+        own = self.receive
+        fault = "emergency stop" if own.isEmergencyStopped() else ""
+        fault = fault or ("protective stop" if own.isProtectiveStopped() else "")
+        # while servoJ runs the target lags behind what was sent; at rest it is what holds the arm
+        asked = None if self._serves else np.array(own.getTargetQ())
+        current, qd = np.array(own.getActualCurrent()), np.array(own.getActualQd())
+        return Sample(own.getTimestamp(), np.array(own.getActualQ()), current, qd, asked, fault=fault)
+
+    def ready(self, control: Control) -> None:
+        if not self.control.isProgramRunning() and not self.control.reuploadScript():
+            raise ConnectionError("the control script does not run: is the robot in remote control?")
+        self.control.setWatchdog(WATCHED)
+        self._serves = True
+
+    def send(self, q: Array, qd: Array, qdd: Array, effort: Array | None) -> None:
+        self.control.kickWatchdog()
+        if not self.control.servoJ(q.tolist(), 0.0, 0.0, 1.0 / self.rate, self.lookahead, self.gain):
+            raise ConnectionError("the robot does not take set-points any more")
+
+    def stop(self, kill: bool = False) -> None:
+        with contextlib.suppress(Exception):
+            if kill:
+                self.control.triggerProtectiveStop()
+            elif self._serves:
+                self.control.servoStop(self.deceleration)
+        self._serves = False
+
+
+def _in_order(joints: Sequence[str]) -> tuple[str, ...]:
+    """The controller has no names: prefixes are allowed, the rest is that of the descriptions."""
+    found = [[name for name in joints if name.endswith(f"{own}_joint")] for own in NAMES]
+    if [len(own) for own in found] != [1] * 6 or len(joints) != 6:
+        raise UsageError(
+            f"{', '.join(joints)} are not the six joints of an arm of Universal Robots",
+            next_step=f"Name them {'_joint, '.join(NAMES)}_joint, with a prefix or without.",
+        )
+    return tuple(own[0] for own in found)
