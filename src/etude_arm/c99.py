@@ -11,8 +11,7 @@ from etude.models.c99 import mean_function
 from etude.models.gp.c99 import real
 from etude.types import Code
 from etude_arm.memory import MEMORY_RATE
-from etude_arm.physics.rigid_body import FIRST_WAVE, RIPPLES
-from etude_arm.spec import PATH, PLAN
+from etude_arm.spec import FIRST_WAVE, PATH, PLAN, RIPPLES
 
 FUNCTION = 40
 """Operations of one tanh or exp of the C library."""

@@ -40,8 +40,8 @@ from etude_arm.physics.identification import (
     steady,
 )
 from etude_arm.physics.mean import RigidBodyMean, remembered_of
-from etude_arm.physics.rigid_body import NARROW, RIPPLES, SPEED, command_regressors, waves
-from etude_arm.spec import FORCES, PATH, PLAN, ArmSpec
+from etude_arm.physics.rigid_body import NARROW, SPEED, command_regressors, waves
+from etude_arm.spec import FORCES, PATH, PLAN, RIPPLES, ArmSpec
 
 TERMS = ("armature", "viscous", "coulomb", "stribeck", "load", "asymmetry", "offset")
 E = len(TERMS)

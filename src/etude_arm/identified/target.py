@@ -21,8 +21,7 @@ from etude_arm.identified.pseudo_inertia import is_possible
 from etude_arm.identified.replayed import Replayed, replayed
 from etude_arm.physics.geometry import has_masses
 from etude_arm.physics.mean import RigidBodyMean
-from etude_arm.physics.rigid_body import FIRST_WAVE
-from etude_arm.spec import FORCES, ArmSpec
+from etude_arm.spec import FIRST_WAVE, FORCES, ArmSpec
 
 NAMES = ("mass", "m cx", "m cy", "m cz", "Ixx", "Iyy", "Izz", "Ixy", "Ixz", "Iyz")
 UNITS = ("kg", *["kg m"] * 3, *["kg m^2"] * 6)

@@ -26,14 +26,12 @@ from etude_arm.inputs import FRICTION_SCALES
 from etude_arm.physics.kinematics import KinematicTree, body_motion
 from etude_arm.physics.regressor import nominal_parameters, regressor_of_motion
 from etude_arm.physics.transmission import Drive, DriveMotion, drive_motion
-from etude_arm.spec import PRESLIDING_DISTANCES
+from etude_arm.spec import FIRST_WAVE, PRESLIDING_DISTANCES, RIPPLES
 
 Array = NDArray[np.float64]
 EXTRA_TERMS = ("armature", "viscous", *(f"friction {scale:g} v0" for scale in FRICTION_SCALES), "offset")
 SPEED, NARROW = 1, 2
 """The terms of the drive's speed, and of its narrowest friction."""
-RIPPLES, FIRST_WAVE = 6, 2
-"""Waves of a hinge's position, and the periods a turn of the first: one period is what gravity has."""
 
 
 class RigidBody(NamedTuple):

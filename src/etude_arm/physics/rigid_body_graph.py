@@ -15,9 +15,9 @@ from etude_arm.memory import MEMORY_RATE
 from etude_arm.onnx import followed
 from etude_arm.physics.kinematics import BodyMotion, body_motion
 from etude_arm.physics.regressor import wrench_maps
-from etude_arm.physics.rigid_body import FIRST_WAVE, NARROW, RIPPLES, RigidBodyModel, drive_terms
+from etude_arm.physics.rigid_body import NARROW, RigidBodyModel, drive_terms
 from etude_arm.physics.transmission import drive_motion
-from etude_arm.spec import PATH, PLAN
+from etude_arm.spec import FIRST_WAVE, PATH, PLAN, RIPPLES
 
 
 def rigid_body_piece(mean: Any) -> Piece:

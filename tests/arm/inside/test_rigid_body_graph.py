@@ -19,10 +19,10 @@ from etude_arm.memory import remembered
 from etude_arm.onnx import followed
 from etude_arm.physics.mean import RigidBodyMean
 from etude_arm.physics.regressor import nominal_parameters
-from etude_arm.physics.rigid_body import RIPPLES, RigidBodyModel
+from etude_arm.physics.rigid_body import RigidBodyModel
 from etude_arm.physics.rigid_tree import drives_from_mujoco, tree_from_mujoco
 from etude_arm.physics.transmission import joint_drives
-from etude_arm.spec import PATH, PRESLIDING_DISTANCES
+from etude_arm.spec import PATH, PRESLIDING_DISTANCES, RIPPLES
 
 for library in ("onnx", "onnxruntime"):
     pytest.importorskip(library, reason="graphs are written and run by the extra 'onnx'")
