@@ -44,7 +44,7 @@ class _Check:
     def beyond(self, sample: Sample) -> tuple[int, float, float] | None:
         """(joint, value, bound) if the bound has been left for long enough."""
         value = self.quantity(sample)
-        inside = value is None or np.all(np.less_equal(value, self.bound))  # NaN is beyond
+        inside = value is None or np.less_equal(value, self.bound).all()  # NaN is beyond
         if value is None or inside:
             self.since = None
             return None

@@ -171,8 +171,9 @@ class Problem:
         nothing = np.zeros((rigid.shape[2], 0))
         directions = shared_directions(spec, *body) if shared.any() else nothing
         priors = output_priors(spec, *body)
-        ripple = model.deviation * ~model.tree.joint_slides
-        parts = rigid, np.stack(drive, 2), speed, priors, directions, shared, _inertia(spec, mean), ripple
+        ripple = model.deviation * hinges
+        armature = _inertia(spec, mean, model.inertial)
+        parts = rigid, np.stack(drive, 2), speed, priors, directions, shared, armature, ripple
         return Problem(samples, spec, mean, *parts)
 
     def with_ripple(self) -> Problem:
@@ -266,6 +267,8 @@ def parameter_fit(found: Settled) -> ParameterFit:
     back[:P, :r] = D
     back[P + np.arange(J), r + np.arange(J) * width] = 1.0
     nominal = np.append(problem.priors[0].nominal, np.zeros(J))
+    # by the file alone: two campaigns of a robot name the same combinations
+    armature = _inertia(problem.spec, problem.mean, np.tile(nominal[:P], (J, 1)))
     theta = nominal + back @ np.concatenate([fit.z, fit.extra.ravel()])
     every = np.zeros(fit.extra.shape)
     every[:, :E] = prior
@@ -278,7 +281,7 @@ def parameter_fit(found: Settled) -> ParameterFit:
         (back * before) @ back.T,
         back @ covariance @ back.T,
         _shown(problem),
-        np.append(MASSES_OFF * parameter_scale(problem.mean.model.tree), prior[:, 0]),
+        np.append(MASSES_OFF * parameter_scale(problem.mean.model.tree), armature),
         fit.extra[:, :E],
         deviation[:, :E],
         prior,
@@ -289,14 +292,16 @@ def parameter_fit(found: Settled) -> ParameterFit:
     )
 
 
-def _inertia(spec: ArmSpec, mean: RigidBodyMean) -> Array:
-    """(J,) command of the file's links for each rad/s^2 (m/s^2) of a drive, over the robot's limits."""
+def _inertia(spec: ArmSpec, mean: RigidBodyMean, inertial: Array) -> Array:
+    """(J,) command of links with these parameters (J, P) for each rad/s^2 (m/s^2) of a drive, over the
+    robot's limits.
+    """
     model = mean.model
     body = (model.tree, model.drives, model.friction_velocity)
     q, _, qdd = spread_states(spec, 64 + 24 * model.tree.bodies)
     still = np.zeros_like(q)
     (moved, extra), (rest, _) = (command_regressors(*body, q, still, a) for a in (qdd, still))
-    torque = np.einsum("njp,jp->nj", moved - rest, model.inertial)
+    torque = np.einsum("njp,jp->nj", moved - rest, inertial)
     return np.asarray(np.sqrt(np.mean(torque**2, axis=0) / np.mean(extra[..., 0] ** 2, axis=0)))
 
 

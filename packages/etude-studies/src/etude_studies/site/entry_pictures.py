@@ -13,7 +13,15 @@ from etude_studies.site.dot_plot import Dot, Rule, dot_plot
 from etude_studies.site.marks import Style, figure, legend, style_of
 from etude_studies.site.numbers import Summary, counts, printed, summary
 from etude_studies.site.page import folded
-from etude_studies.site.traces import kernel_names, kernel_plot, names, trace_plot, traces
+from etude_studies.site.traces import (
+    joined_plot,
+    kernel_names,
+    kernel_plot,
+    names,
+    path_plot,
+    trace_plot,
+    traces,
+)
 from etude_studies.site.words import axis_label, column_name, entry_name, line_name
 from etude_studies.thesis.ledger import Entry
 
@@ -60,7 +68,7 @@ def _dots(study: Study, entry: Entry, column: str) -> Html:
         return Html("")
     title = f"{entry_name(entry.id)}, {column_name(column)}"
     rules = _rules(study, entry, column)
-    drawn = dot_plot(title, dots, rules, axis=axis_label(entry.measure, entry.unit))
+    drawn = dot_plot(title, dots, rules, axis=axis_label(entry.measure, entry.unit), log=_log(entry))
     return figure(f"dots {column}", drawn, _caption(entry, column))
 
 
@@ -74,7 +82,14 @@ def _all_dots(study: Study, entry: Entry) -> Html:
     if all(dot.found is None and dot.printed is None for dot in dots):
         return Html("")
     title, axis = f"{entry_name(entry.id)}, all columns", axis_label(entry.measure, entry.unit)
-    return figure("dots all", dot_plot(title, dots, axis=axis, dense=True), _caption(entry, ""))
+    return figure(
+        "dots all", dot_plot(title, dots, axis=axis, log=_log(entry), dense=True), _caption(entry, "")
+    )
+
+
+def _log(entry: Entry) -> bool | None:
+    """Lengths span decades; other numbers decide by themselves."""
+    return True if entry.measure == "length" else None
 
 
 def _rows(study: Study, entry: Entry, column: str) -> list[Dot]:
@@ -170,7 +185,9 @@ def _legend(study: Study, entry: Entry) -> Html:
 
 
 def _traces(study: Study, entry: Entry) -> Html:
-    """Every row of every joint or command, as far as motions were kept."""
+    """Every row of every joint or command, as far as motions were kept; angles of all rows together."""
+    if entry.measure == "angle" and len(entry.rows) > 1 and (joined := _joined(study, entry)):
+        return joined
     drawn: list[Html] = []
     shown: dict[str, Style] = {}
     for row in entry.rows:
@@ -181,10 +198,31 @@ def _traces(study: Study, entry: Entry) -> Html:
                 title = f"{row.label}: {column_name(column)}"
                 own = trace_plot(title, found, axis_label(entry.measure, entry.unit))
                 drawn.append(figure(f"trace {row.run} {column}", own))
+    drawn += [_path(study, entry)] if drawn and entry.measure == "position" else []
     if not drawn:
         runs = ", ".join(f"{row.run}t" for row in entry.rows)
         return missing(f"No motions over time are kept yet; they come from {runs}.")
     return join([grid(drawn), legend(list(shown.items()))])
+
+
+def _joined(study: Study, entry: Entry) -> Html | None:
+    """A drawing for each joint with the rows side by side in it; None unless all rows were kept."""
+    styles = [style_of(place) for place, _ in enumerate(entry.rows)]
+    drawn = []
+    for column in entry.columns:
+        rows = [traces(study.numbers, entry, row, column) for row in entry.rows]
+        if not all(rows):
+            return None
+        own = joined_plot(column_name(column), rows, styles, axis_label(entry.measure, entry.unit))
+        drawn.append(figure(f"trace {column}", own))
+    labels = [(row.label, style) for row, style in zip(entry.rows, styles, strict=True)]
+    return join([grid(drawn), legend([*names({"q_des": rows[0]["q_des"]}), *labels])])
+
+
+def _path(study: Study, entry: Entry) -> Html:
+    """The flight of the first row from above."""
+    x, y = (traces(study.numbers, entry, entry.rows[0], column) for column in ("x", "y"))
+    return figure("path", path_plot("seen from above", x, y, entry.unit))
 
 
 def _kernel(study: Study) -> Html:

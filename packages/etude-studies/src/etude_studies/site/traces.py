@@ -100,6 +100,24 @@ def trace_plot(title: str, found: Traces, y: str) -> Html:
     return panel(title, Axis("time (s)"), Axis(y), marks, size=SIZE)
 
 
+def joined_plot(title: str, rows: Sequence[Traces], styles: Sequence[Style], y: str) -> Html:
+    """One joint of several rows: the desired angle once, the actual one of each row in its style."""
+    wanted = SHOWN["q_des"].style
+    marks = [Line(*thinned(*rows[0]["q_des"]), style=f"mark {wanted.colour} {wanted.dash}")]
+    for found, style in zip(rows, styles, strict=True):
+        marks.append(Line(*thinned(*found["q"]), style=f"mark {style.colour} {style.dash}"))
+    return panel(title, Axis("time (s)"), Axis(y), marks, size=SIZE)
+
+
+def path_plot(title: str, x: Traces, y: Traces, unit: str) -> Html:
+    """A flight seen from above: the desired and the flown path."""
+    marks = []
+    for measure in x:
+        style = SHOWN[measure].style
+        marks.append(Line(x[measure][1], y[measure][1], style=f"mark {style.colour} {style.dash}"))
+    return panel(title, Axis(f"x ({unit})"), Axis(f"y ({unit})"), marks, size=SIZE)
+
+
 def names(found: Traces) -> list[tuple[str, Style]]:
     """For the legend."""
     return [(SHOWN[measure].name, SHOWN[measure].style) for measure in found]

@@ -50,7 +50,8 @@ def runs_of(id: str) -> tuple[str, ...]:
         return tuple(name for name in catalogue() if group_of(name) in wanted)
     entry = next((one for one in own.entries if one.id == id), None)
     if entry is not None:
-        return _there((*(row.run for row in entry.rows), *entry.lines))
+        over_time = "t" if entry.kind == "trace" else ""
+        return _there((*(row.run + over_time for row in entry.rows), *entry.lines))
     claim = next((one for one in own.claims if one.id == id), None)
     if claim is None:
         raise unknown(id)

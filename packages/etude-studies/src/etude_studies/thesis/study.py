@@ -20,6 +20,7 @@ from etude_studies.thesis.kept import (
     kept_results,
     kept_verdicts,
     planned_seeds,
+    price_s,
     renew,
     so_far,
     unpack,
@@ -112,6 +113,10 @@ class ThesisStudy:
             lines = [verdict_sentence(claim, found), *(f"  {line}" for line in numbers(found))]
             lines += [f"  thesis: {claim.thesis}"] if claim.thesis else []
             lines += [f"  {text}" for text in (claim.note, claim.contradicts) if text]
+            if found.asks:
+                price = price_s(runs_of(id), found.asks, results, more=True)
+                words = f"etude study run {id} --seeds {found.asks} --go-on"
+                lines += [f"  to decide it ({price:.0f} CPU seconds): {words}"]
             lines += [f"  again: etude study run {id}"]
             return "\n".join(lines), {"id": id, "verdict": found.word, "parts": numbers(found)}
         if not self.knows(id):

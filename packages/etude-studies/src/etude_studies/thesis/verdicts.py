@@ -8,7 +8,7 @@ whatever has been run.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace as changed_copy
 from functools import partial
 from typing import TYPE_CHECKING, cast
@@ -19,6 +19,7 @@ from etude_studies.thesis import statistics
 from etude_studies.thesis.contrasts import Values, contrasts
 from etude_studies.thesis.ledger_items import Claim, Part
 from etude_studies.thesis.part_verdicts import (
+    NOT_RUN,
     SECOND,
     UNDECIDED,
     UNTESTED,
@@ -194,7 +195,7 @@ def _asks(parts: Sequence[PartVerdict]) -> int | None:
 
 def _reason(word: str, parts: Sequence[PartVerdict], block: int) -> str:
     if word == UNTESTED:
-        return "; ".join(dict.fromkeys(part.reason for part in parts if part.reason))
+        return _untested(dict.fromkeys(part.reason for part in parts if part.reason))
     if word != UNDECIDED:
         return ""
     power = min(part.power or 0.0 for part in parts if part.word == UNDECIDED)
@@ -202,6 +203,15 @@ def _reason(word: str, parts: Sequence[PartVerdict], block: int) -> str:
     seeds = _asks(parts) or "no number of"
     rest = f"its block of {block} seeds is used" if block else f"{seeds} seeds would decide at this spread"
     return "; ".join([*weak, rest])
+
+
+def _untested(reasons: Iterable[str]) -> str:
+    """The reasons, runs that are missing named once."""
+    waits = f"{NOT_RUN}: runs "
+    lack = [reason.removeprefix(waits) for reason in reasons if reason.startswith(waits)]
+    runs = dict.fromkeys(name for names in lack for name in names.split(", "))
+    rest = [reason for reason in reasons if not reason.startswith(waits)]
+    return "; ".join([*([waits + ", ".join(runs)] if runs else []), *rest])
 
 
 def _again(claim: Claim, others: Sequence[Verdict]) -> Verdict:

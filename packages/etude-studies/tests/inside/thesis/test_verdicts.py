@@ -440,6 +440,8 @@ def test_a_claim_that_cannot_be_tested_says_why() -> None:
 def test_runs_not_there_or_not_complete_are_named() -> None:
     own = ledger(claim("C", part("A7")))
     assert judge(own, MadeUp())["C"].reason == "not run yet: runs A7, A1"
+    both = ledger(claim("C", part("A7"), part("A5")))
+    assert judge(both, MadeUp())["C"].reason == "not run yet: runs A7, A1, A5"
     half = arms(A7=drawn(10, -1.0, 0.1))
     assert judge(own, half)["C"].reason == "not run yet: runs A7 (10 of 20 seeds), A1 (10 of 20 seeds)"
     assert judge(own, half, planned={"A7": 10})["C"].word == "holds"
