@@ -23,12 +23,13 @@ from functools import cached_property
 import numpy as np
 
 from etude.models.scatter import scattered
-from etude.types import Array, Index, Mask, Samples
+from etude.types import Array, Mask, Samples
 from etude_arm.physics.base_parameters import RANK_TOLERANCE, parameter_scale, spread_states
 from etude_arm.physics.identification import (
     LEVEL_CHANGE,
     MASSES_OFF,
     OFFSET,
+    RIPPLE_ROUNDS,
     Clock,
     IdentificationPrior,
     OutputColumns,
@@ -36,10 +37,11 @@ from etude_arm.physics.identification import (
     output_priors,
     shared_directions,
     shared_fit,
+    steady,
 )
 from etude_arm.physics.mean import RigidBodyMean, remembered_of
-from etude_arm.physics.rigid_body import NARROW, SPEED, command_regressors
-from etude_arm.spec import FORCES, PATH, PLAN, ArmSpec
+from etude_arm.physics.rigid_body import NARROW, SPEED, command_regressors, waves
+from etude_arm.spec import FORCES, PATH, PLAN, RIPPLES, ArmSpec
 
 TERMS = ("armature", "viscous", "coulomb", "stribeck", "load", "asymmetry", "offset")
 E = len(TERMS)
@@ -59,14 +61,6 @@ STRETCHES = 2.0
 LEAST_STRETCH = 1.0  # s
 LEAST_SCATTER = 0.25
 """Of the posterior's variance."""
-TURNED = 0.3
-"""s after and before a reversal in which friction is smeared: a period of the filters of such logs."""
-ENOUGH = 0.3
-"""Least share of a joint's samples that has to be left for that."""
-RIPPLES, FIRST_WAVE = 6, 2
-"""Waves of a hinge's position, and the periods a turn of the first: one period is what gravity has."""
-RIPPLE_ROUNDS = 8
-"""Of the ripple's size and all else in turn."""
 LEAST_PART = 1e-6
 """Of a regrouped parameter, each in its scale: less is rounding."""
 
@@ -130,25 +124,6 @@ def settled(samples: Samples, spec: ArmSpec, mean: RigidBodyMean) -> Settled:
     dropped[:, OPTIONAL] = evidence[:, OPTIONAL] < SHOWN
     dropped[:, POSITIVE] |= fit.extra[:, POSITIVE] < 0.0
     return Settled(problem, *problem.fitted(speeds, dropped), speeds, evidence, prior)
-
-
-def since_reversal(t: Array, group: Index, speed: Array) -> Array:
-    """(n, J) s to the nearest change of the sign of a joint's speed (n, J) within the same group."""
-    clock = t + 10.0**6 * group  # no log lasts so long
-    found = np.full(speed.shape, np.inf)
-    for j, sign in enumerate(np.sign(speed).T):
-        turns = np.flatnonzero((sign[1:] != sign[:-1]) & (group[1:] == group[:-1]))
-        times = np.concatenate([[-np.inf], np.sort(0.5 * (clock[turns] + clock[turns + 1])), [np.inf]])
-        after = np.searchsorted(times, clock)
-        found[:, j] = np.minimum(times[after] - clock, clock - times[after - 1])
-    return found
-
-
-def waves(q: Array) -> Array:
-    """(n, J, 2 RIPPLES) sine and cosine of each wave of cogging at positions q (n, J)."""
-    return np.stack(
-        [wave(k * q) for k in range(FIRST_WAVE, FIRST_WAVE + RIPPLES) for wave in (np.sin, np.cos)], axis=2
-    )
 
 
 def savage_dickey(value: Array, deviation: Array, prior: Array) -> Array:
@@ -226,10 +201,7 @@ class Problem:
     @cached_property
     def used(self) -> Mask:
         """(n, J) samples in which the joint moves, and has not just turned round."""
-        moving = self.samples.moving & self.samples.usable
-        steady = moving & (since_reversal(self.samples.t, self.samples.group, self.speed) > TURNED)
-        enough = steady.sum(axis=0) > ENOUGH * moving.sum(axis=0)
-        return np.where(enough, steady, moving)
+        return steady(self.samples, self.speed)
 
     def turns_over(self, j: int) -> float:
         """v0 of the drive."""
