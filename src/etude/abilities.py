@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Protocol, runtime_checkable
 import numpy as np
 
 from etude.codes import Notice
-from etude.protocols import Controller, Limit, Model, Regressor, Trajectory
+from etude.protocols import Controller, Limit, Model, Physics, Regressor, Trajectory
 from etude.types import (
     Array,
     Code,
@@ -157,6 +157,15 @@ class SupportsSlow(Protocol):
     """
 
     def slow(self, samples: Samples) -> Samples | None: ...
+
+
+@runtime_checkable
+class SupportsRipple(Protocol):
+    """`Physics` that may look for what returns with a position: the samples that tell it, and that physics;
+    None: it may not of this robot.
+    """
+
+    def rippled(self, samples: Samples) -> tuple[Samples, Physics] | None: ...
 
 
 @runtime_checkable
@@ -486,7 +495,7 @@ ABILITIES: Mapping[str, tuple[type, ...]] = {
     ),
     "Inputs": (SupportsMemory, SupportsDrag, SupportsNotes, SupportsOnnx),
     "Mean": (SupportsOnnx, SupportsColumns, SupportsVariations),
-    "Physics": (SupportsWithout, SupportsSlow, SupportsRegressors),
+    "Physics": (SupportsWithout, SupportsSlow, SupportsRipple, SupportsRegressors),
     "Model": (SupportsFastMoments,),
     "Controller": (SupportsAccelerations,),
     "Robot": (SupportsEachTick, SupportsEngines, SupportsTestRuns, SupportsAssumptions),

@@ -11,7 +11,7 @@ from etude.models.c99 import mean_function
 from etude.models.gp.c99 import real
 from etude.types import Code
 from etude_arm.memory import MEMORY_RATE
-from etude_arm.spec import PATH, PLAN
+from etude_arm.spec import FIRST_WAVE, PATH, PLAN, RIPPLES
 
 FUNCTION = 40
 """Operations of one tanh or exp of the C library."""
@@ -120,6 +120,9 @@ def rigid_body_code(name: str, mean: Any, friction_scales: Sequence[float]) -> C
         text = text.replace(f"@{word}", str(value))
     scales = ", ".join(real(s) for s in friction_scales)
     text = text.replace("@SCALES", scales)
+    text = text.replace("@RIPPLE", _RIPPLE.replace("NAME", name) if model.ripple is not None else "")
+    if model.ripple is not None:
+        tables["ripple"] = model.ripple
     remembers = bool(model.way.any())
     if remembers:
         tables["way"] = np.where(model.way > 0.0, mean.spec.presliding(1.0) * model.way, 1.0)
@@ -127,7 +130,8 @@ def rigid_body_code(name: str, mean: Any, friction_scales: Sequence[float]) -> C
     data = {f"{name}_{key}": table for key, table in tables.items()}
     pairs = int(paths.sum())
     # products and sums, counted in the template: of a body, a Jacobian, a pair of bodies, and the solution
-    operations = 400 * B + 60 * J * B + 40 * J * pairs + 2 * J**3 + 4 * FUNCTION * J
+    waves = 0 if model.ripple is None else 2 * RIPPLES * J
+    operations = 400 * B + 60 * J * B + 40 * J * pairs + 2 * J**3 + (4 * J + waves) * FUNCTION
     held = {"memory": 2 * J + 1, "rate": MEMORY_RATE} if remembers else {}
     return Code(
         whole, data, reads=reads, work=24 * B + 3 * J * J + 20 * J, operations=(operations, 0), **held
@@ -141,6 +145,14 @@ def _remembering(name: str, reads: Sequence[str], J: int, remembers: bool) -> st
     lines = [*turned.splitlines(), call.format("memory")] if remembers else [call.format("0")]
     return mean_function(name, reads, lines, [call.format("0")], memory=remembers)
 
+
+_RIPPLE = f"""\
+        for (s = 0; s < {RIPPLES}; ++s) {{
+            const real angle = (real)(s + {FIRST_WAVE}) * q[j];
+            command[j] += NAME_ripple[{2 * RIPPLES} * j + 2 * s] * SIN(angle);
+            command[j] += NAME_ripple[{2 * RIPPLES} * j + 2 * s + 1] * COS(angle);
+        }}
+"""
 
 _TURNED = """\
     int i;

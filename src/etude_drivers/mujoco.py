@@ -89,6 +89,11 @@ class MujocoRobot:
             self._link.close()
             self._link = None
 
+    @property
+    def process(self) -> subprocess.Popen[bytes] | None:
+        """Of the robot, while it is connected and in real time."""
+        return None if self._link is None else self._link.process
+
     def state(self) -> Sample:
         if self._link is not None:
             return self._link.newest(SILENCE)
@@ -120,13 +125,13 @@ class _Link:
         self.joints = joints
         self.socket, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         command = [sys.executable, "-P", "-m", "etude_drivers.mujoco", str(theirs.fileno())]
-        self._process = subprocess.Popen(
+        self.process = subprocess.Popen(
             command, pass_fds=[theirs.fileno()], start_new_session=True, stdin=subprocess.PIPE
         )
         theirs.close()
-        assert self._process.stdin is not None
-        self._process.stdin.write(repr((tuple(joints), asdict(settings))).encode())
-        self._process.stdin.close()
+        assert self.process.stdin is not None
+        self.process.stdin.write(repr((tuple(joints), asdict(settings))).encode())
+        self.process.stdin.close()
         self._sample: Sample | None = None
         self.newest(STARTS)
 
@@ -163,9 +168,9 @@ class _Link:
         """The process comes to rest and ends."""
         self.socket.close()
         try:
-            self._process.wait(5.0)
+            self.process.wait(5.0)
         except subprocess.TimeoutExpired:
-            self._process.kill()
+            self.process.kill()
 
 
 def _state(machine: Machine) -> Array:

@@ -6,7 +6,9 @@ with f_z the specific force along the body's z axis, w the motors' commands behi
 the thrust curve, PX4's THR_MDL_FAC. Moments say where the centre of mass is; drag is the force across.
 
 Errors of flights are correlated, so least squares' own deviations are too small. Intervals come from
-delete-one-block jackknife instead: everything is estimated again without each stretch of `BLOCK_S`.
+delete-one-block jackknife instead: everything is estimated again without each stretch of `BLOCK_S`. Logs
+that are long enough are estimated by themselves too: where they contradict each other, intervals are widened
+by how much (Birge, Phys. Rev. 40, 1932).
 """
 
 from __future__ import annotations
@@ -30,6 +32,8 @@ BLOCK_S = 5.0
 """s: a stretch of a flight that is left out as a whole; errors of a flight are correlated over less."""
 LEAST_BLOCKS = 6
 """Below it no interval is told."""
+CHANCE = 0.01
+"""Of logs of one vehicle that they seem to contradict each other: where they do, their spread counts."""
 LAGS, DELAYS = (0.01, 0.02, 0.03, 0.05, 0.08, 0.12), (-0.004, 0.0, 0.004, 0.008, 0.016, 0.032)
 """s, from which lag and delay are looked for."""
 FASTEST_LAG, STEPS, STEP_S = 0.002, 12, 1e-4
@@ -58,7 +62,7 @@ class Flights:
         commands: (N_i, n) of each flight, on an even grid of step (s). step: s of each flight.
         force, rates, turning: (N, 3) specific force, rates, angular acceleration.
         velocity: (N, 3) of the body, or None. height: (N,) m above ground, or None.
-        block: (N,) number of each row's stretch, -1 of rows that are not used.
+        block: (N,) number of each row's stretch, -1 of rows that are not used. log: (N,) number of its log.
     """
 
     commands: tuple[Array, ...]
@@ -69,6 +73,7 @@ class Flights:
     velocity: Array | None
     height: Array | None
     block: Index
+    log: Index
 
     @property
     def used(self) -> Mask:
@@ -79,6 +84,12 @@ class Flights:
     def blocks(self) -> list[int]:
         """Numbers of the stretches that have rows."""
         return [int(number) for number in np.unique(self.block[self.used])]
+
+    @cached_property
+    def long(self) -> list[list[int]]:
+        """The stretches of each log that has enough of them."""
+        each = [np.unique(self.block[self.used & (self.log == i)]).tolist() for i in range(len(self.step))]
+        return [own for own in each if len(own) >= LEAST_BLOCKS]
 
     def lagged(self, lag: float, delay: float) -> Array:
         """(N, n) commands behind a first-order lag and a delay, s."""
@@ -126,6 +137,7 @@ def flights_of(spec: QuadrotorSpec, logs: Sequence[Log]) -> Flights:
         joined("body_velocity") if moving else None,
         joined("altitude")[:, 0] if high_up else None,
         np.concatenate(blocks),
+        np.repeat(np.arange(len(told)), [len(log) for log in told]),
     )
 
 
@@ -279,16 +291,39 @@ def _centre(
     return found[0], found[1]
 
 
-def intervals(spec: QuadrotorSpec, flights: Flights) -> Array:
-    """(P, 3) value, lower and upper end of the 95 % interval of NAMES."""
+def intervals(spec: QuadrotorSpec, flights: Flights) -> tuple[Array, Array]:
+    """(P, 3) value, lower and upper end of the 95 % interval of NAMES; (P,) by how much logs widen it."""
     from scipy.stats import t as student
 
-    fit, every, K = timed(flights), flights.used, len(flights.blocks)
-    value = estimates(spec, flights, fit, every)
-    without = np.array([estimates(spec, flights, fit, every & (flights.block != k)) for k in flights.blocks])
-    deviation = np.sqrt((K - 1) / K * np.sum((without - without.mean(axis=0)) ** 2, axis=0))
-    half = float(student.ppf(0.975, K - 1)) * deviation
-    return np.column_stack([value, value - half, value + half])
+    fit, K = timed(flights), len(flights.blocks)
+    value, deviation = _jackknifed(spec, flights, fit, flights.blocks)
+    factor = np.ones(len(NAMES))
+    if len(flights.long) > 1:
+        each = [_jackknifed(spec, flights, fit, own) for own in flights.long]
+        factor = contradiction(*(np.array(part) for part in zip(*each, strict=True)))
+    half = float(student.ppf(0.975, K - 1)) * deviation * factor
+    return np.column_stack([value, value - half, value + half]), factor
+
+
+def _jackknifed(
+    spec: QuadrotorSpec, flights: Flights, fit: Timed, blocks: Sequence[int]
+) -> tuple[Array, Array]:
+    """(P,) values from these stretches, and their deviations by leaving out each."""
+    rows, K = np.isin(flights.block, blocks), len(blocks)
+    value = estimates(spec, flights, fit, rows)
+    without = np.array([estimates(spec, flights, fit, rows & (flights.block != k)) for k in blocks])
+    return value, np.sqrt((K - 1) / K * np.sum((without - without.mean(axis=0)) ** 2, axis=0))
+
+
+def contradiction(values: Array, deviations: Array) -> Array:
+    """(P,) Birge's ratio of logs, values (L, P), where chance does not explain it; else 1."""
+    from scipy.stats import chi2
+
+    weights = deviations**-2.0
+    mean = np.sum(weights * values, axis=0) / np.sum(weights, axis=0)
+    square, free = np.sum(weights * (values - mean) ** 2, axis=0), len(values) - 1
+    beyond = square > float(chi2.ppf(1.0 - CHANCE, free))
+    return np.where(beyond, np.sqrt(square / free), 1.0)
 
 
 @dataclass(frozen=True)
@@ -390,21 +425,23 @@ def parameters(spec: QuadrotorSpec, logs: Sequence[Log]) -> tuple[Parameter, ...
         why = f"{LEAST_BLOCKS * BLOCK_S:g} s of flight above the ground are needed"
     else:
         why = ""
-    found = np.full((len(NAMES), 3), np.nan)
+    found, factor = np.full((len(NAMES), 3), np.nan), np.ones(len(NAMES))
     if flights is not None and not why:
-        found = intervals(spec, flights)
+        found, factor = intervals(spec, flights)
         if max(flights.step) > 1.0 / FAST_HZ:
             found[NAMES.index("lag")] = np.nan
-    return tuple(_parameter(spec, name, values, why) for name, values in zip(NAMES, found, strict=True))
+    rows = zip(NAMES, found, factor.tolist(), strict=True)
+    return tuple(_parameter(spec, name, values, why, more) for name, values, more in rows)
 
 
-def _parameter(spec: QuadrotorSpec, name: str, values: Array, why: str) -> Parameter:
+def _parameter(spec: QuadrotorSpec, name: str, values: Array, why: str, factor: float) -> Parameter:
     value, lower, upper = values.tolist()
     row, half = ROWS[name], 0.5 * (upper - lower)
     if not why and np.isnan(value):
         why = row.lacking
     elif not why and not half <= row.widest * (1.0 if row.absolute else value):
-        why = f"the interval is {value:.3g} +- {half:.2g}; {row.step}"
+        apart = f"logs contradict each other, which makes it {factor:.2g} times as wide"
+        why = f"the interval is {value:.3g} +- {half:.2g}; {apart if factor > 1.0 else row.step}"
     if why:
         return Parameter(row.label, row.unit, known=f"{CANNOT}: {why}")
     return Parameter(row.label, row.unit, value, lower, upper, settings=_settings(spec, name, value))

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -109,3 +111,14 @@ def test_every_fault_has_words_and_an_end() -> None:
     for fault in FAULTS.values():
         assert fault.words
         assert fault.ends
+
+
+@pytest.mark.slow  # it plays in real time
+def test_the_driver_of_the_page_keeps_the_laws() -> None:
+    """What somebody new writes from docs/drivers.md alone."""
+    page = (Path(__file__).parents[2] / "docs" / "drivers.md").read_text(encoding="utf-8")
+    names: dict[str, Any] = {}
+    exec("\n".join(re.findall(r"^```python\n(.*?)^```", page, re.DOTALL | re.MULTILINE)), names)
+    found = laws(names["TestMyArm"](), ("test_faults_end_as_they_have_to",))
+    assert len(found) > 10
+    assert {name: error for name, error in found.items() if error} == {}

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
+import threading
+import time
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Mapping
 from importlib.metadata import PackageNotFoundError, distribution
@@ -11,10 +15,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from etude.drivers import Bounds, Ended, Player, Recording, Supervisor, find_driver, planned
+from etude.drivers import Bounds, Ended, Player, Recording, Streamed, Supervisor, find_driver, planned
 from etude.errors import UsageError
 from etude.trajectories import PointToPoint
 from etude.types import Array
+from etude_drivers import MujocoRobot
 
 UR10 = Path(__file__).parents[2] / "examples" / "ur10" / "ur10.urdf"
 JOINTS = tuple(
@@ -158,3 +163,40 @@ def test_robots_of_others_are_stable(file: str) -> None:
     assert recording.qd is not None
     assert np.abs(recording.qd[-1]).max() < 0.01
     assert error(recording) < 0.02
+
+
+def test_a_robot_that_dies_is_a_lost_link() -> None:
+    """Its process is killed in mid-motion."""
+    with find_driver(f"mujoco:{UR10}", JOINTS) as player:
+        assert isinstance(player, Streamed)
+        robot = player.stream
+        assert isinstance(robot, MujocoRobot)
+        assert robot.process is not None
+        threading.Timer(0.8, robot.process.kill).start()
+        recording = play(player, 0.5)
+    assert recording.ended is Ended.LOST
+    assert 0.0 <= recording.reached < recording.motion.duration
+
+
+CLIENT = """
+from etude.drivers import find_driver
+with find_driver({on!r}, {joints!r}) as player:
+    print(player.stream.process.pid, flush=True)
+    player.where()
+    while True:
+        player.where()
+"""
+
+
+def test_the_robot_ends_by_itself_when_its_master_is_killed() -> None:
+    code = CLIENT.format(on=f"mujoco:{UR10}", joints=JOINTS)
+    client = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True)
+    assert client.stdout is not None
+    robot = int(client.stdout.readline())
+    client.kill()
+    client.communicate()
+    for _ in range(200):
+        if not Path(f"/proc/{robot}").exists() or "Z" in Path(f"/proc/{robot}/stat").read_text().split()[2]:
+            return
+        time.sleep(0.1)
+    raise AssertionError("the process of the robot is still there")

@@ -29,7 +29,7 @@ from etude.campaign import Campaign, create_campaign
 LOGS = 2
 FILES = {
     "ur5": "ur_description/urdf/ur5_robot.urdf",
-    "z1": "z1_description/urdf/z1.urdf",
+    "xarm7": "xarm_description/urdf/xarm7.urdf",
     "kinova": "kinova_description/robots/kinova.urdf",
 }
 """Of example-robot-data; "three" is the small arm."""
@@ -137,17 +137,20 @@ def measured(name: str, seeds: Iterator[int]) -> Iterator[dict[str, Any]]:
 
 
 def summary(rows: list[dict[str, Any]]) -> None:
-    inside, widths = [], []
+    inside, widths, each = [], [], []
     for name in dict.fromkeys(row["robot"] for row in rows):
         found = coverage([row["rows"] for row in rows if row["robot"] == name])
         inside.append(found.inside.mean())
         widths.append(found.width)
         z = (found.value - found.truth) / found.deviation
+        pairs = zip(found.names, found.inside.mean(axis=0), found.width, strict=True)
+        each += [f"{name}, {one}: coverage {own:.2f}, width {w:.2f} of the spread" for one, own, w in pairs]
         worst = ", ".join(found.names[i] for i in np.argsort(found.inside.mean(axis=0))[:3])
         print(
             f"| {name} | {len(found.value)} | {len(found.names)} | {100 * inside[-1]:.1f} % | "
             f"{np.median(widths[-1]):.2f}, {widths[-1].max():.1f} | {np.median(np.abs(z)):.2f} | {worst} |"
         )
+    print("\n".join(each))
     print(f"all: coverage {np.mean(inside):.3f}, median width {np.median(np.concatenate(widths)):.2f}")
 
 

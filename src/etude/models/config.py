@@ -27,7 +27,7 @@ each from the optimum of the last: a high floor has one smooth optimum, where a 
 that are too short."""
 SPECTRAL = ("ssgp_fixed", "ssgp_learned")
 """Members that stand for the squared exponential kernel alone."""
-OFFERED = ("default", "standing", "slow", "gip_lin", "all_lin")
+OFFERED = ("default", "standing", "slow", "ripple", "gip_lin", "all_lin")
 """Names of `candidates`."""
 USUAL_COMMANDS = 4
 """Of the robots on which `fit_points` was set; more commands gain by docs/decisions/0050-short-logs.md."""
@@ -108,7 +108,7 @@ class ModelConfig:
     basis: int = 100
     fit_points: int = 300
     fit_spacing_s: float = 0.5
-    candidates: tuple[str, ...] = ("default", "standing", "slow", "gip_lin", "all_lin")
+    candidates: tuple[str, ...] = OFFERED
     steps: int = 30
     warm_from: int = 3
     warm_steps: int = 10

@@ -49,7 +49,7 @@ class MotionInSpace:
     """A motion to be shown.
 
     Attributes:
-        title: of it. pieces: when each begins, s, and what it is.
+        title: of it. folder: of its files. pieces: when each begins, s, and what it is.
         certificate: of the file that is shown; None if it cannot be read.
         t: (T,) s. motion: at these times.
         solids: B parts. placed: (T, B, 3, 4) of them.
@@ -59,6 +59,7 @@ class MotionInSpace:
     """
 
     title: str
+    folder: str
     pieces: Sequence[tuple[float, str]]
     certificate: Facts | None
     t: Array
@@ -112,7 +113,7 @@ class MotionInSpace:
 
 def in_space(record: Record, proposal: int) -> MotionInSpace | None:
     """The motion of a proposal, with the way there and back if that was asked for; None without a drawing."""
-    trajectory, certificate, way = record.whole(proposal)
+    trajectory, certificate, folder = record.whole(proposal)
     campaign = record.campaign
     if trajectory is None or campaign is None:
         return None
@@ -124,13 +125,13 @@ def in_space(record: Record, proposal: int) -> MotionInSpace | None:
     if figure is None and not solids:
         return None
     figure = figure or _of_point(record, t, placed[:, -1, :, 3])
-    near = [own.nearby(motion.orders[0], ASKED) for own in record.limits if isinstance(own, SupportsNearby)]
+    found = [own.nearby(motion.orders[0], ASKED) for own in record.limits if isinstance(own, SupportsNearby)]
     pieces = [(start, label) for start, label, _ in trajectory.pieces()]
-    title = f"trajectory {proposal}" + (f" with the way {way} and back" if way else "")
-    replay = _replay(record, proposal, t, pieces)
-    return MotionInSpace(
-        title, pieces, certificate, t, motion, solids, placed, figure, near[0] if near else None, replay
-    )
+    way = folder.partition("from_")[2]
+    title = f"trajectory {proposal}" + (f" with the way from {way} and back" if way else "")
+    replay, near = _replay(record, proposal, t, pieces), found[0] if found else None
+    shown = solids, placed, figure
+    return MotionInSpace(title, folder, pieces, certificate, t, motion, *shown, near, replay)
 
 
 def placed_parts(campaign: Campaign, motion: Motion) -> tuple[Sequence[Solid], Array]:

@@ -97,17 +97,25 @@ class Record:
         return self.read(f"proposals/{number:04d}/certificate.json", _proof)
 
     def whole(self, number: int) -> tuple[Trajectory | None, Facts | None, str]:
-        """A proposal's motion with its certificate; with the way there and back, where that was written for
-        the motion as one file: then last the place that it leads from.
+        """A proposal's motion with its certificate, and their folder; with the way there and back, where that
+        was written for the motion as one file.
         """
-        folder, way = f"proposals/{number:04d}/", ""
-        for name in recorded(self.events):
-            inside = name.removeprefix(folder).split("/")
-            if name.startswith(f"{folder}from_") and inside[1:] == ["trajectory.json"]:
-                way = inside[0]
-        place = f"{folder}{way}/" if way else folder
-        trajectory = self.read(f"{place}trajectory.json", _trajectory)
-        return trajectory, self.read(f"{place}certificate.json", _proof), way.replace("_", " ")
+        own = f"proposals/{number:04d}"
+        ways = [
+            name.rpartition("/")[0]
+            for name in recorded(self.events)
+            if name.startswith(f"{own}/from_") and name.endswith("/trajectory.json")
+        ]
+        folder = ways[-1] if ways else own
+        trajectory = self.read(f"{folder}/trajectory.json", _trajectory)
+        return trajectory, self.read(f"{folder}/certificate.json", _proof), folder
+
+    def changed(self, name: str) -> str:
+        """A sentence if robot.toml or campaign.toml is another than when a file was committed, or ""."""
+        from etude.campaign.record.stored_files import changed_since
+
+        found = () if self.campaign is None else changed_since(self.campaign, self.events, [name])
+        return f"This was proved before {' and '.join(found)} changed." if found else ""
 
     def log(self, number: int) -> Log | None:
         return self.read(f"runs/{number:04d}.parquet", _log)

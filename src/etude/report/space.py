@@ -48,6 +48,7 @@ PROVED = (
     "The certificate of this file, the narrowest first: what is kept, and what is proved at all times, "
     "tracking errors taken off."
 )
+ASK_AGAIN = "Ask for another before the robot moves: etude ask {folder} --new"
 CANNOT = "Name a model file in robot.toml (model_file): URDF or MJCF."
 HINT = "Drag: turn. Shift and drag, or two fingers: move. Wheel: nearer. Double click: back."
 NO_MORE = Html("")
@@ -70,6 +71,9 @@ def page(record: Record, proposal: int, stream: str = "") -> tuple[Html, MotionI
     title = f"{record.robot}: {found.title}"
     head = element("style", Html(asset("report.css") + asset("space.css")))
     parts = [element("h1", title), words(found), element("p", nearest_words(found), class_="lead")]
+    if changed := record.changed(f"{found.folder}/certificate.json"):
+        again = ASK_AGAIN.format(folder=typed(record.folder))
+        parts.append(paragraph(f"{changed} {again}", class_="news red"))
     parts += [figure_in_space(found, record, proved(found), stream)]
     main = Html(f"<main>\n{join(parts)}\n</main>")
     return document(title, head, main, element("script", Html(asset("space.js")))), found

@@ -23,12 +23,13 @@ from functools import cached_property
 import numpy as np
 
 from etude.models.scatter import scattered
-from etude.types import Array, Index, Mask, Samples
+from etude.types import Array, Mask, Samples
 from etude_arm.physics.base_parameters import RANK_TOLERANCE, parameter_scale, spread_states
 from etude_arm.physics.identification import (
     LEVEL_CHANGE,
     MASSES_OFF,
     OFFSET,
+    RIPPLE_ROUNDS,
     Clock,
     IdentificationPrior,
     OutputColumns,
@@ -36,10 +37,11 @@ from etude_arm.physics.identification import (
     output_priors,
     shared_directions,
     shared_fit,
+    steady,
 )
 from etude_arm.physics.mean import RigidBodyMean, remembered_of
-from etude_arm.physics.rigid_body import NARROW, SPEED, command_regressors
-from etude_arm.spec import FORCES, PATH, PLAN, ArmSpec
+from etude_arm.physics.rigid_body import NARROW, SPEED, command_regressors, waves
+from etude_arm.spec import FORCES, PATH, PLAN, RIPPLES, ArmSpec
 
 TERMS = ("armature", "viscous", "coulomb", "stribeck", "load", "asymmetry", "offset")
 E = len(TERMS)
@@ -59,14 +61,6 @@ STRETCHES = 2.0
 LEAST_STRETCH = 1.0  # s
 LEAST_SCATTER = 0.25
 """Of the posterior's variance."""
-TURNED = 0.3
-"""s after and before a reversal in which friction is smeared: a period of the filters of such logs."""
-ENOUGH = 0.3
-"""Least share of a joint's samples that has to be left for that."""
-RIPPLES, FIRST_WAVE = 6, 2
-"""Waves of a hinge's position, and the periods a turn of the first: one period is what gravity has."""
-RIPPLE_ROUNDS = 8
-"""Of the ripple's size and all else in turn."""
 LEAST_PART = 1e-6
 """Of a regrouped parameter, each in its scale: less is rounding."""
 
@@ -132,25 +126,6 @@ def settled(samples: Samples, spec: ArmSpec, mean: RigidBodyMean) -> Settled:
     return Settled(problem, *problem.fitted(speeds, dropped), speeds, evidence, prior)
 
 
-def since_reversal(t: Array, group: Index, speed: Array) -> Array:
-    """(n, J) s to the nearest change of the sign of a joint's speed (n, J) within the same group."""
-    clock = t + 10.0**6 * group  # no log lasts so long
-    found = np.full(speed.shape, np.inf)
-    for j, sign in enumerate(np.sign(speed).T):
-        turns = np.flatnonzero((sign[1:] != sign[:-1]) & (group[1:] == group[:-1]))
-        times = np.concatenate([[-np.inf], np.sort(0.5 * (clock[turns] + clock[turns + 1])), [np.inf]])
-        after = np.searchsorted(times, clock)
-        found[:, j] = np.minimum(times[after] - clock, clock - times[after - 1])
-    return found
-
-
-def waves(q: Array) -> Array:
-    """(n, J, 2 RIPPLES) sine and cosine of each wave of cogging at positions q (n, J)."""
-    return np.stack(
-        [wave(k * q) for k in range(FIRST_WAVE, FIRST_WAVE + RIPPLES) for wave in (np.sin, np.cos)], axis=2
-    )
-
-
 def savage_dickey(value: Array, deviation: Array, prior: Array) -> Array:
     """Nats for a term against none: the density of 0 before the logs over that after them."""
     return np.asarray(0.5 * (value / deviation) ** 2 - np.log(prior / deviation))
@@ -197,7 +172,8 @@ class Problem:
         directions = shared_directions(spec, *body) if shared.any() else nothing
         priors = output_priors(spec, *body)
         ripple = model.deviation * hinges
-        parts = rigid, np.stack(drive, 2), speed, priors, directions, shared, _inertia(spec, mean), ripple
+        armature = _inertia(spec, mean, model.inertial)
+        parts = rigid, np.stack(drive, 2), speed, priors, directions, shared, armature, ripple
         return Problem(samples, spec, mean, *parts)
 
     def with_ripple(self) -> Problem:
@@ -225,10 +201,7 @@ class Problem:
     @cached_property
     def used(self) -> Mask:
         """(n, J) samples in which the joint moves, and has not just turned round."""
-        moving = self.samples.moving & self.samples.usable
-        steady = moving & (since_reversal(self.samples.t, self.samples.group, self.speed) > TURNED)
-        enough = steady.sum(axis=0) > ENOUGH * moving.sum(axis=0)
-        return np.where(enough, steady, moving)
+        return steady(self.samples, self.speed)
 
     def turns_over(self, j: int) -> float:
         """v0 of the drive."""
@@ -294,6 +267,8 @@ def parameter_fit(found: Settled) -> ParameterFit:
     back[:P, :r] = D
     back[P + np.arange(J), r + np.arange(J) * width] = 1.0
     nominal = np.append(problem.priors[0].nominal, np.zeros(J))
+    # by the file alone: two campaigns of a robot name the same combinations
+    armature = _inertia(problem.spec, problem.mean, np.tile(nominal[:P], (J, 1)))
     theta = nominal + back @ np.concatenate([fit.z, fit.extra.ravel()])
     every = np.zeros(fit.extra.shape)
     every[:, :E] = prior
@@ -306,7 +281,7 @@ def parameter_fit(found: Settled) -> ParameterFit:
         (back * before) @ back.T,
         back @ covariance @ back.T,
         _shown(problem),
-        np.append(MASSES_OFF * parameter_scale(problem.mean.model.tree), prior[:, 0]),
+        np.append(MASSES_OFF * parameter_scale(problem.mean.model.tree), armature),
         fit.extra[:, :E],
         deviation[:, :E],
         prior,
@@ -317,14 +292,16 @@ def parameter_fit(found: Settled) -> ParameterFit:
     )
 
 
-def _inertia(spec: ArmSpec, mean: RigidBodyMean) -> Array:
-    """(J,) command of the file's links for each rad/s^2 (m/s^2) of a drive, over the robot's limits."""
+def _inertia(spec: ArmSpec, mean: RigidBodyMean, inertial: Array) -> Array:
+    """(J,) command of links with these parameters (J, P) for each rad/s^2 (m/s^2) of a drive, over the
+    robot's limits.
+    """
     model = mean.model
     body = (model.tree, model.drives, model.friction_velocity)
     q, _, qdd = spread_states(spec, 64 + 24 * model.tree.bodies)
     still = np.zeros_like(q)
     (moved, extra), (rest, _) = (command_regressors(*body, q, still, a) for a in (qdd, still))
-    torque = np.einsum("njp,jp->nj", moved - rest, model.inertial)
+    torque = np.einsum("njp,jp->nj", moved - rest, inertial)
     return np.asarray(np.sqrt(np.mean(torque**2, axis=0) / np.mean(extra[..., 0] ** 2, axis=0)))
 
 

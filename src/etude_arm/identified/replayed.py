@@ -10,9 +10,10 @@ import numpy as np
 
 from etude.types import Array, Samples
 from etude_arm.identified.consistent_parameters import Identified
-from etude_arm.identified.parameter_fit import OFFSET_TERM, waves
+from etude_arm.identified.parameter_fit import OFFSET_TERM
 from etude_arm.physics.kinematics import body_motion
 from etude_arm.physics.mean import RigidBodyMean
+from etude_arm.physics.rigid_body import waves
 from etude_arm.physics.transmission import drive_motion
 from etude_arm.spec import PATH, PLAN, ArmSpec
 

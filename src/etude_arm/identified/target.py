@@ -16,12 +16,12 @@ from etude.protocols import Kind
 from etude.types import Array, Delivered, Samples
 from etude_arm.identified.consistent_parameters import Identified, identified
 from etude_arm.identified.model_file_writer import JointTerms, mjcf, written
-from etude_arm.identified.parameter_fit import FIRST_WAVE, OFFSET_TERM
+from etude_arm.identified.parameter_fit import OFFSET_TERM
 from etude_arm.identified.pseudo_inertia import is_possible
 from etude_arm.identified.replayed import Replayed, replayed
 from etude_arm.physics.geometry import has_masses
 from etude_arm.physics.mean import RigidBodyMean
-from etude_arm.spec import FORCES, ArmSpec
+from etude_arm.spec import FIRST_WAVE, FORCES, ArmSpec
 
 NAMES = ("mass", "m cx", "m cy", "m cz", "Ixx", "Iyy", "Izz", "Ixy", "Ixz", "Iyz")
 UNITS = ("kg", *["kg m"] * 3, *["kg m^2"] * 6)

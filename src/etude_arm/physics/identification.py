@@ -100,27 +100,45 @@ def _with_shared(
     directions: Array,
 ) -> RigidBodyModel:
     """The model with one rigid body for all outputs but those of another scale."""
-    rigid, extra, turning = regressors
+    rigid, extra, turning, wave = regressors
     extra = extra if turning is None else own.turned(extra, turning)
-    outputs = []
+    extra = extra if wave is None else np.concatenate([extra, wave], axis=2)
+    E, outputs = own.extra.shape[1], []
     for j, prior in enumerate(priors):
         rows = samples.moving[:, j] & samples.usable[:, j]
         deviations = _near_level(prior.extra, own.extra[j], first=0)
         deviations[-1] = min(deviations[-1], OFFSET * prior.command)
+        deviations = np.append(deviations, np.full(extra.shape[2] - E, own.deviation[j]))
         left = samples.command[rows, j] - rigid[rows, j] @ prior.nominal
         columns = np.concatenate([rigid[rows, j] @ directions, extra[rows, j]], axis=1)
         clock = Clock(samples.t[rows], samples.group[rows])
         outputs.append(OutputColumns(columns, left, deviations, own.deviation[j], clock))
     limits = np.array([prior.command for prior in priors])
     found = shared_fit(outputs, directions.shape[1], limits)
+    if wave is not None:
+        found = _rippled(found, outputs, E, directions.shape[1], limits)
     take = (found.noise <= OTHER_SCALE * own.deviation)[:, None]
     return replace(
         own,
         inertial=np.where(take, priors[0].nominal + directions @ found.z, own.inertial),
-        extra=np.where(take, found.extra, own.extra),
-        extra_deviation=np.where(take, found.spread, own.extra_deviation),
+        extra=np.where(take, found.extra[:, :E], own.extra),
+        extra_deviation=np.where(take, found.spread[:, :E], own.extra_deviation),
         deviation=np.where(take[:, 0], found.noise, own.deviation),
+        ripple=None if wave is None else np.where(take, found.extra[:, E:], 0.0),
     )
+
+
+def _rippled(found: SharedFit, outputs: Sequence[OutputColumns], E: int, r: int, limits: Array) -> SharedFit:
+    """With the size of each drive's ripple, all columns behind the first E, by expectation maximisation."""
+    for _ in range(RIPPLE_ROUNDS):
+        squares = found.extra[:, E:] ** 2 + found.spread[:, E:] ** 2
+        sizes = np.sqrt(squares.mean(axis=1, keepdims=True)) * np.ones_like(squares)
+        outputs = [
+            replace(o, deviations=np.append(o.deviations[:E], size))
+            for o, size in zip(outputs, sizes, strict=True)
+        ]
+        found = shared_fit(outputs, r, limits)
+    return found
 
 
 LEAST_CORRELATION = 0.5  # s; smoothed commands closer than this repeat each other
@@ -236,7 +254,7 @@ def _columns(
     """(n, 1 + E + r + W) of output j: nominal, extra, base directions, friction by the ways it may turn in;
     without the last where no way is known.
     """
-    rigid, extra, turning = regressors
+    rigid, extra, turning, _ = regressors
     drive, v0 = body.drives[j], float(body.friction_velocity[j])
     own = rigid[rows, j]
     parts = [own @ prior.nominal[:, None], extra[rows, j], own @ prior.directions]
@@ -288,6 +306,8 @@ def _near_level(deviations: Array, coarse: Array, first: int) -> Array:
     return found
 
 
+RIPPLE_ROUNDS = 8
+"""Of the ripple's size and all else in turn."""
 OTHER_SCALE = 2.0
 """Noise of a command beside the shared rigid body over that beside parameters of its own, above which it is
 of another scale or sign than the others. Own parameters take up errors of the friction law too: on a Kinova
@@ -424,3 +444,30 @@ def _solved(
         b[place] += precision[j] * target
     inverse: Array = np.linalg.inv(A * np.outer(scale, scale) + np.eye(len(scale))).astype(np.float64)
     return scale * (inverse @ (scale * b)), inverse * np.outer(scale, scale)
+
+
+TURNED = 0.3
+"""s after and before a reversal in which friction is smeared: a period of the filters of such logs."""
+ENOUGH = 0.3
+"""Least share of a joint's samples that has to be left for that."""
+
+
+def steady(samples: Samples, speed: Array) -> Mask:
+    """(n, J) samples in which a joint moves and has not just turned round, by speeds (n, J); all in which it
+    moves where too few are left.
+    """
+    moving = samples.moving & samples.usable
+    found = moving & (since_reversal(samples.t, samples.group, speed) > TURNED)
+    return np.where(found.sum(axis=0) > ENOUGH * moving.sum(axis=0), found, moving)
+
+
+def since_reversal(t: Array, group: Index, speed: Array) -> Array:
+    """(n, J) s to the nearest change of the sign of a joint's speed (n, J) within the same group."""
+    clock = t + 10.0**6 * group  # no log lasts so long
+    found = np.full(speed.shape, np.inf)
+    for j, sign in enumerate(np.sign(speed).T):
+        turns = np.flatnonzero((sign[1:] != sign[:-1]) & (group[1:] == group[:-1]))
+        times = np.concatenate([[-np.inf], np.sort(0.5 * (clock[turns] + clock[turns + 1])), [np.inf]])
+        after = np.searchsorted(times, clock)
+        found[:, j] = np.minimum(times[after] - clock, clock - times[after - 1])
+    return found

@@ -23,6 +23,7 @@ from etude_arm.physics.identification import (
     output_priors,
     require_axes,
     shared_directions,
+    steady,
 )
 from etude_arm.physics.kinematics import KinematicTree
 from etude_arm.physics.rigid_body import (
@@ -32,6 +33,7 @@ from etude_arm.physics.rigid_body import (
     RigidBodyModel,
     command_regressors,
     nominal_model,
+    waves,
 )
 from etude_arm.physics.transmission import Drive, Geometry
 from etude_arm.spec import FORCES, FRICTION, PATH, PLAN, PRESLIDING_DISTANCES, TURNING, ArmSpec
@@ -103,7 +105,8 @@ class RigidBodyMean:
     def arrays(self) -> dict[str, Array]:
         """All that `restore` of the physics takes to make it again, bit for bit."""
         model = self.model
-        found = {f"rigid.{name}": np.asarray(getattr(model, name)) for name in OWN}
+        own = {name: getattr(model, name) for name in OWN}
+        found = {f"rigid.{name}": np.asarray(values) for name, values in own.items() if values is not None}
         found |= {f"tree.{name}": np.asarray(getattr(model.tree, name)) for name in TREE}
         for j, drive in enumerate(model.drives):
             found |= {f"drive{j}.{name}": np.asarray(getattr(drive, name)) for name in DRIVE}
@@ -132,6 +135,7 @@ class ArmPhysics:
         desired: whether states are the planned ones.
         nominal: what the model file alone says, for commands that are forces.
         stick_fraction: part of the top speed below which joints count as standing in samples; 0: of none.
+        ripple: whether what returns with a hinge's position is looked for.
     """
 
     spec: ArmSpec
@@ -139,6 +143,7 @@ class ArmPhysics:
     desired: bool = False
     nominal: bool = False
     stick_fraction: float = 0.0
+    ripple: bool = False
 
     @cached_property
     def geometry(self) -> Geometry:
@@ -192,6 +197,19 @@ class ArmPhysics:
         v0 = np.broadcast_to(FINER * self.friction_velocity, speed.shape)
         return replace(samples, log=samples.log.put(self.spec.friction(), v0.copy()), moving=moving)
 
+    def rippled(self, samples: Samples) -> tuple[Samples, ArmPhysics] | None:
+        """With waves of each hinge's position, where commands are forces, and the samples that tell them.
+
+        Slow ones are among these, but none near a reversal, where filters smear the step of friction.
+        Capability `abilities.SupportsRipple`.
+        """
+        tree = self.geometry.tree
+        if self.nominal or self.spec.command_unit not in FORCES or tree.joint_slides.all():
+            return None
+        told = self.slow(samples) or samples
+        moving = steady(told, samples.log[(PLAN if self.desired else PATH)[1]])
+        return replace(told, moving=moving), replace(self, ripple=True)
+
     def restore(self, arrays: Mapping[str, Any]) -> RigidBodyMean:
         """The mean whose `arrays` these are; no model file is read."""
         tree = KinematicTree(**{name: arrays[f"tree.{name}"] for name in TREE})
@@ -199,7 +217,8 @@ class ArmPhysics:
             Drive(float(arrays[f"drive{j}.gear"]), *(arrays[f"drive{j}.{name}"] for name in DRIVE[1:]))
             for j in range(tree.joints)
         )
-        known = {"rigid.way": np.zeros(tree.joints), **arrays}  # older models know no way
+        # older models know no way
+        known = {"rigid.way": np.zeros(tree.joints), "rigid.ripple": None, **arrays}
         model = RigidBodyModel(tree, drives, **{name: known[f"rigid.{name}"] for name in OWN})
         return RigidBodyMean(model, self.spec, bool(arrays["desired"]))
 
@@ -232,7 +251,10 @@ class ArmPhysics:
         """At the states of the samples, as models look at them."""
         require_axes(samples, self.spec, self._body.tree, self._body.drives)
         motion = (samples.log[name] for name in (PLAN if self.desired else PATH))
-        return Regressors(*command_regressors(*self._body, *motion), remembered_of(samples.log))
+        hinges = ~self._body.tree.joint_slides[:, None]
+        wave = hinges * waves(samples.log[(PLAN if self.desired else PATH)[0]])
+        found = command_regressors(*self._body, *motion)
+        return Regressors(*found, remembered_of(samples.log), wave if self.ripple else None)
 
     def _fitted(self, samples: Samples, regressors: Regressors) -> RigidBodyModel:
         return fitted(samples, regressors, self._priors, self.spec.names, self._body, self._shared)

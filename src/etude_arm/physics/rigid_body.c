@@ -312,5 +312,5 @@ static void @MEAN_commands(
         }
         for (i = 0; i < @JOINTS; ++i)
             command[j] += inverse[@JOINTS * i + j] * force[i];
-    }
+@RIPPLE    }
 }

@@ -6,6 +6,8 @@
 with l the drive's own coordinate (the joint itself where no transmission is known). The unit of the command
 and the gain of the motor are unknown, so each output has parameters of its own, in command units.
 
+What returns with a hinge's position, as cogging does, is a sum of waves where it was looked for.
+
 The narrowest friction turns over with speed, or round over a way (Dahl 1968), whichever samples say: then
 what a joint's friction remembers stands in the place of tanh(l'_j / v0), where a log carries it.
 """
@@ -24,7 +26,7 @@ from etude_arm.inputs import FRICTION_SCALES
 from etude_arm.physics.kinematics import KinematicTree, body_motion
 from etude_arm.physics.regressor import nominal_parameters, regressor_of_motion
 from etude_arm.physics.transmission import Drive, DriveMotion, drive_motion
-from etude_arm.spec import PRESLIDING_DISTANCES
+from etude_arm.spec import FIRST_WAVE, PRESLIDING_DISTANCES, RIPPLES
 
 Array = NDArray[np.float64]
 EXTRA_TERMS = ("armature", "viscous", *(f"friction {scale:g} v0" for scale in FRICTION_SCALES), "offset")
@@ -41,13 +43,14 @@ class RigidBody(NamedTuple):
 
 
 class Regressors(NamedTuple):
-    """Of the commands: rigid (n, dof, P), extra (n, dof, E), and what friction remembers (n, W, dof) by each
-    of `PRESLIDING_DISTANCES`, or None where a log carries none.
+    """Of the commands: rigid (n, dof, P), extra (n, dof, E), what friction remembers (n, W, dof) by each of
+    `PRESLIDING_DISTANCES`, or None where a log carries none, and `waves` (n, dof, 2 R), or None.
     """
 
     rigid: Array
     extra: Array
     turning: Array | None = None
+    waves: Array | None = None
 
     def take(self, rows: Mask) -> Regressors:
         """Of those rows."""
@@ -68,6 +71,7 @@ class RigidBodyModel:
         extra_deviation: (dof, E) posterior deviation of the extra terms; inf where data said nothing.
         way: (dof,) that of `PRESLIDING_DISTANCES` over which the narrowest friction turns round; 0 where it
             does with speed. The name is that of its array in a stored model.
+        ripple: (dof, 2 R) weights of `waves`, command units; None: it was not looked for.
     """
 
     tree: KinematicTree
@@ -79,18 +83,21 @@ class RigidBodyModel:
     deviation: Array
     extra_deviation: Array
     way: Array
+    ripple: Array | None = None
 
     def predict(self, q: Array, qd: Array, qdd: Array, turning: Array | None = None) -> Array:
         """Command (n, dof) at q, qd, qdd (n, dof); turning as in `Regressors`, None: by speed."""
         found = command_regressors(self.tree, self.drives, self.friction_velocity, q, qd, qdd)
-        return self.of(Regressors(*found, turning))
+        return self.of(Regressors(*found, turning, None if self.ripple is None else waves(q)))
 
     def of(self, regressors: Regressors) -> Array:
         """Command (n, dof) at those regressors."""
-        rigid, extra, turning = regressors
+        rigid, extra, turning, wave = regressors
         if turning is not None and self.way.any():
             extra = self.turned(extra, turning)
         command = np.einsum("njp,jp->nj", rigid, self.inertial) + np.einsum("njp,jp->nj", extra, self.extra)
+        if self.ripple is not None and wave is not None:
+            command += np.einsum("njp,jp->nj", wave, self.ripple)
         return np.asarray(command)
 
     def turned(self, extra: Array, turning: Array) -> Array:
@@ -115,6 +122,12 @@ def turned(turning: Array, speed: Array, drive: Drive, joint: int, v0: float) ->
     """
     slides = 1.0 - np.exp(-np.abs(speed) / drive.resting(joint, v0))
     return np.asarray(drive.side(joint) * turning * slides[:, None])
+
+
+def waves(q: Array) -> Array:
+    """(n, dof, 2 R) sine and cosine of each wave of what returns with positions q (n, dof)."""
+    counts = range(FIRST_WAVE, FIRST_WAVE + RIPPLES)
+    return np.stack([wave(k * q) for k in counts for wave in (np.sin, np.cos)], axis=2)
 
 
 def nominal_model(tree: KinematicTree, drives: tuple[Drive, ...], friction_velocity: Array) -> RigidBodyModel:

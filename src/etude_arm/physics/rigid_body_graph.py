@@ -10,14 +10,14 @@ from typing import Any
 
 import numpy as np
 
-from etude._runtime.operators import Piece, Value, cross
+from etude._runtime.operators import Piece, Value, cosine, cross, sine
 from etude_arm.memory import MEMORY_RATE
 from etude_arm.onnx import followed
 from etude_arm.physics.kinematics import BodyMotion, body_motion
 from etude_arm.physics.regressor import wrench_maps
 from etude_arm.physics.rigid_body import NARROW, RigidBodyModel, drive_terms
 from etude_arm.physics.transmission import drive_motion
-from etude_arm.spec import PATH, PLAN
+from etude_arm.spec import FIRST_WAVE, PATH, PLAN, RIPPLES
 
 
 def rigid_body_piece(mean: Any) -> Piece:
@@ -48,6 +48,10 @@ def commands(model: RigidBodyModel, q: Value, qd: Value, qdd: Value, turned: Val
     found: Value = (forces(model, motion) * drive.inverse(tree.joints)).sum(1) + extra[:, -1]
     for number, term in enumerate(terms):
         found = found + term * extra[:, number]
+    if model.ripple is not None:
+        for number in range(RIPPLES):
+            angle, weights = q * float(number + FIRST_WAVE), model.ripple[:, 2 * number : 2 * number + 2]
+            found = found + sine(angle) * weights[:, 0] + cosine(angle) * weights[:, 1]
     return found
 
 

@@ -27,9 +27,9 @@ from etude_arm.identified.parameter_fit import (
     parameter_fit,
     savage_dickey,
     settled,
-    since_reversal,
 )
 from etude_arm.identified.parameter_report import friction_c
+from etude_arm.physics.identification import since_reversal
 
 PARAMETERS = plugins.load("etude.targets", "parameters")
 Law = Callable[[np.ndarray, np.ndarray], np.ndarray]

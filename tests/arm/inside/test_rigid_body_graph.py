@@ -22,7 +22,7 @@ from etude_arm.physics.regressor import nominal_parameters
 from etude_arm.physics.rigid_body import RigidBodyModel
 from etude_arm.physics.rigid_tree import drives_from_mujoco, tree_from_mujoco
 from etude_arm.physics.transmission import joint_drives
-from etude_arm.spec import PATH, PRESLIDING_DISTANCES
+from etude_arm.spec import PATH, PRESLIDING_DISTANCES, RIPPLES
 
 for library in ("onnx", "onnxruntime"):
     pytest.importorskip(library, reason="graphs are written and run by the extra 'onnx'")
@@ -66,7 +66,8 @@ def session_of(draw: Any, names: tuple[str, ...], J: int, words: int = 0) -> Cal
 
 @pytest.mark.parametrize("linked", [True, False], ids=["linkages", "joints"])
 def test_commands_are_numpys(linked: bool) -> None:
-    own = model(linked)
+    ripple = np.random.default_rng(4).normal(size=(5, 2 * RIPPLES))
+    own = replace(model(linked), ripple=ripple)
     _, q, qd, qdd = smooth_motion(np.random.default_rng(5), 40, len(NAMES))
     mean = RigidBodyMean(replace(own, way=np.zeros(5)), awkward_spec())
     (told,) = session_of(mean.onnx().draw, PATH, len(NAMES))(np.concatenate([q, 3.0 * qd, qdd], axis=1))

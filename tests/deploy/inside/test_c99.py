@@ -15,6 +15,8 @@ from etude.deploy import CForm, c_files, log_of, planned
 from etude.deploy.c99.self_test import golden
 from etude.models import LearnedModel
 
+WAVES = 12
+"""Sines and cosines of a joint's position in physics with ripple."""
 WHOLE = CForm(variance=True, digest="0" * 64)
 
 
@@ -32,9 +34,20 @@ class Case:
 
 
 def default() -> LearnedModel:
-    """As `tell` leaves it: physics, the structured kernel, what friction remembers, averaged."""
-    first = arm_model("exact", "structured", physics=True, memory=True)
+    """As `tell` leaves it: physics with ripple, the structured kernel, what friction remembers, averaged."""
+    first = rippled(arm_model("exact", "structured", physics=True, memory=True))
     return averaged(first, arm_model("exact", "standing", physics=True, memory=True), least=True)
+
+
+def rippled(model: LearnedModel) -> LearnedModel:
+    """Its physics with waves of each joint's position."""
+    found = []
+    for candidate in model.candidates:
+        mean: Any = candidate.mean
+        size = 0.02 * np.asarray(ARM.limit(arm_spec()))[:, None]
+        ripple = size * np.random.default_rng(3).normal(size=(len(size), WAVES))
+        found.append(replace(candidate, mean=replace(mean, model=replace(mean.model, ripple=ripple))))
+    return replace(model, candidates=tuple(found))
 
 
 def lagrangian() -> LearnedModel:

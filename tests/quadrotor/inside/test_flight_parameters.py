@@ -24,6 +24,7 @@ from etude_quadrotor.channels import (
     SPECIFIC_FORCE,
     command,
 )
+from etude_quadrotor.flight_parameters import contradiction
 
 G = 9.81
 TRUTH = {
@@ -121,6 +122,29 @@ def test_constants_are_found_again_within_their_intervals(count: int, flown_with
     assert ("thrustBase" in rows["hover thrust"]["set"]) == (count == 4)
     assert rows["centre of mass x"]["set"].startswith("CA_ROTOR*_PX = CA_ROTOR*_PX -0.00")
     assert rows["centre of mass y"]["set"].startswith("CA_ROTOR*_PY = CA_ROTOR*_PY -0.00")
+
+
+def test_what_logs_contradict_each_other_in_is_not_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two long logs, of motors that lag otherwise: the interval of each alone excludes the other."""
+    spec = spec_of(4)
+    first = flown(spec, 0, seconds=40.0)
+    alike = told(spec, [first, flown(spec, 1, seconds=40.0)])["motor time constant"]
+    assert alike["value"] == pytest.approx(TRUTH["motor time constant"], rel=0.1)
+    monkeypatch.setitem(TRUTH, "motor time constant", 0.08)
+    other = told(spec, [first, flown(spec, 1, seconds=40.0)])
+    assert "logs contradict each other" in other["motor time constant"]["known"]
+    assert other["motor time constant"]["set"] == ""
+    assert other["hover thrust"]["value"] == pytest.approx(HOVER, rel=0.02), "they agree in that"
+
+
+def test_a_contradiction_is_what_chance_does_not_explain() -> None:
+    deviations = np.array([[0.1, 0.1], [0.1, 0.1], [0.2, 0.2]])
+    values = np.array([[1.0, 1.0], [1.2, 2.0], [0.9, 1.5]])
+    none, much = contradiction(values, deviations)
+    assert none == 1.0
+    mean = (100.0 * 1.0 + 100.0 * 2.0 + 25.0 * 1.5) / 225.0
+    birge = 100.0 * (1.0 - mean) ** 2 + 100.0 * (2.0 - mean) ** 2 + 25.0 * (1.5 - mean) ** 2
+    assert much == pytest.approx(np.sqrt(birge / 2.0))
 
 
 def test_a_flight_near_the_ground_and_its_start_do_not_count() -> None:

@@ -13,6 +13,8 @@ from space_campaign import write_space
 
 from chromium import chromium, complaints, open_page, overhang
 from etude import cli
+from etude.campaign import open_campaign
+from etude.errors import UsageError
 from etude.report.motion_in_space import in_space
 from etude.report.record import read_record
 from etude.report.space import page
@@ -143,19 +145,19 @@ def test_the_page_needs_no_network_and_escapes_what_a_robot_is_called(
 
 def test_it_plays_is_dragged_and_follows_the_slider(browser: Any) -> None:
     from selenium.webdriver.common.action_chains import ActionChains
+    from selenium.webdriver.support.ui import WebDriverWait
 
+    view = browser.find_element("css selector", "canvas.view")
+    browser.execute_script("arguments[0].scrollIntoView({block: 'center'})", view)
     scene(browser, "show(0)")
     browser.execute_script("document.querySelector('.play').click()")
-    browser.execute_async_script("setTimeout(arguments[0], 300)")
-    assert scene(browser, "time()") > 0.0
+    WebDriverWait(browser, 30, poll_frequency=0.05).until(lambda page: scene(page, "time()") > 0.0)
     browser.execute_script("document.querySelector('.play').click()")
     browser.execute_script(
         "const s = document.querySelector('[name=time]'); s.value = 4; s.dispatchEvent(new Event('input'));"
     )
     assert scene(browser, "time()") == 4.0
     before = browser.execute_script(PIXELS, 4.0)
-    view = browser.find_element("css selector", "canvas.view")
-    browser.execute_script("arguments[0].scrollIntoView({block: 'center'})", view)
     ActionChains(browser).drag_and_drop_by_offset(view, 60, 30).perform()
     browser.execute_async_script("requestAnimationFrame(() => requestAnimationFrame(arguments[0]))")
     assert browser.execute_script(PIXELS, 4.0) != before
@@ -169,3 +171,28 @@ def test_what_cannot_be_shown_is_said(asked: tuple[Path, FourierTrajectory], cap
     assert facts["proposal"] == 1
     assert set(facts["nearest"]) == {"pair", "distance", "kept", "time"}
     assert page(read_record(asked[0]), 1)[1].certificate is not None
+
+
+def test_a_file_that_changed_since_the_proof_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    first, again = tmp_path / "first", tmp_path / "again"
+    first.mkdir()
+    again.mkdir()
+    write_space(first)
+    known = open_campaign(first).config_sha256
+    assert "This was proved before campaign.toml changed." in page(read_record(first), 1)[0]
+    monkeypatch.setattr("synthetic_campaign.CONFIG", known)
+    write_space(again)
+    assert "was proved before" not in page(read_record(again), 1)[0]
+    config = again / "campaign.toml"
+    config.write_text(config.read_text().replace("duration = ", "duration = 1", 1))
+    text = page(read_record(again), 1)[0]
+    assert f"campaign.toml changed. Ask for another before the robot moves: etude ask {again} --new" in text
+
+
+def test_a_trajectory_that_was_changed_is_not_shown(tmp_path: Path) -> None:
+    write_space(tmp_path)
+    path = tmp_path / "proposals" / "0001" / "trajectory.json"
+    path.write_text(path.read_text().replace("1", "2", 1))
+    with pytest.raises(UsageError, match="cannot be shown") as refused:
+        page(read_record(tmp_path), 1)
+    assert "changed after it was committed" in refused.value.next_step

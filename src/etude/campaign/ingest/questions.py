@@ -30,7 +30,7 @@ from etude.logs.checks.plausibility import (
 from etude.logs.cleaning.ranges import check_consistency
 from etude.logs.cleaning.repairs import check_commanded
 from etude.protocols import Kind, Mean
-from etude.types import Finding, Log
+from etude.types import Channel, Finding, Log
 
 CHECKS = (
     *exact.NAMES,
@@ -267,13 +267,12 @@ def unit_findings(kind: Kind, spec: Any, log: Log, motion: Seen | None = None) -
 
 def clock_by_file_of(kind: Kind, spec: Any, log: Log) -> tuple[Finding, ...]:
     """That the times are too long or too short by a model file, of robots driven by forces."""
-    path = joints(log)
-    body = None if path is None else body_of(kind, spec)
-    if path is None or body is None:
+    known = path_and_body(kind, spec, log)
+    if known is None:
         return ()
     from etude.logs.evidence.file_hypotheses import clock_by_file
 
-    found = clock_by_file(log, path, body)
+    found = clock_by_file(log, *known)
     return () if found is None else (found,)
 
 
@@ -282,14 +281,20 @@ MOST_BY_FILE = 3  # of the logs that were told, the newest
 
 def file_findings_of(kind: Kind, spec: Any, log: Log, told: Mapping[int, Log]) -> tuple[Finding, ...]:
     """What a model file says of the log beside those that were told, of robots driven by forces."""
-    path = joints(log)
-    body = None if path is None else body_of(kind, spec)
-    if path is None or body is None:
+    known = path_and_body(kind, spec, log)
+    if known is None:
         return ()
     from etude.logs.evidence.file_hypotheses import file_findings
 
     before = [own for own in told.values() if joints(own) is not None][-MOST_BY_FILE:]
-    return file_findings([*before, log], path, body)
+    return file_findings([*before, log], *known)
+
+
+def path_and_body(kind: Kind, spec: Any, log: Log) -> tuple[Channel, Mean] | None:
+    """The positions that commands of a log act on, and what the model file says of these; None without."""
+    path = joints(log)
+    body = None if path is None else body_of(kind, spec)
+    return None if path is None or body is None else (path, body)
 
 
 def body_of(kind: Kind, spec: Any) -> Mean | None:

@@ -10,13 +10,12 @@ from collections.abc import Sequence
 from typing import Literal
 
 from etude.campaign.ingest.command_decisions import told_logs
-from etude.campaign.ingest.questions import MOST_BY_FILE, body_of
+from etude.campaign.ingest.questions import MOST_BY_FILE, body_of, path_and_body
 from etude.campaign.record.events import Changed
 from etude.campaign.record.folder import Campaign
 from etude.campaign.record.state import CHANGED, State
 from etude.campaign.record.stored_models import stored_model
 from etude.errors import DataError, UsageError
-from etude.logs.checks.filtered_motion import joints
 from etude.logs.cleaning.filters import duration
 from etude.models.change.diagnosis import SENSOR, Cause
 from etude.models.change.evidence import Judged, judged
@@ -62,16 +61,16 @@ def change_found(campaign: Campaign, state: State, log: Log, samples: Samples) -
 
 
 def _by_file(campaign: Campaign, state: State, log: Log) -> Finding | None:
-    path, newest = joints(log), state.newest
-    body = None if path is None or newest is None else body_of(campaign.kind, campaign.spec)
-    if body is None or path is None or newest is None:
+    newest = state.newest
+    known = None if newest is None else path_and_body(campaign.kind, campaign.spec, log)
+    if newest is None or known is None:
         return None
     from etude.logs.evidence.file_hypotheses import contradiction
 
     told = told_logs(campaign, state)
     numbers = [n for n in newest.logs if n in told][-MOST_BY_FILE:]
     logs, names = [*(told[n] for n in numbers), log], [*(f"log {n}" for n in numbers), "this log"]
-    found = contradiction(logs, path, body, names, len(numbers))
+    found = contradiction(logs, *known, names, len(numbers))
     return None if found is None else Finding(CHANGED, "red", f"{OTHER}: {found.sentence[:-1]}", STEP, FLAG)
 
 

@@ -54,7 +54,7 @@ class MemberConfig:
         structures: in which it takes part; where all candidates are stacked, in the first that there is.
         together: all commands in one process; else each by itself.
         standing: samples of standing joints teach too, while another moves.
-        slow: those of slow joints too, with the physics that they tell; it takes part without a process too.
+        own: it learns from samples and physics of its own (`Sources`), and takes part without a process too.
         fit_points, steps, points: at most, of the configuration's; 0: these.
         offered: whether it is worth its time on these data, given the default's samples of each command.
     """
@@ -64,7 +64,7 @@ class MemberConfig:
     structures: tuple[str, ...] = ("gp",)
     together: bool = False
     standing: bool = False
-    slow: bool = False
+    own: bool = False
     fit_points: int = 0
     steps: int = 0
     points: int = 0
@@ -77,7 +77,7 @@ class MemberConfig:
             kernel=self.kernel,
             process=self.process,
             fit_points=min(self.fit_points or config.fit_points, config.fit_points),
-            inducing=config.inducing if self.standing else 0,  # a Lagrangian is for few samples
+            inducing=config.inducing if self.standing or self.own else 0,  # a Lagrangian is for few samples
             points=min(self.points or config.points, config.points),
             steps=self.steps or config.steps,
         )
@@ -110,13 +110,18 @@ def _conserves(folds: Folds, rows: Sequence[Rows]) -> bool:
 
 CANDIDATES: dict[str, MemberConfig] = {
     "standing": MemberConfig("standing", structures=("identified+gp", "gp"), standing=True, offered=_rests),
-    "slow": MemberConfig("standing", structures=("identified+gp",), standing=True, slow=True, offered=_rests),
+    "slow": MemberConfig("standing", structures=("identified+gp",), standing=True, own=True, offered=_rests),
+    "ripple": MemberConfig("structured", structures=("identified+gp",), own=True),
     "gip_lin": MemberConfig("gip_lin", fit_points=110, offered=_few),
     "all_lin": MemberConfig(
         "ard_se", "all_lin", together=True, fit_points=110, steps=60, points=300, offered=_conserves
     ),
 }
 """Beside "default", by the name that `model.candidates` gives."""
+
+
+Sources = Mapping[str, tuple[Folds, Base]]
+"""By name of a candidate the samples and the physics that are its own."""
 
 
 def work_sign(folds: Folds) -> Array:
@@ -134,43 +139,39 @@ def beside_default(
     folds: Folds,
     groups: Sequence[Mapping[str, LearnedStructure]],
     bases: Mapping[str, Base],
-    slow: tuple[Folds, Base] | None,
+    sources: Sources,
     rng: np.random.Generator,
     previous: LearnedModel | None,
 ) -> tuple[list[LearnedStructure], dict[str, str]]:
     """The candidates that `model.candidates` names and the data suffice for, in every structure of theirs. By
     name why others cannot be loaded: a broken package takes no model from anybody.
-
-    slow: what is learned from where slow samples teach, and the physics that they tell; None: they do not.
     """
     found: list[LearnedStructure] = []
     broken: dict[str, str] = {}
     if not folds.config.averages or len(folds.numbers) < 2:
         return found, broken
     for name in counted(folds.config.candidates, lambda name: COSTS.get(name, 1.0)):
-        for structure in counted(_structures(folds, groups, name, slow is not None)):
+        for structure in counted(_structures(folds, groups, name, sources)):
             if fault := CANDIDATES[name].fault():
                 broken[name] = fault
                 continue
             own = [group[structure] for group in groups if structure in group]
-            source, base = folds, bases.get(base_of(structure))
-            if CANDIDATES[name].slow and slow is not None:
-                source, base = slow
+            source, base = sources.get(name, (folds, bases.get(base_of(structure))))
             every = tuple(j for learned in own for j in learned.candidate.commands)
             for commands in counted([every] if CANDIDATES[name].together else [(j,) for j in every]):
                 wanted = None if len(commands) > 1 else wanted_of(folds, commands[0], own)
                 found.append(_learned(source, commands, name, structure, base, rng, previous, wanted))
-                if CANDIDATES[name].slow and base is not None:
+                if CANDIDATES[name].own and base is not None:
                     found.append(_alone(source, found[-1], base))
     return found, broken
 
 
 def _structures(
-    folds: Folds, groups: Sequence[Mapping[str, LearnedStructure]], name: str, slow: bool
+    folds: Folds, groups: Sequence[Mapping[str, LearnedStructure]], name: str, sources: Sources
 ) -> list[str]:
     """In which a candidate takes part; none where the data do not suffice for it."""
     member = CANDIDATES.get(name)
-    if member is None or (member.slow and not slow):
+    if member is None or (member.own and name not in sources):
         return []
     found = []
     for structure in member.structures:

@@ -18,7 +18,7 @@ from pathlib import Path
 
 import numpy as np
 
-from etude.abilities import SupportsSlow
+from etude.abilities import SupportsRipple, SupportsSlow
 from etude.codes import stated
 from etude.errors import DataError, UsageError
 from etude.models.accuracy import PredictionScore, figures, prediction_score, trivial_prediction
@@ -31,6 +31,7 @@ from etude.models.process_abilities import EnsembleMember
 from etude.models.selection.candidate_errors import CandidateErrors
 from etude.models.selection.ensemble import (
     Average,
+    Sources,
     averages,
     beside_default,
     candidate_errors,
@@ -127,8 +128,8 @@ def select_structures(
             rows = rows_of(folds, group, rng)
             groups.append(_train_group(folds, group, rows, offered, bases, rng, previous))
     with part(1.0 - STRUCTURES):
-        slow = _slow(folds, known)
-        more, broken = beside_default(folds, groups, bases, slow, rng, previous)
+        sources = _sources(folds, known)
+        more, broken = beside_default(folds, groups, bases, sources, rng, previous)
     every = candidate_errors(folds, groups, more) if more or config.stacks else []
     selection = _assembled(folds, groups, every, bases["linear"])
     off = stated([f"The candidate {name} takes no part: {why}" for name, why in broken.items()])
@@ -189,16 +190,23 @@ def _folds(
     return Folds(samples, inputs, X, fold, limit, config, commands, held, judged)
 
 
-def _slow(folds: Folds, physics: Mapping[str, Physics]) -> tuple[Folds, Base] | None:
-    """What is learned from where slow samples teach too, and the physics that they tell, if it may be so."""
+def _sources(folds: Folds, physics: Mapping[str, Physics]) -> Sources:
+    """Candidates with samples and physics of their own, as far as these may be so: what slow samples tell,
+    and what returns with a joint's position.
+    """
     own: object = physics.get("identified")
-    if not (folds.config.stacks and "slow" in folds.config.candidates and isinstance(own, SupportsSlow)):
-        return None
-    samples = own.slow(folds.samples)
-    if samples is None:
-        return None
-    told = replace(folds, samples=samples)
-    return told, fitted_base(told, "identified", physics["identified"])
+    names, told = folds.config.candidates, dict[str, tuple[Samples, Physics]]()
+    if not folds.config.stacks:
+        return {}
+    if "slow" in names and isinstance(own, SupportsSlow) and (slow := own.slow(folds.samples)) is not None:
+        told["slow"] = slow, physics["identified"]
+    if "ripple" in names and isinstance(own, SupportsRipple) and (rippled := own.rippled(folds.samples)):
+        told["ripple"] = rippled
+    found = {}
+    for name, (samples, one) in told.items():
+        source = replace(folds, samples=samples)
+        found[name] = source, fitted_base(source, "identified", one)
+    return found
 
 
 def _offered(config: ModelConfig, physics: Mapping[str, Physics]) -> list[str]:

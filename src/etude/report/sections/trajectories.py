@@ -7,7 +7,6 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from etude.campaign.record.stored_files import changed_since
 from etude.codes import stated
 from etude.protocols import Limit, Trajectory
 from etude.report.markup import (
@@ -65,7 +64,8 @@ def _proposal(record: Record, n: int, *, unfolded: bool) -> Html:
     else:
         parts.append(grid(_panels(record, trajectory), 3))
     parts.append(_proofs(record, certificate) if certificate else missing("There is no certificate for it."))
-    parts += _since(record, n) if certificate else []
+    changed = record.changed(f"proposals/{n:04d}/certificate.json") if certificate else ""
+    parts += [paragraph(changed, class_="soft")] if changed else []
     length = f" · {duration(trajectory.duration)}" if trajectory else ""
     summary = element("summary", f"Trajectory {n}", element("small", length + _verdict(certificate)))
     return element("details", summary, *parts, **({"open": "open"} if unfolded else {}))
@@ -73,14 +73,6 @@ def _proposal(record: Record, n: int, *, unfolded: bool) -> Html:
 
 def _dimensions(trajectory: Trajectory) -> int:
     return int(trajectory.motion(np.zeros(1), 1).orders.shape[2])
-
-
-def _since(record: Record, n: int) -> list[Html]:
-    """Whether robot.toml or campaign.toml have changed since the certificate was made."""
-    name = f"proposals/{n:04d}/certificate.json"
-    changed = () if record.campaign is None else changed_since(record.campaign, record.events, [name])
-    said = f"This was proved before {' and '.join(changed)} changed."
-    return [paragraph(said, class_="soft")] if changed else []
 
 
 def _how(record: Record, n: int) -> list[Html]:
