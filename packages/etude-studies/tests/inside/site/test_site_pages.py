@@ -24,16 +24,16 @@ from etude.errors import EtudeError
 from etude_studies.collected import Results
 from etude_studies.site import facets
 from etude_studies.site.build import build_site, pages
-from etude_studies.site.context import Reading, Study
+from etude_studies.site.context import Study
 from etude_studies.site.dot_plot import Dot, Rule, dot_plot
 from etude_studies.site.entry_table import table_of
 from etude_studies.site.marks import style_of
 from etude_studies.site.numbers import Numbers, Summary, summary
-from etude_studies.site.readings import READINGS, readings
 from etude_studies.site.words import WORDS, listed
 from etude_studies.thesis.kept import kept_results, planned_seeds
 from etude_studies.thesis.ledger import Ledger, load_ledger
 from etude_studies.thesis.part_verdicts import NOT_RUN, UNTESTED
+from etude_studies.thesis.readings import READINGS, Reading, readings
 from etude_studies.thesis.verdict_file import shown
 from etude_studies.thesis.verdicts import Verdict, judge
 
