@@ -38,6 +38,7 @@ def done(tmp_path_factory: pytest.TempPathFactory) -> tuple[Campaign, Robot, Any
     """Two motions, and the one that confirms."""
     campaign = lab(tmp_path_factory.mktemp("done"), 20.0)
     robot = Robot()
+    robot.push[:] = -3.0  # what it has to hold at rest, too
     return campaign, robot, moved(campaign, robot, rounds=2, confirm=True, promote=True)
 
 
@@ -64,6 +65,9 @@ def test_a_control_is_tried_slowly_before_a_whole_motion(done: tuple[Campaign, R
     assert one[:2] == [(1, "feedback", 25, True), (1, "feedback", 50, True)]
     assert one[-1] == (1, "feedback", 100, False)
     assert two == [(2, "learned", 50, True), (2, "learned", 100, False)]
+    ways = [one for one in facts(campaign, MotionEnded) if one.part == "approach"]
+    assert [one.speed for one in ways][:2] == [25, 50]
+    assert np.abs(read_recording(campaign.path / ways[0].recording).motion.qd).max() < 0.25
     assert confirming == [(3, "feedback", 100, False), (3, "learned", 100, False)]
 
 
@@ -503,7 +507,7 @@ def test_the_bounds_shrink_with_what_whole_motions_have_shown(done: tuple[Campai
     seen = [np.array(f.worst_error) for f in facts(campaign, MotionEnded) if f.control == "feedback"]
     bounds = motion.bounds(campaign, robot.about())
     assert np.all(bounds.error > 2.0 * np.max(seen, axis=0))
-    assert np.all(bounds.error < 0.05), "assumed it was 4 times 2 % of the range"
+    assert np.all(bounds.error < 0.08), "assumed it was 4 times 2 % of the range, 0.16"
     coarse = replace(robot.about(), encoder_step=np.array([0.02, 0.0]))
     assert motion.bounds(campaign, coarse).error[1] == pytest.approx(0.1), "the knee's, by name"
     assert bounds.residual is None
