@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import sys
+import time
 from collections.abc import Mapping, Sequence
 from contextlib import redirect_stdout
 from dataclasses import asdict, dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from etude.cli.outcome import Common, Folder, Outcome, Say, opened, table, to_json
@@ -43,6 +45,9 @@ class RunRobot(Common):
     feedback: bool = False
     """Teach under feedback alone, though the robot takes learned commands."""
 
+    heartbeat: Path | None = None
+    """A dead-man switch: a motion is stopped once this file was not touched for a second."""
+
     def run(self, say: Say) -> Outcome:
         from etude.campaign.run.campaign_run import run_campaign
         from etude.campaign.run.run_settings import driver_of, read_settings
@@ -54,10 +59,21 @@ class RunRobot(Common):
             options = self._options(settings.on, settings.defaults)
             told = _Told(out if self.json else None, say)
             found = run_campaign(
-                campaign, driver_of(campaign, settings), Typing(say), options, say=say, tell_event=told
+                campaign, driver_of(campaign, settings), self._person(say), options, say=say, tell_event=told
             )
             report = "" if self.dry_run else _report(campaign, say)
         return Outcome("\n".join(_lines(campaign, found, report)), {**_data(found), "report": report}, 0)
+
+    def _person(self, say: Say) -> Typing:
+        from etude.errors import UsageError
+
+        if self.heartbeat is not None and not self.heartbeat.is_file():
+            raise UsageError(
+                "there is no such file",
+                where=f"--heartbeat {self.heartbeat}",
+                next_step="Start what touches it first: it has to be touched at least every second.",
+            )
+        return Typing(say, asks=not self.json, heartbeat=self.heartbeat)
 
     def _options(self, on: str, defaults: Any) -> RunOptions:
         from etude.campaign.run.campaign_run import RunOptions
@@ -79,22 +95,43 @@ class RunRobot(Common):
         )
 
 
+BEAT_S, LOOKED_S = 1.0, 0.05
+"""s without a touch that stop a motion; s between two looks at the file."""
+
+
 @dataclass
 class Typing:
-    """The person at this terminal."""
+    """The person at this terminal.
+
+    Attributes:
+        asks: whether anybody is there to type. heartbeat: a file that is touched while all is well.
+    """
 
     say: Say
+    asks: bool = True
+    heartbeat: Path | None = None
+    looked: float = 0.0
+    well: bool = True
 
     def agrees(self, sentences: Sequence[str], word: str) -> bool:
         """Shows them, and waits for the word."""
         for sentence in sentences:
             self.say(sentence)
+        if not self.asks:
+            return False
         self.say(f"Is the room free? Type {word} to let it move:")
         return sys.stdin.readline().strip() == word
 
     def alive(self) -> bool:
-        """Ctrl-C is how a person stops it here."""
-        return True
+        """Whether the file, if there is one, was touched of late; else Ctrl-C is how a person stops it."""
+        now = time.monotonic()
+        if self.heartbeat is not None and now - self.looked >= LOOKED_S:
+            self.looked = now
+            try:
+                self.well = time.time() - self.heartbeat.stat().st_mtime < BEAT_S
+            except OSError:
+                self.well = False
+        return self.well
 
 
 @dataclass
@@ -130,7 +167,7 @@ def _lines(campaign: Campaign, found: RunResult, report: str) -> list[str]:
     ]
     if found.confirmed is not None:
         rows += [
-            [f"confirm {found.confirmed['number']}", name, *(f"{e:.3f}" for e in found.confirmed[name])]
+            [f"confirm {found.confirmed['number']}", name, *map(_shown, found.confirmed[name])]
             for name in ("without", "with")
         ]
     lines = [table([f"mean error, {unit}", "", *campaign.axes], rows, keys=2)] if rows else []
@@ -140,6 +177,10 @@ def _lines(campaign: Campaign, found: RunResult, report: str) -> list[str]:
     if found.promotion is not None:
         lines += _promotion(found, campaign)
     return [*lines, *([f"Written: {report}"] if report else [])]
+
+
+def _shown(error: float | None) -> str:
+    return "-" if error is None else f"{error:.3f}"
 
 
 def _promotion(found: RunResult, campaign: Campaign) -> list[str]:

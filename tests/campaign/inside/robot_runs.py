@@ -12,7 +12,7 @@ from small_robot import make_campaign
 
 from etude.campaign import Campaign, Event
 from etude.campaign.run.campaign_run import RunOptions, RunResult, run_campaign
-from etude.drivers import About, Player, Sample, Streamed
+from etude.drivers import About, Person, Player, Sample, Streamed
 from etude.testing import FakeRobot
 from etude.types import Array
 
@@ -85,7 +85,7 @@ def lab(folder: Path) -> Campaign:
 def moved(
     campaign: Campaign,
     robot: Robot | Player,
-    person: Somebody | None = None,
+    person: Person | None = None,
     told: Callable[[str, Any], None] = lambda _, __: None,
     **options: Any,
 ) -> RunResult:

@@ -385,6 +385,12 @@ def test_a_dry_run_at_the_terminal(driven: Campaign, capsys: pytest.CaptureFixtu
     assert "there is no driver 'nobody'" in capsys.readouterr().err.lower()
 
 
+def test_nobody_is_asked_in_a_script(driven: Campaign, capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["run", str(driven.path), "--json"]) == 2
+    assert json.loads(capsys.readouterr().out)["error"]["fact"] == "nobody agreed; nothing moved"
+    assert cli.main(["run", str(driven.path), "--yes", "--heartbeat", str(driven.path / "none")]) == 2
+
+
 def test_a_wrong_run_toml_is_named(driven: Campaign) -> None:
     (driven.path / "run.toml").write_text("[run]\nround = 3\n")
     with pytest.raises(UsageError, match="unknown key 'round'"):
