@@ -233,3 +233,19 @@ def test_a_blocked_joint_is_stopped_and_one_glitch_is_not() -> None:
     assert supervisor.reason.startswith("elbow is 0.0")
     assert 0.7 < recording.t[-1] < 1.6
     assert recording.t[np.argmax(recording.at == recording.reached)] < 0.95
+
+
+def test_one_stamp_that_is_far_off_harms_nothing() -> None:
+    robot, own = FakeRobot(), motion()
+    before = robot.state
+
+    def state() -> Sample:
+        sample = before()
+        return replace(sample, t=sample.t + 5.0) if len(robot.sent) == 150 else sample
+
+    robot.state = state  # type: ignore[method-assign]
+    supervisor = Supervisor(bounds(), robot.about(), own)
+    recording, _ = played(supervisor.watch, robot, own)
+    assert recording.ended is Ended.DONE, supervisor.reason
+    np.testing.assert_allclose(np.diff(recording.t).max(), 2 / 250, atol=1e-9)
+    assert np.abs(recording.t - recording.began - recording.at).max() < 0.5

@@ -252,7 +252,7 @@ class _Clock:
     """
 
     def __init__(self, about: About) -> None:
-        self.virtual, self.period = about.virtual, 1.0 / about.rate
+        self.virtual, self.period, self.believed = about.virtual, 1.0 / about.rate, about.silence
         self.now = self.robot = self.tick = self.silent = 0.0
         self.fresh, self.forward, self.late = False, False, 0
         self.beat = np.inf  # the watchdog waits for the first cycle
@@ -284,14 +284,18 @@ class _Clock:
 
     def _tell(self, t: float, elapsed: float) -> None:
         first = self._newest == -np.inf
-        self.fresh, self.forward = t != self._sampled, t > self._newest
-        between = t - self._newest if (self.virtual or self._blocks) and not first else elapsed
+        expected = self.robot + elapsed
+        # a stamp that is far off is a glitch, or the supervisor's business: no path follows it, no row has it
+        sound = first or abs(t - expected) <= self.believed
+        self.fresh, self.forward = t != self._sampled, sound and t > self._newest
+        between = t - self._newest if sound and (self.virtual or self._blocks) else elapsed
         self.late = 0 if first else max(round(between / self.period) - 1, 0)
-        robot = t if self.fresh else self.robot + elapsed
+        robot = t if self.fresh and sound else expected
         step = 0.0 if first else min(max(robot - self.robot, 0.0), LARGEST_STEP * self.period)
         self.tick = min(step, max(AHEAD - self._ahead + elapsed, 0.0))
         self._ahead = max(self._ahead + self.tick - elapsed, -AHEAD)
-        self.robot, self._sampled, self._newest = robot, t, max(self._newest, t)
+        self.robot, self._sampled = robot, t
+        self._newest = max(self._newest, t) if sound else self._newest
         self._heard = self.now if self.fresh else self._heard
         self.silent = self.now - self._heard
 

@@ -11,7 +11,7 @@ from etude_studies.collected import Results
 from etude_studies.site import downloads
 from etude_studies.site.about import about_page
 from etude_studies.site.claim_page import claim_page
-from etude_studies.site.context import Reading, Study
+from etude_studies.site.context import Study
 from etude_studies.site.entry_page import entry_page
 from etude_studies.site.numbers import Numbers
 from etude_studies.site.overview import overview
@@ -19,6 +19,7 @@ from etude_studies.site.page import ABOUT, INDEX, PROTOCOLS, file_of, script, st
 from etude_studies.site.protocols import protocols_page
 from etude_studies.site.run_page import run_page
 from etude_studies.thesis.ledger import Ledger
+from etude_studies.thesis.readings import Reading
 from etude_studies.thesis.verdicts import Verdict, judge
 
 

@@ -16,7 +16,7 @@ from etude_studies.site.claim_words import (
     printed_words,
     sentence,
 )
-from etude_studies.site.context import Reading, Study
+from etude_studies.site.context import Study
 from etude_studies.site.dot_plot import Dot, dot_plot
 from etude_studies.site.downloads import data_links
 from etude_studies.site.entry_more import reading_name
@@ -31,6 +31,7 @@ from etude_studies.thesis.contrasts import EACH
 from etude_studies.thesis.ledger import Claim, Part
 from etude_studies.thesis.part_verdicts import NOT_RUN, UNTESTED, PartVerdict
 from etude_studies.thesis.parts import in_logs
+from etude_studies.thesis.readings import Reading
 from etude_studies.thesis.verdict_file import Verdict, shown
 
 KINDS = {

@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 from etude.report import number
 from etude_studies.site.words import listed, measure_name, plural, test_name
 from etude_studies.thesis.ledger import Part
-from etude_studies.thesis.part_verdicts import NOT_RUN, UNDECIDED, UNTESTED, PartVerdict
+from etude_studies.thesis.part_verdicts import DEPENDS, NOT_RUN, UNDECIDED, UNTESTED, PartVerdict
 from etude_studies.thesis.parts import in_logs
 from etude_studies.thesis.verdict_file import shown
 from etude_studies.thesis.verdicts import Verdict
@@ -126,6 +126,7 @@ def sentence(verdict: Verdict, said: str = "") -> str:
         "reversed": "The opposite is found",
         "tie": "What is compared is equal within the margin",
         UNDECIDED: "These seeds do not decide it",
+        DEPENDS: "It depends on what a step is",
     }[verdict.word]
     facts = f"{said}: {facts}" if said and facts else facts
     reason = f"; {verdict.reason}" if verdict.reason else ""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 
 from etude.report import number
@@ -13,25 +13,8 @@ from etude_studies.thesis.contrasts import Contrast, contrasts
 from etude_studies.thesis.kept import planned_seeds, price_s
 from etude_studies.thesis.ledger import Claim, Entry, Ledger, Part
 from etude_studies.thesis.part_verdicts import PartVerdict, part_verdict, weigh
+from etude_studies.thesis.readings import Reading
 from etude_studies.thesis.verdicts import Verdict
-
-
-@dataclass(frozen=True)
-class Reading:
-    """The verdicts where the thesis is read otherwise, or another protocol takes its place.
-
-    Attributes:
-        name: a few words. ambiguity: id of what is read otherwise; "" if nothing of the thesis is.
-        replace: runs by those that take their place, of every run that this concerns.
-        tests, measures: those by others that take their place. verdicts: of the claims that this touches.
-    """
-
-    name: str
-    ambiguity: str
-    replace: Mapping[str, str]
-    tests: Mapping[str, str] = field(default_factory=dict)
-    measures: Mapping[str, str] = field(default_factory=dict)
-    verdicts: Mapping[str, Verdict] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

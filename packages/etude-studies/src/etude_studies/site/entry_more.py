@@ -6,7 +6,7 @@ import json
 from collections.abc import Iterable, Sequence
 
 from etude.report import Html, element, join, number, paragraph, table
-from etude_studies.site.context import Reading, Study
+from etude_studies.site.context import Study
 from etude_studies.site.dot_plot import interval_text
 from etude_studies.site.marks import figure, style_of
 from etude_studies.site.numbers import counts, summary
@@ -15,6 +15,7 @@ from etude_studies.site.seed_plot import Strip, seed_plot
 from etude_studies.site.words import axis_label, column_name, once, source_name, test_name
 from etude_studies.thesis.ledger import Entry
 from etude_studies.thesis.part_verdicts import NOT_RUN
+from etude_studies.thesis.readings import Reading
 from etude_studies.thesis.verdict_file import shown
 
 COLUMN = "mean"

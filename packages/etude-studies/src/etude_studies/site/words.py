@@ -6,7 +6,7 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
-from etude_studies.thesis.part_verdicts import NOT_RUN, UNTESTED
+from etude_studies.thesis.part_verdicts import DEPENDS, NOT_RUN, UNTESTED
 
 BEYOND = "beyond"
 """Section of the entries that the thesis does not have."""
@@ -30,6 +30,7 @@ WORDS: Mapping[str, Word] = {
     "reversed": Word("✗", "reversed", "The seeds show the opposite of what is claimed."),
     "tie": Word("=", "tie", "Neither: what is compared is equal within the margin."),
     "not decided": Word("?", "undecided", "These seeds show neither a difference nor that there is none."),
+    DEPENDS: Word("≷", "reading", "The thesis can be read in several ways, and the word is not the same."),
     UNTESTED: Word("–", "untested", "No run of this study can answer it; the reason is given."),
     NOT_RUN: Word("…", "notrun", "The runs that answer it are not there, or not complete."),
 }

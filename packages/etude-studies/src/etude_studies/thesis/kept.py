@@ -37,7 +37,12 @@ def kept_verdicts() -> dict[str, Verdict]:
 
 def verdicts_of(results: Results) -> dict[str, Verdict]:
     """Verdicts on every claim from as many seeds as there are, up to those that were planned or asked for."""
-    return judge(ledger(), results, planned=planned_seeds(results), blocks=blocks())
+    from etude_studies.thesis.readings import EQUAL, READINGS, depending, readings
+
+    planned = planned_seeds(results)
+    found = judge(ledger(), results, planned=planned, blocks=blocks())
+    equal = [own for own in READINGS if own.ambiguity == EQUAL]
+    return depending(found, readings(ledger(), results, planned=planned, among=equal))
 
 
 def planned_seeds(results: Results) -> dict[str, int]:

@@ -11,7 +11,7 @@ from etude_studies.thesis.catalogue import catalogue
 from etude_studies.thesis.choosing import ledger, runs_of
 from etude_studies.thesis.kept import kept_results, kept_verdicts, price_s
 from etude_studies.thesis.ledger import Claim, Entry, Row
-from etude_studies.thesis.part_verdicts import NOT_RUN, WORDS, PartVerdict
+from etude_studies.thesis.part_verdicts import DEPENDS, NOT_RUN, WORDS, PartVerdict
 from etude_studies.thesis.presenting import cell
 from etude_studies.thesis.verdict_file import Verdict, shown
 
@@ -58,7 +58,7 @@ def _counts(claims: Sequence[Claim], verdicts: dict[str, Verdict]) -> str:
     """Of claims that say something of their own."""
     own = [claim.id for claim in claims if not claim.alias_of and claim.id in verdicts]
     counted = Counter(shown(verdicts[id]) for id in own)
-    told = ", ".join(f"**{counted[word]}** {word}" for word in (*reversed(WORDS), NOT_RUN))
+    told = ", ".join(f"**{counted[word]}** {word}" for word in (*reversed(WORDS), DEPENDS, NOT_RUN))
     return f"Of {len(own)} distinct claims: {told}. {len(claims) - len(own)} more say one of them again.\n"
 
 

@@ -27,6 +27,8 @@ from etude_studies.thesis.settling import (
 
 HOLDS, REVERSED, TIE = "holds", "reversed", "tie"
 UNDECIDED, UNTESTED = "not decided", "cannot be tested here"
+DEPENDS = "depends on the reading"
+"""Of a claim whose word is another one under a reading that is as good."""
 NOT_RUN = "not run yet"
 """How the reason begins of what cannot be tested only because runs are missing."""
 WORDS = (UNTESTED, REVERSED, UNDECIDED, TIE, HOLDS)

@@ -135,7 +135,7 @@ class ThesisStudy:
         """
         from etude_studies.site.build import build_site
         from etude_studies.site.paper import paper_figures, paper_tables
-        from etude_studies.site.readings import readings
+        from etude_studies.thesis.readings import readings
 
         store = Path(options["folder"]) / "thesis"
         if options["update"]:

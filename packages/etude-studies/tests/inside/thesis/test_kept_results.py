@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 import polars as pl
@@ -22,10 +23,12 @@ from etude_studies.thesis.kept import (
     VERDICTS,
     kept_results,
     kept_verdicts,
+    planned_seeds,
     renew,
     unpack,
     verdicts_of,
 )
+from etude_studies.thesis.part_verdicts import DEPENDS
 from etude_studies.thesis.statistics import interval
 from etude_studies.thesis.verdicts import changed, from_json, to_json
 from etude_studies.world import World
@@ -104,6 +107,23 @@ def test_every_reversed_claim_has_a_reason_that_the_records_bear_out() -> None:
             (found,) = contrasts(part, results)
             low, high = interval(list(found.x.values()))
             assert (low > 0.0) if part.claim == "more" else (high < 0.0), (why.words, part)
+
+
+def test_seeds_beyond_the_plan_are_not_planned() -> None:
+    rows = {"seed": list(range(30)), "value": [0.0] * 30}
+    more = Results({"K1": pl.DataFrame(rows), "elsewhere": pl.DataFrame(rows)}, {})
+    assert planned_seeds(more) == {"K1": catalogue()["K1"].seeds, "elsewhere": 30}
+
+
+def test_no_reading_of_a_step_is_the_headline() -> None:
+    """Five steps are better than 25 where a step is an evaluation, and worse where it is a line search."""
+    own = kept_verdicts()["C6.1.2-2"]
+    assert own.word == DEPENDS
+    assert [part.word for part in own.parts] == ["reversed"]
+    assert "steps are line searches: reversed; steps are evaluations of the likelihood: holds" in own.reason
+    x6 = [kept_results().values(run, "error", 4, "fourier") for run in ("X6a", "X6b")]
+    ratios = [math.log(x6[0][seed] / x6[1][seed]) for seed in range(20)]
+    assert interval(ratios)[1] < 0.0
 
 
 def test_committed_results_become_a_store_again(tmp_path: Path) -> None:

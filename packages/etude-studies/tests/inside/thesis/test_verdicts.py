@@ -220,6 +220,11 @@ def test_a_spread_of_equal_arms_hardly_ever_passes(monkeypatch: pytest.MonkeyPat
     monkeypatch.setattr(statistics, "RESAMPLES", 99)
     assert spread(equal=True) == 0.0
     assert spread(equal=False) <= 0.05
+    x = {f"S{i}": drawn(20, 0.2 * i, 0.3, seed=i) for i in range(3)}
+    own = part("", "more", statistic="spread", b="", among=tuple(x), bound=1.15)
+    (found,) = judge(ledger(claim("C", own)), arms(**x))["C"].parts
+    alone = statistics.paired_t(x["S2"] - x["S0"] - MARGIN)
+    assert found.p == pytest.approx(3.0 * alone, rel=1e-4), "the pair is one of three"
 
 
 def block(seeds: int, mean: float) -> Verdict:

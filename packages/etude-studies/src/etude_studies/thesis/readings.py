@@ -8,21 +8,40 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, dataclass, field
 from dataclasses import replace as changed_copy
 from functools import cache
 from typing import Any
 
 import msgspec
 
-from etude_studies.site.context import Reading
 from etude_studies.thesis.arm_runs import ARM_RUNS, DOWNSAMPLED, EVERY_SAMPLE, ONE_START, UNREFINED
 from etude_studies.thesis.arm_settings import ArmSettings
 from etude_studies.thesis.contrasts import Values
 from etude_studies.thesis.flights import FLIGHT_RUNS
 from etude_studies.thesis.ledger import Claim, Ledger, Part
+from etude_studies.thesis.part_verdicts import DEPENDS, NOT_RUN
 from etude_studies.thesis.parts import read_so
 from etude_studies.thesis.verdicts import Verdict, judge
+
+
+@dataclass(frozen=True)
+class Reading:
+    """The verdicts where the thesis is read otherwise, or another protocol takes its place.
+
+    Attributes:
+        name: a few words. ambiguity: id of what is read otherwise; "" if nothing of the thesis is.
+        replace: runs by those that take their place, of every run that this concerns.
+        tests, measures: those by others that take their place. verdicts: of the claims that this touches.
+    """
+
+    name: str
+    ambiguity: str
+    replace: Mapping[str, str]
+    tests: Mapping[str, str] = field(default_factory=dict)
+    measures: Mapping[str, str] = field(default_factory=dict)
+    verdicts: Mapping[str, Verdict] = field(default_factory=dict)
+
 
 Settings = dict[str, Any]
 Change = Callable[[Settings], Settings | None]
@@ -126,6 +145,9 @@ KINEMATIC = exchange(_flight(lambda own: {**own, "acceleration": "kinematic"}, "
 FLOOR = exchange(_flight(_key("noise_floor", None, 0.2), "quadrotor"))
 RANDOM = exchange(_arm(_amplitude)) | exchange(_flight(_key("arm", "uniform", "scaled")))
 ONE = exchange(_arm(_search(ONE_START))) | exchange(_flight(_key("arm", "designed", "designed_one_start")))
+EQUAL = "R4"
+"""The ambiguity whose readings are all as good: none of them is the headline."""
+DECIDED = ("holds", "reversed", "tie")
 AROUND = {f"{run}t": run for run in ("A1", "A7", "S1", "S9")}
 WINDOWS = {"after_reversal": "reversal_share", "stuck_after": "stuck_share"}
 """Rows of runs over time, and of the runs that they are of."""
@@ -173,6 +195,21 @@ def readings(
         found = judge(Ledger(claims, ledger.entries, ledger.ambiguities), results, planned=planned)
         out.append(changed_copy(own, verdicts=_touched(ledger, found, read)))
     return out
+
+
+def depending(found: Mapping[str, Verdict], others: Sequence[Reading]) -> dict[str, Verdict]:
+    """The verdicts, DEPENDS in the place of a decided word that is another one under an equal reading."""
+    return {id: _depending(own, [one for one in others if id in one.verdicts]) for id, own in found.items()}
+
+
+def _depending(own: Verdict, others: Sequence[Reading]) -> Verdict:
+    words = {one.name: one.verdicts[own.claim].word for one in others}
+    decided = {name: word for name, word in words.items() if word in DECIDED}
+    if own.word not in DECIDED or set(decided.values()) <= {own.word}:
+        return own
+    beside = [f"{name}: {decided.get(name, NOT_RUN)}" for name in words]
+    reason = "; ".join([f"steps are line searches: {own.word}", *beside])
+    return msgspec.structs.replace(own, word=DEPENDS, reason=reason)
 
 
 def _read(own: Reading, part: Part) -> Part:
