@@ -28,6 +28,8 @@ OPTIONS = ("virtual", "view")
 """Words after a comma of the address."""
 SILENCE = 0.3
 """s"""
+QUEUED = 8
+"""Samples that wait while a cycle of ours is late."""
 STARTS = 30.0
 """s in which the process has to come up."""
 SHOWN = 1 / 30
@@ -136,10 +138,13 @@ class _Link:
         self.newest(STARTS)
 
     def newest(self, wait: float) -> Sample:
-        """The newest sample: the next one, or after `wait` s the last one again."""
-        data = self._received(wait)
+        """The newest sample: what has come in, else the next one; after `wait` s the last one again."""
+        data, count = None, 0
         while (later := self._received(0.0)) is not None:
-            data = later
+            data, count = later, count + 1
+        # nobody listened for long: the socket was full of old ones, and what came later is lost
+        if data is None or count > QUEUED:
+            data = self._received(wait) or data
         if data is not None:
             self._sample = _sample(np.frombuffer(data), len(self.joints))
         if self._sample is None:

@@ -165,6 +165,15 @@ def test_robots_of_others_are_stable(file: str) -> None:
     assert error(recording) < 0.02
 
 
+def test_where_it_is_is_fresh_after_a_pause() -> None:
+    """The robot goes on meanwhile, and samples that were not taken are old."""
+    with find_driver(f"mujoco:{UR10}", JOINTS, {"rate": 1000.0}) as player:
+        before, began = player.where().t, time.monotonic()
+        time.sleep(1.0)
+        passed = player.where().t - before
+        assert passed > 0.5 * (time.monotonic() - began), "a busy machine slows the robot down, not to half"
+
+
 def test_a_robot_that_dies_is_a_lost_link() -> None:
     """Its process is killed in mid-motion."""
     with find_driver(f"mujoco:{UR10}", JOINTS) as player:
