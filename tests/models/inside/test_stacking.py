@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 from learning_examples import PHYSICS, SMALL, Inputs, commanded, selection, trajectory
 
 from etude.models import load_model, save_model
-from etude.models.selection.stacking import PRUNED, combined, pruned
+from etude.models.selection.candidate_errors import CandidateErrors
+from etude.models.selection.stacking import PRUNED, Moments, combined, pruned, stacked
 from etude.models.selection.width import covering, widths
 from etude.types import Array, Samples, joined_samples
 
@@ -120,3 +123,19 @@ def test_a_single_log_widens_more_than_its_blocks_say() -> None:
 def test_a_spread_of_nothing_needs_no_width() -> None:
     np.testing.assert_allclose(covering(0.0), 1.0, atol=1e-3)
     assert covering(0.5) < covering(1.0) < covering(1.5)
+
+
+def test_samples_at_which_all_err_do_not_decide() -> None:
+    """One law in twenty samples is a little less wrong, everywhere else three times as wrong."""
+    rng, n = np.random.default_rng(4), 800
+    hard, fold = np.arange(n) % 20 == 0, np.arange(n) * 4 // n
+    noise = rng.normal(size=(2, n))
+    errors = np.where(hard, [[3.0], [2.5]] * np.sign(noise[:1]), [[0.1], [0.3]] * noise)
+    parts = [SimpleNamespace(candidate=SimpleNamespace(structure=s, name="", commands=(0,))) for s in "ab"]
+    every: Any = [
+        CandidateErrors(part, error[:, None], np.ones((n, 1)))
+        for part, error in zip(parts, errors, strict=True)
+    ]
+    moments = Moments.of(every, 0, fold)
+    assert moments is not None
+    assert stacked(moments, [], 2).weights[0] > 0.8

@@ -6,7 +6,8 @@ Each log has a noise level of its own, as the likelihood of normal errors says w
 
 m the median over logs of the least error of a candidate. Without these levels one log of large errors decides
 alone. The other commands of the robot add their logs, which together count as much as `OTHERS` of the
-command's own: what predicts one joint on new motion tends to predict the next one.
+command's own: what predicts one joint on new motion tends to predict the next one. A sample counts the less
+the more all candidates err there (`HARD`): near a reversal filters smear friction, which no law repeats.
 
 Stacked generalisation: Wolpert, Neural Networks 5 (1992); Breiman, Machine Learning 24 (1996).
 """
@@ -27,6 +28,8 @@ OTHERS = 2.0
 """Own logs that those of all other commands count as together."""
 FLOOR = 0.05
 """Of the median error, added to that of each log: one that is easy does not decide alone."""
+HARD = 16.0
+"""Median square of all candidates at a sample, in that of a usual one, at which it counts half."""
 FAR_WORSE = 4.0
 """Mean square of a candidate over the best one's, geometric mean over logs, from which it takes no part."""
 PASSES = 8
@@ -83,7 +86,9 @@ class Moments:
         if len(logs) < LEAST_LOGS:
             return None
         rows = [error[:, known & (fold == g)] for g in logs]
-        grams = np.stack([own @ own.T / own.shape[1] for own in rows])
+        hard = np.median(error[:, known] ** 2, axis=0)
+        usual = max(HARD * float(np.median(hard)), float(np.finfo(float).tiny))
+        grams = np.stack([_mean_products(own, usual) for own in rows])
         level = float(np.median(np.einsum("gcc->gc", grams).min(axis=1)))
         unit = max(level, float(np.finfo(float).tiny))
         counts = np.array([own.shape[1] for own in rows], dtype=float)
@@ -130,6 +135,12 @@ def stacked(own: Moments, others: Sequence[Moments], count: int) -> Stack:
         return found
 
     return Stack(placed(whole), {g: placed(part) for g, part in zip(own.logs, parts, strict=True)})
+
+
+def _mean_products(error: Array, usual: float) -> Array:
+    """(C, C) of errors (C, n); a sample whose median square is `usual` counts half."""
+    share = 1.0 / (1.0 + np.median(error**2, axis=0) / usual)
+    return np.asarray((error * share) @ error.T / share.sum())
 
 
 def combined(grams: Array, counts: Array) -> Array:

@@ -42,6 +42,12 @@ def _member(process: str) -> Settings:
     return {"rounds": ROUNDS, "data": DOWNSAMPLED, "model": model}
 
 
+def _evaluated(steps: int, schedule: str = "", rule: Rule = "error") -> Settings:
+    """A dictionary whose steps are evaluations of the likelihood."""
+    given = {"schedule": schedule} if schedule else {}
+    return _dictionary({"model": {"steps": -steps, **given}}, rule)
+
+
 def _default(rung: str, criterion: str = "", **other: Any) -> Settings:
     """The default protocol; random motions without a criterion."""
     design = {"criterion": criterion} if criterion else {}
@@ -92,6 +98,21 @@ ARM_RUNS: Mapping[str, tuple[str, Settings]] = {
         "A3 with 25 evaluations of the likelihood",
         _dictionary(model={"steps": -25, "schedule": "reinitialise"}),
     ),
+    "X5c": ("A2 with 25 evaluations of the likelihood", _evaluated(25, "constant")),
+    "X5d": ("A4 with 100 evaluations of the likelihood", _evaluated(100)),
+    "X5e": ("A5 with 25 evaluations of the likelihood", _evaluated(25, rule="variance")),
+    "X5f": (
+        "A6 with 25 evaluations of the likelihood",
+        {"rounds": ROUNDS, "data": DOWNSAMPLED, "model": {**_FULL, "steps": -25}},
+    ),
+    "X5g": ("A7 with 25 evaluations of the likelihood", _evaluated(25) | {"motions": "designed"}),
+    "X6c": ("S3 with 5 evaluations of the likelihood", _spectrum(-5, "constant")),
+    "X6d": ("S4 with 5 evaluations of the likelihood", _spectrum(-5, "update")),
+    "X6e": ("S5 with 5 evaluations of the likelihood", _spectrum(-5, learned=False)),
+    "X6f": ("S6 with 25 evaluations of the likelihood", _spectrum(-25, learned=False)),
+    "X6g": ("S7 with 5 evaluations of the likelihood", _spectrum(-5, "constant", learned=False)),
+    "X6h": ("S8 with 5 evaluations of the likelihood", _spectrum(-5, "update", learned=False)),
+    "X6i": ("S9 with 5 evaluations of the likelihood", _spectrum(-5) | {"motions": "designed"}),
     "X6a": ("S1 with 5 evaluations of the likelihood", _spectrum(-5)),
     "X6b": ("S2 with 25 evaluations of the likelihood", _spectrum(-25)),
     "X7": (
