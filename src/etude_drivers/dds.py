@@ -58,6 +58,10 @@ class Topics(Protocol):
 
     def close(self) -> None: ...
 
+    def drop(self) -> None:
+        """Forgets joint states that have come in: they are old."""
+        ...
+
     def state(self, wait: float) -> JointRow | None:
         """The next joint state; None: there was none for `wait` s."""
         ...
@@ -126,6 +130,11 @@ class DdsTopics:
 
     def close(self) -> None:
         self._parts = None  # the participant ends with it
+
+    def drop(self) -> None:
+        assert self._parts is not None
+        while self._parts.joints.take(KEPT):
+            pass
 
     def state(self, wait: float) -> JointRow | None:
         assert self._parts is not None

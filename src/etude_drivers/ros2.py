@@ -106,6 +106,7 @@ class Ros2Controller:
         self.topics.close()
 
     def where(self) -> Sample:
+        self.topics.drop()
         sample = self._sample(self.about().silence)
         if sample is None:
             raise EtudeError("no joint states come in", next_step="Is the robot's driver running?")

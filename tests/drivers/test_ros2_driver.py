@@ -48,6 +48,9 @@ class Controller:
             self.points, self.since = points, self.t
             self.start = self.q.copy(), self.qd.copy(), self.qdd.copy()
 
+    def drop(self) -> None:
+        pass
+
     def state(self, wait: float) -> JointRow | None:
         self.t += 0.005
         if self.points is not None:
@@ -164,10 +167,13 @@ def test_over_dds_a_motion_arrives_and_states_come_back() -> None:
     assert got.joint_names == list(NAMES)
     assert (got.header.stamp.sec, got.header.stamp.nanosec) == (12, 250_000_000)
     np.testing.assert_array_equal([point.positions for point in got.points], own.q)
+    kinds = topics.types
+    there.joints.write(kinds.JointState(kinds.Header(kinds.Time(1, 0), ""), list(NAMES), [9.0, 9.0], [], []))
+    time.sleep(0.3)
+    topics.drop()
     rows: list[JointRow | None] = []
     listens = threading.Thread(target=lambda: rows.append(topics.state(5.0)))
     listens.start()
-    kinds = topics.types
     header = kinds.Header(kinds.Time(3, 500_000_000), "")
     there.joints.write(kinds.JointState(header, list(NAMES), [1.0, 2.0], [], [3.0, 4.0]))
     there.state.write(

@@ -82,9 +82,11 @@ class DriverSuite:
             recording = player.play(motion, _go, "feedback")
             self._require_done(recording, player)
             exact = np.array([np.interp(recording.at, motion.t, q) for q in motion.q.T]).T
-            between = np.abs(motion.qdd).max() / player.about().rate ** 2
+            period = 1.0 / player.about().rate
+            # between two rows, and while a robot of its own clock waits for a set-point that is late
+            allowed = np.abs(motion.qdd).max() * period**2 + np.abs(motion.qd).max() * recording.late * period
             off = np.abs(recording.asked - exact).max()
-            assert off <= between + 1e-6, f"asked is {off:.3g} off the path at `at`"
+            assert off <= allowed + 1e-6, f"asked is {off:.3g} off the path at `at`"
             assert np.abs(recording.q - recording.asked).max() < self.error, "it does not follow"
 
     def test_times_are_the_robots_own_and_fit_the_trajectory(self) -> None:

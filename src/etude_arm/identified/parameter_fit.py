@@ -54,6 +54,8 @@ SHOWN = 3.0
 """Nats from which a term is kept: 20 to 1."""
 STRIBECK_SPEEDS = (2.0, 4.0, 8.0, 16.0)
 """v_s, in v0 of the friction."""
+ROTOR = 0.03
+"""Of what all of the command accelerates at the robot's limits: a wrist's rotor outweighs its link by far."""
 LOAD_FRICTION = 0.3
 """Prior deviation of friction by load, a part of the load: gears lose some ten per cent."""
 STRETCHES = 2.0
@@ -138,7 +140,7 @@ class Problem:
     Attributes:
         rigid: (n, J, P); drive: (n, J, E) with 1 in the place of Stribeck's dip; all that `TERMS` name.
         directions: (P, r) of the shared rigid body; shared: (J,) commands that it makes.
-        armature: (J,) prior deviation: the inertia that the links have, as the drive feels it.
+        armature: (J,) prior deviation: the inertia that the links have, as the drive feels it, or `ROTOR`.
         ripple: (J,) prior deviation of each wave of what returns with a joint's position.
     """
 
@@ -172,7 +174,8 @@ class Problem:
         directions = shared_directions(spec, *body) if shared.any() else nothing
         priors = output_priors(spec, *body)
         ripple = model.deviation * hinges
-        armature = _inertia(spec, mean, model.inertial)
+        rotor = ROTOR * np.array([prior.extra[0] for prior in priors])
+        armature = np.maximum(_inertia(spec, mean, model.inertial), rotor)
         parts = rigid, np.stack(drive, 2), speed, priors, directions, shared, armature, ripple
         return Problem(samples, spec, mean, *parts)
 

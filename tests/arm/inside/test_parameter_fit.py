@@ -6,13 +6,14 @@ import csv
 import ctypes
 import io
 import json
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from loading_examples import write
+from loading_examples import ARM, BOX, link, write
 from test_identified_files import FRICTION, NAMES, given, heavier, motion, spec_of, torques
 
 from compilers import STRICT, run, tool
@@ -41,7 +42,9 @@ def usual(qd: np.ndarray, _: np.ndarray) -> np.ndarray:
     return FRICTION * np.tanh(qd / V0) + VISCOUS * qd
 
 
-def samples_of(spec: ArmSpec, path: Path, law: Law, seed: int, memory: float = 0.6) -> Samples:
+def samples_of(
+    spec: ArmSpec, path: Path, law: Law, seed: int, memory: float = 0.6, rotor: float = 0.0
+) -> Samples:
     """Logs of the robot of `path`, with noise that remembers: of each sample a part of the one before."""
     rng = np.random.default_rng(seed)
     parts = [motion(rng, 300, spec.dof) for _ in range(3)]
@@ -51,7 +54,7 @@ def samples_of(spec: ArmSpec, path: Path, law: Law, seed: int, memory: float = 0
     for k in range(1, len(noise)):
         noise[k] += memory * noise[k - 1]
     channels = {c.name: c for c in spec.channels()}
-    values = {"q": q, "qd": qd, "qdd": qdd, "command": rigid + law(qd, rigid) + noise}
+    values = {"q": q, "qd": qd, "qdd": qdd, "command": rigid + law(qd, rigid) + rotor * qdd + noise}
     log = Log(0.05 * np.arange(len(q)), {name: channels[name] for name in values}, values)
     return Samples(log, np.repeat(np.arange(3), 300), np.ones(q.shape, bool), np.abs(qd) > 0.02)
 
@@ -131,6 +134,23 @@ def test_no_drive_sticks_less_than_it_slides(robot: tuple[ArmSpec, Path], fit: P
     assert (found.terms[:, k] >= 0.0).all()
     assert found.deviation[0, k] == 0.0
     assert abs(found.terms[0, level] - FRICTION[0]) < 0.3
+
+
+def test_a_rotor_may_outweigh_its_link(tmp_path: Path) -> None:
+    """As of a wrist: the link's own inertia bounds nothing."""
+    text = ARM
+    for name, mass in (("hand", 0.5), ("left", 0.1), ("right", 0.1)):
+        light = re.sub(
+            r'(i.[xyz])="([0-9.]+)"', lambda m: f'{m[1]}="{1e-3 * float(m[2])}"', link(name, 1e-4, BOX)
+        )
+        text = text.replace(link(name, mass, BOX), light)
+    path = write(tmp_path, text)
+    spec = spec_of(path)
+    samples = samples_of(spec, path, usual, 0, rotor=0.3)
+    found = parameter_fit(settled(samples, spec, ArmPhysics(spec)(samples)))
+    value, deviation = found.terms[-1, 0], found.deviation[-1, 0]
+    assert abs(value - 0.3) < 3.0 * deviation
+    assert deviation < 0.02
 
 
 def test_evidence_is_the_density_of_zero_before_and_after() -> None:

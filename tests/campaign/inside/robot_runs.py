@@ -46,7 +46,7 @@ class Robot(FakeRobot):
         self.says = says
         self.at: dict[int, Callable[[], None]] = {}
         self.fault = ""
-        self.efforts: list[bool] = []
+        self.efforts: list[Array | None] = []
 
     def about(self) -> About:
         return replace(super().about(), **self.says)
@@ -55,7 +55,7 @@ class Robot(FakeRobot):
         return replace(super().state(), fault=self.fault)
 
     def send(self, q: Array, qd: Array, qdd: Array, effort: Array | None) -> None:
-        self.efforts.append(effort is not None)
+        self.efforts.append(effort)
         self.at.pop(len(self.sent), lambda: None)()
         super().send(q, qd, qdd, effort)
 
@@ -78,8 +78,9 @@ class Somebody:
         return self.left > 0
 
 
-def lab(folder: Path) -> Campaign:
-    return make_campaign(folder, config=QUICK)
+def lab(folder: Path, duration: float = 4.0) -> Campaign:
+    """Motions of 4 s teach too little for a learned command that is not 0."""
+    return make_campaign(folder, config=QUICK.replace("duration = 4.0", f"duration = {duration}"))
 
 
 def moved(

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import json
 import shutil
+import signal
 from collections import namedtuple
 from collections.abc import Callable
 from dataclasses import replace
@@ -21,6 +22,7 @@ from etude import cli, tell, untell
 from etude.campaign import Campaign, Trained, newest_model, open_campaign
 from etude.campaign.ingest.recordings import file_gravity
 from etude.campaign.record.events import Ingested, MotionEnded, MotionSent, RunEnded
+from etude.campaign.run.campaign_run import connected
 from etude.campaign.run.certified_motions import Learned, proposal_motion
 from etude.campaign.run.next_proposal import NextProposal
 from etude.campaign.run.run_history import next_step
@@ -34,8 +36,9 @@ from etude.types import Array
 @pytest.fixture(scope="module")
 def done(tmp_path_factory: pytest.TempPathFactory) -> tuple[Campaign, Robot, Any]:
     """Two motions, and the one that confirms."""
-    campaign = lab(tmp_path_factory.mktemp("done"))
+    campaign = lab(tmp_path_factory.mktemp("done"), 20.0)
     robot = Robot()
+    robot.push[:] = -3.0  # what it has to hold at rest, too
     return campaign, robot, moved(campaign, robot, rounds=2, confirm=True, promote=True)
 
 
@@ -58,9 +61,13 @@ def test_a_control_is_tried_slowly_before_a_whole_motion(done: tuple[Campaign, R
     campaign, _, _ = done
     own = [e for e in events(campaign) if isinstance(e.fact, MotionEnded) and e.fact.part == "motion"]
     steps = [(e.number, e.fact.control, e.fact.speed, e.fact.first) for e in own]  # type: ignore[union-attr]
-    one, two, confirming = steps[:3], steps[3:5], steps[5:]
-    assert one == [(1, "feedback", 25, True), (1, "feedback", 50, True), (1, "feedback", 100, False)]
+    one, two, confirming = steps[:-4], steps[-4:-2], steps[-2:]
+    assert one[:2] == [(1, "feedback", 25, True), (1, "feedback", 50, True)]
+    assert one[-1] == (1, "feedback", 100, False)
     assert two == [(2, "learned", 50, True), (2, "learned", 100, False)]
+    ways = [one for one in facts(campaign, MotionEnded) if one.part == "approach"]
+    assert [one.speed for one in ways][:2] == [25, 50]
+    assert np.abs(read_recording(campaign.path / ways[0].recording).motion.qd).max() < 0.25
     assert confirming == [(3, "feedback", 100, False), (3, "learned", 100, False)]
 
 
@@ -81,10 +88,30 @@ def test_a_whole_motion_answers_its_proposal_at_its_own_times(done: tuple[Campai
 def test_it_ends_at_home_and_the_learned_command_was_sent(done: tuple[Campaign, Robot, Any]) -> None:
     campaign, robot, found = done
     assert np.abs(robot.q[[1, 0]] - home(campaign)).max() < 1e-3
-    assert any(robot.efforts)
-    assert not robot.efforts[0]
+    assert robot.efforts[0] is None
+    assert any(effort is not None for effort in robot.efforts)
     assert found.confirmed["number"] == 3
     assert found.robot_seconds > 60.0
+    alone, learned = (np.mean(one.error) for one in found.rounds)
+    assert learned < 0.6 * alone
+    assert np.mean(found.confirmed["with"]) < 0.8 * np.mean(found.confirmed["without"])
+
+
+def test_the_learned_command_comes_and_goes_without_a_step(done: tuple[Campaign, Robot, Any]) -> None:
+    _, robot, _ = done
+    sent = np.array([np.zeros(2) if effort is None else effort for effort in robot.efforts])
+    assert np.abs(sent).max() > 0.5
+    assert np.abs(np.diff(sent, axis=0)).max() < 0.3
+
+
+def test_ctrl_c_while_it_stands_lets_it_hold_first(tmp_path: Path) -> None:
+    robot = Robot()
+    with connected(lab(tmp_path), Streamed(robot), Somebody()):
+        before = robot.stopped
+        with pytest.raises(KeyboardInterrupt):
+            signal.raise_signal(signal.SIGINT)
+        assert robot.stopped == before + 1
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 
 def test_a_recording_that_is_taken_back_is_told_again_as_it_was(done: tuple[Campaign, Robot, Any]) -> None:
@@ -480,7 +507,13 @@ def test_the_bounds_shrink_with_what_whole_motions_have_shown(done: tuple[Campai
     seen = [np.array(f.worst_error) for f in facts(campaign, MotionEnded) if f.control == "feedback"]
     bounds = motion.bounds(campaign, robot.about())
     assert np.all(bounds.error > 2.0 * np.max(seen, axis=0))
-    assert np.all(bounds.error < 0.05), "assumed it was 4 times 2 % of the range"
+    assert np.all(bounds.error < 0.08), "assumed it was 4 times 2 % of the range, 0.16"
     coarse = replace(robot.about(), encoder_step=np.array([0.02, 0.0]))
     assert motion.bounds(campaign, coarse).error[1] == pytest.approx(0.1), "the knee's, by name"
     assert bounds.residual is None
+    model = newest_model(campaign, campaign.state())
+    learned = Learned.along(campaign, model, motion.trajectory, robot.about())
+    pushed = replace(motion, control="learned", learned=learned).bounds(campaign, robot.about()).residual
+    assert pushed is not None
+    assert np.all(pushed >= (0.05 * 20.0, 0.05 * 10.0))
+    assert np.all(pushed < 5.0)

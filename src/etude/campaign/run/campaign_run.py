@@ -33,7 +33,7 @@ from etude.campaign.run.certified_motions import (
 )
 from etude.campaign.run.next_proposal import NextProposal
 from etude.campaign.run.preconditions import open_points, require_none
-from etude.campaign.run.robot_session import Result, RobotSession, Tell, only_one
+from etude.campaign.run.robot_session import Result, RobotSession, Tell, held_on_signals, only_one
 from etude.campaign.run.run_history import next_step
 from etude.drivers import About, Person, Player
 from etude.errors import DataError, EtudeError, RobotStopped, StopRuleReached, UsageError, typed
@@ -144,7 +144,7 @@ def connected(
     with only_one(campaign, about):
         found = open_points(campaign, about, resume=resume, identity=identity)
         waived = require_none(campaign, found, simulated=not about.real)
-        with player:
+        with player, held_on_signals(player):
             yield RobotSession(campaign, player, about, person, tell, waived=tuple(waived))
 
 

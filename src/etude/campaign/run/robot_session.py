@@ -11,6 +11,7 @@ import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import FrameType
@@ -268,23 +269,53 @@ def _ordered(bounds: Bounds, about: About, campaign: Campaign) -> Bounds:
     return replace(bounds, **own)
 
 
-@contextlib.contextmanager
-def resting_on_signals(player: Player, interrupted: threading.Event) -> Iterator[None]:
+Handler = Callable[[int, FrameType | None], Any]
+
+
+def resting_on_signals(player: Player, interrupted: threading.Event) -> AbstractContextManager[None]:
     """While the robot moves, Ctrl-C and SIGTERM bring it to rest; a second one stops it at once."""
+
+    def rest(_: object) -> Handler:
+        def handle(_: int, __: FrameType | None) -> None:
+            player.stop(kill=interrupted.is_set())
+            interrupted.set()
+
+        return handle
+
+    return _on_signals(rest)
+
+
+def held_on_signals(player: Player) -> AbstractContextManager[None]:
+    """While it stands, they let it hold first, and then do what they do anyway."""
+
+    def hold(before: Any) -> Handler:
+        def handle(number: int, frame: FrameType | None) -> None:
+            with contextlib.suppress(Exception):
+                player.stop()
+            if callable(before):
+                before(number, frame)
+            elif before is signal.SIG_DFL:
+                raise KeyboardInterrupt
+
+        return handle
+
+    return _on_signals(hold)
+
+
+@contextlib.contextmanager
+def _on_signals(made: Callable[[Any], Handler]) -> Iterator[None]:
+    """Ctrl-C and SIGTERM handled by what is made of their handlers so far; of the main thread alone."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-
-    def rest(_: int, __: FrameType | None) -> None:
-        player.stop(kill=interrupted.is_set())
-        interrupted.set()
-
-    before = {number: signal.signal(number, rest) for number in (signal.SIGINT, signal.SIGTERM)}
+    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    for number, own in before.items():
+        signal.signal(number, made(own))
     try:
         yield
     finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
+        for number, own in before.items():
+            signal.signal(number, own)
 
 
 def require_room(folder: Path, motion: PlannedMotion) -> None:

@@ -27,8 +27,9 @@ LEAST_STEPS = 5.0
 FASTER = 1.25
 """Times the velocity limit that measured velocities may reach: they hold noise."""
 STRONGER = 1.05  # the same of commands, which drives cut at their limit
-DEVIATIONS = 4.0
-"""Deviations of the model below which no residual of commands stops a motion."""
+DEVIATIONS, OF_DRIVE = 4.0, 0.05
+"""Deviations of the model, and part of what a drive can give, below which no residual of commands stops a
+motion: another form of motion errs by more than those that were recorded."""
 
 
 def bounds_for(
@@ -59,7 +60,9 @@ def bounds_for(
         velocity=FASTER * fastest,
         silence=about.silence,
         effort=None if command is None else STRONGER * np.asarray(command[1]),
-        residual=_residual_bound(events, control, deviation),
+        residual=_residual_bound(
+            events, control, deviation, None if command is None else np.asarray(command[1])
+        ),
     )
 
 
@@ -100,9 +103,15 @@ def assumed_margin(campaign: Campaign, constraints: Constraints, trajectory: Tra
     return np.asarray(np.nan_to_num(np.max(own, axis=0), nan=np.inf))
 
 
-def _residual_bound(events: Sequence[Event], control: str, deviation: Array | None) -> Array | None:
-    """(k,) None until recordings under the learned command tell what it leaves."""
+def _residual_bound(
+    events: Sequence[Event], control: str, deviation: Array | None, drive: Array | None
+) -> Array | None:
+    """(k,) None until recordings under the learned command tell what it leaves.
+
+    drive: (k,) largest commands; None: unknown.
+    """
     seen = seen_residuals(events, control) if deviation is not None else None
     if seen is None or deviation is None:
         return None
-    return np.asarray(np.maximum(ONCE_MEASURED * seen.expected, DEVIATIONS * deviation.max(axis=0)))
+    found = np.maximum(ONCE_MEASURED * seen.expected, DEVIATIONS * deviation.max(axis=0))
+    return np.asarray(found if drive is None else np.maximum(found, OF_DRIVE * drive))
