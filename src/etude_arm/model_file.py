@@ -81,7 +81,7 @@ def spec_from_model(
     _require_all(limits, path)
     _require_positive(limits, path)
     axes = tuple(
-        _axis(joint, {limit: float(values[limit]) for limit in WANTED}, moving[joint].slides)
+        _axis(joint, {limit: float(value) for limit, value in values.items()}, moving[joint].slides)
         for joint, values in limits.items()
     )
     own = {joint: at for joint, at in choice.held.items() if not moving[joint].leader}
@@ -92,7 +92,8 @@ def spec_from_model(
 
 def _axis(joint: str, own: dict[str, float], slides: bool) -> Axis:
     rates = own["velocity"], own["acceleration"]
-    return Axis(joint, own["lower"], own["upper"], *rates, own["command"], "m" if slides else "rad")
+    ends = own["lower"], own["upper"]
+    return Axis(joint, *ends, *rates, own["command"], "m" if slides else "rad", jerk=own.get("jerk"))
 
 
 def _name_in(root: ET.Element) -> str:

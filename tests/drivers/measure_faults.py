@@ -102,7 +102,7 @@ def run(seed: int) -> Mapping[str, Any]:
         "right": recording.ended in FAULTS[fault].ends,
         "reason": supervisor.reason or recording.reason,
         **times(own, faulty, recording, motion),
-        "left": left(own, bounds),
+        "left": left(own, bounds, fault == "push"),
     }
 
 
@@ -125,13 +125,14 @@ def times(own: FakeRobot, faulty: Faulty, recording: Recording, motion: PlannedM
     }
 
 
-def left(own: FakeRobot, bounds: Bounds) -> bool:
-    """Whether the robot left a limit of position, or a set-point one of velocity; a push may move it fast."""
+def left(own: FakeRobot, bounds: Bounds, pushed: bool) -> bool:
+    """Whether the true robot left a limit of position, or one of velocity that no push made it leave."""
     if not own.truth:
         return False
-    truth, sent, count = np.array(own.truth), np.array(own.sent), len(bounds.lower)
-    q, asked = truth[:, 1 : 1 + count], np.abs(np.diff(sent, axis=0)) / np.diff(truth[:, :1], axis=0)
-    return not bool(np.all((q >= bounds.lower) & (q <= bounds.upper)) and np.all(asked <= bounds.velocity))
+    truth, count = np.array(own.truth), len(bounds.lower)
+    q, qd = truth[:, 1 : 1 + count], np.abs(truth[:, 1 + count :])
+    inside = np.all((q >= bounds.lower) & (q <= bounds.upper))
+    return not bool(inside and (pushed or np.all(qd <= bounds.velocity)))
 
 
 def table(rows: list[dict[str, Any]]) -> None:

@@ -37,8 +37,12 @@ def test_no_fact_of_a_line_is_lost(name: str) -> None:
         assert {key: held[key] for key in said.keys() - {"previous", "seal"}}.items() <= said.items()
 
 
+LATER = {"run_began", "motion_sent", "motion_ended", "run_ended"}
+"""Events that Étude 0.1 did not have."""
+
+
 def test_events_of_all_kinds_are_there() -> None:
-    assert {json.loads(line)["event"] for line in lines("every_event")} == set(FACTS)
+    assert {json.loads(line)["event"] for line in lines("every_event")} == set(FACTS) - LATER
 
 
 @pytest.mark.parametrize("name", ["one_round", "every_event"])

@@ -233,7 +233,8 @@ def _no_way(
     return UnsafeTrajectoryError(
         f"{fact}: {problem.fact}",
         where=problem.where,
-        next_step=f"Bring the robot home by its own controller, or near: {named}.",
+        next_step="Bring the robot home by its own controller. A simulated one starts there by a line in "
+        f"[driver] of run.toml: start = {{ {named} }}",
     )
 
 
