@@ -207,6 +207,26 @@ def test_a_driver_that_raises_ends_in_a_recording() -> None:
     assert robot.stopped
 
 
+def test_a_driver_that_leaves_the_program_or_cannot_stop_is_said_so() -> None:
+    robot = FakeRobot()
+    before = robot.send
+
+    def leaves(*args: object) -> None:
+        if robot.t > 0.5:
+            raise SystemExit(0)
+        before(*args)  # type: ignore[arg-type]
+
+    def fails(kill: bool = False) -> None:
+        raise RuntimeError("no answer")
+
+    robot.send, robot.stop = leaves, fails  # type: ignore[method-assign, assignment]
+    player = Streamed(robot)
+    player.__enter__()
+    recording = player.play(motion(robot.rate), go, "feedback")
+    assert recording.ended is Ended.FAULT
+    assert recording.reason.startswith("SystemExit: 0; the driver's stop() failed (RuntimeError: no answer)")
+
+
 def test_the_supervisor_lets_a_good_motion_through() -> None:
     robot, own = FakeRobot(), motion()
     supervisor = Supervisor(bounds(), robot.about(), own)

@@ -138,7 +138,7 @@ class _Run:
         """How it ended and why. The stream is stopped and holds, whatever happened."""
         try:
             self.stream.ready(control)
-        except Exception as error:
+        except (Exception, SystemExit) as error:
             return Ended.REFUSED, f"{type(error).__name__}: {error}"
         try:
             self.clock.start()
@@ -146,10 +146,18 @@ class _Run:
                 pass
         except KeyboardInterrupt:
             self._why = Ended.INTERRUPTED, "Ctrl-C"
-        except Exception as error:  # of the driver, or of the supervisor: nothing of it may end in motion
+        except (
+            Exception,
+            SystemExit,
+        ) as error:  # of the driver, or of the supervisor: it may not end in motion
             self._why = Ended.FAULT, f"{type(error).__name__}: {error}"
-        with contextlib.suppress(Exception):
+        try:
             self.stream.stop(self.interrupt.killed)
+        except (Exception, SystemExit) as error:
+            why = (
+                f"the driver's stop() failed ({type(error).__name__}: {error}): whether it rests is not known"
+            )
+            self._why = Ended.FAULT, f"{self._why[1]}; {why}" if self._why[1] else why
         return self._why
 
     def recording(self, ended: Ended, reason: str) -> Recording:
@@ -328,7 +336,8 @@ def _watchdog(run: _Run, about: About) -> Iterator[None]:
         while not over.wait(LOOKED):
             if time.monotonic() - run.clock.beat > limit and not run.lost:
                 run.lost = True
-                run.stream.stop()
+                with contextlib.suppress(Exception):  # the loop says so, when it comes back
+                    run.stream.stop()
 
     thread = threading.Thread(target=look, daemon=True)
     thread.start()

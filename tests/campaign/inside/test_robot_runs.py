@@ -336,6 +336,19 @@ def test_a_fault_of_the_robot_is_its_own_word(tmp_path: Path) -> None:
         moved(campaign, robot)
 
 
+@pytest.mark.parametrize("method", ["__enter__", "__exit__"])
+def test_a_driver_that_fails_to_connect_or_to_let_go_is_blamed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, method: str
+) -> None:
+    def fails(*_: object) -> None:
+        raise RuntimeError("no answer")
+
+    monkeypatch.setattr(Robot, method, fails)
+    with pytest.raises(EtudeError, match=r"the driver .* RuntimeError: no answer") as found:
+        moved(lab(tmp_path / "lab"), Robot(), dry=True)
+    assert found.value.exit_code == {"__enter__": 8, "__exit__": 7}[method]
+
+
 def test_joints_are_matched_by_name(tmp_path: Path) -> None:
     campaign, robot = lab(tmp_path), Robot(start=np.array([0.1, 0.4]))
     moved(campaign, robot, dry=True)

@@ -36,7 +36,7 @@ from etude.campaign.run.preconditions import open_points, require_none
 from etude.campaign.run.robot_session import Result, RobotSession, Tell, held_on_signals, only_one
 from etude.campaign.run.run_history import next_step
 from etude.drivers import About, Person, Player
-from etude.errors import DataError, EtudeError, RobotStopped, StopRuleReached, UsageError, typed
+from etude.errors import DataError, EtudeError, LinkLost, RobotStopped, StopRuleReached, UsageError, typed
 from etude.models.learned_model import LearnedModel
 
 WORD = "move"
@@ -124,7 +124,13 @@ def run_campaign(
             cannot be used. RobotStopped, LinkLost, KeyboardInterrupt: see `RobotSession.play`.
     """
     with connected(
-        campaign, player, person, resume=options.resume, identity=options.identity, tell=tell_event
+        campaign,
+        player,
+        person,
+        resume=options.resume,
+        identity=options.identity,
+        tell=tell_event,
+        on=options.on,
     ) as session:
         return close_loop(session, options, say)
 
@@ -138,14 +144,45 @@ def connected(
     resume: bool = False,
     identity: str = "",
     tell: Tell = lambda _, __: None,
+    on: str = "",
 ) -> Iterator[RobotSession]:
-    """The robot, connected, once nothing is open that blocks it; nothing moves. Errors as `run_campaign`."""
+    """The robot, connected, once nothing is open that blocks it; nothing moves. Errors as `run_campaign`.
+
+    on: the driver's name, for next steps.
+    """
     about = player.about()
     with only_one(campaign, about):
         found = open_points(campaign, about, resume=resume, identity=identity)
         waived = require_none(campaign, found, simulated=not about.real)
-        with player, held_on_signals(player):
-            yield RobotSession(campaign, player, about, person, tell, waived=tuple(waived))
+        with _entered(player), held_on_signals(player):
+            yield RobotSession(campaign, player, about, person, tell, waived=tuple(waived), on=on)
+
+
+@contextlib.contextmanager
+def _entered(player: Player) -> Iterator[None]:
+    """`with player`. What the driver raises is the driver's fault, and hides no other error.
+
+    Raises:
+        LinkLost: it could not connect. RobotStopped: it failed to let the robot go.
+    """
+    try:
+        player.__enter__()
+    except EtudeError:
+        raise
+    except Exception as error:
+        fact = f"the driver could not connect: {type(error).__name__}: {error}"
+        raise LinkLost(fact, next_step="Nothing moved. See to its address and its power.") from error
+    try:
+        yield
+    except BaseException as problem:
+        with contextlib.suppress(Exception):
+            player.__exit__(type(problem), problem, problem.__traceback__)
+        raise
+    try:
+        player.__exit__(None, None, None)
+    except Exception as error:
+        fact = f"the driver failed to let the robot go: {type(error).__name__}: {error}"
+        raise RobotStopped(fact, next_step="Look at the robot: whether it rests is not known.") from error
 
 
 def close_loop(session: RobotSession, options: RunOptions, say: Say = lambda _: None) -> RunResult:

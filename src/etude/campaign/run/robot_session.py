@@ -76,6 +76,7 @@ class RobotSession:
     Attributes:
         waived: what a simulation lets pass, a sentence each. seconds: of motion so far.
         level: of the learned command that the robot was sent last, 0 or 1.
+        on: the driver's name, as it was given.
         stood_since: our clock when the last motion ended, s. stood: s that it stood still between motions.
     """
 
@@ -85,6 +86,7 @@ class RobotSession:
     person: Person
     tell: Tell
     waived: tuple[str, ...] = ()
+    on: str = ""
     level: float = 0.0
     seconds: float = 0.0
     stood_since: float | None = None
@@ -223,7 +225,8 @@ class RobotSession:
         """The error of a motion that did not reach its end."""
         fact, where = result.fact, f"{motion.part} {motion.number}, {result.fact.reached:.2f} s"
         why = fact.reason.rstrip(".") or fact.ended
-        again = f"See to it, then: etude run {typed(self.campaign.path)}. It plans a new way from there."
+        on = f" --on {typed(self.on)}" if self.on else ""
+        again = f"See to it, then: etude run {typed(self.campaign.path)}{on}. It plans a new way from there."
         if result.done:
             return
         if fact.ended == Ended.INTERRUPTED.value:
