@@ -207,7 +207,7 @@ class Machine:
         """Places of the joints in qpos and qvel; the others are held."""
         named = {self.model.joint(i).name: i for i in range(self.model.njnt)}
         lacking = [name for name in self.joints if name not in named]
-        single = (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
+        single = int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE)
         moving = [name for name, i in named.items() if self.model.jnt_type[i] in single]
         if lacking:
             raise UsageError(

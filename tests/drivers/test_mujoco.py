@@ -134,8 +134,9 @@ def test_what_is_wrong_is_said_before_anything_starts(on: str, settings: dict[st
 
 
 def test_a_joint_that_the_model_lacks_is_named() -> None:
-    with pytest.raises(UsageError, match="the model has no joint knee"):
+    with pytest.raises(UsageError, match="the model has no joint knee") as found:
         find_driver(f"mujoco:{UR10},virtual", ("knee",))
+    assert all(joint in found.value.next_step for joint in JOINTS)
 
 
 @pytest.mark.parametrize(
