@@ -22,8 +22,8 @@ REFUSED = 3  # exit code of docs/reference: the model is not better
 
 @dataclass(frozen=True, kw_only=True)
 class Promote(Common):
-    """Put the newest model in use, if it beats the one in use and physics alone unseen. Exit code 3:
-    it does not, or nothing is decided.
+    """Put the newest model in use, if on unseen motion it beats the one in use and is no worse than physics
+    alone. Exit code 3: it does not, or nothing is decided.
     """
 
     folder: Folder

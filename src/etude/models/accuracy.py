@@ -197,7 +197,10 @@ NARROW, WIDE = 0.6744897501960817, 1.959963984540054
 LEAST_COVERED = 0.85
 """Part of the commands that the 95 % interval has to hold. Intervals that are too wide are no reason against
 a model: calibration widens them where held-out errors ask for it, and never narrows them."""
-Decision = Literal["better", "not better", "not decided"]
+LEVEL = 1.1
+"""Errors over those of another model, at the upper end of their interval, up to which one is as good: a
+margin of non-inferiority."""
+Decision = Literal["better", "level", "not better", "not decided"]
 
 
 @dataclass(frozen=True)
@@ -223,7 +226,9 @@ class Compared:
     def decision(self) -> Decision:
         if self.segments < LEAST_SEGMENTS:
             return "not decided"
-        return "better" if self.upper < 1.0 else "not better"
+        if self.upper < 1.0:
+            return "better"
+        return "level" if self.upper <= LEVEL else "not better"
 
 
 def compared(against: str, own: Array, other: Array) -> Compared:

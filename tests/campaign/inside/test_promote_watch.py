@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import shutil
+from dataclasses import replace
+from importlib import import_module
 from pathlib import Path
 
 import numpy as np
@@ -140,6 +142,22 @@ def test_a_model_that_beats_physics_is_promoted_and_stays_while_others_are_learn
         "forced": False,
         "newest": 6,
     }
+
+
+def test_level_with_physics_is_enough_and_level_with_the_model_in_use_is_not(
+    fresh: Campaign, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    name = "etude.campaign.deployment.promote.compared"
+    made = import_module(name.rpartition(".")[0]).compared
+    figures = {"segments": 5, "ratio": 0.98, "lower": 0.9, "upper": 1.06}
+    monkeypatch.setattr(name, lambda *errors: replace(made(*errors), **figures))
+    assert promote(fresh).promoted
+    one_more(fresh, tmp_path, 6)
+    found = promote(fresh)
+    assert [one.decision for one in found.compared] == ["level", "level"]
+    (said,) = found.refused
+    assert said.code == Refusal.NOT_BETTER
+    assert "the model in use" in said.sentence
 
 
 def test_only_segments_that_the_model_in_use_has_not_learned_are_compared(

@@ -31,7 +31,9 @@ def test_the_interval_is_students_t_of_the_mean_log_ratio() -> None:
         ([0.5, 0.55, 0.45], "not decided"),
         ([0.5, 0.55, 0.45, 0.5], "better"),
         ([0.5, 0.9, 0.3, 2.5], "not better"),
-        ([1.0, 1.0, 1.0, 1.0], "not better"),
+        ([1.0, 1.0, 1.0, 1.0], "level"),
+        ([0.95, 1.05, 0.97, 1.0], "level"),
+        ([1.2, 1.21, 1.2, 1.21], "not better"),
         ([], "not decided"),
     ],
 )

@@ -210,13 +210,17 @@ def _learned_logs(state: State) -> tuple[str, ...]:
 
 
 def _reasons(found: Sequence[Compared]) -> list[Notice]:
-    """What held-out errors say against the model."""
+    """What held-out errors say against the model.
+
+    It has physics among its candidates, and may be level with these: they come with it. The model in use is
+    replaced by a better one alone.
+    """
     out = []
-    for one in found:
+    for place, one in enumerate(found):
         fields: dict[str, Any] = {"against": one.against, "segments": one.segments}
         if one.decision == "not decided":
             out.append(Notice(Refusal.NOT_DECIDED, {**fields, "needed": LEAST_SEGMENTS}))
-        elif one.decision == "not better":
+        elif one.decision == "not better" or (place and one.decision == "level"):
             errors = {"ratio": one.ratio, "lower": one.lower, "upper": one.upper}
             out.append(Notice(Refusal.NOT_BETTER, {**fields, **errors}))
     return out
