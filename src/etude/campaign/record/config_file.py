@@ -156,6 +156,7 @@ COMMENTS: dict[str, dict[str, str]] = {
         "position": "assumed before any log where gains are not known: part of each range",
         "velocity": "the same of each velocity limit",
         "most": "part of the way from home to a position limit that a margin may take at most",
+        "control": 'of motions that teach in simulate and run, from the second on: "learned" or "feedback"',
     },
     "stop": {
         "command_tolerance": "good enough: expected command error as a fraction of the command limit; 0: off",

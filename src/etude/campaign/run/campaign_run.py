@@ -313,7 +313,8 @@ class _Loop:
 
     @property
     def _takes_learned(self) -> bool:
-        return self.options.learned and LEARNED in self.session.about.controls
+        wanted = self.options.learned and self.campaign.config.tracking.control == LEARNED
+        return wanted and LEARNED in self.session.about.controls
 
     def _asked(self) -> int:
         """The number of the next proposal. StopRuleReached: another is not worth its robot time."""

@@ -67,16 +67,9 @@ NEAR_FILE = tuple(
 LEVEL = 4.0  # variance of a command's mean, at least
 SWAY = 0.7  # of the chain's kernel: how much of a weight turns with one joint
 SMALL_WAY = 0.3  # rad: a joint that goes less far is no angle to the springs' kernel
-# regressors, in the order of their columns
-INERTIA, VISCOUS, COULOMB, DROP, SHARP, SHARP_DROP, TORQUE = range(7)
-TERMS = (  # friction may be none
-    (INERTIA, VISCOUS, COULOMB),
-    (INERTIA,),
-    (INERTIA, VISCOUS, COULOMB, DROP),
-    (INERTIA, VISCOUS, SHARP),
-    (INERTIA, VISCOUS, SHARP, SHARP_DROP),
-)
-FRICTION = (VISCOUS, COULOMB, DROP, SHARP, SHARP_DROP)
+INERTIA, VISCOUS, COULOMB, DROP, TORQUE = range(5)  # regressors, in the order of their columns
+TERMS = ((INERTIA, VISCOUS, COULOMB), (INERTIA,), (INERTIA, VISCOUS, COULOMB, DROP))  # friction may be none
+FRICTION = (VISCOUS, COULOMB, DROP)
 NEITHER = np.log(0.05)  # prior of a command that no sign explains
 INVERTED = np.log(0.03)  # prior of an inverted one, where orders and delays are compared
 BEST = 2  # points of a class whose orthants are computed
@@ -296,7 +289,7 @@ def _columns(command: Array) -> Array:
 
 def _regressors(rows: FilteredRows, own: Index) -> Array:
     """(n, k, r) of each joint, of unit deviation."""
-    parts = [rows.qdd, rows.qd, rows.friction, rows.drop, rows.sharp_friction, rows.sharp_drop]
+    parts = [rows.qdd, rows.qd, rows.friction, rows.drop]
     parts += [] if rows.torque is None else [rows.torque]
     return np.stack([unit(part[:, own]) for part in parts], axis=2)
 
@@ -340,7 +333,7 @@ def _place(rows: FilteredRows, length: float) -> Array:
 def _summed(fits: list[tuple[_Fit, tuple[int, ...]]], grid: tuple[Point, ...]) -> ColumnEvidence:
     """By class: the sum over its best points, each with the probability of its orthants."""
     # with a drop of any sign a fit shapes its steps: of another form than a command's friction
-    plain = np.array([not {DROP, SHARP_DROP} & set(indices) for _, indices in fits])
+    plain = np.array([DROP not in indices for _, indices in fits])
     top = np.max([fit.evidence.max(axis=0) for (fit, _), one in zip(fits, plain, strict=True) if one], axis=0)
     classes = [np.flatnonzero([(point.length, point.speeds) == one for point in grid]) for one in CLASSES]
     values, inside = [], []

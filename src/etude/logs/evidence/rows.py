@@ -24,11 +24,9 @@ MOST_RATE = 10.0  # rows a second: beyond, neighbours say the same
 FILTER_RATE = 200.0  # Hz at which logs are filtered, at most
 KEPT_RATE = 50.0  # Hz at which regressors are formed
 MOTION_HZ, COMMAND_HZ = 5.0, 2.0  # cutoffs of positions, and of commands and their regressors
-SHARP_HZ, OF_RATE = 20.0, 0.35  # the same of positions whose encoders are fine, and at most of the rate
 ORDER = 3  # of the Butterworth filter whose squared gain is applied
 EDGE_S = 0.3  # s at either end that hold the filter's own ends
-# of a joint's top speed, over which Coulomb friction changes its sign, and where that is sharp
-STEP_SPEED, SHARP_SPEED = 0.03, 0.01
+STEP_SPEED = 0.03  # of a joint's top speed, over which Coulomb friction changes its sign
 DROP_SPEED = 0.1  # of a joint's top speed, over which static friction drops to Coulomb's
 LEAST_S = 1.0  # s of a stretch that is looked at
 STAND_S = 0.5  # s for which a joint that stays below STEP_SPEED stands
@@ -49,8 +47,6 @@ class FilteredRows:
         friction: (n, k) a smooth sign of the velocity, through the filter.
         command: (n, k, d) at each of DELAYS, and then with the commands of each group of logs negated.
         drop: (n, k) its part at low speeds: static friction beyond Coulomb's (Stribeck).
-        sharp_friction, sharp_drop: (n, k) both of friction that turns over faster, by less smooth positions:
-            a joint that dwells at a reversal moves on later than smooth positions say.
         stands: by joint, (n, m) hat functions of time where it stands: static friction holds any command.
         torque, static: (n, k) what the model file says of the commands, whole and at rest; None without one.
         groups: the logs whose commands are negated in each variant after the delays.
@@ -64,8 +60,6 @@ class FilteredRows:
     qdd: Array
     friction: Array
     drop: Array
-    sharp_friction: Array
-    sharp_drop: Array
     stands: tuple[Array, ...]
     command: Array
     torque: Array | None
@@ -110,8 +104,6 @@ def rows_of(
         qdd=whole["qdd"],
         friction=whole["friction"],
         drop=whole["drop"],
-        sharp_friction=whole["sharp_friction"],
-        sharp_drop=whole["sharp_drop"],
         stands=tuple(block_diag(*own) for own in zip(*stands, strict=True)),
         command=commands_of(logs, path, groups, late),
         torque=whole.get("torque"),
@@ -170,7 +162,7 @@ def _grid(log: Log) -> tuple[Array, slice]:
 
 def _cutoff(rate: float) -> float:
     """Hz, of commands and their regressors."""
-    return min(COMMAND_HZ, OF_RATE * max(rate, 2.0))
+    return min(COMMAND_HZ, 0.35 * max(rate, 2.0))
 
 
 def _commands(log: Log, path: Channel, rate: float, delays: Sequence[float]) -> Array:
@@ -192,18 +184,14 @@ def _filtered(
     """
     grid, thin = _grid(log)
     cutoff = _cutoff(rate)
-    positions = resample(log.t, log[path.name], grid)
-    moved = smooth(grid, positions, MOTION_HZ, ORDER)
-    quick = smooth(grid, positions, min(SHARP_HZ, OF_RATE * median_rate(grid)), ORDER).first[thin]
+    moved = smooth(grid, resample(log.t, log[path.name], grid), MOTION_HZ, ORDER)
     q, qd, qdd = moved.value[thin], moved.first[thin], moved.second[thin]
     t = grid[thin]
     top = np.abs(qd).max(axis=0) + np.finfo(float).tiny
     still = _stands(t, qd, STEP_SPEED * top)
-    parts = {"qd": qd, "qdd": qdd}
-    for name, speed, step in (("", qd, STEP_SPEED), ("sharp_", quick, SHARP_SPEED)):
-        friction = np.where(still, 0.0, np.tanh(speed / (step * top)))
-        drop = friction * np.exp(-np.abs(speed) / (DROP_SPEED * top))
-        parts |= {f"{name}friction": friction, f"{name}drop": drop}
+    friction = np.where(still, 0.0, np.tanh(qd / (STEP_SPEED * top)))
+    drop = friction * np.exp(-np.abs(qd) / (DROP_SPEED * top))
+    parts = {"qd": qd, "qdd": qdd, "friction": friction, "drop": drop}
     if body is not None:
         states = states_of(t, path, q, qd, qdd)
         parts |= {"torque": body.predict(states), "static": body.static(states)}
