@@ -170,12 +170,25 @@ def test_a_hold_waits_on_the_path_and_goes_on() -> None:
 
 @pytest.mark.parametrize("kill", [False, True])
 def test_stop_from_a_thread_ends_at_rest(kill: bool) -> None:
-    robot = FakeRobot(virtual=False)
+    robot, moves = FakeRobot(virtual=False), threading.Event()
+
+    def watch(sample: Sample) -> Reaction:
+        if sample.at is not None and sample.at > 0.1:
+            moves.set()
+        return Reaction.GO
+
     with Streamed(robot) as player:
-        timer = threading.Timer(0.6, lambda: [player.stop(kill), player.stop(kill)])
-        timer.start()
-        recording = player.play(motion(), go, "feedback")
-        timer.join()
+
+        def person() -> None:
+            moves.wait()
+            player.stop(kill)
+            player.stop(kill)
+
+        thread = threading.Thread(target=person)
+        thread.start()
+        recording = player.play(motion(), watch, "feedback")
+        moves.set()  # or it would wait for ever where nothing moved
+        thread.join()
     assert recording.ended is Ended.INTERRUPTED
     assert 0.0 < recording.reached < motion().duration
     if not kill:
