@@ -231,12 +231,12 @@ def what_will_happen(session: RobotSession, options: RunOptions, first: Certifie
     rounds = f"{options.rounds} motions" if options.rounds else "as many motions as the stop rule asks for"
     rounds = rounds if first is not None else "the motion that confirms alone, since the stop rule has fired"
     real = "It is real: keep a hand on its emergency stop." if about.real else "It is a simulation."
-    does = {"stops": "stops", "holds": "holds where it is", "goes on": "GOES ON"}
-    dies = does.get(about.on_loss, "does nobody knows what")
+    does = {"stops": "it stops", "holds": "it holds where it is", "goes on": "it GOES ON"}
+    dies = does.get(about.on_loss, "what it does is not known")
     return [
         f"{about.name} ({about.identity}) will move: {rounds}, with ways between them. {real}",
         f"It stands at {where}.",
-        f"If this program dies, it {dies}.",
+        f"If this program dies, {dies}.",
         *([] if first is None else _of_first(campaign, first)),
         *session.waived,
     ]

@@ -238,7 +238,7 @@ class RobotSession:
             raise LinkLost(
                 f"nothing was heard of {self.about.name}: {why}",
                 where=where,
-                next_step=f"{does.get(self.about.on_loss, 'Nobody knows what it does')}. {again}",
+                next_step=f"{does.get(self.about.on_loss, 'What it does now is not known')}. {again}",
             )
         raise RobotStopped(f"stopped: {why}", where=where, next_step=again)
 

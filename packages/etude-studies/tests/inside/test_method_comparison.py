@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from etude_studies.judged import compare
+from etude_studies.method_comparison import compare
 from etude_studies.thesis import statistics
 
 
