@@ -50,6 +50,8 @@ JOURNAL_WAIT_S = 600.0
 """For another writer when a motion has ended: what is computed meanwhile is one."""
 Tell = Callable[[str, Mapping[str, Any]], None]
 """Receives the name of an event and what it holds."""
+Seen = Callable[[Campaign, PlannedMotion, Sample], None]
+"""Receives each sample of a motion, and returns at once."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,7 +78,7 @@ class RobotSession:
     Attributes:
         waived: what a simulation lets pass, a sentence each. seconds: of motion so far.
         level: of the learned command that the robot was sent last, 0 or 1.
-        on: the driver's name, as it was given.
+        on: the driver's name, as it was given. seen: who else is shown the samples.
         stood_since: our clock when the last motion ended, s. stood: s that it stood still between motions.
     """
 
@@ -87,6 +89,7 @@ class RobotSession:
     tell: Tell
     waived: tuple[str, ...] = ()
     on: str = ""
+    seen: Seen = lambda _, __, ___: None
     level: float = 0.0
     seconds: float = 0.0
     stood_since: float | None = None
@@ -252,6 +255,7 @@ class _Watching:
 
     def __call__(self, sample: Sample) -> Reaction:
         reaction = self.supervisor.watch(sample)
+        self.session.seen(self.session.campaign, self.planned, sample)
         if reaction is Reaction.GO and not self.session.person.alive():
             self.session.interrupted.set()
             return Reaction.STOP
