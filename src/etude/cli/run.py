@@ -164,7 +164,7 @@ class _Told:
     def __call__(self, event: str, fields: Mapping[str, Any]) -> None:
         if event == "planned":
             self.show(fields["number"])
-        if self.out is not None:
+        elif self.out is not None:
             print(to_json({"event": event, **fields}), file=self.out, flush=True)
         elif event == "view":
             self.say(f"The motion is shown to this machine: {fields['address']}")
@@ -242,4 +242,5 @@ def _data(found: RunResult) -> dict[str, Any]:
         "promoted": promotion is not None and promotion.promoted,
         "not_promoted": [] if promotion is None else [one.facts() for one in promotion.refused],
         "said": list(found.said),
+        "planned": found.planned,
     }

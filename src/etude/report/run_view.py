@@ -30,7 +30,7 @@ from etude.report.markup import Html, document, element, paragraph
 from etude.report.motion_in_space import placed_parts
 from etude.report.record import Record, read_record
 from etude.report.scene import figure_along
-from etude.report.space import newest, page
+from etude.report.space import asset, newest, page
 from etude.types import Array, Motion
 
 NICE = 10
@@ -160,7 +160,8 @@ def served_in_space(folder: Path) -> tuple[Pages, Shown]:
     def made() -> dict[str, Callable[[], str]]:
         number = shown.number
         if number is None:
-            return {INDEX: lambda: document("Étude run", Html(""), element("main", paragraph(WAITS)))}
+            style = element("style", Html(asset("report.css")))
+            return {INDEX: lambda: document("Étude run", style, element("main", paragraph(WAITS)))}
         now = read_record(folder)
         return {INDEX: cache(lambda: page(now, newest(now, number), POSES)[0])}
 

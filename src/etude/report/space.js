@@ -288,7 +288,7 @@
       data.marks.forEach((one, i) => tag(`mark${i}`, one.text, wanted("path") && Math.abs(one.time - time) > 0.2 && view.pixel(one.at), "mark"));
       things.forEach((one, i) => tag(`thing${i}`, one.name, one.label && view.pixel(one.label)));
       const rows = near.map((one) => [css(coloured(one.spare, GREEN)), `${one.pair}: ${one.mm.toFixed(0)} mm`]);
-      part(".nearest")?.replaceChildren(...(rows.length ? rows : [["transparent", elsewhere() ? "" : data.nothing]]).map(([colour, words]) => {
+      part(".nearest")?.replaceChildren(...(rows.length ? rows : [["transparent", elsewhere() ? data.elsewhere : data.nothing]]).map(([colour, words]) => {
         const row = document.createElement("li"), mark = document.createElement("i");
         mark.style.background = colour;
         row.append(mark, words);

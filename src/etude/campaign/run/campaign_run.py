@@ -252,7 +252,8 @@ def what_will_happen(session: RobotSession, options: RunOptions, first: Certifie
 
 def _of_first(campaign: Campaign, first: CertifiedMotion) -> list[str]:
     step, last = "the beginning of " * first.first, first.trajectory.duration
-    q = first.trajectory.motion(np.linspace(0.0, first.trajectory.duration, 1000), 1).orders[0]
+    whole = proposal_motion(campaign, first.number, first.control).trajectory
+    q = whole.motion(np.linspace(0.0, whole.duration, 1000), 1).orders[0]
     rows = zip(campaign.axes, q.min(axis=0), q.max(axis=0), strict=True)
     ranges = ", ".join(f"{axis} in {low:.2f}..{high:.2f}" for axis, low, high in rows)
     return [
