@@ -94,6 +94,8 @@ class DriverSuite:
             recording = player.play(self._motion(player), _go, "feedback")
             period = 1.0 / player.about().rate
             assert np.all(np.diff(recording.t) > 0.0), "times do not increase"
+            usual = float(np.median(np.diff(recording.t)))
+            assert usual < 1.5 * period, f"samples are {usual:.3g} s apart, and rate says {period:.3g} s"
             moves = (recording.at > 0.0) & (recording.at < recording.motion.duration)
             apart = np.abs(recording.t - recording.began - recording.at)[moves].max()
             assert apart <= (2 + recording.late) * period, f"times are {apart:.3g} s off the trajectory's"
