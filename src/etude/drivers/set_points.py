@@ -202,4 +202,5 @@ class Stopping:
             q = q + h * (qd + h * (0.5 * qdd + h * jerk / 6.0))
             qd, qdd = qd + h * (qdd + 0.5 * h * jerk), qdd + h * jerk
             left -= length
-        return SetPoint(q, qd, qdd, own.effort, own.at)
+        rest = 0.0 if u >= self.span else 1.0  # exactly: controllers refuse an end that moves
+        return SetPoint(q, rest * qd, rest * qdd, own.effort, own.at)
