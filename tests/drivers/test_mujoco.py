@@ -113,7 +113,7 @@ def test_joints_that_are_not_the_campaigns_are_held_and_go_by_name() -> None:
 
 
 def test_after_a_stop_it_brakes_holds_and_follows_nothing_until_it_is_ready() -> None:
-    """Without another set-point: each joint goes on by half of what its speed makes in the time of braking."""
+    """Without another set-point each joint goes on by half of what its speed makes in that time."""
     ones, still = np.ones(len(JOINTS)), np.zeros(len(JOINTS))
     with simulated({"rate": 500.0}) as player:
         assert isinstance(player, Streamed)

@@ -182,7 +182,7 @@ class PathClock:
 
 
 class Stopping:
-    """From a set-point to rest, each joint by itself: its acceleration goes to a plateau, and from there to 0."""
+    """From a set-point to rest, joint by joint: the acceleration goes to a plateau, and from there to 0."""
 
     def __init__(self, start: SetPoint, limits: Array) -> None:
         self.start = start
