@@ -20,7 +20,6 @@ from etude.errors import UsageError
 from etude.trajectories import PointToPoint
 from etude.types import Array
 from etude_drivers import MujocoRobot
-from etude_drivers.machine import BRAKES
 
 UR10 = Path(__file__).parents[2] / "examples" / "ur10" / "ur10.urdf"
 JOINTS = tuple(
@@ -113,7 +112,7 @@ def test_joints_that_are_not_the_campaigns_are_held_and_go_by_name() -> None:
 
 
 def test_after_a_stop_it_brakes_holds_and_follows_nothing_until_it_is_ready() -> None:
-    """Without another set-point each joint goes on by half of what its speed makes in that time."""
+    """Without another set-point each joint goes on by half of what its speed makes in 0.2 s."""
     ones, still = np.ones(len(JOINTS)), np.zeros(len(JOINTS))
     with simulated({"rate": 500.0}) as player:
         assert isinstance(player, Streamed)
@@ -129,7 +128,7 @@ def test_after_a_stop_it_brakes_holds_and_follows_nothing_until_it_is_ready() ->
         assert last.asked is not None
         assert after.asked is not None
         assert after.qd is not None
-        np.testing.assert_allclose(after.asked - last.asked, 0.5 * 0.5 * BRAKES, atol=1e-9)
+        np.testing.assert_allclose(after.asked - last.asked, 0.5 * 0.5 * 0.2, atol=1e-9)
         assert np.all(after.q > last.q)
         assert np.abs(after.qd).max() < 3e-3
         assert after.t - last.t <= player.about().stopping_time
