@@ -12,7 +12,7 @@ from etude.errors import UsageError
 from etude_studies.collected import Results
 from etude_studies.site.claim_words import COUNTED
 from etude_studies.site.curve_plot import letter
-from etude_studies.site.numbers import Numbers, Summary, counts, printed, summary
+from etude_studies.site.numbers import Numbers, Summary, counts, printed
 from etude_studies.site.words import LINES, axis_label, column_name, line_name
 from etude_studies.thesis.ledger import Entry, Ledger, Row
 from etude_studies.thesis.presenting import cell
@@ -90,8 +90,9 @@ def _rows(entry: Entry, results: Results) -> list[str]:
 def _tex(entry: Entry, rows: Sequence[str]) -> list[str]:
     k = f" after {entry.at[-1]}" if entry.at[-1] and "after" not in entry.title else ""
     unit = f" ({entry.unit})" if entry.unit not in entry.title else ""
+    mean, width = ("geometric mean", "") if entry.in_logs else ("mean", "half width of ")
     told = (
-        f"{entry.title}{unit}{k}: mean over n paired seeds and half width of its 95 % t interval. "
+        f"{entry.title}{unit}{k}: {mean} over n paired seeds and {width}its 95 % t interval. "
         "The thesis has one run of each row."
     )
     head = " & ".join(["", *(tex(column_name(column)) for column in entry.columns), "n"]) + r" \\"
@@ -140,14 +141,14 @@ def _saved(pyplot: Any, numbers: Numbers, entry: Entry, folder: Path) -> list[Pa
 def _dots(axes: Any, numbers: Numbers, entry: Entry, column: str) -> None:
     """A row each, from the top; lines to compare with across all rows."""
     for place, row in enumerate(entry.rows):
-        own = summary(numbers.cell(entry, row.run, column, counts(entry, row)[-1]))
+        own = numbers.summary(entry, row.run, column, counts(entry, row)[-1])
         if own:
             axes.errorbar(own.mean, -place, xerr=_bars(own), fmt=MARKERS[place % 4], color=_colour(place))
         told = printed(entry, row).get(column)
         if told is not None and entry.unit not in INCOMPARABLE:
             name = "the thesis, one run" if place == 0 else None
             axes.plot(told, -place, "D", mfc="none", mec="black", ms=5, ls="", label=name)
-    found = [(source, summary(numbers.cell(entry, source, column, entry.at[-1]))) for source in entry.lines]
+    found = [(source, numbers.summary(entry, source, column, entry.at[-1])) for source in entry.lines]
     values = [(source, own.mean) for source, own in found if own]
     for place, (source, value) in enumerate(values):
         axes.axvline(value, color="0.6", lw=0.8, ls="--", label=_line(place, source))

@@ -29,6 +29,8 @@ Statistic = Literal[
     "smallest",
 ]
 Direction = Literal["less", "more", "equal"]
+LENGTH = "length"
+"""The measure whose columns are inputs of a kernel: lengths span decades."""
 
 
 class _Strict(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -179,6 +181,11 @@ class Entry(_Strict, frozen=True):
     def command(self) -> str:
         """What makes it again."""
         return f"etude study run {self.id}"
+
+    @property
+    def in_logs(self) -> bool:
+        """Whether its numbers span decades: geometric means, logarithmic axes."""
+        return self.measure == LENGTH
 
     @property
     def sources(self) -> tuple[str, ...]:
