@@ -9,7 +9,8 @@ folder for each robot and seed.
 
 The target is fixed: the logged torque after a zero-phase low-pass of 10 Hz, at the samples while any joint
 moves. Least squares has pinocchio's regressor, Coulomb and viscous friction, rotor inertia and an offset of
-each joint; its cut-off and rank are chosen on blocks of the training logs. Both see the same filtered motion.
+each joint; its cut-off and rank are chosen on blocks of the training logs. `exact` is the plant's own law and
+parameters. All see the same filtered motion: what `exact` misses is noise, counts and the filter.
 """
 
 from __future__ import annotations
@@ -364,6 +365,7 @@ def judged(folder: Path, name: str, arm: plant.Arm, seed: int, logs: Sequence[Lo
         said = {
             "etude": predicted(folder, arm, log.t, *motion),
             "least squares": squares.predict(*motion),
+            "exact": exact(arm, *motion),
         }
         torque = {k: rms((v - log.target)[use]).tolist() for k, v in said.items()}
         slow = use[:, None] & (np.abs(motion[1]) < SLOW * arm.speed)
@@ -397,6 +399,13 @@ def judged(folder: Path, name: str, arm: plant.Arm, seed: int, logs: Sequence[Lo
     return out
 
 
+def exact(arm: plant.Arm, q: Array, qd: Array, qdd: Array) -> Array:
+    """(T, J) what the plant itself needs for this motion: its true bodies, friction and cogging."""
+    data = arm.true.createData()
+    bodies = np.stack([pin.rnea(arm.true, data, *row) for row in zip(q, qd, qdd, strict=True)])
+    return np.asarray(bodies + arm.drives.friction(qd) + arm.drives.ripple(q))
+
+
 def each_rms(rows: Array, use: NDArray[np.bool_]) -> list[float]:
     """(J,) of the samples that each joint uses."""
     return [float(np.sqrt(np.mean(rows[use[:, j], j] ** 2))) for j in range(rows.shape[1])]
@@ -415,11 +424,11 @@ def rows_of(results: Path) -> Iterator[dict[str, Any]]:
             yield json.loads(line)
 
 
-def ratio(test: dict[str, Any], what: str) -> float:
-    """Étude's error over that of least squares: joints in parts of their torque limits, or as they are."""
+def ratio(test: dict[str, Any], what: str, model: str = "etude") -> float:
+    """A model's error over that of least squares: joints in parts of their torque limits, or as they are."""
     unit = np.ones(len(test["limit"])) if what == "tracking" else np.array(test["limit"])
     size = {k: float(np.linalg.norm(np.array(v) / unit)) for k, v in test[what].items()}
-    return size["etude"] / size["least squares"]
+    return size[model] / size["least squares"]
 
 
 def table(results: Path) -> str:
@@ -431,6 +440,7 @@ def table(results: Path) -> str:
         "logs",
         "seeds",
         "torque",
+        "exact",
         "joint moves",
         "joint slow",
         "tracking",
@@ -445,8 +455,12 @@ def table(results: Path) -> str:
                     [np.array(t["torque"]["etude"]) / t["torque"]["least squares"] for t in own]
                 )
                 each = " ".join(f"{x:.2f}" for x in np.exp(np.log(joints).mean(axis=0)))
-                what = ("torque", "fast", "slow", "tracking")
-                cells = [_spread([ratio(t, key) for t in own]) for key in what]
+                what = (
+                    ("torque", "etude"),
+                    ("torque", "exact"),
+                    *((k, "etude") for k in ("fast", "slow", "tracking")),
+                )
+                cells = [_spread([ratio(t, *key) for t in own]) for key in what]
                 lines.append(f"| {name} | {title} | {count} | {len(own)} | {' | '.join(cells)} | {each} |")
     return "\n".join(lines)
 
