@@ -20,7 +20,7 @@ from robot_runs import JOINTS, QUICK, Robot, Somebody, events, facts, home, lab,
 import etude
 from etude import cli, tell, untell
 from etude.campaign import Campaign, Trained, newest_model, open_campaign
-from etude.campaign.ingest.recordings import file_gravity
+from etude.campaign.ingest.recordings import Evidence, file_gravity, log_of, planned_log
 from etude.campaign.record.events import Ingested, MotionEnded, MotionSent, RunEnded
 from etude.campaign.run.campaign_run import connected
 from etude.campaign.run.certified_motions import Learned, proposal_motion
@@ -83,6 +83,21 @@ def test_a_whole_motion_answers_its_proposal_at_its_own_times(done: tuple[Campai
     lag = np.abs(recording.q - recording.asked)[inside].max(axis=0)[[1, 0]]
     kept = np.array(next(iter(one.tracked.values())))[0]
     assert kept == pytest.approx(lag, rel=0.02), "no lag was absorbed, and joints are by name"
+
+
+def test_a_path_that_lags_after_lost_cycles_is_no_error_of_the_robot(
+    done: tuple[Campaign, Robot, Any],
+) -> None:
+    campaign, _, _ = done
+    path = next(f.recording for f in facts(campaign, MotionEnded) if f.part == "motion" and not f.first)
+    sound = read_recording(campaign.path / path)
+    shift = np.where((sound.at > 5.0) & (sound.at < 8.0), 0.06, 0.0)
+    late = replace(sound, at=sound.at - shift)
+    evidence = Evidence(late, "feedback")
+    log = planned_log(campaign, evidence, log_of(campaign, evidence, "late"))
+    wanted = evidence.trajectory.motion(np.interp(log.t, late.t - late.began, late.at), 1).orders[0]
+    inside = (log.t > 0.1) & (log.t < late.motion.duration - 0.1)
+    np.testing.assert_allclose(log["q_des"][inside], wanted[inside], atol=1e-9)
 
 
 def test_it_ends_at_home_and_the_learned_command_was_sent(done: tuple[Campaign, Robot, Any]) -> None:

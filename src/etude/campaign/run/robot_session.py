@@ -203,8 +203,8 @@ class RobotSession:
 
     def _residual(self, motion: CertifiedMotion, recording: Recording) -> Figures:
         """(k,) largest mean over `MEAN_S` of |command - predicted|; () where nothing was predicted."""
-        t = recording.t - recording.began
-        inside = (t >= 0.0) & (t <= recording.reached)
+        t = recording.at
+        inside = (t > 0.0) & (t < recording.reached)
         predicted = motion.predicted(t[inside])
         if predicted is None or inside.sum() < 2:
             return ()
