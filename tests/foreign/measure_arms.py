@@ -1,11 +1,13 @@
 """Accuracy on arms that nobody tuned for, in a plant of others, beside least squares with friction.
 
     python tests/foreign/measure_arms.py RESULTS [--robots z1 xarm7 kinova] [--seeds 0 1 2] [--logs 3]
+    python tests/foreign/measure_arms.py RESULTS --learn [...]
     python tests/foreign/measure_arms.py RESULTS --table
 
 Each robot and seed: `etude init`, then `ask`, the plant, `tell`, as often as there are logs; after the first
 and the last log three motions that nobody learned from. What is there is not computed again. RESULTS gets a
-folder for each robot and seed.
+folder for each robot and seed. After an update `--learn` learns the logs that are there anew, with today's
+settings, and judges that: the motions are then those that the version before asked for.
 
 The target is fixed: the logged torque after a zero-phase low-pass of 10 Hz, at the samples while any joint
 moves. Least squares has pinocchio's regressor, Coulomb and viscous friction, rotor inertia and an offset of
@@ -315,20 +317,7 @@ def cell(results: Path, name: str, seed: int, count: int) -> None:
     )
     arm, lab = arm_of(name, seed), folder / "lab"
     if not lab.exists():
-        urdf = folder / f"{name}.urdf"
-        urdf.write_text(plant.one_turn((share() / ROBOTS[name][0]).read_text()))
-        words = ["--joints", *ROBOTS[name][1]] if ROBOTS[name][1] else []
-        etude(
-            "init",
-            str(lab),
-            "--robot",
-            str(urdf),
-            "--mesh-root",
-            str(share().parent.parent),
-            "--seed",
-            str(seed),
-            *words,
-        )
+        begun(folder, lab, name, seed)
     logs: list[Log] = []
     for number in range(1, count + 1):
         kept = folder / f"log{number}.npz"
@@ -340,17 +329,45 @@ def cell(results: Path, name: str, seed: int, count: int) -> None:
             print(name, seed, etude("tell", str(lab), str(folder / f"log{number}.csv")), flush=True)
             log = logged(run)
             np.savez(kept, t=log.t, q=log.q, tau=log.tau, moving=log.moving)
-        with np.load(kept) as found:
-            logs.append(Log(found["t"], found["q"], found["tau"], found["moving"]))
+        logs.append(log_of(kept))
         if number in (1, count) and number not in done:
-            row = {
-                "robot": name,
-                "seed": seed,
-                "logs": number,
-                "tests": judged(folder, name, arm, seed, logs),
-            }
-            with record.open("a") as file:
-                file.write(json.dumps(row) + "\n")
+            keep_row(folder, name, arm, seed, logs)
+
+
+def learned_anew(results: Path, name: str, seed: int, count: int) -> None:
+    """The logs that are there, under the settings of a new campaign, in the place of what they taught before.
+
+    A cell that was learned anew already has a campaign `new`, and is left.
+    """
+    folder, arm = results / f"{name}_{seed}", arm_of(name, seed)
+    lab, new = folder / "lab", folder / "new"
+    if new.exists():
+        return
+    begun(folder, new, name, seed)
+    (lab / "campaign.toml").write_bytes((new / "campaign.toml").read_bytes())
+    etude("learn", str(lab))
+    keep_row(folder, name, arm, seed, [log_of(folder / f"log{i}.npz") for i in range(1, count + 1)])
+
+
+def begun(folder: Path, lab: Path, name: str, seed: int) -> None:
+    """`etude init` of the robot's URDF."""
+    urdf = folder / f"{name}.urdf"
+    urdf.write_text(plant.one_turn((share() / ROBOTS[name][0]).read_text()))
+    words = ["--joints", *ROBOTS[name][1]] if ROBOTS[name][1] else []
+    meshes = ["--mesh-root", str(share().parent.parent)]
+    etude("init", str(lab), "--robot", str(urdf), *meshes, "--seed", str(seed), *words)
+
+
+def log_of(kept: Path) -> Log:
+    with np.load(kept) as found:
+        return Log(found["t"], found["q"], found["tau"], found["moving"])
+
+
+def keep_row(folder: Path, name: str, arm: plant.Arm, seed: int, logs: Sequence[Log]) -> None:
+    """Judges the folder's model; of rows of as many logs the newest counts."""
+    row = {"robot": name, "seed": seed, "logs": len(logs), "tests": judged(folder, name, arm, seed, logs)}
+    with (folder / "rows.jsonl").open("a") as file:
+        file.write(json.dumps(row) + "\n")
 
 
 def judged(folder: Path, name: str, arm: plant.Arm, seed: int, logs: Sequence[Log]) -> dict[str, Any]:
@@ -419,9 +436,16 @@ def rms(rows: Array) -> Array:
 
 
 def rows_of(results: Path) -> Iterator[dict[str, Any]]:
+    """Of each robot and seed the newest row of as many logs. What the plant itself needs for the tests does
+    not depend on logs, so rows that are older than that column have it too."""
     for file in sorted(results.glob("*/rows.jsonl")):
-        for line in file.read_text().splitlines():
-            yield json.loads(line)
+        rows = {row["logs"]: row for row in map(json.loads, file.read_text().splitlines())}
+        for title in TESTS:
+            torques = [row["tests"][title]["torque"] for row in rows.values()]
+            known = next((t["exact"] for t in torques if "exact" in t), [math.nan])
+            for torque in torques:
+                torque.setdefault("exact", known)
+        yield from rows.values()
 
 
 def ratio(test: dict[str, Any], what: str, model: str = "etude") -> float:
@@ -476,12 +500,13 @@ def main() -> None:
     parser.add_argument("--robots", nargs="+", default=list(ROBOTS))
     parser.add_argument("--seeds", nargs="+", type=int, default=[0, 1, 2])
     parser.add_argument("--logs", type=int, default=3)
+    parser.add_argument("--learn", action="store_true")
     parser.add_argument("--table", action="store_true")
     given = parser.parse_args()
     if not given.table:
         for seed in given.seeds:
             for name in given.robots:
-                cell(given.results, name, seed, given.logs)
+                (learned_anew if given.learn else cell)(given.results, name, seed, given.logs)
     print(table(given.results))
 
 
