@@ -11,11 +11,13 @@ import signal
 from collections import namedtuple
 from collections.abc import Callable
 from dataclasses import replace
+from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from jsonschema import Draft202012Validator
 from robot_runs import JOINTS, QUICK, Robot, Somebody, events, facts, home, lab, moved
 
 import etude
@@ -501,6 +503,22 @@ def test_a_dry_run_at_the_terminal(driven: Campaign, capsys: pytest.CaptureFixtu
     assert cli.main(["run", str(driven.path), "--dry-run", "--rounds", "0"]) == 2
     assert cli.main(["run", str(driven.path), "--on", "nobody"]) == 2
     assert "there is no driver 'nobody'" in capsys.readouterr().err.lower()
+
+
+def test_each_line_for_machines_is_of_the_schema(
+    driven: Campaign, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    schema = json.loads(files("etude.cli").joinpath("run.schema.json").read_bytes())
+    known = Draft202012Validator(schema)
+    monkeypatch.setattr("etude.campaign.run.robot_session.STATUS_S", 0.01)
+    path, seen = driven.path / "run.toml", set()
+    path.write_text(path.read_text().replace("confirm = false", "confirm = true"))
+    for words, code in ((["--dry-run"], 0), (["--rounds", "2", "--yes", "--view"], 0), ([], 2)):
+        assert cli.main(["run", str(driven.path), "--json", *words]) == code
+        for line in map(json.loads, capsys.readouterr().out.splitlines()):
+            known.validate(line)
+            seen.add(line.get("event") or next(iter(line)))
+    assert seen == {"view", "motion_sent", "status", "motion_ended", "taken_in", "rounds", "error"}
 
 
 def test_nobody_is_asked_in_a_script(driven: Campaign, capsys: pytest.CaptureFixture[str]) -> None:

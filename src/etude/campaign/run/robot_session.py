@@ -42,6 +42,8 @@ from etude.types import Array, Index
 
 RECORDINGS, KEPT_RECORDINGS = "recordings", 60
 """Where they are, and how many of motions that ended well stay: logs that were taken in are in runs, too."""
+STATUS_S = 1.0
+"""Between two lines of status."""
 MEAN_S = 0.1
 """Over which residuals of commands are averaged."""
 BYTES_A_VALUE, LEAST_FREE = 8, 64 * 2**20
@@ -260,7 +262,7 @@ class _Watching:
             self.session.interrupted.set()
             return Reaction.STOP
         now = time.monotonic()
-        if now - self.told >= 1.0:
+        if now - self.told >= STATUS_S:
             self.told = now
             worst = self.supervisor.worst_error[self.session.columns]
             fields = {"number": self.planned.number, "part": self.planned.part, "at": sample.at}
