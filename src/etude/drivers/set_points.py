@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from etude.drivers.contract import About, PlannedMotion
-from etude.types import Array
+from etude.drivers.within_limits import velocity_range
+from etude.types import Array, Mask
 
 ON_A_ROW = 1e-6
 """Cycles: nearer to a row than that is on it."""
@@ -15,10 +16,15 @@ PACE_CURVATURE = 60.0
 """1/s^2, of the pace of a path: from full speed to rest in 0.26 s where accelerations leave the room."""
 LANDED = 1e-4
 """Of the pace."""
-LONGEST_STOP = 1.0
-"""s from full speed to rest, however gentle the motion's own accelerations are."""
-GLIDE = 1.5
-"""Peak of a cubic's slope over its mean."""
+SHORTEST_STOP, LONGEST_STOP = 0.02, 1.0
+"""s to rest; at most that from full speed, however gentle the motion's own accelerations are."""
+RAMP = 1 / 8
+"""Part of a braking in which its acceleration comes, and in which it goes."""
+CATCH_UP, CATCH_UP_IN, CATCH_UP_RAMP = 0.02, 0.25, 0.2
+"""Part of the speed by which a path that lags is faster at most; s in which it would catch up without that
+bound; 1/s by which this part grows."""
+EARLY = 1.5
+"""Periods that set-points in quick succession may go on together: cycles of ours are not exactly even."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,6 +44,28 @@ def acceleration_limits(motion: PlannedMotion, about: About) -> Array:
     return own if about.acceleration is None else np.minimum(own, about.acceleration)
 
 
+def room_to_catch_up(motion: PlannedMotion, about: About) -> Mask:
+    """(n,) rows from which on, until it is back at its own speed, the motion may be faster by `CATCH_UP`.
+
+    Velocities and accelerations then stay inside the peaks of the motion at full speed and what the robot
+    enforces.
+    """
+    most = acceleration_limits(motion, about)
+    fastest = np.abs(motion.qd).max(axis=0) * (100.0 / motion.speed)
+    fastest = fastest if about.velocity is None else np.minimum(fastest, about.velocity)
+    qd = (1.0 + CATCH_UP) * motion.qd
+    inside = (np.abs(qd) <= fastest) & (
+        np.abs(motion.qdd) * (1.0 + CATCH_UP) ** 2 + CATCH_UP_RAMP * np.abs(qd) <= most
+    )
+    if about.envelope is not None:
+        low, high = velocity_range(about.envelope, motion.q)
+        inside &= (qd >= low) & (qd <= high)
+    rows = int(np.ceil(CATCH_UP / CATCH_UP_RAMP * about.rate)) + 2
+    outside = np.cumsum(np.append(0, ~inside.all(axis=1)))
+    n = len(motion.t)
+    return np.asarray(outside[np.minimum(np.arange(n) + rows, n)] == outside[:n])
+
+
 class PathInTime:
     """A motion by trajectory time, run at any rate from 0 to 1 of its speed."""
 
@@ -47,12 +75,16 @@ class PathInTime:
     def at(self, s: float, pace: float = 1.0, change: float = 0.0) -> SetPoint:
         """Of trajectory time s; pace: ds/dt; change: of it, 1/s. Between two rows a quintic through both."""
         s = min(max(s, 0.0), self.motion.duration)
-        row = min(int(s * self.rate + ON_A_ROW), self.last)
+        row = self.row(s)
         u = s - float(self.motion.t[row])
         q, qd, qdd, effort = self._row(row) if u * self.rate <= ON_A_ROW else self._between(row, u)
         if pace != 1.0 or change != 0.0:
             qd, qdd = qd * pace, qdd * (pace * pace) + qd * change
         return SetPoint(q, qd, qdd, effort, s)
+
+    def row(self, s: float) -> int:
+        """The last one that is not after trajectory time s."""
+        return min(int(s * self.rate + ON_A_ROW), self.last)
 
     def _row(self, row: int) -> tuple[Array, Array, Array, Array | None]:
         own = self.motion
@@ -83,7 +115,7 @@ class PathInTime:
 
         No change is inside them at any pace up to 1, since the motion itself is.
         """
-        row = min(int(s * self.rate + ON_A_ROW), self.last)
+        row = self.row(s)
         qd, own = self.motion.qd[row], self.motion.qdd[row] * (pace * pace)
         moving = np.where(np.abs(qd) > 1e-9, qd, 1e-9)
         ends = (-limits - own) / moving, (limits - own) / moving
@@ -118,22 +150,57 @@ class Pace:
             self.now = self.end
 
 
+class PathClock:
+    """How far the path goes on in each cycle: by one period, however many cycles were lost before it.
+
+    A robot may have held the last set-point meanwhile, and more than one period would be a jump to it. The
+    path then lags behind the robot's clock, and catches up slowly where it has the room.
+
+    Attributes:
+        speed: of the path's time; change: of it, 1/s. lag: s behind the robot's clock.
+    """
+
+    def __init__(self, period: float) -> None:
+        self.period = period
+        self.speed, self.change, self.lag = 1.0, 0.0, 0.0
+        self._early = EARLY * period
+
+    def step(self, robot: float, ours: float, room: bool) -> float:
+        """s of this cycle. robot, ours: s that the clocks went on; room: the path may be faster here."""
+        even, step = 0.5 * self.period, CATCH_UP_RAMP * self.period
+        beyond = self.lag - min(max(self.lag, -even), even)
+        wanted = 1.0 + min(max(beyond / CATCH_UP_IN, -CATCH_UP), CATCH_UP if room else 0.0)
+        before = self.speed
+        self.speed = min(max(wanted, before - step), before + step)
+        self.change = (self.speed - before) / self.period
+        passed = (1.0 + CATCH_UP) * min(robot, ours)
+        self._early = min(self._early + passed, EARLY * self.period)
+        tick = min(self.speed * self.period, self._early)
+        self._early -= tick
+        self.lag += robot - tick
+        return tick
+
+
 class Stopping:
-    """From a set-point to rest, each joint by itself: its velocity falls as a cubic, without a step in it."""
+    """From a set-point to rest, joint by joint: the acceleration goes to a plateau, and from there to 0."""
 
     def __init__(self, start: SetPoint, limits: Array) -> None:
         self.start = start
-        quiet = np.maximum(limits, 1e-9)
-        self.span = float(np.clip((GLIDE * np.abs(start.qd) / quiet).max(), 0.02, LONGEST_STOP))
+        toward = np.sign(start.qd) * np.clip(start.qdd, -limits, limits)
+        most = (1.0 - RAMP) * np.maximum(limits, 1e-9) - 0.5 * RAMP * toward
+        self.span = float(np.clip((np.abs(start.qd) / most).max(), SHORTEST_STOP, LONGEST_STOP))
+        self.plateau = -(start.qd / self.span + 0.5 * RAMP * start.qdd) / (1.0 - RAMP)
 
     def at(self, u: float) -> SetPoint:
         """u: s since it began; the end stays."""
-        h, own = self.span, self.start
-        x = min(u / h, 1.0)
-        # cubic Hermite in the velocity: starts with qd and qdd, ends with zeros
-        fall, swing = 1 - 3 * x**2 + 2 * x**3, x - 2 * x**2 + x**3
-        way, swung = x - x**3 + 0.5 * x**4, x**2 / 2 - 2 * x**3 / 3 + x**4 / 4
-        q = own.q + h * (own.qd * way + h * own.qdd * swung)
-        qd = own.qd * fall + h * own.qdd * swing
-        qdd = own.qd * (6 * x**2 - 6 * x) / h + own.qdd * (1 - 4 * x + 3 * x**2)
-        return SetPoint(q, qd, qdd, own.effort, own.at)
+        own, left = self.start, min(u, self.span)
+        q, qd, qdd = own.q, own.qd, own.qdd
+        for part, end in ((RAMP, self.plateau), (1.0 - 2.0 * RAMP, self.plateau), (RAMP, 0.0 * own.q)):
+            length = part * self.span
+            h = min(max(left, 0.0), length)
+            jerk = (end - qdd) / length
+            q = q + h * (qd + h * (0.5 * qdd + h * jerk / 6.0))
+            qd, qdd = qd + h * (qdd + 0.5 * h * jerk), qdd + h * jerk
+            left -= length
+        rest = 0.0 if u >= self.span else 1.0  # exactly: controllers refuse an end that moves
+        return SetPoint(q, rest * qd, rest * qdd, own.effort, own.at)

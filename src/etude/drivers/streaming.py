@@ -30,7 +30,15 @@ from etude.drivers.contract import (
     Watch,
 )
 from etude.drivers.playing import Interrupt, RecordedRows, interrupts, own_arrays, why_not
-from etude.drivers.set_points import Pace, PathInTime, SetPoint, Stopping, acceleration_limits
+from etude.drivers.set_points import (
+    Pace,
+    PathClock,
+    PathInTime,
+    SetPoint,
+    Stopping,
+    acceleration_limits,
+    room_to_catch_up,
+)
 from etude.drivers.within_limits import refusals
 from etude.types import Array
 
@@ -40,10 +48,8 @@ SETTLED, LONGEST_SETTLE = 0.1, 0.5
 """s after the last set-point that moves: recorded at least, and at most where the robot still moves."""
 RESTS = 2e-3
 """rad/s or m/s: slower than that a joint rests."""
-LARGEST_STEP = 5
-"""Cycles by which the path goes on in one of ours, however much later the robot says it is."""
-AHEAD = 0.02
-"""s by which the path may be ahead of our clock: a robot's clock that runs fast does not speed it up."""
+RESTED = 0.05
+"""s without a set-point after which a robot may rest: the path then starts again as after a HOLD."""
 LOOKED = 0.05
 """s between two looks of the watchdog at the loop."""
 
@@ -127,7 +133,8 @@ class _Run:
         self.late = 0
         self.held: list[tuple[float, float]] = []
         self.interrupt, self.lost = Interrupt(), False
-        self._pace = Pace()
+        self._pace, self._steps = Pace(), PathClock(self.period)
+        self._room = room_to_catch_up(motion, about)
         self._stopping: Stopping | None = None
         self._since = 0.0
         self._why = Ended.DONE, ""
@@ -222,7 +229,8 @@ class _Run:
 
     def _next(self, reaction: Reaction) -> SetPoint:
         """The set-point of the coming cycle."""
-        tick = self.clock.tick
+        room = bool(self._room[self.path.row(self.point.at)])
+        tick = self._steps.step(self.clock.passed, self.clock.elapsed, room)
         if self._stopping is not None:
             self._since += tick
             return self._stopping.at(self._since)
@@ -231,7 +239,7 @@ class _Run:
             if self._since < LEAD:
                 return self.point
             self._moves, self._since, self.began = True, 0.0, self.clock.robot
-            tick = self.period
+            self._steps, tick = PathClock(self.period), self.period
         elif self.point.at >= self.motion.duration:
             self._since += tick
             return self.point
@@ -239,7 +247,9 @@ class _Run:
 
     def _along(self, tick: float, wait: bool) -> SetPoint:
         """Further on the path, at the pace that holding leaves."""
-        pace, s, before = self._pace, self.point.at, self._pace.now
+        if self.clock.late * self.period >= RESTED:
+            self._start_again()
+        pace, s, before, speed = self._pace, self.point.at, self._pace.now, self._steps.speed
         if pace.steady and wait == (pace.end == 1.0):
             pace.end = 0.0 if wait else 1.0
             if wait:
@@ -247,7 +257,14 @@ class _Run:
         pace.go_on(tick, self.path, s, self.limits)
         if self.held and self.held[-1][1] == np.inf and pace.now == pace.end == 1.0:
             self.held[-1] = self.held[-1][0], self.clock.robot
-        return self.path.at(s + 0.5 * tick * (before + pace.now), pace.now, pace.change)
+        change = pace.change * speed + pace.now * self._steps.change
+        return self.path.at(s + 0.5 * tick * (before + pace.now), pace.now * speed, change)
+
+    def _start_again(self) -> None:
+        """From rest at the last set-point, where the robot may have come to rest meanwhile."""
+        self._pace, self._steps = Pace(0.0), PathClock(self.period)
+        if not self.held or self.held[-1][1] < np.inf:
+            self.held.append((self.clock.robot - self.clock.passed, np.inf))
 
 
 class _Clock:
@@ -255,19 +272,19 @@ class _Clock:
 
     Attributes:
         now: ours, s; of a virtual robot, cycles counted. robot: its own, s, estimated during silence.
-        tick: s by which the path goes on in this cycle. fresh: the sample is a new one; forward: and later.
+        passed, elapsed: s that the robot's and ours went on since the last cycle.
+        fresh: the sample is a new one; forward: and later.
         silent: s since the last new sample. late: cycles missed before this one.
     """
 
     def __init__(self, about: About) -> None:
         self.virtual, self.period, self.believed = about.virtual, 1.0 / about.rate, about.silence
-        self.now = self.robot = self.tick = self.silent = 0.0
+        self.now = self.robot = self.passed = self.elapsed = self.silent = 0.0
         self.fresh, self.forward, self.late = False, False, 0
         self.beat = np.inf  # the watchdog waits for the first cycle
         self._blocks = False
         self._cycles = 0
         self._sampled = self._newest = -np.inf
-        self._ahead = 0.0
         self._due = self._heard = 0.0
 
     def start(self) -> None:
@@ -299,9 +316,7 @@ class _Clock:
         between = t - self._newest if sound and (self.virtual or self._blocks) else elapsed
         self.late = 0 if first else max(round(between / self.period) - 1, 0)
         robot = t if self.fresh and sound else expected
-        step = 0.0 if first else min(max(robot - self.robot, 0.0), LARGEST_STEP * self.period)
-        self.tick = min(step, max(AHEAD - self._ahead + elapsed, 0.0))
-        self._ahead = max(self._ahead + self.tick - elapsed, -AHEAD)
+        self.passed, self.elapsed = 0.0 if first else max(robot - self.robot, 0.0), elapsed
         self.robot, self._sampled = robot, t
         self._newest = max(self._newest, t) if sound else self._newest
         self._heard = self.now if self.fresh else self._heard

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -153,6 +153,11 @@ def placed(campaign: Campaign, evidence: Evidence, log: Log) -> tuple[Log, int |
 
 
 def planned_log(campaign: Campaign, evidence: Evidence, log: Log) -> Log:
-    """With the planned motion at its own times."""
-    trajectory = evidence.trajectory
-    return with_plan(ended(log, trajectory.duration), trajectory, campaign.channels, campaign.kind.path)
+    """With the planned motion at its own times; the set-points lag where cycles were lost."""
+    trajectory, own = evidence.trajectory, evidence.recording
+    log = ended(log, trajectory.duration)
+    t = own.t - own.began
+    lag = np.where((own.at > 0.0) & (own.at < trajectory.duration), t - own.at, 0.0)
+    lag = np.where(np.abs(lag) > 0.5 / own.motion.rate, lag, 0.0)
+    asked = replace(log, t=log.t - np.interp(log.t, t, lag))
+    return replace(with_plan(asked, trajectory, campaign.channels, campaign.kind.path), t=log.t)
