@@ -269,7 +269,8 @@ HEADER = (
     "error, %",
     "over linear",
     "word",
-    "traps",
+    "traps refused",
+    "right logs refused",
     "CPU s",
 )
 
@@ -292,8 +293,10 @@ def _row(own: Found, base: Found | None) -> list[str]:
     elif base is not None and base is not own:
         told = ["", "other data"]
     traps = f"{sum(own.traps.values())}/{len(own.traps)}"
+    lessons = [error for by in own.errors.values() for error in by.values()]
+    right = f"{lessons.count(None)}/{len(lessons)}"
     mean = f"{np.nanmean(list(own.last.values())):.3g}"
-    return [f"{own.entry} (seed {own.seed})", *reached, mean, *told, traps, f"{own.cpu_s:g}"]
+    return [f"{own.entry} (seed {own.seed})", *reached, mean, *told, traps, right, f"{own.cpu_s:g}"]
 
 
 def leaderboard(board: list[Found]) -> Html:
@@ -317,7 +320,7 @@ def _told() -> str:
         "Root mean squared error of the predicted command over its spread, mean over the commands, on a test "
         f"that the entry never saw. It learned the first {', '.join(f'{s:g}' for s in SECONDS)} s of a log. "
         "Robots are paired; the word says whether the error is below that of linear regression. Traps are "
-        "wrong logs that were refused."
+        "wrong logs; right ones are refused where nothing is returned."
     )
 
 
