@@ -17,7 +17,7 @@ recipe recipes recorded remembered rest rung rungs seen several settled short sh
 stand_ins standing steps stored stuck things together told tools truth tuned unheld unseen use utilities utils
 various way ways words"""
 """Participles, adverbs and vague words: nobody looks for a topic under them."""
-CLAUSES = "How Has Is Under What When Where Which Who Whose".split()
+CLAUSES = ["How", "Has", "Is", "Under", "What", "When", "Where", "Which", "Who", "Whose"]
 """Words that begin a question or a clause: a file's first line names its topic by a noun."""
 
 
