@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 ACTIONS = ("list", "run", "show", "report")
 OPTIONS = (
     *("seed", "seeds", "folder", "workers", "cluster", "shard", "method", "limit_s", "go_on"),
-    *("update", "paper"),
+    *("update", "paper", "robot", "logs"),
 )
 """Of a study of many ids."""
 LINE = "{:15} {:>5}  {:21}  {}"
@@ -37,7 +37,7 @@ SEEDS = 4
 GROUP, BENCH = "etude.studies", "bench_"
 BROUGHT = {"study": "studies", "bench": "benches", "learn": "processes and clusters that learn campaigns"}
 """What a command needs of the package of studies."""
-FLAGS = {"pythons": "--python", "logs": "--logs"}
+FLAGS = {"pythons": "--python", "logs": "--logs", "method": "--method"}
 """Options that must not be given in vain."""
 
 
@@ -190,6 +190,12 @@ class Study(Common):
     method: str = ""
     """module:factory of a model, kernel or criterion of yours, in the place of the one of each row."""
 
+    logs: Path | None = None
+    """Compute a table of models (6.1 to 6.9) on this recorded log of an arm instead; --seeds counts folds."""
+
+    robot: Path | None = None
+    """Its robot.toml; FOLDER.toml beside the log if not given."""
+
     limit_s: float | None = None
     """Seconds that one run may take before it is ended and reported."""
 
@@ -234,7 +240,7 @@ class Study(Common):
         if self.seeds is not None and self.seeds < 1:
             raise UsageError(f"{self.seeds} seeds are none", where="--seeds", next_step="Give 1 or more.")
         options = {"json": self.json, "seed": self.seed, "seeds": SEEDS if self.seeds is None else self.seeds}
-        run_study("study", name, options, {}, folder=self.folder / name)
+        run_study("study", name, options, {"method": self.method}, folder=self.folder / name)
         return Outcome("")
 
     def _report(self) -> Outcome:
