@@ -37,8 +37,8 @@ FIRST = (
     *("test_lagrangian_compilation", "test_dictionary_stream"),
     "test_arm_closed_loop",
 )
-"""Files whose tests compile what takes long. Two workers take turns: each compiles other functions, and finds the
-other's in numba's cache."""
+"""Files whose tests compile what takes long. Two workers take turns: each compiles others,
+and finds the rest in numba's cache."""
 LONG = "foreign"
 """The room with few tests in a file that take long: at the end they would leave a worker idle."""
 
