@@ -19,8 +19,10 @@ import numpy as np
 from etude.errors import UsageError
 from etude.types import Array, Index
 
-FORGETS = 0.05
-"""s: time constant in which a joint comes to rest that gets no set-points any more."""
+BRAKES = 0.2
+"""s of braking, at constant deceleration, of a joint that gets no set-points any more."""
+LONGEST_BRAKING, STILL = 0.8, 2e-3
+"""s from a stop to rest with what the feedback needs; rad/s or m/s that count as rest."""
 LATE_CYCLES = 2.0
 """Set-points go on in time for so many cycles when the next one does not come."""
 LONGEST_STEP, SHORTEST_STEP = 1e-3, 2e-4
@@ -111,7 +113,7 @@ class Machine:
         self.command = np.zeros(len(self.joints))
         self._zero = np.zeros(len(self.joints))
         self._reference = self.asked.copy(), self._zero, self._zero, self._zero
-        self._age = np.inf
+        self._age, self._follows = np.inf, True
         self._queue: deque[tuple[float, tuple[Array, Array, Array, Array]]] = deque()
         self._weight = mujoco.MjData(self.model) if settings.adds_gravity else None
         for _ in range(int(1.0 / self.period)):  # it hangs in its feedback before anybody looks
@@ -140,18 +142,32 @@ class Machine:
         return np.where(limited, low, -np.inf), np.where(limited, high, np.inf)
 
     def ask(self, q: Array, qd: Array, qdd: Array, effort: Array | None) -> None:
-        """A set-point (J,) for the end of the next cycle, or the delay later."""
-        self._queue.append(
-            (self.t + self.settings.delay, (q, qd, qdd, self._zero if effort is None else effort))
-        )
+        """A set-point (J,) for the end of the next cycle, or the delay later; none after a stop."""
+        if self._follows:
+            added = self._zero if effort is None else effort
+            self._queue.append((self.t + self.settings.delay, (q, qd, qdd, added)))
+
+    def ready(self) -> None:
+        """Follows set-points again."""
+        self._follows = True
 
     def stop(self, kill: bool = False) -> None:
-        """Comes to rest and holds; kill: where it is now."""
-        self._queue.clear()
-        _, qd, _, effort = self._reference
-        now = self.asked if not kill else self.data.qpos[self._places].copy()
-        self._reference = now, (self._zero if kill else self._speed(qd)), self._zero, effort
-        self._age = LATE_CYCLES * self.period
+        """Brakes to rest and holds there; kill: where it is now. Set-points count again after `ready`."""
+        if self._follows or kill:
+            self._queue.clear()
+            q, qd = self._asked_now()
+            if kill:
+                q, qd = self.data.qpos[self._places].copy(), self._zero
+            late = LATE_CYCLES * self.period
+            self._reference = q - late * qd, qd, self._zero, self._reference[3]
+            self._age, self._follows = late, False
+
+    def rest(self) -> None:
+        """Time passes until it stands still."""
+        for _ in range(int(LONGEST_BRAKING / self.period)):
+            if np.abs(self.data.qvel[self._dofs]).max() < STILL:
+                break
+            self.cycle()
 
     def cycle(self) -> None:
         """One cycle on."""
@@ -179,18 +195,13 @@ class Machine:
         return own
 
     def _asked_now(self) -> tuple[Array, Array]:
-        """The set-point in force, carried on in time; one that is old comes to rest."""
+        """The set-point in force, carried on in time; from one that is old it brakes to rest."""
         q, qd, qdd, _ = self._reference
         usual = min(self._age, LATE_CYCLES * self.period)
         over = self._age - usual
         now, speed = q + usual * (qd + 0.5 * usual * qdd), qd + usual * qdd
-        if over <= 0.0:
-            return now, speed
-        left = float(np.exp(-over / FORGETS))
-        return now + FORGETS * (1.0 - left) * speed, left * speed
-
-    def _speed(self, qd: Array) -> Array:
-        return self._asked_now()[1] if np.isfinite(self._age) else 0.0 * qd
+        over = min(max(over, 0.0), BRAKES)
+        return now + over * (1.0 - 0.5 * over / BRAKES) * speed, (1.0 - over / BRAKES) * speed
 
     def _gravity(self) -> Array:
         """(J,) what holds its weight where it is."""

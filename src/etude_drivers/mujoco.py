@@ -22,7 +22,7 @@ import numpy as np
 from etude.drivers import About, Control, Sample
 from etude.errors import EtudeError, UsageError
 from etude.types import Array
-from etude_drivers.machine import Machine, MachineSettings
+from etude_drivers.machine import LONGEST_BRAKING, Machine, MachineSettings
 
 OPTIONS = ("virtual", "view")
 """Words after a comma of the address."""
@@ -57,6 +57,7 @@ class MujocoRobot:
         self.joints, self.settings = tuple(joints), settings
         self._machine = Machine(joints, settings)  # a wrong model is told here, before anything starts
         self._link: _Link | None = None
+        self._stopped = False
 
     def about(self) -> About:
         own, (low, high) = self.settings, self._machine.limits
@@ -72,7 +73,8 @@ class MujocoRobot:
             lower=low,
             upper=high,
             can_hold=True,
-            on_loss="holds",
+            on_loss="stops",
+            stopping_time=LONGEST_BRAKING,
             silence=SILENCE,
             real=False,
             virtual=own.virtual,
@@ -99,10 +101,15 @@ class MujocoRobot:
     def state(self) -> Sample:
         if self._link is not None:
             return self._link.newest(SILENCE)
+        if self._stopped:
+            self._machine.rest()
         return _sample(_state(self._machine), len(self.joints))
 
     def ready(self, control: Control) -> None:
-        pass
+        if self._link is not None:
+            self._link.send(b"R")
+        self._stopped = False
+        self._machine.ready()
 
     def send(self, q: Array, qd: Array, qdd: Array, effort: Array | None) -> None:
         if self._link is not None:
@@ -118,6 +125,7 @@ class MujocoRobot:
             self._link.send(b"K" if kill else b"S")
         elif self.settings.virtual:
             self._machine.stop(kill)
+            self._stopped = True  # its time goes on when somebody looks, in the thread of the loop
 
 
 class _Link:
@@ -221,6 +229,8 @@ def _obey(machine: Machine, link: socket.socket) -> bool:
             data = b""
         if data[:1] == b"G":
             machine.ask(*np.frombuffer(data, offset=1).reshape(4, -1))
+        elif data[:1] == b"R":
+            machine.ready()
         else:
             machine.stop(kill=data[:1] == b"K")
         if not data:

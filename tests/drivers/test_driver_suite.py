@@ -70,6 +70,10 @@ def does_not_follow(self: FakeRobot, q: object, qd: object, qdd: object, effort:
     FakeRobot.send(self, np.array([0.4, -0.7]), np.zeros(2), np.zeros(2), None)
 
 
+def stop_does_nothing(self: FakeRobot, kill: bool = False) -> None:
+    pass
+
+
 def stop_raises(self: FakeRobot, kill: bool = False) -> None:
     raise ConnectionError
 
@@ -94,6 +98,7 @@ def runs_on(self: FakeRobot, q: Array, qd: Array, qdd: Array, effort: Array | No
         {"send": does_not_follow},
         {"send": runs_on},
         {"stop": stop_raises},
+        {"stop": stop_does_nothing},
     ],
 )
 def test_a_driver_that_breaks_a_law_is_noticed(changes: dict[str, object]) -> None:

@@ -111,6 +111,34 @@ def test_joints_that_are_not_the_campaigns_are_held_and_go_by_name() -> None:
         assert play(player, 0.1, joints).ended is Ended.DONE
 
 
+def test_after_a_stop_it_brakes_holds_and_follows_nothing_until_it_is_ready() -> None:
+    """Without another set-point each joint goes on by half of what its speed makes in 0.2 s."""
+    ones, still = np.ones(len(JOINTS)), np.zeros(len(JOINTS))
+    with simulated({"rate": 500.0}) as player:
+        assert isinstance(player, Streamed)
+        robot = player.stream
+        start = player.where().asked
+        assert start is not None
+        robot.ready("feedback")
+        for cycle in range(1, 101):
+            robot.send(start + 0.5 * cycle / 500.0 * ones, 0.5 * ones, still, None)
+        last = robot.state()
+        robot.stop()
+        after = robot.state()
+        assert last.asked is not None
+        assert after.asked is not None
+        assert after.qd is not None
+        np.testing.assert_allclose(after.asked - last.asked, 0.5 * 0.5 * 0.2, atol=1e-9)
+        assert np.all(after.q > last.q)
+        assert np.abs(after.qd).max() < 3e-3
+        assert after.t - last.t <= player.about().stopping_time
+        robot.send(start, still, still, None)
+        np.testing.assert_array_equal(robot.state().asked, after.asked)
+        robot.ready("feedback")
+        robot.send(start, still, still, None)
+        np.testing.assert_allclose(robot.state().asked, start, atol=1e-9)
+
+
 def test_in_its_own_process_it_is_a_robot_in_real_time() -> None:
     with find_driver(f"mujoco:{UR10}", JOINTS) as player:
         recording = play(player, 0.05)

@@ -115,7 +115,9 @@ class About:
             enforces none. envelope: velocity limits by position.
         can_hold: HOLD, and going on after it, are possible.
         stop_latency: s from STOP to the first decelerating set-point.
-        on_loss: what the robot does if this program dies now.
+        stopping_time: s from `stop` to rest, at most, of a robot that moves; it then holds where it rests.
+        on_loss: what the robot does if this program dies now: it brakes and holds, it holds its last
+            set-point, or it goes on.
         silence: s without a sample that count as a lost link.
         encoder_step: (J,) rad or m of one step; None: unknown.
         real: False: a simulation, and nobody has to stand at the button.
@@ -140,6 +142,7 @@ class About:
     envelope: VelocityEnvelope | None = None
     can_hold: bool = False
     stop_latency: float = 0.05
+    stopping_time: float = 0.5
     on_loss: OnLoss = "unknown"
     silence: float = 0.1
     encoder_step: Array | None = None

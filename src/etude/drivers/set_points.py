@@ -16,10 +16,10 @@ PACE_CURVATURE = 60.0
 """1/s^2, of the pace of a path: from full speed to rest in 0.26 s where accelerations leave the room."""
 LANDED = 1e-4
 """Of the pace."""
-LONGEST_STOP = 1.0
-"""s from full speed to rest, however gentle the motion's own accelerations are."""
-GLIDE = 1.5
-"""Peak of a cubic's slope over its mean."""
+SHORTEST_STOP, LONGEST_STOP = 0.02, 1.0
+"""s to rest; at most that from full speed, however gentle the motion's own accelerations are."""
+RAMP = 1 / 8
+"""Part of a braking in which its acceleration comes, and in which it goes."""
 CATCH_UP, CATCH_UP_IN, CATCH_UP_RAMP = 0.02, 0.25, 0.2
 """Part of the speed by which a path that lags is faster at most; s in which it would catch up without that
 bound; 1/s by which this part grows."""
@@ -182,21 +182,25 @@ class PathClock:
 
 
 class Stopping:
-    """From a set-point to rest, each joint by itself: its velocity falls as a cubic, without a step in it."""
+    """From a set-point to rest, joint by joint: the acceleration goes to a plateau, and from there to 0."""
 
     def __init__(self, start: SetPoint, limits: Array) -> None:
         self.start = start
-        quiet = np.maximum(limits, 1e-9)
-        self.span = float(np.clip((GLIDE * np.abs(start.qd) / quiet).max(), 0.02, LONGEST_STOP))
+        toward = np.sign(start.qd) * np.clip(start.qdd, -limits, limits)
+        most = (1.0 - RAMP) * np.maximum(limits, 1e-9) - 0.5 * RAMP * toward
+        self.span = float(np.clip((np.abs(start.qd) / most).max(), SHORTEST_STOP, LONGEST_STOP))
+        self.plateau = -(start.qd / self.span + 0.5 * RAMP * start.qdd) / (1.0 - RAMP)
 
     def at(self, u: float) -> SetPoint:
         """u: s since it began; the end stays."""
-        h, own = self.span, self.start
-        x = min(u / h, 1.0)
-        # cubic Hermite in the velocity: starts with qd and qdd, ends with zeros
-        fall, swing = 1 - 3 * x**2 + 2 * x**3, x - 2 * x**2 + x**3
-        way, swung = x - x**3 + 0.5 * x**4, x**2 / 2 - 2 * x**3 / 3 + x**4 / 4
-        q = own.q + h * (own.qd * way + h * own.qdd * swung)
-        qd = own.qd * fall + h * own.qdd * swing
-        qdd = own.qd * (6 * x**2 - 6 * x) / h + own.qdd * (1 - 4 * x + 3 * x**2)
-        return SetPoint(q, qd, qdd, own.effort, own.at)
+        own, left = self.start, min(u, self.span)
+        q, qd, qdd = own.q, own.qd, own.qdd
+        for part, end in ((RAMP, self.plateau), (1.0 - 2.0 * RAMP, self.plateau), (RAMP, 0.0 * own.q)):
+            length = part * self.span
+            h = min(max(left, 0.0), length)
+            jerk = (end - qdd) / length
+            q = q + h * (qd + h * (0.5 * qdd + h * jerk / 6.0))
+            qd, qdd = qd + h * (qdd + 0.5 * h * jerk), qdd + h * jerk
+            left -= length
+        rest = 0.0 if u >= self.span else 1.0  # exactly: controllers refuse an end that moves
+        return SetPoint(q, rest * qd, rest * qdd, own.effort, own.at)

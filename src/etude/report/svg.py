@@ -203,8 +203,9 @@ def panel(
     top = 30.0 + 20.0 * len(rows) + header
     height += 20 * max(0, len(rows) - 1)  # a long legend must not squeeze the drawing
     extents = [mark.extent() for mark in marks]
-    sx = fitted_scale(x, np.concatenate([e[0] for e in extents] or [np.empty(0)]), 62.0, right - 2.0)
     sy = fitted_scale(y, np.concatenate([e[1] for e in extents] or [np.empty(0)]), height - 44.0, top)
+    left = max(62.0, 26.0 + CHARACTER * max((len(tick_text(value)) for value in sy.ticks()), default=0))
+    sx = fitted_scale(x, np.concatenate([e[0] for e in extents] or [np.empty(0)]), left, right - 2.0)
     drawn = "".join(mark.draw(sx, sy) for mark in marks)
     names = _end_labels(named, sx, sy) if end_labels else _legend(rows)
     frame = _title(title) + _grid(sx, sy) + drawn + _axis_labels(x, y, sx, sy, height) + names

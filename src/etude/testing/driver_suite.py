@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+import time
 from collections.abc import Callable
 from dataclasses import replace
 from typing import ClassVar
@@ -152,6 +153,22 @@ class DriverSuite:
             self._require_done(recording, player)
             assert len(recording.held) == 1, f"it was held {len(recording.held)} times"
 
+    def test_a_stream_that_is_stopped_in_motion_rests_in_time_and_stays(self) -> None:
+        """As where the supervisor fails: no set-point of ours brakes it, and `stop` alone does."""
+        if isinstance(self.driver(), Player):
+            return
+        with self._player() as player:
+            recording = player.play(self._motion(player), _doing(0.4, _fails), "feedback")
+            about, moving = player.about(), recording.t[-1]
+            stopped = _later(player, moving + about.stop_latency + about.stopping_time)
+            later = _later(player, stopped.t + 0.2)
+            way = self.velocity * (about.stop_latency + about.stopping_time) + self.error
+            far = np.abs(stopped.q - recording.q[-1]).max()
+            assert far <= way, f"it goes on by {far:.3g} after stop()"
+            moved = np.abs(later.q - stopped.q).max()
+            assert moved <= 5e-3, f"it still moves {about.stopping_time:g} s after stop(), by {moved:.3g}"
+            assert later.qd is None or np.abs(later.qd).max() <= RESTS, "it still moves after stop()"
+
     def test_stop_from_another_thread_ends_it_at_rest(self) -> None:
         with self._player() as player:
 
@@ -171,11 +188,8 @@ class DriverSuite:
             self._require_shapes(player.where())
 
     def test_what_the_supervisor_raises_ends_it_at_rest(self) -> None:
-        def fails() -> None:
-            raise ZeroDivisionError
-
         with self._player() as player:
-            recording = player.play(self._motion(player), _doing(0.4, fails), "feedback")
+            recording = player.play(self._motion(player), _doing(0.4, _fails), "feedback")
             assert recording.ended in (Ended.FAULT, Ended.STOPPED), f"it ended {recording.ended.value}"
 
     def test_faults_end_as_they_have_to(self) -> None:
@@ -292,6 +306,19 @@ def _doing(at: float, what: Callable[[], None]) -> Watch:
         return Reaction.GO
 
     return watch
+
+
+def _fails() -> None:
+    raise ZeroDivisionError
+
+
+def _later(player: Player, t: float) -> Sample:
+    """What is measured at that time of the robot's clock; at once where that stands still."""
+    about, sample = player.about(), player.where()
+    while sample.t < t and not about.virtual:
+        time.sleep(1.0 / about.rate)
+        sample = player.where()
+    return sample
 
 
 def _in_a_thread(what: Callable[[], None]) -> Callable[[], None]:

@@ -21,6 +21,7 @@ from etude_studies.site.dot_plot import Dot, dot_plot
 from etude_studies.site.downloads import data_links
 from etude_studies.site.entry_more import reading_name
 from etude_studies.site.marks import Style, figure
+from etude_studies.site.mathematics import prose
 from etude_studies.site.numbers import Summary
 from etude_studies.site.page import chip, command, file_of, folded, link, page, word_chip
 from etude_studies.site.seed_plot import Strip, seed_plot
@@ -53,7 +54,7 @@ def claim_page(study: Study, claim: Claim) -> Html:
         f"Claim {claim.id}",
         element("h1", f"Claim {claim.id}"),
         paragraph(_about(claim, verdict), class_="soft"),
-        element("blockquote", " … ".join(claim.quote)),
+        element("blockquote", prose(" … ".join(claim.quote))),
         element("p", chip(verdict), " ", sentence(verdict, _short(study, claim, own)), class_="lead verdict"),
         _again(verdict),
         _short_of_seeds(study, claim),
@@ -218,7 +219,7 @@ def _told(claim: Claim) -> Html:
     """The thesis's own numbers, notes, and what it says otherwise elsewhere."""
     rows = [("The thesis's own number", claim.thesis), ("How it is read", claim.note)]
     rows += [("The thesis says otherwise", claim.contradicts)]
-    parts = [element("dt", title) + element("dd", words) for title, words in rows if words]
+    parts = [element("dt", title) + element("dd", prose(words)) for title, words in rows if words]
     return element("dl", *map(Html, parts)) if parts else Html("")
 
 

@@ -66,7 +66,7 @@ def compared(part: Part, name_of: Names, k: int | None = None) -> str:
         last=_after(part.at[-1:], counted),
         **names,
     )
-    return said + _rest(part, name_of)
+    return said.rstrip(", ") + _rest(part, name_of)
 
 
 def _rest(part: Part, name_of: Names) -> str:
@@ -151,7 +151,7 @@ def _counted(part: Part) -> str:
 def _after(at: tuple[int, ...], counted: str) -> str:
     noun = counted.removesuffix("s") if at == (1,) and counted != "trajectories" else counted
     noun = "trajectory" if at == (1,) and counted == "trajectories" else noun
-    return f"{'with' if 'points' in counted else 'after'} {listed(at)} {noun}" if at else ""
+    return f"{'with' if 'points' in counted else 'after'} {listed(at)} {noun}" if any(at) else ""
 
 
 def _capital(words: str) -> str:

@@ -13,7 +13,7 @@ import msgspec
 
 from etude.report import Html, element
 from etude_studies.site.context import Study
-from etude_studies.site.numbers import counts, figure_of, printed, summary
+from etude_studies.site.numbers import counts, figure_of, printed
 from etude_studies.site.words import once
 from etude_studies.thesis.ledger import Claim, Entry
 
@@ -83,7 +83,7 @@ def _row(
     cells = []
     for column in entry.columns:
         for k in at:
-            own = summary(study.numbers.cell(entry, source, column, k))
+            own = study.numbers.summary(entry, source, column, k)
             if own:
                 numbers = {"mean": own.mean, "low": own.low, "high": own.high}
                 cells.append(

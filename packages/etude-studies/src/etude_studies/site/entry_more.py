@@ -9,7 +9,7 @@ from etude.report import Html, element, join, number, paragraph, table
 from etude_studies.site.context import Study
 from etude_studies.site.dot_plot import interval_text
 from etude_studies.site.marks import figure, style_of
-from etude_studies.site.numbers import counts, summary
+from etude_studies.site.numbers import counts
 from etude_studies.site.page import chip, file_of, folded, link
 from etude_studies.site.seed_plot import Strip, seed_plot
 from etude_studies.site.words import axis_label, column_name, once, source_name, test_name
@@ -61,7 +61,7 @@ def _tests(study: Study, entry: Entry) -> Html:
     rows = []
     for row in entry.rows:
         k = counts(entry, row)[-1]
-        found = [summary(study.numbers.cell(entry, row.run, column, k, test)) for test in tests]
+        found = [study.numbers.summary(entry, row.run, column, k, test) for test in tests]
         rows.append([f"{row.label}, after {k}", *(interval_text(own) if own else "–" for own in found)])
     return folded("Other tests", table(header, rows), note=column_name(column))
 
@@ -73,7 +73,7 @@ def _sensitivity(study: Study, entry: Entry) -> Html:
     k, rows = entry.at[-1], []
     column = COLUMN if COLUMN in entry.columns else entry.columns[0]
     for source in entry.sensitivity:
-        own = summary(study.numbers.cell(entry, source, column, k))
+        own = study.numbers.summary(entry, source, column, k)
         name = link(file_of(f"run-{source.partition(':')[0]}"), source_name(source, study.what))
         rows.append([name, interval_text(own) if own else "not run yet", str(own.n) if own else ""])
     header = ["run", f"{column_name(column)}, after {k}", "seeds"]

@@ -11,6 +11,7 @@ from etude_studies.site.downloads import data_links
 from etude_studies.site.entry_more import more
 from etude_studies.site.entry_pictures import joints, pictures
 from etude_studies.site.entry_table import table_of, table_over_k
+from etude_studies.site.mathematics import prose
 from etude_studies.site.page import INDEX, chip, command, file_of, folded, link, page
 from etude_studies.site.words import BEYOND, axis_label, entry_name, plural, section_name, unit_name
 from etude_studies.thesis.ledger import Claim, Entry
@@ -65,7 +66,7 @@ def _lines(study: Study, claims: Sequence[Claim]) -> list[Html]:
         verdict = study.verdicts[claim.id]
         part = deciding(verdict)
         facts = evidence(part) if part is not None and shown(verdict) != NOT_RUN else ""
-        quote = element("q", " … ".join(claim.quote))
+        quote = element("q", prose(" … ".join(claim.quote)))
         out.append(
             element("p", chip(verdict), " ", link(file_of(claim.id), claim.id), " ", quote, f" {facts}")
         )

@@ -89,7 +89,7 @@ def _all_dots(study: Study, entry: Entry) -> Html:
 
 def _log(entry: Entry) -> bool | None:
     """Lengths span decades; other numbers decide by themselves."""
-    return True if entry.measure == "length" else None
+    return True if entry.in_logs else None
 
 
 def _rows(study: Study, entry: Entry, column: str) -> list[Dot]:
@@ -97,7 +97,7 @@ def _rows(study: Study, entry: Entry, column: str) -> list[Dot]:
     return [
         Dot(
             row.label,
-            summary(own),
+            summary(own, logs=entry.in_logs),
             printed(entry, row).get(column) if entry.unit not in INCOMPARABLE else None,
             style_of(place),
             asked=len(own),
@@ -111,11 +111,12 @@ def _caption(entry: Entry, column: str) -> str:
     counted = COUNTED.get(entry.rows[0].run[0], "trajectories")
     where = {"mean": "mean of the joints", "": "all columns"}.get(column, column_name(column))
     after = f"After {k} {counted}, {where}" if k else f"Column {where}"
-    return f"{after}; bars are 95 % intervals of the mean over seeds."
+    mean = "geometric mean" if entry.in_logs else "mean"
+    return f"{after}; bars are 95 % intervals of the {mean} over seeds."
 
 
 def _rules(study: Study, entry: Entry, column: str) -> list[Rule]:
-    found = [(own, summary(study.numbers.cell(entry, own, column, entry.at[-1]))) for own in entry.lines]
+    found = [(own, study.numbers.summary(entry, own, column, entry.at[-1])) for own in entry.lines]
     return [Rule(line_name(own, study.what), value.mean) for own, value in found if value]
 
 
@@ -162,7 +163,7 @@ def _found(
 def _told(study: Study, entry: Entry, run: str, column: str) -> dict[int, float]:
     """Printed numbers of the same run in tables of the same section and measure, by k."""
     alike = [e for e in study.ledger.entries if (e.section, e.measure) == (entry.section, entry.measure)]
-    if entry.unit in INCOMPARABLE or (entry.kind == "curve" and entry.measure == "length"):
+    if entry.unit in INCOMPARABLE or (entry.kind == "curve" and entry.in_logs):
         return {}
     return {
         counts(other, row)[-1]: told[column]
@@ -188,7 +189,7 @@ def _traces(study: Study, entry: Entry) -> Html:
     """Every row of every joint or command, as far as motions were kept; angles of all rows together."""
     if entry.measure == "angle" and len(entry.rows) > 1 and (joined := _joined(study, entry)):
         return joined
-    drawn: list[Html] = []
+    drawn = [_path(study, entry)] if entry.measure == "position" else []
     shown: dict[str, Style] = {}
     for row in entry.rows:
         for column in entry.columns:
@@ -198,11 +199,10 @@ def _traces(study: Study, entry: Entry) -> Html:
                 title = f"{row.label}: {column_name(column)}"
                 own = trace_plot(title, found, axis_label(entry.measure, entry.unit))
                 drawn.append(figure(f"trace {row.run} {column}", own))
-    drawn += [_path(study, entry)] if drawn and entry.measure == "position" else []
-    if not drawn:
+    if not shown:
         runs = ", ".join(f"{row.run}t" for row in entry.rows)
         return missing(f"No motions over time are kept yet; they come from {runs}.")
-    return join([grid(drawn), legend(list(shown.items()))])
+    return join([grid(filter(None, drawn)), legend(list(shown.items()))])
 
 
 def _joined(study: Study, entry: Entry) -> Html | None:
@@ -222,7 +222,7 @@ def _joined(study: Study, entry: Entry) -> Html | None:
 def _path(study: Study, entry: Entry) -> Html:
     """The flight of the first row from above."""
     x, y = (traces(study.numbers, entry, entry.rows[0], column) for column in ("x", "y"))
-    return figure("path", path_plot("seen from above", x, y, entry.unit))
+    return figure("path", path_plot("the path, seen from above", x, y, entry.unit)) if x and y else Html("")
 
 
 def _kernel(study: Study) -> Html:

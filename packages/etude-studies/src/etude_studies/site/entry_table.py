@@ -6,13 +6,15 @@ from collections.abc import Sequence
 
 from etude.report import Html, element, number
 from etude_studies.site.context import Study
-from etude_studies.site.numbers import Summary, counts, printed, summary
+from etude_studies.site.numbers import Summary, counts, printed
 from etude_studies.site.page import file_of, link
 from etude_studies.site.words import column_name, line_name, once, plural
 from etude_studies.thesis.ledger import Entry, Row
 
 DECIMALS = 4
 """Of the thesis's printed numbers."""
+WIDE = 8
+"""Columns from which a table is set narrower."""
 
 
 def table_of(study: Study, entry: Entry) -> Html:
@@ -27,7 +29,8 @@ def table_of(study: Study, entry: Entry) -> Html:
     if any(beside):
         title = element("th", "For comparison, on the same tests", colspan=len(columns) + 2, scope="rowgroup")
         parts.append(element("tbody", element("tr", title, class_="part"), *filter(None, beside)))
-    return element("div", element("table", *parts, class_="values"), class_="scroll")
+    kind = "values wide" if len(columns) > WIDE else "values"
+    return element("div", element("table", *parts, class_=kind), class_="scroll")
 
 
 def table_over_k(study: Study, entry: Entry, column: str) -> Html:
@@ -49,7 +52,7 @@ def table_over_k(study: Study, entry: Entry, column: str) -> Html:
 
 def _row(study: Study, entry: Entry, row: Row) -> Html:
     told, k = printed(entry, row), counts(entry, row)[-1]
-    found = [summary(study.numbers.cell(entry, row.run, column, k)) for column in entry.columns]
+    found = [study.numbers.summary(entry, row.run, column, k) for column in entry.columns]
     most = max(len(study.numbers.cell(entry, row.run, column, k)) for column in entry.columns)
     cells = [
         _cell(own, told.get(column), column_name(column), of_joints=column == "mean", most=most)
@@ -61,7 +64,7 @@ def _row(study: Study, entry: Entry, row: Row) -> Html:
 def _line(study: Study, entry: Entry, source: str) -> Html:
     """A line's numbers; nothing where there are none."""
     k = entry.at[-1]
-    found = [summary(study.numbers.cell(entry, source, column, k)) for column in entry.columns]
+    found = [study.numbers.summary(entry, source, column, k) for column in entry.columns]
     if not any(found):
         return Html("")
     cells = [_cell(own, None, column_name(c)) for c, own in zip(entry.columns, found, strict=True)]

@@ -15,7 +15,7 @@ DASHES = ("", "dash", "dots", "dashdot")
 
 @dataclass(frozen=True)
 class Style:
-    """How one series looks. `colour` is a class of the style sheet."""
+    """How one series looks. `colour` is a class of the style sheet; the shape "band" is a region."""
 
     colour: str
     shape: str
@@ -82,6 +82,8 @@ def _entry(drawn: str, name: str) -> Html:
 
 
 def _swatch(style: Style) -> str:
+    if style.shape == "band":
+        return f'<rect class="ci bounds {style.colour}" x="1" y="1" width="26" height="12"/>'
     line = f'<path class="line {style.colour} {style.dash}" d="M1,7h26"/>'
     return line + sign(style, 14, 7)
 

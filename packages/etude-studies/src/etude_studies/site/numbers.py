@@ -14,8 +14,6 @@ from etude_studies.thesis import statistics
 from etude_studies.thesis.ledger import Entry, Row
 
 BySeed = Mapping[int, float]
-PREFIXED = "length"
-"""A measure whose columns are measures of their own, "length_q_des_waist", of one joint."""
 
 
 @dataclass(frozen=True)
@@ -33,13 +31,19 @@ class Summary:
     n: int
 
 
-def summary(values: BySeed) -> Summary | None:
-    """Of the finite numbers; None if there is none."""
+def summary(values: BySeed, *, logs: bool = False) -> Summary | None:
+    """Of the finite numbers; None if there is none.
+
+    Args:
+        logs: the geometric mean and its interval, of what spans decades.
+    """
     x = np.array([value for value in values.values() if math.isfinite(value)], dtype=float)
     if not len(x):
         return None
+    x = np.log(x) if logs else x
     low, high = statistics.interval(x) if len(x) > 1 else (float(x[0]), float(x[0]))
-    return Summary(float(x.mean()), low, high, len(x))
+    mean, low, high = (math.exp(v) if logs else v for v in (float(x.mean()), low, high))
+    return Summary(mean, low, high, len(x))
 
 
 @dataclass(frozen=True)
@@ -59,21 +63,21 @@ class Numbers:
             self._read.update(_by_figure(run, self.results.tables[run]))
         return self._read.get((run, model, measure, test, part), {})
 
-    def summaries(self, source: str, measure: str, test: str, part: str) -> dict[int, Summary]:
-        """By k, where there is one."""
-        found = {k: summary(own) for k, own in self.by_k(source, measure, test, part).items()}
-        return {k: own for k, own in found.items() if own is not None}
-
     def cell(self, entry: Entry, source: str, column: str, k: int, test: str | None = None) -> BySeed:
         """The numbers of one cell of an entry by seed; of another test where it is named."""
         measure, part = figure_of(entry, column)
         return self.by_k(source, measure, entry.test if test is None else test, part).get(k, {})
 
+    def summary(
+        self, entry: Entry, source: str, column: str, k: int, test: str | None = None
+    ) -> Summary | None:
+        """Of one cell of an entry; None if it has no number."""
+        return summary(self.cell(entry, source, column, k, test), logs=entry.in_logs)
+
     def curve(self, entry: Entry, source: str, column: str, at: tuple[int, ...]) -> dict[int, Summary]:
         """Summaries at those counts `at` that are there."""
-        measure, part = figure_of(entry, column)
-        found = self.summaries(source, measure, entry.test, part)
-        return {k: found[k] for k in at if k in found}
+        found = {k: self.summary(entry, source, column, k) for k in at}
+        return {k: own for k, own in found.items() if own is not None}
 
     def values(self, source: str, measure: str, k: int, test: str, part: str) -> BySeed:
         """One figure of every seed that has it (implements `contrasts.Values`)."""
@@ -94,8 +98,8 @@ class Numbers:
 
 def figure_of(entry: Entry, column: str) -> tuple[str, str]:
     """Measure and part of a column."""
-    if entry.measure == PREFIXED:
-        return f"{PREFIXED}_{column}", entry.part
+    if entry.part:  # columns are inputs, and the measure is one number for each of them
+        return f"{entry.measure}_{column}", entry.part
     return entry.measure, column
 
 

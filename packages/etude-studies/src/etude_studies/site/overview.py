@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable, Mapping
 
-from etude.report import Html, element, join, paragraph
+from etude.report import Html, element, join, number, paragraph
 from etude_studies.site import facets
 from etude_studies.site.claim_words import deciding, estimate
 from etude_studies.site.context import Study
-from etude_studies.site.page import ABOUT, INDEX, SOURCE, chip, file_of, link, page
+from etude_studies.site.mathematics import prose
+from etude_studies.site.page import ABOUT, INDEX, SOURCE, chip, command, file_of, link, page
 from etude_studies.site.words import WORDS, entry_name, plural
 from etude_studies.thesis.ledger import Claim, Entry
 from etude_studies.thesis.part_verdicts import NOT_RUN, UNTESTED
@@ -72,13 +73,18 @@ def _told(study: Study, words: Counter[str]) -> Html:
     judged = sum(n for word, n in words.items() if word not in (NOT_RUN, UNTESTED))
     runs = [run for run in study.runs if study.numbers.made(run)]
     seeds = sum(len(study.numbers.made(run).get("hashes", {})) for run in runs)
+    hours = sum(float(study.numbers.made(run).get("cpu_s", 0.0)) for run in runs) / 3600.0
     said = (
         f"Of {len(_distinct(study))} distinct claims {judged} are answered, from {plural(len(runs), 'run')} "
         f"with {plural(seeds, 'result')} in all. "
         f"{len(study.ledger.claims) - len(_distinct(study))} more say one of them again. "
         f"“{NOT_RUN.capitalize()}”: their runs are missing or not complete, so they cannot be tested yet. "
     )
-    return paragraph(said, link(ABOUT, "What the words mean, and how they are decided."))
+    again = paragraph(
+        f"The command that computes everything again; {number(hours)} CPU hours:", class_="soft"
+    )
+    rule = link(ABOUT, "What the words mean, and how they are decided.")
+    return join([paragraph(said, rule), again, command("etude study run all")])
 
 
 def _filters(study: Study, words: Counter[str]) -> Html:
@@ -128,7 +134,7 @@ def _claim(study: Study, claim: Claim) -> Html:
     """One line: id, verdict, quotation, the first number, and on which reading the verdict depends."""
     verdict = study.verdicts[claim.id]
     part = deciding(verdict)
-    number = estimate(part) if part is not None else ""
+    facts = estimate(part) if part is not None else ""
     on = study.depends(claim)
     depends = element("span", f"depends on: {'; '.join(on)}", class_="depends") if on else ""
     marks = [
@@ -139,13 +145,13 @@ def _claim(study: Study, claim: Claim) -> Html:
         element("span", chip(verdict), class_="word"),
         element(
             "span",
-            element("q", " … ".join(claim.quote)),
+            element("q", prose(" … ".join(claim.quote))),
             " ",
             element("small", ", ".join(marks)),
             " ",
             depends,
         ),
-        element("span", number, class_="found"),
+        element("span", facts, class_="found"),
     ]
     return element("li", *inside, **_data(facets.of_claim(study.ledger, claim), WORDS[shown(verdict)].name))
 

@@ -10,7 +10,6 @@ from etude_studies.site.curve_plot import Curve, curve_plot
 from etude_studies.site.dot_plot import Dot, Rule, dot_plot
 from etude_studies.site.entry_more import settings_of
 from etude_studies.site.marks import figure, legend, style_of
-from etude_studies.site.numbers import summary
 from etude_studies.site.page import PROTOCOLS, file_of, folded, link, page
 from etude_studies.site.words import axis_label, entry_name, line_name, source_name
 from etude_studies.thesis.ledger import Entry
@@ -54,12 +53,12 @@ def _body(study: Study) -> Sequence[Html]:
 def _dots(study: Study, entry: Entry, sources: Sequence[tuple[str, str]]) -> Html:
     k = entry.at[-1]
     dots = [
-        Dot(name, summary(study.numbers.cell(entry, source, "mean", k)), None, style_of(place))
+        Dot(name, study.numbers.summary(entry, source, "mean", k), None, style_of(place))
         for place, (name, source) in enumerate(sources)
     ]
     if all(dot.found is None for dot in dots):
         return Html("")
-    lines = [(own, summary(study.numbers.cell(entry, own, "mean", k))) for own in entry.lines]
+    lines = [(own, study.numbers.summary(entry, own, "mean", k)) for own in entry.lines]
     rules = [Rule(line_name(own, study.what), found.mean) for own, found in lines if found]
     drawn = dot_plot("Both protocols", dots, rules, axis=axis_label(entry.measure, entry.unit))
     return figure("dots protocols", drawn, f"After {k} trajectories, mean of the joints.")

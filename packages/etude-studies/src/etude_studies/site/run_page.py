@@ -20,10 +20,16 @@ def run_page(study: Study, run: str) -> Html:
         element("h1", f"Run {run}"),
         settings_of(study, run),
         _origin(made) if made else "",
-        paragraph("The command that computes it again:"),
+        paragraph(f"The command that computes it again{_cost(made)}:"),
         command(f"etude study run {run}"),
         _shown_in(study, run),
     )
+
+
+def _cost(made: Mapping[str, Any]) -> str:
+    """Of a seed, by those that were run."""
+    seeds = len(made.get("hashes", {}))
+    return f"; {number(float(made['cpu_s']) / seeds)} CPU seconds a seed" if seeds else ""
 
 
 def _origin(made: Mapping[str, Any]) -> Html:

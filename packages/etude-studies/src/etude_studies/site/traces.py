@@ -19,6 +19,8 @@ from etude_studies.site.numbers import Numbers
 from etude_studies.thesis.ledger import Entry, Row
 
 SIZE = (400, 250)
+PATH = (400, 398)
+"""Whose axes are as long as each other."""
 
 
 @dataclass(frozen=True)
@@ -38,7 +40,7 @@ SHOWN: Mapping[str, Shown] = {
     "u_ff": Shown("the model's command", Style("c2", "circle", "")),
     "actual": Shown("actual command", Style("c8", "circle", "thin")),
     "mean": Shown("predicted mean", Style("c2", "circle", "")),
-    "deviation": Shown("1-sigma bounds", Style("c2", "circle", "thin")),
+    "deviation": Shown("1-sigma bounds", Style("c2", "band", "")),
 }
 OF_ENTRY: Mapping[str, tuple[str, ...]] = {
     "angle": ("q_des", "q"),
@@ -92,7 +94,7 @@ def trace_plot(title: str, found: Traces, y: str) -> Html:
     marks: list[Mark] = []
     if "deviation" in found and "mean" in found:
         (t, mean), (_, spread) = found["mean"], found["deviation"]
-        marks.append(Bounds(t, mean - spread, mean + spread, "c2"))
+        marks.append(Bounds(t, mean - spread, mean + spread, "c2 bounds"))
     for measure, (t, value) in found.items():
         if measure != "deviation":
             style = SHOWN[measure].style
@@ -110,12 +112,18 @@ def joined_plot(title: str, rows: Sequence[Traces], styles: Sequence[Style], y: 
 
 
 def path_plot(title: str, x: Traces, y: Traces, unit: str) -> Html:
-    """A flight seen from above: the desired and the flown path."""
+    """A flight seen from above: the desired and the flown path, a metre as long on both axes."""
     marks = []
     for measure in x:
         style = SHOWN[measure].style
         marks.append(Line(x[measure][1], y[measure][1], style=f"mark {style.colour} {style.dash}"))
-    return panel(title, Axis(f"x ({unit})"), Axis(f"y ({unit})"), marks, size=SIZE)
+    spans = [np.concatenate([own[1] for own in axis.values()]) for axis in (x, y)]
+    half = max(float(np.ptp(own)) for own in spans) * 0.55 or 1.0
+    middle = [float(own.min() + own.max()) / 2 for own in spans]
+    across, along = ((m - half, m + half) for m in middle)
+    return panel(
+        title, Axis(f"x ({unit})", limits=across), Axis(f"y ({unit})", limits=along), marks, size=PATH
+    )
 
 
 def names(found: Traces) -> list[tuple[str, Style]]:

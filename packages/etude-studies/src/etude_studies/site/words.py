@@ -84,6 +84,15 @@ MEASURES: Mapping[str, str] = {
     "cpu_train": "processor time of training",
     "cpu_predict": "processor time of prediction",
     "cpu_design": "processor time of design",
+    "cpu_swap": "processor time of an exchange in the dictionary",
+    "cpu_slope_mean": "power of n or m by which the time of a mean grows",
+    "cpu_slope_variance": "power of n or m by which the time of a variance grows",
+    "cpu_slope_train": "power of n or m by which the time of training grows",
+    "cpu_train_hours": "hours of training",
+    "effort": "effort of the command",
+    "fill": "largest gap of the data",
+    "gap95": "gap of the data, 95 % quantile",
+    "length_change": "change of the length scales in logarithms",
 }
 TESTS: Mapping[str, str] = {
     "fourier": "each seed's own test motion",

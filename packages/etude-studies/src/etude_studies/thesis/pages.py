@@ -7,6 +7,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
 from etude_studies.collected import Results
+from etude_studies.site.mathematics import plain
 from etude_studies.thesis.catalogue import catalogue
 from etude_studies.thesis.choosing import ledger, runs_of
 from etude_studies.thesis.kept import kept_results, kept_verdicts, price_s
@@ -45,7 +46,8 @@ def thesis_page() -> str:
         "## Tables and figures\n",
     ]
     parts += [
-        "Ours: mean ± half width of the 95 % interval over seeds; in brackets what the thesis prints.\n"
+        "Ours: mean ± half width of the 95 % interval over seeds (lengths: geometric mean and interval); "
+        "in brackets what the thesis prints.\n"
     ]
     parts += [text for entry in own.entries if (text := _entry(entry, results))]
     parts += ["## What the thesis leaves open\n"]
@@ -70,7 +72,7 @@ def _claims(claims: Iterable[Claim], verdicts: dict[str, Verdict]) -> str:
             continue
         marks = ", ".join(word for word in ("simulated", "exploratory") if getattr(verdict, word))
         word = f"**{shown(verdict)}**" + (f" ({marks})" if marks else "")
-        quote = " ... ".join(claim.quote).replace("|", "/")
+        quote = plain(" ... ".join(claim.quote)).replace("|", "/")
         lines.append(f"| {claim.id} | {quote} | {word} | {_numbers(claim, verdict)} |")
     return "\n".join(lines) + "\n"
 

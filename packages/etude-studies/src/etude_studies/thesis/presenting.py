@@ -10,6 +10,7 @@ from typing import Any, Protocol
 from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
+from etude_studies.site.mathematics import plain
 from etude_studies.thesis.ledger import Claim, Entry, Row
 from etude_studies.thesis.statistics import interval
 from etude_studies.thesis.verdicts import Verdict
@@ -32,6 +33,7 @@ class Cell:
     Attributes:
         mean: over seeds. low, high: its 95 % t interval; NaN of one seed. seeds: how many.
         asked: how many have the figure, those that never reached what it counts among them.
+        logs: whether the mean is geometric.
     """
 
     mean: float
@@ -39,24 +41,33 @@ class Cell:
     high: float
     seeds: int
     asked: int
+    logs: bool = False
 
     @classmethod
-    def of(cls, values: Mapping[int, float]) -> Cell:
-        """Of values by seed; those that are not finite are counted, and else left out."""
+    def of(cls, values: Mapping[int, float], *, logs: bool = False) -> Cell:
+        """Of values by seed; those that are not finite are counted, and else left out.
+
+        Args:
+            logs: the geometric mean and its interval.
+        """
         own = [value for value in values.values() if math.isfinite(value)]
         if not own:
-            return cls(math.nan, math.nan, math.nan, 0, len(values))
+            return cls(math.nan, math.nan, math.nan, 0, len(values), logs)
+        own = [math.log(value) for value in own] if logs else own
         low, high = interval(own) if len(own) > 1 else (math.nan, math.nan)
-        return cls(sum(own) / len(own), low, high, len(own), len(values))
+        mean, low, high = (math.exp(v) if logs else v for v in (sum(own) / len(own), low, high))
+        return cls(mean, low, high, len(own), len(values), logs)
 
     @property
     def text(self) -> str:
         """The mean and the half width of its interval; of how many seeds, where not all have one."""
         if not self.seeds:
             return f"none of {self.asked}" if self.asked else "-"
-        half = 0.5 * (self.high - self.low)
+        half = (
+            f" ({self.low:.3g} to {self.high:.3g})" if self.logs else f" ± {(self.high - self.low) / 2:.2g}"
+        )
         some = f" ({self.seeds} of {self.asked})" if self.seeds < self.asked else ""
-        return f"{self.mean:.4g}" + ("" if math.isnan(half) else f" ± {half:.2g}") + some
+        return f"{self.mean:.4g}" + ("" if math.isnan(self.high) else half) + some
 
 
 def cell(results: Values, entry: Entry, source: str, column: str, k: int) -> Cell:
@@ -64,7 +75,7 @@ def cell(results: Values, entry: Entry, source: str, column: str, k: int) -> Cel
     measure, part = entry.measure, column
     if entry.part:  # columns are inputs, and the measure is one number for each of them
         measure, part = f"{entry.measure}_{column}", entry.part
-    return Cell.of(results.values(source, measure, k, entry.test, part))
+    return Cell.of(results.values(source, measure, k, entry.test, part), logs=entry.in_logs)
 
 
 def entry_table(entry: Entry, results: Values, more: Sequence[Row] = (), narrow: bool = False) -> Table:
@@ -122,7 +133,7 @@ def verdict_sentence(claim: Claim, verdict: Verdict) -> str:
         if holds
     ]
     tail = f" [{', '.join(marks)}]" if marks else ""
-    return f'{claim.id}: "{" ... ".join(claim.quote)}"\n  {verdict.word}{reason}{tail}'
+    return f'{claim.id}: "{plain(" ... ".join(claim.quote))}"\n  {verdict.word}{reason}{tail}'
 
 
 def numbers(verdict: Verdict) -> list[str]:

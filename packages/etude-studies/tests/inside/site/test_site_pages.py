@@ -28,6 +28,7 @@ from etude_studies.site.context import Study
 from etude_studies.site.dot_plot import Dot, Rule, dot_plot
 from etude_studies.site.entry_table import table_of
 from etude_studies.site.marks import style_of
+from etude_studies.site.mathematics import plain, prose
 from etude_studies.site.numbers import Numbers, Summary, summary
 from etude_studies.site.words import WORDS, listed
 from etude_studies.thesis.kept import kept_results, planned_seeds
@@ -309,6 +310,22 @@ def test_a_summary_leaves_out_what_is_not_finite() -> None:
     assert summary({0: float("nan")}) is None
 
 
+def test_lengths_have_a_geometric_mean_whose_interval_stays_above_zero() -> None:
+    lengths = {0: 0.01, 1: 1.0, 2: 100.0}
+    low, high = stats.t.interval(0.95, 2, 0.0, math.log(100.0) / math.sqrt(3.0))
+    want = Summary(pytest.approx(1.0), pytest.approx(math.exp(low)), pytest.approx(math.exp(high)), 3)
+    assert summary(lengths, logs=True) == want
+    assert load_ledger().entry("table-6.2").in_logs
+
+
+def test_formulas_are_mathml_on_pages_and_letters_elsewhere() -> None:
+    words = "it is $O(nm^2)$ & more"
+    power = "<msup><mi>m</mi><mrow><mn>2</mn></mrow></msup>"
+    inside = f"<mi>O</mi><mo>(</mo><mi>n</mi>{power}<mo>)</mo>"
+    assert prose(words) == f"it is <math>{inside}</math> &amp; more"
+    assert plain(words) == "it is O(nm²) & more"
+
+
 def test_claims_are_filtered_by_what_they_rest_on() -> None:
     ledger = load_ledger()
     own = facets.of_claim(ledger, ledger.claim("C6.2-3"))
@@ -419,6 +436,9 @@ def test_what_no_seed_reached_is_not_called_not_run() -> None:
     class Told:
         def cell(self, entry, source, column, k, test=None):
             return never[column]
+
+        def summary(self, entry, source, column, k, test=None):
+            return summary(self.cell(entry, source, column, k))
 
     study: Any = SimpleNamespace(numbers=Told(), what={})
     text = Page(str(table_of(study, asked))).text
