@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import threading
 from dataclasses import replace
 from pathlib import Path
@@ -235,6 +236,24 @@ def test_stop_from_a_thread_ends_at_rest(kill: bool) -> None:
     assert 0.0 < recording.reached < motion().duration
     if not kill:
         assert np.abs(recording.qd[-1]).max() < 2e-3
+
+
+def test_the_loop_comes_before_others_where_that_is_permitted() -> None:
+    usual = os.sched_getscheduler(0)
+    try:
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(1))
+        os.sched_setscheduler(0, usual, os.sched_param(0))
+    except PermissionError:
+        pytest.skip("this user may not have real-time threads")
+    seen: set[int] = set()
+
+    def watch(sample: Sample) -> Reaction:
+        seen.add(os.sched_getscheduler(0))
+        return Reaction.STOP
+
+    played(watch, FakeRobot(virtual=False))
+    assert seen == {os.SCHED_FIFO}
+    assert os.sched_getscheduler(0) == usual
 
 
 def test_it_refuses_from_elsewhere_and_moves_nothing() -> None:
