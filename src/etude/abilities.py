@@ -427,6 +427,16 @@ class SupportsConfirmation(Protocol):
 
 
 @runtime_checkable
+class SupportsJointTables(Protocol):
+    """Description: what its file says of each joint by its keys, among them "lower", "upper", "velocity",
+    "acceleration", "jerk", "torque_rate" and "envelope"; None where it says nothing.
+    """
+
+    @property
+    def joint_tables(self) -> Sequence[Mapping[str, Any]]: ...
+
+
+@runtime_checkable
 class SupportsPlant(Protocol):
     """Description that may name a built-in simulated plant, of which nothing else is real."""
 
@@ -514,7 +524,13 @@ ABILITIES: Mapping[str, tuple[type, ...]] = {
         SupportsKnownFaults,
         SupportsPayload,
     ),
-    "Description": (SupportsCommandUnit, SupportsTableRate, SupportsConfirmation, SupportsPlant),
+    "Description": (
+        SupportsCommandUnit,
+        SupportsTableRate,
+        SupportsConfirmation,
+        SupportsJointTables,
+        SupportsPlant,
+    ),
     "[trajectory]": (SupportsStatedLimits,),
     "Exporter": (SupportsFileNotes, SupportsCommandedFiles),
     "Target": (SupportsNeeds,),

@@ -23,7 +23,7 @@ from pathlib import Path
 from typing import Any
 
 from etude._runtime.trusted_folders import FULL_NAME as FULL_NAME
-from etude._runtime.trusted_folders import require_trusted
+from etude._runtime.trusted_folders import OWN, require_trusted
 from etude.errors import UsageError
 
 _MEMBERS = ("exact", "fitc", "vfe")
@@ -112,12 +112,6 @@ BUILT_IN: Mapping[str, Mapping[str, str]] = {
     },
     # how a model goes on learning in simulated tests: `etude simulate --online`
     "etude.adaptations": {"online": "etude_online.simulated:online_learning"},
-    # what draws an object, by its noun; see `shown`
-    "etude.pictures": {
-        "campaign": "etude.report.pictures:of_campaign",
-        "log": "etude.report.pictures:of_log",
-        "trajectory": "etude.report.pictures:of_trajectory",
-    },
     # the package etude-studies brings them; a bench is a study of the machine: its name begins with "bench_"
     "etude.studies": {},
     # where `etude learn` learns: (workers, cluster, limit in s, say) -> a concurrent.futures.Executor
@@ -163,7 +157,7 @@ SHAPES: Mapping[str, Shape] = {
     "etude.adaptations": Shape("a way to go on learning", ("method",)),
     "etude.targets": Shape("a target of models", ("model", "kind", "spec", "options")),
 }
-"""By group, the callables of `contracts`; studies and pictures, which are not in it, are checked in use."""
+"""By group, the callables of `contracts`; studies, which are not in it, are checked in use."""
 
 
 @dataclass(frozen=True)
@@ -286,7 +280,7 @@ def of_group(group: str, name: str, found: Any) -> Any:
 
 def _guarded(found: Any, part: str, name: str) -> Any:
     """What another package brings, so that a value of another type than the protocol's is named."""
-    from etude._runtime.plugin_values import guarded, is_own, sizes_of  # built-ins are loaded without it
+    from etude.plugin_values import guarded, is_own, sizes_of  # built-ins are loaded without it
 
     if is_own(found):
         return found
@@ -311,6 +305,8 @@ def required(found: Any, protocol: type, where: str) -> Any:
             where=where,
             next_step=f"Return what etude.protocols.{protocol.__name__} declares: is a return missing?",
         )
+    from etude.protocols import members  # few commands need the protocols
+
     missing = [name for name in members(protocol) if not hasattr(found, name)]
     if missing:
         raise UsageError(
@@ -324,9 +320,10 @@ def required(found: Any, protocol: type, where: str) -> Any:
 
 def require_whole(found: Any, part: str, where: str) -> None:
     """UsageError: it has some members of an optional ability of that part (`abilities`) and lacks others."""
-    # by name: what abilities exchange can be drawn, and pictures are plug-ins
-    table: Mapping[str, tuple[type, ...]] = importlib.import_module("etude.abilities").ABILITIES
-    for ability in table.get(part, ()):
+    from etude.abilities import ABILITIES  # few commands need the protocols
+    from etude.protocols import members
+
+    for ability in ABILITIES.get(part, ()):
         own = members(ability)
         missing = [name for name in own if not hasattr(found, name)]
         if 0 < len(missing) < len(own):
@@ -336,13 +333,6 @@ def require_whole(found: Any, part: str, where: str) -> None:
                 where=where,
                 next_step=f"Give it all that etude.abilities.{ability.__name__} declares, or nothing of it.",
             )
-
-
-def members(protocol: type) -> tuple[str, ...]:
-    """Names that a protocol declares, those of its bases first."""
-    own = [vars(kind) for kind in protocol.__mro__[::-1] if getattr(kind, "_is_protocol", False)]
-    named = [[*part.get("__annotations__", ()), *part] for part in own]
-    return tuple(dict.fromkeys(name for part in named for name in part if not name.startswith("_")))
 
 
 def listed(*, tried: bool = False) -> tuple[Plugin, ...]:
@@ -385,8 +375,6 @@ def _installed(group: str) -> tuple[Plugin, ...]:
     return tuple(found.values())
 
 
-OWN = {target.partition(".")[0] for table in BUILT_IN.values() for target in table.values()}
-"""Packages that come with Étude."""
 _failures: dict[str, str] = {}
 _places: dict[str, str] = {}
 """Of plug-ins beside Étude that are in use: the module's file, or the folder of its package -> its target."""

@@ -354,3 +354,10 @@ class Reader(Protocol):
 # `etude.targets`: (model, kind, spec, options) -> files of a model that leaves. options: those of the command
 # that were given, and "model_hash"; a name that the target does not know is a UsageError.
 Target = Callable[[Any, Kind, Any, Mapping[str, Any]], Delivered]
+
+
+def members(protocol: type) -> tuple[str, ...]:
+    """Names that a protocol declares, those of its bases first."""
+    own = [vars(kind) for kind in protocol.__mro__[::-1] if getattr(kind, "_is_protocol", False)]
+    named = [[*part.get("__annotations__", ()), *part] for part in own]
+    return tuple(dict.fromkeys(name for part in named for name in part if not name.startswith("_")))

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -141,6 +141,11 @@ class ArmSpec:
     @property
     def names(self) -> tuple[str, ...]:
         return tuple(axis.name for axis in self.axes)
+
+    @property
+    def joint_tables(self) -> tuple[dict[str, Any], ...]:
+        """What the file says of each joint, by key."""
+        return tuple(asdict(axis) for axis in self.axes)
 
     @property
     def lower(self) -> Array:

@@ -21,7 +21,7 @@ from test_docs import ROOT
 
 import etude
 from chromium import chromium, complaints, open_page, overhang
-from etude.plugins import members
+from etude.protocols import members
 
 DOCS = ROOT / "docs"
 MODULES = ("abilities", "errors", "protocols", "testing", "types")

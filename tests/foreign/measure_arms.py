@@ -1,15 +1,18 @@
 """Accuracy on arms that nobody tuned for, in a plant of others, beside least squares with friction.
 
     python tests/foreign/measure_arms.py RESULTS [--robots z1 xarm7 kinova] [--seeds 0 1 2] [--logs 3]
+    python tests/foreign/measure_arms.py RESULTS --learn [...]
     python tests/foreign/measure_arms.py RESULTS --table
 
 Each robot and seed: `etude init`, then `ask`, the plant, `tell`, as often as there are logs; after the first
 and the last log three motions that nobody learned from. What is there is not computed again. RESULTS gets a
-folder for each robot and seed.
+folder for each robot and seed. After an update `--learn` learns the logs that are there anew, with today's
+settings, and judges that: the motions are then those that the version before asked for.
 
 The target is fixed: the logged torque after a zero-phase low-pass of 10 Hz, at the samples while any joint
 moves. Least squares has pinocchio's regressor, Coulomb and viscous friction, rotor inertia and an offset of
-each joint; its cut-off and rank are chosen on blocks of the training logs. Both see the same filtered motion.
+each joint; its cut-off and rank are chosen on blocks of the training logs. `exact` is the plant's own law and
+parameters. All see the same filtered motion: what `exact` misses is noise, counts and the filter.
 """
 
 from __future__ import annotations
@@ -314,20 +317,7 @@ def cell(results: Path, name: str, seed: int, count: int) -> None:
     )
     arm, lab = arm_of(name, seed), folder / "lab"
     if not lab.exists():
-        urdf = folder / f"{name}.urdf"
-        urdf.write_text(plant.one_turn((share() / ROBOTS[name][0]).read_text()))
-        words = ["--joints", *ROBOTS[name][1]] if ROBOTS[name][1] else []
-        etude(
-            "init",
-            str(lab),
-            "--robot",
-            str(urdf),
-            "--mesh-root",
-            str(share().parent.parent),
-            "--seed",
-            str(seed),
-            *words,
-        )
+        begun(folder, lab, name, seed)
     logs: list[Log] = []
     for number in range(1, count + 1):
         kept = folder / f"log{number}.npz"
@@ -339,17 +329,45 @@ def cell(results: Path, name: str, seed: int, count: int) -> None:
             print(name, seed, etude("tell", str(lab), str(folder / f"log{number}.csv")), flush=True)
             log = logged(run)
             np.savez(kept, t=log.t, q=log.q, tau=log.tau, moving=log.moving)
-        with np.load(kept) as found:
-            logs.append(Log(found["t"], found["q"], found["tau"], found["moving"]))
+        logs.append(log_of(kept))
         if number in (1, count) and number not in done:
-            row = {
-                "robot": name,
-                "seed": seed,
-                "logs": number,
-                "tests": judged(folder, name, arm, seed, logs),
-            }
-            with record.open("a") as file:
-                file.write(json.dumps(row) + "\n")
+            keep_row(folder, name, arm, seed, logs)
+
+
+def learned_anew(results: Path, name: str, seed: int, count: int) -> None:
+    """The logs that are there, under the settings of a new campaign, in the place of what they taught before.
+
+    A cell that was learned anew already has a campaign `new`, and is left.
+    """
+    folder, arm = results / f"{name}_{seed}", arm_of(name, seed)
+    lab, new = folder / "lab", folder / "new"
+    if new.exists():
+        return
+    begun(folder, new, name, seed)
+    (lab / "campaign.toml").write_bytes((new / "campaign.toml").read_bytes())
+    etude("learn", str(lab))
+    keep_row(folder, name, arm, seed, [log_of(folder / f"log{i}.npz") for i in range(1, count + 1)])
+
+
+def begun(folder: Path, lab: Path, name: str, seed: int) -> None:
+    """`etude init` of the robot's URDF."""
+    urdf = folder / f"{name}.urdf"
+    urdf.write_text(plant.one_turn((share() / ROBOTS[name][0]).read_text()))
+    words = ["--joints", *ROBOTS[name][1]] if ROBOTS[name][1] else []
+    meshes = ["--mesh-root", str(share().parent.parent)]
+    etude("init", str(lab), "--robot", str(urdf), *meshes, "--seed", str(seed), *words)
+
+
+def log_of(kept: Path) -> Log:
+    with np.load(kept) as found:
+        return Log(found["t"], found["q"], found["tau"], found["moving"])
+
+
+def keep_row(folder: Path, name: str, arm: plant.Arm, seed: int, logs: Sequence[Log]) -> None:
+    """Judges the folder's model; of rows of as many logs the newest counts."""
+    row = {"robot": name, "seed": seed, "logs": len(logs), "tests": judged(folder, name, arm, seed, logs)}
+    with (folder / "rows.jsonl").open("a") as file:
+        file.write(json.dumps(row) + "\n")
 
 
 def judged(folder: Path, name: str, arm: plant.Arm, seed: int, logs: Sequence[Log]) -> dict[str, Any]:
@@ -364,6 +382,7 @@ def judged(folder: Path, name: str, arm: plant.Arm, seed: int, logs: Sequence[Lo
         said = {
             "etude": predicted(folder, arm, log.t, *motion),
             "least squares": squares.predict(*motion),
+            "exact": exact(arm, *motion),
         }
         torque = {k: rms((v - log.target)[use]).tolist() for k, v in said.items()}
         slow = use[:, None] & (np.abs(motion[1]) < SLOW * arm.speed)
@@ -397,6 +416,13 @@ def judged(folder: Path, name: str, arm: plant.Arm, seed: int, logs: Sequence[Lo
     return out
 
 
+def exact(arm: plant.Arm, q: Array, qd: Array, qdd: Array) -> Array:
+    """(T, J) what the plant itself needs for this motion: its true bodies, friction and cogging."""
+    data = arm.true.createData()
+    bodies = np.stack([pin.rnea(arm.true, data, *row) for row in zip(q, qd, qdd, strict=True)])
+    return np.asarray(bodies + arm.drives.friction(qd) + arm.drives.ripple(q))
+
+
 def each_rms(rows: Array, use: NDArray[np.bool_]) -> list[float]:
     """(J,) of the samples that each joint uses."""
     return [float(np.sqrt(np.mean(rows[use[:, j], j] ** 2))) for j in range(rows.shape[1])]
@@ -410,16 +436,23 @@ def rms(rows: Array) -> Array:
 
 
 def rows_of(results: Path) -> Iterator[dict[str, Any]]:
+    """Of each robot and seed the newest row of as many logs. What the plant itself needs for the tests does
+    not depend on logs, so rows that are older than that column have it too."""
     for file in sorted(results.glob("*/rows.jsonl")):
-        for line in file.read_text().splitlines():
-            yield json.loads(line)
+        rows = {row["logs"]: row for row in map(json.loads, file.read_text().splitlines())}
+        for title in TESTS:
+            torques = [row["tests"][title]["torque"] for row in rows.values()]
+            known = next((t["exact"] for t in torques if "exact" in t), [math.nan])
+            for torque in torques:
+                torque.setdefault("exact", known)
+        yield from rows.values()
 
 
-def ratio(test: dict[str, Any], what: str) -> float:
-    """Étude's error over that of least squares: joints in parts of their torque limits, or as they are."""
+def ratio(test: dict[str, Any], what: str, model: str = "etude") -> float:
+    """A model's error over that of least squares: joints in parts of their torque limits, or as they are."""
     unit = np.ones(len(test["limit"])) if what == "tracking" else np.array(test["limit"])
     size = {k: float(np.linalg.norm(np.array(v) / unit)) for k, v in test[what].items()}
-    return size["etude"] / size["least squares"]
+    return size[model] / size["least squares"]
 
 
 def table(results: Path) -> str:
@@ -431,6 +464,7 @@ def table(results: Path) -> str:
         "logs",
         "seeds",
         "torque",
+        "exact",
         "joint moves",
         "joint slow",
         "tracking",
@@ -445,8 +479,12 @@ def table(results: Path) -> str:
                     [np.array(t["torque"]["etude"]) / t["torque"]["least squares"] for t in own]
                 )
                 each = " ".join(f"{x:.2f}" for x in np.exp(np.log(joints).mean(axis=0)))
-                what = ("torque", "fast", "slow", "tracking")
-                cells = [_spread([ratio(t, key) for t in own]) for key in what]
+                what = (
+                    ("torque", "etude"),
+                    ("torque", "exact"),
+                    *((k, "etude") for k in ("fast", "slow", "tracking")),
+                )
+                cells = [_spread([ratio(t, *key) for t in own]) for key in what]
                 lines.append(f"| {name} | {title} | {count} | {len(own)} | {' | '.join(cells)} | {each} |")
     return "\n".join(lines)
 
@@ -462,12 +500,13 @@ def main() -> None:
     parser.add_argument("--robots", nargs="+", default=list(ROBOTS))
     parser.add_argument("--seeds", nargs="+", type=int, default=[0, 1, 2])
     parser.add_argument("--logs", type=int, default=3)
+    parser.add_argument("--learn", action="store_true")
     parser.add_argument("--table", action="store_true")
     given = parser.parse_args()
     if not given.table:
         for seed in given.seeds:
             for name in given.robots:
-                cell(given.results, name, seed, given.logs)
+                (learned_anew if given.learn else cell)(given.results, name, seed, given.logs)
     print(table(given.results))
 
 

@@ -9,12 +9,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from receivers import AFTER, FLOWN, RATE, RECEIVERS, SIX_JOINTS, by_rows
-from small_arm import campaign_of_small_arm
+from small_arm import QUICK, campaign_of_small_arm
 from trajectory_controller import Parameters, Played, message_of, play
 
 from certificate_schema import valid
 from etude import ask, plugins
-from etude.campaign import Campaign, Proposal
+from etude.campaign import Campaign, Proposal, RobotPart, create_campaign, open_campaign, stored_trajectory
 
 pytestmark = pytest.mark.filterwarnings("error")
 NAMES = [name for name in plugins.names("etude.exporters") if name not in (*FLOWN, *SIX_JOINTS)]
@@ -111,11 +111,37 @@ def test_the_controller_takes_it_from_another_place_only_by_the_way_there(asked:
     assert np.abs(np.diff(played.q, axis=0)).max() < 2.0 / RATE
 
 
+def halfway(campaign: Campaign) -> str:
+    """A start between home and the motion's own: on a way that is proved, of whatever robot."""
+    motion = stored_trajectory(campaign, 1).motion(np.zeros(1), 1).orders[0, 0]
+    pose = 0.5 * (np.asarray(campaign.kind.home(campaign.spec)) + motion)
+    return " ".join(f"{axis}={value:.6g}" for axis, value in zip(campaign.axes, pose, strict=True))
+
+
+def require_all_inside(campaign: Campaign) -> None:
+    """The campaign's motion in every format, alone and from two starts."""
+    ask(campaign, formats=NAMES)
+    starts = ("", "home", halfway(campaign))
+    many = Asked(campaign, {start: ask(campaign, formats=NAMES, start=start) for start in starts})
+    for name in NAMES:
+        for start in starts:
+            test_from_rest_to_rest_inside_the_margins(name, start, many)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", range(20))
 def test_many_motions_of_other_seeds(seed: int, tmp_path: Path) -> None:
-    campaign = campaign_of_small_arm(tmp_path, duration=10.0 + 3.7 * seed, seed=seed)
-    many = Asked(campaign, {start: ask(campaign, formats=NAMES, start=start) for start in STARTS})
-    for name in NAMES:
-        for start in STARTS:
-            test_from_rest_to_rest_inside_the_margins(name, start, many)
+    require_all_inside(campaign_of_small_arm(tmp_path, duration=10.0 + 3.7 * seed, seed=seed))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("robot", ["z1", "xarm7", "kinova", "ur10", "panda"])
+def test_many_motions_of_other_robots(robot: str, seed: int, tmp_path: Path) -> None:
+    from measure_arms import ROBOTS, share
+
+    file, joints = ROBOTS[robot]
+    part = RobotPart(joints, {}, ())
+    path = create_campaign(tmp_path / "lab", str(share() / file), seed=seed, part=part)[0].path
+    (path / "campaign.toml").write_text(QUICK.format(seed=seed, duration=12.0 + 9.0 * seed))
+    require_all_inside(open_campaign(path))

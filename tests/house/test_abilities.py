@@ -12,14 +12,16 @@ import pytest
 from etude import abilities, protocols
 from etude.abilities import ABILITIES
 from etude.errors import UsageError
-from etude.plugins import members, require_whole
+from etude.plugins import require_whole
+from etude.protocols import members
 
 SOURCE = Path(__file__).parents[2] / "src"
 FIRST_FILE = 400
 """Lines of `protocols`: read in ten minutes."""
 FOREIGN = {
     "etude/plugins.py": "typing's mark of a protocol",
-    "etude/_runtime/plugin_values.py": "typing's mark of a protocol",
+    "etude/plugin_values.py": "typing's mark of a protocol",
+    "etude/protocols.py": "typing's mark of a protocol",
     "etude/design/criteria.py": "name and module of a criterion, which may be any callable",
     "etude/logs/readers/ros_messages.py": "messages of ROS, made from their definitions",
     "etude/logs/readers/log_file.py": "the operating system's word on an error",

@@ -1,18 +1,23 @@
-"""What people would rather look at than read: pictures of objects, drawn by the report's own pen.
+"""Pictures of objects (`.plot()`), drawn by the functions that draw the report's figures.
 
-Objects know only their noun; who draws it stands in the group "etude.pictures" of `plugins`, ranks above.
+An object names its kind; the function that draws it is imported when a picture is asked for, since the report
+stands above all objects.
 """
 
 from __future__ import annotations
 
+import importlib
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from etude.plugins import load
 from etude.storage import write_atomic
 
-GROUP = "etude.pictures"
+DRAWN_BY: Mapping[str, str] = {
+    kind: f"etude.report.pictures:of_{kind}" for kind in ("campaign", "log", "trajectory")
+}
+"""Kind of an object -> "module:function" that draws it."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -33,9 +38,10 @@ class Picture:
         return Path(path)
 
 
-def picture_of(noun: str, thing: Any, path: str | Path | None = None) -> Picture:
+def picture_of(kind: str, thing: Any, path: str | Path | None = None) -> Picture:
     """The picture of `thing`, saved as well if there is a path."""
-    drawn = Picture(load(GROUP, noun)(thing))
+    module, _, function = DRAWN_BY[kind].partition(":")
+    drawn = Picture(getattr(importlib.import_module(module), function)(thing))
     if path is not None:
         drawn.save(path)
     return drawn

@@ -25,6 +25,10 @@ from typing import Any
 from etude.errors import UsageError
 from etude.storage import read_lines
 
+OWN = frozenset(
+    f"etude{end}" for end in ("", "_arm", "_drivers", "_lagrangian", "_online", "_quadrotor", "_sparse")
+)
+"""Packages that come with Étude: what they bring is tested against the protocols, and not guarded."""
 FULL_NAME = re.compile(r"[A-Za-z_][\w.]*:[A-Za-z_][\w.]*")
 """module:attribute"""
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Mapping, Sequence
-from contextlib import redirect_stdout
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, redirect_stdout
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
     from etude.campaign.record.folder import Campaign
     from etude.campaign.run.campaign_run import RunOptions, RunResult
+    from etude.campaign.run.robot_session import Seen
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,7 +45,8 @@ class RunRobot(Common):
     """The robot's identity, if it has another one than before and is the same robot."""
     feedback: bool = False
     """Teach under feedback alone, though the robot takes learned commands."""
-
+    view: bool = False
+    """Show the motion in a browser of this machine, and the robot as it moves: asked and measured."""
     heartbeat: Path | None = None
     """A dead-man switch: a motion is stopped once this file was not touched for a second."""
 
@@ -58,11 +60,28 @@ class RunRobot(Common):
             settings = read_settings(campaign, self.on)
             options = self._options(settings.on, settings.defaults)
             told = _Told(out if self.json else None, say)
-            found = run_campaign(
-                campaign, driver_of(campaign, settings), self._person(say), options, say=say, tell_event=told
-            )
+            player, person = driver_of(campaign, settings), self._person(say)
+            with self._view(told) as seen:
+                found = run_campaign(campaign, player, person, options, say=say, tell_event=told, seen=seen)
             report = "" if self.dry_run else _report(campaign, say)
-        return Outcome("\n".join(_lines(campaign, found, report)), {**_data(found), "report": report}, 0)
+            view = _drawn(campaign, found, say)
+        written = {"report": report, "view": view}
+        return Outcome("\n".join(_lines(campaign, found, [report, view])), {**_data(found), **written}, 0)
+
+    @contextmanager
+    def _view(self, told: _Told) -> Iterator[Seen]:
+        """Who shows the samples, if anybody is to."""
+        if not self.view:
+            yield lambda _, __, ___: None
+            return
+        from etude.report.run_view import RunView
+
+        with RunView(self.folder) as view:
+            told.show = view.show
+            told("view", {"address": view.address})
+            if not self.json:
+                view.open()
+            yield view.put
 
     def _person(self, say: Say) -> Typing:
         from etude.errors import UsageError
@@ -140,10 +159,15 @@ class _Told:
 
     out: TextIO | None
     say: Say
+    show: Callable[[int], None] = lambda _: None
 
     def __call__(self, event: str, fields: Mapping[str, Any]) -> None:
-        if self.out is not None:
+        if event == "planned":
+            self.show(fields["number"])
+        elif self.out is not None:
             print(to_json({"event": event, **fields}), file=self.out, flush=True)
+        elif event == "view":
+            self.say(f"The motion is shown to this machine: {fields['address']}")
         elif event == "status" and fields["at"] is not None:
             worst = max(fields["worst_error"], default=0.0)
             self.say(
@@ -159,7 +183,22 @@ def _report(campaign: Campaign, say: Say) -> str:
     return str(build_report(campaign.path))
 
 
-def _lines(campaign: Campaign, found: RunResult, report: str) -> list[str]:
+def _drawn(campaign: Campaign, found: RunResult, say: Say) -> str:
+    """The page of the motion that a dry run would begin with; "" where there is none, or it says why."""
+    from etude.errors import UsageError
+    from etude.report.space import write_view
+
+    if found.planned is None:
+        return ""
+    say("Drawing the motion.")
+    try:
+        return str(write_view(campaign.path, found.planned)[0])
+    except UsageError as error:
+        say(f"The motion is not drawn: {error.fact}. {error.next_step}")
+        return ""
+
+
+def _lines(campaign: Campaign, found: RunResult, written: Sequence[str]) -> list[str]:
     unit = {"rad": "deg"}.get(campaign.channel(campaign.kind.path).units[0], "m")
     rows = [
         [f"motion {one.number}", one.control, *(f"{error:.3f}" for error in one.error)]
@@ -176,7 +215,7 @@ def _lines(campaign: Campaign, found: RunResult, report: str) -> list[str]:
         lines.append(f"The robot moved for {found.robot_seconds:.0f} s and waited for {found.stood:.0f} s.")
     if found.promotion is not None:
         lines += _promotion(found, campaign)
-    return [*lines, *([f"Written: {report}"] if report else [])]
+    return [*lines, *(f"Written: {path}" for path in written if path)]
 
 
 def _shown(error: float | None) -> str:
@@ -203,4 +242,5 @@ def _data(found: RunResult) -> dict[str, Any]:
         "promoted": promotion is not None and promotion.promoted,
         "not_promoted": [] if promotion is None else [one.facts() for one in promotion.refused],
         "said": list(found.said),
+        "planned": found.planned,
     }

@@ -18,16 +18,10 @@ class View(Common):
     """Number of the trajectory; the newest if not given."""
 
     def run(self, say: Say) -> Outcome:
-        from etude.report.record import read_record
-        from etude.report.space import nearest_words, newest, page
-        from etude.storage import write_atomic
+        from etude.report.space import nearest_words, write_view
 
         opened(self.folder)
-        record = read_record(self.folder)
-        number = newest(record, self.proposal)
         say("Drawing the motion.")
-        text, seen = page(record, number)
-        path = self.folder / "view.html"
-        write_atomic(path, text.encode("utf-8"))
+        path, number, seen = write_view(self.folder, self.proposal)
         data = {"view": str(path), "proposal": number, "seconds": float(seen.t[-1]), "nearest": seen.nearest}
         return Outcome(f"Written: {path}\n{nearest_words(seen)}", data)

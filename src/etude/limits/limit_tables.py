@@ -87,8 +87,8 @@ def _read(table: Mapping[str, Any], where: str) -> LimitTable:
 def _made(
     table: LimitTable, spec: Any, model: Model | None, margins: Margins, coordinates: tuple[str, ...]
 ) -> Limit:
-    from etude._runtime.plugin_values import guarded  # robot files are read without these
     from etude.limits.lipschitz import LipschitzLimit
+    from etude.plugin_values import guarded  # robot files are read without these
 
     where, mend = f"[[limit]] {table.kind}", "Correct its table in robot.toml, or the plug-in."
     try:

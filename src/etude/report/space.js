@@ -217,6 +217,7 @@
       const k = nearest(time);
       return { frame: at(time, new Float32Array(12 * B), replay.frames), points: ends(time, replay.points), q: replay.q.subarray(k * J, k * J + J) };
     };
+    const elsewhere = () => live?.elsewhere;  // it moves, but not along this motion in its time: no distance of it counts
     const nearest = (own) => Math.min(Math.max(Math.round(own / data.step), 0), last);
     const left = (k, b) => room[k * B + b];  // mm, beyond what is kept
     const narrow = (k) => [...Array(L).keys()].map((i) => {
@@ -245,16 +246,16 @@
     const wanted = (name) => part(`[name=${name}]`)?.checked;
     const robot = (frame, colour, alpha) => bodies.forEach((one, b) => draws.draw(one.mesh, new Float32Array([...frame.subarray(12 * b, 12 * b + 12), ...colour(b), alpha])));
     const paint = () => {
-      const { paper, plain } = theme(), k = nearest(time), view = eye.view(), near = narrow(k), ghost = real();
-      at(time, now, planned.frames);
+      const { paper, plain } = theme(), k = nearest(time), view = eye.view(), near = elsewhere() ? [] : narrow(k), ghost = real();
+      if (live?.asked) { now.set(live.asked.frame); } else { at(time, now, planned.frames); }
       draws.begin(view.matrix, view.eye, paper);
       draws.lit(false);
       draws.draw(box, kept.edges);
       if (wanted("path")) { draws.draw(box, kept.path); }
       if (wanted("distances")) { draws.draw(box, new Float32Array(near.flatMap((one) => [...stretched(...one.ends, 3 * thin), ...coloured(one.spare, GREEN), 1]))); }
       draws.lit(true);
-      robot(now, (b) => coloured(left(k, b), plain), 1);
-      draws.draw(box, new Float32Array(limbs(ends(time, planned.points), [...plain, 1])));
+      robot(now, (b) => elsewhere() ? plain : coloured(left(k, b), plain), 1);
+      draws.draw(box, new Float32Array(limbs(live?.asked ? live.asked.points : ends(time, planned.points), [...plain, 1])));
       if (ghost) { draws.skin(() => { robot(ghost.frame, () => GHOST, 0.55); draws.draw(box, new Float32Array(limbs(ghost.points, [...GHOST, 0.55]))); }); }
       draws.pale(() => things.filter((one) => one.faces.length && one.kind !== "inside").forEach((one) => draws.draw(one.mesh, new Float32Array([...still, ...INK[one.kind], one.kind === "plane" ? 0.1 : 0.3]))));
       if (wanted("swept") && !(slow && playing)) { draws.skin(() => { bodies.forEach((one, b) => draws.draw(one.mesh, kept.swept[b])); draws.draw(box, kept.skin); }); }
@@ -287,14 +288,14 @@
       data.marks.forEach((one, i) => tag(`mark${i}`, one.text, wanted("path") && Math.abs(one.time - time) > 0.2 && view.pixel(one.at), "mark"));
       things.forEach((one, i) => tag(`thing${i}`, one.name, one.label && view.pixel(one.label)));
       const rows = near.map((one) => [css(coloured(one.spare, GREEN)), `${one.pair}: ${one.mm.toFixed(0)} mm`]);
-      part(".nearest")?.replaceChildren(...(rows.length ? rows : [["transparent", data.nothing]]).map(([colour, words]) => {
+      part(".nearest")?.replaceChildren(...(rows.length ? rows : [["transparent", elsewhere() ? data.elsewhere : data.nothing]]).map(([colour, words]) => {
         const row = document.createElement("li"), mark = document.createElement("i");
         mark.style.background = colour;
         row.append(mark, words);
         return row;
       }));
-      part(".time").textContent = `${time.toFixed(2)} s`;
-      part(".piece").textContent = data.pieces.filter((one) => one.start <= time + 1e-9).at(-1).label;
+      part(".time").textContent = elsewhere() ? "" : `${time.toFixed(2)} s`;
+      part(".piece").textContent = live?.now || data.pieces.filter((one) => one.start <= time + 1e-9).at(-1).label;
       part("[name=time]").value = time;
       joints(k, ghost);
     };
@@ -308,7 +309,7 @@
     });
     const shownValue = (value, unit) => unit === "rad" ? `${(value * 180 / Math.PI).toFixed(1)}°` : `${value.toFixed(3)} ${unit}`;
     const joints = (k, ghost) => data.joints.forEach((one, j) => {
-      const value = planned.q[k * J + j], share = (value - one.lower) / (one.upper - one.lower);
+      const value = live?.asked ? live.asked.q[j] : planned.q[k * J + j], share = (value - one.lower) / (one.upper - one.lower);
       cells[j].plan.textContent = shownValue(value, one.unit);
       cells[j].real.textContent = ghost ? shownValue(ghost.q[j], one.unit) : "";
       cells[j].place.style.cssText = Number.isFinite(share) ? `left:${(100 * share - 1.5).toFixed(1)}%;width:3%` : "display:none";
@@ -345,9 +346,11 @@
       if (on && tick === null) { requestAnimationFrame(step); }
     };
     const show = (own) => { play(false); time = Math.min(Math.max(own, 0), last * data.step); paint(); };
-    const measure = (message) => {  // the real robot: its positions, and a frame of 12 numbers for each part
-      live = { frame: new Float32Array(message.frames.flat()), points: message.points.flat(), q: message.q };
+    const measure = (message) => {  // the real robot: its positions, and a frame of 12 numbers for each part, measured and asked
+      const placed = (own) => own && { frame: new Float32Array(own.frames.flat()), points: own.points.flat(), q: own.q };
+      live = { ...placed(message), asked: placed(message.asked), now: message.now, elsewhere: message.t === null };
       figure.classList.add("real");
+      if (playing) { play(false); }
       if (Number.isFinite(message.t)) { show(message.t); } else { changed(); }
     };
     part(".play").addEventListener("click", () => play(!playing));

@@ -6,25 +6,18 @@ that the certificate rests on, at the poses that are drawn. What is proved is qu
 
 from __future__ import annotations
 
-import json
 import re
-from collections.abc import Callable, Mapping
-from functools import cache
+from collections.abc import Mapping
 from importlib import resources
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from etude.campaign.record.journal import JOURNAL
 from etude.errors import UsageError, typed
-from etude.report.live import INDEX, POSES, Pages, digest_of
 from etude.report.markup import Html, document, element, join, number, paragraph, table
-from etude.report.motion_in_space import MotionInSpace, in_space, placed_parts
+from etude.report.motion_in_space import MotionInSpace, in_space
 from etude.report.record import Record, read_record
-from etude.report.scene import figure_along
 from etude.report.script_data import script_data
-from etude.types import Array, Motion
+from etude.storage import write_atomic
 
 OPEN_ROWS = 6
 """Rows of the certificate that are seen at once, the narrowest first."""
@@ -39,6 +32,10 @@ COLOUR = (
 HULLS = "Drawn are the shapes that distances are taken of: convex hulls, not the finer meshes."
 STICKS = "The description has no shapes, so bars stand for links."
 MEASURED = "Blue is where its log measured the robot."
+LIVE = (
+    "Solid is the robot where it is asked to be now, blue where it is measured. The blue line is the way of "
+    "{tips} along {title}, and the pale skin holds all that it sweeps. {colour}"
+)
 ENLARGED = "It is drawn {times} times as large as it is."
 NO_DISTANCES = "No distance is looked at for this robot: what it would hit is not known."
 AROUND = "Around it is what the robot's file names: {names}."
@@ -70,13 +67,31 @@ def page(record: Record, proposal: int, stream: str = "") -> tuple[Html, MotionI
         )
     title = f"{record.robot}: {found.title}"
     head = element("style", Html(asset("report.css") + asset("space.css")))
-    parts = [element("h1", title), words(found), element("p", nearest_words(found), class_="lead")]
+    parts = [
+        element("h1", title),
+        words(found, live=bool(stream)),
+        element("p", nearest_words(found), class_="lead"),
+    ]
     if changed := record.changed(f"{found.folder}/certificate.json"):
         again = ASK_AGAIN.format(folder=typed(record.folder))
         parts.append(paragraph(f"{changed} {again}", class_="news red"))
     parts += [figure_in_space(found, record, proved(found), stream)]
     main = Html(f"<main>\n{join(parts)}\n</main>")
     return document(title, head, main, element("script", Html(asset("space.js")))), found
+
+
+def write_view(folder: Path, proposal: int | None = None) -> tuple[Path, int, MotionInSpace]:
+    """FOLDER/view.html of a proposal, the newest if not given; its path, the number and what it shows.
+
+    Raises:
+        UsageError: no such proposal, or a robot that cannot be drawn.
+    """
+    record = read_record(folder)
+    number = newest(record, proposal)
+    text, seen = page(record, number)
+    path = folder / "view.html"
+    write_atomic(path, text.encode("utf-8"))
+    return path, number, seen
 
 
 def newest(record: Record, proposal: int | None = None) -> int:
@@ -120,14 +135,14 @@ def figure_in_space(seen: MotionInSpace, record: Record, below: Html = NO_MORE, 
     return element("figure", *parts, class_="space")
 
 
-def words(seen: MotionInSpace) -> Html:
-    """What one sees, in sentences."""
+def words(seen: MotionInSpace, live: bool = False) -> Html:
+    """What one sees, in sentences. live: the robot is shown as it moves."""
     tips = "its tip" if len(seen.figure.tips) == 1 else "its tips"
     names = [thing.name for thing in seen.figure.things if thing.kind in ("solid", "plane", "inside")]
     said = [
-        TEXT.format(title=seen.title, tips=tips, colour=COLOUR if seen.nearby else ""),
+        (LIVE if live else TEXT).format(title=seen.title, tips=tips, colour=COLOUR if seen.nearby else ""),
         HULLS if seen.nearby else STICKS if not seen.solids else "",
-        MEASURED if seen.measured is not None else "",
+        MEASURED if seen.measured is not None and not live else "",
         ENLARGED.format(times=seen.enlarged) if seen.enlarged > 1 else "",
         AROUND.format(names=", ".join(names)) if names else NOTHING,
     ]
@@ -227,43 +242,3 @@ def _scale(seen: MotionInSpace) -> list[Html]:
         element("ul", class_="nearest"),
         element("p", "beyond what is kept: 0", element("i"), "100 mm and more", class_="soft scale"),
     ]
-
-
-class RealPose:
-    """The newest pose of the real robot, for pages that are served.
-
-    Who commands the robot puts it, at any rate and from any thread. Kinematics run where a page asks.
-    """
-
-    def __init__(self, record: Record) -> None:
-        self._record = record
-        self._newest: tuple[float, Array] | None = None
-
-    def put(self, t: float, q: Array) -> None:
-        """Positions (k,) of the path at t s of the motion that is shown."""
-        self._newest = t, q
-
-    def message(self) -> str:
-        """JSON: time, positions, frames (B, 12) of parts and points (P, 3) of sticks; "" before any."""
-        if self._newest is None or self._record.campaign is None:
-            return ""
-        t, q = self._newest
-        placed = placed_parts(self._record.campaign, Motion(np.array([t]), q[None, None]))[1]
-        figure = None if placed.size else figure_along(self._record, q[None])
-        points = [] if figure is None else figure.points[0].tolist()
-        facts = {"t": t, "q": q.tolist(), "frames": placed[0].reshape(-1, 12).tolist(), "points": points}
-        return json.dumps(facts, separators=(",", ":"))
-
-
-def served_in_space(folder: Path) -> tuple[Pages, RealPose]:
-    """Pages with the newest proposal in space, renewed with the journal, and where to put the real robot's
-    poses: a page draws them beside the planned ones as they come.
-    """
-    record = read_record(folder)
-    real = RealPose(record)
-
-    def made() -> dict[str, Callable[[], str]]:
-        now = read_record(folder)
-        return {INDEX: cache(lambda: page(now, newest(now), POSES)[0])}
-
-    return Pages(made, lambda: digest_of([folder / JOURNAL]), real.message), real

@@ -5,16 +5,19 @@ whatever goes wrong leaves it at rest.
 from __future__ import annotations
 
 import json
+import re
 import shutil
 import signal
 from collections import namedtuple
 from collections.abc import Callable
 from dataclasses import replace
+from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from jsonschema import Draft202012Validator
 from robot_runs import JOINTS, QUICK, Robot, Somebody, events, facts, home, lab, moved
 
 import etude
@@ -25,9 +28,10 @@ from etude.campaign.record.events import Ingested, MotionEnded, MotionSent, RunE
 from etude.campaign.run.campaign_run import connected
 from etude.campaign.run.certified_motions import Learned, proposal_motion
 from etude.campaign.run.next_proposal import NextProposal
+from etude.campaign.run.preconditions import open_points
 from etude.campaign.run.run_history import next_step
 from etude.campaign.run.run_settings import read_settings
-from etude.drivers import About, Sample, Streamed, read_recording
+from etude.drivers import About, Sample, Streamed, VelocityEnvelope, read_recording
 from etude.errors import EtudeError, RobotStopped, UnsafeTrajectoryError, UsageError
 from etude.logs import read_log_file
 from etude.types import Array
@@ -164,6 +168,56 @@ def test_what_is_open_blocks(tmp_path: Path, case: str) -> None:
     assert len(events(campaign)) == 1, "nothing was asked either"
 
 
+ENVELOPE = VelocityEnvelope(
+    most=np.array([2.0, 0.9]),
+    offset=np.array([-0.1, 0.0]),
+    slope=np.array([3.0, 2.0]),
+    lower=np.array([-1.6, -1.0]),
+    upper=np.array([0.6, 1.0]),
+)
+
+
+@pytest.mark.parametrize(
+    ("says", "sentence"),
+    [
+        (
+            {"jerk": np.array([1.0 / 3.0, 500.0])},
+            "enforces jerk 500 of hip, and robot.toml has no limit of it",
+        ),
+        ({"torque_rate": np.array([80.0, 1000.0])}, "enforces torque_rate 80 of knee"),
+        ({"envelope": ENVELOPE}, r"velocity 0 at 1 of hip, and robot.toml allows 0\.9 there"),
+        (
+            {"envelope": ENVELOPE, "acceleration": np.array([1.5, 9.0])},
+            r"velocity 0\.9 of hip, and .* allows 1",
+        ),
+    ],
+)
+def test_what_a_robot_enforces_is_written_as_the_lines_say(
+    tmp_path: Path, says: dict[str, Any], sentence: str
+) -> None:
+    campaign, robot = lab(tmp_path), Robot(**says)
+    with pytest.raises(UsageError, match=sentence) as refused:
+        moved(campaign, robot)
+    path = campaign.path / "robot.toml"
+    _, _, lines = refused.value.next_step.removesuffix(".").partition("robot.toml: ")
+    for own in lines.split("; "):
+        axis, _, keys = own.partition(": ")
+        text, ours = path.read_text(), re.split(r", (?=\w+ = )(?![^{]*})", keys)
+        for key in ours:
+            text = re.sub(rf'(name = "{axis}"(?:\n[^[\n].*)*)\n{key.split()[0]} = .*', r"\1", text)
+        path.write_text(text.replace(f'name = "{axis}"', "\n".join([f'name = "{axis}"', *ours])))
+    campaign = open_campaign(campaign.path)
+    assert not open_points(campaign, robot.about(), resume=False, identity="")
+    own = {"envelope": replace(ENVELOPE, slope=0.99 * ENVELOPE.slope)}
+    closer = own if "envelope" in says else {name: 0.99 * value for name, value in says.items()}
+    assert open_points(campaign, Robot(**{**says, **closer}).about(), resume=False, identity="")
+
+
+def test_a_rate_of_the_command_counts_where_one_is_sent(tmp_path: Path) -> None:
+    robot = Robot(torque_rate=np.array([80.0, 1000.0]), controls=("feedback",))
+    assert not open_points(lab(tmp_path), robot.about(), resume=False, identity="")
+
+
 def test_a_line_to_confirm_blocks_a_real_robot_alone(tmp_path: Path) -> None:
     campaign = lab(tmp_path)
     path = campaign.path / "robot.toml"
@@ -191,6 +245,16 @@ def test_a_dry_run_moves_nothing_and_says_what_would(tmp_path: Path) -> None:
     assert robot.sent == []
     assert facts(campaign, MotionSent) == []
     assert any("the beginning of motion 1 at 25 %" in own for own in said)
+
+
+def test_a_person_agrees_to_where_the_whole_motion_goes(tmp_path: Path) -> None:
+    campaign = lab(tmp_path, 20.0)
+    said = moved(campaign, Robot(), dry=True).said
+    whole = proposal_motion(campaign, 1, "feedback").trajectory
+    q = whole.motion(np.linspace(0.0, whole.duration, 500), 1).orders[0]
+    ends = zip(campaign.axes, q.min(axis=0), q.max(axis=0), strict=True)
+    ranges = [f"{axis} in {low:.2f}..{high:.2f}" for axis, low, high in ends]
+    assert f"Motion 1 moves {', '.join(ranges)}." in said
 
 
 def test_a_joint_that_sticks_is_stopped_and_the_next_run_is_slower(tmp_path: Path) -> None:
@@ -435,9 +499,26 @@ def test_a_dry_run_at_the_terminal(driven: Campaign, capsys: pytest.CaptureFixtu
     found = json.loads(capsys.readouterr().out)
     assert found["why"] == "nothing was moved: --dry-run"
     assert any("3 motions" in own for own in found["said"])
+    assert (found["planned"], found["view"]) == (1, ""), "a robot without a model file has no drawing"
     assert cli.main(["run", str(driven.path), "--dry-run", "--rounds", "0"]) == 2
     assert cli.main(["run", str(driven.path), "--on", "nobody"]) == 2
     assert "there is no driver 'nobody'" in capsys.readouterr().err.lower()
+
+
+def test_each_line_for_machines_is_of_the_schema(
+    driven: Campaign, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    schema = json.loads(files("etude.cli").joinpath("run.schema.json").read_bytes())
+    known = Draft202012Validator(schema)
+    monkeypatch.setattr("etude.campaign.run.robot_session.STATUS_S", 0.01)
+    path, seen = driven.path / "run.toml", set()
+    path.write_text(path.read_text().replace("confirm = false", "confirm = true"))
+    for words, code in ((["--dry-run"], 0), (["--rounds", "2", "--yes", "--view"], 0), ([], 2)):
+        assert cli.main(["run", str(driven.path), "--json", *words]) == code
+        for line in map(json.loads, capsys.readouterr().out.splitlines()):
+            known.validate(line)
+            seen.add(line.get("event") or next(iter(line)))
+    assert seen == {"view", "motion_sent", "status", "motion_ended", "taken_in", "rounds", "error"}
 
 
 def test_nobody_is_asked_in_a_script(driven: Campaign, capsys: pytest.CaptureFixture[str]) -> None:

@@ -13,6 +13,7 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -23,11 +24,12 @@ from synthetic_campaign import write_campaign
 from chromium import chromium, complaints
 from etude import cli
 from etude.campaign import abandon, open_campaign
+from etude.drivers import Sample
 from etude.errors import UsageError
 from etude.report import HOST, Pages, digest_of, server
 from etude.report.build import live_report
 from etude.report.live import MOST, PORT, POSES
-from etude.report.space import served_in_space
+from etude.report.run_view import RunView
 
 
 @contextmanager
@@ -280,24 +282,62 @@ def test_each_new_pose_is_sent_once_and_to_this_machine_alone(monkeypatch: pytes
 
 
 @pytest.mark.browser
-def test_the_real_robot_is_drawn_where_it_is(tmp_path: Path) -> None:
+def test_the_robot_is_drawn_where_it_is_asked_to_be_and_where_it_is(tmp_path: Path) -> None:
     from selenium.webdriver.support.ui import WebDriverWait
 
     write_space(tmp_path)
-    pages, real = served_in_space(tmp_path)
-    assert pages.pose is not None
-    assert pages.pose() == ""
-    with chromium() as browser, running(pages) as port:
-        browser.get(f"http://{HOST}:{port}/")
+    campaign = open_campaign(tmp_path)
+    planned = SimpleNamespace(joints=campaign.axes[::-1], part="motion", speed=100, number=1)
+    with chromium() as browser, RunView(tmp_path) as view:
+        browser.get(view.address)
+        assert "The next motion is computed" in browser.page_source
+        view.show(1)
+        WebDriverWait(browser, 30).until(lambda b: "trajectory 1" in b.title)
         now = (
-            "const s = document.querySelector('.space').scene; return s && s.real() && [s.time(), s.real().q]"
+            "const s = document.querySelector('.space').scene; if (!s) return null;"
+            "const text = (c) => document.querySelector(c).textContent;"
+            "return [s.time(), s.real()?.q, s.frames().slice(12, 24), text('.piece'), text('.time')]"
         )
-        assert browser.execute_script(now) is None
-        for t, q in ((2.5, [0.1, 0.2, 0.3]), (4.0, [0.2, 0.1, 0.9])):
-            real.put(t, np.array(q))
 
-            def shown(page: Any, t: float = t, q: list[float] = q) -> bool:
-                return bool(page.execute_script(now) == [t, q])
+        def shown(part: str, at: float, asked: list[float], q: list[float]) -> Any:
+            sample = Sample(9.0, np.array(q[::-1]), asked=np.array(asked[::-1]), at=at)
+            planned.part = part
 
-            WebDriverWait(browser, 30, poll_frequency=0.05).until(shown)
+            def there(page: Any) -> Any:
+                view.put(campaign, planned, sample)  # type: ignore[arg-type]
+                found = page.execute_script(now)
+                return found if found and found[1] == q and part in found[3] else None
+
+            return WebDriverWait(browser, 30, poll_frequency=0.05).until(there)
+
+        own, plain = [0.2, 0.4, 1.0], [0.1, 0.5, 1.1]
+        time, _, turned, piece, words = shown("motion", 2.5, own, plain)
+        assert (time, piece, words) == (2.5, "motion 1 at 100 %", "2.50 s")
+        assert turned[:2] == pytest.approx([np.cos(0.2), -np.sin(0.2)], abs=1e-6), "solid: where it is asked"
+        nearest = "return document.querySelector('.nearest').textContent"
+        assert "told along" not in browser.execute_script(nearest)
+        _, _, turned, piece, words = shown("approach", 1.0, [0.3, 0.4, 1.0], own)
+        assert (piece, words) == ("approach 1 at 100 %", ""), "it is not on the motion that is drawn"
+        assert turned[:2] == pytest.approx([np.cos(0.3), -np.sin(0.3)], abs=1e-6)
+        assert browser.execute_script(nearest).startswith("told along")
         assert complaints(browser) == []
+
+
+def test_a_page_that_is_busy_or_gone_delays_no_set_point(tmp_path: Path) -> None:
+    write_space(tmp_path)
+    campaign = open_campaign(tmp_path)
+    planned = SimpleNamespace(joints=campaign.axes, part="motion", speed=100, number=1)
+
+    def put() -> None:
+        view._told = 0.0
+        view.put(campaign, planned, Sample(0.0, np.zeros(3), at=1.0))  # type: ignore[arg-type]
+
+    with RunView(tmp_path) as view:
+        process = view._process
+        assert process is not None
+        process.send_signal(signal.SIGSTOP)  # it takes nothing
+        for _ in range(2_000):
+            put()
+        process.kill()
+        process.wait()
+        put()

@@ -33,7 +33,7 @@ from etude.campaign.run.certified_motions import (
 )
 from etude.campaign.run.next_proposal import NextProposal
 from etude.campaign.run.preconditions import open_points, require_none
-from etude.campaign.run.robot_session import Result, RobotSession, Tell, held_on_signals, only_one
+from etude.campaign.run.robot_session import Result, RobotSession, Seen, Tell, held_on_signals, only_one
 from etude.campaign.run.run_history import next_step
 from etude.drivers import About, Person, Player
 from etude.errors import DataError, EtudeError, LinkLost, RobotStopped, StopRuleReached, UsageError, typed
@@ -92,6 +92,7 @@ class RunResult:
         robot_seconds: of motion, ways and careful steps too. stood: s that the robot stood and waited.
         confirmed: what `status` says of the motion that confirms; None without one.
         promotion: what became of the newest model; None where nobody asked. said: sentences beside.
+        planned: number of the motion that a dry run would begin with; None: it would confirm, or it ran.
     """
 
     rounds: tuple[RoundRun, ...] = ()
@@ -101,6 +102,7 @@ class RunResult:
     confirmed: Mapping[str, Any] | None = None
     promotion: Promotion | None = None
     said: tuple[str, ...] = ()
+    planned: int | None = None
 
 
 def run_campaign(
@@ -111,12 +113,13 @@ def run_campaign(
     *,
     say: Say = lambda _: None,
     tell_event: Tell = lambda _, __: None,
+    seen: Seen = lambda _, __, ___: None,
 ) -> RunResult:
     """Closes the loop with a robot; see docs/run.md.
 
     Args:
         campaign: the folder. player: the robot, not connected yet. person: who agrees, and who can stop it.
-        say: receives one sentence per step. tell_event: what happened, by name.
+        say: receives one sentence per step. tell_event: what happened, by name. seen: each sample.
 
     Raises:
         UsageError: something is open, or a person did not agree; nothing moved.
@@ -131,6 +134,7 @@ def run_campaign(
         identity=options.identity,
         tell=tell_event,
         on=options.on,
+        seen=seen,
     ) as session:
         return close_loop(session, options, say)
 
@@ -145,17 +149,18 @@ def connected(
     identity: str = "",
     tell: Tell = lambda _, __: None,
     on: str = "",
+    seen: Seen = lambda _, __, ___: None,
 ) -> Iterator[RobotSession]:
     """The robot, connected, once nothing is open that blocks it; nothing moves. Errors as `run_campaign`.
 
-    on: the driver's name, for next steps.
+    on: the driver's name, for next steps. seen: receives each sample of a motion.
     """
     about = player.about()
     with only_one(campaign, about):
         found = open_points(campaign, about, resume=resume, identity=identity)
         waived = require_none(campaign, found, simulated=not about.real)
         with _entered(player), held_on_signals(player):
-            yield RobotSession(campaign, player, about, person, tell, waived=tuple(waived), on=on)
+            yield RobotSession(campaign, player, about, person, tell, waived=tuple(waived), on=on, seen=seen)
 
 
 @contextlib.contextmanager
@@ -190,8 +195,11 @@ def close_loop(session: RobotSession, options: RunOptions, say: Say = lambda _: 
     loop = _Loop(session.campaign, session, options, say)
     first, fired = loop.first()
     sentences = what_will_happen(session, options, first)
+    if first is not None:
+        session.tell("planned", {"number": first.number, "speed": first.speed, "control": first.control})
     if options.dry:
-        return RunResult(why="nothing was moved: --dry-run", said=tuple(sentences))
+        number = None if first is None else first.number
+        return RunResult(why="nothing was moved: --dry-run", said=tuple(sentences), planned=number)
     _require_agreed(session.person, session.about, options, sentences)
     with _kept(session.campaign, session.about, options):
         return loop.closed(first, fired)
@@ -244,7 +252,8 @@ def what_will_happen(session: RobotSession, options: RunOptions, first: Certifie
 
 def _of_first(campaign: Campaign, first: CertifiedMotion) -> list[str]:
     step, last = "the beginning of " * first.first, first.trajectory.duration
-    q = first.trajectory.motion(np.linspace(0.0, first.trajectory.duration, 1000), 1).orders[0]
+    whole = proposal_motion(campaign, first.number, first.control).trajectory
+    q = whole.motion(np.linspace(0.0, whole.duration, 1000), 1).orders[0]
     rows = zip(campaign.axes, q.min(axis=0), q.max(axis=0), strict=True)
     ranges = ", ".join(f"{axis} in {low:.2f}..{high:.2f}" for axis, low, high in rows)
     return [

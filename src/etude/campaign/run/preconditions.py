@@ -2,23 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from etude.abilities import SupportsJointTables
+from etude.campaign.record.controls import LEARNED
 from etude.campaign.record.events import MotionSent
 from etude.campaign.record.folder import ROBOT, Campaign
 from etude.campaign.run.run_history import last_identity, unfinished
 from etude.deploy.trajectory_files import command_unit, to_confirm
-from etude.drivers import About
+from etude.drivers import About, VelocityEnvelope
+from etude.drivers.within_limits import velocity_range
 from etude.errors import UsageError, typed
 from etude.types import Array
 
 STATED = ("command_of", "gravity_in_command")
 """Fields of `About` that may be None, which blocks."""
-ORDERS = ("velocity", "acceleration")
+ENFORCED = ("lower", "upper", "velocity", "acceleration", "jerk", "torque_rate")
+"""Fields of `About` and keys of the robot's file."""
+POSES = 1001
+"""Of each joint at which velocities by position are compared."""
 SLACK = 1e-6
 """Part of a limit by which the robot's may be narrower: rounding of files."""
 
@@ -88,46 +94,74 @@ def _unit(campaign: Campaign, about: About) -> list[Open]:
 
 
 def _limits(campaign: Campaign, about: About) -> list[Open]:
-    """Where the robot enforces less than the campaign's motions may do."""
+    """Where the robot enforces less than the campaign's motions may do, and what to write about it."""
     if set(about.joints) != set(campaign.axes):
         return []
-    order = np.array([about.joints.index(axis) for axis in campaign.axes])
-    limits = campaign.kind.expected(campaign.spec).limits
-    path, rates = campaign.kind.path, _rates(campaign)
-    own = {name: np.asarray(limits[channel][1]) for name, channel in rates.items() if channel in limits}
-    found = []
-    for name, mine in own.items():
-        theirs: Array | None = getattr(about, name)
-        found += [] if theirs is None else _narrower(campaign, about, name, theirs[order], mine)
-    lower, upper = limits[path]
-    if about.upper is not None:
-        found += _narrower(campaign, about, "upper", about.upper[order], np.asarray(upper))
-    if about.lower is not None:
-        found += _narrower(campaign, about, "lower", -about.lower[order], -np.asarray(lower), sign=-1.0)
-    return found
+    found: list[str] = []
+    lines: list[str] = []
+    for axis, own in zip(campaign.axes, _stated(campaign), strict=True):
+        j = about.joints.index(axis)
+        rows = [*_narrower(about, j, own), *_slower(about, j, own)]
+        found += [
+            f"{about.name} enforces {what} of {axis}, and {ROBOT} {allows}." for what, allows, _ in rows
+        ]
+        lines += [f"{axis}: {', '.join(line for _, _, line in rows)}"] if rows else []
+    step = f"Write what the robot enforces into {ROBOT}: {'; '.join(lines)}."
+    return [Open(sentence, step) for sentence in found]
 
 
-def _rates(campaign: Campaign) -> dict[str, str]:
-    """The channels of velocity and acceleration by these names."""
-    found, name = {}, campaign.kind.path
-    for order in ORDERS:
+def _stated(campaign: Campaign) -> Sequence[Mapping[str, Any]]:
+    """What the robot's file says of each axis, by the names of `About`; None: no limit."""
+    if isinstance(campaign.spec, SupportsJointTables):
+        return campaign.spec.joint_tables
+    limits, name = campaign.kind.expected(campaign.spec).limits, campaign.kind.path
+    rows = [{"lower": low, "upper": high} for low, high in zip(*limits[name], strict=True)]
+    for order in ("velocity", "acceleration"):
         name = next((c.name for c in campaign.channels if c.derivative_of == name), "")
-        found[order] = name
+        for row, most in zip(rows, limits[name][1] if name in limits else (), strict=False):
+            row[order] = most
+    return rows
+
+
+def _narrower(about: About, j: int, own: Mapping[str, Any]) -> list[tuple[str, str, str]]:
+    """What the robot enforces on its joint j, what the file allows there, and the line for it."""
+    found = []
+    for name in (name for name in ENFORCED if name in own):
+        theirs: Array | None = getattr(about, name)
+        if name == "torque_rate" and LEARNED not in about.controls:
+            continue  # its own feedback's alone
+        value = np.inf if theirs is None else float(theirs[j])
+        if name == "velocity" and about.envelope is not None:
+            value = min(value, float(about.envelope.most[j]))
+        sign, mine = (-1.0 if name == "lower" else 1.0), np.inf if own[name] is None else own[name]
+        if np.isfinite(value) and sign * mine > sign * value + SLACK * abs(value):
+            allows = f"allows {mine:g}" if np.isfinite(mine) else "has no limit of it"
+            found.append((f"{name} {value:g}", allows, f"{name} = {value!r}"))
     return found
 
 
-def _narrower(
-    campaign: Campaign, about: About, name: str, theirs: Array, mine: Array, sign: float = 1.0
-) -> list[Open]:
-    outside = mine > theirs + SLACK * np.abs(theirs)
-    return [
-        Open(
-            f"{about.name} enforces {name} {sign * theirs[j]:g} of {campaign.axes[j]}, and {ROBOT} allows "
-            f"{sign * mine[j]:g}.",
-            f"Write what the robot enforces into {ROBOT}.",
-        )
-        for j in np.flatnonzero(outside)
-    ]
+def _slower(about: About, j: int, own: Mapping[str, Any]) -> list[tuple[str, str, str]]:
+    """The same of velocities by position, where the robot enforces an envelope and the file may have one."""
+    if about.envelope is None or "envelope" not in own:
+        return []
+    ends = {"lower": own["lower"], "upper": own["upper"]}
+    mine = own["envelope"] or {"offset": np.inf, "slope": 0.0, **ends}
+    theirs = {name: float(values[j]) for name, values in vars(about.envelope).items()}
+    most, q = min(own["velocity"], theirs["most"]), np.linspace(own["lower"], own["upper"], POSES)
+    allowed, enforced = _both_ways({**mine, "most": most}, q), _both_ways(theirs, q)
+    k = int((allowed - enforced).argmax())
+    if allowed[k] - enforced[k] <= SLACK * most:
+        return []
+    line = ", ".join(f"{name} = {theirs[name]!r}" for name in ("offset", "slope", "lower", "upper"))
+    what = f"velocity {enforced[k]:.3g} at {np.tile(q, 2)[k]:.3g}"
+    return [(what, f"allows {allowed[k]:.3g} there", f"envelope = {{ {line} }}")]
+
+
+def _both_ways(envelope: Mapping[str, float], q: Array) -> Array:
+    """(2 n,) speeds of one joint at positions q (n,), towards its upper and its lower end."""
+    own = VelocityEnvelope(**{name: np.array([value]) for name, value in envelope.items()})
+    down, up = velocity_range(own, q[:, None])
+    return np.concatenate([up[:, 0], -down[:, 0]])
 
 
 def _confirm(campaign: Campaign) -> list[Open]:

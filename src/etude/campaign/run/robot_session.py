@@ -42,6 +42,8 @@ from etude.types import Array, Index
 
 RECORDINGS, KEPT_RECORDINGS = "recordings", 60
 """Where they are, and how many of motions that ended well stay: logs that were taken in are in runs, too."""
+STATUS_S = 1.0
+"""Between two lines of status."""
 MEAN_S = 0.1
 """Over which residuals of commands are averaged."""
 BYTES_A_VALUE, LEAST_FREE = 8, 64 * 2**20
@@ -50,6 +52,8 @@ JOURNAL_WAIT_S = 600.0
 """For another writer when a motion has ended: what is computed meanwhile is one."""
 Tell = Callable[[str, Mapping[str, Any]], None]
 """Receives the name of an event and what it holds."""
+Seen = Callable[[Campaign, PlannedMotion, Sample], None]
+"""Receives each sample of a motion, and returns at once."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,7 +80,7 @@ class RobotSession:
     Attributes:
         waived: what a simulation lets pass, a sentence each. seconds: of motion so far.
         level: of the learned command that the robot was sent last, 0 or 1.
-        on: the driver's name, as it was given.
+        on: the driver's name, as it was given. seen: who else is shown the samples.
         stood_since: our clock when the last motion ended, s. stood: s that it stood still between motions.
     """
 
@@ -87,6 +91,7 @@ class RobotSession:
     tell: Tell
     waived: tuple[str, ...] = ()
     on: str = ""
+    seen: Seen = lambda _, __, ___: None
     level: float = 0.0
     seconds: float = 0.0
     stood_since: float | None = None
@@ -252,11 +257,12 @@ class _Watching:
 
     def __call__(self, sample: Sample) -> Reaction:
         reaction = self.supervisor.watch(sample)
+        self.session.seen(self.session.campaign, self.planned, sample)
         if reaction is Reaction.GO and not self.session.person.alive():
             self.session.interrupted.set()
             return Reaction.STOP
         now = time.monotonic()
-        if now - self.told >= 1.0:
+        if now - self.told >= STATUS_S:
             self.told = now
             worst = self.supervisor.worst_error[self.session.columns]
             fields = {"number": self.planned.number, "part": self.planned.part, "at": sample.at}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -50,15 +50,15 @@ def paper_figures(
     Raises:
         UsageError: matplotlib is not installed, or an id of `only` is none.
     """
-    pyplot = _pyplot()
+    own = pyplot()
     entries = [ledger.entry(id) for id in only] or list(ledger.entries)
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
     written: list[Path] = []
     for entry in entries:
-        if entry.kind != "trace" and any(row.run.partition(":")[0] in results.tables for row in entry.rows):
-            with pyplot.rc_context(SETTINGS):
-                written += _saved(pyplot, Numbers(results), entry, folder)
+        if entry.kind != "trace" and has_results(entry, results):
+            with own.rc_context(SETTINGS):
+                written += _saved(own, Numbers(results), entry, folder)
     return tuple(written)
 
 
@@ -67,34 +67,52 @@ def paper_tables(ledger: Ledger, results: Results, folder: Path) -> tuple[Path, 
     folder.mkdir(parents=True, exist_ok=True)
     written = []
     for entry in ledger.entries:
-        lines = _rows(entry, results) if entry.kind == "table" else []
-        if lines:
+        if entry.kind == "table" and has_results(entry, results):
             path = folder / f"{entry.id}.tex"
-            path.write_text("\n".join(_tex(entry, lines)) + "\n", encoding="utf-8")
+            path.write_text("\n".join(_tex(entry, results)) + "\n", encoding="utf-8")
             written.append(path)
     return tuple(written)
 
 
-def _rows(entry: Entry, results: Results) -> list[str]:
-    """Each row and line that has results: label, cells, seeds."""
+def has_results(entry: Entry, results: Results) -> bool:
+    """Whether any of its rows was run."""
+    return any(row.run.partition(":")[0] in results.tables for row in entry.rows)
+
+
+def cells(entry: Entry, results: Results) -> list[list[str]]:
+    """Each row and line that has results: label, a text for each column, seeds."""
     rows = [*entry.rows, *(Row(line_name(line, {}), line) for line in entry.lines)]
     out = []
     for row in rows:
         found = [cell(results, entry, row.run, column, counts(entry, row)[-1]) for column in entry.columns]
         if any(own.asked for own in found):
-            cells = [own.text.replace("±", r"$\pm$") for own in found]
-            out.append(" & ".join([tex(row.label), *cells, str(max(own.asked for own in found))]) + r" \\")
+            out.append([row.label, *(own.text for own in found), str(max(own.asked for own in found))])
     return out
 
 
-def _tex(entry: Entry, rows: Sequence[str]) -> list[str]:
-    k = f" after {entry.at[-1]}" if entry.at[-1] and "after" not in entry.title else ""
-    unit = f" ({entry.unit})" if entry.unit not in entry.title else ""
-    mean, width = ("geometric mean", "") if entry.in_logs else ("mean", "half width of ")
-    told = (
-        f"{entry.title}{unit}{k}: {mean} over n paired seeds and {width}its 95 % t interval. "
+def caption(entry: Entry, results: Results) -> str:
+    """What a table or a figure shows, of how many seeds, by which interval."""
+    k = (
+        f" after {entry.at[-1]}"
+        if entry.kind == "table" and entry.at[-1] and "after" not in entry.title
+        else ""
+    )
+    unit = f" ({entry.unit})" if entry.unit not in entry.title and entry.unit != "1" else ""
+    mean = "geometric mean" if entry.in_logs else "mean"
+    width = "half width of " if entry.kind == "table" and not entry.in_logs else ""
+    n = sorted({len(results.seeds(row.run.partition(":")[0])) for row in entry.rows} - {0})
+    seeds = f"{n[0]} to {n[-1]}" if len(n) > 1 else "".join(map(str, n))
+    return (
+        f"{entry.title}{unit}{k}: {mean} over {seeds} paired seeds and {width}its 95 % t interval. "
         "The thesis has one run of each row."
     )
+
+
+def _tex(entry: Entry, results: Results) -> list[str]:
+    rows = [
+        " & ".join(tex(text).replace("±", r"$\pm$") for text in row) + r" \\" for row in cells(entry, results)
+    ]
+    told = caption(entry, results)
     head = " & ".join(["", *(tex(column_name(column)) for column in entry.columns), "n"]) + r" \\"
     columns = "l" + "r" * (len(entry.columns) + 1)
     top = [r"\begin{table}", r"\centering", rf"\caption{{{tex(told)}}}", rf"\label{{{entry.id}}}"]
@@ -107,23 +125,27 @@ def tex(words: str) -> str:
     return re.sub(r"([#$%&_{}])", r"\\\1", words)
 
 
-def _pyplot() -> Any:
+def pyplot() -> Any:
+    """matplotlib without a screen. UsageError: it is not installed."""
     try:
         import matplotlib
     except ImportError as error:
         step = "pip install 'matplotlib>=3.8'."
         raise UsageError("figures for print need matplotlib", next_step=step) from error
     matplotlib.use("Agg")
-    from matplotlib import pyplot
+    from matplotlib import pyplot as own
 
-    return pyplot
+    return own
 
 
-def _saved(pyplot: Any, numbers: Numbers, entry: Entry, folder: Path) -> list[Path]:
-    figure, axes = pyplot.subplots(figsize=INCHES, layout="constrained")
-    column = "mean" if "mean" in entry.columns else entry.columns[0]
-    draw = _curves if entry.kind == "curve" else _dots
-    draw(axes, numbers, entry, column)
+def drawing_of(entry: Entry) -> Callable[[Any, Numbers, Entry], None]:
+    """What draws it on axes of matplotlib."""
+    return _curves if entry.kind == "curve" else _dots
+
+
+def _saved(own: Any, numbers: Numbers, entry: Entry, folder: Path) -> list[Path]:
+    figure, axes = own.subplots(figsize=INCHES, layout="constrained")
+    drawing_of(entry)(axes, numbers, entry)
     if axes.get_legend_handles_labels()[1]:
         figure.legend(
             loc="outside lower left", ncols=2, frameon=False, fontsize=6, handlelength=1.8, columnspacing=0.8
@@ -134,12 +156,18 @@ def _saved(pyplot: Any, numbers: Numbers, entry: Entry, folder: Path) -> list[Pa
         dated = {"Date": None} if kind == "svg" else {"CreationDate": None}
         figure.savefig(path, metadata=dated)
         files.append(path)
-    pyplot.close(figure)
+    own.close(figure)
     return files
 
 
-def _dots(axes: Any, numbers: Numbers, entry: Entry, column: str) -> None:
+def _column(entry: Entry) -> str:
+    """The one that is drawn."""
+    return "mean" if "mean" in entry.columns else entry.columns[0]
+
+
+def _dots(axes: Any, numbers: Numbers, entry: Entry) -> None:
     """A row each, from the top; lines to compare with across all rows."""
+    column = _column(entry)
     for place, row in enumerate(entry.rows):
         own = numbers.summary(entry, row.run, column, counts(entry, row)[-1])
         if own:
@@ -160,8 +188,9 @@ def _dots(axes: Any, numbers: Numbers, entry: Entry, column: str) -> None:
         axes.annotate(sign, (x, 1.02), xycoords=("data", "axes fraction"), ha="center", fontsize=6)
 
 
-def _curves(axes: Any, numbers: Numbers, entry: Entry, column: str) -> None:
+def _curves(axes: Any, numbers: Numbers, entry: Entry) -> None:
     """Means with bands; lines to compare with in grey."""
+    column = _column(entry)
     for place, row in enumerate(entry.rows):
         found = numbers.curve(entry, row.run, column, counts(entry, row))
         if found:

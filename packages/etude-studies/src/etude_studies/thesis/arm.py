@@ -137,7 +137,7 @@ def _judged(settings: ArmSettings, seed: int, stage: Stage) -> Iterator[Measured
     yield from parameter_figures(model, stage.before, k)
     if k == settings.again and stage.before is not None:
         yield from trained_again(model, stage.before, settings.model_of(k), k)
-    faded = trusted(mean, noisy, model.prior_deviation, model.safe(plan))
+    faded = trusted(mean, noisy, model.prior_deviation, _without_process(model, plan))
     beside: dict[str, Controller] = {"faded": Given(faded, world.spec.rate, limit)}
     if settings.beside:
         beside |= lines(world, stage.logs)
@@ -159,6 +159,16 @@ def plan_of(world: World, model: LearnedModel, motion: Trajectory) -> Log:
     """What a perfect run of a motion leaves, as the model looks at it, at the control ticks."""
     robot: Any = world.robot
     return model.inputs.states(robot.planned(motion))
+
+
+def _without_process(model: LearnedModel, plan: Log) -> Array:
+    """(T, J) commands of physics, or none at all without: what the protocol's feedforward fades to.
+
+    Étude's own commands fade to a level without physics (`level_of`), as they did not when the runs began.
+    """
+    if any(model.behind(candidate) is not None for candidate in model.candidates):
+        return model.safe(plan)
+    return np.zeros((len(plan), len(model.commands)))
 
 
 def _predicted(model: LearnedModel, plan: Log) -> tuple[Array, Array, Array]:

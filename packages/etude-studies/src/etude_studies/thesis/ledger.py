@@ -8,7 +8,6 @@ answer and nothing is answered twice.
 
 from __future__ import annotations
 
-from functools import cached_property
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -17,58 +16,12 @@ import msgspec
 from etude.errors import UsageError
 from etude_studies.thesis import ledger_checks as checks
 from etude_studies.thesis.ledger_checks import BEYOND, CLAIMS, TABLES
-from etude_studies.thesis.ledger_items import Ambiguity, Claim, Entry, Part, Row, Why
+from etude_studies.thesis.ledger_items import Ambiguity, Claim, Entry, Ledger, Part, Row, Why
 
 HERE = Path(__file__).parent
 __all__ = ["Ambiguity", "Claim", "Entry", "Ledger", "Part", "Row", "Why", "load_ledger"]
 
 Item = TypeVar("Item")
-
-
-class Ledger(msgspec.Struct, frozen=True, dict=True):
-    """Claims, entries and ambiguities, in the order of the thesis; and why claims are reversed."""
-
-    claims: tuple[Claim, ...]
-    entries: tuple[Entry, ...]
-    ambiguities: tuple[Ambiguity, ...]
-    whys: tuple[Why, ...] = ()
-
-    def claim(self, id: str) -> Claim:
-        """The claim of that id. UsageError with the nearest if there is none."""
-        return checks.found(self._claims, id, "claim")
-
-    def entry(self, id: str) -> Entry:
-        """The figure or table of that id. UsageError with the nearest if there is none."""
-        return checks.found(self._entries, id, "figure or table")
-
-    def claims_of(self, entry: str) -> tuple[Claim, ...]:
-        """Claims that rest on the entry of that id."""
-        return tuple(claim for claim in self.claims if entry in claim.rests_on)
-
-    def aliases_of(self, claim: str) -> tuple[str, ...]:
-        """Ids of claims that say the same as the claim of that id."""
-        return tuple(other.id for other in self.claims if claim in other.alias_of)
-
-    def why(self, claim: str) -> Why | None:
-        """Why the claim of that id is reversed."""
-        return next((one for one in self.whys if claim in one.claims), None)
-
-    def sources(self) -> tuple[str, ...]:
-        """Every source that a claim or an entry names, "RUN" or "RUN:model", sorted."""
-        parts = (part.sources for claim in self.claims for part in claim.parts)
-        return tuple(sorted({one for own in (*parts, *(e.sources for e in self.entries)) for one in own}))
-
-    def runs(self) -> tuple[str, ...]:
-        """The runs of `sources`, sorted."""
-        return tuple(sorted({source.partition(":")[0] for source in self.sources()}))
-
-    @cached_property
-    def _claims(self) -> dict[str, Claim]:
-        return {claim.id: claim for claim in self.claims}
-
-    @cached_property
-    def _entries(self) -> dict[str, Entry]:
-        return {entry.id: entry for entry in self.entries}
 
 
 def load_ledger(folder: Path = HERE) -> Ledger:

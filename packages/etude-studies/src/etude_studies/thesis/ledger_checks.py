@@ -12,8 +12,7 @@ from etude.errors import UsageError
 from etude_studies.thesis import parts
 
 if TYPE_CHECKING:
-    from etude_studies.thesis.ledger import Ledger
-    from etude_studies.thesis.ledger_items import Claim, Entry, Part
+    from etude_studies.thesis.ledger_items import Claim, Entry, Ledger, Part
 
 Item = TypeVar("Item")
 
@@ -47,15 +46,6 @@ OPTIONAL: Mapping[str, tuple[str, ...]] = {
     "spread": ("bound",),
 }
 """By statistic, what it may have beside what it needs. Anything else would be read by nobody."""
-
-
-def found(items: Mapping[str, Item], id: str, what: str) -> Item:
-    """The item of that id. UsageError with the nearest ids, or all of them, if there is none."""
-    if id in items:
-        return items[id]
-    near = difflib.get_close_matches(id, items, 3)
-    step = f"Did you mean {' or '.join(near)}?" if near else f"There are {', '.join(items)}."
-    raise UsageError(f"there is no {what} {id}", next_step=step)
 
 
 def check(ledger: Ledger) -> None:

@@ -2,9 +2,16 @@
 
 from __future__ import annotations
 
-from typing import Literal
+import difflib
+from collections.abc import Mapping
+from functools import cached_property
+from typing import Literal, TypeVar
 
 import msgspec
+
+from etude.errors import UsageError
+
+Item = TypeVar("Item")
 
 Kind = Literal["own", "mech", "obs", "cited", "alias"]
 Statistic = Literal[
@@ -193,3 +200,58 @@ class Ambiguity(_Strict, frozen=True):
     id: str
     what: str
     resolution: str
+
+
+class Ledger(msgspec.Struct, frozen=True, dict=True):
+    """Claims, entries and ambiguities, in the order of the thesis; and why claims are reversed."""
+
+    claims: tuple[Claim, ...]
+    entries: tuple[Entry, ...]
+    ambiguities: tuple[Ambiguity, ...]
+    whys: tuple[Why, ...] = ()
+
+    def claim(self, id: str) -> Claim:
+        """The claim of that id. UsageError with the nearest if there is none."""
+        return found(self._claims, id, "claim")
+
+    def entry(self, id: str) -> Entry:
+        """The figure or table of that id. UsageError with the nearest if there is none."""
+        return found(self._entries, id, "figure or table")
+
+    def claims_of(self, entry: str) -> tuple[Claim, ...]:
+        """Claims that rest on the entry of that id."""
+        return tuple(claim for claim in self.claims if entry in claim.rests_on)
+
+    def aliases_of(self, claim: str) -> tuple[str, ...]:
+        """Ids of claims that say the same as the claim of that id."""
+        return tuple(other.id for other in self.claims if claim in other.alias_of)
+
+    def why(self, claim: str) -> Why | None:
+        """Why the claim of that id is reversed."""
+        return next((one for one in self.whys if claim in one.claims), None)
+
+    def sources(self) -> tuple[str, ...]:
+        """Every source that a claim or an entry names, "RUN" or "RUN:model", sorted."""
+        parts = (part.sources for claim in self.claims for part in claim.parts)
+        return tuple(sorted({one for own in (*parts, *(e.sources for e in self.entries)) for one in own}))
+
+    def runs(self) -> tuple[str, ...]:
+        """The runs of `sources`, sorted."""
+        return tuple(sorted({source.partition(":")[0] for source in self.sources()}))
+
+    @cached_property
+    def _claims(self) -> dict[str, Claim]:
+        return {claim.id: claim for claim in self.claims}
+
+    @cached_property
+    def _entries(self) -> dict[str, Entry]:
+        return {entry.id: entry for entry in self.entries}
+
+
+def found(items: Mapping[str, Item], id: str, what: str) -> Item:
+    """The item of that id. UsageError with the nearest ids, or all of them, if there is none."""
+    if id in items:
+        return items[id]
+    near = difflib.get_close_matches(id, items, 3)
+    step = f"Did you mean {' or '.join(near)}?" if near else f"There are {', '.join(items)}."
+    raise UsageError(f"there is no {what} {id}", next_step=step)

@@ -134,7 +134,6 @@ class ThesisStudy:
                 for figures or None.
         """
         from etude_studies.site.build import build_site
-        from etude_studies.site.paper import paper_figures, paper_tables
         from etude_studies.thesis.readings import readings
 
         store = Path(options["folder"]) / "thesis"
@@ -142,12 +141,15 @@ class ThesisStudy:
             _renewed(store)
         results = so_far(_all_runs(), store, more=True)
         other = readings(ledger(), results, planned=planned_seeds(results))
-        page = build_site(ledger(), verdicts_of(results), results, folder, sensitivity=other)
-        figures = paper_figures(ledger(), results, options["paper"]) if options["paper"] else ()
-        tables = paper_tables(ledger(), results, Path(options["paper"])) if options["paper"] else ()
-        printed = f"{len(figures)} figures and {len(tables)} tables in {options['paper']}"
-        told = [str(page), *([printed] if figures else [])]
-        return "\n".join(told), {"page": str(page), "figures": [str(path) for path in (*figures, *tables)]}
+        verdicts = verdicts_of(results)
+        page = build_site(ledger(), verdicts, results, folder, sensitivity=other)
+        written = _printed(verdicts, results, Path(options["paper"])) if options["paper"] else []
+        told = (
+            [f"{len(written)} files in {options['paper']}, paper.pdf and data.zip among them"]
+            if written
+            else []
+        )
+        return "\n".join([str(page), *told]), {"page": str(page), "figures": [str(path) for path in written]}
 
     def live(self, options: Mapping[str, Any]) -> Pages:
         """The same pages to be served, of the committed results and what `folder` has of them so far."""
@@ -170,6 +172,17 @@ STUDY = ThesisStudy()
 
 def _all_runs() -> list[Run]:
     return [run_named(name) for name in (*runs_of("all"), *runs_of("miniature"))]
+
+
+def _printed(verdicts: Mapping[str, Verdict], results: Results, folder: Path) -> list[Path]:
+    """Figures, tables, the whole document and the committed data; the files."""
+    from etude_studies.site.paper import paper_figures, paper_tables
+    from etude_studies.site.paper_document import data_archive, paper_document
+
+    figures = paper_figures(ledger(), results, folder)
+    tables = paper_tables(ledger(), results, folder)
+    document = paper_document(ledger(), verdicts, results, folder)
+    return [*figures, *tables, *document, data_archive(folder / "data.zip")]
 
 
 def _renewed(store: Path) -> None:

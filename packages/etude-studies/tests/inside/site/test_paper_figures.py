@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import hashlib
 import re
 import sys
+import zipfile
 from pathlib import Path
 
+import msgspec
 import numpy as np
 import pytest
 from made_up_study import small_study
@@ -13,6 +16,7 @@ from made_up_study import small_study
 from etude.errors import UsageError
 from etude_studies.collected import Results
 from etude_studies.site.paper import paper_figures, paper_tables, tex
+from etude_studies.site.paper_document import MANIFEST, data_archive, paper_document
 
 ONLY = ("table-6.9", "figure-6.11")
 
@@ -60,3 +64,34 @@ def test_entries_without_results_are_left_out_and_unknown_ones_refused(tmp_path:
     assert paper_figures(ledger, Results({}, {}), tmp_path) == ()
     with pytest.raises(UsageError, match=re.escape("table-6.9")):
         paper_figures(ledger, results, tmp_path, only=["table-6.99"])
+
+
+def test_the_whole_study_is_one_document(tmp_path: Path) -> None:
+    pytest.importorskip("matplotlib", reason="pip install 'matplotlib>=3.8'")
+    ledger, results, verdicts = small_study()
+    asked = tuple(entry for entry in ledger.entries if entry.id in ONLY)
+    ledger = msgspec.structs.replace(ledger, entries=asked)
+    folders = tmp_path / "a", tmp_path / "b"
+    for folder in folders:
+        folder.mkdir()
+        paper_document(ledger, verdicts, results, folder)
+    source, printed = (folders[0] / name for name in ("paper.tex", "paper.pdf"))
+    assert printed.read_bytes() == (folders[1] / "paper.pdf").read_bytes()
+    assert printed.read_bytes().startswith(b"%PDF")
+    text = source.read_text(encoding="utf-8")
+    assert r"\input{table-6.9.tex}" in text
+    assert r"\includegraphics{figure-6.11.pdf}" in text
+    assert len(re.findall(r"^C[\w.-]+ & ", text, re.M)) == len(ledger.claims)
+
+
+def test_an_archive_of_the_data_proves_itself(tmp_path: Path) -> None:
+    folder = tmp_path / "thesis" / "results"
+    folder.mkdir(parents=True)
+    (folder / "A1.parquet").write_bytes(b"rows")
+    for name in ("claims.toml", "tables.toml"):
+        (folder.parent / name).write_text("")
+    with zipfile.ZipFile(data_archive(tmp_path / "data.zip", folder)) as archive:
+        sums = dict(line.split("  ")[::-1] for line in archive.read(MANIFEST).decode().splitlines())
+        assert {*sums} == {*archive.namelist()} - {MANIFEST}
+        assert {"results/A1.parquet", "CITATION.cff"} <= {*sums}
+        assert all(hashlib.sha256(archive.read(name)).hexdigest() == told for name, told in sums.items())

@@ -35,6 +35,10 @@ from etude_studies.world import World
 
 FIRST_ROUND = ("A1", "A5", "A6", "A7", "S1", "S5", "DP1")
 """Runs whose first round is computed again alone: a shorter run of the same settings begins the same."""
+BESIDE = ("A1", "A7", "DP1")
+"""Of these, the runs beside which rigid bodies are identified."""
+IDENTIFIED = pl.col("model").str.starts_with("identified")
+"""Lines that are not the run's own: Étude's identification of the day on the same logs."""
 WHOLE = ("B1", "K1", "mA5", "mA7", "mS1", "mS5", "mDP1", "mQ1")
 """Each way of learning and designing, in miniature; the runs that take long are slow tests."""
 LONG = "mP2"
@@ -45,6 +49,10 @@ setting or test changes most figures by tens of per cent."""
 
 def computed(spec: Spec) -> pl.DataFrame:
     return run_one(spec, {own.hash: run_one(own, {}) for own in spec.needs})
+
+
+def first_round(run: str) -> pl.DataFrame:
+    return computed(shortened(catalogue()[run].spec(0), rounds=1))
 
 
 def shortened(spec: Spec, **keys: object) -> Spec:
@@ -64,7 +72,19 @@ def compared(run: str, table: pl.DataFrame, least: int) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("run", FIRST_ROUND)
 def test_a_first_round_is_computed_again(run: str) -> None:
-    compared(run, computed(shortened(catalogue()[run].spec(0), rounds=1)), 15)
+    compared(run, first_round(run).filter(~IDENTIFIED), 15)
+
+
+@pytest.mark.slow
+@pytest.mark.xfail(
+    reason="identified before parameters were shared; made again by: etude study run A1, A7, DP1, "
+    "3400 CPU seconds in all; etude study report --update",
+    raises=AssertionError,
+    strict=True,
+)
+@pytest.mark.parametrize("run", BESIDE)
+def test_lines_identified_beside_it_are_computed_again(run: str) -> None:
+    compared(run, first_round(run).filter(IDENTIFIED), 5)
 
 
 @pytest.mark.parametrize("run", [*WHOLE, pytest.param(LONG, marks=pytest.mark.slow)])

@@ -11,7 +11,6 @@ from __future__ import annotations
 import collections.abc
 import contextlib
 import dataclasses
-import importlib
 import types
 import typing
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -20,7 +19,10 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_typ
 
 import numpy as np
 
+from etude import abilities, protocols
+from etude._runtime.trusted_folders import OWN
 from etude.errors import UsageError
+from etude.protocols import members
 
 NEXT = "Correct the plug-in: etude.{}.{} says what it owes. Nothing committed was lost."
 WORDS = {"Kind": "kind of robot", "Reader": "reader", "Exporter": "exporter", "Limit": "limit"}
@@ -144,11 +146,8 @@ def _wrong(guard: _Guarded, member: str, what: str) -> UsageError:
 @cache
 def _declared(part: str) -> Mapping[str, Declared]:
     """The members of a protocol and of its abilities, by name."""
-    # by name: values may be drawn, and pictures are plug-ins
-    protocol = getattr(importlib.import_module("etude.protocols"), part)
-    abilities = importlib.import_module("etude.abilities").ABILITIES.get(part, ())
     found: dict[str, Declared] = {}
-    for one in (protocol, *abilities):
+    for one in (getattr(protocols, part), *abilities.ABILITIES.get(part, ())):
         for member, value in vars(one).items():
             function = value.fget if isinstance(value, property) else value
             if (member.startswith("_") and member != "__call__") or not callable(function):
@@ -307,16 +306,11 @@ def _fields(kind: type) -> Sequence[tuple[str, Any]]:
 def is_own(value: Any) -> bool:
     """Whether a package that comes with Étude made its type: the tests hold those against the protocols."""
     named = value if isinstance(value, types.FunctionType | type) else type(value)
-    return named.__module__.partition(".")[0] in _plugins().OWN
-
-
-def _plugins() -> Any:
-    # by name: it is who asks for this module
-    return importlib.import_module("etude.plugins")
+    return named.__module__.partition(".")[0] in OWN
 
 
 def _has_members(value: Any, protocol: type) -> None:
-    missing = [member for member in _plugins().members(protocol) if not hasattr(value, member)]
+    missing = [member for member in members(protocol) if not hasattr(value, member)]
     if missing:
         raise WrongValueError(f"{_short(value)}, without the {', '.join(missing)} of a {protocol.__name__}")
 
