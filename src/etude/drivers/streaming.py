@@ -49,8 +49,9 @@ SETTLED, LONGEST_SETTLE = 0.1, 0.5
 """s after the last set-point that moves: recorded at least, and at most where the robot still moves."""
 RESTS = 2e-3
 """rad/s or m/s: slower than that a joint rests."""
-RESTED = 0.05
-"""s without a set-point after which a robot may rest: the path then starts again as after a HOLD."""
+LOST, PAUSED = 0.01, 0.05
+"""s without a set-point after which the path goes on from what the robot has done meanwhile, be it that it held
+or that it went on; s after which what is recorded until full speed counts as held."""
 PRIORITY = 40
 """Of real-time threads: below those of the kernel for interrupts."""
 LOOKED = 0.05
@@ -140,6 +141,7 @@ class _Run:
         self._room = room_to_catch_up(motion, about)
         self._stopping: Stopping | None = None
         self._since = 0.0
+        self._before = self._newest = Sample(np.nan, np.full(len(motion.joints), np.nan))
         self._why = Ended.DONE, ""
         self._fresh_at = 0.0
         self._moves = False
@@ -183,6 +185,7 @@ class _Run:
         reaction = Reaction.GO
         if self.clock.fresh:
             sample = self._filled(sample)
+            self._before, self._newest = self._newest, sample
             if self.clock.forward:
                 self.rows.add(sample)
             reaction = self.watch(sample)
@@ -250,9 +253,10 @@ class _Run:
 
     def _along(self, tick: float, wait: bool) -> SetPoint:
         """Further on the path, at the pace that holding leaves."""
-        if self.clock.late * self.period >= RESTED:
-            self._start_again()
-        pace, s, before, speed = self._pace, self.point.at, self._pace.now, self._steps.speed
+        s = self.point.at
+        if self.clock.fresh and self.clock.passed - self.period >= LOST:
+            s += self._gone_on(s)
+        pace, before, speed = self._pace, self._pace.now, self._steps.speed
         if pace.steady and wait == (pace.end == 1.0):
             pace.end = 0.0 if wait else 1.0
             if wait:
@@ -263,11 +267,20 @@ class _Run:
         change = pace.change * speed + pace.now * self._steps.change
         return self.path.at(s + 0.5 * tick * (before + pace.now), pace.now * speed, change)
 
-    def _start_again(self) -> None:
-        """From rest at the last set-point, where the robot may have come to rest meanwhile."""
-        self._pace, self._steps = Pace(0.0), PathClock(self.period)
-        if not self.held or self.held[-1][1] < np.inf:
-            self.held.append((self.clock.robot - self.clock.passed, np.inf))
+    def _gone_on(self, s: float) -> float:
+        """s by which the robot itself went on along the path while cycles were lost; its pace is the path's."""
+        along = self.motion.qd[self.path.row(s)]
+        size, passed, now = float(along @ along), self.clock.passed, self._newest
+        gone = float(along @ (now.q - self._before.q)) / max(size, 1e-12)
+        if not (size > 0.0 and np.isfinite(gone)):
+            return 0.0
+        measured = gone / passed if now.qd is None else float(along @ now.qd) / size
+        self._pace.now, self._pace.change = min(max(measured, 0.0), self._pace.now), 0.0
+        if passed - self.period >= PAUSED and not (self.held and self.held[-1][1] == np.inf):
+            self.held.append((self.clock.robot - passed, np.inf))
+        gone = min(max(gone - self.period, 0.0), passed - self.period)
+        self._steps.lag -= gone
+        return gone
 
 
 class _Clock:
