@@ -50,8 +50,10 @@ SETTLED, LONGEST_SETTLE = 0.1, 0.5
 RESTS = 2e-3
 """rad/s or m/s: slower than that a joint rests."""
 LOST, PAUSED = 0.01, 0.05
-"""s without a set-point after which the path goes on from what the robot has done meanwhile, be it that it held
-or that it went on; s after which what is recorded until full speed counts as held."""
+"""s without a set-point after which the path goes on from what the robot did meanwhile, be it that it held or
+that it went on; s after which what is recorded until full speed counts as held."""
+SLOWED = 0.9
+"""Of the pace: below that the robot did not go on."""
 PRIORITY = 40
 """Of real-time threads: below those of the kernel for interrupts."""
 LOOKED = 0.05
@@ -268,7 +270,7 @@ class _Run:
         return self.path.at(s + 0.5 * tick * (before + pace.now), pace.now * speed, change)
 
     def _gone_on(self, s: float) -> float:
-        """s by which the robot itself went on along the path while cycles were lost; its pace is the path's."""
+        """s by which the robot went on along the path while cycles were lost; its pace is the path's."""
         along = self.motion.qd[self.path.row(s)]
         size, passed, now = float(along @ along), self.clock.passed, self._newest
         gone = float(along @ (now.q - self._before.q)) / max(size, 1e-12)
@@ -276,7 +278,8 @@ class _Run:
             return 0.0
         measured = gone / passed if now.qd is None else float(along @ now.qd) / size
         self._pace.now, self._pace.change = min(max(measured, 0.0), self._pace.now), 0.0
-        if passed - self.period >= PAUSED and not (self.held and self.held[-1][1] == np.inf):
+        holds = bool(self.held) and self.held[-1][1] == np.inf
+        if passed - self.period >= PAUSED and self._pace.now < SLOWED and not holds:
             self.held.append((self.clock.robot - passed, np.inf))
         gone = min(max(gone - self.period, 0.0), passed - self.period)
         self._steps.lag -= gone
