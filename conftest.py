@@ -10,6 +10,7 @@ import atexit
 import gc
 import os
 import shutil
+import signal
 import sys
 import tempfile
 
@@ -25,6 +26,8 @@ os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 # the list of folders that may name code is the user's, who runs these tests
 os.environ["XDG_CONFIG_HOME"] = tempfile.mkdtemp(prefix="etude-config-")
 atexit.register(shutil.rmtree, os.environ["XDG_CONFIG_HOME"], ignore_errors=True)
+# a shell ignores Ctrl-C for what it starts in the background, and its children inherit that: tests send it
+signal.signal(signal.SIGINT, signal.default_int_handler)
 settings.register_profile("etude", deadline=None, derandomize="CI" in os.environ, print_blob=True)
 settings.load_profile("etude")
 

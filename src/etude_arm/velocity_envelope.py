@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from etude.limits.certificate import memoized
-from etude.limits.convex_limits import bound_of, tracked
+from etude.limits.convex_limits import bound_of, envelope_speed, tracked
 from etude.limits.lipschitz import FIRST_STEP, SEARCH_STEP, TOLERANCE, extremes
 from etude.protocols import Family, Trajectory
 from etude.types import Array, Cone, Margins, Motion, Proof
@@ -22,8 +22,6 @@ from etude_arm.spec import Envelope
 
 QUANTITY = "velocity left before the end"
 """How much faster the joint may go at the position where it is."""
-SMALLEST_ROOT = 1e-6
-"""rad/s, below which the slope of a root counts as that of this value."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,18 +126,11 @@ class EnvelopeLimit:
         return sign * q, sign * qd
 
     def _top(self, q: Array, sign: float) -> tuple[Array, Array]:
-        """(..., n) the largest velocity towards an end at (mirrored) positions, and how steeply it falls.
-
-        Where it is constant it falls by 0. Its slope grows up to where the velocity is 0, if the offset is
-        less than 0; else it has no bound at the end, and no motion up to there is proved.
-        """
+        """(..., n) as `envelope_speed`, of (mirrored) positions."""
         end = np.array([own.upper if sign > 0.0 else -own.lower for own in self.envelopes])
         offset = np.array([own.offset for own in self.envelopes])
         slope = np.array([own.slope for own in self.envelopes])
-        root = np.sqrt(slope * np.maximum(end - q, 0.0))
-        top = np.minimum(self.velocity, np.maximum(offset + root, 0.0))
-        steep = 0.5 * slope / np.maximum(root, np.maximum(-offset, SMALLEST_ROOT))
-        return top, np.where(offset + root < self.velocity, steep, 0.0)
+        return envelope_speed(end - q, offset, slope, self.velocity)
 
 
 def envelope_of(

@@ -57,7 +57,7 @@ def onboard(
     run("export", lab, "--to", "px4", "--name", "own", "--output", folder)
     (folder / "entry.c").write_text(ENTRY.replace("DECOUPLE", str(int(decouple))))
     sources = ["own.c", "own_lean.c", "own_flight.c", "own_px4.c", "entry.c"]
-    flags = ["-std=c99", "-O2", "-fPIC", "-shared", f"-I{STUBS}", "-I."]
+    flags = ["-std=c99", "-O0", "-fPIC", "-shared", f"-I{STUBS}", "-I."]
     compiled([tool("gcc"), *flags, *sources, "-lm", "-o", "own.so"], folder)
     library = ctypes.CDLL(str(folder / "own.so"))
     library.begin()

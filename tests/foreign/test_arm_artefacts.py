@@ -96,7 +96,7 @@ def test_the_effort_of_a_joint_trajectory(name: str, lab: Lab, feedback: np.ndar
 def test_the_c_of_the_model(lab: Lab, feedback: np.ndarray) -> None:
     """Called once a millisecond along the motion, from the first row held to the last row held."""
     export(lab.campaign, "c", lab.folder / "c", name="arm")
-    words = [tool("gcc"), "-std=c99", "-O2", "-fPIC", "-shared", "arm.c", "-lm", "-o", "arm.so"]
+    words = [tool("gcc"), "-std=c99", "-O1", "-fPIC", "-shared", "arm.c", "-lm", "-o", "arm.so"]
     subprocess.run(words, cwd=lab.folder / "c", check=True)
     library = ctypes.CDLL(str(lab.folder / "c" / "arm.so"))
     state = ctypes.create_string_buffer(1 << 16)

@@ -66,14 +66,19 @@ def within(command: Array) -> Array:
     return np.clip(command, -TORQUE, TORQUE)
 
 
-def same_in_c(folder: Path, tmp_path: Path) -> None:
+def exported_c(folder: Path, output: Path) -> Path:
+    """The receiver's program with the C of that campaign."""
+    etude.export(folder, "c", output, name="small")
+    return built(output)
+
+
+def same_in_c(folder: Path, program: Path) -> None:
     """One motion inside what was learned, then legal states anywhere."""
     model = etude.load_model(folder)
     _, orders = swings(6.0, 50.0, seed=3)
     whole = np.concatenate([orders, legal(150)], axis=1)
     t = np.arange(whole.shape[1]) / 50.0
-    etude.export(folder, "c", tmp_path / "c", name="small")
-    flags, (mean, instant, gravity) = asked(built(tmp_path / "c"), whole)
+    flags, (mean, instant, gravity) = asked(program, whole)
     wanted = model.predict(states(whole, t))
     alone = model.predict(states(whole))
     for found, told in ((mean, wanted.mean), (instant, alone.mean), (gravity, model.gravity(whole[0]))):
@@ -87,14 +92,20 @@ def learned(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFac
     return lab(tmp_path_factory.mktemp(request.param.replace(" ", "_")), **EVERYDAY[request.param])
 
 
-def test_c_says_what_predict_says_at_every_legal_state(learned: Path, tmp_path: Path) -> None:
-    same_in_c(learned, tmp_path)
+@pytest.fixture(scope="module")
+def program(learned: Path) -> Path:
+    return exported_c(learned, learned.parent / "c")
+
+
+def test_c_says_what_predict_says_at_every_legal_state(learned: Path, program: Path) -> None:
+    same_in_c(learned, program)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", STRUCTURES)
 def test_c_of_every_structure_says_what_predict_says(name: str, tmp_path: Path) -> None:
-    same_in_c(lab(tmp_path, **STRUCTURES[name]), tmp_path)
+    folder = lab(tmp_path, **STRUCTURES[name])
+    same_in_c(folder, exported_c(folder, tmp_path / "c"))
 
 
 def test_a_file_the_graph_and_the_online_folder_say_the_same(learned: Path, tmp_path: Path) -> None:
@@ -155,9 +166,8 @@ def exact(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_gravity_is_right_at_every_legal_pose(exact: Path, tmp_path: Path) -> None:
     """The clamp that stood before physics froze it at the edge of what was trained."""
-    etude.export(exact, "c", tmp_path / "c", name="small")
     orders = legal(300)
-    _, (_, _, gravity) = asked(built(tmp_path / "c"), orders)
+    _, (_, _, gravity) = asked(exported_c(exact, tmp_path / "c"), orders)
     own, data = body()
     wanted = np.stack([pin.computeGeneralizedGravity(own, data, q) for q in orders[0]])
     assert np.ptp(wanted, axis=0)[1:].min() > 0.1 * TORQUE[1:].min()
@@ -177,15 +187,14 @@ def test_what_is_commanded_where_it_was_learned_is_what_was_learned(learned: Pat
     assert np.mean(np.abs(told - seen) > 1e-9, axis=0).max() <= 0.06
 
 
-def test_a_joint_that_dwells_outside_is_not_pushed(learned: Path, tmp_path: Path) -> None:
+def test_a_joint_that_dwells_outside_is_not_pushed(learned: Path, program: Path) -> None:
     """Servos of 5 Hz hold the arm where nothing was learned, and what is exported is added to them.
 
     With physics it stands where the exact gravity would leave it, but for what these err. Without, a command
     there is a guess: over all poses no more than a tenth worse than none.
     """
-    etude.export(learned, "c", tmp_path / "c", name="small")
     poses = np.random.default_rng(8).uniform(LOWER, UPPER, (60, len(JOINTS)))
-    _, (_, instant, _) = asked(built(tmp_path / "c"), np.stack([poses, 0.0 * poses, 0.0 * poses]))
+    _, (_, instant, _) = asked(program, np.stack([poses, 0.0 * poses, 0.0 * poses]))
     own, data = body()
     gravity = np.stack([pin.computeGeneralizedGravity(own, data, q) for q in poses])
     assert np.sum((instant - gravity) ** 2) < 1.1 * np.sum(gravity**2)

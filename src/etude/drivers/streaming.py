@@ -346,13 +346,10 @@ class _Clock:
 def _no_collections() -> Iterator[None]:
     """Python looks for garbage in circles afterwards; it would cost cycles."""
     enabled = gc.isenabled()
-    gc.collect()
-    gc.freeze()
     gc.disable()
     try:
         yield
     finally:
-        gc.unfreeze()
         if enabled:
             gc.enable()
 

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from etude.drivers.contract import About, PlannedMotion, VelocityEnvelope
+from etude.limits.convex_limits import envelope_speed
 from etude.types import Array
 
 SLACK = 1e-6
@@ -32,10 +33,8 @@ def refusals(motion: PlannedMotion, about: About) -> Sequence[str]:
 
 def velocity_range(envelope: VelocityEnvelope, q: Array) -> tuple[Array, Array]:
     """(n, J) lowest and highest velocity at positions q (n, J)."""
-    up = np.sqrt(np.maximum(envelope.slope * (envelope.upper - q), 0.0))
-    down = np.sqrt(np.maximum(envelope.slope * (q - envelope.lower), 0.0))
-    highest = np.clip(envelope.offset + up, 0.0, envelope.most)
-    return -np.clip(envelope.offset + down, 0.0, envelope.most), highest
+    own = envelope.offset, envelope.slope, envelope.most
+    return -envelope_speed(q - envelope.lower, *own)[0], envelope_speed(envelope.upper - q, *own)[0]
 
 
 def _limited(motion: PlannedMotion, about: About) -> Sequence[tuple[str, Array, Array, Array]]:

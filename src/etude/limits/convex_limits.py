@@ -24,8 +24,8 @@ STRAYS_HOW = "what the rows say, through the receiver's feedback"
 """Quantity and method of rows about places beside those of a plan; after a quantity's own name."""
 SMALLEST = 1e-9
 """Width of an interval, relative to its ends, below which there is no room in it."""
-
-
+SMALLEST_ROOT = 1e-6
+"""rad/s (m/s), below which the slope of a root counts as that of this value."""
 CERTIFIED = math.cos(math.pi / OVERSAMPLING)
 """kappa of the proof of final bytes."""
 TILT_STEPS = 50
@@ -116,6 +116,21 @@ def tracked(
         return fixed, unmeasured
     own, sure = table[order][axes], np.broadcast_to(confidence, table.shape)[order][axes]
     return np.fmax(fixed, own), np.where(np.isnan(own), unmeasured, sure)
+
+
+def envelope_speed(left: Array, offset: Array, slope: Array, most: Array) -> tuple[Array, Array]:
+    """(..., n) largest speed towards an end, min(most, offset + sqrt(slope left)), and how steeply it falls.
+
+    Where it is constant it falls by 0. Its slope grows up to where the speed is 0, if the offset is less than
+    0; else it has no bound at the end, and no motion up to there is proved.
+
+    Args:
+        left: (..., n) rad (m) to the end. offset, most: (n,) rad/s (m/s). slope: (n,) rad/s^2 (m/s^2).
+    """
+    root = np.sqrt(slope * np.maximum(left, 0.0))
+    speed = np.minimum(most, np.maximum(offset + root, 0.0))
+    steep = 0.5 * slope / np.maximum(root, np.maximum(-offset, SMALLEST_ROOT))
+    return speed, np.where(offset + root < most, steep, 0.0)
 
 
 def slabs(name: str, rows: Array, offset: Array, half: float) -> Cone:
