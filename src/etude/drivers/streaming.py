@@ -9,6 +9,7 @@ from __future__ import annotations
 import contextlib
 import gc
 import os
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -359,8 +360,7 @@ def _first(about: About) -> Iterator[None]:
     """This thread, and the watchdog that it starts, come before all others of the computer, where that is
     permitted: on a busy one nearly all cycles of 1 ms would be late.
     """
-    usual = getattr(os, "SCHED_OTHER", None)
-    if about.virtual or usual is None or os.sched_getscheduler(0) != usual:
+    if about.virtual or sys.platform != "linux" or os.sched_getscheduler(0) != os.SCHED_OTHER:
         yield
         return
     before = os.sched_getparam(0)
@@ -369,7 +369,7 @@ def _first(about: About) -> Iterator[None]:
     try:
         yield
     finally:
-        os.sched_setscheduler(0, usual, before)
+        os.sched_setscheduler(0, os.SCHED_OTHER, before)
 
 
 @contextlib.contextmanager
