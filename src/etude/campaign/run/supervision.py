@@ -19,9 +19,6 @@ from etude.types import Array
 
 WHILE_ASSUMED, ONCE_MEASURED = 4.0, 2.0
 """Times a margin at which a motion is stopped. A margin holds in 95 of 100 runs, so it is no bound itself."""
-OF_FEEDBACK = 1.5
-"""Times the largest error under feedback alone below which no learned command is stopped: where a model knows
-nothing its command fades, and the feedback is what is left."""
 LEAST_STEPS = 5.0
 """Steps of the encoder below which no error stops a motion."""
 FASTER = 1.25
@@ -83,7 +80,8 @@ def _error_bound(
     elif alone is not None:
         found = np.minimum(found, WHILE_ASSUMED * alone.expected)
     if control == LEARNED and alone is not None:
-        found = np.maximum(found, OF_FEEDBACK * alone.largest)
+        # where a model knows nothing its command fades, and the feedback is what is left
+        found = np.maximum(found, alone.expected)
     if about.encoder_step is not None:
         order = [about.joints.index(axis) for axis in campaign.axes]
         found = np.maximum(found, LEAST_STEPS * about.encoder_step[order])
