@@ -490,6 +490,9 @@ def table(results: Path) -> str:
 
 
 def _spread(values: list[float]) -> str:
+    values = [value for value in values if math.isfinite(value)]
+    if not values:
+        return ""
     return f"{math.exp(float(np.mean(np.log(values)))):.2f} ({min(values):.2f} to {max(values):.2f})"
 
 

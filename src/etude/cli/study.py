@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 ACTIONS = ("list", "run", "show", "report")
 OPTIONS = (
     *("seed", "seeds", "folder", "workers", "cluster", "shard", "method", "limit_s", "go_on"),
-    *("update", "paper"),
+    *("update", "paper", "robot", "logs"),
 )
 """Of a study of many ids."""
 LINE = "{:15} {:>5}  {:21}  {}"
@@ -189,6 +189,12 @@ class Study(Common):
 
     method: str = ""
     """module:factory of a model, kernel or criterion of yours, in the place of the one of each row."""
+
+    logs: Path | None = None
+    """Compute a table of models (6.1 to 6.9) on this recorded log of an arm instead; --seeds counts folds."""
+
+    robot: Path | None = None
+    """Its robot.toml; FOLDER.toml beside the log if not given."""
 
     limit_s: float | None = None
     """Seconds that one run may take before it is ended and reported."""

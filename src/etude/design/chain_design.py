@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import pairwise
 
 import numpy as np
@@ -13,6 +14,7 @@ from etude.design.config import DesignConfig
 from etude.design.latents import Latent
 from etude.design.objective import MOTIONS
 from etude.design.solve import Design, design, variance_removed
+from etude.errors import UnsafeTrajectoryError
 from etude.limits.certificate import certify
 from etude.limits.lead_ins import at_rest
 from etude.progress import counted
@@ -35,7 +37,8 @@ class DesignedChain:
 
     Attributes:
         trajectory: the chain; of one segment, itself. segments: one design each.
-        dropped: segments that no certified way leads to, so that the recording is shorter.
+        dropped: segments that were not found, or that no certified way leads to, so that the recording is
+            shorter.
     """
 
     trajectory: Trajectory
@@ -88,31 +91,48 @@ def design_chain(
     found: list[Design] = []
     for _ in counted(range(count)):
         before = [*given, *(own.trajectory for own in found)]
-        for again in range(TRIES):
-            own = design(
-                family,
-                limits,
-                home,
-                inputs,
-                model,
-                config,
-                rng,
-                tasks,
-                standing_in=standing_in,
-                given=before,
-                rate=rate,
-                physics=physics,
-                roam=roam,
-            )
-            if roam is None or again == TRIES - 1 or reached(own.trajectory, approaches, limits, home):
-                break
+        asked = partial(
+            design,
+            *(family, limits, home, inputs, model, config, rng, tasks),
+            standing_in=standing_in,
+            given=before,
+            rate=rate,
+            physics=physics,
+            roam=roam,
+        )
+        leads = None if roam is None else partial(reached, approaches=approaches, limits=limits, home=home)
+        own = _segment(asked, leads, needed=not found)
+        if own is None:
+            break
         found.append(own)
         if roam is not None:
             roam = replace(roam, visited=roam.visited.adding([own.trajectory]))
     segments = [own.trajectory for own in found]
-    order = list(range(count)) if roam is None else near_to_near(segments, approaches, home)
+    order = list(range(len(found))) if roam is None else near_to_near(segments, approaches, home)
     trajectory, kept = linked([segments[i] for i in order], approaches, limits, home)
     return DesignedChain(trajectory, tuple(found[i] for i in sorted(order[:kept])), count - kept)
+
+
+def _segment(
+    asked: Callable[[], Design], leads: Callable[[Trajectory], bool] | None, *, needed: bool
+) -> Design | None:
+    """What is asked for, if a way `leads` there: the last of `TRIES` where none does. None where no motion is
+    proved: the segments that were found are a recording, if a shorter one.
+
+    Raises:
+        UnsafeTrajectoryError: there is none, and one is `needed`.
+    """
+    found: Design | None = None
+    for again in range(TRIES):
+        try:
+            found = asked()
+        except UnsafeTrajectoryError:
+            if needed and found is None:
+                raise
+            return found
+        if leads is None or again == TRIES - 1 or leads(found.trajectory):
+            break
+    return found
 
 
 def reached(segment: Trajectory, approaches: Approaches, limits: Sequence[Limit], home: Array) -> bool:
@@ -159,7 +179,7 @@ def linked(
 
 def cut_short(dropped: int) -> str:
     """What is said of segments that were left out."""
-    return f" No certified way leads to {dropped} more." if dropped else ""
+    return f" Segments left out, since no motion or no way there is proved: {dropped}." if dropped else ""
 
 
 def _link(

@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 from design_examples import arm_family, arm_home, arm_inputs, arm_limits, arm_point, arm_spec
 
-from etude.design import linked, prior_latents
+from etude.design import DesignConfig, chain_design, linked, prior_latents
 from etude.design.chain_design import cut_short
 from etude.design.latents import NOISE, SIGNAL
+from etude.errors import UnsafeTrajectoryError
 from etude.limits import certify
 from etude.models import ModelConfig
 from etude.types import Motion
@@ -113,5 +114,36 @@ def test_where_the_straight_way_is_refused_it_goes_by_home_and_else_ends() -> No
     alone, kept = linked(own, approaches, (*arm_limits(), Keep(lambda p: p.form == "moves")), arm_home())
     assert kept == 1
     assert alone is own[0]
-    assert cut_short(1) == " No certified way leads to 1 more."
+    assert cut_short(1) == " Segments left out, since no motion or no way there is proved: 1."
     assert linked(own, lambda *_: None, arm_limits(), arm_home())[1] == 1
+
+
+@pytest.mark.parametrize("there_are", [0, 2])
+def test_a_segment_that_is_not_found_shortens_the_recording(
+    there_are: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    designed, calls = chain_design.design, []
+
+    def scarce(*given, **more):
+        calls.append(more["given"])
+        if len(calls) > there_are:
+            raise UnsafeTrajectoryError("no motion keeps all limits")
+        return designed(*given, **more)
+
+    monkeypatch.setattr(chain_design, "design", scarce)
+    latents = prior_latents(arm_inputs(), RANGES, SPEC.command, ModelConfig(), SPEC.names)
+    place = arm_family(), arm_limits(), arm_home(), arm_inputs(), latents
+    config, rng = DesignConfig(candidates=2, refine=0, reference_points=5), np.random.default_rng(0)
+
+    def chain():
+        return chain_design.design_chain(*place, config, rng, count=4, approaches=approaches)
+
+    if not there_are:
+        with pytest.raises(UnsafeTrajectoryError, match="no motion keeps"):
+            chain()
+        return
+    found = chain()
+    assert len(found.segments) == there_are
+    assert found.dropped == 2
+    assert found.status.endswith("is proved: 2.")
+    assert [len(before) for before in calls] == [0, 1, 2]

@@ -8,6 +8,8 @@ from pathlib import Path
 from shutil import get_terminal_size
 from typing import Any
 
+import msgspec
+
 from etude.errors import UsageError
 from etude.report import Pages, digest_of
 from etude_studies.collected import Results, collect
@@ -32,8 +34,13 @@ from etude_studies.thesis.part_verdicts import UNTESTED
 from etude_studies.thesis.parts import run_of
 from etude_studies.thesis.presenting import entry_table, numbers, run_line, verdict_sentence
 from etude_studies.thesis.verdict_file import Verdict, shown
+from etude_studies.thesis.verdicts import judge
+from etude_studies.world import World
 
 COLLECTED = "collected"
+FOLDED = (
+    "{} folds of one log share most of their training data: intervals are too narrow, and words are hints."
+)
 LEAST, WIDE = 80, 110
 """Columns below which a table is not broken further, and below which its cells are."""
 
@@ -84,8 +91,11 @@ class ThesisStudy:
 
         Args:
             options: `seeds` (None: as planned), `seed` (the first), `folder`, `workers`, `cluster`, `shard`,
-                `method`, `limit_s`, `go_on` (count the committed results as done).
+                `method`, `limit_s`, `go_on` (count the committed results as done); `logs` and `robot`, files
+                of a recorded log and its arm, on which a table is computed instead, with `seeds` folds.
         """
+        if options["logs"]:
+            return _recorded(id, options)
         runs = [run_named(name) for name in runs_of(id)]
         added = _methods(runs, options["method"])
         own = Chosen.of([*runs, *added], options["seed"], options["seeds"])
@@ -102,7 +112,11 @@ class ThesisStudy:
         lines = [_shown(id, results, added), *(one.sentence for one in beside)]
         lines += [f"{name} failed: {why}" for name, why in told["failed"].items()]
         committed = {one.run: one.as_dict() for one in beside}
-        return "\n".join(lines), {**told, "rows": _rows(id, results, added), "committed": committed}
+        return "\n".join(lines), {
+            **told,
+            "rows": entry_rows(entries_of(id), results, added),
+            "committed": committed,
+        }
 
     def show(self, id: str) -> tuple[str, dict[str, Any]]:
         """What is committed of a claim, a figure, a table or a run."""
@@ -121,9 +135,9 @@ class ThesisStudy:
             return "\n".join(lines), {"id": id, "verdict": found.word, "parts": numbers(found)}
         if not self.knows(id):
             raise unknown(id)
-        text = _tables(entries_of(id), results, ())
+        text = entry_lines(entries_of(id), results, ())
         what = "\n".join(f"{run.name}: {run.what}" for run in map(run_named, runs_of(id)))
-        return f"{text}\n{what}", {"id": id, "rows": _rows(id, results, ())}
+        return f"{text}\n{what}", {"id": id, "rows": entry_rows(entries_of(id), results, ())}
 
     def report(self, folder: Path, options: Mapping[str, Any]) -> tuple[str, dict[str, Any]]:
         """Writes the pages of what is committed; of runs with more seeds in the store, of those.
@@ -174,6 +188,27 @@ def _all_runs() -> list[Run]:
     return [run_named(name) for name in (*runs_of("all"), *runs_of("miniature"))]
 
 
+def _recorded(id: str, options: Mapping[str, Any]) -> tuple[str, dict[str, Any]]:
+    """A table of models on a recorded log, and the words of the claims that it answers."""
+    from etude_studies.thesis.recorded import Recorded, claims_of_log, entry_of_log, runs_on_logs
+
+    entry = next((one for one in ledger().entries if one.id == id), None)
+    if entry is None:
+        step = "Take a table of 6.1 to 6.9, such as table-6.9."
+        raise UsageError(f"{id} is no table, so no log answers it", where="--logs", next_step=step)
+    runs = runs_on_logs(entry)
+    given = Recorded.of(Path(options["logs"]), options["robot"], options["seeds"])
+    own, results = entry_of_log(entry, World.of(given.robot)), given.results(runs)
+    claims = claims_of_log(ledger(), runs, given.folds)
+    found = judge(msgspec.structs.replace(ledger(), claims=claims), results)
+    lines = [entry_lines([own], results, ()), FOLDED.format(given.folds)]
+    for claim in claims:
+        real = msgspec.structs.replace(found[claim.id], simulated=False)
+        lines += [verdict_sentence(claim, real), *(f"  {line}" for line in numbers(real))]
+    words = {claim.id: found[claim.id].word for claim in claims}
+    return "\n".join(lines), {"rows": entry_rows([own], results, ()), "words": words}
+
+
 def _printed(verdicts: Mapping[str, Verdict], results: Results, folder: Path) -> list[Path]:
     """Figures, tables, the whole document and the committed data; the files."""
     from etude_studies.site.paper import paper_figures, paper_tables
@@ -220,7 +255,7 @@ def _methods(runs: Sequence[Run], method: str) -> list[Run]:
 
 
 def _shown(id: str, results: Results, added: Sequence[Run]) -> str:
-    lines = [_tables(entries_of(id), results, added)]
+    lines = [entry_lines(entries_of(id), results, added)]
     if not lines[0]:
         lines = [run_line(name, results) for name in (*runs_of(id), *(run.name for run in added))]
     verdicts = verdicts_of(results)
@@ -236,7 +271,7 @@ def _read(claim: Claim) -> set[str]:
     return {run_of(source) for part in claim.parts for source in part.sources}
 
 
-def _tables(entries: Sequence[Entry], results: Results, added: Sequence[Run]) -> str:
+def entry_lines(entries: Sequence[Entry], results: Results, added: Sequence[Run]) -> str:
     from io import StringIO
 
     from rich.console import Console
@@ -260,11 +295,11 @@ def _more(entry: Entry, added: Sequence[Run]) -> list[Row]:
     ]
 
 
-def _rows(id: str, results: Results, added: Sequence[Run]) -> list[dict[str, Any]]:
+def entry_rows(entries: Sequence[Entry], results: Results, added: Sequence[Run]) -> list[dict[str, Any]]:
     from etude_studies.thesis.presenting import cell
 
     found = []
-    for entry in entries_of(id):
+    for entry in entries:
         for row in [*entry.rows, *_more(entry, added)]:
             k = (row.at or entry.at)[-1]
             for column in entry.columns:
