@@ -17,6 +17,8 @@ recipe recipes recorded remembered rest rung rungs seen several settled short sh
 stand_ins standing steps stored stuck things together told tools truth tuned unheld unseen use utilities utils
 various way ways words"""
 """Participles, adverbs and vague words: nobody looks for a topic under them."""
+CLAUSES = ["How", "Has", "Is", "Under", "What", "When", "Where", "Which", "Who", "Whose"]
+"""Words that begin a question or a clause: a file's first line names its topic by a noun."""
 
 
 @cache
@@ -64,6 +66,14 @@ def test_a_fragment_lives_with_its_only_importer() -> None:
 def test_files_are_named_by_terms_of_the_field() -> None:
     found = [name for name, path in modules().items() if path.stem in BANNED.split()]
     assert found == []
+
+
+def test_a_file_names_its_topic_in_its_first_line() -> None:
+    studies = SOURCE.parent / "packages" / "etude-studies" / "src"
+    paths = [path for base in (SOURCE, studies) for path in base.rglob("*.py")]
+    first = {str(path.relative_to(SOURCE.parent)): ast.get_docstring(tree(path)) or "" for path in paths}
+    assert len(first) > 600
+    assert [name for name, line in sorted(first.items()) if line.partition(" ")[0] in CLAUSES] == []
 
 
 def test_a_class_name_stands_once_in_the_core() -> None:
