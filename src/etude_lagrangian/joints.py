@@ -1,4 +1,4 @@
-"""Which inputs are the joints' positions, velocities and accelerations, as the compiled sweeps take them."""
+"""Columns of the inputs that hold joint positions, velocities and accelerations, for compiled sweeps."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the feedback added, by a law that logs told or as the controller says it, or why there is none.
+"""Feedback commands: from a law identified in logs, or stated by the controller, or why there are none.
 
 The sent command plus the feedback's is what the motion needed, whatever the sensor of the command says.
 """

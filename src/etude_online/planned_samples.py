@@ -1,4 +1,4 @@
-"""What the trained model says of planned instants, and which measured ones say something."""
+"""Predictions of the trained model along a plan, and selection of informative measured samples."""
 
 from __future__ import annotations
 

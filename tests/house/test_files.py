@@ -105,3 +105,28 @@ def test_a_constant_says_what_it_is_of_and_why() -> None:
             if not (text or above or "#" in lines[(node.end_lineno or node.lineno) - 1]):
                 found.append(f"{name}:{node.lineno}: {lines[node.lineno - 1]}")
     assert found == []
+
+
+CLAUSE = "What Who How When Has Have Is Are Whose Where Which Why Whether Under Does Do Can"
+"""A module's first line names its topic: a noun phrase or a verb sentence, no clause and no question."""
+UNREVISED = (
+    "etude/drivers/",
+    "etude/campaign/run/",
+    "etude/logs/evidence/",
+    "etude/testing/driver_suite",
+    "etude/testing/faults",
+    "etude_quadrotor/export/",
+)
+"""Folders whose modules may still begin so."""
+
+
+def test_a_module_docstring_names_its_topic() -> None:
+    folders = (SOURCE, SOURCE.parent / "packages" / "etude-studies" / "src")
+    found = []
+    for folder in folders:
+        for path in sorted(folder.rglob("*.py")):
+            first = (ast.get_docstring(tree(path)) or "-").split()[0]
+            name = path.relative_to(folder).as_posix()
+            if first in CLAUSE.split() and not name.startswith(UNREVISED):
+                found.append(f"{name} begins with {first!r}: name the topic, as a textbook's index would")
+    assert not found, "\n".join(found)

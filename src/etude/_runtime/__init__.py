@@ -1,1 +1,1 @@
-"""What the other rooms stand on and no plug-in needs: BLAS, compilation, trust, TOML tables, operators."""
+"""Runtime support without a public face: BLAS, compilation, trusted folders, operators."""

@@ -1,4 +1,4 @@
-"""What a target of a model is told beside the model: the options of the command that were given."""
+"""Options of export targets: the values given on the command line, checked against a dataclass."""
 
 from __future__ import annotations
 

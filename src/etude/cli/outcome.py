@@ -1,4 +1,4 @@
-"""What every command has, and what it gives back: text for people, data for machines, an exit code."""
+"""Common parts of all commands: options, outcome as text and JSON, exit codes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What to run next: criteria, reference states, one objective and one search."""
+"""Optimal experimental design: criteria, reference states, one objective and one search."""
 
 from typing import TYPE_CHECKING
 

@@ -1,4 +1,4 @@
-"""What a design sees of a model: latent functions, planned noise, guides, or a prior from the limits."""
+"""Latent functions of a model for design: planned noise, guides, or a prior from the limits."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How far an estimate scatters about the truth, by the scatter of its score."""
+"""Sandwich covariance: scatter of an estimate about the truth, from the scatter of its score."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a campaign folder holds, as the report reads it, and its learning curves; what is missing is None."""
+"""Campaign folder as the report reads it, with its learning curves; missing parts are None."""
 
 from __future__ import annotations
 

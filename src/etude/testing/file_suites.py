@@ -1,4 +1,4 @@
-"""What every log reader and every exporter owes: what its receiver plays is what was proved."""
+"""Test suites of log readers and exporters: the receiver has to play the certified motion."""
 
 from __future__ import annotations
 

@@ -1,6 +1,5 @@
-"""What every kind of robot owes: its simulated robot, feature map and physics (plans and logs are alike to a
-model), all its nouns together, and two rounds of a simulated campaign.
-"""
+"""Test suites of a kind of robot: simulated robot, feature map and physics (plans and logs are alike
+to a model), all parts of the kind together, and two rounds of a simulated campaign."""
 
 from __future__ import annotations
 

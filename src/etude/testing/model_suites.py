@@ -1,4 +1,4 @@
-"""What every kernel, every member of the model family and every design criterion owes."""
+"""Test suites of kernels, of members of the model family, and of design criteria."""
 
 from __future__ import annotations
 

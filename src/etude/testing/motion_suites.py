@@ -1,4 +1,4 @@
-"""What every family of trajectories owes, every trajectory in it, and every limit."""
+"""Test suites of families of trajectories, of the trajectories in them, and of limits."""
 
 from __future__ import annotations
 

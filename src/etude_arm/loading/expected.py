@@ -1,4 +1,4 @@
-"""What a description says of its robot at one pose, evaluated apart from the model that is compiled of it.
+"""Independent evaluation of a robot description at one pose, to check the compiled model against.
 
 `urdf_expected` here and `mjcf.mjcf_expected` make it, `agreement` holds the compiled model against it.
 

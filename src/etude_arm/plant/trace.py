@@ -1,4 +1,4 @@
-"""What goes into an engine and what comes out: the closed loop as arrays, the same for every engine."""
+"""Inputs and outputs of a closed-loop simulation, as arrays that are the same for every engine."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a model file does not say of a robot's drives: the tables [simulate] and [[motor]] of robot.toml.
+"""Drive parameters that no model file holds: the tables [simulate] and [[motor]] of robot.toml.
 
 [simulate]                  # all optional
 loop = "inside"             # where the feedback runs: in the drives, or "outside" at the robot's rate

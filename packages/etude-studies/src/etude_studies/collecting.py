@@ -1,4 +1,4 @@
-"""What motions teach that are run under feedback alone, or with what was learned so far beside it.
+"""Data collection under feedback alone, compared with collection under the feedforward learned so far.
 
     python -m etude_studies.collecting FOLDER [FIRST_SEED SEEDS]
 

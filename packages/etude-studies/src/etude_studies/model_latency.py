@@ -1,4 +1,4 @@
-"""What one sample costs: a mean for a controller's tick, and a dictionary that learns it."""
+"""Latency for one sample: a mean for a controller's tick, and an update of a dictionary."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a study needs of a robot of any kind: its nouns by name, motions, samples, and models of them."""
+"""World of a study: a robot of any kind with its parts by name, motions, samples, and models."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""How good is it, and is it enough: status, stop rule, confirmation."""
+"""Evaluation: status, stop rule, confirmation."""

@@ -1,4 +1,4 @@
-"""Under which control a motion is to be run, and was: what its log tells of tracking holds for that alone."""
+"""Controls: feedback alone or with a feedforward. Tracking errors of a log hold for its control alone."""
 
 from __future__ import annotations
 

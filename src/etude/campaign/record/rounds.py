@@ -1,4 +1,4 @@
-"""What simulated rounds measure, and what was measured before."""
+"""Rounds of a simulated campaign: their measurements, and those of interrupted runs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the journal's events add up to. Replaying them gives the state; there is no other state."""
+"""Campaign state: the result of replaying the journal's events. There is no other state."""
 
 from __future__ import annotations
 

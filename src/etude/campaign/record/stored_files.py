@@ -1,5 +1,4 @@
-"""What lies on a campaign's disk: held against the journal before anything rests on it, and written anew
-where robot.toml, campaign.toml or a model have changed since.
+"""Stored files: verified against the journal before use, and written again after an edit of their sources.
 
 What is shown of a file is computed from the bytes that lie on the disk when it is shown. There are two rules:
 a file that nobody should have changed is refused by its name, and a file that would be written otherwise

@@ -1,4 +1,4 @@
-"""What is exported, looked up once: the states a model reads, their ranges, its parts with names in C."""
+"""Plan of a C99 export: input states, their ranges, and the model's parts with names in C."""
 
 from __future__ import annotations
 

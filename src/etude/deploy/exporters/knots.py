@@ -1,4 +1,4 @@
-"""Where a motion is sampled for a receiver that joins points by curves: as often as the curve needs."""
+"""Knots: sampling of a motion for receivers that interpolate, as dense as the curve needs."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""Is this log plausible, and how well was it recorded? `plausibility` runs the tests in their order."""
+"""Checks of logs: plausibility, and quality of the recording. `plausibility` runs the tests in order."""

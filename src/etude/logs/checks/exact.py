@@ -1,4 +1,4 @@
-"""What the numbers of a log tell before any model: rows and commands that are held, columns that are copied
+"""Model-free checks of a log's numbers: rows and commands that are held, columns that are copied
 or unsigned, drives that are off, angles that wrap, commands that overflow, rows that were lost.
 
 Each hypothesis has a log odds (natural logarithm) against "recorded as it was". Beyond `CERTAIN` a log is

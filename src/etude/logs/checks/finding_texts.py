@@ -1,4 +1,4 @@
-"""How findings name joints and answers, and what a repair of theirs needs."""
+"""Texts of findings: names of joints and answers, and the data that a repair needs."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""Has the robot changed? Evidence in new logs, its onset and its diagnosis."""
+"""Change detection: evidence in new logs, its onset and its diagnosis."""

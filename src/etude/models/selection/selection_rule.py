@@ -1,4 +1,4 @@
-"""Which structure predicts each command: the one with the least error held out, if data suffice."""
+"""Selection rule: for each command the structure with the least held-out error, if data suffice."""
 
 from __future__ import annotations
 

@@ -1,6 +1,5 @@
-"""How good the models are: scores on logs that they had not learned, calibration, and deviation
-over position and velocity of each coordinate.
-"""
+"""Model scores: errors on logs left out of training, calibration, and deviation over position and
+velocity of each coordinate."""
 
 from __future__ import annotations
 

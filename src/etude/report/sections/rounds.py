@@ -1,4 +1,4 @@
-"""What each round cost and bought, the proof on the robot, and where everything comes from."""
+"""Rounds: cost and gain of each, the confirmation on the robot, and provenance of all data."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is called in a worker for one run: it returns a result or a sentence, and never raises."""
+"""Execution of one run in a worker: returns a result or a sentence, and never raises."""
 
 from __future__ import annotations
 

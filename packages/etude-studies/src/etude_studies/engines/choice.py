@@ -1,4 +1,4 @@
-"""Which engine the options of a command ask for."""
+"""Choice of the engine from a command's options."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which runs are still to be done, in which order, and what becomes of each of them."""
+"""Schedule of runs: those without a result, in their order of dependence, and the outcome of each."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a process of the pool does: one call after the other, and never longer than its parent lives."""
+"""Worker process of the pool: answers one call after the other, and ends with its parent."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How the pages are read: the words, the rule behind them, what the thesis leaves open, and every run."""
+"""Page "about": the terms, the decision rule, what the thesis leaves open, and every run."""
 
 from __future__ import annotations
 

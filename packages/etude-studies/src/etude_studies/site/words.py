@@ -1,4 +1,4 @@
-"""What the pages call runs, measures, tests and verdicts; names they do not know stand for themselves."""
+"""Names of runs, measures, tests and verdicts on the pages; an unknown name is shown as it is."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What studies of the loop say of chapter 7: learning on line on the arm, a process in a quadrotor's loop."""
+"""Studies for chapter 7: online learning on the arm, and a process in a quadrotor's control loop."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a part of a claim says, whether it says enough, and how far from 0 still counts as equal."""
+"""Parts of a claim: their meaning, validation, and the margin within which a value counts as equal."""
 
 from __future__ import annotations
 

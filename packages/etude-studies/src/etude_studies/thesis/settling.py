@@ -1,4 +1,4 @@
-"""How many seeds would settle a part with power 80 %, the mean and spread of today's taken as the truth."""
+"""Sample size: seeds that a part needs for a power of 80 %, with today's mean and spread as the truth."""
 
 from __future__ import annotations
 
