@@ -1,4 +1,4 @@
-"""Progress of long computations: loops report their part to whoever watches; a library is silent.
+"""Progress of long computations: loops report their share to an observer; without one nothing is reported.
 
 A loop is wrapped in `counted`, a stretch of different steps in `part`; both nest, and what is counted inside
 a part refines it. Nothing is printed here.

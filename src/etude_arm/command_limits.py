@@ -1,4 +1,4 @@
-"""Command limits of an arm: by the learned model, or by the model file before any log."""
+"""Limits of an arm's commands: by the learned model, or by the model file before any log."""
 
 from __future__ import annotations
 

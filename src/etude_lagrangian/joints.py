@@ -1,4 +1,4 @@
-"""Columns of the inputs that hold joint positions, velocities and accelerations, for compiled sweeps."""
+"""Columns of the joints' positions, velocities and accelerations, as the compiled sweeps take them."""
 
 from __future__ import annotations
 

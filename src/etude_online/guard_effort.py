@@ -1,4 +1,5 @@
-"""Feedback commands: from a law identified in logs, or stated by the controller, or why there are none.
+"""Effort of the feedback, by an identified law or as the controller reports it, or the reason for its
+absence.
 
 The sent command plus the feedback's is what the motion needed, whatever the sensor of the command says.
 """

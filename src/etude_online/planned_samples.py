@@ -1,4 +1,4 @@
-"""Predictions of the trained model along a plan, and selection of informative measured samples."""
+"""Predictions of the trained model at planned instants, and the choice of informative measured ones."""
 
 from __future__ import annotations
 

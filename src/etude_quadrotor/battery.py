@@ -1,4 +1,4 @@
-"""Battery voltage as a model input: commands rise as the battery empties.
+"""Influence of the battery's voltage on commands: an empty one takes more of full scale.
 
 Under load a battery's voltage falls at once, so a quick dip tells the command and not the other way round;
 only its slow part may be looked at. Of a single flight that is as good as the time.

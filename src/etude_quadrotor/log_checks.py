@@ -1,4 +1,4 @@
-"""Checks of a flight log beside units and ranges: ground contact, jumps, scales, inconsistent sensors."""
+"""Checks of a flight's log beside units and ranges: ground, leaps, scales, sensors that disagree."""
 
 from __future__ import annotations
 

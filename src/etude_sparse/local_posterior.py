@@ -1,4 +1,4 @@
-"""Joint prediction of local Gaussian processes: a blend of means, a product of experts' variance."""
+"""Prediction of local Gaussian processes: a blend of means, a product of experts' variance."""
 
 from __future__ import annotations
 

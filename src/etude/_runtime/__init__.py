@@ -1,1 +1,1 @@
-"""Runtime support without a public face: BLAS, compilation, trusted folders, operators."""
+"""Support for all rooms that no plug-in needs: BLAS, compilation, trust, operators."""

@@ -1,4 +1,4 @@
-"""Options of export targets: the values given on the command line, checked against a dataclass."""
+"""Options of an export target: those of the command that the user gave."""
 
 from __future__ import annotations
 

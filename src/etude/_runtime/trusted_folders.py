@@ -1,4 +1,4 @@
-"""Trusted folders: a list, outside of all folders, of those whose files may name code to import.
+"""Trust in folders that name code: this user's list, kept outside every folder.
 
 A name of the form module:attribute is code that is imported and run. One that a person types or passes in
 Python is that person's own word. One that stands in a file is the word of whoever wrote the file, and counts

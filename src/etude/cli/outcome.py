@@ -1,4 +1,4 @@
-"""Common parts of all commands: options, outcome as text and JSON, exit codes."""
+"""The result of a command: text for people, data for programs, an exit code."""
 
 from __future__ import annotations
 

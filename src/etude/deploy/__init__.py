@@ -1,4 +1,4 @@
-"""Deployment files: trajectory files, and the commands expected along them."""
+"""Deployment: trajectory files, and the command expected along them."""
 
 from typing import TYPE_CHECKING
 

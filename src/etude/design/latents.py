@@ -1,4 +1,4 @@
-"""Latent functions of a model for design: planned noise, guides, or a prior from the limits."""
+"""The model as a design reads it: latent functions, planned noise, guides, or a prior from the limits."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Limits: their convex sets of motions, samplers of these sets, certificates."""
+"""Limits, the set of motions inside them, samplers of it, certificates."""
 
 from typing import TYPE_CHECKING
 

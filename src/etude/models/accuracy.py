@@ -1,4 +1,4 @@
-"""Prediction accuracy on commands left out of training: error, calibration, density, comparison.
+"""Accuracy of predicted commands on unseen motion: error, calibration, density, comparison.
 
 z² = mean of squared error over predicted variance; 1 is right, above 1 overconfident.
 

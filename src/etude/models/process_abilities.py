@@ -1,4 +1,4 @@
-"""Optional abilities of the processes of the family, beside `etude.protocols.Posterior`."""
+"""Optional abilities of the family's processes, beside `etude.protocols.Posterior`."""
 
 from __future__ import annotations
 

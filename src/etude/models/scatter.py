@@ -1,4 +1,4 @@
-"""Sandwich covariance: scatter of an estimate about the truth, from the scatter of its score."""
+"""Standard error of an estimate, from the scatter of its score."""
 
 from __future__ import annotations
 

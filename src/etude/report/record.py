@@ -1,4 +1,4 @@
-"""Campaign folder as the report reads it, with its learning curves; missing parts are None."""
+"""A campaign folder as the report reads it, and its learning curves; missing values are None."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Test suites of log readers and exporters: the receiver has to play the certified motion."""
+"""Laws of log readers and exporters: the receiver plays the motion that was proved."""
 
 from __future__ import annotations
 

@@ -1,5 +1,6 @@
-"""Test suites of a kind of robot: simulated robot, feature map and physics (plans and logs are alike
-to a model), all parts of the kind together, and two rounds of a simulated campaign."""
+"""Laws of a kind of robot: its simulated robot, feature map and physics, all its parts together, and two
+rounds of a simulated campaign.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Test suites of kernels, of members of the model family, and of design criteria."""
+"""Laws of kernels, members of the model family and design criteria."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Test suites of families of trajectories, of the trajectories in them, and of limits."""
+"""Laws of families of trajectories, of each trajectory, and of limits."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Interpolation in a receiver between its set-points: lines, cubics, quintics, septics, or steps."""
+"""Curves that a receiver plays between points: lines, cubics, quintics, septics, or steps."""
 
 from __future__ import annotations
 

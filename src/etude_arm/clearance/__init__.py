@@ -1,1 +1,1 @@
-"""Clearance of an arm from itself and its surroundings, proved for all times."""
+"""Clearance of a robot from itself and its surroundings, proved for all times."""

@@ -1,4 +1,4 @@
-"""Surroundings of a robot, and the clearance from them: tables of the robot file.
+"""Surroundings of a robot, and the distances it keeps from them: tables of the robot file.
 
 [collision]
 margin = 0.01               # m, kept beyond what tracking needs

@@ -1,4 +1,4 @@
-"""Attachments to a model file: the mounting of the base, and the tools or payloads of the arm."""
+"""Additions to a model file: the mounting of the base, and the payload of the arm."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Independent evaluation of a robot description at one pose, to check the compiled model against.
+"""Facts of a description at one pose, evaluated apart from the compiled model.
 
 `urdf_expected` here and `mjcf.mjcf_expected` make it, `agreement` holds the compiled model against it.
 

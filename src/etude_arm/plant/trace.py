@@ -1,4 +1,4 @@
-"""Inputs and outputs of a closed-loop simulation, as arrays that are the same for every engine."""
+"""Input and output of the closed loop as arrays, the same for every engine."""
 
 from __future__ import annotations
 

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import json
 import re
+import shlex
 import shutil
 import signal
 from collections import namedtuple
@@ -29,10 +30,10 @@ from etude.campaign.run.campaign_run import connected
 from etude.campaign.run.certified_motions import Learned, proposal_motion
 from etude.campaign.run.next_proposal import NextProposal
 from etude.campaign.run.preconditions import open_points
-from etude.campaign.run.run_history import next_step
+from etude.campaign.run.run_history import next_step, untold_recordings
 from etude.campaign.run.run_settings import read_settings
 from etude.drivers import About, Sample, Streamed, VelocityEnvelope, read_recording
-from etude.errors import EtudeError, RobotStopped, UnsafeTrajectoryError, UsageError
+from etude.errors import DataError, EtudeError, RobotStopped, UnsafeTrajectoryError, UsageError
 from etude.logs import read_log_file
 from etude.types import Array
 
@@ -326,6 +327,46 @@ def test_a_person_who_lets_go_stops_it_and_nothing_is_told(tmp_path: Path) -> No
     assert np.abs(robot.qd).max() == 0.0
 
 
+def test_no_motion_is_run_twice_for_one_log(tmp_path: Path) -> None:
+    campaign = lab(tmp_path)
+
+    class Killed(Exception):
+        pass
+
+    def kill(event: str, fields: Any) -> None:
+        if event == "motion_ended" and fields["part"] == "motion" and not fields["first"]:
+            raise Killed
+
+    with pytest.raises(Killed):
+        moved(campaign, Robot(), told=kill)
+    assert facts(campaign, Ingested) == []
+    moved(campaign, Robot())
+    whole = [e for e in events(campaign) if isinstance(e.fact, MotionSent) and e.fact.part == "motion"]
+    assert [e.number for e in whole if not e.fact.first] == [1, 2]  # type: ignore[union-attr]
+    assert [fact.foreign for fact in facts(campaign, Ingested)] == [False, False]
+    untell(campaign, 2)
+    assert untold_recordings(campaign) == [], "what was taken back stays so"
+
+
+def test_a_refused_log_is_refused_again_before_anything_moves(tmp_path: Path) -> None:
+    class Silent(Robot):
+        def state(self) -> Sample:
+            return replace(super().state(), command=np.zeros(2))
+
+    campaign, again = lab(tmp_path), Robot()
+    with pytest.raises(DataError):
+        moved(campaign, Silent())
+    with pytest.raises(DataError) as refused:
+        moved(campaign, again)
+    assert again.sent == []
+    words = shlex.split(refused.value.next_step.partition("Say it by: ")[2].partition(". Without")[0])
+    assert words[:3] == ["etude", "tell", str(campaign.path)]
+    assert cli.main(words[1:]) == DataError.exit_code
+    Path(words[3]).unlink()
+    moved(campaign, again)
+    assert [fact.foreign for fact in facts(campaign, Ingested)] == [False]
+
+
 def test_after_a_crash_it_asks_and_plans_anew_from_where_it_stands(tmp_path: Path) -> None:
     campaign = lab(tmp_path)
 
@@ -511,9 +552,8 @@ def test_each_line_for_machines_is_of_the_schema(
     schema = json.loads(files("etude.cli").joinpath("run.schema.json").read_bytes())
     known = Draft202012Validator(schema)
     monkeypatch.setattr("etude.campaign.run.robot_session.STATUS_S", 0.01)
-    path, seen = driven.path / "run.toml", set()
-    path.write_text(path.read_text().replace("confirm = false", "confirm = true"))
-    for words, code in ((["--dry-run"], 0), (["--rounds", "2", "--yes", "--view"], 0), ([], 2)):
+    seen = set()
+    for words, code in ((["--dry-run"], 0), (["--rounds", "1", "--yes", "--view"], 0), ([], 2)):
         assert cli.main(["run", str(driven.path), "--json", *words]) == code
         for line in map(json.loads, capsys.readouterr().out.splitlines()):
             known.validate(line)

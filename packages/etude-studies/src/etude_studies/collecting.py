@@ -1,4 +1,4 @@
-"""Data collection under feedback alone, compared with collection under the feedforward learned so far.
+"""Comparison of motions that run under feedback alone with motions that run with the learned command.
 
     python -m etude_studies.collecting FOLDER [FIRST_SEED SEEDS]
 

@@ -1,4 +1,4 @@
-"""Cost of designing one flight, in all, and the gain of exact gradients over finite differences."""
+"""Cost of the design of one flight, and the saving by exact gradients over finite differences."""
 
 from __future__ import annotations
 

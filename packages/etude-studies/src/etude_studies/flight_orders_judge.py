@@ -1,4 +1,4 @@
-"""Measures of the models of one seed: errors on the tests, and deviations over their references."""
+"""Measures of the models of one seed: errors on the tests, deviations over the reference states."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Provenance of a result: commit, versions, machine, seconds."""
+"""Origin of a result: commit, versions, machine, seconds."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Measurements of a run: figures with their keys, and their table."""
+"""Measurements of a run: figures with their keys, and the table that keeps them."""
 
 from __future__ import annotations
 

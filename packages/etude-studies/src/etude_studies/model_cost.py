@@ -1,4 +1,4 @@
-"""Cost of using trained models: time of a prediction, and memory of their arrays."""
+"""Cost of trained models in use: the time of a prediction, and the memory of their arrays."""
 
 from __future__ import annotations
 

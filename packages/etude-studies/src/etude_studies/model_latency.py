@@ -1,4 +1,4 @@
-"""Latency for one sample: a mean for a controller's tick, and an update of a dictionary."""
+"""Cost of one sample: a mean in a controller's cycle, and a dictionary that learns the sample."""
 
 from __future__ import annotations
 

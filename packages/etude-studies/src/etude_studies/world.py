@@ -1,4 +1,4 @@
-"""World of a study: a robot of any kind with its parts by name, motions, samples, and models."""
+"""The parts of a robot's kind that a study needs: motions, samples, and models of them."""
 
 from __future__ import annotations
 

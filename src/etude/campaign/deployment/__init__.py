@@ -1,1 +1,1 @@
-"""Deployment: promotion, monitoring, exports of the model, predictions."""
+"""Deployment of a campaign: promotion, monitoring, exports of the model, predictions."""

@@ -1,1 +1,1 @@
-"""Evaluation: status, stop rule, confirmation."""
+"""Evaluation of a campaign: status, stop rule, confirmation."""

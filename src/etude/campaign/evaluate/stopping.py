@@ -1,4 +1,4 @@
-"""Stop rule: four criteria for whether another trajectory is worth its robot time, and their evidence.
+"""Stop rules: four of them decide whether another trajectory is worth its robot time, with their evidence.
 
 The evidence: prequential score, calibration factor, expected command error, value of the next trajectory.
 Training error and marginal likelihood are not: the one always falls, hyperparameters change the other.

@@ -1,4 +1,4 @@
-"""Checks of a log before it is learned: errors are refused, likely faults become questions to the user.
+"""Questions about a log before training: a certain fault is refused, a likely one is a question.
 
 A question is answered by its check's name: accepted, the log is taken as it is; repaired, it is put right
 with a sentence. Answers stand in the journal, and hold for later logs of which the same is found. Commands

@@ -1,4 +1,4 @@
-"""Constraints on the next motion: limits less tracking margins, by control and form of motion."""
+"""Limits of a proposal: their tracking margins by control and form of motion, and the facts behind these."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Proposal of the next motion: designed from the model, or from the limits before any log."""
+"""The next proposal: designed from the model and the visited states, or from the limits before any log."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""Record of a campaign: journal, state, configuration, stored files."""
+"""The record of a campaign: journal, state, configuration, stored files."""

@@ -1,4 +1,4 @@
-"""Controls: feedback alone or with a feedforward. Tracking errors of a log hold for its control alone."""
+"""The control of a motion, planned and used: tracking margins are measured for each control by itself."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Journal events: one frozen dataclass for each kind, read and written here alone.
+"""Events of the journal: one frozen dataclass for each kind, read and written here alone.
 
 A field's name is its key in the JSON. A field that equals its default is not written.
 """

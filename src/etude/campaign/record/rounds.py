@@ -1,4 +1,4 @@
-"""Rounds of a simulated campaign: their measurements, and those of interrupted runs."""
+"""Measurements of simulated rounds, and those of earlier ones."""
 
 from __future__ import annotations
 

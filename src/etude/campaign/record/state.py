@@ -1,4 +1,4 @@
-"""Campaign state: the result of replaying the journal's events. There is no other state."""
+"""The state of a campaign: a replay of the journal's events gives it; there is no other state."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""Stored files: verified against the journal before use, and written again after an edit of their sources.
+"""Integrity of stored files: compared with the journal before use, and written again after a change of
+robot.toml, campaign.toml or the model.
 
 What is shown of a file is computed from the bytes that lie on the disk when it is shown. There are two rules:
 a file that nobody should have changed is refused by its name, and a file that would be written otherwise

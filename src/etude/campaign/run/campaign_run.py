@@ -8,6 +8,7 @@ import contextlib
 import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -34,7 +35,7 @@ from etude.campaign.run.certified_motions import (
 from etude.campaign.run.next_proposal import NextProposal
 from etude.campaign.run.preconditions import open_points, require_none
 from etude.campaign.run.robot_session import Result, RobotSession, Seen, Tell, held_on_signals, only_one
-from etude.campaign.run.run_history import next_step
+from etude.campaign.run.run_history import next_step, untold_recordings
 from etude.drivers import About, Person, Player
 from etude.errors import DataError, EtudeError, LinkLost, RobotStopped, StopRuleReached, UsageError, typed
 from etude.models.learned_model import LearnedModel
@@ -288,8 +289,11 @@ class _Loop:
 
     def first(self) -> tuple[CertifiedMotion | None, str]:
         """The motion that is run first, proved and accepted; None where the stop rule has fired, and why.
-        Nothing moves.
+        Nothing moves. A log that an earlier run recorded and did not come to is taken in before: no motion is
+        run twice for one log.
         """
+        for number, path in untold_recordings(self.campaign):
+            self._told(number, path)
         try:
             motion = self._at_step(self._asked())
         except StopRuleReached as fired:
@@ -417,13 +421,22 @@ class _Loop:
             self.session.play(self._faded(way, self.session.level), meanwhile)
 
     def _taken_in(self, number: int, result: Result) -> None:
-        """The recording as the log of its proposal; it is learned with the next `ask`."""
-        with self.campaign.writing():
-            found = take(self.campaign, result.path, number)
-        for sentence in found.repairs:
-            self.say(f"{result.path.name}: {sentence}")
+        """The recording as the log of its proposal, and what it shows."""
+        self._told(number, result.path)
         self.rounds.append(self._figures(number, result))
         self.session.tell("taken_in", asdict(self.rounds[-1]))
+
+    def _told(self, number: int, path: Path) -> None:
+        """A recording as the log of its proposal; it is learned with the next `ask`."""
+        try:
+            with self.campaign.writing():
+                found = take(self.campaign, path, number)
+        except DataError as error:
+            own = f"etude tell {typed(self.campaign.path)} {typed(path)}"
+            error.next_step += f" Say it by: {own}. Without that file the motion is run again."
+            raise
+        for sentence in found.repairs:
+            self.say(f"{path.name}: {sentence}")
 
     def _given_up(self, number: int) -> None:
         """A whole motion that was stopped is not tried again: it teaches up to there."""

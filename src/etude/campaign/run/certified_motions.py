@@ -1,5 +1,5 @@
-"""What a run sends: motions of proposals, slow ones with their first segment alone, and the ways to and from
-them; each proved before it moves, with the learned command where the robot takes one.
+"""Motions that a run sends: proposals, slow ones with their first segment alone, and the ways to and from
+them; each is proved before it is sent, with the learned command where the robot takes one.
 """
 
 from __future__ import annotations

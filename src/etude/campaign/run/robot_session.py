@@ -333,7 +333,8 @@ def require_room(folder: Path, motion: PlannedMotion) -> None:
     free = shutil.disk_usage(folder).free
     if free < arrays + LEAST_FREE:
         raise UsageError(
-            f"the disk has {free / 2**20:.0f} MB left, and a recording may take {arrays / 2**20:.0f} MB",
+            f"the disk has {free / 2**20:.0f} MB left; a recording may take {arrays / 2**20:.0f} MB, and "
+            f"{LEAST_FREE / 2**20:.0f} MB have to stay free",
             where=str(folder),
             next_step="Make room, then run again; nothing moved.",
         )

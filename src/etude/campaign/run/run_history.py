@@ -1,16 +1,18 @@
-"""What the journal says of earlier runs: a motion that has no end, the robot's identity, the careful steps
-that a control has passed, and the errors that recordings have shown in time.
+"""Earlier runs in the journal: a motion without an end, the robot's identity, the slow speeds passed by
+each control, and the measured tracking errors.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
 from etude.campaign.record.controls import FEEDBACK, LEARNED
-from etude.campaign.record.events import Event, Figures, MotionEnded, MotionSent, RunBegan
+from etude.campaign.record.events import Event, Figures, Ingested, MotionEnded, MotionSent, RunBegan
+from etude.campaign.record.folder import Campaign
 from etude.drivers import Ended
 from etude.limits.tracking_margins import LOGS_CONSIDERED, factor
 from etude.types import Array
@@ -49,6 +51,22 @@ def unfinished(events: Sequence[Event]) -> Event | None:
     """The motion that was sent last, if nothing says how it ended."""
     last = next((e for e in reversed(events) if isinstance(e.fact, MotionSent | MotionEnded)), None)
     return last if last is not None and isinstance(last.fact, MotionSent) else None
+
+
+def untold_recordings(campaign: Campaign) -> list[tuple[int, Path]]:
+    """Of proposals that wait for their log: recordings of whole motions that ended well and were never told,
+    as where a run was killed in between, or a log was refused.
+    """
+    events = campaign.events()
+    waiting = {own.number for own in campaign.state().proposals}
+    told = {e.fact.sha256 for e in events if isinstance(e.fact, Ingested)}
+    found = [
+        (e.number, campaign.path / e.fact.recording)
+        for e in events
+        if isinstance(e.fact, MotionEnded) and e.number in waiting and e.fact.recording_sha256 not in told
+        if e.fact.part == "motion" and _is_whole(e.fact)
+    ]
+    return [(number, path) for number, path in found if number is not None and path.is_file()]
 
 
 def last_identity(events: Sequence[Event]) -> str:
@@ -91,5 +109,8 @@ def _motions(events: Sequence[Event], control: str) -> list[MotionEnded]:
 
 def _whole(events: Sequence[Event], control: str) -> list[MotionEnded]:
     """Those at full speed that ended well: a beginning sags less than poses that come later."""
-    own = [fact for fact in _motions(events, control) if not fact.first]
-    return [fact for fact in own if fact.speed == FULL and fact.ended == Ended.DONE.value]
+    return [fact for fact in _motions(events, control) if _is_whole(fact)]
+
+
+def _is_whole(fact: MotionEnded) -> bool:
+    return not fact.first and fact.speed == FULL and fact.ended == Ended.DONE.value

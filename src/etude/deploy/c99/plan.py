@@ -1,4 +1,6 @@
-"""Plan of a C99 export: input states, their ranges, and the model's parts with names in C."""
+"""The plan of a C export, made once: the states that a model reads, their ranges, its parts with names in
+C.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Knots: sampling of a motion for receivers that interpolate, as dense as the curve needs."""
+"""Knots for a receiver that joins points by curves: as dense as the curve needs."""
 
 from __future__ import annotations
 

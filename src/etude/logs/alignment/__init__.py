@@ -1,1 +1,1 @@
-"""Alignment: the motion that a log shows, and the time at which it starts."""
+"""Alignment: the motion that a log shows, and its start."""

@@ -1,1 +1,1 @@
-"""Checks of logs: plausibility, and quality of the recording. `plausibility` runs the tests in order."""
+"""Checks of a log's plausibility and recording quality; `plausibility` runs them in their order."""

@@ -1,4 +1,4 @@
-"""Filtered motion for the plausibility checks: motion and commands through one filter, 50 Hz at most."""
+"""Input of the plausibility checks: a motion and its commands through one filter, 50 Hz at most."""
 
 from __future__ import annotations
 

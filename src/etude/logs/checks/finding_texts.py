@@ -1,4 +1,4 @@
-"""Texts of findings: names of joints and answers, and the data that a repair needs."""
+"""Texts of findings: names of joints and answers, and the needs of a repair."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Recording quality: clock, columns, and the excitation of the motion."""
+"""Recording quality of a log: its clock, its columns, and the excitation of its motion."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""Change detection: evidence in new logs, its onset and its diagnosis."""
+"""Detection of a changed robot: evidence in new logs, its onset and its diagnosis."""

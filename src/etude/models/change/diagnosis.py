@@ -1,5 +1,5 @@
-"""Diagnosis of a change: load, friction, or a broken or frozen sensor, with its size: kg at the last
-link, a factor on the friction, a factor on a command.
+"""Diagnosis of a change by the errors of a changed robot: load, friction, a broken or frozen sensor; and
+its size: kg at the last link, a factor of the friction, a factor of a command.
 
 Of a size, one number fits the errors of all outputs together by least squares, each weighed by its predicted
 deviation. So it says little where the cause is another one.

@@ -1,1 +1,1 @@
-"""Training data: rows, folds, cross-validation."""
+"""Training and test samples: rows, folds, cross-validation."""

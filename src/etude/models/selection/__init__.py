@@ -1,1 +1,1 @@
-"""Model selection: candidate structures of each command, comparison, averaging."""
+"""Model selection: candidates, comparison, averaging."""

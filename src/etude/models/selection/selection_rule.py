@@ -1,4 +1,4 @@
-"""Selection rule: for each command the structure with the least held-out error, if data suffice."""
+"""The selection rule: of each command the structure with the least cross-validated error, if data suffice."""
 
 from __future__ import annotations
 

@@ -1,5 +1,6 @@
-"""Model scores: errors on logs left out of training, calibration, and deviation over position and
-velocity of each coordinate."""
+"""Scores of the models: errors on unseen logs, calibration, and deviation over position and velocity of
+each coordinate.
+"""
 
 from __future__ import annotations
 

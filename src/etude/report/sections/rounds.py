@@ -1,4 +1,4 @@
-"""Rounds: cost and gain of each, the confirmation on the robot, and provenance of all data."""
+"""Cost and gain of each round, the confirmation on the robot, and the origin of all figures."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Choice of the engine from a command's options."""
+"""Choice of the engine by the options of a command."""
 
 from __future__ import annotations
 

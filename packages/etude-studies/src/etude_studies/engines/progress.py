@@ -1,4 +1,4 @@
-"""Progress of runs: a bar with the time left on a terminal, a line for each run anywhere else."""
+"""Progress of the runs: a bar with the time left on a terminal, a line a run anywhere else."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Schedule of runs: those without a result, in their order of dependence, and the outcome of each."""
+"""Schedule of the runs that are still to be done, and the outcome of each."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Worker process of the pool: answers one call after the other, and ends with its parent."""
+"""A process of the pool: one call after the other, and never longer than its parent lives."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Catalogue of peer libraries, one row each. A peer is one file with one function, `objective`."""
+"""Catalogue of peers: one row each. A peer is one file with one function, `objective`."""
 
 from __future__ import annotations
 

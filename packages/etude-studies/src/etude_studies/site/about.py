@@ -1,4 +1,4 @@
-"""Page "about": the terms, the decision rule, what the thesis leaves open, and every run."""
+"""The page about the pages: words, the rule behind them, open points of the thesis, and every run."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Sentences about a part of a claim: the comparison, the claim, and the outcome."""
+"""Words for a part of a claim: the comparison, the claim, and the result."""
 
 from __future__ import annotations
 

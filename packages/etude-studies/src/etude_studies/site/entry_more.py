@@ -1,4 +1,4 @@
-"""Folded parts of a figure's page: seeds, other tests, other readings, ambiguities, every setting."""
+"""Details of a figure's page: seeds, other tests, other readings, ambiguities, every setting."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Names of runs, measures, tests and verdicts on the pages; an unknown name is shown as it is."""
+"""Names of runs, measures, tests and verdicts on the pages; unknown names are printed as they are."""
 
 from __future__ import annotations
 

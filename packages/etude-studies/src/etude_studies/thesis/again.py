@@ -1,4 +1,4 @@
-"""Reproducibility: differences between figures computed here and committed ones of the same seeds."""
+"""Comparison of figures that were computed here with the committed ones of the same seeds."""
 
 from __future__ import annotations
 

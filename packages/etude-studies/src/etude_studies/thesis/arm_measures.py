@@ -1,4 +1,4 @@
-"""Measures of one test run of an arm: tracking, feedback, reversals, calibration of the model."""
+"""Measures of one test run of an arm: tracking, feedback, reversals, and calibration."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Runs of iterative learning control and of adaptive control, compared with learned models.
+"""Runs of iterative and adaptive control, which learn one motion or the parameters of a known structure.
 
 Both stand beside the models of chapter 6 (thesis 2.2): the same robot, motions, noise and figures.
 """

@@ -1,4 +1,4 @@
-"""Consistency checks of the ledger's two files; each refusal names the file and the id."""
+"""Checks of the ledger's files taken together; each refusal names the file and the id."""
 
 from __future__ import annotations
 

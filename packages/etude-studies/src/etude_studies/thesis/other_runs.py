@@ -1,4 +1,6 @@
-"""Studies for chapter 7: online learning on the arm, and a process in a quadrotor's control loop."""
+"""Runs for chapter 7 from studies of the loop: online learning on the arm, a process in a quadrotor's
+loop.
+"""
 
 from __future__ import annotations
 

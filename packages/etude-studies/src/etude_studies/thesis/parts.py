@@ -1,4 +1,4 @@
-"""Parts of a claim: their meaning, validation, and the margin within which a value counts as equal."""
+"""Statistics of a part of a claim, their power, and the region of equality around 0."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Sample size: seeds that a part needs for a power of 80 %, with today's mean and spread as the truth."""
+"""Number of seeds that decide a part with power 80 %, given today's mean and spread."""
 
 from __future__ import annotations
 
