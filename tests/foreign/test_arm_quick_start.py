@@ -232,6 +232,7 @@ def require_still(walk: Walk, folder: Path) -> None:
         assert own <= file + np.radians(0.5)
 
 
+@pytest.mark.slow
 def test_a_small_arm(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

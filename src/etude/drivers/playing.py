@@ -1,4 +1,4 @@
-"""What players of every kind share: where a motion may start, what is recorded, what a person interrupts."""
+"""Common parts of all players: start poses, recordings, interruptions by a person."""
 
 from __future__ import annotations
 

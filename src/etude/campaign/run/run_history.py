@@ -1,5 +1,5 @@
-"""What the journal says of earlier runs: a motion that has no end, the robot's identity, the careful steps
-that a control has passed, and the errors that recordings have shown in time.
+"""Earlier runs in the journal: a motion without an end, the robot's identity, the slow speeds passed by
+each control, and the measured tracking errors.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What the supervisor of a motion holds, from what the campaign knows of the robot and of its tracking."""
+"""Bounds of a motion's supervisor, from the robot file and the measured tracking errors."""
 
 from __future__ import annotations
 
