@@ -367,6 +367,14 @@ def test_a_refused_log_is_refused_again_before_anything_moves(tmp_path: Path) ->
     assert [fact.foreign for fact in facts(campaign, Ingested)] == [False]
 
 
+def test_a_robot_that_stands_outside_its_limits_is_not_moved(tmp_path: Path) -> None:
+    robot = Robot(start=np.array([0.0, 1.3]))
+    with pytest.raises(UsageError, match=r"hip stands at 1\.3, outside its limits -1\.\.1") as refused:
+        moved(lab(tmp_path), robot)
+    assert robot.sent == []
+    assert "--from" not in str(refused.value), "etude run has no such option"
+
+
 def test_after_a_crash_it_asks_and_plans_anew_from_where_it_stands(tmp_path: Path) -> None:
     campaign = lab(tmp_path)
 
