@@ -203,7 +203,7 @@ def ways_of(campaign: Campaign, motion: CertifiedMotion, pose: Array) -> Ways:
             and end at rest. UnsafeTrajectoryError: no way is proved.
     """
     lower, upper = campaign.kind.expected(campaign.spec).limits[campaign.kind.path]
-    require_inside(pose, lower, upper, campaign.axes)
+    require_inside(pose, lower, upper, campaign.axes, f"motion {motion.number}, the way to it")
     limits = motion.constraints.limits(campaign)
     home, clear = np.asarray(campaign.kind.home(campaign.spec), dtype=float), clear_poses(campaign)
     try:
