@@ -7,6 +7,8 @@ from collections import defaultdict
 from functools import cache
 from pathlib import Path
 
+from syntax_trees import statements
+
 SOURCE = Path(__file__).parents[2] / "src"
 FRAGMENT = 60
 """Lines. A shorter module that one other imports lives with it, unless it is loaded by name or late."""
@@ -37,16 +39,17 @@ def tree(path: Path) -> ast.Module:
 def importers() -> dict[str, dict[str, bool]]:
     """Of each module who imports it, and whether at the top, when the importer is loaded."""
     found: dict[str, dict[str, bool]] = defaultdict(dict)
+    known = set(modules())
     for name, path in modules().items():
         at_top = {id(node) for node in tree(path).body}
-        for node in ast.walk(tree(path)):
+        for node in statements(tree(path)):
             if isinstance(node, ast.ImportFrom):
                 targets = {node.module or "", *(f"{node.module}.{alias.name}" for alias in node.names)}
             elif isinstance(node, ast.Import):
                 targets = {alias.name for alias in node.names}
             else:
                 continue
-            for target in (targets & set(modules())) - {name}:
+            for target in (targets & known) - {name}:
                 found[target][name] = found[target].get(name, False) or id(node) in at_top
     return found
 
