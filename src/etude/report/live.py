@@ -1,4 +1,4 @@
-"""Pages served while something happens: to this machine alone, never written to, renewed when it changed.
+"""Live pages: a read-only server for this machine alone, with pages that renew when a file changes.
 
 The standard library's server is enough: one reader, a few pages that are made in memory from files. Nothing
 is looked up in a folder by what a request names, so there is no path to leave it by.

@@ -1,4 +1,4 @@
-"""ask --from: the way from where the robot stands to a proposal's start, and back, in files of their own."""
+"""ask --from: approach from the robot's pose to a proposal's start, and return, in files of their own."""
 
 from __future__ import annotations
 
