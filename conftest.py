@@ -28,29 +28,36 @@ os.environ["XDG_CONFIG_HOME"] = tempfile.mkdtemp(prefix="etude-config-")
 atexit.register(shutil.rmtree, os.environ["XDG_CONFIG_HOME"], ignore_errors=True)
 # a shell ignores Ctrl-C for what it starts in the background, and its children inherit that: tests send it
 signal.signal(signal.SIGINT, signal.default_int_handler)
+# collecting makes objects that stay: looking for garbage among them took a quarter of its time
+gc.disable()
 settings.register_profile("etude", deadline=None, derandomize="CI" in os.environ, print_blob=True)
 settings.load_profile("etude")
 
-COMPILED_FIRST = (
-    ("test_lagrangian",),
-    ("test_lwpr", "test_dictionary_stream", "test_vehicle_plant", "test_arm_closed_loop"),
+FIRST = (
+    *("test_lagrangian_together", "test_lwpr"),
+    *("test_lagrangian", "test_vehicle_plant"),
+    *("test_lagrangian_compilation", "test_dictionary_stream"),
+    "test_arm_closed_loop",
 )
-"""Files whose tests have compiled what takes long, in two parts that take equally long."""
+"""Files whose tests compile what takes long. Two workers take turns: each compiles others,
+and finds the rest in numba's cache."""
+LONG = "foreign"
+"""The room with few tests in a file that take long: at the end they would leave a worker idle."""
 
 
 @pytest.hookimpl(trylast=True)  # after those that deselect
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Two workers begin by compiling different functions, each then finds the other's in numba's cache.
+    """The order in which workers get files: `--no-loadscope-reorder` keeps it."""
 
-    xdist lets each begin with an eighth of the tests, in their order; both would compile all of it.
-    """
-    first, second = ([own for own in items if own.path.stem.startswith(names)] for names in COMPILED_FIRST)
-    rest = [own for own in items if not own.path.stem.startswith(sum(COMPILED_FIRST, ()))]
-    before = max(len(items) // 8 - len(first), 0)
-    items[:] = [*first, *rest[:before], *second, *rest[before:]]
+    def place(own: pytest.Item) -> tuple[int, bool]:
+        name = own.path.stem
+        return FIRST.index(name) if name in FIRST else len(FIRST), LONG not in own.path.parts
+
+    items.sort(key=place)
 
 
 def pytest_collection_finish() -> None:
     """What every test needs until the end is out of the garbage collector's sight, which looks often."""
     gc.collect()
     gc.freeze()
+    gc.enable()

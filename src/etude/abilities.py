@@ -1,4 +1,4 @@
-"""What parts of the pipeline may offer: one small protocol for each ability.
+"""Optional abilities of the pipeline's parts: one small protocol for each.
 
 The first word of a docstring names the part. A part has an ability if it has all its members; `isinstance`
 tells. What a part lacks is named in a sentence, never stubbed. A part with only some members of an ability is

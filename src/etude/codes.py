@@ -1,4 +1,4 @@
-"""What Étude says of a campaign beside its figures: a code with fields, and the one table of its sentences.
+"""Codes of alerts, verdicts, warnings and next steps, with their fields and the one table of their sentences.
 
 Code decides on codes alone. A sentence is made where it is shown, by `Notice.sentence`, and never read back.
 docs/reference/codes.md lists every code.

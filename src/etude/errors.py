@@ -1,4 +1,4 @@
-"""One root error. Each message says the fact, where it is, and what to do next."""
+"""Errors, with one root class. Each message states the fact, its place, and what to do next."""
 
 from __future__ import annotations
 

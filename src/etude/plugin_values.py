@@ -1,4 +1,4 @@
-"""The boundary of plug-ins: what their members give is held against the protocol that declares them.
+"""Validation of plug-in results against the protocols that declare them.
 
 One object stands before another. It has the members that the other has, reads each through the annotations
 of `etude.protocols` and `etude.abilities`, and names the plug-in where a value is another. A shape stands

@@ -1,4 +1,4 @@
-"""What can be exchanged, by name: built-ins first, then what other packages bring as entry points.
+"""Plug-ins by name: built-ins first, then entry points of other packages.
 
 A plug-in is named by its group and a name, or in full by "module:attribute". Nothing is imported before it
 is named, so a source tree needs no installation and a broken plug-in harms nobody who does not ask for it.

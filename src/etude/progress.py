@@ -1,4 +1,4 @@
-"""How far a long computation is: loops say their part, whoever watches is told, and a library tells nobody.
+"""Progress of long computations: loops report their share to an observer; without one nothing is reported.
 
 A loop is wrapped in `counted`, a stretch of different steps in `part`; both nest, and what is counted inside
 a part refines it. Nothing is printed here.

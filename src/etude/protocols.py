@@ -1,4 +1,4 @@
-"""What the pipeline asks of its parts: the first file to read.
+"""The protocols of the pipeline's parts: the first file to read.
 
 A kind of robot supplies a `Kind` and what it returns. Design, certification, training, export, simulation
 and reports are one pipeline over these, and know no kind. What a part may offer beside is in `abilities`, one

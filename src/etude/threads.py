@@ -1,4 +1,4 @@
-"""Surroundings of small linear algebra: one thread, and memory that is kept between evaluations.
+"""Thread and memory settings for small linear algebra: one thread, memory kept between evaluations.
 
 Measured on two cores: unrestricted threads made one training on 200 points up to 100 times slower, because
 every small product wakes and parks the whole pool. threadpoolctl is used because NumPy and SciPy each bring

@@ -1,4 +1,4 @@
-"""The values that every part of Étude exchanges; `protocols` has what is asked of plug-ins.
+"""Value types of all parts of Étude; `protocols` has the interfaces of plug-ins.
 
 Shapes: T planned or logged instants, n training samples, k path coordinates (joints; x, y, z), O derivative
 orders (0 = position), P parameters of a family, D model inputs, J commands, m of them learned together. SI

@@ -1,4 +1,4 @@
-"""What the drives of an arm may be asked: by what was learned, or by the model file before any log."""
+"""Limits of an arm's commands: by the learned model, or by the model file before any log."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The [data] table of an arm's campaign: how its logs become samples."""
+"""The [data] table of an arm's campaign: preprocessing of its logs into samples."""
 
 from __future__ import annotations
 

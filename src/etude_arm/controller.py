@@ -1,4 +1,4 @@
-"""What is added to an arm's feedback: a learned command, or the exact one of a simulated arm."""
+"""Feedforward of an arm: a learned command, or the exact one of a simulated arm."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A robot of joints as sticks from joint to joint, and its room and load as flat faces, for pictures."""
+"""Stick figure of a robot of joints, with its surroundings and load as flat faces."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a model of an arm looks at: x = [q, qd, qdd, tanh(qd / (s v0)) ...] (thesis 6.1 and friction).
+"""Inputs of an arm's model: x = [q, qd, qdd, tanh(qd / (s v0)) ...] (thesis 6.1 and friction).
 
 A smooth kernel spends its data on the Coulomb step at qd = 0; the tanh columns hand it the step. Samples of a
 joint that stands still will be masked, which a plan knows as a smooth weight. Where friction is remembered,

@@ -1,4 +1,4 @@
-"""Robots of joints as a kind: the nouns of one arm, made of its description."""
+"""Kind "arm": the parts of one robot of joints, made from its description."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
-"""What a log of an arm may show beside its motion and commands: another rate than the robot's, brakes, and a
-base that is mounted otherwise than the model file says.
+"""Checks of an arm's log: a rate that is not the robot's, brakes, and a base that is mounted otherwise
+than the model file states.
 
 What a model file says of a pose is linear in gravity: command = inertial part + G(q) g + friction. So g
 follows by least squares, and is held against the file's, whose size is left free: masses may be off, not the

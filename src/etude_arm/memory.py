@@ -1,4 +1,4 @@
-"""What a joint's friction remembers of the way there: Dahl's law in displacement, behind a play.
+"""Memory of a joint's friction: Dahl's law in displacement, behind a play.
 
 A joint at rest is held by whatever friction its last motion left. The way counts and not the time, so plan
 and log remember alike at any rate that sees where the motion turns. Source: Dahl 1968.

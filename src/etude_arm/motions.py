@@ -1,4 +1,4 @@
-"""Motions of an arm: which may be proposed, what limits them, the ways there, and tests."""
+"""Motions of an arm: family, limits, approach and return, and tests."""
 
 from __future__ import annotations
 

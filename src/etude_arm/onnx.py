@@ -1,4 +1,4 @@
-"""An arm's inputs in the operators of ONNX, and what friction remembers from one instant to the next."""
+"""An arm's inputs in operators of ONNX, and the state of friction from one instant to the next."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The table [payload] of a robot file, with a load that was weighed."""
+"""The table [payload] of a robot file, with a load that was identified."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""From logs of an arm to samples: inputs, filter, trimming, stick mask and thinning.
+"""Preprocessing of an arm's logs into samples: inputs, filter, trimming, stiction mask and thinning.
 
 This step decides the error.
 

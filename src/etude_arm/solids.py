@@ -1,4 +1,4 @@
-"""A robot of joints as solid parts for pictures in space: the shapes that its distances are taken of.
+"""Solid parts of a robot of joints for pictures in space: the shapes of its distance checks.
 
 What is drawn is what was proved, not what looks best: a certificate says nothing of the meshes that hulls
 stand for.

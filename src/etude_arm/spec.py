@@ -1,4 +1,4 @@
-"""ArmSpec: what a campaign has to know of a robot of joints. Axes by name, SI units, limits, rate."""
+"""ArmSpec: description of a robot of joints. Axes by name, SI units, limits, rate."""
 
 from __future__ import annotations
 

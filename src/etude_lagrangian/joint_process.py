@@ -1,4 +1,4 @@
-"""All commands of a robot together, given the entries that count (implements `protocols.Process`)."""
+"""Process of all commands of a robot together, given the entries that count (`protocols.Process`)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which inputs are the joints' positions, velocities and accelerations, as the compiled sweeps take them."""
+"""Columns of the joints' positions, velocities and accelerations, as the compiled sweeps take them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The Lagrangian prior of one command as a kernel of the family, and what it needs beside it on real robots.
+"""Lagrangian prior of one command as a kernel of the family, with additions for real robots.
 
 Kinetic and potential energy are polynomials in sin q, cos q (q itself of a slide) and the velocities, drawn
 from a Gaussian process; the command is what Lagrange's equation makes of them. Source: Giacomuzzo, Carli,

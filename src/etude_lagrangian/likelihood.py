@@ -1,4 +1,4 @@
-"""Hyperparameters of all commands together: the likelihood of what counts, and its training."""
+"""Likelihood of all commands together, and training of its hyperparameters."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The member that learns all commands of a robot together: one Lagrangian, additions for each command."""
+"""Member that learns all commands of a robot together: one Lagrangian, additions for each command."""
 
 from __future__ import annotations
 

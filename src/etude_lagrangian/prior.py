@@ -1,4 +1,4 @@
-"""The prior of all commands together: one Lagrangian, and for each command what friction adds."""
+"""Prior of all commands together: one Lagrangian, and friction terms for each command."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Learning while the robot runs: a learner for each command, a guard, a controller of all."""
+"""Online learning: a learner for each command, a guard, a controller of all."""
 
 from typing import TYPE_CHECKING
 

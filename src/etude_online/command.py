@@ -1,4 +1,4 @@
-"""One command that goes on learning: its structure, what judges it, checkpoints, and what still waits."""
+"""Online learner of one command: structure, evaluation, checkpoints, and samples that still wait."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The guard of a model that learns while the robot runs: what is believed, and how much of it drives.
+"""Guard of online learning: which measurements the model learns from, and its share in the command.
 
 Two walls, each of which holds nearly alone. The gate compares the measured command with what was sent and
 what the feedback added; the hedge judges the learners by the feedback's effort, which no sensor of the

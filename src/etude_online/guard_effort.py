@@ -1,4 +1,5 @@
-"""What the feedback added, by a law that logs told or as the controller says it, or why there is none.
+"""Effort of the feedback, by an identified law or as the controller reports it, or the reason for its
+absence.
 
 The sent command plus the feedback's is what the motion needed, whatever the sensor of the command says.
 """

@@ -1,4 +1,4 @@
-"""Whether a measured row can be true: ranges, steps, and what was sent against what was measured."""
+"""Plausibility gate of measured rows: ranges, steps, and sent against measured commands."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Learning while the robot runs: one output, one sample at a time; `methods` lists who can."""
+"""Learner interface: one output, one sample at a time; `methods` lists the implementations."""
 
 from __future__ import annotations
 

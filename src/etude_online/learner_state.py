@@ -1,4 +1,4 @@
-"""What moves in objects that learn, as numbers: to go back to, and to be saved without running any code.
+"""State of objects that learn, as numbers: to go back to, and to be saved without running any code.
 
 A class names what moves in it in `MOVES`, dotted where it lies deeper. The objects themselves are made again
 from what they began with; only their numbers are put back.

@@ -1,4 +1,4 @@
-"""Physics asked once an instant: several commands, and what they fade to, stand on the same mean function."""
+"""Memoized physics: commands and their fallbacks evaluate the same mean function once an instant."""
 
 from __future__ import annotations
 

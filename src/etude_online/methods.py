@@ -1,4 +1,4 @@
-"""The methods of learning on line: each goes on from an exact posterior, in its own representation.
+"""Methods of online learning: each continues from an exact posterior, in its own representation.
 
 A new one is a class with `learn` and `mean`, a function that begins it, and a row in METHODS.
 """

@@ -1,4 +1,4 @@
-"""A model that goes on learning, as a folder for the robot's computer: what `runtime` opens."""
+"""Folder of an online model for the robot's computer, which `runtime` opens."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A learned model that goes on learning while the robot runs: a controller over rows of channels.
+"""Online model: a controller over rows of channels that learns while the robot runs.
 
 A channel of another length is a mistake of the program around, and no fault of a wire: it is refused in
 words, where arithmetic would raise, spread one number over all joints, or hold the last command for ever.

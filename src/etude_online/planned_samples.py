@@ -1,4 +1,4 @@
-"""What the trained model says of planned instants, and which measured ones say something."""
+"""Predictions of the trained model at planned instants, and the choice of informative measured ones."""
 
 from __future__ import annotations
 

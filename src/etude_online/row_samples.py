@@ -1,4 +1,4 @@
-"""From rows as they come to samples that can be true: own clock, ranges, and a smoothed window."""
+"""Samples from rows as they arrive: own clock, range checks, and a smoothing window."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A deployed folder as an object in a controller's loop: commands that get better while the robot runs."""
+"""Runtime of a deployed folder in a controller's loop: commands that improve while the robot runs."""
 
 from __future__ import annotations
 

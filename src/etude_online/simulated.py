@@ -1,4 +1,4 @@
-"""A campaign's model goes on learning in simulated tests."""
+"""Online learning of a campaign's model in simulated tests."""
 
 from __future__ import annotations
 

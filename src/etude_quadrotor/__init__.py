@@ -1,4 +1,4 @@
-"""Flat multirotors: what they are, how they fly and what a model of them looks at."""
+"""Multirotors with flat dynamics: description, motions, and model inputs."""
 
 from typing import TYPE_CHECKING
 

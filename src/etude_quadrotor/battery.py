@@ -1,4 +1,4 @@
-"""What the battery's voltage says of the commands beside the motion: an empty one takes more of full scale.
+"""Influence of the battery's voltage on commands: an empty one takes more of full scale.
 
 Under load a battery's voltage falls at once, so a quick dip tells the command and not the other way round;
 only its slow part may be looked at. Of a single flight that is as good as the time.

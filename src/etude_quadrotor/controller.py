@@ -1,4 +1,4 @@
-"""What is fed forward in a flight, beside the feedback, computed before take-off from the plan alone.
+"""Feedforward of a flight, computed before take-off from the plan alone.
 
 Three parts, each optional: the reference's own acceleration; the drag, which the vehicle leans against; and
 the voltage that an inverse model plans. The feedback commands voltages itself, so the last is the planned

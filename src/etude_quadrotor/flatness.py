@@ -1,4 +1,5 @@
-"""Flatness of a quadrotor: attitude, rates, angular acceleration and thrust from the motion of its centre.
+"""Differential flatness of a quadrotor: attitude, rates, angular acceleration and thrust from the
+motion of its centre.
 
 With rotor drag, Faessler, Franchi and Scaramuzza 2018: the body's acceleration is
 a = -g z + c z_B - R D R' v, D = diag(dx, dy, dz) in 1/s. The heading is zero.

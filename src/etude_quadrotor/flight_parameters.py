@@ -1,4 +1,4 @@
-"""What flights tell of a vehicle's physical constants, for an autopilot's parameters: `Kind.parameters`.
+"""Estimates of a vehicle's physical constants from flights, as an autopilot's parameters: `Kind.parameters`.
 
     f_z = k sum t(w) + b v_z sum w + c (v_x^2 + v_y^2),   t(w) = f w^2 + (1 - f) w
 

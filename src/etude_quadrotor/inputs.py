@@ -1,4 +1,4 @@
-"""The inputs of a vehicle's model: one map from states to X, for planned and measured motion alike."""
+"""Model inputs of a vehicle: one map from states to X, for planned and measured motion alike."""
 
 from __future__ import annotations
 

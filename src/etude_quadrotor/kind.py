@@ -1,4 +1,4 @@
-"""Flat multirotors as a kind: the nouns of one vehicle, made of its description."""
+"""Kind "quadrotor": the parts of one multirotor, made from its description."""
 
 from __future__ import annotations
 

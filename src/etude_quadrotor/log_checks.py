@@ -1,4 +1,4 @@
-"""What a log of a flight may show beside units and ranges: ground, leaps, scales, sensors that disagree."""
+"""Checks of a flight's log beside units and ranges: ground, leaps, scales, sensors that disagree."""
 
 from __future__ import annotations
 

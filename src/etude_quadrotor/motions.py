@@ -1,4 +1,4 @@
-"""Flights: the room they have, which may be proposed, ways there and back, and tests of a controller.
+"""Motions of a vehicle: workspace, family, approach and return, and tests of a controller.
 
 Ways are septics: their jerk begins and ends as it must, so that attitudes do too. A plan may be in motion at
 its ends, and have no lead-in (`limits.lead_ins`); the way then leads from rest into that motion and out of

@@ -1,4 +1,4 @@
-"""From recorded flights to the samples a model learns from: states, lag, rate and trimming."""
+"""Preprocessing of recorded flights into samples: states, lag, rate and trimming."""
 
 from __future__ import annotations
 

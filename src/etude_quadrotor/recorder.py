@@ -1,4 +1,4 @@
-"""From what a flight recorder writes to the states that a model looks at; what nothing tells stays out."""
+"""Conversion of a flight recorder's columns to the states of a model; missing states stay out."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Whether the instruments of a flight's log agree: gyroscope, accelerometer, attitude, position, motors.
+"""Sensor consistency of a flight log: gyroscope, accelerometer, attitude, position, motors.
 
 A rigid body's kinematics holds for any vehicle. Over a short time the attitude turns by the integral of the
 rates, and the second difference of the position is the specific force in the world, less gravity, under a

@@ -1,4 +1,4 @@
-"""QuadrotorSpec: what a campaign has to know of a flat multirotor and of the room it may use."""
+"""QuadrotorSpec: description of a multirotor with flat dynamics, and of its workspace."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The TOML file of a flat multirotor: strict reading, exact writing.
+"""TOML file of a multirotor: strict reading, exact writing.
 
 kind = "quadrotor"               # or "vehicle"
 name = "quadrotor"

@@ -1,4 +1,4 @@
-"""Vehicle: what its owner can know of a multirotor's body and motors.
+"""Vehicle: parameters of a multirotor's body and motors, as far as its owner knows them.
 
 Body frame: x forward, y left, z up. Rotors lie in a plane and lift along z; unless told, four arms are an X.
 """

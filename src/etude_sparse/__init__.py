@@ -1,4 +1,4 @@
-"""Members that no default uses: dictionaries, sparse spectra, online and local models."""
+"""Sparse members that no default uses: dictionaries, sparse spectra, online and local models."""
 
 from typing import TYPE_CHECKING
 

@@ -1,4 +1,4 @@
-"""A dictionary that points stream through: the state between candidates, and its refreshes."""
+"""Streaming dictionary: its state between candidate points, and its refreshes."""
 
 from __future__ import annotations
 

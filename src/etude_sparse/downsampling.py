@@ -1,4 +1,4 @@
-"""Downsampling: the exact process on a thinned data set, the plainest of the sparse models (thesis 6.2)."""
+"""Downsampling: the exact process on a thinned data set (thesis 6.2)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Incremental sparse spectrum regression (I-SSGPR): one sample at a time, for ever, at constant cost.
+"""Incremental sparse spectrum regression (I-SSGPR): one sample at a time, at constant cost.
 
 Gijsberts and Metta 2013. The triangle R of A = RᵀR and b = Σ φ y carry everything; a sample is a rank-1
 update of R. With fixed hyperparameters the result is that of `SparseSpectrumGP.condition` on all samples.

@@ -1,4 +1,4 @@
-"""What local Gaussian processes predict together: a blend of means, a product of experts' variance."""
+"""Prediction of local Gaussian processes: a blend of means, a product of experts' variance."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Random features of any kernel made of squared exponentials and linear parts: its process as a linear model.
+"""Random features of kernels made of squared exponentials and linear parts, as a linear model.
 
 Rahimi and Recht 2007. A squared exponential becomes cosines and sines at frequencies drawn from its
 spectrum, a linear part its own columns, a product the products of both; all weights are N(0, 1). What I-SSGPR

@@ -1,4 +1,4 @@
-"""Sparse spectrum Gaussian process regression (SSGP): the process before it has seen data; its likelihood.
+"""Sparse spectrum Gaussian process regression (SSGP): the prior, and the likelihood.
 
 Lázaro-Gredilla, Quiñonero-Candela, Rasmussen and Figueiras-Vidal 2010; thesis 2.4. With m spectral points the
 squared exponential covariance becomes that of 2m cosines and sines whose weights have variance s0²/m:

@@ -1,4 +1,4 @@
-"""The dictionary as the thesis has it (2.5, 6.1.1, 6.2): carried from log to log, by the bare rule."""
+"""Dictionary of the thesis (2.5, 6.1.1, 6.2): carried from log to log, by its rule without additions."""
 
 from __future__ import annotations
 

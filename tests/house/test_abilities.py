@@ -36,31 +36,35 @@ FOREIGN = {
 
 
 @cache
-def modules() -> dict[str, ast.Module]:
-    """By path under src, without the programs that are copied to robots."""
+def all_calls() -> dict[str, tuple[tuple[str, ast.Call], ...]]:
+    """Calls by the function's name, by path under src, without the programs that are copied to robots."""
     paths = [path for path in sorted(SOURCE.rglob("*.py")) if path.parent.name != "players"]
-    return {str(path.relative_to(SOURCE)): ast.parse(path.read_text(encoding="utf-8")) for path in paths}
+    return {
+        str(path.relative_to(SOURCE)): tuple(
+            (node.func.id, node)
+            for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+            if isinstance(node, ast.Call) and isinstance(node.func, ast.Name)
+        )
+        for path in paths
+    }
 
 
-def calls(tree: ast.Module, *names: str) -> Iterator[ast.Call]:
-    for node in ast.walk(tree):
-        if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id in names:
-            yield node
+def calls(*names: str) -> Iterator[tuple[str, ast.Call]]:
+    """(path, call) of functions of these names."""
+    return ((path, call) for path, own in all_calls().items() for name, call in own if name in names)
 
 
 def test_no_part_is_asked_for_an_attribute_that_no_protocol_declares() -> None:
     found = {
         f"{path}:{call.lineno} asks for {call.args[1].value!r}"
-        for path, tree in modules().items()
-        for call in calls(tree, "getattr", "hasattr")
+        for path, call in calls("getattr", "hasattr")
         if isinstance(call.args[1], ast.Constant) and path not in FOREIGN
     }
     assert found == set(), "declare it in etude.abilities, and ask by isinstance"
 
 
 def test_what_is_foreign_is_still_asked_for() -> None:
-    asking = {path for path, tree in modules().items() if any(calls(tree, "getattr", "hasattr"))}
-    assert set(FOREIGN) <= asking
+    assert set(FOREIGN) <= {path for path, _ in calls("getattr", "hasattr")}
 
 
 def test_the_first_file_stays_short() -> None:
@@ -73,8 +77,7 @@ def test_every_ability_is_listed_and_asked_for() -> None:
     listed = {ability.__name__ for own in ABILITIES.values() for ability in own}
     asked = {
         name.id
-        for tree in modules().values()
-        for call in calls(tree, "isinstance")
+        for _, call in calls("isinstance")
         for name in ast.walk(call.args[1])
         if isinstance(name, ast.Name)
     }

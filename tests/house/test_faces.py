@@ -13,6 +13,8 @@ from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
 
+from syntax_trees import statements
+
 import etude
 
 ROOT = Path(__file__).parents[2]
@@ -62,7 +64,7 @@ def files() -> tuple[Path, ...]:
 def imports(path: Path) -> tuple[tuple[str, str], ...]:
     """(module, name) of each import; "" where the module itself is imported."""
     found: list[tuple[str, str]] = []
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+    for node in statements(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(node, ast.ImportFrom):
             found += [(node.module or "", alias.name) for alias in node.names]
         elif isinstance(node, ast.Import):

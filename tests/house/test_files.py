@@ -7,6 +7,8 @@ from collections import defaultdict
 from functools import cache
 from pathlib import Path
 
+from syntax_trees import statements
+
 SOURCE = Path(__file__).parents[2] / "src"
 FRAGMENT = 60
 """Lines. A shorter module that one other imports lives with it, unless it is loaded by name or late."""
@@ -17,6 +19,8 @@ recipe recipes recorded remembered rest rung rungs seen several settled short sh
 stand_ins standing steps stored stuck things together told tools truth tuned unheld unseen use utilities utils
 various way ways words"""
 """Participles, adverbs and vague words: nobody looks for a topic under them."""
+CLAUSES = ["How", "Has", "Is", "Under", "What", "When", "Where", "Which", "Who", "Whose"]
+"""Words that begin a question or a clause: a file's first line names its topic by a noun."""
 
 
 @cache
@@ -35,16 +39,17 @@ def tree(path: Path) -> ast.Module:
 def importers() -> dict[str, dict[str, bool]]:
     """Of each module who imports it, and whether at the top, when the importer is loaded."""
     found: dict[str, dict[str, bool]] = defaultdict(dict)
+    known = set(modules())
     for name, path in modules().items():
         at_top = {id(node) for node in tree(path).body}
-        for node in ast.walk(tree(path)):
+        for node in statements(tree(path)):
             if isinstance(node, ast.ImportFrom):
                 targets = {node.module or "", *(f"{node.module}.{alias.name}" for alias in node.names)}
             elif isinstance(node, ast.Import):
                 targets = {alias.name for alias in node.names}
             else:
                 continue
-            for target in (targets & set(modules())) - {name}:
+            for target in (targets & known) - {name}:
                 found[target][name] = found[target].get(name, False) or id(node) in at_top
     return found
 
@@ -64,6 +69,14 @@ def test_a_fragment_lives_with_its_only_importer() -> None:
 def test_files_are_named_by_terms_of_the_field() -> None:
     found = [name for name, path in modules().items() if path.stem in BANNED.split()]
     assert found == []
+
+
+def test_a_file_names_its_topic_in_its_first_line() -> None:
+    studies = SOURCE.parent / "packages" / "etude-studies" / "src"
+    paths = [path for base in (SOURCE, studies) for path in base.rglob("*.py")]
+    first = {str(path.relative_to(SOURCE.parent)): ast.get_docstring(tree(path)) or "" for path in paths}
+    assert len(first) > 600
+    assert [name for name, line in sorted(first.items()) if line.partition(" ")[0] in CLAUSES] == []
 
 
 def test_a_class_name_stands_once_in_the_core() -> None:

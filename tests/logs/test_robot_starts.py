@@ -57,7 +57,12 @@ def start_of(robot: Robot, trajectory: Trajectory, log: Log) -> float:
     return float(log.t[0] - found.t[0])
 
 
-@pytest.mark.parametrize("name", ROBOTS)
+NAMES = pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=[pytest.mark.slow] * (i % 2)) for i, name in enumerate(ROBOTS)]
+)
+
+
+@NAMES
 def test_logs_of_the_proposal_are_aligned_to_a_sample(name: str) -> None:
     robot = ROBOTS[name]
     trajectory = robot.motion(0)
@@ -69,7 +74,7 @@ def test_logs_of_the_proposal_are_aligned_to_a_sample(name: str) -> None:
         assert abs(error) <= 1.0 / robot.rate + 1e-6, (what, error, period)
 
 
-@pytest.mark.parametrize("name", ROBOTS)
+@NAMES
 def test_the_controllers_lag_is_no_shift_of_a_clock_that_fits(name: str) -> None:
     robot = ROBOTS[name]
     trajectory = robot.motion(1)
@@ -79,7 +84,7 @@ def test_the_controllers_lag_is_no_shift_of_a_clock_that_fits(name: str) -> None
     assert late - 2.0 == pytest.approx(LAG, abs=1.0 / robot.rate + 1e-6)
 
 
-@pytest.mark.parametrize("name", ROBOTS)
+@NAMES
 def test_logs_of_another_motion_are_refused(name: str) -> None:
     robot = ROBOTS[name]
     trajectory = robot.motion(0)

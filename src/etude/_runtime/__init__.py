@@ -1,1 +1,1 @@
-"""What the other rooms stand on and no plug-in needs: BLAS, compilation, trust, TOML tables, operators."""
+"""Support for all rooms that no plug-in needs: BLAS, compilation, trust, operators."""

@@ -1,4 +1,4 @@
-"""The face of a room: names that are loaded from its modules when they are first used.
+"""Lazy package faces: names that are imported from a room's modules when they are first used.
 
 A room's `__init__` imports them under TYPE_CHECKING, where type checkers see them, and lists them in
 `__all__`. The same imports say here where each is.

@@ -1,4 +1,4 @@
-"""Arithmetic of values in a graph that runs elsewhere: a sum written here is an operator there.
+"""Array operators for NumPy and for graphs: a sum written here becomes an operator in an ONNX graph.
 
 Names of operators are those of ONNX. Numbers and arrays beside a value become constants of the graph. The
 functions below take either, so that one formula serves both; where no value takes part, NumPy computes.

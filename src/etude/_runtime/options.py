@@ -1,4 +1,4 @@
-"""What a target of a model is told beside the model: the options of the command that were given."""
+"""Options of an export target: those of the command that the user gave."""
 
 from __future__ import annotations
 

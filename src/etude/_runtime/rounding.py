@@ -1,4 +1,4 @@
-"""Counts from quotients such as duration times rate: a whole number is one, however it was rounded."""
+"""Counts from quotients such as duration times rate, robust to rounding of whole numbers."""
 
 from __future__ import annotations
 

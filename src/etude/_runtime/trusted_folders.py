@@ -1,4 +1,4 @@
-"""Whose folders may name code: a list of this user's, outside of every folder.
+"""Trust in folders that name code: this user's list, kept outside every folder.
 
 A name of the form module:attribute is code that is imported and run. One that a person types or passes in
 Python is that person's own word. One that stands in a file is the word of whoever wrote the file, and counts

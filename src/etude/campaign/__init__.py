@@ -1,4 +1,4 @@
-"""A campaign folder and what is done with it: the only circle, through files."""
+"""Campaigns: a folder and the operations on it. Their only shared state is in files."""
 
 from typing import TYPE_CHECKING
 

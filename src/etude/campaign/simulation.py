@@ -1,4 +1,4 @@
-"""Closes the loop with a simulated robot: the same asks and tells, and tests a real robot would not allow."""
+"""Simulated campaign: the same proposals and logs in a loop, and tests that a real robot would not allow."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Learns what was told and not learned yet, in one training, and what the model expects of itself."""
+"""Training: learns all new logs at once, and estimates the model's own error."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The demo: the whole loop on a simulated robot, beside what there is without learning and the floor."""
+"""Demo: the whole loop on a simulated robot, compared with no learning and with the noise floor."""
 
 from __future__ import annotations
 

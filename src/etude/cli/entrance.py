@@ -1,4 +1,4 @@
-"""The entrance: reads the command line, runs one command, prints its outcome or its error.
+"""Entry point: reads the command line, runs one command, prints its outcome or its error.
 
 Other projects on the package index use the name `etude` and install a package `etude` (`etude-sdk`).
 Installed into one environment, their files and ours share one folder and pip warns of nothing:

@@ -1,4 +1,4 @@
-"""What every command has, and what it gives back: text for people, data for machines, an exit code."""
+"""The result of a command: text for people, data for programs, an exit code."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The command line as types: one dataclass a command, read by tyro, with help as people read it."""
+"""Command-line parsing: one dataclass for each command, read by tyro, with readable help."""
 
 from __future__ import annotations
 

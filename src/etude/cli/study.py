@@ -37,7 +37,7 @@ SEEDS = 4
 GROUP, BENCH = "etude.studies", "bench_"
 BROUGHT = {"study": "studies", "bench": "benches", "learn": "processes and clusters that learn campaigns"}
 """What a command needs of the package of studies."""
-FLAGS = {"pythons": "--python", "logs": "--logs"}
+FLAGS = {"pythons": "--python", "logs": "--logs", "method": "--method"}
 """Options that must not be given in vain."""
 
 
@@ -240,7 +240,7 @@ class Study(Common):
         if self.seeds is not None and self.seeds < 1:
             raise UsageError(f"{self.seeds} seeds are none", where="--seeds", next_step="Give 1 or more.")
         options = {"json": self.json, "seed": self.seed, "seeds": SEEDS if self.seeds is None else self.seeds}
-        run_study("study", name, options, {}, folder=self.folder / name)
+        run_study("study", name, options, {"method": self.method}, folder=self.folder / name)
         return Outcome("")
 
     def _report(self) -> Outcome:

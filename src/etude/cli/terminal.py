@@ -1,4 +1,4 @@
-"""What differs on a terminal: its width, colours, and a bar with the time left."""
+"""Terminal output: width, colours, and a progress bar with the time left."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What leaves for the robot: trajectory files and the command expected along them."""
+"""Deployment: trajectory files, and the command expected along them."""
 
 from typing import TYPE_CHECKING
 

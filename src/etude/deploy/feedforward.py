@@ -1,4 +1,4 @@
-"""A trajectory with the command that the model expects along it, and that command without gravity."""
+"""Feedforward along a trajectory: the expected command, with and without gravity."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The states that a model reads, as numbers in a row, and what its commands are outside of them."""
+"""Input states of a model, as numbers in a row, and its commands outside of their ranges."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`etude export --to parameters`: physical constants that logs tell, each with its interval."""
+"""`etude export --to parameters`: physical constants from logs, each with its interval."""
 
 from __future__ import annotations
 

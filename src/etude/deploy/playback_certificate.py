@@ -1,4 +1,4 @@
-"""The certificate of what a receiver plays of a file: the curve that it makes of the bytes."""
+"""Playback certificate: limits of the curve that a receiver makes of a file's bytes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What leaves for the robot: exact coefficients, a table of set-points, and the certificate of both."""
+"""Trajectory files: exact coefficients, a table of set-points, and the certificate of both."""
 
 from __future__ import annotations
 

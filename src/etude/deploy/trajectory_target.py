@@ -1,4 +1,4 @@
-"""`etude export --to trajectory`: a motion with what the model commands along it."""
+"""`etude export --to trajectory`: a motion with the model's commands along it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What to run next: criteria, reference states, one objective and one search."""
+"""Design of the next motion: criteria, reference states, one objective and one search."""
 
 from typing import TYPE_CHECKING
 

@@ -1,4 +1,4 @@
-"""Design of a recording of several segments: each given what those before it will have told."""
+"""Design of a recording of several segments, each conditioned on the segments before it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Design criteria: how much a batch of planned samples would teach one output of the model.
+"""Design criteria: information of a batch of planned samples about one output of the model.
 
 A criterion is a function of covariances and returns its value and its derivatives with respect to them; the
 chain from covariances to inputs is the same for all and lives in `evaluate`. To add one, write such a

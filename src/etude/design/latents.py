@@ -1,4 +1,4 @@
-"""What a design sees of a model: latent functions, planned noise, guides, or a prior from the limits."""
+"""The model as a design reads it: latent functions, planned noise, guides, or a prior from the limits."""
 
 from __future__ import annotations
 

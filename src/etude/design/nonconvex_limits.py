@@ -1,4 +1,4 @@
-"""Limits that are not convex: a penalty for the search, and their proof for what comes of it."""
+"""Nonconvex limits: a penalty during the search, and a proof of its result."""
 
 from __future__ import annotations
 

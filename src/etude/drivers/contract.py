@@ -1,4 +1,4 @@
-"""What a robot that Étude may move has to say and do: the contract of `etude run FOLDER --on DRIVER`.
+"""The contract of `etude run FOLDER --on DRIVER`: the duties of a robot that Étude may move.
 
 Two levels, because there are two kinds of robots. A `Stream` takes a set-point in each cycle, 50 to 1000
 times a second: a user's own class of about 30 lines. `streaming.Streamed` makes a Player of it, and then

@@ -1,4 +1,4 @@
-"""Where set-points come from: along the path, slower along it, or away from it to rest."""
+"""Sources of set-points: along the path, slower along it, or away from it to rest."""
 
 from __future__ import annotations
 

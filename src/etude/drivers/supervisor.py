@@ -1,4 +1,4 @@
-"""What watches a motion: each check is a quantity against a bound, and a time for which it has to be beyond.
+"""The supervisor of a motion: each check is a quantity, a bound, and a time beyond it.
 
 A glitch of the bus is one sample, a collision lasts. So nothing stops at once, except what the robot itself
 reports. Times are of our own clock (`Sample.seen`), which no fault of the robot's clock touches.

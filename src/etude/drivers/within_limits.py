@@ -1,4 +1,4 @@
-"""What of a motion a robot would not take, by what it says of itself."""
+"""Comparison of a motion with the limits that the robot itself states."""
 
 from __future__ import annotations
 

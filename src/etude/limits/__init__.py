@@ -1,4 +1,4 @@
-"""What may not be exceeded: limits, the set of motions inside them, samplers of it, certificates."""
+"""Limits, the set of motions inside them, samplers of it, certificates."""
 
 from typing import TYPE_CHECKING
 

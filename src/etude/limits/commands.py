@@ -1,4 +1,4 @@
-"""What a motion asks of the drives: commands through a model with its deviation, and their rates.
+"""Limits of commands along a motion: by a model with its deviation, and their rates.
 
 A command along a motion is no polynomial and its model is learned, so nothing is proved for all times: it is
 looked at every few milliseconds, and a row says so. Between two samples a command with second derivative c

@@ -1,4 +1,4 @@
-"""The limits that robots have: of single axes, of sizes of vectors, of a vehicle's tilt.
+"""Convex limits of robots: on single axes, on norms of vectors, on a vehicle's tilt.
 
 Each is asked of the family's instants, shrunk so that it then holds at every time and the proof of the
 final bytes, from other samples, cannot refuse it: by kappa for what is linear in the parameters, by its root

@@ -1,4 +1,4 @@
-"""The [[limit]] tables of a robot file: limits of one's own, by the name of a plug-in and its parameters.
+"""The [[limit]] tables of a robot file: limits from plug-ins, by name and parameters.
 
     [[limit]]
     kind = "my_limits:plane"    # of the group etude.limits, or module:attribute

@@ -1,4 +1,4 @@
-"""What is kept of the limits for what a robot will do beyond what is asked: margins of its tracking error.
+"""Tracking margins: the part of each limit that is kept for the robot's tracking error.
 
 Before any log of a form of motion the margin is assumed: what the feedback's gains allow where they are known
 (at an extremum of the error its rate is zero, so a proportional gain K has made all of the command of K e),

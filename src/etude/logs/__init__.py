@@ -1,4 +1,4 @@
-"""From a file to a Log: readers, columns, units, the doctor, alignment, and the steps of every recipe."""
+"""Logs: readers, columns, units, repairs, alignment, and the filters of all preprocessing."""
 
 from typing import TYPE_CHECKING
 

@@ -1,4 +1,4 @@
-"""What was learned: structures for every kind of robot, their members, scores and store."""
+"""Models: structures for every kind of robot, their members, scores and store."""
 
 from typing import TYPE_CHECKING
 

@@ -1,4 +1,4 @@
-"""How well commands were predicted that a model had not seen: error, calibration, density, comparison.
+"""Accuracy of predicted commands on unseen motion: error, calibration, density, comparison.
 
 z² = mean of squared error over predicted variance; 1 is right, above 1 overconfident.
 

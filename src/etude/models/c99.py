@@ -1,4 +1,4 @@
-"""Processes of the family as C99: which posterior is written how."""
+"""C99 export of processes: the code generator for each form of posterior."""
 
 from __future__ import annotations
 

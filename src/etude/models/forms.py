@@ -1,4 +1,4 @@
-"""Posteriors and kernels as arrays beside a few words, and a registry of the forms a posterior can have."""
+"""Serialization of posteriors and kernels: arrays and JSON, and a registry of their forms."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Processes of the family: a posterior for each command of a group, and what is held out of it."""
+"""Processes of the family: a posterior for each command of a group, and its cross-validation."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What processes of the family may offer beside `etude.protocols.Posterior`."""
+"""Optional abilities of the family's processes, beside `etude.protocols.Posterior`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How far an estimate scatters about the truth, by the scatter of its score."""
+"""Standard error of an estimate, from the scatter of its score."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Any model as one .npz: arrays that several parts share once, factors made again when it is read.
+"""Model storage in one .npz: shared arrays stored once, factors computed again on reading.
 
 Predictions of a model that was read are the same bits on the same machine.
 """

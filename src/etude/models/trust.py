@@ -1,4 +1,4 @@
-"""How far a prediction is trusted: by its own variance, by what it was trained on, beside a safe command.
+"""Trust in a prediction: by its own variance, by the training data, beside a safe command.
 
 Both questions are asked of one quantity, what is unknown of a command at an input: its predicted variance
 without noise, at rest too (`LearnedModel.unknown`). Every door asks them here: Python, `etude predict`, C,

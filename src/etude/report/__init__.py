@@ -1,4 +1,4 @@
-"""What a campaign came to, as one page."""
+"""The report of a campaign, as one page."""
 
 from typing import TYPE_CHECKING
 

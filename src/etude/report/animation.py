@@ -1,4 +1,4 @@
-"""An animated picture of a campaign: the robot along each motion it was asked, and its error after each log.
+"""Animated picture of a campaign: the robot along each proposed motion, and its error after each log.
 
 Draw it with `python -m etude.report.animation CAMPAIGN_FOLDER OUT.svg`. The animation is SMIL inside one SVG,
 so that a README shows it without a script. Where animations are off, the picture is of the last log.

@@ -1,4 +1,4 @@
-"""Pages served while something happens: to this machine alone, never written to, renewed when it changed.
+"""Live pages: a read-only server for this machine alone, with pages that renew when a file changes.
 
 The standard library's server is enough: one reader, a few pages that are made in memory from files. Nothing
 is looked up in a folder by what a request names, so there is no path to leave it by.
@@ -48,14 +48,16 @@ SCRIPT = """<script>
   const look = async () => {
     try {
       const now = await (await fetch("/digest", { cache: "no-store" })).text();
-      if (now !== shown) location.reload();
+      if (now !== shown) { await fetch(location.href, { cache: "no-store" }); location.reload(); }
     } catch (away) { return; }
   };
   setInterval(look, 1000);
 })();
 </script>
 """
-"""Asks every second whether something happened; a server that went away is asked again."""
+"""Asks every second whether something happened; a server that went away is asked again. The new page is
+waited for, since its making takes time: if the server ends meanwhile, the old one stays.
+"""
 
 
 @dataclass

@@ -1,4 +1,4 @@
-"""The little HTML the report needs, escaped unless it is `Html`, and what the page calls things."""
+"""HTML of the report, escaped unless it is `Html`, and the terms of the page."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A proposal as a motion in space: parts of the robot, what stands around it, and how near they come."""
+"""Proposal as a motion in space: parts of the robot, its surroundings, and the distances between them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Pictures of single objects for notebooks, a README or a slide: the report's own panels, on their own.
+"""Pictures of single objects for notebooks, a README or a slide, from the report's own panels.
 
 Draw a campaign's learning curves with `python -m etude.report.pictures CAMPAIGN_FOLDER OUT.svg`.
 """

@@ -1,4 +1,4 @@
-"""What a campaign folder holds, as the report reads it, and its learning curves; what is missing is None."""
+"""A campaign folder as the report reads it, and its learning curves; missing values are None."""
 
 from __future__ import annotations
 

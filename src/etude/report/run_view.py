@@ -1,4 +1,4 @@
-"""The page of a run as it happens: the motion in space, the robot where it is asked to be, and where it is.
+"""Live page of a run: the motion in space, with the robot's commanded and its measured pose.
 
 It is made in a process of its own, so that drawing takes no time of the loop that sends set-points. What is
 to be shown goes through its standard input, a line each, and what does not fit in there at once is left out.

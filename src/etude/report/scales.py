@@ -1,4 +1,4 @@
-"""From data to pixels: axes, scales and the ticks a person would choose."""
+"""Scales from data to pixels: axes and readable ticks."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A path in its room: an orthographic drawing of a box, with paths in it and their shadows on the floor.
+"""Paths in their workspace: an orthographic drawing of a box, its paths, and their shadows on the floor.
 
 Lengths along x, y and z have the same scale, so shapes and climbs look as they were flown.
 """

@@ -1,4 +1,4 @@
-"""A motion in space as its script takes it: one JSON, numbers in base64, lengths in whole steps."""
+"""Motion in space as data of the page's script: one JSON, numbers in base64, lengths in whole steps."""
 
 from __future__ import annotations
 

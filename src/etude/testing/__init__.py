@@ -1,4 +1,4 @@
-"""Conformance suites for plug-ins: laws as test methods, one class for each noun.
+"""Conformance suites for plug-ins: laws as test methods, one class for each protocol.
 
 Subclass one in a test file, name what is to be tested, and pytest finds the laws:
 

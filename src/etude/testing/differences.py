@@ -1,4 +1,4 @@
-"""Derivatives by differences, to hold exact ones against."""
+"""Finite differences, to check exact derivatives against."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What every driver owes: the laws of `etude.drivers`, over small motions that the suite plays."""
+"""Laws of drivers (`etude.drivers`), tested with small motions that the suite plays."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What goes wrong with robots, to be injected into any stream: `Faulty(stream, "frozen", after=1.2)`.
+"""Faults of robots, to inject into any stream: `Faulty(stream, "frozen", after=1.2)`.
 
 Each fault says how a motion under a supervisor has to end. What a single sample shows is a glitch of the bus,
 and must not end it; neither must a pause of 50 ms or a late cycle.

@@ -1,4 +1,4 @@
-"""What every log reader and every exporter owes: what its receiver plays is what was proved."""
+"""Laws of log readers and exporters: the receiver plays the motion that was proved."""
 
 from __future__ import annotations
 

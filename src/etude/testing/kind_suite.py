@@ -1,5 +1,5 @@
-"""What every kind of robot owes: its simulated robot, feature map and physics (plans and logs are alike to a
-model), all its nouns together, and two rounds of a simulated campaign.
+"""Laws of a kind of robot: its simulated robot, feature map and physics, all its parts together, and two
+rounds of a simulated campaign.
 """
 
 from __future__ import annotations

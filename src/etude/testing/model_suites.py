@@ -1,4 +1,4 @@
-"""What every kernel, every member of the model family and every design criterion owes."""
+"""Laws of kernels, members of the model family and design criteria."""
 
 from __future__ import annotations
 

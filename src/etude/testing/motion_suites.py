@@ -1,4 +1,4 @@
-"""What every family of trajectories owes, every trajectory in it, and every limit."""
+"""Laws of families of trajectories, of each trajectory, and of limits."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A kind of robot with one of its robots, opened as a campaign would: what the suites of a kind test."""
+"""Fixture of the kind suites: a kind with one of its robots, opened as in a campaign."""
 
 from __future__ import annotations
 

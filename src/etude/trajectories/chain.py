@@ -1,4 +1,4 @@
-"""Chains: several segments in one recording, with links between two of them and ways to them and back."""
+"""Chains: several segments in one recording, with links between them, an approach and a return."""
 
 from __future__ import annotations
 

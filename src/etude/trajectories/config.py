@@ -1,4 +1,4 @@
-"""The numbers that choose a family of Fourier series: the [trajectory] table of a campaign."""
+"""Configuration of a family of Fourier series: the [trajectory] table of a campaign."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""FourierFamily: which Fourier trajectories may be proposed, linear in a vector of parameters."""
+"""FourierFamily: Fourier trajectories that are linear in a vector of parameters."""
 
 from __future__ import annotations
 

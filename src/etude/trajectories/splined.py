@@ -1,4 +1,4 @@
-"""What a receiver plays between the points that it was sent: lines, cubics, quintics, septics, or steps."""
+"""Curves that a receiver plays between points: lines, cubics, quintics, septics, or steps."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""How far a robot stays from itself and from what stands around it, proved for all times."""
+"""Clearance of a robot from itself and its surroundings, proved for all times."""

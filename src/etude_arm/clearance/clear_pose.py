@@ -1,4 +1,4 @@
-"""Where to look for clear motions: a pose far from everything, and a box about it that is nearly all clear.
+"""The search for a clear home: a pose far from everything, and a box about it that is nearly all clear.
 
 Neither is trusted: motions are proved one by one. A good home and box only leave much of them.
 """

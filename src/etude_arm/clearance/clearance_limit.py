@@ -1,4 +1,4 @@
-"""Clearance: a robot keeps away from itself and from what stands around it, at all times.
+"""Clearance limit: least distance of a robot from itself and from its surroundings, at all times.
 
 What a pair has at home says little: a home a hand's breadth away would keep something else. Two parts with at
 most two joints between them often pass each other with a few millimetres whatever the pose, by construction:

@@ -1,4 +1,4 @@
-"""The room that a model file holds beside its robot, as tables of robot.toml, which a person can correct."""
+"""Surroundings in a model file, written as tables of robot.toml that a person can correct."""
 
 from __future__ import annotations
 

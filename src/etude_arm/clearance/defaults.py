@@ -1,4 +1,4 @@
-"""Completes what a robot file leaves open: which pairs cannot be kept apart, home, the box of the search.
+"""Defaults of a robot file's collision tables: ignored pairs, home pose, box of the search.
 
 Pairs that an SRDF disables are taken as leave, not as order: many files disable pairs that can well be kept
 apart (a hand and the link two joints before it), or whatever was never seen to collide in a few thousand

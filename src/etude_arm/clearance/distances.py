@@ -1,4 +1,4 @@
-"""Distances between shapes, and between shapes and what stands around, for many poses at once, in C."""
+"""Distances between shapes, and from shapes to the surroundings, for many poses at once, in C."""
 
 from __future__ import annotations
 

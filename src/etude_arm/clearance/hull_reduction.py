@@ -1,4 +1,4 @@
-"""A hull of few points that, grown by a radius, holds a hull of many.
+"""Hull reduction: a hull of few points that, grown by a radius, contains a hull of many.
 
 Points are taken greedily: of each facet of what is held so far the one that stands farthest out. The radius
 is the largest distance of any point from the hull of those taken, by closed forms: what is nearest to a point

@@ -1,4 +1,4 @@
-"""Which distances are looked at: a robot's shapes among themselves, and with what stands around.
+"""Pairs of shapes whose distance is checked: within the robot, and with its surroundings.
 
 MuJoCo's own filter serves contacts, not proofs (a part welded to the world counts as nobody's parent), so
 pairs are chosen here. Left out: shapes of one rigid part, of parts on both sides of one joint, and what the

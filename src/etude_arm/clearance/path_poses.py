@@ -1,4 +1,4 @@
-"""The poses that a trajectory goes through, each once: clearance is a property of the path, not of time.
+"""Distinct poses along a trajectory: clearance is a property of the path, not of time.
 
 A Fourier motion runs over one period of its series again and again, at whatever speed, ramps and repeats
 included; straight moves are lines between waypoints. Whatever holds for these poses holds for all times.

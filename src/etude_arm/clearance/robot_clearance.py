@@ -1,4 +1,4 @@
-"""The clearance of a robot as its file describes it, made once for each description.
+"""Clearance limit of a robot from its file, computed once for each description.
 
 Where it can be: random poses that are clear of everything and seen from home in a straight line. None is
 trusted: motions that are looked for about them are proved one by one.

@@ -1,4 +1,4 @@
-"""The parts of a robot that move as one, their convex shapes, and how far joints can carry them."""
+"""Rigid parts of a robot, their convex shapes, and bounds on their motion by each joint."""
 
 from __future__ import annotations
 

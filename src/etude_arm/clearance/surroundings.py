@@ -1,4 +1,4 @@
-"""What stands around a robot, and how far it keeps from it: tables of the robot file.
+"""Surroundings of a robot, and the distances it keeps from them: tables of the robot file.
 
 [collision]
 margin = 0.01               # m, kept beyond what tracking needs

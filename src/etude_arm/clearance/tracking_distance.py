@@ -1,4 +1,4 @@
-"""What tracking errors can take from a distance: the real pose lies within e of the planned one.
+"""The share of a distance that tracking errors can take: the real pose lies within e of the planned one.
 
 Every distance falls by at most P.e, with P the reach; that is for the worst pose there is, and far too much
 for most. With n the direction from one shape to the other at this pose, both seen through their corners x,

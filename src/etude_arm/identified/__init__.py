@@ -1,1 +1,1 @@
-"""The model file with the inertias that the logs show: fitted so that a body can have them, written back."""
+"""Model file with identified inertias: physically consistent ones, written back."""

@@ -1,4 +1,4 @@
-"""From samples to a possible robot, with its error on segments that it has not seen.
+"""Physically consistent parameters from samples, with their error on segments left out of the fit.
 
 What logs say of the inertial parameters is a quadratic form for each segment. Beside them each drive has
 terms of its own (armature, friction, offset), which are taken out of the form with their prior, as

@@ -1,4 +1,4 @@
-"""The model file with other inertias: as it was in all else, or as what MuJoCo reads."""
+"""Writer of a model file with identified inertias: otherwise unchanged, or as MuJoCo reads it."""
 
 from __future__ import annotations
 

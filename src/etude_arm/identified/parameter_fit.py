@@ -1,4 +1,4 @@
-"""What logs say of a robot's parameters: base parameters and each drive's terms, with intervals.
+"""Estimates of a robot's parameters from logs: base parameters and each drive's terms, with intervals.
 
 The estimate is that of the model's own physics (`physics.identification`), with textbook terms of friction in
 the place of the model's, and with waves of each hinge's position for cogging, which gravity would take up:

@@ -1,4 +1,4 @@
-"""A written file beside the logs: MuJoCo's inverse dynamics of it, and the physics that the model uses."""
+"""Check of a written file against the logs: MuJoCo's inverse dynamics of it, and the model's physics."""
 
 from __future__ import annotations
 

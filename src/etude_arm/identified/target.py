@@ -1,4 +1,4 @@
-"""`etude export --to urdf`, `--to mjcf`: a model file with identified inertias, and what is known of each."""
+"""`etude export --to urdf`, `--to mjcf`: a model file with identified inertias and their intervals."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""One way to load a robot: a URDF or MJCF becomes a model of the chosen joints, with masses and shapes."""
+"""Loading of URDF and MJCF files into a model of the chosen joints, with masses and shapes."""

@@ -1,4 +1,4 @@
-"""What the owner adds to a model file: how the base stands in the room, and what the arm carries."""
+"""Additions to a model file: the mounting of the base, and the payload of the arm."""
 
 from __future__ import annotations
 

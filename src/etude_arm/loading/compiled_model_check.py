@@ -1,4 +1,4 @@
-"""The compiled model, held against what the description says (`expected`), whenever a robot is loaded.
+"""Check of the compiled model against the description (`expected`), whenever a robot is loaded.
 
 A name that means something to MuJoCo, or a part that a writer forgets, gives a model of another robot: one
 that stands upright although it hangs on a wall, or carries nothing. Whatever is learned, designed and proved

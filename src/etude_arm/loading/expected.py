@@ -1,4 +1,4 @@
-"""What a description says of its robot at one pose, evaluated apart from the model that is compiled of it.
+"""Facts of a description at one pose, evaluated apart from the compiled model.
 
 `urdf_expected` here and `mjcf.mjcf_expected` make it, `agreement` holds the compiled model against it.
 

@@ -1,4 +1,4 @@
-"""Convex hulls of meshes, as OBJ text: the shape that MuJoCo would take of a mesh anyway.
+"""Convex hulls of meshes, as OBJ text: MuJoCo collides meshes by their hulls.
 
 A bent link's hull holds much air, the hulls of its slabs less: the triangles are clipped at planes across the
 longest side, so that the hulls of the slabs together contain the mesh.

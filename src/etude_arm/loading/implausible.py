@@ -1,4 +1,4 @@
-"""Figures of a model file that look wrong: made-up inertias, lengths in millimetres.
+"""Implausible values in a model file: placeholder inertias, lengths in millimetres.
 
 Inertias that somebody made up are alike on all links, or larger than the link. They are used as they are, and
 one line asks: forces before the first log, and what a rehearsal shows, are as good as they are.

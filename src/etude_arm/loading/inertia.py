@@ -1,4 +1,4 @@
-"""Inertias that no body can have, made possible, and named.
+"""Repair of physically impossible inertias, each named in a message.
 
 A body's principal moments are positive and none is larger than the sum of the other two. Files break both:
 zeros for frames that carry nothing, figures that were rounded or typed. MuJoCo refuses such a file.

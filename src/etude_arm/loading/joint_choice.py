@@ -1,4 +1,4 @@
-"""Which joints are the arm: those that somebody names, or the one limb that a file has.
+"""Choice of the arm's joints: those that the user names, or the one limb that a file has.
 
 A file does not say whether its base is bolted. So it is taken to be one arm only where there is one: a single
 chain of two or more moving joints begins at the base. Everything else is refused with what was found.

@@ -1,4 +1,4 @@
-"""The one way to load a robot: path in, `Loaded` out; made again when its file changes."""
+"""Loading of a robot: path in, `Loaded` out; repeated when its file changes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A robot's model file, loaded: what MuJoCo compiles, and what a person should know of how it came about."""
+"""Loaded model file of a robot: MuJoCo's model, and notes on how it was made."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where the meshes are that a model file names, without ROS.
+"""Paths of the meshes that a model file names, found without ROS.
 
 `package://arm_description/meshes/a.stl` names a package, which is looked for by its name. Where
 there is none, a file of the same path on the way up from the model file may be what is meant: a folder that

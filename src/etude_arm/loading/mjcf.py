@@ -1,4 +1,4 @@
-"""An MJCF, compiled by MuJoCo as it is and written anew with the chosen joints alone.
+"""MJCF loading: compiled by MuJoCo as it is, and written again with the chosen joints alone.
 
 A loop that the chosen joints move against is refused, since an open chain would tear it apart. The rest is
 said: gravity that the file switches off, springs and stops of tendons.

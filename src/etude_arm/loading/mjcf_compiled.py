@@ -1,4 +1,4 @@
-"""An MJCF as MuJoCo compiles it: without pictures, without what is missing, every joint with a name."""
+"""MJCF compilation without textures and missing assets, with a name for every joint."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Links whose shapes often touch others: those are worth finer shapes."""
+"""Overlapping links: links whose shapes often touch others, which get finer shapes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A model file made to stand alone: its meshes lie beside it, and it names them there.
+"""Packing of a model file with its meshes, so that it needs no other file.
 
 Where a link collides as a hull that somebody made before, the slabs are of what is drawn of it, if that fills
 the hull.

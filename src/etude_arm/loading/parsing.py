@@ -1,4 +1,4 @@
-"""A model file as a tree of elements, once it is one: no xacro, one root, no name twice.
+"""XML parsing of a model file: no xacro, one root, unique names.
 
 No name of a description may mean anything to MuJoCo. MuJoCo calls its own fixed body "world", and takes a
 link of that name for it: what hangs the robot's root into the room would be lost.

@@ -1,4 +1,4 @@
-"""A URDF, rewritten so that MuJoCo loads it: chosen joints, convex hulls, sound inertias.
+"""URDF conversion for MuJoCo: chosen joints, convex hulls, sound inertias.
 
 MuJoCo reads URDF, but none of those that name their meshes as ROS does, and none with an inertia of zero. So
 a new file is written of what matters, and nothing of the old one is patched.

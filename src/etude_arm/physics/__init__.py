@@ -1,1 +1,1 @@
-"""What physics says of a joint's command: kinematic tree, drives, base parameters, identification."""
+"""Physics of a joint's command: kinematic tree, drives, base parameters, identification."""

@@ -1,4 +1,4 @@
-"""Identification: maximum a posteriori least squares of each output, and how its friction turns round.
+"""Identification: maximum a posteriori least squares of each output, and its friction's transition speed.
 
 Where commands are forces, one rigid body makes them all:
 

@@ -1,4 +1,4 @@
-"""The identified model's regressor along a reference, as adaptive control wants it: Y(q, qd, qd_r, qdd_r).
+"""Regressor of the identified model along a reference, for adaptive control: Y(q, qd, qd_r, qdd_r).
 
 Coriolis and centrifugal terms are bilinear in the measured rate and the reference's, by the Christoffel
 symbols: with h(v) the terms that are quadratic in v, half of what they mix is (h(a + b) - h(a - b)) / 4. Only

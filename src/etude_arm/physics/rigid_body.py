@@ -1,4 +1,4 @@
-"""The identified model: rigid body, transmission and friction by least squares, any GP's competitor.
+"""Identified model: rigid body, transmission and friction by least squares.
 
     command_j = [M(q)^-T Y(q, qd, qdd)]_j phi_j
               + armature_j l''_j + viscous_j l'_j + sum_s friction_js tanh(l'_j / (s v0)) + offset_j

@@ -1,4 +1,4 @@
-"""From a MuJoCo model to the plain arrays of `kinematics` and `transmission`."""
+"""Conversion of a MuJoCo model to the plain arrays of `kinematics` and `transmission`."""
 
 from __future__ import annotations
 

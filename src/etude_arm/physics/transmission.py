@@ -1,4 +1,4 @@
-"""How a command's force reaches the joints: gears, coupled tendons, linear actuators between two bodies.
+"""Transmissions from commands to joints: gears, coupled tendons, linear actuators between two bodies.
 
 The moment matrix M (actuators x joints) holds d length / d q; joint torques are M^T f and actuator speeds M
 qd. A linear actuator's moment changes with the configuration, and identification in its own coordinate

@@ -1,4 +1,4 @@
-"""The tree of arrays that learning and exports use, held against the description as the compiled model is."""
+"""Check of the arrays that learning and exports use against the robot's description."""
 
 from __future__ import annotations
 

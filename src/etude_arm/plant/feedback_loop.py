@@ -1,4 +1,4 @@
-"""Following: a simulated arm under its own feedback turns a trajectory and a controller into a Log."""
+"""Feedback loop: a simulated arm under its own feedback turns a trajectory and a controller into a Log."""
 
 from __future__ import annotations
 

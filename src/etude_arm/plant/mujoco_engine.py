@@ -1,4 +1,4 @@
-"""The arm in MuJoCo: the robot's own rigid-body model, with motors and friction laid over it."""
+"""The arm in MuJoCo: the robot's own rigid-body model, with models of motors and friction."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""ArmRobot: a simulated arm that turns a trajectory and a controller into a Log, and what befalls it."""
+"""ArmRobot: a simulated arm that turns a trajectory and a controller into a Log, with changes and faults."""
 
 from __future__ import annotations
 

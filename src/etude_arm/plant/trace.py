@@ -1,4 +1,4 @@
-"""What goes into an engine and what comes out: the closed loop as arrays, the same for every engine."""
+"""Input and output of the closed loop as arrays, the same for every engine."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""A stand-in for any robot of joints, made from its own model file."""
+"""Simulation of any robot of joints from its own model file."""

@@ -1,4 +1,4 @@
-"""The robot's own bodies in MuJoCo, without drives: masses from its file, and nothing that brakes them."""
+"""Bodies of the robot in MuJoCo, without drives and friction: masses from its file."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The robot's bodies with drives laid over them, which MuJoCo steps, and their two feedback loops."""
+"""Bodies and drives of the robot, stepped by MuJoCo, with two forms of feedback loop."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The drives of a rehearsed robot as its joints feel them, and what is assumed where the owner says nothing.
+"""Drives of a simulated robot on the joints' side, with defaults where the owner states nothing.
 
 With M the diagonal of the mass matrix over random poses, G the torque against gravity, and the limits tau of
 torque, V of speed and A of acceleration:

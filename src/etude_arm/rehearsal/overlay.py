@@ -1,4 +1,4 @@
-"""What a model file does not say of a robot's drives: the tables [simulate] and [[motor]] of robot.toml.
+"""Properties of drives that a model file lacks: the tables [simulate] and [[motor]] of robot.toml.
 
 [simulate]                  # all optional
 loop = "inside"             # where the feedback runs: in the drives, or "outside" at the robot's rate

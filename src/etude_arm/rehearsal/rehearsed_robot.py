@@ -1,4 +1,4 @@
-"""RehearsedRobot: any robot of joints, made from its own model file, under the feedback of its drives."""
+"""RehearsedRobot: simulation of any robot of joints from its model file, under its drives' feedback."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""Limits of an arm in space: how fast its tool and its links move, and where the tool stays."""
+"""Cartesian limits of an arm: speed of its tool and links, and workspace of the tool."""

@@ -1,4 +1,4 @@
-"""How fast a robot's tool and links move through space, and where the tool stays: proved for all times.
+"""Limits in space: speeds of the tool and the links, and the tool's region, proved for all times.
 
 A point's velocity v between two samples h apart stays within h^2/8 max |v''| of the line between them, and
 lengths are convex: |v| <= max(|v_k|, |v_k+1|) + h^2/8 max |p'''|. The bound of p''' is `skeleton.bent`, from

@@ -1,4 +1,4 @@
-"""What a robot may do in space: the table [cartesian] of the robot file.
+"""Limits in space as the table [cartesian] of the robot file.
 
 [cartesian]
 point = [0.0, 0.0, 0.1]     # optional: of the tool, m in the frame of the link that the last axis moves

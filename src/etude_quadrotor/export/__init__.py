@@ -1,1 +1,1 @@
-"""What leaves for a vehicle: code for autopilots, PX4 set-points, Crazyflie polynomials."""
+"""Exports of a vehicle: code for autopilots, PX4 set-points, Crazyflie polynomials."""

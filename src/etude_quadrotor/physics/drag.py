@@ -1,4 +1,4 @@
-"""Drag from flights: the lateral specific force, which thrust has no part in, as a function of velocity.
+"""Drag from flights: the lateral specific force, which has no part of thrust, as a function of velocity.
 
 In the body frame thrust points along z, so what an accelerometer reads along x and y is drag alone. A
 vehicle that knows it leans as far as its motion needs: without it, the thesis's attitude is 27 degrees wrong

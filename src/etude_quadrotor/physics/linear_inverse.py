@@ -1,4 +1,4 @@
-"""Inverse model of a vehicle whose motors nobody described: linear least squares on physical features.
+"""Linear inverse model of a vehicle with unknown motors: least squares on physical features.
 
 For normalised set-points and for commands that are thrust and attitude. Rotor speeds go with the root of
 thrust, and moments change a root by moment / (2 root): both columns are there, the data weigh them.

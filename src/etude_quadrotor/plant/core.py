@@ -1,4 +1,4 @@
-"""The flight, compiled: motors, aerodynamics, rigid body, control and the loop over time in one file.
+"""Compiled simulation of a flight: motors, aerodynamics, rigid body, control and the loop over time.
 
 Everything compiled lives here because numba's cache watches only the file of the function it stores.
 

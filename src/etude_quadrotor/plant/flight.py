@@ -1,4 +1,4 @@
-"""Flight: what really happened, tick by tick."""
+"""Flight: the true states of a simulated vehicle, tick by tick."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""FlightPlan: where a vehicle is to be at each tick, and what is fed forward."""
+"""FlightPlan: a vehicle's desired state at each tick, and the feedforward."""
 
 from __future__ import annotations
 

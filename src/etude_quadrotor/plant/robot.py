@@ -1,4 +1,4 @@
-"""The simulated vehicle as a robot: it turns a trajectory into a flight, and that into a log."""
+"""Simulated vehicle as a robot: turns a trajectory into a flight, and the flight into a log."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""SimulatedVehicle: a quadrotor that can be flown, with its trim, wind and a battery that sags."""
+"""SimulatedVehicle: a quadrotor in flight, with its trim, wind and a battery whose voltage sags."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""Locally weighted projection regression: no Gaussian process, but it answers like one where it can."""
+"""Locally weighted projection regression, with the interface of a Gaussian process as far as possible."""

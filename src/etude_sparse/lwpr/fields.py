@@ -1,4 +1,4 @@
-"""The receptive fields of LWPR while they learn: scales, room for new ones, and copies for prediction."""
+"""Receptive fields of LWPR during learning: scales, allocation of new ones, copies for prediction."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What LWPR predicts: a blend of local linear models, its gradient, and the confidence bound of the paper."""
+"""Prediction of LWPR: a blend of local linear models, its gradient, and the confidence bound of the paper."""
 
 from __future__ import annotations
 

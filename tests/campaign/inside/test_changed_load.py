@@ -111,7 +111,7 @@ def test_a_load_on_another_motion_is_seen_by_the_model_file(fresh: Campaign, tmp
     assert float(kg) == pytest.approx(3.0 * KG, rel=0.15)
 
 
-@pytest.mark.parametrize("seed", [2, 3, 4])
+@pytest.mark.parametrize("seed", [2, *(pytest.param(own, marks=pytest.mark.slow) for own in (3, 4))])
 def test_another_motion_of_the_same_arm_is_learned(fresh: Campaign, tmp_path: Path, seed: int) -> None:
     log = written(tmp_path / "2.csv", fresh, random_motion(fresh, seed), seed=seed)
     told = tell(fresh, log, foreign=True)

@@ -56,7 +56,9 @@ def found(path: Path, lab: Campaign) -> dict[str, Finding]:
     return {f.check: f for f in inspect(path, lab.path).findings}
 
 
-@pytest.mark.parametrize(("joint", "degrees"), [(1, 6.0), (1, -6.0), (1, 12.0)])
+@pytest.mark.parametrize(
+    ("joint", "degrees"), [(1, 6.0), (1, -6.0), pytest.param(1, 12.0, marks=pytest.mark.slow)]
+)
 def test_a_zero_that_is_off_is_asked_about_with_its_size(
     joint: int, degrees: float, lab: Campaign, tmp_path: Path
 ) -> None:
@@ -85,7 +87,7 @@ def test_a_clock_that_is_off_is_seen_by_the_model_file(
 
 
 @pytest.mark.parametrize("masses", [1.0, np.array([1.0, 1.3, 0.8]), np.array([0.7, 0.8, 1.25])])
-@pytest.mark.parametrize("seed", [7, 8, 9])
+@pytest.mark.parametrize("seed", [7, *(pytest.param(own, marks=pytest.mark.slow) for own in (8, 9))])
 def test_a_right_log_is_not_asked_about(
     masses: Array | float, seed: int, lab: Campaign, tmp_path: Path
 ) -> None:

@@ -36,8 +36,8 @@ reference_points = 20
     ("process", "kind"),
     [
         ("dictionary_variance", "ExactPosterior"),
-        ("ssgp_fixed", "SparseSpectrumPosterior"),
-        ("vfe", "BasisPosterior"),
+        pytest.param("ssgp_fixed", "SparseSpectrumPosterior", marks=pytest.mark.slow),
+        pytest.param("vfe", "BasisPosterior", marks=pytest.mark.slow),
         ("local_gp", "LocalPosterior"),
         ("lwpr", "LWPRPosterior"),
     ],

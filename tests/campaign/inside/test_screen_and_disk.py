@@ -47,7 +47,7 @@ URDF = """<robot name="two">
 </robot>
 """
 SHORT = {"candidates = 24": "candidates = 1", "refine = 2": "refine = 0", "duration = 60.0": "duration = 8.0"}
-DAILY, ALL, LOT = 12, 1000, 50
+DAILY, ALL, LOT = 8, 1000, 50
 """Edits a day, and of all; these are lots of tests of their own, so that a run that was stopped goes on:
 pytest -m slow -k 'lot7'."""
 FORMAT = "ros2_csv"

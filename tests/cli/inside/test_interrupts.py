@@ -16,7 +16,7 @@ import pytest
 from etude.cli import entrance
 
 HERE = Path(__file__).parent
-PRESSES = 9
+PRESSES = 6
 
 
 def test_ctrl_c_in_compiled_code(tmp_path: Path) -> None:

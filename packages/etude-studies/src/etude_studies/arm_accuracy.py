@@ -1,4 +1,4 @@
-"""How well every member of the model family predicts the simulated arm, and what it costs.
+"""Accuracy and cost of every member of the model family on the simulated arm.
 
 Logs of random motions under PD control alone, preprocessed as a campaign does by default; one trajectory is
 held out. nMSE, mean standardised log loss and z² are means over the joints, on samples where that joint

@@ -1,4 +1,4 @@
-"""Whether the samples between those of a thinned log teach anything of another motion, after `real_between`.
+"""Value of the samples between those of a thinned log for another motion, after `real_between`.
 
 A stretch left out of a log is predicted from its edges. The samples of all draws reach nearer to it than
 those of most draws alone, which is no merit of what lies between.

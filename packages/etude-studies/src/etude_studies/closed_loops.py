@@ -1,4 +1,4 @@
-"""How often simulated robots leave their limits with margins for tracking; does the confidence hold?
+"""Coverage of tracking margins: how often simulated robots leave their limits.
 
 A loop is one motion, run: drawn at random inside the limits less the margins that the runs before have left,
 eight in a row from a robot that nobody knows. Feedback alone, or the exact inverse beside it from the second

@@ -1,4 +1,4 @@
-"""What motions teach that are run under feedback alone, or with what was learned so far beside it.
+"""Comparison of motions that run under feedback alone with motions that run with the learned command.
 
     python -m etude_studies.collecting FOLDER [FIRST_SEED SEEDS]
 

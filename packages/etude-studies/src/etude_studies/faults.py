@@ -1,4 +1,4 @@
-"""What may happen to a robot that learns while it runs: faults of the learner's wire, and of the robot."""
+"""Faults in online learning: of the learner's inputs, and of the robot."""
 
 from __future__ import annotations
 

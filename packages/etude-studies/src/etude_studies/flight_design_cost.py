@@ -1,4 +1,4 @@
-"""What the design of one flight costs: all of it, and what exact gradients save over finite differences."""
+"""Cost of the design of one flight, and the saving by exact gradients over finite differences."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What margins that are kept by control do to a campaign of flights, and a first flight at half speed.
+"""Effect of tracking margins by control on a campaign of flights, and of a first flight at half speed.
 
 The first flight is flown under feedback alone, later ones lean against the drag that was learned, as `etude
 simulate` does. "one list": all logs count as one control's, as they did before margins were kept for each;

@@ -1,4 +1,4 @@
-"""What the models of one seed are measured by: errors on the tests, deviations over what they are for."""
+"""Measures of the models of one seed: errors on the tests, deviations over the reference states."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the study of flights says to each claim: a row of its figure, the bound, and one plain sentence.
+"""Verdicts of the study of flights: a row of its figure, the bound, and one plain sentence.
 
 A claim about a mean "holds" if the whole 95 % interval is on its side of the bound, "does not hold" if the
 whole interval is on the other, and is "not shown" in between: the point estimate then says what is likelier.

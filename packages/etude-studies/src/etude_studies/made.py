@@ -1,4 +1,4 @@
-"""Where a result comes from: commit, versions, machine, seconds."""
+"""Origin of a result: commit, versions, machine, seconds."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a run measures: figures with their keys, and the table they are kept in."""
+"""Measurements of a run: figures with their keys, and the table that keeps them."""
 
 from __future__ import annotations
 

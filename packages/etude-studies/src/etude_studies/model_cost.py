@@ -1,4 +1,4 @@
-"""What trained models cost to use: the time of a prediction, and the memory of their arrays."""
+"""Cost of trained models in use: the time of a prediction, and the memory of their arrays."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What one sample costs: a mean for a controller's tick, and a dictionary that learns it."""
+"""Cost of one sample: a mean in a controller's cycle, and a dictionary that learns the sample."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How well models predict real arms: rows of the recordings in `real_logs`.
+"""Accuracy of models on real arms: rows of the recordings in `real_logs`.
 
 Held-out commands are low-pass filtered with the motion, as in every campaign; rows `_raw` compare with the
 commands as recorded. The test blocks lie between training blocks of the same motion: this is interpolation.

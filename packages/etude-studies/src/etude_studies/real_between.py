@@ -1,4 +1,4 @@
-"""What the samples between those of a thinned log could still teach, by the blocks of `real_logs`.
+"""Information left in the samples between those of a thinned log, by the blocks of `real_logs`.
 
 Every draw of `real_draws` is trained as a campaign trains it. Its processes of one command are then
 conditioned again with the same hyperparameters and weights; the one energy of all commands stays as it is.

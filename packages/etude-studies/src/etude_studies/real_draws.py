@@ -1,4 +1,5 @@
-"""How far the error on a real arm's log hangs on which of its instants teach: the blocks of `real_logs`.
+"""Sensitivity of the error on a real arm's log to the choice of training samples, by the blocks of
+`real_logs`.
 
 A log of 1,000 samples a second is thinned to some hundred; where the thinning begins is chance. Each draw
 begins elsewhere, and all are judged on the test samples of all of them together.

@@ -1,4 +1,4 @@
-"""How many samples the hyperparameters of a long log of seven joints want: SARCOS, its training blocks alone.
+"""Number of samples for the hyperparameters of a long log of seven joints: SARCOS, its training blocks alone.
 
 The training part of `real_logs` in 16 blocks of equally many rows; every fourth is left out in turn. The
 candidates and all else are the default's.

@@ -1,4 +1,4 @@
-"""What a run is, frozen and hashed, and the pure function that carries it out in memory."""
+"""The specification of a run, frozen and hashed, and the pure function that carries it out in memory."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
-"""How much of a change is left in the tracking error: of the frozen model, of models that learn on line, and
-of one learned from new logs alone, as `etude tell --changed new` does.
+"""Recovery of the tracking error after a change: of the frozen model, of models that learn online, and of
+one learned from new logs alone, as `etude tell --changed new` does.
 
 The model is that of a campaign after two logs. A simulated arm repeats a motion that it has not seen; before
 the second pass it takes up a load, or its friction grows. Errors are those of ten seconds over those of the

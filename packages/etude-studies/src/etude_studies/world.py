@@ -1,4 +1,4 @@
-"""What a study needs of a robot of any kind: its nouns by name, motions, samples, and models of them."""
+"""The parts of a robot's kind that a study needs: motions, samples, and models of them."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""What of a campaign is in use: promotion, monitoring, exports of the model, predictions."""
+"""Deployment of a campaign: promotion, monitoring, exports of the model, predictions."""

@@ -1,4 +1,4 @@
-"""A model's export: a folder of what another program runs, with the motion and limits it asks for."""
+"""Model export: a folder for another program, with the model's motion and limits if it needs them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""watch: incoming logs of any motion against the model in use. Nothing is told or learned."""
+"""watch: compares incoming logs of any motion with the model in use. Nothing is ingested or learned."""
 
 from __future__ import annotations
 

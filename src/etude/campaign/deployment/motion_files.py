@@ -1,4 +1,4 @@
-"""A motion of one's own in a file: trajectory.json, or a table of times and the robot's path."""
+"""User motions from files: trajectory.json, or a table of times and the robot's path."""
 
 from __future__ import annotations
 

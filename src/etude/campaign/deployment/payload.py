@@ -1,4 +1,4 @@
-"""payload: what hangs at the hand in one log, relative to the model in use. Nothing is told or learned."""
+"""payload: load at the hand in one log, relative to the model in use. Nothing is ingested or learned."""
 
 from __future__ import annotations
 

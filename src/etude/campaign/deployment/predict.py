@@ -1,4 +1,4 @@
-"""Commands along a motion that was planned or recorded: what a person asks a model for, in a table."""
+"""predict: commands of a model along a planned or recorded motion, as a table."""
 
 from __future__ import annotations
 

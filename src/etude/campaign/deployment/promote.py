@@ -1,4 +1,4 @@
-"""promote and rollback: which model leaves for the robot, and on what evidence."""
+"""promote and rollback: selection of the deployed model, and the evidence for it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""ask --payload: a motion of ten seconds that shows best what hangs at the hand; nothing learns from it."""
+"""ask --payload: a motion of ten seconds that identifies the load at the hand; no model learns from it."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""How good is it, and is it enough: status, stop rule, confirmation."""
+"""Evaluation of a campaign: status, stop rule, confirmation."""

@@ -1,4 +1,5 @@
-"""The proof on the robot: a motion never trained on, without and with feedforward, and its expected error.
+"""Confirmation on the robot: a motion left out of training, without and with feedforward, and its
+expected error.
 
 Its logs are not told as others are: nothing learns from them.
 

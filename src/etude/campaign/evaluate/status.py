@@ -1,4 +1,4 @@
-"""What is known of a campaign, for people and machines; computed from committed facts alone."""
+"""The status of a campaign, for people and programs; computed from committed facts alone."""
 
 from __future__ import annotations
 

@@ -1,5 +1,4 @@
-"""When another trajectory is not worth its robot time: four rules, their evidence, and when not to trust
-them.
+"""Stop rules: four of them decide whether another trajectory is worth its robot time, with their evidence.
 
 The evidence: prequential score, calibration factor, expected command error, value of the next trajectory.
 Training error and marginal likelihood are not: the one always falls, hyperparameters change the other.

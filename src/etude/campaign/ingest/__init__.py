@@ -1,1 +1,1 @@
-"""From a log file to the record: reading, questions, repeats, change of the robot."""
+"""Ingest of log files into the record: reading, questions, repeated logs, change of the robot."""

@@ -1,4 +1,4 @@
-"""What becomes of the commands of the logs that are told now, judged with those that were told before.
+"""Decisions on the commands of new logs, taken together with the commands of earlier logs.
 
 One finding after the other: what is repaired is judged again, until nothing is found or a question is open.
 Each applies to all logs that it is about, or to none: where one of them was learned, nothing is repaired.

@@ -1,4 +1,4 @@
-"""Runs of a motion that confirms: measured, kept, and shown; no model learns from them."""
+"""Runs of confirmation motions: measured, stored, and shown; no model learns from them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A log on its way in: how it is to be taken, read, aligned with what was asked, and what became of it."""
+"""Ingest of one log: its options, the log as read and aligned with the proposal, and the outcome."""
 
 from __future__ import annotations
 

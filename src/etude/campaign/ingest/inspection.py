@@ -1,4 +1,4 @@
-"""inspect: what can be said of a log before any campaign, of a robot that is described or of none."""
+"""inspect: checks of a log without a campaign, with or without a robot description."""
 
 from __future__ import annotations
 

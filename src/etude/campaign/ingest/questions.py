@@ -1,4 +1,4 @@
-"""What a log is asked before it is learned: what is false is refused, what is likely is a question.
+"""Questions about a log before training: a certain fault is refused, a likely one is a question.
 
 A question is answered by its check's name: accepted, the log is taken as it is; repaired, it is put right
 with a sentence. Answers stand in the journal, and hold for later logs of which the same is found. Commands

@@ -1,4 +1,4 @@
-"""Recordings of motions that Étude sent: what they answer is known, so nothing is aligned."""
+"""Recordings of motions that Étude sent: their proposal is known, so they need no alignment."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Has the robot changed? Each log is held against the model in use before it is learned, and a person asked.
+"""Detection of a changed robot: each log is compared with the model in use before training.
 
 A model that has learned two robots knows neither, and nothing tells the two apart afterwards. So a log that
 speaks of another robot is stored and waits: the model in use stays as it is until there is an answer.

@@ -1,6 +1,5 @@
-"""tell: takes in one log or many, whenever they come; each is stored or refused by itself, and all are
-learned in one training. untell and abandon take that back.
-"""
+"""tell: ingests one log or many, at any time. Each is stored or refused by itself, and all are learned
+in one training. untell and abandon undo this."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""From the record to the next motion: design, approach, certificate, files."""
+"""Proposal of the next motion from the record: design, approach, certificate, files."""

@@ -1,4 +1,4 @@
-"""ask --from: the way from where the robot stands to a proposal's start, and back, in files of their own."""
+"""ask --from: approach from the robot's pose to a proposal's start, and return, in files of their own."""
 
 from __future__ import annotations
 
@@ -172,13 +172,15 @@ def _around(
     return found
 
 
-def require_inside(pose: Array, lower: Array, upper: Array, names: Sequence[str]) -> None:
+def require_inside(
+    pose: Array, lower: Array, upper: Array, names: Sequence[str], where: str = "--from"
+) -> None:
     """UsageError with the first coordinate of a pose (k,) that is outside its limits (k,)."""
     for name, at, low, high in zip(names, pose.tolist(), lower.tolist(), upper.tolist(), strict=True):
         if not low <= at <= high:
             raise UsageError(
                 f"{name} stands at {at:g}, outside its limits {low:g}..{high:g}",
-                where="--from",
+                where=where,
                 next_step="Bring the robot inside its limits first, or correct the pose or robot.toml.",
             )
 

@@ -1,6 +1,4 @@
-"""What limits are held with, now: margins from what logs tell of tracking, of each control and form of motion
-by itself; and the facts of logs that they are made of.
-"""
+"""Limits of a proposal: their tracking margins by control and form of motion, and the facts behind these."""
 
 from __future__ import annotations
 

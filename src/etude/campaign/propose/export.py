@@ -1,4 +1,4 @@
-"""An open proposal in the format of what plays it, certified as its receiver reads it."""
+"""Export of an open proposal in its receiver's format, certified as the receiver reads it."""
 
 from __future__ import annotations
 

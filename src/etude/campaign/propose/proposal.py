@@ -1,4 +1,4 @@
-"""What is asked next: designed from what was learned and visited, or before any log from the limits."""
+"""The next proposal: designed from the model and the visited states, or from the limits before any log."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Motions of a campaign: random ones, tasks, and how many make a recording."""
+"""Typical motions of a campaign: random ones and tasks, and the number of segments in a recording."""
 
 from __future__ import annotations
 

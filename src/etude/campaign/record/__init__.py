@@ -1,1 +1,1 @@
-"""What happened in a campaign and where it is kept: journal, state, configuration, stored files."""
+"""The record of a campaign: journal, state, configuration, stored files."""

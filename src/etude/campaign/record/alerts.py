@@ -1,4 +1,4 @@
-"""Bad news of a campaign, read from committed facts: what stands first in `status` and in the report."""
+"""Alerts of a campaign, from committed facts; `status` and the report show them first."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""CampaignConfig: everything a campaign was told to do."""
+"""CampaignConfig: the whole configuration of a campaign."""
 
 from __future__ import annotations
 

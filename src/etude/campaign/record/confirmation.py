@@ -1,4 +1,4 @@
-"""Motions that confirm: what their runs without and with the feedforward left, and what was forecast."""
+"""Confirmation motions: tracking errors of their runs without and with feedforward, and the forecast."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Under which control a motion is to be run, and was: what its log tells of tracking holds for that alone."""
+"""The control of a motion, planned and used: tracking margins are measured for each control by itself."""
 
 from __future__ import annotations
 

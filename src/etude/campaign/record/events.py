@@ -1,4 +1,4 @@
-"""What a campaign's journal says: one frozen dataclass for each kind of event, read and written here alone.
+"""Events of the journal: one frozen dataclass for each kind, read and written here alone.
 
 A field's name is its key in the JSON. A field that equals its default is not written.
 """

@@ -1,4 +1,4 @@
-"""Campaign: an opened campaign folder. It knows where things lie and what was committed, nothing else."""
+"""Campaign: an open campaign folder, with its paths and its committed facts."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What earlier versions left on a user's disk, and is known to be unsafe: named, with what makes it again.
+"""Known faults in files of earlier versions: each is named, with the command that makes the file again.
 
 Everything that is written says its generation (`etude.storage`); what says none is of the first. A fault
 is named where it applies and nowhere else, and until what it is in was made again. docs/known_faults.md tells

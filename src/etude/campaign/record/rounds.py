@@ -1,4 +1,4 @@
-"""What simulated rounds measure, and what was measured before."""
+"""Measurements of simulated rounds, and those of earlier ones."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the journal's events add up to. Replaying them gives the state; there is no other state."""
+"""The state of a campaign: a replay of the journal's events gives it; there is no other state."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
-"""What lies on a campaign's disk: held against the journal before anything rests on it, and written anew
-where robot.toml, campaign.toml or a model have changed since.
+"""Integrity of stored files: compared with the journal before use, and written again after a change of
+robot.toml, campaign.toml or the model.
 
 What is shown of a file is computed from the bytes that lie on the disk when it is shown. There are two rules:
 a file that nobody should have changed is refused by its name, and a file that would be written otherwise

@@ -1,4 +1,4 @@
-"""The logs and models of trainings, read while their files are what the journal says, and log groups."""
+"""Stored logs and models of trainings, verified against the journal, and groups of logs."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
-"""What a run sends: motions of proposals, slow ones with their first segment alone, and the ways to and from
-them; each proved before it moves, with the learned command where the robot takes one.
+"""Motions that a run sends: proposals, slow ones with their first segment alone, and the ways to and from
+them; each is proved before it is sent, with the learned command where the robot takes one.
 """
 
 from __future__ import annotations
@@ -203,7 +203,7 @@ def ways_of(campaign: Campaign, motion: CertifiedMotion, pose: Array) -> Ways:
             and end at rest. UnsafeTrajectoryError: no way is proved.
     """
     lower, upper = campaign.kind.expected(campaign.spec).limits[campaign.kind.path]
-    require_inside(pose, lower, upper, campaign.axes)
+    require_inside(pose, lower, upper, campaign.axes, f"motion {motion.number}, the way to it")
     limits = motion.constraints.limits(campaign)
     home, clear = np.asarray(campaign.kind.home(campaign.spec), dtype=float), clear_poses(campaign)
     try:

@@ -1,4 +1,4 @@
-"""What has to be known before a robot is moved: each thing that is open is a sentence, and blocks."""
+"""Preconditions of a motion: each one that is not met is a sentence, and blocks."""
 
 from __future__ import annotations
 

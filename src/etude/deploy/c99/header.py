@@ -1,4 +1,4 @@
-"""The header: all that somebody needs who has never seen where the model comes from."""
+"""C99 header of a model, with all that a reader needs who does not know the model's origin."""
 
 from __future__ import annotations
 

@@ -1,4 +1,6 @@
-"""What is exported, looked up once: the states a model reads, their ranges, its parts with names in C."""
+"""The plan of a C export, made once: the states that a model reads, their ranges, its parts with names in
+C.
+"""
 
 from __future__ import annotations
 

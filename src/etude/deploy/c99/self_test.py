@@ -1,4 +1,4 @@
-"""NAME_test.c: the golden vectors, what became of them in Python, and a program that compares."""
+"""NAME_test.c: golden vectors, their results in Python, and a program that compares."""
 
 from __future__ import annotations
 

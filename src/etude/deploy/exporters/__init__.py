@@ -1,1 +1,1 @@
-"""Formats that a robot's own software plays: each writes bytes, and reads them back as it would."""
+"""Exporters: formats of robots' own players. Each writes bytes, and reads them back as the player does."""

@@ -1,4 +1,4 @@
-"""Where a motion is sampled for a receiver that joins points by curves: as often as the curve needs."""
+"""Knots for a receiver that joins points by curves: as dense as the curve needs."""
 
 from __future__ import annotations
 

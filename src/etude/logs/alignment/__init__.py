@@ -1,1 +1,1 @@
-"""Which motion a log shows, and when it starts."""
+"""Alignment: the motion that a log shows, and its start."""

@@ -1,4 +1,4 @@
-"""How far a run left its plan: the largest errors, by form of motion, once tracking has settled.
+"""Tracking errors of a run: the largest ones, by form of motion, once tracking has settled.
 
 A run may begin with a transient: a plan that starts with a step, integrators that have to find what a robot
 weighs. It says what a start costs, and nothing of what tracking leaves later. It ends where a step response

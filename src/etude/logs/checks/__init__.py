@@ -1,1 +1,1 @@
-"""Is this log plausible, and how well was it recorded? `plausibility` runs the tests in their order."""
+"""Checks of a log's plausibility and recording quality; `plausibility` runs them in their order."""

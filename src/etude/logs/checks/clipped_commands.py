@@ -1,4 +1,4 @@
-"""Commands that stand at their extreme while the joint goes on: a recorder, or a drive, clipped them.
+"""Clipped commands: a command that stays at its extreme while the joint goes on.
 
 Noisy numbers are never equal. Of a coarse sensor a value stands for long where the command turns, at the
 extreme or elsewhere. At the limit of the robot file a drive does give that command, and nothing is said.

@@ -1,4 +1,4 @@
-"""The unit of commands, by the model file: slope and correlation of each command on the file's torque.
+"""Unit of commands by the model file: slope and correlation of each command on the file's torque.
 
 Judged are commands that follow it (correlation above 0.7): right ones have a slope near 1, another unit lies
 a factor of 19 or more away. A joint that hardly moves holds what others do to it, and is not judged.

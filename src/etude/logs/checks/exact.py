@@ -1,5 +1,5 @@
-"""What the numbers of a log tell before any model: rows and commands that are held, columns that are copied
-or unsigned, drives that are off, angles that wrap, commands that overflow, rows that were lost.
+"""Checks of a log's numbers that need no model: held rows and commands, copied or unsigned columns, drives
+that are off, wrapped angles, overflow, lost rows.
 
 Each hypothesis has a log odds (natural logarithm) against "recorded as it was". Beyond `CERTAIN` a log is
 refused, beyond `LIKELY` it raises a question. Where nothing is lost and the data decide, the log is mended.

@@ -1,4 +1,4 @@
-"""What the plausibility checks look at: a motion and its commands through one filter, 50 Hz at most."""
+"""Input of the plausibility checks: a motion and its commands through one filter, 50 Hz at most."""
 
 from __future__ import annotations
 

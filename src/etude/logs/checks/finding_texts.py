@@ -1,4 +1,4 @@
-"""How findings name joints and answers, and what a repair of theirs needs."""
+"""Texts of findings: names of joints and answers, and the needs of a repair."""
 
 from __future__ import annotations
 

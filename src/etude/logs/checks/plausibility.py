@@ -1,4 +1,4 @@
-"""All plausibility checks over a log, in the order in which one spoils the next, and their repairs.
+"""Plausibility checks of a log, in an order in which no fault spoils a later check, and their repairs.
 
 A jump of a position is held against the motion beside it, so that neither a fast flight nor a crash is one: a
 vehicle that is thrown changes its speed, and goes on; one whose estimate is reset goes on as before,

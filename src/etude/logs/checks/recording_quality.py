@@ -1,4 +1,4 @@
-"""How well a log was recorded: its clock, its columns, and what its motion has to teach."""
+"""Recording quality of a log: its clock, its columns, and the excitation of its motion."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Positions, rates and commands against what is expected of a robot: notes, refusals, and other units."""
+"""Range checks: positions, rates and commands against a robot's limits; notes, refusals, other units."""
 
 from __future__ import annotations
 

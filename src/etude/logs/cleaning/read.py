@@ -1,4 +1,4 @@
-"""From a file to a cleaned Log: columns matched, units checked, rows repaired, for the channels of any robot.
+"""Reading of a file into a cleaned Log: columns matched, units checked, rows repaired, for any channels.
 
 Times begin at 0 unless the log itself marks its 0; `identity.align` puts it where the trajectory starts.
 """

@@ -1,4 +1,4 @@
-"""Repairs of rows: what is dropped, and when a log is refused instead. Nothing is interpolated here.
+"""Row repairs: rows that are dropped, and logs that are refused. Nothing is interpolated here.
 
 Each repair adds one sentence to `Log.repairs`.
 """

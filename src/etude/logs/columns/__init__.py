@@ -1,1 +1,1 @@
-"""From raw columns to a kind's channels: names, units, indices, gaps."""
+"""Columns of raw logs as channels of a kind: names, units, indices, gaps."""

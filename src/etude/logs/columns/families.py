@@ -1,4 +1,4 @@
-"""Families of columns that mean the same: measured torques beside commanded ones and those from currents.
+"""Families of equivalent columns: measured torques, commanded torques, and torques from currents.
 
 A family is a word and a column for each part of a channel: `TorqueSm1`, `TorqueSm2`, or `elbow.effort_raw`
 and `hip.effort_raw`. No name tells which of several is to be learned, so it is asked. The answer stands in

@@ -1,4 +1,4 @@
-"""Units in headers, in any spelling of the field: a factor to SI, and of which dimension.
+"""Units in headers, in all common spellings: dimension and factor to SI.
 
 `rad/s`, `rad s^-1`, `radians per second` and `rad*s-1` are one unit. A product is written with a blank, a
 point, a star or a hyphen (`N-m`). Counts have no factor: how many make a unit is the drive's matter.

@@ -1,4 +1,4 @@
-"""What each header of a file says: a part of a channel, by name, by number or by the part's bare name.
+"""Meanings of a file's headers: a part of a channel, by name, by number or by the part's bare name.
 
 Of a ROS 2 controller's state PlotJuggler writes `/arm_controller/controller_state/feedback/positions[0]`, or
 `.../actual/positions.0` of older releases and of older PlotJugglers; the joints then have numbers, in the

@@ -1,4 +1,4 @@
-"""Other names for a log's columns: the table [log] of campaign.toml, applied to a log and written for one.
+"""Column mapping: the table [log] of campaign.toml, applied to a log or written for one.
 
     [log.columns]
     "q_shoulder [deg]" = "ActPos1"

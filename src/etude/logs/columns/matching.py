@@ -1,4 +1,4 @@
-"""Which column of a file is which part of which channel: matched by name, in any order.
+"""Matching of a file's columns to parts of channels: by name, in any order.
 
 A header is read as CHANNEL and PART (a joint, an axis, a motor) in either order, joined by any punctuation,
 in any case, with an optional unit: `q_elbow`, `elbow.position`, `/joint_states/elbow/effort`, `gyro.x`,

@@ -1,4 +1,5 @@
-"""Units that a log does not state: time by its steps, degrees and milli-units by limits and consistency."""
+"""Unit inference where a log states none: time by its steps, degrees and milli-units by limits and
+consistency."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How headers are read, as rows of data: words for channels, units, and words for time."""
+"""Vocabulary of headers as rows of data: words for channels, units, and words for time."""
 
 from __future__ import annotations
 

@@ -1,1 +1,3 @@
-"""Which joint, log, sign, order and direction do recorded commands belong to? One likelihood for all logs."""
+"""Evidence on recorded commands: their joint, log, sign, order and direction, by one likelihood for all
+logs.
+"""

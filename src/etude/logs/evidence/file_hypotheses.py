@@ -1,5 +1,5 @@
-"""What commands say of a model file whose masses are right: a joint's zero that is off, a clock that is, logs
-of two robots, and commands that were computed by the file.
+"""Hypotheses on a model file whose masses are right: a joint's zero offset, a wrong clock, logs of two
+robots, and commands that were computed from the file.
 
 Every hypothesis is one linear fit of all joints over all logs, with an inertia, friction, an offset and a
 factor of the file's torque for each joint. Joints are weighed by what is left of them. Centres of mass that

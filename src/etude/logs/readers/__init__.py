@@ -1,1 +1,1 @@
-"""From files to tables of raw columns: one module a format."""
+"""Readers: one module for each file format, from a file to a table of raw columns."""

@@ -1,4 +1,4 @@
-"""ROS 2 bags as raw logs: which topics, at whose times, and what each message says.
+"""ROS 2 bags as raw logs: choice of topics, time stamps, and fields of messages.
 
 rosbag2 writes a folder with metadata.yaml and one or several storages (SQLite or MCAP), which may be
 compressed as a whole or message by message. A recorder that was killed leaves no metadata, and an MCAP

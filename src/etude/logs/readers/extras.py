@@ -1,4 +1,4 @@
-"""Libraries that only some formats need: imported late, and named with what installs them if missing.
+"""Optional libraries of some formats: imported late; an error names the command that installs them.
 
 Messages name the library itself, not an extra of Étude: on the package index the name belongs to another
 project, so `pip install` with that name would fetch a stranger's package.

@@ -1,4 +1,4 @@
-"""Tables as raw logs: a channel for each column, of numbers, with whatever went wrong in polars as one error.
+"""Data frames as raw logs: a channel for each numeric column, with all polars errors as one error.
 
 Text is read as numbers where it is one, else NaN. Lists, and columns that are numbered like `position[0]`,
 take the names beside them (`name`, `name[0]`), row by row: the order of joints may be any. Entries without

@@ -1,4 +1,4 @@
-"""How much a packed file may become in memory: 1 GB, all of its parts together.
+"""Memory limit of a packed file: 1 GB, all of its parts together.
 
 A file of a megabyte can unpack to a hundred thousand times its size. Sizes that it states are not believed
 where the unpacking itself can be counted.

@@ -1,4 +1,4 @@
-"""From a file to its raw columns: a reader for each format, built in or brought by another package.
+"""Registry of readers: one for each format, built in or from another package.
 
 A reader is a function (path, topics) -> a Log for each topic, of raw columns: nothing is matched, converted
 or repaired here. A log whose times are row numbers has them in one of its columns.

@@ -1,1 +1,1 @@
-"""Has the robot changed? Evidence in new logs, its onset and its diagnosis."""
+"""Detection of a changed robot: evidence in new logs, its onset and its diagnosis."""

@@ -1,4 +1,4 @@
-"""Is this log of the robot that the model knows? Wald's sequential test of its errors.
+"""Change detection: Wald's sequential test of a log's prediction errors.
 
 With z = (command - mean) / deviation of each output, the scores of an unchanged robot's errors are N(0, 1)
 and those of a changed one N(0, kappa^2); the logarithm of their likelihood ratio is summed from sample to

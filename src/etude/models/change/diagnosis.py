@@ -1,5 +1,5 @@
-"""What has changed: load, friction or a broken or frozen sensor, by the errors of a changed robot; and by how
-much: kg at the last link, times the friction, times a command.
+"""Diagnosis of a change by the errors of a changed robot: load, friction, a broken or frozen sensor; and
+its size: kg at the last link, a factor of the friction, a factor of a command.
 
 Of a size, one number fits the errors of all outputs together by least squares, each weighed by its predicted
 deviation. So it says little where the cause is another one.

@@ -1,4 +1,4 @@
-"""One log against the model in use: evidence of a changed robot, its onset, and when it was enough."""
+"""Evidence of a change in one log against the model in use: its size, its onset, and the alarm."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A load at the last link: its mass and centre by the errors of a model, with what is not known of them.
+"""Load at the last link: mass and centre from a model's errors, with their uncertainty.
 
     command - predicted = links(states) [m, m c, I] + offset + error
 

@@ -1,1 +1,1 @@
-"""Which samples teach, and what is held out: rows, folds, cross-validation."""
+"""Training and test samples: rows, folds, cross-validation."""

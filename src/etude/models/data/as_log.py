@@ -1,4 +1,5 @@
-"""States as people have them: a Log, arrays by channel, or a data frame with a column for each part."""
+"""Conversion of users' states to a Log: from arrays by channel, or a data frame with a column for each
+part."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Samples of the training data, each predicted from the trajectories that it is not part of."""
+"""Cross-validation: samples predicted from the trajectories that they are not part of."""
 
 from __future__ import annotations
 

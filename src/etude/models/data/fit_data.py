@@ -1,4 +1,4 @@
-"""What one group of commands is learned from: rows, units, floors, kernels, and hyperparameters."""
+"""Training data of one group of commands: rows, units, floors, kernels, and hyperparameters."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The posterior of every model that rests on a few basis points instead of on all the data."""
+"""Posterior of models with a few basis points in place of all data."""
 
 from __future__ import annotations
 

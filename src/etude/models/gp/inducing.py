@@ -1,4 +1,4 @@
-"""Gaussian processes that see the data through a few inducing inputs: FITC (SPGP) and the variational VFE.
+"""Sparse Gaussian processes with inducing inputs: FITC (SPGP) and the variational VFE.
 
 `FixedInducing` (Titsias 2009) takes hyperparameters as given. Nothing is optimised, so a fold is left out in
 closed form. With V = L^-1 K_uf Λ^-1/2, Λ the samples' noise, A = I + V Vᵀ is a sum over folds, and what the

@@ -1,4 +1,4 @@
-"""Inducing inputs and hyperparameters from data: where the inducing inputs start, and their training."""
+"""Training of inducing inputs and hyperparameters, and the initial inducing inputs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The kernels that compose: squared exponential, linear, the structured default, and noise of stiction."""
+"""Kernels: squared exponential, linear, the structured default, and the noise of stiction."""
 
 from __future__ import annotations
 

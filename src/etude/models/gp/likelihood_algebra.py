@@ -1,4 +1,4 @@
-"""What a likelihood asks of a covariance matrix, in one pass over it: factor, inverse and solutions together.
+"""Factor, inverse and solutions of a covariance matrix in one pass, for its marginal likelihood.
 
 With K = L Lᵀ and X = L^-1, by blocks of rows: the factor's own block and what it takes from the rest, as in a
 Cholesky factorisation; the rows of X by substitution in L X = I; and their share of K^-1 = Xᵀ X. All go on in

@@ -1,4 +1,4 @@
-"""Conjugate gradients with Rasmussen's line search: the semantics of GPML's `minimize`, as the thesis trains.
+"""Conjugate gradients with Rasmussen's line search, as GPML's `minimize`, which the thesis uses.
 
 Polak-Ribière directions; each line search extrapolates by cubics until the minimum is bracketed, then
 interpolates (quadratic while the far end lies above the start, cubic otherwise) until the Wolfe-Powell

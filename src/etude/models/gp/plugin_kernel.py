@@ -1,4 +1,4 @@
-"""A kernel of another package: named in every message, and checked wherever it answers."""
+"""Kernels of other packages: named in every message, with all their results checked."""
 
 from __future__ import annotations
 

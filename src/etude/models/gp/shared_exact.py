@@ -1,4 +1,4 @@
-"""Several outputs with one kernel, one noise and one Cholesky factor: m processes for the price of one."""
+"""Exact process of several outputs that share kernel, noise and Cholesky factor."""
 
 from __future__ import annotations
 

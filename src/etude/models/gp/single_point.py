@@ -1,4 +1,4 @@
-"""Means and covariances at one input, compiled: what a controller's tick asks of a process.
+"""Compiled means and covariances at one input, for a controller's tick.
 
 A kernel made of squared exponentials and linear parts is a sum of terms lin(x, z) · exp(log s² - Σ_d c_d
 (x_d - z_d)² / 2), either factor perhaps absent. `Kernel.value` answers for matrices and spends most of a

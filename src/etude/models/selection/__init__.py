@@ -1,1 +1,1 @@
-"""Which structure explains each command best: candidates, comparison, averaging."""
+"""Model selection: candidates, comparison, averaging."""

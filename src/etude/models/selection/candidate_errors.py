@@ -1,4 +1,4 @@
-"""Errors of all candidates on samples left out, and those of their averages."""
+"""Errors of all candidates on samples left out of training, and errors of their averages."""
 
 from __future__ import annotations
 

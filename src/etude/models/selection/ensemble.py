@@ -1,4 +1,4 @@
-"""Ensembles: other processes beside the default's, averaged by how well they predict other motion.
+"""Ensembles: additional processes, averaged with weights by their prediction of other motions.
 
 Each member is a row of `CANDIDATES`.
 """

@@ -1,4 +1,4 @@
-"""The structure below all others: linear regression in the inputs and a constant."""
+"""Baseline structure: linear regression in the inputs and a constant."""
 
 from __future__ import annotations
 

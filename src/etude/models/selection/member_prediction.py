@@ -1,4 +1,4 @@
-"""What one member of the ensemble says of a log: mean, process, and the noise in its variance."""
+"""Prediction of one member of the ensemble for a log: mean, process, and the noise in its variance."""
 
 from __future__ import annotations
 

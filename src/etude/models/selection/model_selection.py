@@ -1,4 +1,4 @@
-"""Model selection: every structure that a robot allows, and of each command the best on new motion.
+"""Model selection: all structures that a robot allows, and for each command the best on new motion.
 
 A structure is a mean function (none, linear regression, identified or nominal physics), with a process on
 what it leaves or without. A process can be worse than linear regression. Outside the data it returns to its

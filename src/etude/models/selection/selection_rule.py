@@ -1,4 +1,4 @@
-"""Which structure predicts each command: the one with the least error held out, if data suffice."""
+"""The selection rule: of each command the structure with the least cross-validated error, if data suffice."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Stacking: weights of candidates that make their average right on logs that none of them has seen.
+"""Stacking: weights that minimise the candidates' average error on logs left out of training.
 
 Each log has a noise level of its own, as the likelihood of normal errors says whose variances are unknown:
 

@@ -1,4 +1,4 @@
-"""One structure for one group of commands: a mean function with a process on what it leaves, or alone."""
+"""Structures of one group of commands: a mean function with a process on its residuals, or alone."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How wide variances must be to hold on a log that nobody has seen.
+"""Widening of variances, so that intervals hold on unseen logs.
 
 z2 of a log is the mean of its squared errors over predicted variances. Logs differ in it by e^1 and more, so
 that few of them do not tell the next one's. Its logarithm is taken as normal,

@@ -1,1 +1,1 @@
-"""One file for each part of the report; each is a function from what was read to markup."""
+"""Sections of the report, one file for each; each is a function from the record to markup."""

@@ -1,4 +1,4 @@
-"""The first screen: what is wrong, what was learned, for how much robot time, against what there was."""
+"""Headline: alerts, the result, its robot time, and the error before learning."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
-"""How good the models are: scores on logs that they had not learned, calibration, and deviation
-over position and velocity of each coordinate.
+"""Scores of the models: errors on unseen logs, calibration, and deviation over position and velocity of
+each coordinate.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The robot along its newest trajectory: in space, and as a figure of sticks, with what stands around it."""
+"""Newest trajectory of the robot: in space, and as a stick figure with its surroundings."""
 
 from __future__ import annotations
 

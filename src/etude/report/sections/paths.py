@@ -1,4 +1,4 @@
-"""The robot's path through space: in its room, coloured by predicted deviation, and from two sides."""
+"""Path of the robot in its workspace, coloured by predicted deviation, and from two sides."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Commands beside what a model that had not learned them predicts, with the 95 % band."""
+"""Measured commands and their predictions before they were learned, with the 95 % band."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What each round cost and bought, the proof on the robot, and where everything comes from."""
+"""Cost and gain of each round, the confirmation on the robot, and the origin of all figures."""
 
 from __future__ import annotations
 

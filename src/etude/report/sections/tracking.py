@@ -1,4 +1,4 @@
-"""The last run, coordinate by coordinate: desired against actual, and the feedforward against the command."""
+"""Tracking in the last run: desired and actual coordinates, the feedforward and the command."""
 
 from __future__ import annotations
 

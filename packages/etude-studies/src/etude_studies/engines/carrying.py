@@ -1,4 +1,4 @@
-"""What is called in a worker for one run: it returns a result or a sentence, and never raises."""
+"""The function that a worker calls for one run: it returns a result or a sentence, and never raises."""
 
 from __future__ import annotations
 

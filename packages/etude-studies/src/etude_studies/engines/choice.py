@@ -1,4 +1,4 @@
-"""Which engine the options of a command ask for."""
+"""Choice of the engine by the options of a command."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How far the runs are: a bar with the time left on a terminal, a line a run anywhere else."""
+"""Progress of the runs: a bar with the time left on a terminal, a line a run anywhere else."""
 
 from __future__ import annotations
 

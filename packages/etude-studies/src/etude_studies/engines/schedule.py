@@ -1,4 +1,4 @@
-"""Which runs are still to be done, in which order, and what becomes of each of them."""
+"""Schedule of the runs that are still to be done, and the outcome of each."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a process of the pool does: one call after the other, and never longer than its parent lives."""
+"""A process of the pool: one call after the other, and never longer than its parent lives."""
 
 from __future__ import annotations
 

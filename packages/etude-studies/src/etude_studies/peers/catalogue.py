@@ -1,4 +1,4 @@
-"""Which peers there are: one row each. A peer is one file with one function, `objective`."""
+"""Catalogue of peers: one row each. A peer is one file with one function, `objective`."""
 
 from __future__ import annotations
 

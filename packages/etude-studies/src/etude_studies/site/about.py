@@ -1,4 +1,4 @@
-"""How the pages are read: the words, the rule behind them, what the thesis leaves open, and every run."""
+"""The page about the pages: words, the rule behind them, open points of the thesis, and every run."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a part of a claim compares, what it claims, and what came out, in words."""
+"""Words for a part of a claim: the comparison, the claim, and the result."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a figure's page unfolds: seeds, other tests, other readings, what is ambiguous, every setting."""
+"""Details of a figure's page: seeds, other tests, other readings, ambiguities, every setting."""
 
 from __future__ import annotations
 

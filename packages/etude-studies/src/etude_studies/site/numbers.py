@@ -1,4 +1,4 @@
-"""What the pages read from results: all counts of one figure at once, and means with intervals."""
+"""Numbers of the pages: all counts of one figure at once, and means with intervals."""
 
 from __future__ import annotations
 

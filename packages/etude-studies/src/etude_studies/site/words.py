@@ -1,4 +1,4 @@
-"""What the pages call runs, measures, tests and verdicts; names they do not know stand for themselves."""
+"""Names of runs, measures, tests and verdicts on the pages; unknown names are printed as they are."""
 
 from __future__ import annotations
 

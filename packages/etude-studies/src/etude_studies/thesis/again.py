@@ -1,4 +1,4 @@
-"""What was computed here beside what is committed of the same seeds: how far apart their figures are."""
+"""Comparison of figures that were computed here with the committed ones of the same seeds."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is measured of one test run of an arm: tracking, feedback, reversals, and the model's honesty."""
+"""Measures of one test run of an arm: tracking, feedback, reversals, and calibration."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a test of chapter 6 looks like over time: angles and commands of one seed (figures 6.3, 6.4, 6.13)."""
+"""Traces of a test of chapter 6: angles and commands of one seed (figures 6.3, 6.4, 6.13)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What an id stands for: a run, a figure or table, a claim, or a group of runs."""
+"""Meaning of an id: a run, a figure or table, a claim, or a group of runs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What processes cost by their size: processor seconds on one thread and their growth (2.3, 2.4, 6.2, 7.1.4).
+"""Cost of processes by their size: processor seconds on one thread and their growth (2.3, 2.4, 6.2, 7.1.4).
 
 Every figure is one of time, so its name begins with "cpu_": two computations of it differ.
 """

@@ -1,4 +1,4 @@
-"""What is measured of the models of chapter 5 after each flight: on the tests, and of the data themselves."""
+"""Measures of the models of chapter 5 after each flight: on the tests, and of the data themselves."""
 
 from __future__ import annotations
 

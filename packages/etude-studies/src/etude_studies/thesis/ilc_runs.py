@@ -1,4 +1,4 @@
-"""What control does that learns one motion, or the parameters of a known structure, instead of a model.
+"""Runs of iterative and adaptive control, which learn one motion or the parameters of a known structure.
 
 Both stand beside the models of chapter 6 (thesis 2.2): the same robot, motions, noise and figures.
 """

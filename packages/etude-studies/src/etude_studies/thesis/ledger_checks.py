@@ -1,4 +1,4 @@
-"""What must be true of the ledger's two files taken together; each refusal names the file and the id."""
+"""Checks of the ledger's files taken together; each refusal names the file and the id."""
 
 from __future__ import annotations
 

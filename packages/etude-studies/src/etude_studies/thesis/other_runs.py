@@ -1,4 +1,6 @@
-"""What studies of the loop say of chapter 7: learning on line on the arm, a process in a quadrotor's loop."""
+"""Runs for chapter 7 from studies of the loop: online learning on the arm, a process in a quadrotor's
+loop.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the seeds say to one part of a claim: its numbers, and one word by a rule that was fixed before them.
+"""The verdict on one part of a claim: its numbers over seeds, and one word by a rule that was fixed before.
 
 A decision needs two tests, the paired t and sign flips; where they disagree, the weaker counts.
 """

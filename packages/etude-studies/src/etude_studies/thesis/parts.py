@@ -1,4 +1,4 @@
-"""What a part of a claim says, whether it says enough, and how far from 0 still counts as equal."""
+"""Statistics of a part of a claim, their power, and the region of equality around 0."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How many seeds would settle a part with power 80 %, the mean and spread of today's taken as the truth."""
+"""Number of seeds that decide a part with power 80 %, given today's mean and spread."""
 
 from __future__ import annotations
 
