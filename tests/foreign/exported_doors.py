@@ -151,14 +151,14 @@ int main(void)
 """
 
 
-def built(folder: Path, name: str = "small") -> Path:
+def built(folder: Path, name: str = "small", level: str = "-O0") -> Path:
     """The receiver's program beside exported C of that name, compiled with every warning an error.
 
-    Not optimised: compiling takes longer than all that is asked. Slow tests of C have all levels.
+    Not optimised where compiling takes longer than all that is asked. Slow tests of C have all levels.
     """
     program = PROGRAM.replace("NAME", name).replace("UPPER", name.upper())
     (folder / "main.c").write_text(program, encoding="utf-8")
-    run([tool("gcc"), *STRICT, "-O0", "main.c", f"{name}.c", "-lm", "-o", "main"], folder)
+    run([tool("gcc"), *STRICT, level, "main.c", f"{name}.c", "-lm", "-o", "main"], folder)
     return folder / "main"
 
 

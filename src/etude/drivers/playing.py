@@ -60,8 +60,8 @@ class RecordedRows:
     def __init__(self, length: int, joints: int) -> None:
         self.n = 0
         self.has_qd = True
-        self.times = np.empty((length, 2))
-        self.values = np.empty((length, 4, joints))
+        self.times = np.full((length, 2), np.nan)  # written once: the first touch of memory takes time
+        self.values = np.full((length, 4, joints), np.nan)
 
     @property
     def newest(self) -> float:

@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import contextlib
 import gc
+import os
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -48,8 +50,13 @@ SETTLED, LONGEST_SETTLE = 0.1, 0.5
 """s after the last set-point that moves: recorded at least, and at most where the robot still moves."""
 RESTS = 2e-3
 """rad/s or m/s: slower than that a joint rests."""
-RESTED = 0.05
-"""s without a set-point after which a robot may rest: the path then starts again as after a HOLD."""
+LOST, PAUSED = 0.01, 0.05
+"""s without a set-point after which the path goes on from what the robot did meanwhile, be it that it held or
+that it went on; s after which what is recorded until full speed counts as held."""
+SLOWED = 0.9
+"""Of the pace: below that the robot did not go on."""
+PRIORITY = 40
+"""Of real-time threads: below those of the kernel for interrupts."""
 LOOKED = 0.05
 """s between two looks of the watchdog at the loop."""
 
@@ -95,7 +102,7 @@ class Streamed:
             self._run = None
             return run.recording(Ended.REFUSED, why)
         try:
-            with interrupts(run.interrupt), _no_collections(), _watchdog(run, about):
+            with interrupts(run.interrupt), _no_collections(), _first(about), _watchdog(run, about):
                 ended, reason = run.play(control)
         finally:
             self._run = None
@@ -137,6 +144,7 @@ class _Run:
         self._room = room_to_catch_up(motion, about)
         self._stopping: Stopping | None = None
         self._since = 0.0
+        self._before = self._newest = Sample(np.nan, np.full(len(motion.joints), np.nan))
         self._why = Ended.DONE, ""
         self._fresh_at = 0.0
         self._moves = False
@@ -180,6 +188,7 @@ class _Run:
         reaction = Reaction.GO
         if self.clock.fresh:
             sample = self._filled(sample)
+            self._before, self._newest = self._newest, sample
             if self.clock.forward:
                 self.rows.add(sample)
             reaction = self.watch(sample)
@@ -247,9 +256,10 @@ class _Run:
 
     def _along(self, tick: float, wait: bool) -> SetPoint:
         """Further on the path, at the pace that holding leaves."""
-        if self.clock.late * self.period >= RESTED:
-            self._start_again()
-        pace, s, before, speed = self._pace, self.point.at, self._pace.now, self._steps.speed
+        s = self.point.at
+        if self.clock.fresh and self.clock.passed - self.period >= LOST:
+            s += self._gone_on(s)
+        pace, before, speed = self._pace, self._pace.now, self._steps.speed
         if pace.steady and wait == (pace.end == 1.0):
             pace.end = 0.0 if wait else 1.0
             if wait:
@@ -260,11 +270,21 @@ class _Run:
         change = pace.change * speed + pace.now * self._steps.change
         return self.path.at(s + 0.5 * tick * (before + pace.now), pace.now * speed, change)
 
-    def _start_again(self) -> None:
-        """From rest at the last set-point, where the robot may have come to rest meanwhile."""
-        self._pace, self._steps = Pace(0.0), PathClock(self.period)
-        if not self.held or self.held[-1][1] < np.inf:
-            self.held.append((self.clock.robot - self.clock.passed, np.inf))
+    def _gone_on(self, s: float) -> float:
+        """s by which the robot went on along the path while cycles were lost; its pace is the path's."""
+        along = self.motion.qd[self.path.row(s)]
+        size, passed, now = float(along @ along), self.clock.passed, self._newest
+        gone = float(along @ (now.q - self._before.q)) / max(size, 1e-12)
+        if not (size > 0.0 and np.isfinite(gone)):
+            return 0.0
+        measured = gone / passed if now.qd is None else float(along @ now.qd) / size
+        self._pace.now, self._pace.change = min(max(measured, 0.0), self._pace.now), 0.0
+        holds = bool(self.held) and self.held[-1][1] == np.inf
+        if passed - self.period >= PAUSED and self._pace.now < SLOWED and not holds:
+            self.held.append((self.clock.robot - passed, np.inf))
+        gone = min(max(gone - self.period, 0.0), passed - self.period)
+        self._steps.lag -= gone
+        return gone
 
 
 class _Clock:
@@ -333,6 +353,23 @@ def _no_collections() -> Iterator[None]:
     finally:
         if enabled:
             gc.enable()
+
+
+@contextlib.contextmanager
+def _first(about: About) -> Iterator[None]:
+    """This thread, and the watchdog that it starts, come before all others of the computer, where that is
+    permitted: on a busy one nearly all cycles of 1 ms would be late.
+    """
+    if about.virtual or sys.platform != "linux" or os.sched_getscheduler(0) != os.SCHED_OTHER:
+        yield
+        return
+    before = os.sched_getparam(0)
+    with contextlib.suppress(OSError):
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY))
+    try:
+        yield
+    finally:
+        os.sched_setscheduler(0, os.SCHED_OTHER, before)
 
 
 @contextlib.contextmanager

@@ -661,7 +661,9 @@ def test_a_robot_that_lies_is_stopped_before_it_has_gone_far(tmp_path: Path, lie
 def test_the_bounds_shrink_with_what_whole_motions_have_shown(done: tuple[Campaign, Robot, Any]) -> None:
     campaign, robot, _ = done
     motion = proposal_motion(campaign, 1, "feedback")
-    seen = [np.array(f.worst_error) for f in facts(campaign, MotionEnded) if f.control == "feedback"]
+    own = [f for f in facts(campaign, MotionEnded) if f.control == "feedback"]
+    seen = [np.array(f.worst_error) for f in own]
+    whole = [f.part == "motion" and not f.first for f in own]
     bounds = motion.bounds(campaign, robot.about())
     assert np.all(bounds.error > 2.0 * np.max(seen, axis=0))
     assert np.all(bounds.error < 0.08), "assumed it was 4 times 2 % of the range, 0.16"
@@ -674,3 +676,10 @@ def test_the_bounds_shrink_with_what_whole_motions_have_shown(done: tuple[Campai
     assert pushed is not None
     assert np.all(pushed >= (0.05 * 20.0, 0.05 * 10.0))
     assert np.all(pushed < 5.0)
+    ways = [
+        np.array(f.residual) for f in facts(campaign, MotionEnded) if f.control == "learned" and f.residual
+    ]
+    assert np.all(pushed > 2.0 * np.max(ways, axis=0)), "a way begins anywhere in the band of friction"
+    alone = 2.0 * np.max([f for f, own in zip(seen, whole, strict=True) if own], axis=0)
+    faded = replace(motion, control="learned").bounds(campaign, robot.about()).error
+    assert np.all(faded >= alone), "where a model knows nothing the feedback is left"

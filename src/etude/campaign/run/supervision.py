@@ -19,9 +19,9 @@ from etude.types import Array
 
 WHILE_ASSUMED, ONCE_MEASURED = 4.0, 2.0
 """Times a margin at which a motion is stopped. A margin holds in 95 of 100 runs, so it is no bound itself."""
-OF_FEEDBACK = 1.5
-"""Times the largest error under feedback alone below which no learned command is stopped: where a model knows
-nothing its command fades, and the feedback is what is left."""
+LEAST_ASSUMED = 0.5
+"""Of the margin that is assumed before any log; no error below that stops a motion. New motions err by more
+than those that were recorded."""
 LEAST_STEPS = 5.0
 """Steps of the encoder below which no error stops a motion."""
 FASTER = 1.25
@@ -83,7 +83,9 @@ def _error_bound(
     elif alone is not None:
         found = np.minimum(found, WHILE_ASSUMED * alone.expected)
     if control == LEARNED and alone is not None:
-        found = np.maximum(found, OF_FEEDBACK * alone.largest)
+        # where a model knows nothing its command fades, and the feedback is what is left
+        found = np.maximum(found, alone.expected)
+    found = np.fmax(found, LEAST_ASSUMED * margin_before_logs(campaign, trajectory))
     if about.encoder_step is not None:
         order = [about.joints.index(axis) for axis in campaign.axes]
         found = np.maximum(found, LEAST_STEPS * about.encoder_step[order])
@@ -97,10 +99,16 @@ def assumed_margin(campaign: Campaign, constraints: Constraints, trajectory: Tra
     forms = {piece.form for _, _, piece in trajectory.pieces()}
     own = [np.asarray(table)[0] for form, (table, _) in constraints.margins.items() if form in forms]
     if not own:
-        tracking = replace(campaign.config.tracking, margin="assumed")
-        start = margins_of(tracking, ranges_of(campaign), {}, sorted(forms))
-        own = [np.asarray(table)[0] for table, _ in start.values()]
+        return np.nan_to_num(margin_before_logs(campaign, trajectory), nan=np.inf)
     return np.asarray(np.nan_to_num(np.max(own, axis=0), nan=np.inf))
+
+
+def margin_before_logs(campaign: Campaign, trajectory: Trajectory) -> Array:
+    """(k,) largest position margin that is assumed of the forms of a motion; NaN where nothing tells one."""
+    tracking = replace(campaign.config.tracking, margin="assumed")
+    forms = {piece.form for _, _, piece in trajectory.pieces()}
+    start = margins_of(tracking, ranges_of(campaign), {}, sorted(forms))
+    return np.asarray(np.max([np.asarray(table)[0] for table, _ in start.values()], axis=0))
 
 
 def _residual_bound(
