@@ -37,6 +37,7 @@ class Point(NamedTuple):
         length: rad, of springs and other functions of the place; 0: a chain's weights.
         size: of the process. speeds: its part that grows with accelerations and squared velocities.
         drift: of the noise with memory. memory: s. rough: of the noise of each row.
+        ripple: rad or m, over which a sum of functions of one joint each turns; 0: there is none.
     """
 
     length: float
@@ -45,17 +46,21 @@ class Point(NamedTuple):
     memory: float
     rough: float
     speeds: float
+    ripple: float = 0.0
 
 
 LENGTHS, SPEEDS = (0.7, 2.0, 0.0), (0.1, 2.0)  # of `Point`
 CLASSES = tuple(itertools.product(LENGTHS, SPEEDS))
 """Of processes: an evidence is that of the class that says least."""
-DRIFTS = ((0.05, 0.3), (0.2, 0.3), (0.2, 2.0))  # and memories, of `Point`
+SIZES, ROUGH = (0.5, 2.0, 10.0), 0.02  # of `Point`
+DRIFTS = ((0.05, 0.3), (0.2, 0.3), (0.2, 2.0))  # and memories
+RIPPLES, RIPPLE = (0.05, 0.15), 2.0  # of gears, motors and what they rub on; and its size
 GRID = tuple(
-    Point(length, size, *drift, rough, speeds)
-    for length, size, drift, rough, speeds in itertools.product(
-        LENGTHS, (0.5, 2.0, 10.0), DRIFTS, (0.02, 0.1), SPEEDS
-    )
+    Point(length, size, *drift, ROUGH, speeds)
+    for length, size, drift, speeds in itertools.product(LENGTHS, SIZES, DRIFTS, SPEEDS)
+) + tuple(
+    Point(length, size, *drift, ROUGH, SPEEDS[0], ripple)
+    for length, size, drift, ripple in itertools.product(LENGTHS, SIZES, (DRIFTS[0], DRIFTS[2]), RIPPLES)
 )
 NEAR_FILE = tuple(
     Point(0.0, size, *noise, 0.1)
@@ -301,6 +306,7 @@ def _covariances(rows: FilteredRows) -> Callable[[Point], Array]:
     joints = rows.q.shape[1]
     fast = (qdd @ qdd.T + (qd @ qd.T) ** 2 / joints) / joints
     process = {(length, speeds): places[length] * (1.0 + speeds * fast) for length, speeds in CLASSES}
+    ripple = {length: RIPPLE**2 * _ripple(rows, length) for length in RIPPLES}
     apart = np.abs(np.subtract.outer(rows.t, rows.t))
     memory = {tau: np.exp(-apart / tau) for tau in {memory for _, memory in DRIFTS}}
 
@@ -308,6 +314,8 @@ def _covariances(rows: FilteredRows) -> Callable[[Point], Array]:
         K = point.size**2 * process[point.length, point.speeds]
         K += point.drift**2 * memory[point.memory]
         K += max(LEVEL, point.size**2)
+        if point.ripple:
+            K += ripple[point.ripple]
         K.flat[:: len(K) + 1] += point.rough**2
         return np.asarray(K.T)  # symmetric, and in the order that factors want
 
@@ -328,6 +336,12 @@ def _place(rows: FilteredRows, length: float) -> Array:
         else:  # a weight grows in proportion to where a slide stands
             chain *= (1.0 + SWAY * np.outer(q, q) / max(float(np.abs(q).max()) ** 2, 1e-12)) / (1.0 + SWAY)
     return np.exp(-0.5 * square / length**2) if length else chain
+
+
+def _ripple(rows: FilteredRows, length: float) -> Array:
+    """(n, n) likeness of two places to a sum of functions of one joint each."""
+    each = (np.exp(-0.5 * (np.subtract.outer(q, q) / length) ** 2) for q in rows.q.T)
+    return np.asarray(sum(each) / rows.q.shape[1])
 
 
 def _summed(fits: list[tuple[_Fit, tuple[int, ...]]], grid: tuple[Point, ...]) -> ColumnEvidence:

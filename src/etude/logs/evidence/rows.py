@@ -27,6 +27,7 @@ MOTION_HZ, COMMAND_HZ = 5.0, 2.0  # cutoffs of positions, and of commands and th
 ORDER = 3  # of the Butterworth filter whose squared gain is applied
 EDGE_S = 0.3  # s at either end that hold the filter's own ends
 STEP_SPEED = 0.03  # of a joint's top speed, over which Coulomb friction changes its sign
+FALL = 1.0  # of Coulomb friction, at most, is gone at top speed: with more it would drive the joint
 DROP_SPEED = 0.1  # of a joint's top speed, over which static friction drops to Coulomb's
 LEAST_S = 1.0  # s of a stretch that is looked at
 STAND_S = 0.5  # s for which a joint that stays below STEP_SPEED stands
@@ -44,7 +45,8 @@ class FilteredRows:
     Attributes:
         t: (n,) s, logs far apart. log: (n,) the index of each row's log.
         q, qd, qdd: (n, k) rad or m and their rates, through the filters.
-        friction: (n, k) a smooth sign of the velocity, through the filter.
+        friction: (n, k) a smooth sign of the velocity less its part of the top speed, through the filter:
+            with viscous friction, any that falls or grows in proportion to speed and drives no joint.
         command: (n, k, d) at each of DELAYS, and then with the commands of each group of logs negated.
         drop: (n, k) its part at low speeds: static friction beyond Coulomb's (Stribeck).
         stands: by joint, (n, m) hat functions of time where it stands: static friction holds any command.
@@ -189,8 +191,9 @@ def _filtered(
     t = grid[thin]
     top = np.abs(qd).max(axis=0) + np.finfo(float).tiny
     still = _stands(t, qd, STEP_SPEED * top)
-    friction = np.where(still, 0.0, np.tanh(qd / (STEP_SPEED * top)))
-    drop = friction * np.exp(-np.abs(qd) / (DROP_SPEED * top))
+    step = np.where(still, 0.0, np.tanh(qd / (STEP_SPEED * top)))
+    friction = step - FALL * qd / top
+    drop = step * np.exp(-np.abs(qd) / (DROP_SPEED * top))
     parts = {"qd": qd, "qdd": qdd, "friction": friction, "drop": drop}
     if body is not None:
         states = states_of(t, path, q, qd, qdd)

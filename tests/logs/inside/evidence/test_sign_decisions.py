@@ -8,7 +8,7 @@ from itertools import product
 
 import numpy as np
 import pytest
-from made_motion import COMMAND, GRAVITY, NAMES, RATE, Q, command_of, moved
+from made_motion import COMMAND, GRAVITY, INERTIA, NAMES, RATE, Q, command_of, moved
 
 from etude.logs import Decision, finding_of, judge
 from etude.logs.checks.plausibility import repaired
@@ -120,7 +120,7 @@ def test_reversed_rows_look_like_inverted_signs_without_velocities() -> None:
 
 
 def test_some_signs_in_reversed_rows_look_like_the_others_inverted() -> None:
-    light = with_command(moved(), moved()["command"] - np.array([3.0, 3.0, 6.0]) * qdd_of(moved()))
+    light = with_command(moved(), moved()["command"] - INERTIA * qdd_of(moved()))
     found = decided(inverted(reversed_rows(light), SIGNS).without("qd"))
     assert (found.level, found.check, found.why) == ("ask", "sign", "time")
     said = finding_of(found, NAMES, ["a.csv"])

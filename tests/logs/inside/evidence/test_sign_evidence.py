@@ -18,6 +18,7 @@ from scipy.special import log_ndtr, logsumexp
 from scipy.stats import multivariate_normal
 
 import etude
+from etude.logs.evidence import likelihood
 from etude.logs.evidence.likelihood import ColumnEvidence, WhitenedMotion, least, log_orthant
 from etude.logs.evidence.rows import AS_LOGGED, DELAYS, FilteredRows, rows_of
 from etude.types import Array, Channel, Log
@@ -47,7 +48,10 @@ def plain(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(
         "etude.logs.evidence.rows._stands", lambda t, qd, slow: np.zeros(qd.shape, dtype=bool)
     )
+    monkeypatch.setattr("etude.logs.evidence.rows.FALL", 0.0)
     monkeypatch.setattr("etude.logs.evidence.likelihood.TERMS", ((0, 1, 2), (0,)))
+    grid = tuple(point for point in likelihood.GRID if not point.ripple)
+    monkeypatch.setattr("etude.logs.evidence.likelihood.GRID", grid)
 
 
 def own_columns(rows: FilteredRows, variants: int = 1) -> ColumnEvidence:
@@ -149,15 +153,19 @@ def test_a_joint_that_stands_may_hold_any_command() -> None:
         assert sign * (right - inverted) > 20.0
 
 
-def breaking_away(static: float) -> Log:
-    """Two joints whose static friction is so much above Coulomb's."""
+def rubbing(static: float = 0.0, *, fall: float = 0.0, ripple: float = 0.0, period: float = 40.0) -> Log:
+    """Two joints whose static friction is so much above Coulomb's, which falls by that much at the top speed;
+    and a force that ripples with the place.
+    """
     t = np.arange(4000) / RATE
     q, qd = np.zeros((2, len(t), 2))
     for k, (j, size) in itertools.product((1, 2, 3), enumerate((0.5, 0.8))):
-        angle = k * np.pi * t / 5.0 + j + k
+        angle = 2.0 * k * np.pi * t / period + j + k
         q[:, j] += size / k * np.sin(angle)
-        qd[:, j] += size * np.pi / 5.0 * np.cos(angle)
-    command = np.tanh(qd / 0.01) * (1.0 + static * np.exp(-np.abs(qd) / 0.2))
+        qd[:, j] += size * 2.0 * np.pi / period * np.cos(angle)
+    speed = np.abs(qd)
+    size = 1.0 + static * np.exp(-speed / 0.2) - fall * speed / speed.max(axis=0)
+    command = np.tanh(qd / 0.01) * size + ripple * np.sin(30.0 * q)
     path = Channel("q", ("hip", "knee"), ("rad", "rad"))
     log = Log(t, {}, {}, "made").put(path, q)
     return log.put(Channel("command", path.parts, ("N m",) * 2, "command", acts_on="q"), command)
@@ -166,9 +174,19 @@ def breaking_away(static: float) -> Log:
 @pytest.mark.parametrize("static", [0.0, 0.5, 1.5])
 def test_static_friction_above_coulombs_is_no_inverted_sign(static: float) -> None:
     """It leaves a viscous term below zero, which neither sign would explain."""
-    found = own_columns(rows_with(breaking_away(static)))
+    found = own_columns(rows_with(rubbing(static, period=10.0)))
     assert not found.strange().any()
     assert (np.subtract(*found.signs()) > 10.0).all()
+
+
+def test_friction_that_falls_with_speed_is_explained() -> None:
+    found = own_columns(rows_with(rubbing(fall=0.5)))
+    assert not found.strange().any()
+    assert (np.subtract(*found.signs()) > 1000.0).all()
+
+
+def test_what_ripples_with_the_place_does_not_hide_a_sign() -> None:
+    assert (np.subtract(*own_columns(rows_with(rubbing(ripple=0.5))).signs()) > 200.0).all()
 
 
 def test_an_inverted_command_has_the_opposite_odds() -> None:
