@@ -2,9 +2,9 @@
 
     python tests/campaign/inside/measure_false_stops.py LAB --ways 200 > false_stops.jsonl
 
-LAB is a campaign that `etude run` has taught on `mujoco:MODEL,virtual`. Its newest model is sent between
-random poses, and bounds are those of use. One line of JSON a way: why it was stopped, and the largest residual
-of commands and error of position, in parts of their bounds.
+LAB is a campaign that `etude run` has taught on `mujoco:MODEL,virtual`. Its newest model is sent
+between random poses, and bounds are those of use. One line of JSON a way: why it was stopped, and the largest
+residual of commands and error of position, in parts of their bounds.
 """
 
 from __future__ import annotations
