@@ -299,7 +299,7 @@ def _takes(found: Any, shape: Shape) -> bool:
 
 
 def required(found: Any, protocol: type, where: str) -> Any:
-    """The object itself, if it has all members of a protocol. UsageError names missing ones; where: its place."""
+    """The object itself. UsageError: it lacks members of a protocol. where: its place."""
     if found is None:
         raise UsageError(
             f"it returned nothing, where a {protocol.__name__} is wanted",
