@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import threading
+import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -336,6 +337,18 @@ def test_the_supervisor_lets_a_good_motion_through() -> None:
     np.testing.assert_allclose(
         supervisor.worst_error, np.abs(recording.q - recording.asked).max(axis=0), rtol=0.1
     )
+
+
+def test_a_robot_that_stood_for_a_while_is_not_stopped() -> None:
+    robot, whole = FakeRobot(rate=50.0, virtual=False), motion(50.0)
+    supervisor = Supervisor(bounds(), robot.about(), whole)
+    with Streamed(robot) as player:
+        player.where()
+        time.sleep(0.2)
+        player.play(
+            whole, lambda s: Reaction.STOP if len(robot.sent) > 10 else supervisor.watch(s), "feedback"
+        )
+    assert supervisor.reason == ""
 
 
 def test_a_blocked_joint_is_stopped_and_one_glitch_is_not() -> None:

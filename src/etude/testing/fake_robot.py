@@ -86,7 +86,7 @@ class FakeRobot:
         self.stop()
 
     def state(self) -> Sample:
-        if not (self.virtual or self.t):
+        if not (self.virtual or self.follows):  # it stands, and its clock goes on
             self.t = time.monotonic()
         return Sample(self.t, self._measured.copy(), self.command.copy(), self.qd.copy())
 

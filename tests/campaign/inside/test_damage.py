@@ -79,8 +79,15 @@ FILES = (
 )
 
 
-@pytest.mark.parametrize("harm", ["half", "garbage", "nested", "folder"])
-@pytest.mark.parametrize("name", FILES)
+EITHER = [
+    pytest.param(name, harm, marks=[pytest.mark.slow] * ((i + j) % 2))
+    for i, name in enumerate(FILES)
+    for j, harm in enumerate(("half", "garbage", "nested", "folder"))
+]
+"""Every day each file meets two of the harms, and each harm every second file."""
+
+
+@pytest.mark.parametrize(("name", "harm"), EITHER)
 def test_any_damaged_file(lab: Path, capsys: pytest.CaptureFixture[str], name: str, harm: str) -> None:
     HARMS[harm](lab / name)
     for command in ("status", "report", "ask"):

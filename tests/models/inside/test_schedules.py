@@ -169,8 +169,15 @@ def test_update_carries_the_spectral_points_and_reinitialise_draws_them(name, fi
     assert np.abs(posteriors(anew)[0].points - before[0].points).max() > 0.1
 
 
-@NAMES
-@pytest.mark.parametrize("schedule", SCHEDULES)
+EITHER = [
+    pytest.param(name, schedule, marks=[pytest.mark.slow] * ((i + j) % 2))
+    for i, name in enumerate(MEMBERS)
+    for j, schedule in enumerate(SCHEDULES)
+]
+"""Every day each member meets two of the schedules, and each schedule every second member."""
+
+
+@pytest.mark.parametrize(("name", "schedule"), EITHER)
 def test_a_stored_model_goes_on_as_the_one_in_memory(name, schedule, firsts, tmp_path) -> None:
     config = replace(ML, process=name, schedule=schedule, steps=2)
     kept, again = (model_of(3, config, start) for start in (firsts[name], stored(firsts[name], tmp_path)))
