@@ -1,4 +1,4 @@
-"""What to believe of a robot's logs: one decision over all joints and all logs, with its odds.
+"""One decision on all joints and logs of a robot, with its odds.
 
 Hypotheses are weighed in the order in which one spoils the next: signs of some logs against the others,
 commands late, columns exchanged, rows reversed, signs of all logs, gravity taken out. Odds are natural
