@@ -107,6 +107,7 @@ BUILT_IN: Mapping[str, Mapping[str, str]] = {
         "franka": "etude_drivers.franka:driver",
         "lerobot": "etude_drivers.lerobot:driver",
         "mujoco": "etude_drivers.mujoco:driver",
+        "px4": "etude_drivers.px4:driver",
         "ros2": "etude_drivers.ros2:driver",
         "ur": "etude_drivers.ur:driver",
     },

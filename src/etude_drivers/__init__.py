@@ -10,6 +10,7 @@ if TYPE_CHECKING:
     from etude_drivers.lerobot import LeRobotArm
     from etude_drivers.machine import MachineSettings
     from etude_drivers.mujoco import MujocoRobot
+    from etude_drivers.px4 import Px4Vehicle
     from etude_drivers.ros2 import Ros2Controller
     from etude_drivers.ur import UrArm
 
@@ -21,6 +22,7 @@ __all__ = [
     "MachineSettings",
     "MujocoRobot",
     "Points",
+    "Px4Vehicle",
     "Ros2Controller",
     "Topics",
     "UrArm",

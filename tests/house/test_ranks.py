@@ -24,7 +24,7 @@ BESIDE = {
     "etude_lagrangian": set(),
     "etude_sparse": set(),
     "etude_online": {"etude_sparse"},
-    "etude_drivers": set(),
+    "etude_drivers": {"etude_quadrotor"},  # frames of PX4
 }
 """Packages beside the core, found by the table of plug-ins, and what each imports of the others."""
 KINDS = ("etude_arm", "etude_quadrotor")

@@ -70,7 +70,8 @@ class Sample:
             cycles where the robot's is virtual.
         at: trajectory time of `asked`, s; a Player fills both, None before the first set-point.
         fault: not empty: the robot does not follow any more, and why.
-        extra: temperature, voltage, success rate, ...
+        extra: what else it measures, by column of a log: what a vehicle learns from, such as rates_x, and
+            command_NAME of each rotor, where commands are not one a joint; temperature, voltage, ...
     """
 
     t: float
@@ -198,6 +199,7 @@ class Recording:
         reached: trajectory time that was reached, s. late: cycles that we missed.
         identity, command_unit: as `About` had them at that time.
         held: (start, end) s of the robot's clock from the first braking set-point of a HOLD to full speed.
+        extra: (n,) each of what samples had beside; NaN where a sample lacked it.
     """
 
     motion: PlannedMotion
@@ -215,6 +217,7 @@ class Recording:
     identity: str = ""
     command_unit: str = ""
     held: tuple[tuple[float, float], ...] = ()
+    extra: Mapping[str, Array] = field(default_factory=dict)
 
 
 Watch = Callable[[Sample], Reaction]

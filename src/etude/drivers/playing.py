@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import signal
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from types import FrameType
 
@@ -62,6 +62,7 @@ class RecordedRows:
         self.has_qd = True
         self.times = np.full((length, 2), np.nan)  # written once: the first touch of memory takes time
         self.values = np.full((length, 4, joints), np.nan)
+        self.extra: list[Mapping[str, float]] = []
 
     @property
     def newest(self) -> float:
@@ -79,6 +80,7 @@ class RecordedRows:
         row[1] = np.nan if sample.qd is None else sample.qd
         row[2] = np.nan if sample.command is None else sample.command
         self.has_qd = self.has_qd and sample.qd is not None
+        self.extra.append(sample.extra)
         self.n += 1
 
     def recording(
@@ -100,6 +102,10 @@ class RecordedRows:
             reached=float(np.nanmax(times[:, 1])) if self.n else 0.0,
             identity=about.identity,
             command_unit=about.command_unit,
+            extra={
+                name: np.array([row.get(name, np.nan) for row in self.extra])
+                for name in dict.fromkeys(name for row in self.extra for name in row)
+            },
         )
 
 

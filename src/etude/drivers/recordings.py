@@ -25,7 +25,8 @@ CHANNELS = ("q", "qd", "command", "asked")
 
 
 def write_recording(path: Path, recording: Recording) -> None:
-    """Writes it whole or not at all. Columns: t, at, and q_JOINT, qd_JOINT, command_JOINT, asked_JOINT.
+    """Writes it whole or not at all. Columns: t, at, q_JOINT, qd_JOINT, command_JOINT, asked_JOINT, and what
+    samples had beside.
 
     Times are doubles; the rest is single precision, finer than encoders are.
 
@@ -39,6 +40,7 @@ def write_recording(path: Path, recording: Recording) -> None:
         values = getattr(recording, channel)
         for j, joint in enumerate(recording.motion.joints if values is not None else ()):
             columns[f"{channel}_{joint}"] = values[:, j].astype(np.float32)
+    columns |= {name: values.astype(np.float32) for name, values in recording.extra.items()}
     buffer = io.BytesIO()
     polars.DataFrame(columns).write_parquet(
         buffer,
@@ -103,6 +105,7 @@ def _recording(header: dict[str, Any], frame: Any) -> Recording:
         return values
 
     own = {name: header[name] for name in OWN}
+    rows = {"t", "at", *(f"{channel}_{joint}" for channel in CHANNELS for joint in joints)}
     return Recording(
         **{**own, "held": tuple(tuple(span) for span in own["held"])},
         motion=motion,
@@ -113,4 +116,5 @@ def _recording(header: dict[str, Any], frame: Any) -> Recording:
         qd=table("qd") if f"qd_{joints[0]}" in frame.columns else None,
         command=table("command"),
         asked=table("asked"),
+        extra={name: frame[name].to_numpy().astype(float) for name in frame.columns if name not in rows},
     )

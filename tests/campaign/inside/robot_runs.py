@@ -88,13 +88,14 @@ def moved(
     robot: Robot | Player,
     person: Person | None = None,
     told: Callable[[str, Any], None] = lambda _, __: None,
+    say: Callable[[str], None] = lambda _: None,
     **options: Any,
 ) -> RunResult:
     """A run of one motion that is neither confirmed nor promoted, unless the options say otherwise."""
     player = Streamed(robot) if isinstance(robot, Robot) else robot
     usual = {"on": "small", "rounds": 1, "confirm": False, "promote": False}
     own = RunOptions(**{**usual, **options})
-    return run_campaign(campaign, player, person or Somebody(), own, tell_event=told)
+    return run_campaign(campaign, player, person or Somebody(), own, say=say, tell_event=told)
 
 
 def facts(campaign: Campaign, kind: type) -> list[Any]:

@@ -367,6 +367,20 @@ def test_a_refused_log_is_refused_again_before_anything_moves(tmp_path: Path) ->
     assert [fact.foreign for fact in facts(campaign, Ingested)] == [False]
 
 
+def test_cycles_that_come_late_are_told(tmp_path: Path) -> None:
+    said: list[str] = []
+    robot = Robot()
+
+    def slow(event: str, fields: Any) -> None:
+        if event == "motion_sent" and fields["part"] == "motion" and not fields["first"]:
+            robot.at = {len(robot.sent) + n: lambda: robot.stall(0.04) for n in range(20, 100, 20)}
+
+    moved(lab(tmp_path), robot, told=slow, say=said.append)
+    late = [own for own in said if "cycles came late" in own]
+    assert len(late) == 1
+    assert re.match(r"4 of ", late[0])
+
+
 def test_a_robot_that_stands_outside_its_limits_is_not_moved(tmp_path: Path) -> None:
     robot = Robot(start=np.array([0.0, 1.3]))
     with pytest.raises(UsageError, match=r"hip stands at 1\.3, outside its limits -1\.\.1") as refused:

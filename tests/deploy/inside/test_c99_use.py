@@ -24,8 +24,8 @@ from etude.deploy import CForm, c_files
 from etude.deploy.c99.plan import identifier, identifiers
 from etude.deploy.c99.self_test import answered, golden
 from etude.deploy.c99.source import numbers, prelude
-from etude.deploy.c99.target import C99, single
-from etude.errors import UsageError
+from etude.deploy.c99.target import C99, built, compiler, single
+from etude.errors import EtudeError, UsageError
 from etude.models import LearnedModel, PluginKernel, Posteriors, SquaredExponential, posterior_given
 from etude.protocols import Candidate
 from etude.types import Delivered
@@ -392,3 +392,12 @@ def test_a_folder_without_permission_is_refused(tmp_path: Path) -> None:
             write_folder(tmp_path / "out", {"a.h": b"x"}, "mark")
     finally:
         tmp_path.chmod(0o700)
+
+
+def test_a_compiler_that_takes_too_long_is_told_in_words(monkeypatch: pytest.MonkeyPatch) -> None:
+    if not compiler():
+        pytest.skip("no C compiler on this machine")
+    monkeypatch.setattr("etude.deploy.c99.target.LONGEST_S", 1e-4)
+    with pytest.raises(EtudeError, match="was not done with the exported model") as told:
+        built("slow", {"slow.c": b"int one(void) { return 1; }\n"}, 0)
+    assert "--single" in str(told.value.next_step)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -105,11 +106,12 @@ def log_of(campaign: Campaign, evidence: Evidence, source: str) -> Log:
     use = (t >= -REST_S) & (t <= last)
     for start, end in own.held:
         use &= ~((own.t >= start) & (own.t <= end))
-    values: dict[str, Array] = {path: own.q, campaign.command.name: own.command}
+    values: dict[str, Array] = {path: own.q[:, order], **_beside(campaign.channels, own)}
     rate = next((c.name for c in campaign.channels if c.derivative_of == path), "")
-    values |= {rate: own.qd} if own.qd is not None and rate else {}
+    values |= {rate: own.qd[:, order]} if own.qd is not None and rate else {}
+    values.setdefault(campaign.command.name, own.command[:, order])
     channels: dict[str, Channel] = {name: campaign.channel(name) for name in values}
-    kept = {name: np.ascontiguousarray(value[use][:, order]) for name, value in values.items()}
+    kept = {name: np.ascontiguousarray(value[use]) for name, value in values.items()}
     log = Log(t[use], channels, kept, source)
     added = file_gravity(campaign, log[path]) if evidence.lacks_gravity else None
     if added is None:
@@ -118,6 +120,16 @@ def log_of(campaign: Campaign, evidence: Evidence, source: str) -> Log:
     return log.repaired(
         "The robot adds gravity after its commands: that of the model file was added to them."
     )
+
+
+def _beside(channels: Sequence[Channel], recording: Recording) -> dict[str, Array]:
+    """(n, parts) Of each channel whose parts the robot gives beside its joints, by their columns in a log."""
+    names = {c.name: [f"{c.name}_{part}" for part in c.parts] for c in channels}
+    return {
+        channel: np.stack([recording.extra[name] for name in own], axis=1)
+        for channel, own in names.items()
+        if all(name in recording.extra for name in own)
+    }
 
 
 def file_gravity(campaign: Campaign, q: Array) -> Array | None:

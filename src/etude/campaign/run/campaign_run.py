@@ -44,6 +44,8 @@ WORD = "move"
 """What a person types before anything moves."""
 MOST_ROUNDS = 50
 """Of one command, whatever the stop rule says."""
+LATE = 0.01
+"""Part of the cycles of a motion that may come late without a word."""
 
 
 @dataclass(frozen=True)
@@ -401,7 +403,14 @@ class _Loop:
             self.session.play(self._faded(way, level))
         what = "the beginning of motion" if motion.first else "motion"
         self.say(f"Running {what} {motion.number} at {motion.speed} %, under {motion.control}.")
-        return self.session.play(motion)
+        result = self.session.play(motion)
+        late, cycles = result.fact.late, len(result.recording.t)
+        if late > LATE * cycles:
+            self.say(
+                f"{late} of {cycles} cycles came late, so the robot was led unevenly. Give this computer "
+                "less to do, or the driver a lower rate."
+            )
+        return result
 
     def _faded(self, way: CertifiedMotion, level: float) -> CertifiedMotion:
         """With the command that the robot has, fading to the level that comes next."""

@@ -52,7 +52,8 @@ def bounds_for(
     lower, upper = (np.asarray(end, dtype=float) for end in limits[path])
     rate = next((c.name for c in campaign.channels if c.derivative_of == path), "")
     fastest = np.asarray(limits[rate][1]) if rate in limits else np.full(len(lower), np.inf)
-    command = limits.get(campaign.command.name)
+    by_joint = len(campaign.command.parts) == len(lower)  # a vehicle's are of its rotors
+    command = limits.get(campaign.command.name) if by_joint else None
     return Bounds(
         error=_error_bound(campaign, about, constraints, trajectory, control, events),
         lower=lower,

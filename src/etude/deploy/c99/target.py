@@ -209,7 +209,15 @@ def built(name: str, files: Mapping[str, bytes], tables: int) -> Built | None:
 
 
 def _run(command: list[str], folder: Path, good: tuple[int, ...] = (0,)) -> str:
-    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False, timeout=LONGEST_S)
+    try:
+        done = subprocess.run(
+            command, cwd=folder, capture_output=True, text=True, check=False, timeout=LONGEST_S
+        )
+    except subprocess.TimeoutExpired:
+        raise EtudeError(
+            f"{command[0]} was not done with the exported model after {LONGEST_S:g} s",
+            next_step="Export again when this machine has less to do, or with --single: fewer tables.",
+        ) from None
     if done.returncode not in good:
         raise EtudeError(
             f"{command[0]} does not take the exported model: {done.stderr.strip()[-400:]}",

@@ -1,0 +1,331 @@
+"""The driver `px4`: multirotors with PX4, by MAVLink's offboard set-points. Experimental.
+
+PX4 takes position, velocity and acceleration of each set-point to its own controllers. It has to hear
+set-points for a second before it enters offboard mode, and leaves that mode when they end. Frames are turned
+here: set-points and places are north, east, down there, and east, north, up in a campaign; bodies are
+forward, right, down there, and forward, left, up here.
+
+A motion begins in offboard mode, armed, and ends in PX4's own hold mode. Nothing switches rotors off in the
+air: a kill is a hold, too.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import importlib
+import math
+import threading
+import time
+from collections.abc import Callable, Mapping, Sequence
+from types import TracebackType
+from typing import Any, Self
+
+import numpy as np
+
+from etude.drivers import About, Control, Sample
+from etude.errors import UsageError
+from etude.types import Array
+from etude_quadrotor.export.offboard import NED, YAW
+from etude_quadrotor.logs.ulog import turned
+
+AXES = ("x", "y", "z")
+KEYS = ("rate", "motors", "pulse", "on_loss", "battery")
+"""Of the table [driver]."""
+FLU = np.array([1.0, -1.0, -1.0])
+"""(forward, left, up) <- (forward, right, down), and back."""
+PX4 = 12  # MAV_AUTOPILOT
+MULTIROTORS = {2: 4, 13: 6, 14: 8, 15: 3, 29: 12}
+"""MAV_TYPE, and how many rotors."""
+ARMED = 128  # in base_mode
+CUSTOM = 1  # the mode is PX4's own
+OFFBOARD, HOLD, LAND = (6, 0), (4, 3), (4, 6)
+"""Main mode and sub-mode of PX4."""
+MODES = {1: "manual", 2: "altitude", 3: "position", 4: "auto", 5: "acro", 6: "offboard", 7: "stabilized"}
+SET_MODE, ARM, INTERVAL = 176, 400, 511
+"""MAV_CMD_DO_SET_MODE, MAV_CMD_COMPONENT_ARM_DISARM, MAV_CMD_SET_MESSAGE_INTERVAL."""
+PLACE, WANTED = 32, (31, 32, 105, 375)
+"""LOCAL_POSITION_NED; with ATTITUDE_QUATERNION, HIGHRES_IMU and ACTUATOR_OUTPUT_STATUS."""
+LOCAL, NO_YAW_RATE = 1, 2048
+"""MAV_FRAME_LOCAL_NED, and the mask of a set-point whose yaw rate alone is not stated."""
+BEFORE_S = 1.2
+"""Of set-points before offboard mode."""
+ANSWER_S = 3.0
+"""For an answer of the autopilot."""
+HEADING = 0.3
+"""rad by which the vehicle may look away from the heading that it will be asked for."""
+
+
+def driver(joints: tuple[str, ...], address: str, settings: Mapping[str, Any]) -> Px4Vehicle:
+    """`--on px4:udpin:0.0.0.0:14540`, an address of pymavlink; [driver] has `KEYS`."""
+    if not address:
+        raise UsageError("px4 needs an address", next_step="--on px4:udpin:0.0.0.0:14540")
+    try:
+        mavutil = importlib.import_module("pymavlink.mavutil")
+    except ImportError as problem:
+        raise UsageError(
+            f"the driver px4 needs pymavlink, which is not installed ({problem})",
+            next_step="Install it: pip install 'etude[px4]'",
+        ) from problem
+    return Px4Vehicle(
+        joints, address, settings, lambda own: mavutil.mavlink_connection(own, dialect="common")
+    )
+
+
+class Px4Vehicle:
+    """A Stream over MAVLink.
+
+    Args:
+        joints: of the campaign: x, y and z. address: of the vehicle.
+        settings: rate, Hz; motors, names of the campaign's commands in the order of PX4's outputs; pulse, us
+            at command 0 and 1; on_loss, what PX4 does when set-points end, by its COM_OBL_RC_ACT; battery,
+            least part of the charge with which a motion begins.
+        connect: makes a connection of pymavlink. virtual: of a simulation, whose time advances with
+            set-points.
+    """
+
+    def __init__(
+        self,
+        joints: Sequence[str],
+        address: str,
+        settings: Mapping[str, Any],
+        connect: Callable[[str], Any],
+        virtual: bool = False,
+    ) -> None:
+        unknown = [name for name in settings if name not in KEYS]
+        if unknown:
+            raise UsageError(
+                f"[driver] has no key {', '.join(unknown)} for px4", next_step=f"It knows {KEYS}."
+            )
+        if tuple(joints) != AXES:
+            raise UsageError(
+                f"px4 flies along x, y and z, not {', '.join(joints)}",
+                next_step="Give it a vehicle's campaign.",
+            )
+        self.address, self.virtual = address, virtual
+        self.rate = float(settings.get("rate", 50.0))
+        self.motors = tuple(settings.get("motors", ("m1", "m2", "m3", "m4")))
+        self.pulse = tuple(map(float, settings.get("pulse", (1000.0, 2000.0))))
+        self.on_loss = settings.get("on_loss", "unknown")
+        self.battery = float(settings.get("battery", 0.3))
+        self._connect, self._lock = connect, threading.Lock()
+        self._link: Any = None
+        self._newest: dict[str, Any] = {}
+        self._serves = self._armed_by_us = False
+        self._held: Array | None = None  # (3,) set-point at rest that was sent last
+
+    def about(self) -> About:
+        return About(
+            name="PX4 multirotor",
+            identity=f"px4 at {self.address}",
+            joints=AXES,
+            rate=self.rate,
+            command_unit="1",
+            command_of="applied",
+            gravity_in_command=True,
+            can_hold=True,
+            stopping_time=2.0,
+            on_loss=self.on_loss,
+            silence=0.5,
+            real=not self.virtual,
+            virtual=self.virtual,
+        )
+
+    def __enter__(self) -> Self:
+        self._link = self._connect(self.address)
+        beat = self._heard("HEARTBEAT", lambda m: m.type != 6)  # no other ground station
+        if beat.autopilot != PX4 or MULTIROTORS.get(beat.type) != len(self.motors):
+            self._link.close()
+            raise UsageError(
+                f"at {self.address} is MAV_TYPE {beat.type} of autopilot {beat.autopilot}, and not a "
+                f"multirotor of PX4 with {len(self.motors)} rotors",
+                next_step="Check the address, and motors in [driver].",
+            )
+        for message in WANTED:
+            self._command(INTERVAL, message, 1e6 / self.rate)
+        self._heard("LOCAL_POSITION_NED")
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None, /
+    ) -> None:
+        """Lands what this driver has armed; else PX4 holds, as it was found."""
+        if self._armed_by_us and self._in_our_hands():
+            with contextlib.suppress(Exception):
+                self._mode(LAND)
+        else:
+            self.stop()
+        self._link.close()
+        self._armed_by_us = False
+
+    def state(self) -> Sample:
+        """The newest place with what else was heard until then; it waits for the next one."""
+        before = self._newest["LOCAL_POSITION_NED"].time_boot_ms
+        self._read(0.0)
+        if not self.virtual and self._newest["LOCAL_POSITION_NED"].time_boot_ms == before:
+            self._read(1.0 / self.rate, until="LOCAL_POSITION_NED")
+        place = self._newest["LOCAL_POSITION_NED"]
+        q, qd = (NED @ np.array(own) for own in ((place.x, place.y, place.z), (place.vx, place.vy, place.vz)))
+        asked = None if self._serves else self._held
+        return Sample(place.time_boot_ms / 1e3, q, None, qd, asked, fault=self._fault(), extra=self._beside())
+
+    def ready(self, control: Control) -> None:
+        """Set-points where it stands, offboard mode, armed. ConnectionError: PX4 refuses, and why."""
+        self.state()
+        if (left := self._charge()) < self.battery:
+            raise ConnectionError(f"the battery has {left:.0%} left, and {self.battery:.0%} are asked for")
+        if (off := self._looks_away()) > HEADING:
+            raise ConnectionError(
+                f"it looks {math.degrees(off):.0f} degrees away from the x axis, which is east: turn it"
+            )
+        here = self.state().q if self._held is None else self._held
+        for _ in range(round(BEFORE_S * self.rate)):
+            self._send(here, np.zeros(3), np.zeros(3))
+            self._pause()
+        self._answered(self._mode(OFFBOARD), "offboard mode", here)
+        if not self._beat.base_mode & ARMED:
+            self._answered(self._command(ARM, 1.0), "to arm", here)
+            self._armed_by_us = True
+        self._until(lambda: self._is(OFFBOARD) and bool(self._beat.base_mode & ARMED), "offboard mode", here)
+        self._serves = True
+
+    def send(self, q: Array, qd: Array, qdd: Array, effort: Array | None) -> None:
+        self._send(q, qd, qdd)
+        self._held = q.copy() if not qd.any() else None
+
+    def stop(self, kill: bool = False) -> None:
+        """PX4's hold mode, unless a person or PX4 itself has taken over."""
+        with contextlib.suppress(Exception):
+            if self._serves and self._in_our_hands():
+                self._mode(HOLD)
+        self._serves = False
+
+    @property
+    def _beat(self) -> Any:
+        return self._newest["HEARTBEAT"]
+
+    def _is(self, mode: tuple[int, int]) -> bool:
+        found = self._beat.custom_mode
+        return bool((found >> 16 & 255) == mode[0] and (mode == OFFBOARD or (found >> 24 & 255) == mode[1]))
+
+    def _in_our_hands(self) -> bool:
+        return self._is(OFFBOARD) or self._is(HOLD)
+
+    def _fault(self) -> str:
+        """Why it does not follow any more, once it should."""
+        if not self._serves:
+            return ""
+        if not self._beat.base_mode & ARMED:
+            return f"PX4 has disarmed{self._said()}"
+        if not self._is(OFFBOARD):
+            mode = MODES.get(self._beat.custom_mode >> 16 & 255, "another")
+            why = f"a pilot or a failsafe has taken over{self._said()}"
+            return f"PX4 has left offboard mode for {mode} mode: {why}"
+        return ""
+
+    def _said(self) -> str:
+        own = self._newest.get("STATUSTEXT")
+        return "" if own is None else f" ({own.text})"
+
+    def _charge(self) -> float:
+        """Part of the charge that is left; 1 where PX4 does not know."""
+        own = self._newest.get("SYS_STATUS")
+        return 1.0 if own is None or own.battery_remaining < 0 else own.battery_remaining / 100.0
+
+    def _looks_away(self) -> float:
+        own = self._newest.get("ATTITUDE_QUATERNION")
+        if own is None:
+            return 0.0
+        w, x, y, z = own.q1, own.q2, own.q3, own.q4
+        off = math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)) - YAW
+        return abs(math.remainder(off, 2 * math.pi))
+
+    def _beside(self) -> dict[str, float]:
+        """What a vehicle learns from, by the columns of a log, of what was heard."""
+        found: dict[str, float] = {}
+        if (own := self._newest.get("HIGHRES_IMU")) is not None:
+            force, rates = (
+                np.array([own.xacc, own.yacc, own.zacc]),
+                np.array([own.xgyro, own.ygyro, own.zgyro]),
+            )
+            for word, vector in (("specific_force", FLU * force), ("rates", FLU * rates)):
+                found |= {f"{word}_{axis}": float(x) for axis, x in zip(AXES, vector, strict=True)}
+        if (own := self._newest.get("ATTITUDE_QUATERNION")) is not None:
+            q = turned(np.array([[own.q1, own.q2, own.q3, own.q4]]))[0]
+            found |= {f"orientation_{part}": float(x) for part, x in zip("wxyz", q, strict=True)}
+        if (own := self._newest.get("ACTUATOR_OUTPUT_STATUS")) is not None:
+            low, high = self.pulse
+            parts = [(x - low) / (high - low) for x in own.actuator[: len(self.motors)]]
+            found |= {f"command_{name}": float(x) for name, x in zip(self.motors, parts, strict=True)}
+        if (own := self._newest.get("SYS_STATUS")) is not None and own.voltage_battery < 65535:
+            found["battery_voltage_pack"] = own.voltage_battery / 1e3
+        return found
+
+    def _send(self, q: Array, qd: Array, qdd: Array) -> None:
+        place, speed, force = ((NED @ own).tolist() for own in (q, qd, qdd))
+        with self._lock:
+            self._link.mav.set_position_target_local_ned_send(
+                0, *self._target, LOCAL, NO_YAW_RATE, *place, *speed, *force, YAW, 0.0
+            )
+
+    @property
+    def _target(self) -> tuple[int, int]:
+        return self._beat.get_srcSystem(), self._beat.get_srcComponent()
+
+    def _command(self, what: int, *values: float) -> int:
+        filled = (*values, *(0.0,) * (7 - len(values)))
+        self._newest.pop("COMMAND_ACK", None)
+        with self._lock:
+            self._link.mav.command_long_send(*self._target, what, 0, *filled)
+        return what
+
+    def _mode(self, mode: tuple[int, int]) -> int:
+        return self._command(SET_MODE, CUSTOM, *mode)
+
+    def _answered(self, what: int, words: str, here: Array) -> None:
+        """Waits for the answer to a command. ConnectionError: it is a refusal."""
+
+        def found() -> bool:
+            own = self._newest.get("COMMAND_ACK")
+            return own is not None and own.command == what
+
+        self._until(found, words, here)
+        if self._newest["COMMAND_ACK"].result:
+            raise ConnectionError(f"PX4 refuses {words}{self._said()}")
+
+    def _until(self, true: Callable[[], bool], words: str, here: Array) -> None:
+        """While set-points go on."""
+        for _ in range(round(ANSWER_S * self.rate)):
+            if true():
+                return
+            self._send(here, np.zeros(3), np.zeros(3))
+            self._pause()
+        raise ConnectionError(f"PX4 did not answer to {words} within {ANSWER_S:g} s")
+
+    def _pause(self) -> None:
+        self._read(0.0 if self.virtual else 1.0 / self.rate)
+
+    def _heard(self, name: str, wanted: Callable[[Any], bool] = lambda _: True) -> Any:
+        """The first message of that name. ConnectionError: none came."""
+        end = time.monotonic() + ANSWER_S
+        while time.monotonic() < end:
+            self._read(0.1, until=name)
+            own = self._newest.get(name)
+            if own is not None and wanted(own):
+                return own
+        raise ConnectionError(f"no {name} came from {self.address} within {ANSWER_S:g} s")
+
+    def _read(self, seconds: float, until: str = "") -> None:
+        """All that has come, and what comes within that time, or until a message of that name."""
+        end = time.monotonic() + seconds
+        while True:
+            left = end - time.monotonic()
+            message = self._link.recv_match(blocking=left > 0.0, timeout=max(left, 0.0))
+            if message is None and left <= 0.0:
+                return
+            if message is None:
+                continue
+            if message.get_type() == "HEARTBEAT" and message.type == 6:
+                continue
+            self._newest[message.get_type()] = message
+            if message.get_type() == until:
+                end = 0.0
