@@ -58,7 +58,7 @@ def test_json_carries_code_fields_step_and_light() -> None:
         ),
         (
             Notice(Warn.INPUTS_MISSING, {"inputs": ("a", "b")}),
-            "Not every log tells its a and b; the model does without",
+            "Inputs left out of the model, since some logs lack them: a and b",
         ),
     ],
 )

@@ -1,8 +1,8 @@
 """Optional abilities of the pipeline's parts: one small protocol for each.
 
-The first word of a docstring names the part. A part has an ability if it has all its members; `isinstance`
-tells. What a part lacks is named in a sentence, never stubbed. A part with only some members of an ability is
-refused (`require_whole`). `etude.protocols` has what every part owes.
+The first word of a docstring names the part. A part has an ability if it has all its members, which
+`isinstance` checks. If a part lacks an ability, the pipeline says so; write no stub. A part with only some
+members of an ability is refused (`require_whole`). `etude.protocols` has the required members.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ class SupportsOrder(Protocol):
 
 @runtime_checkable
 class SupportsOrders(Protocol):
-    """`Limit` that looks at more orders of a motion than position, velocity and acceleration."""
+    """`Limit` that needs more derivatives of a motion than position, velocity and acceleration."""
 
     @property
     def orders(self) -> int: ...
@@ -57,7 +57,7 @@ class SupportsOrders(Protocol):
 
 @runtime_checkable
 class SupportsCoverage(Protocol):
-    """`Limit`: which of `limits.certificate.ALL` it looks at, and sentences on what it leaves out."""
+    """`Limit`: which of `limits.certificate.ALL` it verifies, and sentences on what is not verified."""
 
     @property
     def looks_at(self) -> tuple[str, ...]: ...
@@ -67,14 +67,14 @@ class SupportsCoverage(Protocol):
 
 @runtime_checkable
 class SupportsWarnings(Protocol):
-    """`Limit` with notices, or sentences alone, that come first in a motion's certificate."""
+    """`Limit` with warnings about a motion, notices or sentences, which come first in its certificate."""
 
     def warned(self, trajectory: Trajectory) -> Sequence[str | Notice]: ...
 
 
 @runtime_checkable
 class SupportsRefusal(Protocol):
-    """`Limit` that may allow no motion at all: the fact and the next step, or two empty texts."""
+    """`Limit` that may refuse every motion: the fact and the next step, or two empty texts."""
 
     @property
     def refused(self) -> tuple[str, str]: ...
@@ -82,14 +82,14 @@ class SupportsRefusal(Protocol):
 
 @runtime_checkable
 class SupportsRoomCheck(Protocol):
-    """`Limit` that raises UnsafeTrajectoryError if it leaves no room for any motion of that form."""
+    """`Limit` that raises UnsafeTrajectoryError if it allows no motion of that form."""
 
     def check_room(self, form: str) -> None: ...
 
 
 @runtime_checkable
 class SupportsFastCheck(Protocol):
-    """`Limit` with a fast answer for searches, whose result is then proved."""
+    """`Limit` with a fast check for searches; the result of a search is proved afterwards."""
 
     def keeps(self, piece: Trajectory) -> bool: ...
 
@@ -98,8 +98,8 @@ class SupportsFastCheck(Protocol):
 class SupportsBoxes(Protocol):
     """`Limit` on the path alone, at any speed, so that a search may widen a motion to one side.
 
-    about: the same limit with another box of cones, (k,) to (k,). roughly: whether poses (T, k) of a motion
-    of that form about `pose` (k,) keep it, at little cost.
+    about: the same limit with another box of cones, from lower (k,) to upper (k,). roughly: a cheap test
+    whether poses (T, k) of a motion of that form about `pose` (k,) keep the limit.
     """
 
     def about(self, lower: Array, upper: Array) -> Limit: ...
@@ -108,21 +108,21 @@ class SupportsBoxes(Protocol):
 
 @runtime_checkable
 class SupportsBlocking(Protocol):
-    """`Limit` that names what a pose (k,) in a motion of that form runs into; "": nothing."""
+    """`Limit` that names the obstacle of a pose (k,) in a motion of that form; "": none."""
 
     def blocked(self, form: str, pose: Array) -> str: ...
 
 
 @runtime_checkable
 class SupportsOffsets(Protocol):
-    """`Limit` of places: rows for a plan's places (K, k) where the robot may be `off` (K, k) beside them."""
+    """`Limit` of positions: rows of a plan's positions (K, k), if the robot deviates by `off` (K, k)."""
 
     def strayed(self, places: Array, off: Array) -> Sequence[Proof]: ...
 
 
 @runtime_checkable
 class SupportsDrawing(Protocol):
-    """`Limit`: what a drawing shows of it, in the robot's world."""
+    """`Limit`: its shapes in a drawing, in the robot's world frame."""
 
     @property
     def things(self) -> Sequence[Thing]: ...
@@ -130,19 +130,17 @@ class SupportsDrawing(Protocol):
 
 @runtime_checkable
 class SupportsNearby(Protocol):
-    """`Limit` of distances: how near what it keeps apart is at poses (T, k), with the ends of as many of the
-    narrowest as `lines` says.
-    """
+    """`Limit` of distances: distances at poses (T, k), with the end points of the `lines` smallest ones."""
 
     def nearby(self, poses: Array, lines: int) -> Nearby: ...
 
 
 @runtime_checkable
 class SupportsMemory(Protocol):
-    """`Inputs` whose physics remembers: a log with what is remembered, as it is if it carries that already.
+    """`Inputs` whose physics has a memory: a log with that state, unchanged if it has the state already.
 
-    followed: rows in order, from rest. apart: rows that do not follow one another. carried: one row after
-    another, with what the row before left (None: the first).
+    followed: for rows in order, from rest. apart: for rows that do not follow one another. carried: one row
+    at a time, with the state that the previous row left (None: first row).
     """
 
     def followed(self, log: Log) -> Log: ...
@@ -152,8 +150,8 @@ class SupportsMemory(Protocol):
 
 @runtime_checkable
 class SupportsSlow(Protocol):
-    """`Physics` that slow samples may tell more of: the samples with those taken as moving, from which the
-    physics is fitted again; None where there are too few.
+    """`Physics` that may also be fitted to slow samples: the samples with the slow ones marked as moving, for
+    another fit; None if there are too few.
     """
 
     def slow(self, samples: Samples) -> Samples | None: ...
@@ -161,8 +159,8 @@ class SupportsSlow(Protocol):
 
 @runtime_checkable
 class SupportsRipple(Protocol):
-    """`Physics` that may look for what returns with a position: the samples that tell it, and that physics;
-    None: it may not of this robot.
+    """`Physics` that may identify ripple, a force periodic in the position: the samples for that, and the
+    physics with ripple; None: not for this robot.
     """
 
     def rippled(self, samples: Samples) -> tuple[Samples, Physics] | None: ...
@@ -170,7 +168,7 @@ class SupportsRipple(Protocol):
 
 @runtime_checkable
 class SupportsDrag(Protocol):
-    """`Inputs` of vehicles that know the air's drag (dx, dy, dz), 1/s. drag_c: C99 of void name(const real
+    """`Inputs` of vehicles with known air drag (dx, dy, dz), 1/s. drag_c: C99 of void name(const real
     *body_velocity, real *force), the lateral force per mass in body axes; None: unknown.
     """
 
@@ -181,7 +179,7 @@ class SupportsDrag(Protocol):
 
 @runtime_checkable
 class SupportsNotes(Protocol):
-    """`Inputs` with notices, or sentences alone, on what `fitted` found."""
+    """`Inputs` with notices, or sentences, about the result of `fitted`."""
 
     @property
     def notes(self) -> Sequence[str | Notice]: ...
@@ -189,14 +187,14 @@ class SupportsNotes(Protocol):
 
 @runtime_checkable
 class SupportsOnnx(Protocol):
-    """`Inputs` or `Mean` as a piece of an ONNX graph, which in a run from rest says what Python says."""
+    """`Inputs` or `Mean` as a piece of an ONNX graph, with the results of Python in a run from rest."""
 
     def onnx(self) -> Piece: ...
 
 
 @runtime_checkable
 class SupportsColumns(Protocol):
-    """`Mean` that reads states which the model's inputs do not hold: their columns, as of `Inputs`."""
+    """`Mean` that reads states beyond the model's inputs: their columns, as in `Inputs`."""
 
     @property
     def columns(self) -> Sequence[Column]: ...
@@ -204,7 +202,7 @@ class SupportsColumns(Protocol):
 
 @runtime_checkable
 class SupportsVariations(Protocol):
-    """`Mean` of a model file: what its commands change by if the file is wrong in one thing.
+    """`Mean` of a model file: derivatives of its commands by possible errors of the file.
 
     gravity (3,): m/s^2 in the world. pulls (n, J, 3): for each m/s^2 of gravity along an axis of the world.
     links (n, J, L, 10): for mass (kg), first moments (kg m) and inertia (xx yy zz xy xz yz, kg m^2, about the
@@ -219,8 +217,8 @@ class SupportsVariations(Protocol):
 
 @runtime_checkable
 class SupportsWithout(Protocol):
-    """`Physics` that shares work between folds (n,): by number of a fold what the mean without it says of all
-    samples, (n, J). A fold without which nothing can be identified is missing.
+    """`Physics` that shares work between folds (n,): by number of a fold, predictions (n, J) of all samples
+    by the mean identified without that fold. A fold is missing if nothing can be identified without it.
     """
 
     def without(self, samples: Samples, fold: Index) -> Mapping[int, Array]: ...
@@ -235,9 +233,9 @@ class SupportsRegressors(Protocol):
 
 @runtime_checkable
 class SupportsFastMoments(Protocol):
-    """`Model`: mean (n, J) alone; mean and a variance that is at least that of `posterior`, for less.
+    """`Model`: mean (n, J) alone; mean and an upper bound of `posterior`'s variance, at lower cost.
 
-    prior_deviation (J,): before any data. least (J,): variance claimed anywhere, None: none.
+    prior_deviation (J,): before any data. least (J,): lower bound of all variances; None: unknown.
     """
 
     @property
@@ -250,8 +248,8 @@ class SupportsFastMoments(Protocol):
 
 @runtime_checkable
 class SupportsAccelerations(Protocol):
-    """`Controller` of a feedback that takes accelerations (T, k): the motion's and what the model adds; None:
-    the motion's own.
+    """`Controller` for a feedback that takes accelerations (T, k): the motion's plus the model's correction;
+    None: the motion's own.
     """
 
     def accelerations(self, motion: Motion) -> Array | None: ...
@@ -259,7 +257,7 @@ class SupportsAccelerations(Protocol):
 
 @runtime_checkable
 class SupportsEachTick(Protocol):
-    """`Robot` that, if True, asks a controller that plans nothing at each tick and shows it measurements."""
+    """`Robot` that, if True, calls a controller without a plan at each tick, and passes it measurements."""
 
     @property
     def asks_each_tick(self) -> bool: ...
@@ -282,7 +280,7 @@ class SupportsTestRuns(Protocol):
 
 @runtime_checkable
 class SupportsAssumptions(Protocol):
-    """`Robot` made from a real robot's description: sentences on what nobody described."""
+    """`Robot` made from a real robot's description: sentences on values that were assumed."""
 
     @property
     def assumed(self) -> tuple[str, ...]: ...
@@ -312,17 +310,17 @@ class SupportsSelection(Protocol):
 
 @runtime_checkable
 class SupportsFigure(Protocol):
-    """`Kind`: its robot along positions q (T, k) of its path, to be drawn."""
+    """`Kind`: a drawing of its robot along positions q (T, k) of its path."""
 
     def figure(self, spec: Any, q: Array) -> Figure | None: ...
 
 
 @runtime_checkable
 class SupportsSolids(Protocol):
-    """`Kind`: its robot as B solid parts, none where nothing says how it looks, for pictures in space.
+    """`Kind`: its robot as B solid parts for pictures in space; none if its shapes are unknown.
 
-    placed: (T, B, 3, 4) rotation and place, m, of each in the world along a motion of its path, which may
-    hold positions alone.
+    placed: (T, B, 3, 4) rotation and position (m) of each part in the world along a motion of its path; the
+    motion may have positions alone.
     """
 
     def solids(self, spec: Any) -> Sequence[Solid]: ...
@@ -331,15 +329,15 @@ class SupportsSolids(Protocol):
 
 @runtime_checkable
 class SupportsPoses(Protocol):
-    """`Kind` whose robots may stand where no motion goes: poses (k,) by name, from which its ways lead."""
+    """`Kind` with named poses (k,) outside of all motions, from which approaches start."""
 
     def poses(self, spec: Any) -> Mapping[str, Annotated[Array, "(k,)"]]: ...
 
 
 @runtime_checkable
 class SupportsLeadIn(Protocol):
-    """`Kind` whose families make motions that move at their ends: whether this robot's get a lead-in from
-    rest and a lead-out to rest.
+    """`Kind` whose families have motions that do not end at rest: whether this robot's motions get a lead-in
+    from rest and a lead-out to rest.
     """
 
     def from_rest(self, spec: Any) -> bool: ...
@@ -347,8 +345,8 @@ class SupportsLeadIn(Protocol):
 
 @runtime_checkable
 class SupportsReachable(Protocol):
-    """`Kind` that knows where its robots can be: motions are then looked for about clear poses all over it,
-    and what they sweep is reported. Without it, or None: motions about home alone.
+    """`Kind` with known workspaces: the search then covers clear poses all over the workspace, and the report
+    shows the ranges that motions sweep. Without it, or None: motions about home alone.
     """
 
     def reachable(self, spec: Any) -> Reachable | None: ...
@@ -356,21 +354,21 @@ class SupportsReachable(Protocol):
 
 @runtime_checkable
 class SupportsLargestError(Protocol):
-    """`Kind` that knows its robots' feedback: largest position errors (k,) that it allows, NaN: unknown."""
+    """`Kind` with known feedback gains: largest position errors (k,) under feedback; NaN: unknown."""
 
     def largest_error(self, spec: Any) -> Annotated[Array, "(k,)", "NaN"]: ...
 
 
 @runtime_checkable
 class SupportsCollecting(Protocol):
-    """`Kind` that adds something to the feedback of motions that teach, once a model was learned."""
+    """`Kind` with a feedforward for training motions, once a model was learned."""
 
     def collecting(self, spec: Any, config: Any, model: Model) -> Controller | None: ...
 
 
 @runtime_checkable
 class SupportsStateText(Protocol):
-    """`Kind` that says what axes and signs its states have, for headers in C."""
+    """`Kind` with a text on axes and signs of its states, for C headers."""
 
     @property
     def states_in_words(self) -> str: ...
@@ -378,8 +376,8 @@ class SupportsStateText(Protocol):
 
 @runtime_checkable
 class SupportsBody(Protocol):
-    """`Kind`: what moves, as the description says. Other masses, loads or mountings are another body: what
-    was learned of one says nothing of the commands of another.
+    """`Kind`: text that identifies the moving body. Other masses, loads or mountings are another body: a
+    model of one body does not hold for another.
     """
 
     def body(self, spec: Any, /) -> str: ...
@@ -389,7 +387,7 @@ class SupportsBody(Protocol):
 class SupportsParameters(Protocol):
     """`Kind`: physical constants of a robot with intervals, for `export --to parameters`.
 
-    samples: that the model was learned from; logs: the same as they were recorded.
+    samples: the model's training samples; logs: the same logs as recorded.
     """
 
     def parameters(self, spec: Any, config: Any, samples: Samples, logs: Sequence[Log]) -> Delivered: ...
@@ -397,7 +395,7 @@ class SupportsParameters(Protocol):
 
 @runtime_checkable
 class SupportsKnownFaults(Protocol):
-    """`Kind`: codes of docs/known_faults.md that earlier versions' files of this robot have."""
+    """`Kind`: codes of docs/known_faults.md that apply to earlier versions' files of this robot."""
 
     def mended(self, spec: Any) -> Sequence[str]: ...
 
@@ -412,7 +410,7 @@ class SupportsCommandUnit(Protocol):
 
 @runtime_checkable
 class SupportsTableRate(Protocol):
-    """Description of a robot that takes set-points at another rate (Hz) than that of its logs."""
+    """Description of a robot whose set-points have another rate (Hz) than its logs."""
 
     @property
     def table_rate(self) -> float: ...
@@ -420,7 +418,7 @@ class SupportsTableRate(Protocol):
 
 @runtime_checkable
 class SupportsConfirmation(Protocol):
-    """Description made with assumptions: sentences that a person should confirm."""
+    """Description with assumptions: sentences that a person should confirm."""
 
     @property
     def confirm(self) -> Sequence[str]: ...
@@ -428,8 +426,8 @@ class SupportsConfirmation(Protocol):
 
 @runtime_checkable
 class SupportsJointTables(Protocol):
-    """Description: what its file says of each joint by its keys, among them "lower", "upper", "velocity",
-    "acceleration", "jerk", "torque_rate" and "envelope"; None where it says nothing.
+    """Description: the table of each joint in its file, by keys, among them "lower", "upper", "velocity",
+    "acceleration", "jerk", "torque_rate" and "envelope"; None where a value is not stated.
     """
 
     @property
@@ -438,7 +436,7 @@ class SupportsJointTables(Protocol):
 
 @runtime_checkable
 class SupportsPlant(Protocol):
-    """Description that may name a built-in simulated plant, of which nothing else is real."""
+    """Description that may name a built-in simulated plant; such a robot exists only in simulation."""
 
     @property
     def plant(self) -> str | None: ...
@@ -446,7 +444,7 @@ class SupportsPlant(Protocol):
 
 @runtime_checkable
 class SupportsStatedLimits(Protocol):
-    """[trajectory] table whose keys may narrow the robot's limits: the same table without that."""
+    """[trajectory] table whose keys may narrow the robot's limits: the same table without these keys."""
 
     @property
     def described(self) -> Any: ...
@@ -454,7 +452,7 @@ class SupportsStatedLimits(Protocol):
 
 @runtime_checkable
 class SupportsFileNotes(Protocol):
-    """`Exporter`: sentences for the certificate on what its files hold beside the motion."""
+    """`Exporter`: sentences for the certificate on the content of its files beside the motion."""
 
     def notes(self, files: Mapping[str, bytes]) -> tuple[str, ...]: ...
 
@@ -463,7 +461,7 @@ class SupportsFileNotes(Protocol):
 class SupportsCommandedFiles(Protocol):
     """`Exporter` whose files may command other accelerations (T, 3) than the motion's; None: they do not.
 
-    strays: places (K, k), and how far a robot may be off each where what was learned of these is wrong.
+    strays: positions (K, k), and the largest deviation from each if the learned accelerations are wrong.
     """
 
     def accelerations(self, files: Mapping[str, bytes]) -> Array | None: ...
@@ -472,7 +470,7 @@ class SupportsCommandedFiles(Protocol):
 
 @runtime_checkable
 class SupportsPayload(Protocol):
-    """`Kind`: the text of a robot file with a load (kg, less than 0 if put down) added to what it carries.
+    """`Kind`: the text of a robot file with a load (kg, negative if put down) added to its payload.
 
     centre (3,): m in the frame of the link that the last axis moves. UsageError: nothing would be left.
     """

@@ -19,7 +19,7 @@ Light = Literal["red", "yellow", ""]
 
 
 class Alert(StrEnum):
-    """What a user should know before any figure."""
+    """Alerts, which are shown before any figure."""
 
     LOG_FINDING = "log_finding"
     NARROW_INTERVALS = "narrow_intervals"
@@ -31,7 +31,7 @@ class Alert(StrEnum):
 
 
 class Warn(StrEnum):
-    """What a training, or a proposed motion, has to say of itself."""
+    """Warnings about a training or a proposed motion."""
 
     TOO_LITTLE_MOTION = "too_little_motion"
     ONE_TRAJECTORY = "one_trajectory"
@@ -50,7 +50,7 @@ class Warn(StrEnum):
 
 
 class OfFile(StrEnum):
-    """What is said of the files of a campaign's folder."""
+    """Problems of the files in a campaign's folder."""
 
     MISSING = "file_missing"
     CHANGED = "file_changed"
@@ -60,7 +60,7 @@ class OfFile(StrEnum):
 
 
 class Refusal(StrEnum):
-    """Why a model is not put in use."""
+    """Reasons why a model is not promoted."""
 
     NOT_COMPARED = "not_compared"
     NOT_DECIDED = "not_decided"
@@ -70,7 +70,7 @@ class Refusal(StrEnum):
 
 
 class Stop(StrEnum):
-    """What the stop rules say."""
+    """Verdicts of the stop rules."""
 
     BUDGET_LOGS = "budget_logs"
     BUDGET_TIME = "budget_time"
@@ -83,7 +83,7 @@ class Stop(StrEnum):
 
 
 class Phrase(StrEnum):
-    """Parts of sentences, where one of several stands in a field."""
+    """Parts of sentences: values of fields that hold one of several phrases."""
 
     PREDICTED = "predicted"
     LEFT_OUT = "left_out"
@@ -101,7 +101,7 @@ class Phrase(StrEnum):
 
 
 class NextStep(StrEnum):
-    """What to do about a notice, with the notice's fields."""
+    """Next steps: what to do about a notice. They use the notice's fields."""
 
     OF_CHECK = "of_check"
     TELL_SUCH_MOTION = "tell_such_motion"
@@ -127,7 +127,7 @@ SENTENCES: Mapping[Code | NextStep, str] = {
     Alert.LOG_FINDING: "log {log}: {found}",
     Alert.NARROW_INTERVALS: "the model's intervals are too narrow: {where}, its 95 % intervals held "
     "{coverage}",
-    Alert.NEVER_MOVED: "{outputs}: it hardly moved in any log, so its model is not usable",
+    Alert.NEVER_MOVED: "{outputs}: hardly moved in any log, so its model is not usable",
     Alert.CONSTANT_AS_GOOD: "{outputs}: {where}, a constant would have predicted as well",
     Alert.LINEAR_BETTER: "{outputs}: {where}, linear regression has a smaller error than {structure}",
     Alert.WORSE_THAN_FEEDBACK: "test {test}: with the model the error is {error:.3g} {unit}, without it "
@@ -139,10 +139,10 @@ SENTENCES: Mapping[Code | NextStep, str] = {
     Warn.LINEAR_ALONE: ERRED + ", so linear regression alone predicts this command",
     Warn.LINEAR_BELOW: ERRED + ", so the process now learns the residual of linear regression",
     Warn.PERHAPS_CHANCE: ERRED + ", which may be chance",
-    Warn.INPUTS_MISSING: "Not every log tells its {inputs: and }; the model does without",
-    Warn.NO_BLOCKS: "No blocks of log {log} were held out, since alone it cannot be learned: {why}",
-    Warn.SOME_TEACH: "{some} of {all} logs teach, evenly spread over all of them and the newest: a training "
-    "takes no longer however many are told",
+    Warn.INPUTS_MISSING: "Inputs left out of the model, since some logs lack them: {inputs: and }",
+    Warn.NO_BLOCKS: "No blocks of log {log} were held out, because it cannot be learned alone: {why}",
+    Warn.SOME_TEACH: "The model is trained on {some} of {all} logs: the newest, and others spread evenly. "
+    "This bounds the training time",
     Warn.TWO_ROBOTS: "log {simulated} was simulated, log {real} is of the robot itself: the model learns "
     "from two robots",
     Warn.BEYOND_LIMITS: "Beyond the stated {quantity} limits, by {source}: {beyond}. Not verified: whether "
@@ -150,30 +150,30 @@ SENTENCES: Mapping[Code | NextStep, str] = {
     Warn.HARDLY_MOVES: "Almost no motion is left: no joint moves through more than {part:.2g %} of its "
     "range. At home the distance of {pair} is {apart_mm:.2g} mm, too small for tracking errors and motion. "
     "Describe the shapes of these links more closely, or set another home in [search]",
-    Warn.TEACHES_LITTLE: "This motion teaches next to nothing: no joint sweeps more than {part:.0f %} of its "
-    "range",
-    Warn.TEACHES_LITTLE_HELD: "This motion teaches next to nothing: no joint sweeps more than {part:.0f %} "
-    "of its range. In the way: {held}",
+    Warn.TEACHES_LITTLE: "A model learns almost nothing from this motion: no joint sweeps more than "
+    "{part:.0f %} of its range",
+    Warn.TEACHES_LITTLE_HELD: "A model learns almost nothing from this motion: no joint sweeps more than "
+    "{part:.0f %} of its range. In the way: {held}",
     Warn.STATED: "{sentence}",
     OfFile.MISSING: "{file} is missing",
     OfFile.CHANGED: "{file} was changed after it was committed",
     OfFile.UNREADABLE: "{file} cannot be read ({why})",
-    OfFile.EDITED: "{file} was edited since Étude took it up ({when})",
+    OfFile.EDITED: "{file} was edited after Étude last read it ({when})",
     OfFile.PROVED_BEFORE: "{file} was proved before {changed: and } changed",
     Refusal.NOT_COMPARED: "not compared: {why}",
-    Refusal.NOT_DECIDED: "not decided against {against}: {segments} segments that neither has seen, {needed} "
-    "are needed",
+    Refusal.NOT_DECIDED: "not decided against {against}: {segments} segments that neither model was "
+    "trained on, {needed} are needed",
     Refusal.NOT_BETTER: "not better than {against}: errors {ratio:.3g} times as large (95 %: {lower:.3g} to "
     "{upper:.3g}, {segments} segments)",
     Refusal.NOT_CALIBRATED: "too few trajectories were held out for its intervals to be calibrated",
-    Refusal.INTERVALS_MISS: "its 95 % intervals hold {coverage} of held-out commands, at least {least:.0f %} "
-    "are wanted",
+    Refusal.INTERVALS_MISS: "its 95 % intervals hold {coverage} of held-out commands; at least {least:.0f %} "
+    "are required",
     Stop.BUDGET_LOGS: "The budget of {logs} logs is used up",
     Stop.BUDGET_TIME: "The budget of {minutes:g} min of motion is used up",
     Stop.TOLERANCE: "The expected command error is {forecast:.2g %} of the command limit, within {goal:g %}",
     Stop.NOISE: "The variance left is below {fraction:g} of the noise variance on every axis",
-    Stop.GAIN: "The next trajectory would remove less than {threshold:g %} of the variance left per minute "
-    "of robot time",
+    Stop.GAIN: "The next trajectory would remove less than {threshold:g %} of the variance left per "
+    "minute of robot time",
     Stop.DOUBTED: "The expected command error is {forecast:.2g %} of the command limit, within {goal:g %}, "
     "but {doubt}",
     Stop.LOGS_MISSING: "{logs:|more log|more logs} before a rule can fire",
@@ -185,8 +185,8 @@ SENTENCES: Mapping[Code | NextStep, str] = {
     Phrase.LOW_COVERAGE: "its 95 % intervals held only {part:.0f %} of an output's commands",
     Phrase.STRUCTURE: "{structure}",
     Phrase.STRUCTURE_THEN: "{structure}, selected then",
-    Phrase.LARGE_ERRORS: "held-out errors are {factor:.1f} times the predicted variance, so it is not "
-    "believed",
+    Phrase.LARGE_ERRORS: "squared held-out errors are {factor:.1f} times the predicted variance, so this is "
+    "not reliable",
     Phrase.UNSETTLED: "the last log changed a length scale by a factor {factor:.1f}, so the model is not "
     "settled",
     Phrase.OPEN_FORECAST: "expected command error {forecast:.2g %} of the command limit (goal {goal:g %})",
@@ -194,18 +194,20 @@ SENTENCES: Mapping[Code | NextStep, str] = {
     Phrase.GAIN_UNKNOWN: "etude ask computes what the next motion would add",
     Phrase.NO_RULE: "no rule but the budget is switched on",
     NextStep.OF_CHECK: "{step}",
-    NextStep.TELL_SUCH_MOTION: "Do not use its deviations yet: tell another log, of motion like that which "
-    "it is for.",
-    NextStep.MOVE_OUTPUT: "Do not use this output yet: move it, as the motion that etude ask writes does, "
+    NextStep.TELL_SUCH_MOTION: "Do not use its deviations yet: tell another log of a motion like those that "
+    "the model is for.",
+    NextStep.MOVE_OUTPUT: "Do not use this output yet: run the motion that etude ask writes, which moves it, "
     "and tell that log.",
-    NextStep.MOVE_JOINTS: "Do not use these outputs yet: move these joints more, and look at the log.",
-    NextStep.TELL_OR_LINEAR: 'Tell another log; if it stays so, rung = "linear" in campaign.toml.',
-    NextStep.TELL_TO_CHOOSE: "Tell another log: what errs least on it is chosen for each output.",
-    NextStep.ASK_LIKE_IT: "Do not use the model on such motion; ask for more, with tasks like it (--tasks).",
-    NextStep.SEE_REPAIRS: "Look at that log's repairs; if the log is wrong, exclude it with etude untell.",
-    NextStep.ASK_AGAIN: "Ask for it again, before it is run: etude ask {folder:typed}",
-    NextStep.GIVE_UP: "Do not run it, give it up: etude abandon {folder:typed} {number}",
-    NextStep.TAKE_UP: "The next ask or tell takes up what it says now; ask proves an open motion again: "
+    NextStep.MOVE_JOINTS: "Do not use these outputs yet: move these joints more, and check the log.",
+    NextStep.TELL_OR_LINEAR: 'Tell another log; if the alert stays, set rung = "linear" in campaign.toml.',
+    NextStep.TELL_TO_CHOOSE: "Tell another log: the structure with the least error "
+    "on it is chosen for each output.",
+    NextStep.ASK_LIKE_IT: "Do not use the model on such motions; ask for more, with tasks "
+    "like them (--tasks).",
+    NextStep.SEE_REPAIRS: "Check that log's repairs; if the log is wrong, exclude it with etude untell.",
+    NextStep.ASK_AGAIN: "Prove it again before you run it: etude ask {folder:typed}",
+    NextStep.GIVE_UP: "Do not run it; abandon it: etude abandon {folder:typed} {number}",
+    NextStep.TAKE_UP: "The next ask or tell reads the edited file; ask also proves an open motion again: "
     "etude ask {folder:typed}",
     NextStep.TELL_ANOTHER: "Tell another one.",
     NextStep.TELL_MOVING: "Tell another log that moves it.",
@@ -218,13 +220,13 @@ _CODES: Mapping[str, Code] = {str(code): code for code in SENTENCES if not isins
 
 @dataclass(frozen=True)
 class Notice:
-    """One thing that is said.
+    """One message.
 
     Attributes:
-        code: what is said.
-        fields: of what: numbers, texts, notices, and tuples of these; SI units, ratios as parts of 1.
+        code: kind of the message.
+        fields: its values: numbers, texts, notices, and tuples of these; SI units, ratios as parts of 1.
         next_step: what to do about it; None: nothing.
-        light: of an alert.
+        light: severity of an alert.
     """
 
     code: Code
@@ -248,14 +250,14 @@ class Notice:
         return _WORDS.vformat(SENTENCES[self.next_step], (), self.fields) if self.next_step else ""
 
     def to_json(self) -> dict[str, Any]:
-        """As JSON values, what equals its default left out."""
+        """As JSON values, without those that equal their defaults."""
         own = {"code": str(self.code), "fields": {name: _plain(value) for name, value in self.fields.items()}}
         own |= {"next_step": str(self.next_step)} if self.next_step else {}
         return own | ({"light": self.light} if self.light else {})
 
     @classmethod
     def from_json(cls, value: Any) -> Notice:
-        """Of JSON values; a bare text is a sentence that something stated. ValueError: it is no notice."""
+        """A notice from JSON values; a bare text becomes `Warn.STATED`. ValueError: it is no notice."""
         if isinstance(value, str):
             return cls(Warn.STATED, {"sentence": value.rstrip(".")})
         if not isinstance(value, dict) or value.get("code") not in _CODES:
@@ -271,13 +273,13 @@ class Notice:
 
 
 def stated(said: Sequence[str | Notice]) -> tuple[Notice, ...]:
-    """Notices of what a plug-in says, which may have sentences alone."""
+    """Notices of a plug-in, which may return sentences in their place."""
     return tuple(one if isinstance(one, Notice) else Notice.from_json(one) for one in said)
 
 
 class _Words(Formatter):
-    """`str.format`, and of a field: "typed" for a path in a command, "%" after a space for parts in per cent,
-    "|one|many" for a count; of a tuple what joins it.
+    """`str.format` with more format specs: "typed" for a path in a command, " %" for parts of 1 in per cent,
+    "|one|many" for a count; for a tuple, the text between its items.
     """
 
     def format_field(self, value: Any, format_spec: str) -> str:

@@ -1,9 +1,9 @@
 """The protocols of the pipeline's parts: the first file to read.
 
 A kind of robot supplies a `Kind` and what it returns. Design, certification, training, export, simulation
-and reports are one pipeline over these, and know no kind. What a part may offer beside is in `abilities`, one
-small protocol for each ability. What a part lacks is named in a sentence, never stubbed; a method that may
-answer None is optional too. `types` has shapes and values. Random numbers are passed in.
+and reports are one pipeline over these, and know no kind. `abilities` has the optional abilities, one
+small protocol for each. If a part lacks an ability, the pipeline says so; write no stub. A method that may
+return None is optional too. `types` has shapes and values. Random generators are arguments.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ from etude.types import (
 class Trajectory(Protocol):
     """A pure function of time on [0, duration] s with exact derivatives, and the text that stores it.
 
-    `form`: "fourier", "moves", ...; margins are kept for each. Proofs go piece by piece.
+    `form`: "fourier", "moves", ...; each form has its own tracking margins. Each piece is proved by itself.
     """
 
     @property
@@ -59,11 +59,11 @@ class Trajectory(Protocol):
 
 @runtime_checkable
 class Family(Protocol):
-    """Which segments may be proposed: parameters p (P,) <-> trajectory, with the gradient's way back."""
+    """The segments that may be proposed: a map of parameters p (P,) to trajectories, with its gradient."""
 
     @property
     def size(self) -> int: ...
-    def drawn(self, rng: np.random.Generator) -> Family: ...  # with what no search refines (omega0)
+    def drawn(self, rng: np.random.Generator) -> Family: ...  # random values that no search refines (omega0)
     def trajectory(self, p: Array) -> Trajectory: ...
     def parameters(self, trajectory: Any) -> Array: ...
     def motion(self, p: Array, t: Array, orders: int) -> Motion: ...
@@ -74,10 +74,10 @@ class Family(Protocol):
 
 @runtime_checkable
 class Limit(Protocol):
-    """One limit: how the search keeps it, how final bytes are proved, what it measures.
+    """One limit: its constraints on a search, its proof of final bytes, and the quantity that it bounds.
 
-    One that is not convex gives a penalty; its cones only say where to search. A motion is drawn towards
-    `Kind.home` until `prove` holds, and then grown part by part while it does.
+    A nonconvex limit has a penalty; its cones only bound the search. The pipeline shrinks a motion towards
+    `Kind.home` until `prove` holds, and then expands it part by part while the proof still holds.
     """
 
     @property
@@ -88,7 +88,7 @@ class Limit(Protocol):
     def of_motion(self, motion: Motion) -> Array: ...  # (T, r), by the rows of `prove`
 
 
-# `etude.limits`: (spec, model or None, margins, and by name what its table in the robot file gives) -> Limit
+# `etude.limits`: (spec, model or None, margins, and the keys of its table in the robot file) -> Limit
 LimitFactory = Callable[..., Limit]
 
 
@@ -97,7 +97,7 @@ class Inputs(Protocol):
     """One feature map for planned and measured motion.
 
     Exactly: plan(m, keep).X == of_log(states(m))[keep], and `step` along a log gives `of_log`. rate: Hz at
-    which both must be sampled, as inputs remember; 0: any.
+    which both must be sampled if inputs depend on earlier samples; 0: any rate.
     """
 
     @property
@@ -111,7 +111,7 @@ class Inputs(Protocol):
     def plan(self, motion: Motion, keep: Index | None = None) -> Planned: ...
     def step(self, row: Row, memory: Array | None) -> tuple[Array, Array]: ...  # x (D,), memory; None: begin
     def rates(self, motion: Motion) -> tuple[Array, Array] | None: ...  # dX/dt, d2X/dt2; two orders more
-    def fitted(self, samples: Samples) -> Inputs: ...  # with stick speeds, play, drag, volts, memory
+    def fitted(self, samples: Samples) -> Inputs: ...  # with stick speeds, backlash, drag, volts, memory
     def arrays(self) -> Mapping[str, Array]: ...  # what `fitted` has set, stored with a model
     def restore(self, arrays: Mapping[str, Array]) -> Inputs: ...
     def c(self, name: str) -> Code | None: ...
@@ -120,7 +120,7 @@ class Inputs(Protocol):
 @runtime_checkable
 class Mean(Protocol):
     """Commands (n, J) from states, without a process. static: the part at rest (gravity). parameters: value
-    and deviation by name, inf where data do not tell. What a robot remembers is a state (`SupportsMemory`).
+    and deviation by name, inf where data do not determine it. Hysteresis is a state (`SupportsMemory`).
     """
 
     def parameters(self) -> Mapping[str, tuple[float, float]]: ...
@@ -132,7 +132,7 @@ class Mean(Protocol):
 
 @runtime_checkable
 class Physics(Protocol):
-    """A mean to learn beside: identified from samples, or nominal (None). restore: bit for bit."""
+    """A mean function for processes: identified from samples, or nominal (None). restore: bit for bit."""
 
     def __call__(self, samples: Samples | None) -> Mean: ...
     def restore(self, arrays: Mapping[str, Array]) -> Mean: ...
@@ -149,7 +149,7 @@ class Regressor(Protocol):
 
 @runtime_checkable
 class Posterior(Protocol):
-    """One latent function given its data, as designs see it; X (T, D), Z (r, D). Variances are latent."""
+    """Posterior of one latent function, for designs; X (T, D), Z (r, D). Variances are without noise."""
 
     @property
     def noise_variance(self) -> float: ...
@@ -164,12 +164,12 @@ class Posterior(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class FitData:
-    """What a member learns one group of m commands from.
+    """Training data of one group of m commands.
 
     X (n, D); Y, usable, moving (n, m): a joint kernel leaves out single entries. Rows: `chosen` for
-    hyperparameters, `kept` (increasing) to condition on, or as inducing inputs of all. group (n,):
-    trajectories; fold (n,): what is held out together, of a single trajectory its stretches. commands: names
-    of the m. kernels: m, or one for all; floor (m,) of the noise; start: last round's process.
+    hyperparameters, `kept` (increasing) to condition on, or as inducing inputs. group (n,): number of the
+    trajectory; fold (n,): samples that are held out together, stretches of a single trajectory. commands: m
+    names. kernels: m, or one for all; floor (m,): least noise; start: last round's process.
     """
 
     X: Array
@@ -202,8 +202,8 @@ class Process(Protocol):
     def signal_variance(self) -> Array: ...
     def latents(self) -> Sequence[tuple[Posterior, tuple[int, ...]]]: ...  # for designs; commands of each
     def predict(self, X: Array) -> tuple[Array, Array]: ...
-    # means and variances with noise (k, m) of samples own (k,), all of `kept` in one fold, from other folds;
-    # Y (n, m): outputs to predict from, if not those of `FitData`
+    # cross-validation: means and variances with noise (k, m) of samples own (k,), which are all of `kept` in
+    # one fold, given the other folds; Y (n, m): outputs to condition on, if not those of `FitData`
     def held_out(self, own: Index, Y: Array | None = None) -> tuple[Array, Array]: ...
     def arrays(self) -> Mapping[str, Array]: ...  # of any dtype but object
     def c(self, name: str) -> Code | None: ...
@@ -211,8 +211,8 @@ class Process(Protocol):
 
 @runtime_checkable
 class Member(Protocol):
-    """How a group of commands is learned, entry point `etude.models`. restore: the process from its arrays,
-    bit for bit; it need hold nothing out.
+    """Learning method of a group of commands, entry point `etude.models`. restore: the process from its
+    arrays, bit for bit; it need not support `held_out`.
     """
 
     def __call__(self, fit: FitData) -> Process: ...
@@ -225,8 +225,9 @@ KernelFactory = Callable[[Sequence[Column], tuple[str, ...]], Any]
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
-    """A part of the answer for some commands. weights (m,) add up to 1 for each command; units (2, m): offset
-    and factor from the process's standardised outputs; calibration (m,): factor on the variance.
+    """One term of the prediction of some commands. weights (m,) add up to 1 over the candidates of a command;
+    units (2, m): offset and factor of the process's standardised outputs; calibration (m,): factor on the
+    variance.
     """
 
     structure: str
@@ -240,9 +241,9 @@ class Candidate:
 
 @runtime_checkable
 class Model(Protocol):
-    """What was learned: each command's best candidate, or several averaged (variance: sum w (v + (m -
-    average)^2)). Candidates of weight 0 are the structures that lost. worth (J,): independent samples that a
-    sample is worth, from held-out residuals (changed-robot test).
+    """A learned model: each command's best candidate, or an average (variance: sum w (v + (m - average)^2)).
+    Candidates of weight 0 are structures that were not selected. worth (J,): number of independent samples
+    that one sample counts as in change detection, from held-out residuals.
     """
 
     @property
@@ -250,23 +251,23 @@ class Model(Protocol):
     @property
     def candidates(self) -> Sequence[Candidate]: ...
     def worth(self) -> Array: ...
-    def predict(self, log: Log) -> tuple[Array, Array]: ...  # what to command (n, J): faded to what is safe
-    def posterior(self, log: Log) -> tuple[Array, Array]: ...  # given the data; noise, calibration included
+    def predict(self, log: Log) -> tuple[Array, Array]: ...  # (n, J), blended with a safe command
+    def posterior(self, log: Log) -> tuple[Array, Array]: ...  # with noise and calibration
     def static(self, log: Log) -> Array: ...  # gravity, with physics or without
 
 
 @runtime_checkable
 class Controller(Protocol):
-    """What is added to a robot's feedback: a model, frozen or learning on line, its C, ILC, ..."""
+    """Feedforward: the command added to a robot's feedback, by a frozen or online model, its C, ILC, ..."""
 
-    def planned(self, motion: Motion) -> Array | None: ...  # (T, J) ahead; None where measurements count
+    def planned(self, motion: Motion) -> Array | None: ...  # (T, J) in advance; None if it needs measurements
     def command(self, t: float, row: Row) -> tuple[Array, Array]: ...  # (J,) and its deviation
     def observe(self, t: float, row: Row) -> None: ...
 
 
 @runtime_checkable
 class Robot(Protocol):
-    """Anything that turns a trajectory into a log; a real one is a person with two files."""
+    """A simulated robot: it turns a trajectory into a log. (A real robot runs a file, and returns a file.)"""
 
     def run(self, trajectory: Any, controller: Controller | None, rng: np.random.Generator) -> Log: ...
     def error(self, log: Log) -> tuple[Array, tuple[str, ...]]: ...  # tracking error and unit per axis
@@ -274,7 +275,7 @@ class Robot(Protocol):
 
 
 class Description(Protocol):
-    """One robot, as its kind reads it from robot.toml: a frozen dataclass. rate: Hz of its logs."""
+    """One robot, read from robot.toml by its kind: a frozen dataclass. rate: Hz of its logs."""
 
     @property
     def name(self) -> str: ...
@@ -284,13 +285,13 @@ class Description(Protocol):
 
 @runtime_checkable
 class Kind(Protocol):
-    """The plug-in, entry point `etude.robots`: from a description (robot.toml) to everything above.
+    """A kind of robot, entry point `etude.robots`: it makes all the parts above from a robot.toml.
 
     config: the campaign's tables;
     `trajectory` (with `duration`, s) and `data` are the kind's dataclasses. path: the channel compared with
-    the trajectory. home (k,): a pose inside every limit. limit (J,): how far each command reaches.
-    samples: preprocessing, given all logs at once, by `etude.logs`.
-    approaches: there and back.
+    the trajectory. home (k,): a pose inside every limit. limit (J,): the largest magnitude of each command.
+    samples: preprocessing of all logs at once, with `etude.logs`.
+    approaches: motions to the start of a motion and back to the pose; None: there are none.
     """
 
     @property
@@ -320,10 +321,10 @@ class Kind(Protocol):
     ) -> tuple[Trajectory, Trajectory] | None: ...
     def inputs(self, spec: Any, config: Any) -> Inputs: ...
     def physics(self, spec: Any, config: Any) -> Mapping[str, Physics]: ...  # "nominal", "identified"
-    def checks(self, spec: Any, log: Log) -> Sequence[Finding]: ...  # beside those over channels
+    def checks(self, spec: Any, log: Log) -> Sequence[Finding]: ...  # in addition to those of channels
     def samples(self, spec: Any, config: Any, logs: Sequence[Log], groups: Sequence[Index]) -> Samples: ...
     def robot(self, spec: Any, config: Any) -> Robot | None: ...
-    # for simulated campaigns: motions never trained on, and what learning is compared with ("pd", ...)
+    # for simulated campaigns: motions left out of training, and controllers to compare with ("pd", ...)
     def tests(self, spec: Any, config: Any, rng: np.random.Generator) -> Mapping[str, Trajectory]: ...
     def baselines(self, spec: Any, config: Any) -> Mapping[str, Controller | None]: ...
     def controller(self, spec: Any, config: Any, model: Model) -> Controller: ...
@@ -334,7 +335,7 @@ class Exporter(Protocol):
     """Files for a receiver of a trajectory, or of a motion with commands; entry point `etude.exporters`.
 
     back: the curve that the receiver plays of these bytes, at rest before the first row and after the last.
-    The pipeline certifies that curve. `trajectories.splined.Splined` goes through points as receivers do.
+    The pipeline certifies that curve. `trajectories.splined.Splined` interpolates points as receivers do.
     """
 
     def __call__(self, trajectory: Any, kind: Kind, spec: Any, /) -> Mapping[str, bytes]: ...
@@ -343,16 +344,16 @@ class Exporter(Protocol):
 
 @runtime_checkable
 class Reader(Protocol):
-    """A format of logs, entry point `etude.readers`: a Log for each topic (topics may be ()), each at its own
-    times. recognises: whether a file with those first bytes is of this format.
+    """A format of logs, entry point `etude.readers`: a Log for each topic (topics may be ()), with its own
+    times. recognises: whether a file with those first bytes has this format.
     """
 
     def __call__(self, path: Any, topics: Sequence[str], /) -> Mapping[str, Log]: ...
     def recognises(self, path: Path, head: bytes, /) -> bool: ...
 
 
-# `etude.targets`: (model, kind, spec, options) -> files of a model that leaves. options: those of the command
-# that were given, and "model_hash"; a name that the target does not know is a UsageError.
+# `etude.targets`: (model, kind, spec, options) -> files of an exported model. options: the given options of
+# the command, and "model_hash"; a name that the target does not know is a UsageError.
 Target = Callable[[Any, Kind, Any, Mapping[str, Any]], Delivered]
 
 

@@ -44,11 +44,11 @@ Column = tuple[str, str, str, str]  # an input: channel, part, unit, op ("": the
 @dataclass(frozen=True)
 class Channel:
     """A named signal: `Channel("q", ("lift", "elbow"), ("m", "rad"))`; in files its columns are q_lift,
-    q_elbow. role: "state" what a model may look at; "command" what it predicts; "plan" what was wanted;
-    "aside" the rest; "truth" known to simulators only. required: no log is usable without. For the log
-    doctor: derivative_of, the channel whose rate this is; acts_on, the coordinate that this command
-    does work on; reach, the largest true values; quantum, the sensor's step. nominal: what a plan
-    assumes of a state that no motion gives (volts).
+    q_elbow. role: "state" a possible model input; "command" a model output; "plan" a desired value;
+    "aside" any other; "truth" known to simulators only. required: a log without it is refused. For the log
+    checks: derivative_of, the channel whose rate this is; acts_on, the coordinate that this command
+    does work on; reach, the largest true values; quantum, the sensor's step. nominal: the value in a plan
+    of a state that does not follow from the motion (volts).
     """
 
     name: str
@@ -65,9 +65,9 @@ class Channel:
 
 @dataclass(frozen=True)
 class Finding:
-    """One check of the doctor: a sentence, the next step, spans (s) to mark. flag: the question that it
-    answers; "": certain, so refused or repaired. "cannot tell" is neither a detection nor a false
-    alarm.
+    """Result of one log check: a sentence, the next step, spans (s) to mark. flag: the question to the user
+    that it raises; "": none, since it is certain and is refused or repaired. light "cannot tell": the check
+    is not decided, neither a detection nor a false alarm.
     """
 
     check: str
@@ -81,9 +81,9 @@ class Finding:
 @dataclass(frozen=True, eq=False, repr=False)
 class Log:
     """A motion, recorded or planned: t (T,) s, increasing, 0 where the trajectory starts; values by
-    channel name, each (T, parts). One table for every robot; what a log lacks is not in it. repairs: a
-    sentence each. As a reader gives it: a Log for each topic, a channel for each raw column, nothing
-    matched or converted.
+    channel name, each (T, parts). The table is the same for every robot; missing channels are absent.
+    repairs: a sentence each. A reader returns a Log for each topic, with a channel for each raw column, not
+    matched and not converted.
     """
 
     t: Array
@@ -124,7 +124,7 @@ class Log:
         return replace(self, t=self.t[index], values={n: v[index] for n, v in self.values.items()})
 
     def put(self, channel: Channel, values: Array) -> Log:
-        """The log with one more channel, or another in its place; values (T, parts)."""
+        """The log with one more channel, or one channel replaced; values (T, parts)."""
         shape = (len(self.t), len(channel.parts))
         if values.shape != shape:
             raise ValueError(f"channel {channel.name} has shape {values.shape}, not {shape}")
@@ -135,7 +135,7 @@ class Log:
         )
 
     def without(self, *names: str) -> Log:
-        """The log less these channels."""
+        """The log without these channels."""
         return replace(
             self,
             channels={n: c for n, c in self.channels.items() if n not in names},
@@ -148,9 +148,7 @@ class Log:
 
 
 def joined_logs(parts: Sequence[Log]) -> Log:
-    """The rows of one log after the other's, times as they are; a channel that one lacks, the whole
-    lacks.
-    """
+    """Concatenated rows of the logs, times unchanged, with the channels that all of them have."""
     names = [n for n in parts[0].values if all(n in part for part in parts)]
     return replace(
         parts[0],
@@ -162,11 +160,10 @@ def joined_logs(parts: Sequence[Log]) -> Log:
 
 @dataclass(frozen=True, eq=False)
 class Expected:
-    """What the log doctor may expect of a robot's logs. rate: Hz at which they are usually recorded, which
-    tells the unit of their times; scale (k,): sizes of the path's coordinates, in parts of which motions
-    are compared; limits: lower and upper (parts,) of positions, their rates and commands, by channel; rest:
-    rows before and after the trajectory are kept (a joint at rest teaches, a vehicle on the ground does
-    not).
+    """Expected values of a robot's logs, for the log checks. rate: usual recording rate in Hz, for the unit
+    of times; scale (k,): sizes of the path's coordinates, to normalise motions; limits: lower and upper
+    (parts,) of positions, their rates and commands, by channel; rest: keep rows before and after
+    the trajectory (a joint at rest is informative, a vehicle on the ground is not).
     """
 
     rate: float
@@ -176,16 +173,16 @@ class Expected:
 
 
 TARGET = "target"
-"""The channel of samples with the commands that all predictions are judged by."""
+"""The channel of samples with the reference commands for all prediction errors."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Samples:
-    """What models learn from: rows of several logs at the model's rate. log: states, plans, "command"
-    (n, J); what inputs remember (friction) is a state in it, computed on the whole log before thinning.
-    group (n,): the segment, what is held out together. usable (n, J): False where that command says
-    nothing (on the ground, braked, saturated); moving (n, J): False where it says little (joint at
-    rest). Scores are given over both.
+    """Training samples: rows of several logs at the model's rate. log: states, plans, "command" (n, J); the
+    memory of inputs (friction) is a state in it, computed on the whole log before thinning. group (n,):
+    number of the segment; its samples are held out together. usable (n, J): False where that command has no
+    information (on the ground, braked, saturated); moving (n, J): False where it has little (joint at rest).
+    Scores are given over both.
     """
 
     log: Log
@@ -206,12 +203,12 @@ class Samples:
 
     @property
     def command(self) -> Array:
-        """(n, J) what models predict."""
+        """(n, J) the commands that models predict."""
         return self.log["command"]
 
     @property
     def target(self) -> Array:
-        """(n, J) what predictions are judged by, whatever models learn from; NaN where nothing is asked.
+        """(n, J) reference for prediction errors; NaN where there is none.
 
         It is the channel `TARGET`, else the usable commands while any joint moves.
         """
@@ -225,7 +222,7 @@ class Samples:
 
 
 def joined_samples(parts: Sequence[Samples]) -> Samples:
-    """One after the other; groups as they are."""
+    """Concatenated samples; groups unchanged."""
     return Samples(
         joined_logs([part.log for part in parts]),
         np.concatenate([part.group for part in parts]),
@@ -245,8 +242,8 @@ class Motion:
 @dataclass(frozen=True, eq=False)
 class Cone:
     """|rows_m p + offset_m| <= 1 + slope_m p at M instants: rows (c, M, P), offset (c, M), slope (M, P)
-    or None. c = 1 without slope is a slab; c > 1 a ball, or with slope a cone. Zero columns: not
-    coupled.
+    or None. c = 1 without slope is a slab; c > 1 a ball, or with slope a cone. A zero column: that
+    parameter has no effect.
     """
 
     name: str
@@ -257,10 +254,10 @@ class Cone:
 
 @dataclass(frozen=True)
 class Proof:
-    """One row of the certificate: the interval that holds `quantity`, and its limit less the tracking margin
-    with that confidence (0: nobody measured it). where: "forearm and table at 3.2 s". note: what else is to
-    be known of the row. control: which one the margin is of, in words. What is not verified is a row too,
-    its numbers NaN.
+    """One row of the certificate: a proved interval of `quantity`, and its limit less the tracking margin
+    with that confidence (0: assumed, not measured). where: "forearm and table at 3.2 s". note: a remark on
+    the row. control: the control that the margin was measured under, in words. A quantity that is not
+    verified has a row too, with NaN as its numbers.
     """
 
     axis: str
@@ -280,9 +277,8 @@ class Proof:
 
 @dataclass(frozen=True, eq=False)
 class Planned:
-    """A plan as the model will see its log: X (T, D); gains (T, J), square roots of the samples'
-    weights; pull (in_X, in_gains) -> (O, T, k), the gradient in the motion, with what is remembered
-    held fixed.
+    """Model inputs along a plan: X (T, D); gains (T, J), square roots of the sample weights; vjp (in_X,
+    in_gains) -> (O, T, k), the gradient in the motion (vector-Jacobian product) at a constant memory.
     """
 
     X: Array
@@ -292,18 +288,18 @@ class Planned:
 
 @dataclass(frozen=True, eq=False)
 class Code:
-    """C99 of a function `name` over the type `real` and with the helpers of deploy/c99/prelude.c, no name of
-    its own but such as begin with `name`. body: its definitions, the function last:
+    """C99 code of a function `name` over the type `real`, with the helpers of deploy/c99/prelude.c. Its
+    own names begin with `name`. body: the definitions, the function last:
 
     Inputs: void name(const real *channel, ..., real *memory, real *x); memory is all zero to begin.
     Mean: void name(const real *channel, ..., real *memory, real *command), without memory where it needs
     none, and name_static(const real *channel, ..., real *command), what remains at rest.
-    Process: void name(const real *x, real *mean, real *variance); variance is there where VARIANCE is 1, and
-    may be 0 then too. It holds what is enough: an upper bound that is no larger may be said in place of the
-    variance, and 0 asks for that itself.
-    data: static tables by name, of real or int; variance: those that variances alone need. reads: the
-    channels, in order; memory: words of it; rate: Hz at which it must be called, as it remembers; work: reals
-    on the stack; operations: of real numbers in one call at worst, and those more for variances.
+    Process: void name(const real *x, real *mean, real *variance); the argument variance exists where VARIANCE
+    is 1, and may be a null pointer. On entry it holds a sufficient variance: the function may return an upper
+    bound of at most that value in place of the variance. 0 on entry: return the variance itself.
+    data: static tables by name, of real or int; variance: tables for variances alone. reads: the channels, in
+    order; memory: its size in words; rate: Hz at which it must be called, if it has a memory; work: reals on
+    the stack; operations: at most so many on real numbers in one call, and more of them for variances.
     """
 
     body: str
@@ -318,8 +314,8 @@ class Code:
 
 @dataclass(frozen=True)
 class Described:
-    """A robot's description, whole: files that a campaign folder needs, robot.toml among them, by name,
-    and a sentence for each assumption that a person should confirm.
+    """Complete description of a robot: the files of a campaign folder by name, robot.toml among them, and a
+    sentence for each assumption that a person should confirm.
     """
 
     files: Mapping[str, bytes]
@@ -327,7 +323,7 @@ class Described:
 
 
 FAR = 100.0
-"""m to each side that is shown of a plane, at most: a picture cuts it."""
+"""m. Half the edge of the square that represents an infinite plane; pictures clip it."""
 CUBE = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
 # corners of each side, in turn
 CUBE_FACES = ((0, 1, 3, 2), (4, 5, 7, 6), (0, 1, 5, 4), (2, 3, 7, 6), (0, 2, 6, 4), (1, 3, 7, 5))
@@ -335,15 +331,15 @@ CUBE_FACES = ((0, 1, 3, 2), (4, 5, 7, 6), (0, 1, 5, 4), (2, 3, 7, 6), (0, 2, 6, 
 
 @dataclass(frozen=True, eq=False)
 class Thing:
-    """Something beside a robot, as flat faces.
+    """An object in a robot's surroundings, as flat faces.
 
     Attributes:
-        name: that a person gave it.
-        kind: "solid": the robot stays out of it; "plane": one face without end, of which the points show a
-            part about the robot, which stays on one side; "inside": it stays in there; "carried" by it;
+        name: given by a person.
+        kind: "solid": the robot stays outside; "plane": an infinite plane, whose points show a part near the
+            robot, which stays on one side; "inside": the robot stays inside; "carried" by the robot;
             "stand": a line from its base down to the floor.
-        points: (T, P, 3) m in the world along the poses of a figure, T = 1 for what stands still.
-        faces: convex polygons, each the numbers of its points in order.
+        points: (T, P, 3) m in the world along the poses of a figure, T = 1 for a fixed object.
+        faces: convex polygons, each as the indices of its points in order.
     """
 
     name: str
@@ -353,7 +349,7 @@ class Thing:
 
     @classmethod
     def plane(cls, name: str, point: Sequence[float] | Array, normal: Sequence[float] | Array) -> Thing:
-        """A square of a plane about one of its points (3,), m; normal (3,) to the side that is allowed."""
+        """A plane as a square about one of its points (3,), m; normal (3,) to the allowed side."""
         foot, unit = np.array(point, dtype=float), np.array(normal) / np.linalg.norm(normal)
         across = np.cross(unit, np.eye(3)[np.argmin(np.abs(unit))])
         across /= np.linalg.norm(across)
@@ -371,7 +367,7 @@ class Thing:
 @dataclass(frozen=True, eq=False)
 class Figure:
     """A robot as sticks: points (T, P, 3) m in the world along T poses; sticks (S, 2) pairs of points; tips:
-    the points at its ends; things: what stands around it and what it carries.
+    the points at its ends; things: its surroundings and its load.
     """
 
     points: Annotated[Array, "(T, P, 3)", "NaN"]
@@ -382,8 +378,8 @@ class Figure:
 
 @dataclass(frozen=True, eq=False)
 class Solid:
-    """A part of a robot that moves as one, as triangles: points (V, 3) m in its own frame; faces (F, 3), the
-    numbers of their points, counterclockwise as seen from outside.
+    """A rigid part of a robot, as triangles: points (V, 3) m in its own frame; faces (F, 3), indices of
+    points, counterclockwise as seen from outside.
     """
 
     name: str
@@ -393,14 +389,14 @@ class Solid:
 
 @dataclass(frozen=True, eq=False)
 class Nearby:
-    """How near a robot comes at T poses, in the R rows of a certificate.
+    """Distances of a robot at T poses, for the R rows of a certificate.
 
     Attributes:
-        pairs: the names of both sides of each row: parts of the robot, or a part and what stands around.
-        kept: (R,) m that is kept between them.
-        neighbours: (R,) whether both are parts that pass each other closely in any pose.
+        pairs: the two names of each row: parts of the robot, or a part and an obstacle.
+        kept: (R,) m. Required distance.
+        neighbours: (R,) whether both are parts that are close to each other in every pose.
         distance: (T, R) m at the pose itself, at most `farthest`.
-        narrowest: (T, L) the rows with least room beyond what is kept, the narrowest first, neighbours last.
+        narrowest: (T, L) the rows with the least slack over the required distance first, neighbours last.
         ends: (T, L, 2, 3) m in the world, the nearest points of both sides; NaN beyond `farthest`.
         farthest: m, from which on nobody measures.
     """

@@ -168,8 +168,8 @@ def test_of_a_joint_that_did_not_move_that_is_said() -> None:
     rounds = {3: replace(own.rounds[3], trained=replace(own.newest, unmoved=("knee",)))}
     (found,) = campaign_alerts(State(rounds=rounds), OUTPUTS, 2)
     assert (found.code, found.light) == (Alert.NEVER_MOVED, "red")
-    assert "knee: it hardly moved" in found.sentence
-    assert "move it" in found.step
+    assert "knee: hardly moved" in found.sentence
+    assert "which moves it" in found.step
 
 
 def test_a_log_in_which_a_joint_stands_still_says_so_first(
@@ -190,7 +190,7 @@ def test_a_log_in_which_a_joint_stands_still_says_so_first(
     capsys.readouterr()
     assert main(["status", str(campaign.path)]) == 0
     said = capsys.readouterr().out
-    assert f"RED: {joint}: it hardly moved in any log" in said.splitlines()[0]
+    assert f"RED: {joint}: hardly moved in any log" in said.splitlines()[0]
     assert 'rung = "linear"' not in said
 
 

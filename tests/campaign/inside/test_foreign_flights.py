@@ -50,7 +50,10 @@ def test_flights_without_position_are_learned_and_what_is_missing_is_said(told, 
     facts = told.state().trained[-1].trained
     assert facts.logs == (1, 2)
     missing = next(one for one in facts.warnings if one.code == Warn.INPUTS_MISSING)
-    assert missing.sentence == "Not every log tells its altitude and body velocity; the model does without"
+    assert (
+        missing.sentence
+        == "Inputs left out of the model, since some logs lack them: altitude and body velocity"
+    )
     assert main(["tell", str(told.path), str(EXAMPLE / "log10_thrust.csv"), "--json"]) == 0
     again = json.loads(capsys.readouterr().out)
     assert again["repeated"]

@@ -173,7 +173,8 @@ def test_only_segments_that_the_model_in_use_has_not_learned_are_compared(
     (said,) = found.refused
     assert said.code == Refusal.NOT_DECIDED
     assert said.sentence == (
-        "not decided against the model in use, of log 5: 1 segments that neither has seen, 4 are needed"
+        "not decided against the model in use, of log 5: 1 segments that neither model was trained on, "
+        "4 are needed"
     )
     # of the same log: the ratio is that of two predictions that have not seen it, computed here anew
     from etude.campaign import ingested_samples
