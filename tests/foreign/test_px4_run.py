@@ -10,7 +10,7 @@ pytest.importorskip("pymavlink", reason="the extra px4")
 
 from flight_lab import ROBOT, run
 
-from etude.campaign.record.folder import open_campaign
+from etude.campaign import open_campaign
 
 DRIVER = Path(__file__).with_name("px4_rotorpy.py")
 
