@@ -1,9 +1,9 @@
 """Plug-ins by name: built-ins first, then entry points of other packages.
 
-A plug-in is named by its group and a name, or in full by "module:attribute". Nothing is imported before it
-is named, so a source tree needs no installation and a broken plug-in harms nobody who does not ask for it.
-Full names are for people who type them and for Python; those that stand in a file are held against the user's
-list of folders first (`trust`), and what a name gives is of the group's kind before it is called.
+A plug-in has a group and a name, or a full name "module:attribute". A plug-in is imported when it is first
+named. So a source tree needs no installation, and a broken plug-in affects only its users. A full name may be
+typed or passed in Python. If it comes from a file, the file's folder has to be trusted (`trusted_folders`).
+Every object is checked against the protocol of its group before it is called.
 """
 
 from __future__ import annotations
@@ -124,13 +124,13 @@ GROUPS = tuple(BUILT_IN)
 
 @dataclass(frozen=True)
 class Shape:
-    """What the things of a group are, as far as that is seen without calling one.
+    """Requirements on the objects of a group, as far as they can be checked without a call.
 
     Attributes:
-        words: for people. arguments: names of what it is called with; None of what is not called.
-        attributes: that it has.
-        keywords: whether it may need more by name, which its table in a file gives.
-        part: the protocol that what it gives is held against, in `protocols` with `abilities`; "": none.
+        words: name for people. arguments: names of its arguments; None: it is not called.
+        attributes: required attributes.
+        keywords: whether it may need keyword arguments, from its table in a file.
+        part: the protocol of its results, in `protocols` with `abilities`; "": none.
     """
 
     words: str
@@ -158,12 +158,12 @@ SHAPES: Mapping[str, Shape] = {
     "etude.adaptations": Shape("a way to go on learning", ("method",)),
     "etude.targets": Shape("a target of models", ("model", "kind", "spec", "options")),
 }
-"""By group, the callables of `contracts`; studies, which are not in it, are checked in use."""
+"""Requirements by group. Groups without a row (studies) are checked when they are used."""
 
 
 @dataclass(frozen=True)
 class _Reading:
-    """The file whose names are being looked up, and the folder that it belongs to."""
+    """The file whose names are looked up at present, and its folder."""
 
     path: Path
     folder: Path
@@ -178,9 +178,9 @@ _given: set[str] = set()
 
 @contextlib.contextmanager
 def named_in(path: Path, folder: Path, identity: str, command: str) -> Iterator[None]:
-    """Within it full names are those of a file; `load` raises UsageError where its folder is not trusted.
+    """Context in which full names come from a file: `load` raises UsageError if its folder is not trusted.
 
-    path: the file. folder: that it belongs to, by its identity. command: what trusts that.
+    path: the file. folder, identity: of its campaign. command: the command that trusts the folder.
     """
     token = _reading.set(_Reading(path, folder, identity, command))
     try:
@@ -194,10 +194,10 @@ class Plugin:
     """One row of `etude plugins`.
 
     Attributes:
-        group, name: what it is asked for by.
+        group, name: its key.
         target: "module:attribute".
         source: "etude", or the distribution that brings it and its version.
-        problem: why it cannot be used; "" if nothing is known against it.
+        problem: why it cannot be used; "" if there is no known problem.
     """
 
     group: str
@@ -239,13 +239,13 @@ def load(group: str, name: str) -> Any:
 
 
 def named_in_full(name: str, group: str = "etude.models") -> Any:
-    """What "module:attribute" names, whatever that is. Errors as `load`."""
+    """The object of "module:attribute", without a check of its type. Errors as `load`."""
     require_word(name, group)
     return _imported(Plugin(group, name, name, "named in full"))
 
 
 def require_word(name: str, group: str) -> None:
-    """UsageError: a file names that code, whose folder is not trusted. What is typed is its person's word."""
+    """UsageError: a file in a folder that is not trusted names this code. Typed names are trusted."""
     reading = _reading.get()
     if reading is None:
         _given.add(name)
@@ -255,7 +255,7 @@ def require_word(name: str, group: str) -> None:
 
 
 def of_group(group: str, name: str, found: Any) -> Any:
-    """The same, if it is a thing of the group. UsageError: it is not; nothing was called."""
+    """The object itself, if it meets the group's requirements. UsageError: it does not; nothing is called."""
     shape = SHAPES.get(group)
     if shape is None or name in BUILT_IN[group]:
         return found
@@ -280,7 +280,7 @@ def of_group(group: str, name: str, found: Any) -> Any:
 
 
 def _guarded(found: Any, part: str, name: str) -> Any:
-    """What another package brings, so that a value of another type than the protocol's is named."""
+    """An object of another package, wrapped: a result of a wrong type raises an error."""
     from etude.plugin_values import guarded, is_own, sizes_of  # built-ins are loaded without it
 
     if is_own(found):
@@ -293,13 +293,13 @@ def _takes(found: Any, shape: Shape) -> bool:
         signature = inspect.signature(found)
         bind = signature.bind_partial if shape.keywords else signature.bind
         bind(*[None] * len(shape.arguments or ()))
-    except (TypeError, ValueError):  # no function, of other arguments, or one that does not tell them
+    except (TypeError, ValueError):  # not a function, other arguments, or no known signature
         return False
     return True
 
 
 def required(found: Any, protocol: type, where: str) -> Any:
-    """The same, if it has all members of a protocol. UsageError names those that it lacks; where: of it."""
+    """The object itself. UsageError: it lacks members of a protocol. where: its place."""
     if found is None:
         raise UsageError(
             f"it returned nothing, where a {protocol.__name__} is wanted",
@@ -340,7 +340,7 @@ def listed(*, tried: bool = False) -> tuple[Plugin, ...]:
     """All plug-ins, group by group.
 
     Args:
-        tried: import those beside the core, to say which cannot be; else only what failed before is said.
+        tried: import plug-ins outside of the core to report failures; else report earlier failures.
     """
     return tuple(_judged(plugin, tried) for group in GROUPS for plugin in _known(group))
 
@@ -365,7 +365,7 @@ def _known(group: str) -> Sequence[Plugin]:
 
 @cache
 def _installed(group: str) -> tuple[Plugin, ...]:
-    """Those of other distributions, each once, however often its folder is on the path."""
+    """Plug-ins of other distributions, each once, even if its folder is on the path several times."""
     from importlib.metadata import entry_points
 
     found = {}
@@ -378,13 +378,13 @@ def _installed(group: str) -> tuple[Plugin, ...]:
 
 _failures: dict[str, str] = {}
 _places: dict[str, str] = {}
-"""Of plug-ins beside Étude that are in use: the module's file, or the folder of its package -> its target."""
+"""Loaded plug-ins of other packages: the module's file, or the folder of its package -> its target."""
 
 
 def raised_in(error: BaseException) -> tuple[str, str] | None:
     """The plug-in in whose code an error arose, and its line "FILE:N"; None if none took part.
 
-    A plug-in that calls NumPy with a wrong shape is to blame, not NumPy: the last of its lines counts.
+    An error raised in NumPy is due to the plug-in that called it, so the plug-in's last line is returned.
     """
     found = None
     for frame in traceback.extract_tb(error.__traceback__):
@@ -395,7 +395,7 @@ def raised_in(error: BaseException) -> tuple[str, str] | None:
 
 
 def _imported(plugin: Plugin) -> Any:
-    """What the target names. A plug-in may fail with anything; its reason is kept for `listed`."""
+    """The object of a target. A plug-in may raise any error; the reason is stored for `listed`."""
     module, _, path = plugin.target.partition(":")
     try:
         found: Any = importlib.import_module(module)
@@ -425,7 +425,7 @@ def _note_place(module: str, target: str) -> None:
 
 
 def _mending(module: str, error: BaseException) -> str:
-    """A file beside the campaign is not found by itself: Python looks where `etude` is installed."""
+    """Next step after a failed import. Python does not find a file beside the campaign without PYTHONPATH."""
     if isinstance(error, ModuleNotFoundError) and module.split(".")[0] == error.name:
         return f"Install it, or name the folder of {error.name}.py: PYTHONPATH=FOLDER etude ..."
     return "Install what it needs, or repair it; etude plugins lists all of them."

@@ -29,14 +29,14 @@ C = TypeVar("C", bound=Constrained)
 
 @dataclass(frozen=True, eq=False)
 class Constraints:
-    """What is kept of the limits for tracking, what is not, and whose word counts for commands.
+    """Tracking margins of the limits, margins that are not enforced, and the model of the command limits.
 
     Attributes:
         margins: by form of motion.
-        unenforced: sentences: margins that would have left no room, and accelerations.
+        unenforced: sentences on margins larger than the room, and on accelerations.
         by_form: the same sentences, by the form of motion that they are about.
-        number: of the round whose model says what drives must give; None before any log.
-        controls: that the margins are of; none of proposals that are older than this.
+        number: round of the model that predicts the commands; None before any log.
+        controls: controls of the margins; () for proposals without this field.
     """
 
     margins: Margins
@@ -48,7 +48,7 @@ class Constraints:
     _models: dict[int, Model | None] = field(default_factory=dict, repr=False)
 
     def using(self, model: Model) -> Constraints:
-        """With the model of `number`, which is at hand."""
+        """The constraints with the loaded model of `number`."""
         return replace(self, _models={self.number: model} if self.number is not None else {}, _limits={})
 
     @property
@@ -123,7 +123,7 @@ class Constraints:
 
 
 def constraints_then(asked: Constrained | None) -> Constraints:
-    """What was kept when a proposal was made; nothing of proposals that are older than margins."""
+    """The constraints of a proposal when it was made; none for proposals without margins."""
     if asked is None:
         return Constraints({})
     margins = {form: (as_table(table), as_table(sure)) for form, (table, sure) in asked.margins.items()}
@@ -136,7 +136,7 @@ def as_rows(table: Array | float) -> Table:
 
 
 def as_table(table: Table) -> Array:
-    """(O, k) of the journal's rows."""
+    """Table (O, k) from the journal's rows."""
     return np.array([[np.nan if v is None else v for v in row] for row in table], dtype=float)
 
 
@@ -151,11 +151,11 @@ QUANTITIES = ("position", "velocity")
 
 
 def constraints_now(campaign: Campaign, state: State, *controls: str) -> Constraints:
-    """What is kept of the limits of a motion that is asked for now.
+    """The constraints of a motion that is proposed now.
 
     Args:
         campaign: the folder. state: what is known.
-        controls: that it may be run under, of each of which the margins are kept; none: feedback alone.
+        controls: controls of the run; the margins of each are kept. (): feedback alone.
     """
     controls = controls or (FEEDBACK,)
     found = [_under(campaign, state, own) for own in controls]
@@ -296,13 +296,13 @@ def _meeting(margins: Margins, errors: Mapping[str, Sequence[Array]]) -> Margins
 
 
 def _known(campaign: Campaign) -> Array | None:
-    """(k,) largest position errors that the gains allow; None of kinds that know no gains."""
+    """(k,) largest position errors that the feedback gains allow; None if the gains are unknown."""
     kind = campaign.kind
     return np.asarray(kind.largest_error(campaign.spec)) if isinstance(kind, SupportsLargestError) else None
 
 
 def _short(campaign: Campaign, wanted: Array, kept: Array) -> list[str]:
-    """A sentence for each margin that would have left no room."""
+    """A sentence for each margin that is larger than the room."""
     units = campaign.channel(campaign.kind.path).units
     return [
         f"Tracking: the error in {QUANTITIES[order]} of {axis} may reach {wanted[order, j]:.3g} {units[j]}"
@@ -314,7 +314,7 @@ def _short(campaign: Campaign, wanted: Array, kept: Array) -> list[str]:
 
 
 def _accelerations(campaign: Campaign, form: str, errors: Sequence[Array]) -> list[str]:
-    """What the last logs say of accelerations, which have no margin; a sentence for each form."""
+    """A sentence for each form on the acceleration errors of the last logs, which have no margin."""
     last = [own[ACCELERATION] for own in errors[-LOGS_CONSIDERED:] if len(own) > ACCELERATION]
     if not last:
         return []

@@ -60,19 +60,19 @@ class Created(Fact):
 
 @dataclass(frozen=True, kw_only=True)
 class Edited(Fact):
-    """`ask` or `tell` took up an edit of robot.toml or campaign.toml."""
+    """`ask` or `tell` read an edit of robot.toml or campaign.toml."""
 
     EVENT: ClassVar[str] = "edited"
 
 
 @dataclass(frozen=True, kw_only=True)
 class Constrained(Fact):
-    """What a motion keeps of the limits.
+    """Constraints of a motion: limits less tracking margins.
 
     Attributes:
         model: number of the round whose model bounds the commands; None before any log.
-        controls: that the motion may run under; () if unknown.
-        margins: tracking margins. unheld: sentences about what the margins do not hold.
+        controls: controls under which the motion may run; () if unknown.
+        margins: tracking margins. unheld: sentences about margins that are not enforced.
     """
 
     model: int | None = None
@@ -86,15 +86,15 @@ class Asked(Constrained):
     """A trajectory was proposed.
 
     Attributes:
-        status: how it was found, a sentence.
-        gain: fraction of the variance left that it is to remove; None if unknown.
+        status: a sentence on how it was found.
+        gain: expected reduction of the remaining variance, a fraction; None if unknown.
         seed: of its random numbers. learned: number of trainings before it.
         active_limits: pairs of axis and quantity.
         criterion, value, baseline_value, choice, deviation_before, deviation_after, evaluations, seconds:
             of the design; see `design.chain`.
-        confirm: it confirms: it runs without and with the feedforward, and nothing learns from it.
-        weighs: it shows what hangs at the hand, and nothing learns from it.
-        model_sha256: of the model whose feedforward it has. left_over, trained_speeds: see
+        confirm: a confirmation motion, run without and with the feedforward; no model learns from it.
+        weighs: a motion to identify the load at the hand; no model learns from it.
+        model_sha256: of the model that computes its feedforward. left_over, trained_speeds: see
             `record.confirmation`.
     """
 
@@ -141,14 +141,14 @@ class Exported(Constrained):
 
 @dataclass(frozen=True, kw_only=True)
 class Ingested(Fact):
-    """A log was told.
+    """A log was ingested.
 
     Attributes:
         sha256: of the original file. source: its name.
         robot_seconds: recorded motion, s. rows: of the log. repairs: a sentence each.
-        foreign: it answers no proposal. speed: per cent, that the proposal ran at.
-        answers: to questions about it. findings: that were accepted, or that wait.
-        segments: s at which segments start. control: that the motion ran under; "" if unknown.
+        foreign: it belongs to no proposal. speed: speed of the run, per cent of the proposal's.
+        answers: to questions about it. findings: those accepted, and those that await an answer.
+        segments: start times of the segments, s. control: control of the run; "" if unknown.
         tracked: largest tracking errors (O, k) by form of motion.
         start: s until tracking settled, and the errors (O, k) before.
         repeats: number of the log that it repeats.
@@ -184,7 +184,8 @@ class Changed(Fact):
     """The user said whether the robot has changed.
 
     Attributes:
-        choice: "new", "forget" or "same". logs: that the answer is about. aside: that are learned no longer.
+        choice: "new", "forget" or "same". logs: logs that the answer is about. aside: logs excluded from
+            training.
     """
 
     EVENT: ClassVar[str] = "changed"
@@ -212,14 +213,14 @@ class PrequentialScore:
 
 @dataclass(frozen=True)
 class NewMotionScores:
-    """Scores of all logs together, each predicted from the others: what a new motion will show.
+    """Scores on new motions: leave-one-log-out cross-validation over all logs.
 
-    One that varies little weighs little: its errors count beside the variance of all. They are of
-    `Samples.target`, while any joint moves.
+    Errors are normalised by the variance over all logs, so a log with little variation has little weight.
+    They are errors of `Samples.target`, while any joint moves.
 
     Attributes:
-        logs: how many, or parts of so many that are left out together. used: of what is in use. linear: nMSE
-            of linear regression.
+        logs: number of logs, or of parts that are left out together. used: scores of the structure in use.
+            linear: nMSE of linear regression.
     """
 
     logs: int
@@ -229,7 +230,7 @@ class NewMotionScores:
 
 @dataclass(frozen=True)
 class BlockScores:
-    """Scores on blocks of one log that were held out, which say little of another motion.
+    """Scores on held-out blocks of one log; they do not predict the error on another motion.
 
     Attributes:
         blocks: their numbers. of: number of all blocks. chosen: structure in use.
@@ -248,19 +249,19 @@ class Trained(Fact):
     """Logs were learned.
 
     Attributes:
-        logs: numbers of the logs that teach. together: of those that were learned now, if several.
+        logs: numbers of the training logs. together: numbers of those that are new, if several.
         models: prequential scores by structure. held_out_mae: mean absolute errors held out, by structure.
         predicted_by: structure in use before this training. chosen, rungs: structure in use after it, of all
             commands and of each.
         calibrated: enough trajectories were held out to calibrate the variances.
         unmoved: commands whose joints stood still in all logs.
-        row_scatter: of each command, root mean square of recorded rows about what learning makes of them.
+        row_scatter: of each command, root mean square of recorded rows about the filtered samples.
         robot_seconds: recorded motion of all logs learned so far, s.
         recipe: sentences of the preprocessing. inputs: fitted parameters of the inputs.
-        warnings: what the training has to say.
+        warnings: notices of the training.
         forecast_deviation, latent_deviation, noise_deviation, moved: see `learn.training.forecast`.
         new_motion: scores of logs left out; None of a single one. held_out: scores on blocks of that.
-        body: of the description, as `abilities.SupportsBody`; "" where the kind tells none.
+        body: of the description, as `abilities.SupportsBody`; "" if the kind has none.
     """
 
     EVENT: ClassVar[str] = "trained"
@@ -288,7 +289,7 @@ class Trained(Fact):
 
     @property
     def in_use(self) -> str:
-        """The structure that was in use when the log came; of the first log the one that was chosen then."""
+        """The structure in use when the log was ingested; for the first log, the one selected then."""
         return self.predicted_by or self.chosen
 
     def score_of(self, structure: str) -> PrequentialScore:
@@ -324,7 +325,7 @@ class Evaluated(Fact):
 
 
 def summary(values: Sequence[float], axes: int) -> float:
-    """The figure that stands for an evaluation: the mean over the axes, or what comes after theirs."""
+    """Summary figure of an evaluation: the mean over the axes, or the entry after those of the axes."""
     return float(values[-1] if len(values) > axes else sum(values) / len(values))
 
 
@@ -338,10 +339,10 @@ class Abandoned(Fact):
 
 @dataclass(frozen=True, kw_only=True)
 class Promoted(Fact):
-    """A model came into use.
+    """A model was promoted.
 
     Attributes:
-        sha256: of its file. forced: against the data. reason: why. refused: what speaks against it.
+        sha256: of its file. forced: against the data. reason: why. refused: reasons against it.
         compared: rows of `models.score.Compared`. narrow, wide: parts of held-out commands inside the 50 %
             and 95 % intervals. logs: hashes of the logs in the model.
     """
@@ -359,7 +360,7 @@ class Promoted(Fact):
 
 @dataclass(frozen=True, kw_only=True)
 class RolledBack(Fact):
-    """The model of hash `sha256` left, and the one of hash `to` is in use again."""
+    """The model of hash `sha256` was replaced by the earlier one of hash `to`."""
 
     EVENT: ClassVar[str] = "rolled_back"
     sha256: str = ""
@@ -369,7 +370,7 @@ class RolledBack(Fact):
 
 @dataclass(frozen=True, kw_only=True)
 class Confirmed(Fact):
-    """A run of a motion that confirms.
+    """A run of a confirmation motion.
 
     Attributes:
         run: "without" or "with" the feedforward.
@@ -395,9 +396,9 @@ class RunBegan(Fact):
     """`etude run` connected to a robot that it may move.
 
     Attributes:
-        driver: as it was named. robot, identity: as the robot says. real: it is no simulation.
+        driver: as it was named. robot, identity: as the robot reports. real: not a simulation.
         agreed: how the person agreed: "typed", or "--yes" for a simulation.
-        told: what else the robot said of itself, by the name in `drivers.About`.
+        told: other values that the robot reported, by the name in `drivers.About`.
     """
 
     EVENT: ClassVar[str] = "run_began"
@@ -414,7 +415,7 @@ class RobotMotion(Fact):
     """One motion of a robot that Étude moves.
 
     Attributes:
-        part: "approach", "motion" or "return". speed: per cent. first: its beginning alone.
+        part: "approach", "motion" or "return". speed: per cent. first: only its beginning.
         sha256: of the trajectory's JSON. control: see `record.controls`. identity: of the robot.
     """
 
@@ -440,7 +441,7 @@ class MotionSent(RobotMotion):
 
 @dataclass(frozen=True, kw_only=True)
 class MotionEnded(RobotMotion):
-    """What became of it.
+    """Outcome of a motion.
 
     Attributes:
         ended: see `drivers.Ended`. reason: a sentence. reached: s of the motion. late: cycles missed.
@@ -518,7 +519,7 @@ def event_to_json(event: Event) -> str:
 
 
 def event_from_json(text: str) -> Event:
-    """The event of a JSON object; keys that are not known are left out.
+    """The event of a JSON object, without unknown keys.
 
     Raises:
         NewerFormatError: its version is newer, or the version is known and the event is not.
@@ -548,9 +549,7 @@ def event_from_json(text: str) -> Event:
 
 
 def plain(value: Any) -> Any:
-    """A fact, or what stands in one, as JSON values; fields of dataclasses that equal their default are left
-    out.
-    """
+    """A fact, or a value in it, as JSON values, without fields that equal their default."""
     if isinstance(value, Notice):
         return value.to_json()
     if is_dataclass(value) and not isinstance(value, type):
