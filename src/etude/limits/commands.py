@@ -362,7 +362,7 @@ def _after(limit: CommandLimit, ran: Trajectory) -> CommandLimit:
 
 
 def credible(limit: CommandLimit, ran: Trajectory) -> Array:
-    """(J,) largest fraction, `LEAST_BELIEVED`..1, of each deviation with which the motion keeps its limits."""
+    """(J,) largest fraction of each deviation with which the motion keeps its limits, `LEAST_BELIEVED`..1."""
     motion = limit.along(ran, LOOK)
     mean, spread = limit.mean(motion), limit.spread(motion, ran.duration, SELDOM)
     half = 0.5 * (limit.upper - limit.lower)

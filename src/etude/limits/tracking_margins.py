@@ -4,8 +4,8 @@ Before the first log of a form of motion the margin is assumed. Where the feedba
 the error that they allow: at an extremum of the error e its rate is zero, so a proportional gain K produces
 the whole command K e. Elsewhere it is a configured fraction of each range. Afterwards it is the largest error
 in the last logs of that form, times a factor that depends on their number. Margins of velocity also include
-what smoothing hides. The factors were measured: on simulated arms they cover all joints of the next run at once in
-about 95 of 100 runs.
+what smoothing hides. The factors were measured: on simulated arms they cover all joints of the next run at
+once in about 95 of 100 runs.
 """
 
 from __future__ import annotations
