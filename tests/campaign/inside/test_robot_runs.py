@@ -121,7 +121,9 @@ def test_the_learned_command_comes_and_goes_without_a_step(done: tuple[Campaign,
     _, robot, _ = done
     sent = np.array([np.zeros(2) if effort is None else effort for effort in robot.efforts])
     assert np.abs(sent).max() > 0.5
-    assert np.abs(np.diff(sent, axis=0)).max() < 0.3
+    # masses of 1 kg: along a path the command steps as the accelerations of the set-points do
+    accelerations = np.diff(np.array(robot.sent), 2, axis=0) * 50.0**2
+    assert np.abs(np.diff(sent, axis=0)).max() < 1.1 * np.abs(np.diff(accelerations, axis=0)).max()
 
 
 def test_ctrl_c_while_it_stands_lets_it_hold_first(tmp_path: Path) -> None:
