@@ -39,8 +39,8 @@ BASELINES = 0.15
 RUN_STREAM, TEST_STREAM = 3, 4
 """Streams that separate the random numbers of simulated runs and tests from those of `ask` and training."""
 CERTAIN = ("sign", "delay")
-"""Checks whose questions are accepted for a simulated robot, since the answer is known. Coupled joints exchange
-power, so a joint may take more power out of the motion than its friction dissipates."""
+"""Checks whose questions are accepted for a simulated robot, since the answer is known. Coupled joints
+exchange power, so a joint may take more power out of the motion than its friction dissipates."""
 ASKING = 0.3
 """Approximate fraction of a round's time for the design, for progress; the rest is learning."""
 IDENTIFIED, RIGID_BODY = "identified", "rigid_body"

@@ -35,7 +35,7 @@ class WatchedLog:
 
     Attributes:
         path: of the file.
-        verdict: "refused": the log cannot be used, or lacks inputs of the model; the sentence gives the reason.
+        verdict: "refused": the log cannot be used, or lacks inputs of the model; `sentence` says why.
         seconds: s of motion until the change was certain; None without a change.
         kind: "payload", "friction", "sensor" or "unknown", "" without a change; cause: in more detail.
         evidence: nats, the maximum over the log. z2: mean squared error over the predicted variance.
