@@ -34,5 +34,5 @@ def test_the_learned_drag_halves_the_error_of_a_motion_that_no_model_learned(tmp
     assert taken.number == 1
     (confirming,) = campaign.state().confirmations
     without, own = (np.linalg.norm(confirming.runs[name].error) for name in ("without", "with"))
-    print(f"mean error {without:.4f} m without the learned drag, {own:.4f} m with it, ratio {own / without:.2f}")
+    print(f"mean error {without:.4f} m without, {own:.4f} m with the learned drag: ratio {own / without:.2f}")
     assert own < 0.6 * without
