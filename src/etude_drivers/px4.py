@@ -64,7 +64,7 @@ def driver(joints: tuple[str, ...], address: str, settings: Mapping[str, Any]) -
     except ImportError as problem:
         raise UsageError(
             f"the driver px4 needs pymavlink, which is not installed ({problem})",
-            next_step="Install it: pip install 'etude[px4]'",
+            next_step="Install it: pip install 'pymavlink>=2.4.40'",
         ) from problem
     return Px4Vehicle(
         joints, address, settings, lambda own: mavutil.mavlink_connection(own, dialect="common")

@@ -1,9 +1,10 @@
 """Candidates: random trajectories inside the limits, and curves about poses all over the workspace.
 
-A box of which nearly every pose is clear is small, since a motion is a curve and no box. So each candidate
-starts at a random clear pose, half of them in parts that were not visited yet, is drawn there until its path
-is clear, and is then widened, each coordinate and each side of it by itself, as long as the path stays clear.
-What the information criterion then refines stays inside what was found, and goes back to it where it is not.
+Boxes in which nearly every pose is clear are small, but a motion needs only a clear curve. So each candidate
+starts at a random clear pose, half of them in bins that were not visited yet. It is shrunk towards that pose
+until its path is clear. Then each side of each coordinate is extended separately while the path stays clear.
+Refinement by the information criterion stays inside the resulting box; a result that is not clear is shrunk
+towards the candidate.
 """
 
 from __future__ import annotations
@@ -28,9 +29,9 @@ Sampler = Literal["scaled", "uniform"]
 Sample = Callable[[np.random.Generator, FeasibleSet, int], Array]
 
 AMPLITUDE_SHARE = 4
-"""One scaled candidate in so many has a random amplitude: slow motion is sometimes what is missing."""
+"""One scaled candidate in this many has a random amplitude, since slow motion is sometimes missing."""
 STEPS = 60
-"""Of the walk to each uniform candidate; they need to differ, not to be exactly uniform."""
+"""Steps of the random walk to each uniform candidate; they must differ, but need not be exactly uniform."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,17 +48,17 @@ class Drawn:
 
     @property
     def standing(self) -> Array:
-        """(P,) standing still where all limits are kept."""
+        """(P,) parameters of rest at a pose that keeps all limits."""
         return self.feasible.centre
 
     def home(self, kept: NonconvexLimits) -> Drawn:
-        """As it was sampled, drawn home until its limits hold by a quick word."""
+        """The sample, shrunk towards home until its limits pass fast checks."""
         p = kept.shrink_to_home(self.family, self.standing, self.p, FEW_HALVINGS, quickly=True)
         return self if p is self.p else replace(self, p=p)
 
     def allowed(self, kept: NonconvexLimits, p: Array, worth: Callable[[Array], float]) -> Drawn:
-        """What a search has made of it (P,), drawn home until its limits hold, and grown where that is worth
-        something.
+        """The result p (P,) of a search, shrunk until its limits pass fast checks, and then enlarged where
+        that does not lower its value.
         """
         p = kept.shrink_to_home(self.family, self.standing, p, quickly=True)
         return replace(self, p=kept.grown(self.family, self.standing, p, worth))
@@ -65,7 +66,7 @@ class Drawn:
 
 @dataclass(frozen=True, eq=False)
 class Source:
-    """Where random trajectories come from: a family, its limits, a pose inside them, a way to sample."""
+    """Source of random trajectories: a family, its limits, a pose inside them, a sampler."""
 
     family: Family
     limits: tuple[Limit, ...]
@@ -73,9 +74,9 @@ class Source:
     sampler: Sampler
 
     def candidates(self, rng: np.random.Generator, count: int) -> list[Drawn]:
-        """`count` of them to choose from: a quarter of random amplitude, or half on the edge.
+        """`count` candidates: a quarter with random amplitude, or half on the edge, see the sampler.
 
-        They keep the limits that are convex; what the others forbid is drawn home of those that may win.
+        They keep the convex limits; those that may win are later shrunk to the other limits.
 
         Raises:
             UnsafeTrajectoryError: the limits leave no room.
@@ -88,7 +89,7 @@ class Source:
         return [*self._drawn(rng, count - slow, scaled), *self._drawn(rng, slow, amplitude)]
 
     def typical(self, rng: np.random.Generator, count: int, *, grown: bool = False) -> list[Drawn]:
-        """`count` large ones, as motions that stand in for tasks; or grown, as first trajectories."""
+        """`count` large trajectories to replace tasks; grown: enlarged, as first trajectories."""
         sampled = self._drawn(rng, count, uniform if self.sampler == "uniform" else scaled)
         found = [drawn.home(NonconvexLimits.of(self.limits, drawn.family, drawn.p)) for drawn in sampled]
         return [self._grown(drawn) for drawn in found] if grown else found
@@ -107,7 +108,7 @@ class Source:
         return FeasibleSet.of(self.limits, family, self.home)
 
     def _drawn(self, rng: np.random.Generator, count: int, sample: Sample) -> list[Drawn]:
-        """A family that leaves nothing to draw has one feasible set, and all are sampled at once."""
+        """Samples of the family; without random draws it has one feasible set and is sampled at once."""
         families = [self.family.drawn(rng) for _ in range(count)]
         found: dict[int, Drawn] = {}
         for family in {id(one): one for one in families}.values():
@@ -119,40 +120,40 @@ class Source:
 
 
 CENTRES = 6
-"""Clear poses that are tried for a segment."""
+"""Number of clear poses that are tried for a segment."""
 TRIES = 3
-"""Times as many, where none of them gives a motion that is fast enough."""
+"""Largest number of repetitions, while no pose gives a motion that is fast enough."""
 JUDGED = 2
-"""Of them, those that cover most, between which the criterion decides."""
+"""Number of candidates with the largest coverage, among which the criterion chooses."""
 SLOW = 0.35
-"""Of the mean speed of motions without clearance: a candidate that is slower is drawn anew."""
+"""Fraction of the mean speed without clearance below which a candidate is sampled again."""
 ROUGH = 32
-"""Instants of a curve that are looked at to choose between curves."""
+"""Number of instants of a curve that are checked to choose between curves."""
 ROUGHLY = (2.0, 1.3)
-"""Factors by which each side of these is widened."""
+"""Factors by which each side of these curves is extended."""
 AGAIN = (1.3, 1.1)
-"""The same of those that are chosen, and of what was refined."""
+"""The same for the chosen candidates, and for refined ones."""
 BLOCKED = 64
-"""Poses at which limits are asked what they block, for a message."""
+"""Number of poses at which the blocking limit is determined, for a message."""
 WELL_INSIDE = 0.97
-"""Of the way from home to the edge of the limits, beyond which no motion is centred."""
+"""Fraction of the distance from home to the edge of the limits within which motions are centred."""
 BALANCE = 0.1
-"""Share of a coordinate's bins below which more of it counts hardly more than of the others."""
+"""Offset of a coordinate's coverage in its weight: below it, less coverage hardly increases the weight."""
 SWIFT = 1.0
-"""Weight of a motion's speed, in parts of that without clearance, beside what it covers."""
+"""Weight of a motion's speed, relative to that without clearance, compared with its coverage."""
 BEYOND = 1.02
-"""How much wider than the way of a motion the box is in which it is refined."""
+"""Width of the box in which a motion is refined, relative to the motion's range."""
 
 
 BINS = 20
-"""Of the range between a coordinate's extreme clear poses."""
+"""Number of bins of the range between a coordinate's extreme clear poses."""
 LEAST_VISIT = 0.005
-"""Part of the time that a bin needs to count as visited: a motion that only turns round there shows little.
+"""Fraction of the time that a bin needs to count as visited: mere reversals in a bin give little information.
 """
 INSTANTS = 512
-"""At which a segment is looked at, for the report."""
+"""Number of instants of a segment that are counted, for the report."""
 CANDIDATE_INSTANTS = 96
-"""The same of a candidate."""
+"""The same for a candidate."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -172,12 +173,12 @@ class Visited:
 
     @classmethod
     def nothing(cls, reach: Reachable) -> Visited:
-        """Before any motion."""
+        """Zero time in all bins, before any motion."""
         lower, upper = reach.clear
         return cls(lower, upper, np.zeros((len(lower), BINS)))
 
     def adding(self, trajectories: Sequence[Trajectory]) -> Visited:
-        """With the segments of these."""
+        """Sum with the time of the trajectories' segments."""
         pieces = [p for own in trajectories for _, label, p in own.pieces() if label == "segment"]
         found = self
         for piece in pieces:
@@ -186,7 +187,7 @@ class Visited:
         return found
 
     def adding_poses(self, poses: Array, duration: float) -> Visited:
-        """With poses (T, k), spread evenly over a time in s."""
+        """Sum with the time of poses (T, k), spread evenly over `duration` s."""
         each = duration / max(len(poses), 1)
         return replace(self, seconds=self.seconds + each * self.counts(poses), total=self.total + duration)
 
@@ -202,22 +203,22 @@ class Visited:
         return found
 
     def bins(self, total: float | None = None) -> Mask:
-        """(k, BINS) which were visited, of a total time in s (None: of what there was)."""
+        """(k, BINS) whether a bin was visited, relative to a total time in s (None: the time so far)."""
         whole = self.total if total is None else total
         return np.asarray((self.seconds > 0.0) & (self.seconds >= LEAST_VISIT * whole))
 
     def share(self, total: float | None = None) -> Array:
-        """(k,) part of each coordinate's bins that was visited."""
+        """(k,) fraction of each coordinate's bins that was visited."""
         return np.asarray(self.bins(total).mean(axis=1))
 
 
 @dataclass(frozen=True, eq=False)
 class Roam:
-    """Where a robot can be, and what its motions have visited of that.
+    """The reachable poses of a robot, and those that its motions have visited.
 
     Attributes:
         reach: clear poses, and the ends of the ranges.
-        visited: so far; total: s of segments when this recording is done.
+        visited: time per bin so far. total: s of all segments at the end of this recording.
     """
 
     reach: Reachable
@@ -227,12 +228,12 @@ class Roam:
 
 @dataclass(frozen=True, eq=False)
 class Region(Drawn):
-    """A candidate that was widened about a clear pose.
+    """A candidate that was extended about a clear pose.
 
     Attributes:
-        clear: (P,) its path keeps the limits by quick words: what does not is drawn to this.
-        start: (P,) standing still at its clear pose.
-        source: that it comes of.
+        clear: (P,) parameters whose path passes fast checks; violating ones are shrunk towards these.
+        start: (P,) parameters of rest at its clear pose.
+        source: the source of the candidate.
     """
 
     clear: Array
@@ -244,11 +245,11 @@ class Region(Drawn):
         return self.start
 
     def home(self, kept: NonconvexLimits) -> Drawn:  # noqa: ARG002
-        """Itself: it keeps its limits already."""
+        """The candidate itself, which already keeps its limits."""
         return self
 
     def allowed(self, kept: NonconvexLimits, p: Array, worth: Callable[[Array], float]) -> Drawn:  # noqa: ARG002
-        """Drawn back to what is clear, and widened again: room that it has is worth having."""
+        """The result p (P,) of a search, shrunk until it is clear, and extended again into free space."""
         p = kept.shrink_to_home(self.family, self.clear, p, FEW_HALVINGS, quickly=True)
         feasible = self.source.ordered(self.family)
         return replace(self, p=kept.widened(feasible, self.family, p, self.source.stand(self.family), AGAIN))
@@ -256,8 +257,8 @@ class Region(Drawn):
 
 @dataclass(frozen=True, eq=False)
 class Curve:
-    """A curve about a clear pose, about clear: parameters p (P,), standing still where it starts (P,), what
-    it is worth, and its speed in parts of what it had before anything stood in its way.
+    """A roughly clear curve about a clear pose: parameters p (P,), those of rest at its start (P,), its
+    worth, and its speed relative to that without obstacles.
     """
 
     family: Family
@@ -269,11 +270,11 @@ class Curve:
 
 @dataclass(frozen=True, eq=False)
 class Roamed:
-    """A source of such candidates, as `candidates.Source` is one about home.
+    """A source of candidates about clear poses; `Source` has candidates about home.
 
     Attributes:
-        family: of motions. limits: of which some are `SupportsBoxes`, their boxes the whole range.
-        roam: where to look.
+        family: of motions. limits: boxes of those that are `SupportsBoxes` span the whole range.
+        roam: reachable and visited poses.
         sampler: of the curves.
     """
 
@@ -284,12 +285,12 @@ class Roamed:
 
     @classmethod
     def of(cls, family: Family, limits: Sequence[Limit], roam: Roam, sampler: Sampler) -> Roamed:
-        """With the limits' boxes as wide as the range."""
+        """The source, with the limits' boxes widened to the whole range."""
         ends = roam.reach.lower, roam.reach.upper
         return cls(family, tuple(_about(limit, *ends) for limit in limits), roam, sampler)
 
     def candidates(self, rng: np.random.Generator, count: int) -> list[Drawn]:  # noqa: ARG002
-        """The `JUDGED` that cover most of what was not visited, of `CENTRES` or more.
+        """The `JUDGED` candidates, out of `CENTRES` or more, with the largest coverage of unvisited bins.
 
         Raises:
             UnsafeTrajectoryError: the limits leave no room, or nothing is clear.
@@ -311,10 +312,10 @@ class Roamed:
         return regions
 
     def typical(self, rng: np.random.Generator, count: int) -> list[Drawn]:
-        """`count` that stand in for tasks: clear, or nearly so, each about its pose.
+        """`count` motions that replace tasks: roughly clear, each about its own pose.
 
         Raises:
-            UnsafeTrajectoryError: there is none.
+            UnsafeTrajectoryError: no motion was found.
         """
         found = self._started(rng, count)
         if not found:
@@ -322,7 +323,7 @@ class Roamed:
         return [Drawn(one.family, self._set(one.family), one.p) for one in found]
 
     def _none(self) -> UnsafeTrajectoryError:
-        """No motion keeps all limits; with what holds at fewest of the poses, if a limit says so."""
+        """The error that no motion keeps all limits; it names the limit that blocks most poses, if known."""
         form = self.family.trajectory(self._set(self.family).centre).form
         poses = self.roam.reach.poses[:BLOCKED]
         asked = [limit for limit in self.limits if isinstance(limit, SupportsBlocking)]
@@ -336,12 +337,12 @@ class Roamed:
         )
 
     def stand(self, family: Family) -> Callable[[Array], Array]:
-        """Pose (k,) -> parameters (P,) of standing still there."""
+        """Function pose (k,) -> parameters (P,) of rest at that pose."""
         offset, rows = self._standing(family)
         return lambda pose: offset + rows @ pose
 
     def ordered(self, family: Family) -> FeasibleSet:
-        """The convex limits, their blocks in the order in which coordinates lack coverage most."""
+        """The set of the convex limits; its blocks with the least covered coordinates come first."""
         whole = self._set(family)
         share, touched = self.roam.visited.share(self.roam.total), np.any(family.rows(0, 1)[0] != 0.0, axis=1)
         lack = [share[touched[:, block.members].any(axis=1)].min() for block in whole.blocks]
@@ -370,11 +371,11 @@ class Roamed:
         return self._stands[id(family)][1]
 
     def _kept(self, family: Family, p: Array) -> NonconvexLimits:
-        """What is not convex."""
+        """The nonconvex limits."""
         return NonconvexLimits.of(self.limits, family, p)
 
     def _started(self, rng: np.random.Generator, count: int, *, widened: bool = False) -> list[Curve]:
-        """Curves from clear poses, drawn there until their paths are about clear, and then widened."""
+        """Curves about clear poses, shrunk until their paths are roughly clear; widened: extended again."""
         family = self.family.drawn(rng)
         whole, stand = self._set(family), self.stand(family)
         draw = uniform if self.sampler == "uniform" else scaled
@@ -392,7 +393,7 @@ class Roamed:
                 return all(word(poses) for word in words)
 
             if not holds(start):
-                continue  # with this tracking the pose is not clear
+                continue  # the pose is not clear with these tracking margins
             p = whole.about(start).shrink(start + shape - stand(first))
             p = _drawn(start, p, holds)
             if widened:
@@ -404,7 +405,7 @@ class Roamed:
     def _poses(
         self, rng: np.random.Generator, whole: FeasibleSet, stand: Callable[[Array], Array], count: int
     ) -> list[Array]:
-        """Clear poses, every other one of the few that lie most in bins that were not visited."""
+        """Clear poses; every other one is among those with the most coordinates in unvisited bins."""
         poses, visited = self.roam.reach.poses, self.roam.visited
         unvisited = ~visited.bins(self.roam.total)
         order = rng.permutation(len(poses))
@@ -422,25 +423,26 @@ class Roamed:
         return found
 
     def _judged(self, family: Family, p: Array, free: float) -> tuple[float, float]:
-        """What a motion would cover, more where less is covered yet, with its speed; and that speed, in parts
-        of what it had before anything stood in its way.
+        """Worth of a motion, and its speed relative to that without obstacles.
+
+        The worth is the gain in coverage, on a logarithmic scale, plus the speed, which counts up to 1.
         """
         visited, duration = self.roam.visited, family.trajectory(p).duration
         t = duration * (np.arange(CANDIDATE_INSTANTS) + 0.5) / CANDIDATE_INSTANTS
         share = visited.adding_poses(family.motion(p, t, 1).orders[0], duration).share(self.roam.total)
-        # a motion that stands still has no speed to compare with
+        # a motion at rest has no speed to compare with
         speed = self._speed(family, p) / max(free, 1e-12)
         cover = float(np.log((share + BALANCE) / (visited.share(self.roam.total) + BALANCE)).sum())
         return cover + SWIFT * min(speed, 1.0), speed
 
     def _speed(self, family: Family, p: Array) -> float:
-        """Mean size of the rates, each in parts of its range."""
+        """Mean absolute rate over instants and coordinates."""
         t = family.trajectory(p).duration * (np.arange(CANDIDATE_INSTANTS) + 0.5) / CANDIDATE_INSTANTS
         return float(np.mean(np.abs(family.motion(p, t, 2).orders[1])))
 
     def _region(self, curve: Curve) -> Region | None:
-        """The curve drawn to its start until all limits hold, widened, with the box of its way, in which it
-        is refined; None where nothing is left of it.
+        """The curve, shrunk towards its start until all limits hold and then extended, with the box of its
+        range, in which it is refined; None where that is not possible.
         """
         family, start = curve.family, curve.start
         kept = self._kept(family, curve.p)
@@ -461,7 +463,7 @@ class Roamed:
 
 
 def _drawn(start: Array, p: Array, holds: Callable[[Array], bool]) -> Array:
-    """The parameters (P,), or the first on the way to `start` that hold."""
+    """The parameters p (P,), moved towards `start` (P,) only until they hold."""
     if holds(p):
         return p
     inside, outside = 0.0, 1.0

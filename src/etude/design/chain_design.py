@@ -23,22 +23,22 @@ from etude.trajectories.chain import chained
 from etude.types import Array
 
 Approaches = Callable[[Trajectory, Array], tuple[Trajectory, Trajectory] | None]
-"""Of a kind: (motion, pose) -> the way from the pose to its start, and from its end back."""
+"""Function of a kind: (motion, pose) -> motion from the pose to its start, and from its end back."""
 
 HURRIED = (0.55, 0.65, 0.75, 0.85, 1.0)
-"""Parts of its own time in which a link is tried: ways are unhurried, as they may begin anywhere."""
+"""Fractions of a link's duration that are tried. Approaches are slow, since they may begin at any pose."""
 TRIES = 2
-"""Times that a segment elsewhere than about home is designed, if no straight way from home leads there."""
+"""Number of designs of a segment away from home, as long as no straight motion from home reaches it."""
 
 
 @dataclass(frozen=True, eq=False)
 class DesignedChain:
-    """A recording, and how its segments were found, in turn.
+    """A recording, and the designs of its segments in order.
 
     Attributes:
-        trajectory: the chain; of one segment, itself. segments: one design each.
-        dropped: segments that were not found, or that no certified way leads to, so that the recording is
-            shorter.
+        trajectory: the chain; a single segment is not chained. segments: one design each.
+        dropped: number of segments that were not found, or that no certified link reaches; the recording is
+            shorter by these.
     """
 
     trajectory: Trajectory
@@ -47,7 +47,7 @@ class DesignedChain:
 
     @property
     def status(self) -> str:
-        """One sentence of each."""
+        """The sentences of all designs."""
         if len(self.segments) == 1:
             return self.segments[0].status + cut_short(self.dropped)
         values = ", ".join(f"{own.value:.4g}" for own in self.segments)
@@ -56,7 +56,7 @@ class DesignedChain:
 
     @property
     def variance_removed(self) -> float:
-        """Fraction of the reference variance that the recording is forecast to remove, mean over commands."""
+        """Forecast fraction of the reference variance that the recording removes, mean over commands."""
         return variance_removed(self.segments[0].deviation_before, self.segments[-1].deviation_after)
 
 
@@ -80,13 +80,13 @@ def design_chain(
 ) -> DesignedChain:
     """`count` segments of `family`, chained; other arguments and errors as `solve.design`.
 
-    Segment i is designed given the planned samples of those before it: what they will say is not needed, as
-    a variance does not depend on it.
+    Segment i is designed given the planned samples of the segments before it. Their measured values are not
+    needed, since a variance does not depend on them.
     """
     source: Source | Roamed = Source(family, tuple(limits), home, config.sampler)
     if roam is not None:
         source = Roamed.of(family, tuple(limits), roam, config.sampler)
-    if not standing_in or roam is not None:  # what stands in otherwise is about home
+    if not standing_in or roam is not None:  # the given ones are about home
         standing_in = [*standing_in, *(drawn.trajectory for drawn in source.typical(rng, MOTIONS))]
     found: list[Design] = []
     for _ in counted(range(count)):
@@ -116,11 +116,12 @@ def design_chain(
 def _segment(
     asked: Callable[[], Design], leads: Callable[[Trajectory], bool] | None, *, needed: bool
 ) -> Design | None:
-    """What is asked for, if a way `leads` there: the last of `TRIES` where none does. None where no motion is
-    proved: the segments that were found are a recording, if a shorter one.
+    """A designed segment that a straight motion `leads` to; if none of `TRIES` is, the last of them.
+
+    None where no motion is proved: the segments found so far make a shorter recording.
 
     Raises:
-        UnsafeTrajectoryError: there is none, and one is `needed`.
+        UnsafeTrajectoryError: no motion is proved, and one is `needed`.
     """
     found: Design | None = None
     for again in range(TRIES):
@@ -136,15 +137,15 @@ def _segment(
 
 
 def reached(segment: Trajectory, approaches: Approaches, limits: Sequence[Limit], home: Array) -> bool:
-    """Whether the straight ways from home to a segment and back are proved: it can then always be linked."""
+    """Whether the straight motions from home to a segment and back are proved; then it can be linked."""
     found = approaches(segment, home)
     return found is not None and all(certify(part, limits).ok for part in found)
 
 
 def near_to_near(segments: Sequence[Trajectory], approaches: Approaches, home: Array) -> list[int]:
-    """An order of the segments in which the ways between them are short: always the nearest next.
+    """An order of the segments with short links between them: the next one is always the nearest.
 
-    What they teach together does not depend on their order; ways are robot time that teaches nothing.
+    Their joint information does not depend on the order, and links cost robot time without information.
     """
     left, at, order = list(range(len(segments))), home, []
     while left:
@@ -161,9 +162,9 @@ def near_to_near(segments: Sequence[Trajectory], approaches: Approaches, home: A
 def linked(
     segments: Sequence[Trajectory], approaches: Approaches, limits: Sequence[Limit], home: Array
 ) -> tuple[Trajectory, int]:
-    """The segments with certified links, and how many of them: it ends before one that no way leads to.
+    """The chain of segments with certified links, and its number of segments: it ends where no link exists.
 
-    A link is the straight way, as fast as it is proved; where that leaves the limits, the way by home.
+    A link is the fastest straight motion that is proved; where that leaves the limits, the motion via home.
     """
     if len(segments) > 1:  # links lead from rest to rest
         segments = [at_rest(own, limits) for own in segments]
@@ -178,7 +179,7 @@ def linked(
 
 
 def cut_short(dropped: int) -> str:
-    """What is said of segments that were left out."""
+    """Sentence on the number of segments that were left out."""
     return f" Segments left out, since no motion or no way there is proved: {dropped}." if dropped else ""
 
 

@@ -9,7 +9,7 @@ from etude import plugins
 from etude.errors import UsageError
 
 GROUP = "etude.criteria"
-"""Of the entry points that criteria are."""
+"""Group of the entry points of criteria."""
 
 
 @dataclass(frozen=True)
@@ -18,24 +18,26 @@ class DesignConfig:
 
     Attributes:
         first: the first trajectory: "designed" from the limits alone, or "random".
-        reference: what stands in for tasks from the second on: "mixed", half moves between random postures
-            and half slow series, as the kind's tests are but others; or random members of the "family".
+        reference: motions that replace missing tasks from the second trajectory on: "mixed", half moves
+            between random postures and half slow series, like the kind's tests but different motions; or
+            "family", random members of the family.
         criterion: a name among `etude.criteria`, or "module:function".
-        sampler: of the random candidates. "scaled": each part of the motion enlarged to its limits, every
-            fourth of a random amplitude; "uniform": half uniform on what is allowed, half on its edge.
+        sampler: of the random candidates. "scaled": each block of the motion enlarged to its limits, every
+            fourth candidate with a random amplitude; "uniform": half uniform on the feasible set, half on
+            its edge.
         candidates: random candidates that are scored.
         refine: how many of the best are refined by L-BFGS.
         steps: iterations of each refinement.
         points: planned samples along a trajectory; logs are autocorrelated, so about one a second.
-        planned_noise: planned samples stand for all that will be logged, each with less noise; else each
-            counts as one sample.
+        planned_noise: True: each planned sample represents several logged ones and has less noise; False:
+            each counts as one sample.
         reference_points: reference states per process.
-        random_share: part of the reference states taken from what stands in although tasks are given.
-        inducing: an exact process with more samples is seen through this many of them; 0: as it is.
+        random_share: fraction of the reference states from replacement motions although tasks are given.
+        inducing: an exact process with more samples is reduced to this many of them; 0: never reduced.
         raw_units: add the commands' variances in their own squared units, as the thesis does.
 
     Raises:
-        UsageError: values out of range, or a criterion that nobody brings.
+        UsageError: values out of range, or an unknown criterion.
     """
 
     criterion: str = "log_ivr"

@@ -1,11 +1,10 @@
 """Design criteria: information of a batch of planned samples about one output of the model.
 
-A criterion is a function of covariances and returns its value and its derivatives with respect to them; the
-chain from covariances to inputs is the same for all and lives in `evaluate`. To add one, write such a
-function, with an attribute `needs = "reference"` if it looks at reference states, or `needs = "identified"`
-if it judges the identified model's parameters, and name it: by an entry point in `etude.criteria`, or in a
-campaign as "module:function". `etude.testing.CriterionSuite` checks its gradient and what else it owes.
-Here are the criteria that count variances; those that count nats are in `information`.
+A criterion is a function of covariances. It returns its value and its derivatives with respect to them; the
+chain from covariances to inputs is the same for all criteria, see `evaluate`. To add one, write such a
+function. Set its attribute `needs = "reference"` if it uses reference states, or `needs = "identified"` if it
+rates the identified model's parameters. Name it by an entry point in `etude.criteria`, or in a campaign as
+"module:function". `etude.testing.CriterionSuite` checks its gradient and the rest of its contract.
 
 With gains d the noise of sample t is sn^2/d_t^2. Multiplied through by d, S = C_TT + diag(sn^2/d^2) becomes
 M = d C_TT d + sn^2 I: the same information, log det(S/noise) = log det(M/sn^2), and smooth where a gain is
@@ -32,9 +31,9 @@ from etude.protocols import Posterior
 from etude.types import Array
 
 RESOLUTION = 1e-9
-"""Part of the signal variance that is the least noise information is counted against.
+"""Smallest noise variance in information criteria, as a fraction of the signal variance.
 
-A noise-free process would learn infinitely much from every sample.
+Without noise every sample would give infinite information.
 """
 
 
@@ -65,7 +64,7 @@ class Batch(Protocol):
 
 
 def batch_of(posterior: Posterior, X: Array) -> Batch:
-    """The batch of X (T, D): with shared factors if the posterior has them, else by the bare contract."""
+    """The batch of X (T, D), with shared factors if the posterior has them, else a `PlainBatch`."""
     if not isinstance(posterior, SupportsFactors):
         return PlainBatch(posterior, X)
     batch: Batch = posterior.factors(X)
@@ -74,7 +73,7 @@ def batch_of(posterior: Posterior, X: Array) -> Batch:
 
 @dataclass(frozen=True)
 class PlainBatch:
-    """A batch for any posterior that keeps `protocols.Posterior` and no more."""
+    """A batch for any posterior that implements only `protocols.Posterior`."""
 
     posterior: Posterior
     X: Array
@@ -109,15 +108,15 @@ class PlainBatch:
 
 @dataclass(frozen=True)
 class Output:
-    """One latent function of the model, as a criterion sees it.
+    """One latent function of the model, in the form that a criterion takes.
 
     Attributes:
         posterior: its Gaussian process.
         reference: (r, D) states where its variance matters; r = 0 if the criterion needs none.
         reference_batch: the same as a batch of `posterior`.
         reference_variance: (r,) their latent variance now.
-        scale: variances are divided by this, so that outputs can be added: the signal variance, or what
-            leaves them in squared units of the commands, for the thesis's sum.
+        scale: divisor of variances, so that outputs can be added: the signal variance, or, for the thesis's
+            sum, the divisor that gives squared units of the commands.
     """
 
     posterior: Posterior
@@ -128,7 +127,7 @@ class Output:
 
     @classmethod
     def of(cls, posterior: Posterior, reference: Array, scale: float | None = None) -> Output:
-        """The output with everything that is fixed during a design computed once; scale None: the signal."""
+        """The output with the constant parts of a design precomputed; scale None: the signal variance."""
         batch = batch_of(posterior, reference)
         variance = batch.variance() if len(reference) else np.zeros(0)
         return cls(
@@ -137,12 +136,12 @@ class Output:
 
     @property
     def noise(self) -> float:
-        """sn^2 that information is counted against: at least RESOLUTION of the signal variance."""
+        """sn^2 for information criteria: at least RESOLUTION of the signal variance."""
         return max(self.posterior.noise_variance, RESOLUTION * self.posterior.signal_variance)
 
     @cached_property
     def reference_factor(self) -> Array:
-        """Lower Cholesky factor (r, r) of C_RR + sn^2 I, made once.
+        """Lower Cholesky factor (r, r) of C_RR + sn^2 I, cached.
 
         Raises:
             UsageError: the output has no reference states.
@@ -163,7 +162,7 @@ class Score:
         own: (T, T) derivative in C_TT.
         cross: (T, r) derivative in C_TR.
         reduction: (A, B), each (T, r): derivatives own = -A Bᵀ and cross = 2 A of a criterion that depends on
-            reference variances removed; the chain then goes back r wide instead of T.
+            reductions of reference variances; backpropagation then has r columns instead of T.
     """
 
     value: float
@@ -209,7 +208,7 @@ def evaluate(
         value, gradient in X (T, D), gradient in the gains (T, L).
 
     Raises:
-        UsageError: the criterion fails, or answers with NaN or wrong shapes; it is named.
+        UsageError: the criterion fails, or returns NaN or wrong shapes; the message names it.
     """
     total, in_inputs, in_gains = 0.0, np.zeros_like(X), np.zeros_like(gains)
     for j, output in enumerate(outputs):
@@ -225,7 +224,7 @@ def evaluate(
 
 
 def value_of(criterion: Criterion, outputs: Sequence[Output], X: Array, gains: Array) -> float:
-    """The value of `evaluate` alone, at about half its price."""
+    """The value of `evaluate` without gradients, at about half its cost."""
     return sum(
         _asked(criterion, output, batch_of(output.posterior, X), gains[:, j]).value
         for j, output in enumerate(outputs)
@@ -233,7 +232,7 @@ def value_of(criterion: Criterion, outputs: Sequence[Output], X: Array, gains: A
 
 
 def _asked(criterion: Criterion, output: Output, batch: Batch, gain: Array) -> Score:
-    """What the criterion says, if it is a score. A plug-in may fail with anything."""
+    """The checked score of a criterion; any exception of a plug-in becomes a UsageError."""
     try:
         score = criterion(output, batch, gain)
     except EtudeError:
@@ -287,7 +286,7 @@ __all__ = [
 ]
 
 LOG_FLOOR = 1e-4
-"""Part of the signal variance that `log_ivr` adds, so that states known already stop paying."""
+"""Fraction of the signal variance that `log_ivr` adds, so that well-known states add no more value."""
 
 
 def mean_variance(output: Output, batch: Batch, gain: Array) -> Score:
@@ -325,7 +324,7 @@ def criterion_named(name: str) -> Criterion:
     """The criterion of that name, built in or of a plug-in.
 
     Raises:
-        UsageError: there is none, it cannot be loaded, it is no function, or it needs what no design has.
+        UsageError: it does not exist, cannot be loaded, is no function, or has an unknown `needs`.
     """
     criterion: Criterion = plugins.load(GROUP, name)
     if needs_of(criterion) not in ("", "reference", "identified"):
@@ -336,13 +335,13 @@ def criterion_named(name: str) -> Criterion:
 
 
 def needs_of(criterion: Criterion) -> str:
-    """What it needs: "reference", "identified", or "" for a criterion that needs neither."""
+    """The criterion's `needs`: "reference", "identified", or "" for neither."""
     return str(criterion.needs) if isinstance(criterion, SupportsNeeds) else ""
 
 
 @dataclass(frozen=True)
 class Reduction:
-    """Reference variances removed by a batch, v_r = C_rT S^-1 C_Tr, and what their derivatives need.
+    """Reductions of reference variances by a batch, v_r = C_rT S^-1 C_Tr, and factors for their derivatives.
 
     With gains d, A = d C_TR and M = d C_TT d + sn^2 I, v = diag(A^T M^-1 A): smooth where a gain is zero.
     """
@@ -379,8 +378,7 @@ class Reduction:
 def sum_log(output: Output, batch: Batch, gain: Array) -> Score:
     """Information in each sample taken alone, 1/2 sum_t log(1 + gain_t^2 C_tt/sn^2) (OpAx, Sukhija 2023).
 
-    An upper bound of `info_gain` at the price of `mean_variance`: it does not see that samples repeat each
-    other.
+    An upper bound of `info_gain` at the cost of `mean_variance`: it ignores the redundancy of samples.
     """
     variance = batch.variance()
     signal = output.noise + gain**2 * variance
@@ -400,10 +398,10 @@ def info_gain(output: Output, batch: Batch, gain: Array) -> Score:
 def d_opt(output: Output, batch: Batch, gain: Array) -> Score:
     """Growth of the log determinant of the parameters' information (Swevers et al. 1997), per output.
 
-    log det(Y^T Sigma^-1 Y + Lambda0) - log det Lambda0 for the regressor Y of the planned samples. With the
-    weights of a linear regression as parameters and what is known of them as Lambda0, the determinant lemma
-    makes that log det(S/sn^2): twice `info_gain`. What makes it d_opt is the process: `design` gives it the
-    identified model (`view.of_parameters`) in place of the model's own.
+    log det(Y^T Sigma^-1 Y + Lambda0) - log det Lambda0 for the regressor Y of the planned samples. Parameters
+    are the weights of a linear regression, and Lambda0 is their present information. By the determinant lemma
+    the result is log det(S/sn^2), twice `info_gain`. The difference is the process: `design` passes the
+    identified model (`latents.of_parameters`) in place of the model's own processes.
     """
     return _joint(output, batch, gain, 2.0)
 
@@ -419,8 +417,8 @@ def mi_region(output: Output, batch: Batch, gain: Array) -> Score:
     """Information that the samples give about noisy measurements at the reference states, I(y_T; y_R).
 
     1/2 log det S - 1/2 log det(S - C_TR (C_RR + e I)^-1 C_RT) with e = sn^2 (Krause, Singh and Guestrin
-    2008). About y_R and not the latent f_R (e = 0): an e far below the noise lets the criterion chase
-    details of f_R that no later measurement could show, and is badly conditioned for neighbouring states.
+    2008). It is about y_R, not the latent f_R (e = 0): an e far below the noise would reward details of f_R
+    that no later measurement can show, and is badly conditioned for neighbouring states.
     """
     factor = output.reference_factor
     own, cross = batch.covariance(), batch.covariance(output.reference_batch)
@@ -441,8 +439,8 @@ def mi_region(output: Output, batch: Batch, gain: Array) -> Score:
 class Entropy:
     """1/2 log det(M/sn^2), M = d C d + sn^2 I, for covariance C (T, T) and gains d (T,).
 
-    The chain rule is in the factor: diag(L)^2 - sn^2 is d_t^2 times the variance at sample t once samples
-    1..t-1 are known.
+    The Cholesky factor L of M shows the chain rule: diag(L)^2 - sn^2 is d_t^2 times the variance at sample t
+    given samples 1..t-1.
     """
 
     covariance: Array

@@ -24,8 +24,8 @@ class Latent:
     """One latent function of a model.
 
     Attributes:
-        posterior: what is known of it; of a member without covariances its guide.
-        commands: those that it tells, by number.
+        posterior: its posterior; for a model without covariances, the guide.
+        commands: numbers of the commands that it predicts.
         factors: from the function's unit to each command's.
     """
 
@@ -35,15 +35,15 @@ class Latent:
 
     @property
     def raw_scale(self) -> float:
-        """What variances are divided by to be squared units of the commands, summed over these."""
+        """Divisor that turns variances into squared units of the commands, summed over these."""
         return 1.0 / float(np.sum(self.factors**2))
 
 
 def latents_of(model: Model) -> tuple[Latent, ...]:
-    """The model's latent functions, each command in one of them, in the order of their first commands.
+    """The model's latent functions, ordered by their first command; each command belongs to one of them.
 
-    A structure without a process does not say where the robot has not been, so such a command is seen through
-    another of its structures.
+    A structure without a Gaussian process has no uncertainty where the robot has not been. For such a command
+    another structure of the model is used.
 
     Raises:
         UsageError: a command without any process.
@@ -62,12 +62,12 @@ def latents_of(model: Model) -> tuple[Latent, ...]:
 
 
 def planned(latents: Sequence[Latent], share: float, inducing: int) -> tuple[Latent, ...]:
-    """The latent functions as planned samples see them.
+    """The latent functions, prepared for planned samples.
 
     Args:
         latents: see `latents_of`.
-        share: planned over logged samples; 1: each planned sample counts as one that is logged.
-        inducing: exact processes with more samples are seen through this many; 0: as they are.
+        share: number of planned samples over that of logged ones; 1: a planned sample counts as one logged.
+        inducing: exact processes with more samples are reduced to this many; 0: never reduced.
     """
     seen = (fast_posterior(latent.posterior, inducing) for latent in latents)
     return tuple(
@@ -77,17 +77,17 @@ def planned(latents: Sequence[Latent], share: float, inducing: int) -> tuple[Lat
 
 
 def of_parameters(latents: Sequence[Latent], physics: Mapping[str, Physics]) -> tuple[Latent, ...]:
-    """What the samples learned so far say of each command's base parameters: linear regressions, for `d_opt`.
+    """Posteriors of each command's base parameters by linear regression on the learned samples, for `d_opt`.
 
-    The samples are those that the model's processes keep, and the noise is theirs; the prior is that of the
-    identification. The weights' information is then Lambda0 of `d_opt`.
+    Samples and noise are those of the model's processes; the prior is that of the identification. The
+    information of the weights is then Lambda0 of `d_opt`.
 
     Args:
         latents: the model's own.
-        physics: of the kind; one of them says how commands depend on parameters.
+        physics: of the kind; one of them gives the regressors of the commands.
 
     Raises:
-        UsageError: none does, or the processes keep no samples.
+        UsageError: none has regressors, or the processes keep no samples.
     """
     from etude.models.gp.bayesian_linear import BayesianLinear
 
@@ -104,7 +104,7 @@ def of_parameters(latents: Sequence[Latent], physics: Mapping[str, Physics]) -> 
 
 @dataclass(frozen=True, eq=False)
 class PlannedPosterior:
-    """A posterior whose samples count as planned ones: fewer than will be logged, each with less noise.
+    """A posterior with the noise of planned samples: these are fewer than the logged ones, but less noisy.
 
     Attributes:
         posterior: the model's.
@@ -119,7 +119,7 @@ class PlannedPosterior:
         return self.posterior.signal_variance
 
     def factors(self, X: Array) -> Batch:
-        """The posterior's own batch: noise does not count in it."""
+        """The posterior's own batch, which does not depend on the noise."""
         return batch_of(self.posterior, X)
 
     def predict(self, X: Array) -> tuple[Array, Array]:
@@ -139,10 +139,10 @@ class PlannedPosterior:
 
 
 def fast_posterior(posterior: Posterior, count: int) -> Posterior:
-    """An exact posterior seen through its `count` most telling samples; any other one, or count 0: as it is.
+    """Sparse form of an exact posterior with `count` inducing points; unchanged for others, or for count 0.
 
-    All samples still count (Titsias 2009, whose variance is that of DTC); hyperparameters stay. The samples
-    are those that a pivoted Cholesky factorisation takes first.
+    All samples still count (Titsias 2009, whose variance is that of DTC), and hyperparameters stay the same.
+    The inducing points are the samples that a pivoted Cholesky factorisation selects first.
     """
     if not count or not isinstance(posterior, ExactPosterior) or len(posterior.X) <= count:
         return posterior
@@ -156,10 +156,10 @@ def fast_posterior(posterior: Posterior, count: int) -> Posterior:
 
 
 def _chosen(model: Model) -> dict[int, int]:
-    """The place of the candidate with a process through which each command is seen.
+    """Index of the candidate, with a process, that represents each command.
 
-    The default's of the structure in use; if that has no process, the same structure with one, then the
-    identified one, then the first.
+    It is the default candidate of the structure in use. If that has no process, it is the same structure with
+    one, then the identified one, then the first.
     """
     places: dict[int, int] = {}
     for command in sorted({j for candidate in model.candidates for j in candidate.commands}):
@@ -184,7 +184,7 @@ def _weight(candidate: Candidate, command: int) -> float:
 
 
 def _guide(posterior: Posterior) -> Posterior:
-    """The posterior to design with: the `guide` of one that has no covariances, else itself."""
+    """The posterior to design with: the `guide` of a posterior without covariances, else itself."""
     return posterior.guide if isinstance(posterior, SupportsGuide) else posterior
 
 
@@ -209,9 +209,9 @@ def _samples(posterior: Posterior) -> Array:
 
 
 SIGNAL, NOISE = 0.3, 0.01
-"""Deviations of each term of a command and of its noise, parts of the command's limit."""
+"""Standard deviations of each term of a command and of its noise, as fractions of the command's limit."""
 PLAN = "_des"
-"""Ends the names of planned channels, which have the limits of what is planned."""
+"""Suffix of the names of planned channels, which share the limits of the measured ones."""
 
 
 def prior_latents(
@@ -221,17 +221,17 @@ def prior_latents(
     config: ModelConfig,
     commands: tuple[str, ...],
 ) -> tuple[Latent, ...] | None:
-    """The model's own kernel for each group of commands, with lengths from the limits; nothing was measured.
+    """Prior before any log: the model's kernel for each group of commands, its length scales from the limits.
 
-    Commands count in parts of their limits. One sample, zero at rest in the middle of the ranges, is there
-    for the form's sake.
+    Commands are relative to their limits. A posterior needs a sample: it has one, zero at rest in the middle
+    of the ranges.
 
     Args:
         inputs: of the model. ranges: lower and upper (parts,) of channels. limit: (J,) of the commands.
         config: of the model. commands: names of the J commands.
 
     Returns:
-        None where an input has no limits: nothing then says how far it reaches.
+        None where an input has no limits, since its range is then unknown.
     """
     reach = _reach(inputs, ranges)
     if reach is None:
@@ -249,7 +249,7 @@ def prior_latents(
 
 
 def _reach(inputs: Inputs, ranges: Mapping[str, tuple[Array, Array]]) -> tuple[Array, Array] | None:
-    """(D,) middle and half range of every input; of one with an op 0 and 1."""
+    """(D,) middle and half range of every input; 0 and 1 for an input with an op."""
     middle, half = [], []
     place: dict[str, int] = {}
     for channel, _, _, op in inputs.columns:

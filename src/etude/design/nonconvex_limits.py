@@ -17,36 +17,36 @@ from etude.trajectories.extremes import USABLE_PART
 from etude.types import Array, Proof
 
 INSTANTS = 400
-"""Evenly over a motion, at which penalties are asked for."""
+"""Number of evenly spaced instants of a motion at which penalties are computed."""
 ORDERS = 3
-"""Derivative orders that penalties see, if they ask for no more: position, velocity, acceleration."""
+"""Derivative orders for penalties, unless a limit needs more: position, velocity, acceleration."""
 HALVINGS = 12
-"""Of the way home: the last proved point is within a thousandth of the way of one that is not."""
+"""Bisections of the line to home: they bring the proved point within a thousandth of it to one not proved."""
 FEW_HALVINGS = 5
-"""Of the way home of a motion that is only compared with others, or grown again afterwards."""
+"""Bisections for a motion that is only compared with others, or enlarged again afterwards."""
 GROWTH = (2.0, 1.4, 1.15, 1.05)
-"""Factors by which each part of a motion is tried to be enlarged."""
+"""Factors by which each block of a motion is enlarged, tried in turn."""
 TRIES = 2
-"""Of each factor in a row, while it succeeds."""
+"""Largest number of successive uses of each factor, while they succeed."""
 SHRUNK, SHRINKINGS = 0.97, 4
-"""What was grown by a quick word and is not proved is nearly so."""
+"""Factor and number of attempts to shrink a motion that passed fast checks but is not quite proved."""
 LEAST_GROWTH = 1.01
-"""Less is not worth a proof."""
+"""Enlargements below this factor are not worth a proof."""
 HEAVY = 10.0
 """Weight of the penalty of a typical candidate, in values of the criterion."""
 Stand = Callable[[Array], Array]
-"""Of a family: pose (k,) -> parameters (P,) of standing still there."""
+"""Function of a family: pose (k,) -> parameters (P,) of rest at that pose."""
 
 
 @dataclass(frozen=True, eq=False)
 class NonconvexLimits:
-    """The limits whose `cones` do not say it all; without any, nothing is done.
+    """The limits that `cones` do not describe completely; without any, every method is trivial.
 
     Attributes:
-        limits: those that answer with a penalty.
-        times: (T,) s at which they are asked.
-        others: those whose cones say it all.
-        boxed: whether cones of `limits` keep the search within less than is allowed.
+        limits: the limits with a penalty.
+        times: (T,) s at which penalties are computed.
+        others: the limits that their cones describe completely.
+        boxed: whether cones of `limits` restrict the search to a part of what is allowed.
     """
 
     limits: tuple[Limit, ...]
@@ -56,15 +56,15 @@ class NonconvexLimits:
 
     @classmethod
     def of(cls, limits: Sequence[Limit], family: Family, p: Array) -> NonconvexLimits:
-        """Those of `limits` that answer with a penalty for the member p (P,)."""
+        """Those of `limits` that return a penalty for the member p (P,)."""
         duration = family.trajectory(p).duration
         times = duration * (np.arange(INSTANTS) + 0.5) / INSTANTS
-        motion = family.motion(p, times[:1], _orders(limits))  # whether one answers, not what
+        motion = family.motion(p, times[:1], _orders(limits))  # shows whether there is a penalty
         parts: dict[bool, list[Limit]] = {True: [], False: []}
         for limit in limits:
             parts[limit.penalty(motion) is None].append(limit)
         boxed = [bool(limit.cones(family)) for limit in parts[False]]
-        # what narrows the search is what most often fails: it is asked first
+        # limits that restrict the search fail most often: check them first
         own = [parts[False][i] for i in sorted(range(len(boxed)), key=lambda i: not boxed[i])]
         return cls(tuple(own), times, tuple(parts[True]), any(boxed))
 
@@ -79,10 +79,10 @@ class NonconvexLimits:
         return total, family.vjp(p, self.times, gradient)
 
     def weight(self, candidates: Iterable[tuple[Family, Array]]) -> float:
-        """What a penalty counts for, in values of the criterion: typical candidates lose all of theirs.
+        """Weight of the penalty, in values of the criterion: a typical candidate's whole value is offset.
 
-        0 where no candidate has any: then what comes of the search is only drawn home. Limits that have
-        `keeps` are not asked: by that word the candidates were drawn home, and keep them.
+        0 where no candidate has a penalty; then only the search's result is shrunk towards home. Limits with
+        `keeps` are left out: candidates were shrunk until they kept these.
         """
         slow = tuple(limit for limit in self.limits if not isinstance(limit, SupportsFastCheck))
         asked = replace(self, limits=slow)
@@ -91,29 +91,29 @@ class NonconvexLimits:
         return HEAVY / typical if typical > 0.0 else 0.0
 
     def proved(self, family: Family, p: Array, *, quickly: bool = False) -> bool:
-        """Whether all of them hold, proved, on the trajectory of p (P,).
+        """Whether all limits are proved on the trajectory of p (P,).
 
-        quickly: a limit that has `keeps(piece)` is asked that, which is wrong in rare cases: for searches.
+        quickly: use `keeps(piece)` of limits that have it. It is wrong in rare cases, and for searches only.
         """
         return _hold(self.limits, family, p, quickly)
 
     def shrink_to_home(
         self, family: Family, home: Array, p: Array, halvings: int = HALVINGS, *, quickly: bool = False
     ) -> Array:
-        """The parameters (P,), or the first on the way to `home` (P,) at which the limits are proved.
+        """The parameters p (P,), moved towards `home` (P,) only until the limits are proved.
 
-        One limit after the other, each with those before it: the first is mostly the one in the way, and
-        those that cost more are then asked at its end alone.
+        Limits are treated one after the other, each together with those before it. The first one is usually
+        violated most, so that the more expensive ones are mostly checked only once.
 
         Args:
             family: of the parameters.
-            home: (P,) standing still.
-            p: where to begin.
-            halvings: of the way.
+            home: (P,) parameters of rest at home.
+            p: parameters to start from.
+            halvings: number of bisections.
             quickly: see `proved`.
 
         Raises:
-            UnsafeTrajectoryError: nowhere on the way, and not even at home.
+            UnsafeTrajectoryError: the limits are proved nowhere on the line, home included.
         """
         for i, limit in enumerate(self.limits):
             if _hold((limit,), family, p, quickly):
@@ -133,17 +133,17 @@ class NonconvexLimits:
     def grown(
         self, family: Family, home: Array, p: Array, worth: Callable[[Array], float] = lambda _: 0.0
     ) -> Array:
-        """The parameters (P,) with each part enlarged about `home`, as far as a quick word allows.
+        """The parameters (P,) with each block enlarged about `home`, as far as fast checks allow.
 
-        Being drawn home shrinks all of a motion for the one part of it that is in the way, and the search may
-        have been kept in a part of what is allowed. So every block of what the other limits couple, a joint
-        say, is tried by itself.
+        `shrink_to_home` shrinks a whole motion because of one block that violates a limit, and the search may
+        have been restricted to a part of what is allowed. So each block of parameters that the other limits
+        couple, such as a joint, is enlarged separately.
 
         Args:
             family: of the parameters.
-            home: (P,) standing still.
-            p: where to begin.
-            worth: of parameters; what lowers it is not done.
+            home: (P,) parameters of rest at home.
+            p: parameters to start from.
+            worth: value of parameters; a change that lowers it is not made.
         """
         if not self.boxed:
             return p
@@ -157,7 +157,7 @@ class NonconvexLimits:
                     step = min(factor, USABLE_PART / use) if use > 0.0 else 1.0
                     trial[block.members] = block.centre + step * (p[block.members] - block.centre)
                     if step <= LEAST_GROWTH or not _hold(self.limits[:1], family, trial, True):
-                        break  # by what is mostly in the way, and costs least
+                        break  # the cheapest limit, which fails most often
                     if (trial_value := worth(trial)) < value:
                         break
                     if not _hold(self.limits[1:], family, trial, True):
@@ -174,18 +174,18 @@ class NonconvexLimits:
         factors: Sequence[float],
         holds: Callable[[Array], bool] | None = None,
     ) -> Array:
-        """The parameters (P,) with each part enlarged to one side and then to the other, as far as is clear.
+        """The parameters (P,) with each block extended to one side and then to the other, while it is clear.
 
-        One end of its way stays where it is and the other goes on, so that the whole motion need not shrink
-        for the side on which something stands. What the path alone decides is asked first.
+        One end of the block's range stays fixed and the other one moves, so that an obstacle on one side does
+        not limit the other side. Convex limits are checked first.
 
         Args:
-            feasible: of the limits that are convex, in blocks that are widened by themselves, in this order.
+            feasible: set of the convex limits; its blocks are extended separately, in this order.
             family: of the parameters.
-            p: where to begin, inside of all.
-            stand: pose (k,) -> parameters (P,) of standing still there.
-            factors: by which each part is tried to be enlarged.
-            holds: whether parameters are allowed; None: by a quick word of all limits.
+            p: parameters to start from, inside all limits.
+            stand: pose (k,) -> parameters (P,) of rest at that pose.
+            factors: factors of extension, tried in turn.
+            holds: whether parameters are allowed; None: fast checks of all limits.
         """
         allowed = holds or (lambda trial: _hold(self.limits, family, trial, True))
         for factor in factors:
@@ -199,7 +199,7 @@ class NonconvexLimits:
         return p
 
     def settled(self, family: Family, home: Array, p: Array) -> Array:
-        """The parameters (P,), drawn to `home` (P,) until all limits are proved: quick words mostly hold.
+        """The parameters (P,), shrunk towards `home` (P,) until all limits are proved; often they are.
 
         Raises:
             UnsafeTrajectoryError: as `shrink_to_home`.
@@ -214,7 +214,7 @@ class NonconvexLimits:
 def _stretched(
     block: Block, family: Family, p: Array, stand: Stand, times: Array, side: int, factor: float
 ) -> Array | None:
-    """A block stretched from the low (1) or the high (0) end of its way; None where it has no room."""
+    """A block extended with its low (1) or high (0) end fixed; None where it has no room."""
     way = family.motion(p, times, 1).orders[0]
     fixed = stand(way.min(axis=0) if side else way.max(axis=0))[block.members]
     own = p[block.members]
@@ -228,7 +228,7 @@ def _stretched(
 
 
 def _orders(limits: Sequence[Limit]) -> int:
-    """Of motion that the limits look at."""
+    """Number of derivative orders that the limits need."""
     return max([ORDERS, *(limit.orders for limit in limits if isinstance(limit, SupportsOrders))])
 
 
@@ -240,7 +240,7 @@ def _hold(limits: Sequence[Limit], family: Family, p: Array, quickly: bool) -> b
 def _home_outside(
     limits: Sequence[Limit], family: Family, home: Array, quickly: bool
 ) -> UnsafeTrajectoryError:
-    """Says which of the limits standing still at home (P,) breaks, and by how much."""
+    """The error that names the limit violated by rest at home (P,), and by how much."""
     broken = [limit for limit in limits if not _hold((limit,), family, home, quickly)]
     pieces = [piece for _, _, piece in family.trajectory(home).pieces()]
     rows = [row for limit in broken for piece in pieces for row in limit.prove(piece) if slack(row) < 0.0]
@@ -254,7 +254,7 @@ def _home_outside(
 
 
 def _beyond(row: Proof) -> str:
-    """A row that is not kept: the value that breaks it, and what is allowed."""
+    """Text on a violated row: the proved value, and the limit."""
     above = row.upper - row.proved_upper <= row.proved_lower - row.lower
     value, end = (row.proved_upper, row.upper) if above else (row.proved_lower, row.lower)
     kept = f" with a tracking margin of {tracked_in_words(row)}" if row.tracking_margin else ""
@@ -269,7 +269,7 @@ def _holds(limit: Limit, piece: Trajectory, quickly: bool) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class Penalised:
-    """An objective less the weighted penalty, for the search alone."""
+    """An objective minus the weighted penalty, only for the search."""
 
     objective: Sought
     kept: NonconvexLimits
@@ -280,7 +280,7 @@ class Penalised:
         return self.objective.family
 
     def value(self, p: Array) -> float:
-        """The criterion less the penalty."""
+        """The criterion minus the penalty."""
         return self.objective.value(p) - self.weight * self.kept.penalty(self.family, p)[0]
 
     def value_and_gradient(self, p: Array) -> tuple[float, Array]:

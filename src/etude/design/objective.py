@@ -15,9 +15,9 @@ from etude.types import Array, Index, Planned
 
 
 class Sought(Protocol):
-    """What a search of motions maximises, as a function of parameters p (P,).
+    """Function of parameters p (P,) that a search of motions maximises.
 
-    of: the same of another family's parameters.
+    of: the same function of another family's parameters.
     """
 
     @property
@@ -34,9 +34,9 @@ class Objective:
     Attributes:
         criterion: see `criteria`.
         outputs: L latent functions with their reference states.
-        commands: of each, the commands that it tells; their gains count for it.
+        commands: for each latent function the commands that it predicts; it takes their gains.
         inputs: the model's feature map, with what was learned about plans.
-        family: which trajectories the parameters choose from.
+        family: the trajectories that the parameters select.
         times: (T,) s, where the motion is sampled.
         keep: of these the planned samples; None: all.
     """
@@ -50,11 +50,11 @@ class Objective:
     keep: Index | None = None
 
     def of(self, family: Family) -> Objective:
-        """The same of another family's parameters."""
+        """The same objective for another family's parameters."""
         return replace(self, family=family)
 
     def planned(self, p: Array) -> Planned:
-        """The trajectory of p (P,) as the model will see its log."""
+        """The planned log of the trajectory of p (P,), with the model's inputs."""
         return self.inputs.plan(self.family.motion(p, self.times, self.inputs.orders), self.keep)
 
     def samples(self, p: Array) -> tuple[Array, Array]:
@@ -78,7 +78,8 @@ class Objective:
 def gains_of(commands: Sequence[tuple[int, ...]], gains: Array) -> Array:
     """Gains (T, L) of latent functions from those of the commands (T, J).
 
-    That of its one command, sign included; of several, which share samples, the root of their mean weight.
+    For one command it is that command's gain, sign included. For several, which share samples, it is the root
+    of their mean weight.
     """
     return np.column_stack(
         [gains[:, own[0]] if len(own) == 1 else _mean_size(gains[:, own]) for own in commands]
@@ -102,9 +103,9 @@ def vjp_gains(commands: Sequence[tuple[int, ...]], gains: Array, in_latents: Arr
 
 
 def instants(duration: float, count: int, rate: float) -> tuple[Array, Index | None]:
-    """Times (s) at which a motion is sampled, and which of these are `count` ones spread evenly (None: all).
+    """Times (s) at which a motion is sampled, and the indices of `count` evenly spread ones (None: all).
 
-    Inputs that remember must be sampled at their rate (Hz) throughout; rate 0: anyhow.
+    Inputs with memory need samples at their rate (Hz) throughout; rate 0: no such inputs.
     """
     wanted = duration * (np.arange(count) + 0.5) / count
     if rate == 0.0:
@@ -112,7 +113,7 @@ def instants(duration: float, count: int, rate: float) -> tuple[Array, Index | N
     # 1e-12: a duration of whole sample times keeps its last one
     times = np.arange(int(np.floor(duration * rate * (1.0 + 1e-12))) + 1) / rate
     nearest = np.minimum(np.rint(wanted * rate), len(times) - 1).astype(np.int64)
-    return times, nearest[np.diff(nearest, prepend=-1) > 0]  # they rise: each once
+    return times, nearest[np.diff(nearest, prepend=-1) > 0]  # sorted: drops repeated ones
 
 
 def _mean_size(gains: Array) -> Array:
@@ -120,11 +121,11 @@ def _mean_size(gains: Array) -> Array:
 
 
 MOTIONS = 12
-"""Random motions that stand in for tasks; more than that changes reference averages little."""
+"""Number of random motions that replace tasks; more would change reference averages little."""
 STATES_PER_MOTION = 1000
 """Enough to see the short moves between long dwells."""
 LEAST_GAIN = np.sqrt(0.5)
-"""States whose samples would count for less than half are left out: commands there are arbitrary."""
+"""States whose samples would have a weight below one half are left out: commands are arbitrary there."""
 
 
 def reference_states(
@@ -136,18 +137,18 @@ def reference_states(
 ) -> list[Array]:
     """Per latent function, at most `count` model inputs (r, D) spread evenly over the motions.
 
-    States whose samples would be masked (a joint that stands) are dropped. A function whose commands say
-    nothing on these motions takes its states from `fallback`.
+    States whose samples would be masked (a joint at rest) are dropped. A function without any state on these
+    motions takes its states from `fallback`.
 
     Args:
         inputs: the model's feature map.
         commands: of each latent function.
         count: states for each.
-        motions: what the model is for.
+        motions: motions that the model is needed for.
         fallback: other motions.
 
     Raises:
-        UsageError: no motions, or of the wrong number of coordinates.
+        UsageError: no motions, or motions with a wrong number of coordinates.
     """
     if not motions or count < 1:
         raise UsageError(

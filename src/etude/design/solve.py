@@ -30,11 +30,11 @@ from etude.types import Array
 
 @dataclass(frozen=True, eq=False)
 class Aim:
-    """The objective of a design, and the model's own processes by which it is forecast.
+    """The objective of a design, and the model's own processes, which forecast its effect.
 
     Attributes:
-        objective: of the criterion, with everything that is fixed computed once.
-        latents: the model's own, as planned samples see them.
+        objective: the criterion, with its constant parts precomputed.
+        latents: the model's own latent functions, prepared for planned samples.
         outputs: the same with their reference states.
     """
 
@@ -69,7 +69,7 @@ def design_objective(
     rate: float = 0.0,
     physics: Mapping[str, Physics] | None = None,
 ) -> Aim:
-    """What `solve.design` maximises; arguments as there, and the motions that stand in for tasks."""
+    """The objective that `solve.design` maximises, with the same arguments; `standing_in` replaces tasks."""
     criterion = criterion_named(config.criterion)
     duration = family.trajectory(np.zeros(family.size)).duration
     share = 1.0
@@ -132,14 +132,14 @@ def planned_samples(inputs: Inputs, given: Sequence[Trajectory], points: int) ->
 
 
 HALF = 0.5
-"""Weight from which a planned sample counts as a whole one of an exact process, of one noise for all."""
+"""Weight above which a planned sample is added, with full weight, to an exact process (it has one noise)."""
 
 
 def given_planned(posterior: Posterior, X: Array, gains: Array) -> Posterior:
-    """The posterior given samples at X (p, D) with gains (p,) that nobody has measured yet.
+    """The posterior given samples at X (p, D) with gains (p,) that are planned, not yet measured.
 
-    An exact process is refitted, as nothing is cheaper to design with: with those samples that would not be
-    masked, at its own mean, so that its mean stays. Any other is seen through `Conditioned`.
+    An exact process is refitted, which makes the design cheapest: with the samples that will not be masked.
+    Their values are the process's mean, so that the mean stays. Other posteriors use `Conditioned`.
     """
     if not isinstance(posterior, ExactPosterior):
         return Conditioned.on(posterior, X, gains)
@@ -151,16 +151,16 @@ def given_planned(posterior: Posterior, X: Array, gains: Array) -> Posterior:
         np.concatenate([posterior.y, posterior.mean(informative)]),
     )
     refit = posterior_given(posterior.kernel, posterior.theta, posterior.noise_variance, *known)
-    refit.__dict__["signal_variance"] = posterior.signal_variance  # the measure of all segments alike
+    refit.__dict__["signal_variance"] = posterior.signal_variance  # the same scale for all segments
     return refit
 
 
 @dataclass(frozen=True, eq=False)
 class Conditioned:
-    """Any posterior, given samples at X (p, D) with gains d (p,) that nobody has measured yet.
+    """Any posterior, given samples at X (p, D) with gains d (p,) that are planned, not yet measured.
 
-    With B = cov(., X) d L^-T and L Lᵀ = d C_XX d + sn^2 I its covariance is cov(., .) - B Bᵀ. A sample of
-    gain 0 (a joint that stands) changes nothing. Means stay.
+    With B = cov(., X) d L^-T and L Lᵀ = d C_XX d + sn^2 I its covariance is cov(., .) - B Bᵀ. A sample with
+    gain 0 (a joint at rest) changes nothing. Means stay the same.
 
     Attributes:
         posterior: without the planned samples.
@@ -190,12 +190,12 @@ class Conditioned:
         return self.posterior.signal_variance
 
     def __getattr__(self, name: str) -> Any:
-        if name == "X":  # the samples learned so far, which criteria of parameters ask for
+        if name == "X":  # the samples learned so far, which criteria of parameters need
             return getattr(self.posterior, name)
         raise AttributeError(name)
 
     def factors(self, X: Array) -> ConditionedBatch:
-        """What covariances and gradients at X (T, D) share."""
+        """Factors that covariances and gradients at X (T, D) share."""
         base = batch_of(self.posterior, X)
         return ConditionedBatch(self, base, base.covariance(self.planned) @ self.root.T)
 
@@ -239,7 +239,7 @@ class ConditionedBatch:
         cross: tuple[ConditionedBatch, Array] | None = None,
         reduction: tuple[ConditionedBatch, Array, Array] | None = None,
     ) -> Array:
-        """Through the base, and through B: its weights lead back to the covariances with X."""
+        """Gradient through the base, and through B, which depends on the covariances with X."""
         B, weights = self.explained, np.zeros_like(self.explained)
         if variance is not None:
             weights -= 2.0 * variance[:, None] * B
@@ -271,8 +271,8 @@ def with_planned(latents: Sequence[Latent], samples: tuple[Array, Array] | None)
 
 
 VALUED, DRAWN = 0.1, 0.2
-"""About the parts of a search that candidates take until they are ranked, and until the best are drawn home;
-the rest refines them."""
+"""Approximate fractions of a search's time, for progress: to rank candidates, and to shrink the best to the
+limits. The rest is refinement."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -280,8 +280,8 @@ class Design:
     """A designed trajectory and how it was found.
 
     Attributes:
-        trajectory: inside the limits; the certificate of the written bytes is the caller's.
-        family: its own, with what was drawn (omega0). parameters: (P,) of it.
+        trajectory: inside the limits; the caller certifies the written bytes.
+        family: its family, with the random draws (omega0) fixed. parameters: (P,) of the trajectory in it.
         status: one sentence.
         criterion: name of the criterion.
         value: its value, to be maximised.
@@ -310,9 +310,9 @@ class Design:
 
     @property
     def choice(self) -> float | None:
-        """By which part the variance afterwards, a geometric mean, is less than with the median candidate.
+        """Relative reduction of the variance afterwards (geometric mean), compared with the median candidate.
 
-        None for a criterion that does not say: of `log_ivr` the value is minus a sum of mean logarithms.
+        Only for `log_ivr`, whose value is minus a sum of mean logarithms; None for other criteria.
         """
         if self.criterion != "log_ivr":
             return None
@@ -320,7 +320,7 @@ class Design:
 
     @property
     def variance_removed(self) -> float:
-        """Fraction of the reference variance that this motion is forecast to remove, mean over commands."""
+        """Forecast fraction of the reference variance that this motion removes, mean over commands."""
         return variance_removed(self.deviation_before, self.deviation_after)
 
 
@@ -340,26 +340,26 @@ def design(
     physics: Mapping[str, Physics] | None = None,
     roam: Roam | None = None,
 ) -> Design:
-    """The trajectory of `family` that teaches `model` most, inside the limits.
+    """The most informative trajectory of `family` for `model`, inside the limits.
 
     Args:
         family: which trajectories may be proposed.
-        limits: what they may not exceed.
+        limits: limits of the robot.
         home: (k,) a pose inside every limit.
         inputs: the model's feature map, with what was learned about plans.
-        model: what is known; or latent functions, as `prior.prior_latents` has them before any log.
+        model: the learned model; before any log, latent functions as of `latents.prior_latents`.
         config: criterion and effort.
         rng: source of candidates and of random reference motions.
-        tasks: motions the model is for.
-        standing_in: motions that stand in for tasks, and beside them; none: random members of the family.
-        given: motions that will be run before this one; their logs are not there yet.
+        tasks: motions that the model is needed for.
+        standing_in: motions that replace or complement tasks; none: random members of the family.
+        given: motions that will be run before this one, without logs so far.
         rate: Hz of the logs, for `config.planned_noise`.
         physics: of the kind, for criteria that need the identified model.
-        roam: where the robot can be, and what was visited; None: motions about home.
+        roam: reachable poses, and those that were visited; None: motions about home.
 
     Raises:
         UnsafeTrajectoryError: the limits leave no room.
-        UsageError: a task of another robot, the model lacks what the criterion needs, or the criterion fails.
+        UsageError: a task is of another robot, the criterion needs more than the model has, or it fails.
     """
     started = time.process_time()
     for task in tasks:
@@ -394,7 +394,7 @@ def design(
 
 
 def variance_removed(before: Array, after: Array) -> float:
-    """Mean over commands of the fraction of variance that is gone, of deviations (J,)."""
+    """Fraction of variance removed, mean over commands, from deviations (J,) before and after."""
     known = before == 0.0
     left = after / np.where(known, 1.0, before)
     return float(np.mean(np.where(known, 0.0, 1.0 - left**2)))
@@ -402,7 +402,7 @@ def variance_removed(before: Array, after: Array) -> float:
 
 @dataclass(frozen=True, eq=False)
 class SearchResult:
-    """The end of a search: the best trajectory, its value, that of the best and of the median candidate."""
+    """Result of a search: the best trajectory, its value, and those of the best and the median candidate."""
 
     best: Drawn
     value: float
@@ -412,13 +412,14 @@ class SearchResult:
 
 
 CORNER = 30
-"""p of the smooth corner at the edge of the limits; the final step takes back the few per cent it costs."""
+"""Exponent p of the smooth corner at the edge of the limits. It costs a few per cent, which the final step
+recovers."""
 LEAST_VALUE = 1e-12
-"""Values are divided by that of the start, since L-BFGS takes differences far below 1 for converged."""
+"""Value at the start after scaling: L-BFGS takes differences far below 1 for convergence."""
 
 
 class Merit(Protocol):
-    """What is maximised: an `Objective`, or one less a penalty."""
+    """Function to be maximised: an `Objective`, or one minus a penalty."""
 
     def value(self, p: Array) -> float: ...
     def value_and_gradient(self, p: Array) -> tuple[float, Array]: ...
@@ -426,7 +427,7 @@ class Merit(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Refined:
-    """Where a refinement ended: parameters (P,) inside the limits, their value, evaluations."""
+    """Result of a refinement: parameters (P,) inside the limits, their value, number of evaluations."""
 
     p: Array
     value: float
@@ -434,7 +435,7 @@ class Refined:
 
 
 def refine(objective: Merit, feasible: FeasibleSet, start: Array, steps: int) -> Refined:
-    """The best point met in `steps` iterations from `start` (P,), on the exact edge where that is better."""
+    """The best point in `steps` iterations from `start` (P,), moved to the exact edge if that is better."""
     search = Search(objective, feasible)
     first = search.variables(start)
     best = Best(-np.inf, first)
@@ -452,7 +453,7 @@ def refine(objective: Merit, feasible: FeasibleSet, start: Array, steps: int) ->
 
 
 def _to_the_edge(objective: Merit, feasible: FeasibleSet, p: Array, value: float) -> tuple[Array, float]:
-    """Each block in turn enlarged to the exact edge of its limits, where that raises the value."""
+    """Enlarge each block in turn to the exact edge of its limits, where this increases the value."""
     full = feasible.enlarge(p)
     for block in feasible.blocks:
         trial = p.copy()
@@ -465,7 +466,7 @@ def _to_the_edge(objective: Merit, feasible: FeasibleSet, p: Array, value: float
 
 @dataclass
 class Best:
-    """The best point seen, because a line search may end elsewhere; first: the value where it began."""
+    """The best point so far, because a line search may end elsewhere; first: the value at the start."""
 
     value: float
     y: Array
@@ -484,10 +485,10 @@ class Best:
 class Search:
     """The objective on variables that cannot leave the limits.
 
-    p = centre + T y, T the ellipsoid of the limits' rows, so that numbers are of order one. A block that uses
-    its limits by g is drawn towards the centre by (1 + g^p)^(-1/p), which is nearly 1 inside and 1/g outside,
-    and always enough: g is the smooth gauge, never below the true one. So every evaluation is of a trajectory
-    inside, and the search has no constraints and no corners.
+    p = centre + T y, T the ellipsoid of the limits' rows, so that numbers are of order one. A block with the
+    gauge g is scaled about the centre by (1 + g^p)^(-1/p), which is nearly 1 inside and 1/g outside. This
+    always suffices, since g is the smooth gauge, never below the true one. So every evaluation is at a
+    trajectory inside the limits, and the search has no constraints and no corners.
     """
 
     objective: Merit
@@ -499,7 +500,7 @@ class Search:
         return self.feasible.ellipsoid()
 
     def variables(self, p: Array) -> Array:
-        """y (P,) of parameters, before any drawing."""
+        """y (P,) of parameters, without the scaling at the limits."""
         return np.asarray(np.linalg.solve(self.shape, p - self.feasible.centre))
 
     def inside(self, y: Array) -> Array:
@@ -529,14 +530,14 @@ def _shrink(use: Array) -> Array:
 
 @dataclass
 class Ranked:
-    """Candidates by their value, drawn home only where that can decide.
+    """Candidates ranked by value, shrunk towards home only where this can change the result.
 
-    A motion that is drawn home is smaller and tells less. So what a candidate is worth as it was sampled is
-    about the most that it can be worth.
+    A shrunk motion is smaller and less informative. So the value of a candidate as sampled is about an upper
+    bound of its value after shrinking.
 
     Attributes:
-        candidates: the best as sampled first. values: of each, drawn home if it was.
-        drawn: places of those that were.
+        candidates: ordered by their values as sampled, best first. values: current value of each.
+        drawn: indices of those that were shrunk.
     """
 
     candidates: list[Drawn]
@@ -545,13 +546,13 @@ class Ranked:
 
     @classmethod
     def of(cls, aim: Sought, candidates: Sequence[Drawn]) -> Ranked:
-        """None of them drawn home yet."""
+        """Ranking of candidates as sampled, none of them shrunk yet."""
         values = [aim.of(one.family).value(one.p) for one in counted(candidates)]
         order = np.argsort(values)[::-1].tolist()
         return cls([candidates[i] for i in order], [values[i] for i in order], [])
 
     def draw(self, aim: Sought, kept: NonconvexLimits, place: int) -> float:
-        """The value of a candidate that is drawn home."""
+        """Shrink a candidate to the limits and return its value."""
         if place not in self.drawn:
             one = self.candidates[place]
             home = one.home(kept)
@@ -562,7 +563,7 @@ class Ranked:
         return self.values[place]
 
     def best(self, aim: Sought, kept: NonconvexLimits, count: int) -> list[int]:
-        """Places of the `count` that are worth most, drawn home."""
+        """Indices of the `count` candidates with the highest values after shrinking."""
         found: list[int] = []
         for place in counted(range(len(self.values))):
             if len(found) >= count and self.values[found[count - 1]] >= self.values[place]:
@@ -572,7 +573,7 @@ class Ranked:
         return found[:count]
 
     def typical(self, aim: Sought, kept: NonconvexLimits) -> float:
-        """The value of the median candidate, drawn home; of two in the middle their mean."""
+        """Value of the median candidate after shrinking; the mean of the two middle ones if even."""
         last = len(self.values) - 1
         return float(np.mean([self.draw(aim, kept, place) for place in (last // 2, (last + 1) // 2)]))
 
@@ -580,10 +581,11 @@ class Ranked:
 def search(
     aim: Sought, candidates: Sequence[Drawn], config: DesignConfig, limits: Sequence[Limit] = ()
 ) -> SearchResult:
-    """The best of the candidates and of what the best few are refined to.
+    """The best of the candidates and of the refinements of the best few.
 
-    What limits that are not convex forbid is drawn home, of candidates that may win and of the ends, and the
-    ends are grown; between, a penalty counts. All that is by quick words: only the best is proved.
+    Nonconvex limits have three steps. Candidates that may win are shrunk towards home until they keep the
+    limits. A penalty counts during refinement. Its results are shrunk and then enlarged. All of this uses
+    fast checks; only the best trajectory is proved.
     """
     kept = NonconvexLimits.of(limits, candidates[0].family, candidates[0].p)
     with part(VALUED):

@@ -19,24 +19,26 @@ from etude.trajectories.json_text import from_json
 from etude.types import Proof
 
 VERSION = 2
-"""Of the certificate's JSON. Version 1 names none, and its rows have the slack under the key "margin"."""
+"""Version of the certificate's JSON. Files of version 1 have no version number, and their rows have the slack
+under the key "margin"."""
 ENDS = {"lower": -math.inf, "upper": math.inf, "slack": math.inf}
-"""What null stands for in a row that was looked at."""
+"""The number that null stands for in a row that was verified."""
 NAN = dict.fromkeys(("lower", "upper", "proved_lower", "proved_upper", "slack"), math.nan)
 REST_TOLERANCE = 1e-9
 """Speed at either end, as a fraction of the speed limits, below which a trajectory is at rest."""
 
 
 def slack(row: Proof) -> float:
-    """Smaller distance from the proved interval to the limit; negative if it is not met, NaN if not seen."""
+    """Smaller distance from the proved interval to the limit; negative if violated, NaN if not verified."""
     return min(row.upper - row.proved_upper, row.proved_lower - row.lower)
 
 
 def utilization(row: Proof) -> float:
     """Fraction of the limit that is used, 1 where it is touched; infinite if the limit has no width.
 
-    Of a limit without an upper end: 1 / (1 + slack / scale). The scale of a distance is its limit, so that
-    this is the limit over what is proved; where the limit is no distance it is the range that is proved.
+    A limit without an upper end has the utilization 1 / (1 + slack / scale). The scale is the lower limit if
+    that is positive, as for a distance: then the result is the limit divided by the proved value. Otherwise
+    the scale is the width of the proved interval.
     """
     if row.upper == math.inf:
         scale = row.lower if row.lower > 0.0 else row.proved_upper - row.proved_lower
@@ -53,9 +55,9 @@ COMMANDS = "Whether the drives can give the forces that the motion needs."
 SPEED = "The speed of the tool and of the links in space."
 LOAD = "Loads that the robot file does not describe."
 ALL = (TRACKING, COLLISIONS, APPROACH, COMMANDS, SPEED, LOAD)
-"""What is not verified where no limit looks at it."""
+"""Topics that count as not verified unless a limit covers them."""
 HELD = ("position", "velocity", "radius", "speed", "tool position", "tool radius", "tool speed", "link speed")
-"""Quantities of which tracking keeps a margin; clearance says itself what tracking takes."""
+"""Quantities with a margin for tracking. Clearance states its own allowance for tracking."""
 
 
 def not_verified(
@@ -66,15 +68,15 @@ def not_verified(
     *,
     approach: bool = False,
 ) -> tuple[str, ...]:
-    """The sentences of one certificate.
+    """Sentences on what one certificate does not verify.
 
     Args:
-        trajectory: with an approach and a return among its pieces the way was looked at.
-        limits: one says by `looks_at` which of `ALL` it looks at, and by `not_verified` what it leaves out
-            of these.
-        rows: their proofs: of some a margin is kept for tracking.
-        unenforced: what else the robot is known not to hold.
-        approach: whether the trajectory is the way itself, to a motion's start or back.
+        trajectory: the approach counts as verified if the pieces include an approach and a return.
+        limits: a limit lists the topics of `ALL` that it covers in `looks_at`, and the gaps within these in
+            `not_verified`.
+        rows: proofs of the limits; some include a margin for tracking.
+        unenforced: sentences on further limits that the robot is known not to enforce.
+        approach: whether the trajectory is itself an approach or a return.
     """
     labels = {label for _, label, _ in trajectory.pieces()}
     said = {TRACKING: _of_tracking(rows)}
@@ -89,7 +91,7 @@ def not_verified(
 
 
 def _of_tracking(rows: Sequence[Proof]) -> tuple[str, ...]:
-    """Nothing where every margin was measured; else of which quantities none was kept, or it is assumed."""
+    """Sentences on the quantities whose tracking margin is missing or assumed; () if all were measured."""
     own = [row for row in rows if row.quantity in HELD and row.status != "not verified"]
     without = list(dict.fromkeys(row.quantity for row in own if row.tracking_margin == 0.0))
     assumed = list(
@@ -107,14 +109,15 @@ def _of_tracking(rows: Sequence[Proof]) -> tuple[str, ...]:
 
 
 def _under(rows: Sequence[Proof]) -> str:
-    """The control that the rows' margins are of; all of a certificate are of one."""
+    """Text that names the control that the margins apply to; all rows of a certificate share one control."""
     return next((f" of a motion under {row.control}" for row in rows if row.control), "")
 
 
 def in_words(row: Proof) -> str:
-    """A row as a sentence: what is asked, how far tracking may leave it, and the limit of both together.
+    """A row as text: the planned value, the tracking margin, and the limit of their sum.
 
-    Without an upper end tracking is in one of the two numbers already: off a distance, or on the limit.
+    Without an upper end, one of the two numbers already includes tracking: it is subtracted from a distance,
+    or added to the limit.
     """
     if row.upper == math.inf:
         taken = tracked_in_words(row)
@@ -128,7 +131,7 @@ def in_words(row: Proof) -> str:
 
 
 def tracked_in_words(row: Proof) -> str:
-    """The margin of a row and how sure it is; nothing where none is kept."""
+    """The tracking margin of a row and its confidence; "" where there is no margin."""
     if row.tracking_margin == 0.0:
         return ""
     if row.confidence == 0.0:
@@ -138,7 +141,7 @@ def tracked_in_words(row: Proof) -> str:
 
 
 def place_of(row: Proof) -> str:
-    """Where and when, and what else is to be known of it; "" if nothing is."""
+    """Place and time of the extreme, and the row's note; "" if the row has neither."""
     return "; ".join(filter(None, (row.where, row.note)))
 
 
@@ -156,9 +159,9 @@ class Certificate:
         rows: one proof per axis and quantity.
         end_speed: largest speed at an end of a piece as a fraction of its limit.
         rest_needed: whether rest at the ends is one of the limits; a flight may start in motion.
-        not_verified: sentences, what nobody proved.
-        warnings: what comes first: what the motion asks beyond a limit that is not held.
-        notes: sentences on what the file holds beside the motion that is proved.
+        not_verified: sentences on what was not proved.
+        warnings: printed first: by how much the motion exceeds a limit that is not enforced.
+        notes: sentences on what the file contains beside the proved motion.
     """
 
     rows: tuple[Proof, ...]
@@ -175,17 +178,17 @@ class Certificate:
 
     @property
     def seen(self) -> tuple[Proof, ...]:
-        """The rows that were looked at."""
+        """The rows that were verified, whether met or not."""
         return tuple(row for row in self.rows if row.status != "not verified")
 
     @property
     def failed(self) -> tuple[Proof, ...]:
-        """The rows that were looked at and are not met."""
+        """The rows whose limit is not met."""
         return tuple(row for row in self.seen if not slack(row) >= 0.0)
 
     @property
     def ok(self) -> bool:
-        """Whether every limit that was looked at is met, and rest at both ends where it is needed."""
+        """Whether every verified limit is met, and the motion rests at both ends where this is required."""
         return (self.at_rest or not self.rest_needed) and not self.failed
 
     @property
@@ -198,7 +201,7 @@ class Certificate:
         return tuple((row.axis, row.quantity) for row in self.seen if utilization(row) >= 1.0 - tolerance)
 
     def to_json(self) -> str:
-        """The certificate as JSON text, as certificate.schema.json says; null is no end, or no number."""
+        """The certificate as JSON text, see certificate.schema.json; null is an infinite end or no number."""
         content = {
             "version": VERSION,
             "ok": self.ok,
@@ -222,17 +225,16 @@ def certify(
     control: str = "",
     partial: bool = False,
 ) -> Certificate:
-    """Prove the limits for all times, piece by piece; pieces whose margins differ have rows of their own.
+    """Prove the limits for all times, piece by piece; pieces with different margins have separate rows.
 
-    Rest at the ends of each piece is needed if one of the limits says so (`rest`); else at those of
-    the whole.
+    If a limit has `rest` set, each piece must start and end at rest; otherwise only the whole trajectory.
 
     Args:
-        trajectory: what to prove. limits: of the robot.
-        unenforced: sentences, what this robot is known not to hold.
-        approach: whether it is the way to a motion's start, or back.
-        control: that the margins of tracking are of, in words; "": nobody said.
-        partial: a limit that can prove nothing of this curve has a row that says so, instead of a UsageError.
+        trajectory: the trajectory to prove. limits: of the robot.
+        unenforced: sentences on limits that this robot is known not to enforce.
+        approach: whether the trajectory is an approach to a motion's start, or a return.
+        control: the control that the tracking margins apply to, in words; "": unknown.
+        partial: a limit that can prove nothing for this curve gets a row "not verified", not a UsageError.
     """
     found: dict[tuple[str, str, str, tuple[float, float] | None], Proof] = {}
     pieces = trajectory.pieces()
@@ -254,7 +256,7 @@ def certify(
 
 
 def rows_of(limit: Limit, piece: Trajectory, *, partial: bool) -> Sequence[Proof]:
-    """What a limit proves of a piece; partial: one row, "not verified", with the reason, if it can not."""
+    """Proofs of a limit for a piece; partial: a limit that cannot prove gives one row "not verified"."""
     try:
         return limit.prove(piece)
     except UsageError as problem:
@@ -265,7 +267,7 @@ def rows_of(limit: Limit, piece: Trajectory, *, partial: bool) -> Sequence[Proof
 
 
 def _warnings(trajectory: Trajectory, limits: Sequence[Limit]) -> tuple[Notice, ...]:
-    """What limits say of this motion first of all; of a curve without accelerations nothing."""
+    """Warnings of the limits about this motion; () for a curve without accelerations."""
     found: list[Notice] = []
     for limit in limits:
         if isinstance(limit, SupportsWarnings):
@@ -275,12 +277,12 @@ def _warnings(trajectory: Trajectory, limits: Sequence[Limit]) -> tuple[Notice, 
 
 
 def _kept(row: Proof) -> tuple[float, float] | None:
-    """By what rows of pieces differ: the ends of their limits; a distance has one row, whatever it loses."""
+    """Key that separates rows of pieces: the ends of the limit; None for a distance, which has one row."""
     return None if row.upper == math.inf else (row.lower, row.upper)
 
 
 def certify_bytes(data: bytes | str, limits: Sequence[Limit]) -> Certificate:
-    """Certificate of the trajectory in a file's bytes, exactly as they were or will be written."""
+    """Certificate of the trajectory in a file's exact bytes, before or after they are written."""
     return certify(from_json(data), limits)
 
 
@@ -331,7 +333,7 @@ def _json(value: object) -> object:
 
 
 def _joined(one: Proof, other: Proof) -> Proof:
-    """One row for two pieces: both intervals, the place and status of the one with less slack."""
+    """One row for two pieces: the union of both intervals, with place and status of the smaller slack."""
     tighter = other if not slack(other) >= slack(one) else one
     low, high = (
         min(one.proved_lower, other.proved_lower),
@@ -341,7 +343,7 @@ def _joined(one: Proof, other: Proof) -> Proof:
 
 
 def facts_of(data: bytes | str) -> dict[str, Any]:
-    """What a certificate's file says, with the keys of this version; ends that it has not are infinite.
+    """Contents of a certificate's file, with the keys of this version; missing ends are infinite.
 
     Raises:
         ValueError: it is no certificate, or a newer one.
@@ -360,7 +362,7 @@ def facts_of(data: bytes | str) -> dict[str, Any]:
 
 
 def _of_version_1(row: dict[str, Any]) -> dict[str, Any]:
-    """The row with the keys of this version; the earliest certificates know no tracking."""
+    """The row with the keys of this version; the earliest certificates have no tracking margins."""
     own = {name: value for name, value in row.items() if name != "margin"}
     if own.get("status") == "not looked at":
         own["status"] = "not verified"
@@ -375,7 +377,7 @@ def _of_version_1(row: dict[str, Any]) -> dict[str, Any]:
 
 
 def _read(row: dict[str, Any]) -> dict[str, Any]:
-    """The row with numbers where JSON has none; of what was not verified NaN."""
+    """The row with numbers in place of null: infinite ends, or NaN in rows that were not verified."""
     none = NAN if row["status"] == "not verified" else ENDS
     return {**row, **{name: value for name, value in none.items() if row[name] is None}}
 
@@ -396,7 +398,7 @@ def _end_speeds(piece: Trajectory, limits: Sequence[Limit], partial: bool) -> tu
         values = np.abs(limit.of_motion(ends))
         found.append(np.divide(values, size, out=np.full(values.shape, math.inf), where=size > 0.0))
     if not found:
-        # only the scale of the speeds at the ends: samples are enough, nothing is proved by it
+        # only a scale for the speeds at the ends, no part of a proof: samples are enough
         speeds = np.linalg.norm(piece.motion(np.linspace(0.0, piece.duration, 2001), 2).orders[1], axis=1)
         largest = max(float(speeds.max()), float(np.finfo(float).tiny))
         found = [np.linalg.norm(ends.orders[1], axis=1)[:, None] / largest]
@@ -406,7 +408,7 @@ def _end_speeds(piece: Trajectory, limits: Sequence[Limit], partial: bool) -> tu
 
 T = TypeVar("T")
 PROOFS_KEPT = 256
-"""Motions: a certificate asks each limit for the same proof several times."""
+"""Number of motions whose proofs are kept: a certificate needs the same proof of a limit several times."""
 
 
 def memoized(store: dict[str, T], key: str, make: Callable[[], T], most: int = PROOFS_KEPT) -> T:

@@ -1,13 +1,13 @@
 """Limits of commands along a motion: by a model with its deviation, and their rates.
 
-A command along a motion is no polynomial and its model is learned, so nothing is proved for all times: it is
-looked at every few milliseconds, and a row says so. Between two samples a command with second derivative c
-stays within c h^2/8 of the line through them, and its rate within c h/2 of that line's slope. c is taken from
-the second differences of the samples themselves, twice as large as they are.
+A command along a motion is no polynomial and its model is learned. So nothing is proved for all times: it is
+sampled every few milliseconds, and its row is marked "sampled". Between two samples a command with second
+derivative c stays within c h^2/8 of the line through them, and its rate within c h/2 of that line's slope. c
+is taken from the second differences of the samples themselves, times two.
 
-After little motion a model may say deviations, at reversals above all, with which the very motion that taught
-it would leave the limits, though the robot has run it within them. What is wrong then is the deviation. Were
-it counted in full, hardly any motion would be left, and those without content.
+After little training data the model may predict too large deviations, above all at reversals. With these,
+even the training motion would exceed the limits, although the robot ran it within them. In that case the
+deviation is wrong. If it counted in full, hardly any motion would be allowed, and no informative one.
 """
 
 from __future__ import annotations
@@ -30,22 +30,23 @@ from etude.types import Array, Cone, Motion, Proof
 SPACING, COARSE = 0.005, 0.04
 """s between samples of the mean, and of its deviation."""
 LOOK, CLOSE = 0.1, 0.99
-"""s between samples in searches, and the part of each limit that these use."""
+"""s between samples in searches, and the fraction of each limit that is allowed there."""
 FEW, AMPLE = 75, 0.75
-"""Samples of the first look in searches, and the part of each limit that these, and the larger of what two
-neighbours say, may use to pass. Rates take more of them."""
+"""Number of samples in the first check of a search, and the fraction of each limit below which it passes. The
+larger deviation of two neighbours counts. Rates need more samples."""
 SELDOM = 0.4
 """s between samples of the deviation there: it changes more slowly than that."""
 SURE = 0.95
-"""That all commands stay within the row at once, as far as the model's deviations are true."""
+"""Probability that all commands stay within their rows at once, if the model's deviations are correct."""
 DECORRELATED = 0.5
-"""s after which a deviation is another one."""
+"""s after which two deviations count as independent."""
 CAUTION = 2.0
-"""On second differences: what they bend by between samples is not known."""
+"""Safety factor on second differences, since the curvature between samples is not known."""
 MORE = 2.0
-"""Times its deviations before any data that a model is taken to say at most, in searches; proofs ask it."""
+"""Factor on the deviations before any data. Searches take the product as the model's largest deviation;
+proofs compute the deviation."""
 STEP = 1e-4
-"""Of the penalty's differences, in SI units."""
+"""Step of the penalty's finite differences, in SI units."""
 
 Answer = Callable[[Motion], Array]
 Both = Callable[[Motion], tuple[Array, Array]]
@@ -60,14 +61,14 @@ class CommandLimit:
         units: of the J commands: a slide's force is in N where a hinge's torque is in N m. names: of them.
         lower, upper: (J,). rate: (J,) per s, infinite where there is no limit.
         mean: motion -> (T, J). deviation: motion -> (T, J); None: the mean is all that is known.
-        source: whose word it is, for the certificate.
-        orders: of motion that these look at.
-        said: sentences for the certificate, what this leaves open.
-        most: (J,) deviations that are hardly exceeded; a search asks for them in full only where these would
-            be too much, since they are what costs. None: nothing is known of them.
-        both: motion -> mean and deviation, at the price of a deviation; None: they are asked in turn.
-        at_most: motion -> mean and what deviations are at most, for less; None: nobody knows.
-        share: (J,) of the deviations that counts, see `believed`; None: all.
+        source: where the prediction comes from, for the certificate.
+        orders: number of derivative orders of the motion that `mean` and `deviation` need.
+        said: sentences for the certificate on what is not verified.
+        most: (J,) deviations that are rarely exceeded. A search computes the costly actual deviations only
+            where these would exceed the limit. None: unknown.
+        both: motion -> mean and deviation, at the cost of the deviation alone; None: two separate calls.
+        at_most: motion -> mean and a cheap upper bound of the deviations; None: there is none.
+        share: (J,) fraction of the deviations that counts, see `credible`; None: all.
     """
 
     quantity: str
@@ -94,7 +95,7 @@ class CommandLimit:
 
     @property
     def not_verified(self) -> tuple[str, ...]:
-        """What is left open."""
+        """Sentences on what is not verified."""
         return self.said
 
     @property
@@ -107,7 +108,7 @@ class CommandLimit:
         return ()
 
     def beyond(self, duration: float) -> float:
-        """b, by which all deviations along a motion are multiplied: a union bound over what is independent.
+        """Factor b on all deviations along a motion: a union bound over independent deviations.
 
         maths: Phi^-1(1 - (1 - SURE)/(2 n)) for n independent deviations.
         """
@@ -115,7 +116,7 @@ class CommandLimit:
         return NormalDist().inv_cdf(1.0 - (1.0 - SURE) / (2.0 * count))
 
     def penalty(self, motion: Motion) -> tuple[float, Array]:
-        """Mean square of what commands exceed, in parts of half a limit; gradient by differences."""
+        """Mean square excess of the commands, relative to half a limit; gradient by finite differences."""
         duration, gradient = float(np.ptp(motion.t)), np.zeros_like(motion.orders)
         if self._clear(self.mean(motion), duration):
             return 0.0, gradient
@@ -136,7 +137,7 @@ class CommandLimit:
         return value, gradient
 
     def keeps(self, piece: Trajectory) -> bool:
-        """Whether samples keep all that: for searches, whose result is then looked at closely."""
+        """Whether coarse samples keep the limit; for searches, whose result is proved afterwards."""
         if piece.duration / FEW >= 2.0 * LOOK and not self.rated:
             kept = self._at_first_look(piece)
             if kept is not None:
@@ -146,14 +147,14 @@ class CommandLimit:
         rates = np.abs(np.diff(mean, axis=0)) / np.diff(motion.t)[:, None]
         room = CLOSE * 0.5 * (self.upper - self.lower) - np.abs(mean - middle)
         if np.any(room < 0.0) or np.any(rates > CLOSE * self.rate):
-            return False  # by the mean alone: deviations cost more
+            return False  # the cheap mean alone already decides
         if self._clear(mean, piece.duration):
             return True
         return bool(np.all(self.spread(motion, piece.duration, SELDOM) <= room))
 
     def _at_first_look(self, piece: Trajectory) -> bool | None:
-        """Whether few samples use so little of each limit that what is between them cannot matter, or more
-        than is allowed; None where a closer look decides.
+        """Decision from few samples: True if they use so little of each limit that the gaps cannot matter,
+        False if they exceed it, None if only finer samples can decide.
         """
         motion, counted = self.along(piece, piece.duration / FEW), self._counted(piece.duration)
         middle, half = 0.5 * (self.upper + self.lower), 0.5 * (self.upper - self.lower)
@@ -177,7 +178,7 @@ class CommandLimit:
         return mean, np.zeros_like(mean) if self.deviation is None else self.deviation(motion)
 
     def blocked(self, form: str, pose: Array) -> str:  # noqa: ARG002
-        """The first command that cannot hold a pose (k,) at rest."""
+        """The first command that exceeds its limit at rest at a pose (k,); "" if none does."""
         orders = np.zeros((self.orders, 1, len(pose)))
         orders[0, 0] = pose
         mean = self.mean(Motion(np.zeros(1), orders))[0]
@@ -185,9 +186,9 @@ class CommandLimit:
         return f"the {self.quantity} of {self.names[beyond[0]]}" if len(beyond) else ""
 
     def prove(self, piece: Trajectory) -> Sequence[Proof]:
-        """A row for each command, and one for each rate that is limited; all of them "sampled".
+        """A row for each command, and one for each limited rate; all have the status "sampled".
 
-        UsageError of a curve that gives no accelerations, and of set-points that are held.
+        Raises UsageError for a curve without accelerations, and for set-points that are held.
         """
         return memoized(self._proofs, piece.to_json(), lambda: self._rows(piece))
 
@@ -200,7 +201,7 @@ class CommandLimit:
     def _rows(self, piece: Trajectory) -> tuple[Proof, ...]:
         if isinstance(piece, Splined) and piece.held:
             raise UsageError(f"the {self.quantity} between set-points that are held is the receiver's own")
-        piece.bound(self.orders - 1, 1)  # refuses curves that do not have it
+        piece.bound(self.orders - 1, 1)  # raises for curves without that derivative
         motion = self.along(piece, SPACING)
         step, mean = float(motion.t[1] - motion.t[0]), self.mean(motion)
         spread, bend = self.spread(motion, piece.duration), _bend(mean)
@@ -228,19 +229,19 @@ class CommandLimit:
         return f"{self.source} and {count} of its deviations"
 
     def along(self, piece: Trajectory, spacing: float) -> Motion:
-        """The motion every `spacing` s, its end too."""
+        """The motion sampled every `spacing` s, end included."""
         count = max(3, whole_up(piece.duration / spacing)) + 1
         return piece.motion(np.linspace(0.0, piece.duration, count), self.orders)
 
     def _clear(self, mean: Array, duration: float) -> bool:
-        """Whether means (T, J) leave room for the most that deviations hardly exceed, for searches."""
+        """Whether means (T, J) plus the rarely exceeded deviations `most` keep the limits; for searches."""
         if self.most is None:
             return False
         middle, half = 0.5 * (self.upper + self.lower), 0.5 * (self.upper - self.lower)
         return bool(np.all(np.abs(mean - middle) + self._counted(duration) * self.most <= CLOSE * half))
 
     def spread(self, motion: Motion, duration: float, apart: float = COARSE) -> Array:
-        """(T, J) deviations times b: from samples `apart`, s, the larger of two that are neighbours."""
+        """(T, J) deviations times b, from samples every `apart` s; the larger of two neighbours counts."""
         if self.deviation is None:
             return np.zeros((len(motion.t), len(self.names)))
         step = float(motion.t[1] - motion.t[0]) if len(motion.t) > 1 else apart
@@ -255,11 +256,11 @@ class CommandLimit:
         return np.asarray(self._counted(duration) * np.maximum(found[left], found[right]))
 
     def _counted(self, duration: float) -> Array:
-        """(J,) deviations that count."""
+        """(J,) factor on the deviations: b times the fraction that counts."""
         return np.asarray(self.beyond(duration) * (1.0 if self.share is None else self.share))
 
     def _over(self, motion: Motion, spread: Array) -> Array:
-        """(T, J) parts of half a limit by which commands exceed it, 0 inside."""
+        """(T, J) excess of the commands relative to half a limit, 0 inside."""
         mean, half = self.mean(motion), 0.5 * (self.upper - self.lower)
         outside = np.maximum(mean + spread - self.upper, self.lower - mean + spread)
         return np.asarray(np.maximum(outside, 0.0) / half)
@@ -273,10 +274,10 @@ def by_model(
     ends: tuple[Array, Array],
     rate: Array,
 ) -> CommandLimit:
-    """Commands by what was learned: its mean, and its deviations with noise and calibration.
+    """Limit of the commands that a learned model predicts: mean, and deviations with noise and calibration.
 
     Args:
-        model: the newest. quantity, units, names: of its commands.
+        model: the newest model. quantity, units, names: of its commands.
         ends: least and largest (J,). rate: (J,) per s, infinite where there is no limit.
     """
     inputs, fast = model.inputs, model if isinstance(model, SupportsFastMoments) else None
@@ -297,7 +298,7 @@ def by_model(
         found, variance = fast.at_most(inputs.states(motion))
         return np.asarray(found), np.asarray(np.sqrt(variance))
 
-    # a model that claims a least variance may be wrong by all of its mean
+    # the mean of a model that claims a minimal variance may be completely wrong
     most = None if fast is None or fast.least is not None else MORE * fast.prior_deviation
     return CommandLimit(
         quantity,
@@ -324,7 +325,7 @@ def _row(
 
 
 def _bend(mean: Array) -> Array:
-    """(T, J) |second difference| of the samples around each, with caution."""
+    """(T, J) |second difference| around each sample, with the safety factor."""
     bend = np.zeros_like(mean)
     bend[1:-1] = CAUTION * np.abs(np.diff(mean, 2, axis=0))
     bend[0], bend[-1] = bend[1], bend[-2]
@@ -332,16 +333,16 @@ def _bend(mean: Array) -> Array:
 
 
 BELIEVED_ROOM = 2.0 / 3.0
-"""Part of the room beside the mean that deviations may use along a motion that was run: the next one is
-another, whose deviations may be half as large again."""
+"""Fraction of the room beside the mean that deviations may use along a motion that was run. The next motion
+differs, and its deviations may be half as large again."""
 NEAR_LIMIT = 0.9
-"""Part of half a limit beyond which a mean proves nothing: there the robot may have been at its limit."""
+"""Fraction of half a limit above which a mean is no evidence: the robot may have been at its limit there."""
 LEAST_BELIEVED = 0.25
-"""Part of the deviations that always counts: with the usual factor of 4 about one of them."""
+"""Smallest fraction of the deviations that counts: with the usual factor b = 4, about one deviation."""
 
 
 def after_run(limits: Sequence[Limit], ran: Trajectory) -> list[Limit]:
-    """The limits, those of commands with the part of each deviation that the motion `ran` leaves credible."""
+    """The limits; those of commands reduce each deviation to the fraction that the motion `ran` supports."""
     return [_after(limit, ran) if isinstance(limit, CommandLimit) else limit for limit in limits]
 
 
@@ -361,7 +362,7 @@ def _after(limit: CommandLimit, ran: Trajectory) -> CommandLimit:
 
 
 def credible(limit: CommandLimit, ran: Trajectory) -> Array:
-    """(J,) largest parts, at most 1 and at least `LEAST`, of the deviations with which the motion is kept."""
+    """(J,) largest fraction of each deviation with which the motion keeps its limits, `LEAST_BELIEVED`..1."""
     motion = limit.along(ran, LOOK)
     mean, spread = limit.mean(motion), limit.spread(motion, ran.duration, SELDOM)
     half = 0.5 * (limit.upper - limit.lower)
@@ -373,24 +374,24 @@ def credible(limit: CommandLimit, ran: Trajectory) -> Array:
 
 
 LONGEST = 120.0
-"""s, of motions for which rest at home is looked at."""
+"""s, duration of the motion for which rest at home is checked."""
 
 
 def _takes(limit: CommandLimit, j: int, most: float) -> Notice:
-    """What command `j` takes at most, and its limit."""
+    """Notice of the largest value `most` of command `j`, and of its limit."""
     fields = {"command": limit.names[j], "most": most, "unit": limit.units[j]}
     return Notice(Phrase.TAKES, {**fields, "limit": float(min(limit.upper[j], -limit.lower[j]))})
 
 
 @dataclass(frozen=True, eq=False)
 class OpenCommands:
-    """Commands that nobody can look at, and why: a limit without rows, which says so on the certificate.
+    """Commands that cannot be verified: a limit without rows, listed on the certificate as not verified.
 
     Attributes:
         said: sentences for the list of what is not verified.
-        limit: the one that even rest does not keep.
-        refused: why no motion may be asked for, and what to do; "" where a person knows that a limit is not
-            real, or a log has shown it.
+        limit: the limit that even rest violates.
+        refused: why no motion is allowed, and what to do; "" where the user has stated, or a log has shown,
+            that a limit is not real.
     """
 
     said: tuple[str, ...]
@@ -405,7 +406,7 @@ class OpenCommands:
         return self.said
 
     def warned(self, trajectory: Trajectory) -> tuple[Notice, ...]:
-        """What the certificate says first: by how much the mean of this motion is beyond its limits."""
+        """Warnings of the certificate: by how much the mean command of this motion exceeds its limits."""
         if self.limit is None:
             return ()
         low, high = _extremes(self.limit, trajectory)
@@ -434,9 +435,9 @@ class OpenCommands:
 
 
 def kept_at(limit: CommandLimit, home: Array) -> CommandLimit | OpenCommands:
-    """The limit; or, where standing still at `home` (k,) is beyond it already, why it cannot be looked at.
+    """The limit; or, where rest at `home` (k,) already exceeds it, the reason why it cannot be verified.
 
-    Then no motion keeps it, and what is wrong is the model's numbers or its deviation, not the motion.
+    In that case no motion keeps the limit, and the cause is the model's values or its deviation.
     """
     still = rest_at(home, limit.orders)
     mean, spread = limit.mean(still)[0], limit.spread(still, LONGEST)[0]
@@ -457,7 +458,7 @@ def kept_at(limit: CommandLimit, home: Array) -> CommandLimit | OpenCommands:
 
 
 def require_possible(limits: Sequence[Limit]) -> None:
-    """UnsafeTrajectoryError where one of them says that no motion may be asked for."""
+    """Raise UnsafeTrajectoryError if one of the limits allows no motion."""
     for limit in limits:
         fact, next_step = limit.refused if isinstance(limit, SupportsRefusal) else ("", "")
         if fact:

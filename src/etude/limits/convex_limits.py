@@ -1,8 +1,8 @@
 """Convex limits of robots: on single axes, on norms of vectors, on a vehicle's tilt.
 
-Each is asked of the family's instants, shrunk so that it then holds at every time and the proof of the
-final bytes, from other samples, cannot refuse it: by kappa for what is linear in the parameters, by its root
-for the size of a vector, whose square has twice the degree.
+Each limit is imposed at the family's instants, and shrunk so that it holds at every time. The proof of the
+final bytes uses other samples, and cannot fail then either. The factor is kappa for what is linear in the
+parameters, and its square root for the size of a vector, whose square has twice the degree.
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ from etude.types import Array, Cone, Margins, Motion, Proof
 
 STRAYS = "where what was learned is wrong, tracking apart"
 STRAYS_HOW = "what the rows say, through the receiver's feedback"
-"""Quantity and method of rows about places beside those of a plan; after a quantity's own name."""
+"""Quantity, after the name of the limited one, and method of rows for poses off the planned path."""
 SMALLEST = 1e-9
-"""Width of an interval, relative to its ends, below which there is no room in it."""
+"""Width of an interval, relative to its ends, below which it counts as empty."""
 SMALLEST_ROOT = 1e-6
-"""rad/s (m/s), below which the slope of a root counts as that of this value."""
+"""rad/s (m/s). Below it the slope of the square root is taken at this value."""
 CERTIFIED = math.cos(math.pi / OVERSAMPLING)
 """kappa of the proof of final bytes."""
 TILT_STEPS = 50
@@ -39,8 +39,8 @@ class Bound:
     Attributes:
         values: (M, n). size: (n,) sum of amplitudes, for rounding.
         kappa: max_t |.| <= max |values| / kappa, of each component or, on the finer grid, of quadratic forms.
-        sampled: whether the values are the motion's own, and not only what it stays between (on a phase ramp,
-            on straight moves): then the least size of a vector is bounded like the largest.
+        sampled: whether the values are samples of the motion itself; then the smallest size of a vector is
+            bounded like the largest. On phase ramps and straight moves they only enclose the motion.
     """
 
     values: Array
@@ -63,7 +63,7 @@ def bound_of(piece: Trajectory, order: int, degree: int, axes: list[int], shift:
 def norm_range(bound: Bound) -> tuple[float, float]:
     """Proved interval of a vector's size, from its square, a polynomial of twice the degree.
 
-    From values that are not samples of the motion nothing is proved of the least size: it may lie between.
+    Values that are not samples of the motion give no lower bound of the size.
     """
     square, size = (bound.values**2).sum(axis=1), float((bound.size**2).sum())
     low, high = riesz_range(square[:, None], bound.kappa, size)
@@ -79,7 +79,7 @@ def largest_tilt(force: Bound, lift: float) -> float:
         lift: proved least a_z + g.
 
     Returns:
-        rad; pi where the lift is not positive: f cannot tell a cone's two halves.
+        rad; pi where the lift is not positive: f does not distinguish the two halves of the cone.
     """
     across, along = (force.values[:, :2] ** 2).sum(axis=1), force.values[:, 2] ** 2
     sizes = float((force.size[:2] ** 2).sum()), float(force.size[2] ** 2)
@@ -89,7 +89,7 @@ def largest_tilt(force: Bound, lift: float) -> float:
         f = (across - square * along)[:, None]
         return bool(riesz_range(f, force.kappa, sizes[0] + square * sizes[1])[1][0] <= 0.0)
 
-    # 1 µrad below a right angle, which has no tangent
+    # 1 µrad below a right angle, where the tangent is infinite
     low, high = 0.0, 0.5 * math.pi - 1e-6
     if not lift > 0.0:
         return math.pi
@@ -104,10 +104,10 @@ def largest_tilt(force: Bound, lift: float) -> float:
 def tracked(
     margin: Array | float, margins: Margins, form: str, order: int, axes: list[int]
 ) -> tuple[Array, Array]:
-    """(n,) what is kept for the tracking error, and (n,) with which confidence.
+    """Tracking margins (n,) and their confidence (n,).
 
-    The larger of a fixed margin and that of motions of that form. A fixed one is its owner's word, which is
-    assumed until logs speak of it.
+    The larger of the fixed margin and the one learned for that form of motion. A fixed margin counts as
+    assumed.
     """
     fixed = np.broadcast_to(np.asarray(margin, dtype=float), (len(axes),))
     unmeasured = np.where(fixed > 0.0, 0.0, 1.0)
@@ -121,8 +121,8 @@ def tracked(
 def envelope_speed(left: Array, offset: Array, slope: Array, most: Array) -> tuple[Array, Array]:
     """(..., n) largest speed towards an end, min(most, offset + sqrt(slope left)), and how steeply it falls.
 
-    Where it is constant it falls by 0. Its slope grows up to where the speed is 0, if the offset is less than
-    0; else it has no bound at the end, and no motion up to there is proved.
+    Where the envelope is constant the slope is 0. With a negative offset the slope grows up to the point of
+    zero speed. Otherwise it is unbounded at the end, and no motion up to the end can be proved.
 
     Args:
         left: (..., n) rad (m) to the end. offset, most: (n,) rad/s (m/s). slope: (n,) rad/s^2 (m/s^2).
@@ -149,7 +149,7 @@ def slabs(name: str, rows: Array, offset: Array, half: float) -> Cone:
 
 
 def method_of(kappa: float, degree: int) -> str:
-    """How samples with that kappa prove something, for the certificate."""
+    """Name of the proof method from samples with that kappa, for the certificate."""
     if kappa == 1.0:
         return "values that the motion stays between"
     samples = round(math.pi / math.acos(kappa))
@@ -159,11 +159,13 @@ def method_of(kappa: float, degree: int) -> str:
 
 
 TILT_ROOM = (1.0 - 4.0 * (1.0 - CERTIFIED)) / CERTIFIED
-"""The proof of tilt bounds a polynomial as large as (1.7 g)^2; four times the room of others covers that."""
+"""Room for rounding in tilt, relative to other limits: its proof bounds a polynomial as large as (1.7 g)^2,
+which four times their room covers.
+"""
 
 
 class Convex:
-    """What all limits without a penalty share."""
+    """Base class of limits without a penalty."""
 
     quantity: str
 
@@ -172,7 +174,7 @@ class Convex:
         return self.quantity
 
     def penalty(self, motion: Motion) -> tuple[float, Array] | None:  # noqa: ARG002
-        """None: convex, so cones say it all."""
+        """None: the limit is convex, so cones describe it completely."""
         return None
 
 
@@ -186,10 +188,10 @@ class AxisLimit(Convex):
         names: of the n axes, as in the certificate.
         lower, upper: (n,) in the coordinate's unit and s.
         axes: their places in the motion; None: the first n.
-        shift: what is added to each coordinate, gravity for lift.
-        margin: (n,) or one number, kept off both sides for the tracking error, or the learned one if larger.
-        margins: learned ones, by form of motion.
-        rest: of a velocity, whether motions, and each of their pieces, must start and end without any.
+        shift: constant added to each coordinate, gravity for lift.
+        margin: (n,) or one number, subtracted at both ends for the tracking error; a larger learned one wins.
+        margins: learned margins, by form of motion.
+        rest: for a velocity, whether motions, and each of their pieces, must start and end at rest.
     """
 
     quantity: str
@@ -205,7 +207,7 @@ class AxisLimit(Convex):
 
     @property
     def places(self) -> list[int]:
-        """Of the axes, in the motion."""
+        """Indices of the axes in the motion."""
         return list(range(len(self.names)) if self.axes is None else self.axes)
 
     def inner(self, form: str) -> tuple[Array, Array, Array, Array]:
@@ -214,7 +216,7 @@ class AxisLimit(Convex):
         return np.asarray(self.lower) + margin, np.asarray(self.upper) - margin, margin, confidence
 
     def check_room(self, form: str) -> None:
-        """UnsafeTrajectoryError if some axis has no room to move, naming it and the limit."""
+        """Raise UnsafeTrajectoryError, with the axis and the limit, if some axis has no room to move."""
         low, high, margin, _ = self.inner(form)
         for j, name in enumerate(self.names):
             smallest = SMALLEST * max(1.0, abs(low[j]), abs(high[j])) if self.order == 0 else 0.0
@@ -254,7 +256,7 @@ class AxisLimit(Convex):
         ]
 
     def blocked(self, form: str, pose: Array) -> str:
-        """Of positions, the first axis beyond its limit less the margin."""
+        """For positions, the first axis beyond its limit less the margin; otherwise ""."""
         if self.order:
             return ""
         low, high, _, _ = self.inner(form)
@@ -263,9 +265,10 @@ class AxisLimit(Convex):
         return f"the {self.quantity} limit of {self.names[beyond[0]]}" if len(beyond) else ""
 
     def strayed(self, places: Array, off: Array) -> Sequence[Proof]:
-        """One row for each axis of a motion's places (T, k) and how far off they may be, (T, k): within the
-        limit itself, of which a margin is a part. Where the plan itself keeps none, straight up from the
-        ground or down to it, the ground is no wall.
+        """One row for each axis, from a motion's poses (T, k) and their possible errors (T, k).
+
+        The limit here is the full one, without a margin subtracted. Where the plan itself leaves no room,
+        as straight up from the ground or down to it, the ground does not count as a limit.
         """
         at = places[:, self.places]
         low, high = np.asarray(self.lower) + self.margin, np.asarray(self.upper) - self.margin
@@ -287,18 +290,18 @@ class AxisLimit(Convex):
 class NormLimit(Convex):
     """lower <= |d^order/dt^order of some coordinates + shift| <= upper: speed, a cylinder, thrust.
 
-    The lower bound is not convex. The part along `shift` is linear and implies it: cones ask that it be at
-    least `lower`, and, to keep it a slab, as far above as below |shift|.
+    The lower bound is not convex, but a linear bound implies it: cones require the component along `shift`
+    to be at least `lower`. To make this a slab, they also limit it as far above |shift| as below.
 
     Attributes:
         quantity: "speed", "radius", "thrust", ...
         order: 0 for position, ...
         axes: places of the coordinates in the motion.
-        upper: largest size; lower: least, or None. `lower` needs a shift.
+        upper: largest size; lower: smallest size, or None. `lower` needs a shift.
         shift: (len(axes),) added before the size is taken, gravity for thrust; empty for none.
-        axis: whose size it is, as in the certificate.
-        margin, margins, rest: see `AxisLimit`; of several axes, the size of their margins.
-        looks_at, not_verified: what else is looked at with it, see `abilities.SupportsCoverage`.
+        axis: name in the certificate.
+        margin, margins, rest: see `AxisLimit`; for several axes, the norm of their margins.
+        looks_at, not_verified: topics that the limit also covers, see `abilities.SupportsCoverage`.
     """
 
     quantity: str
@@ -326,7 +329,7 @@ class NormLimit(Convex):
         return None if self.lower is None else self.lower + margin, self.upper - margin, margin, sure
 
     def check_room(self, form: str) -> None:
-        """UnsafeTrajectoryError if standing still in the middle is not inside."""
+        """Raise UnsafeTrajectoryError if rest in the middle is not inside the limit."""
         least, most, margin, _ = self.inner(form)
         needed = float(np.linalg.norm(self._shift))
         fits = (least is None or (least < needed)) and needed < most and margin >= 0.0
@@ -351,7 +354,7 @@ class NormLimit(Convex):
         return [ball, slabs(name, along, moved, kappa * USABLE_PART * (size - least))]
 
     def prove(self, piece: Trajectory) -> Sequence[Proof]:
-        """One row; without a lower bound it is written as -upper..upper, as for an axis."""
+        """One row; without a lower bound its interval is -upper..upper, as for an axis."""
         least, most, margin, confidence = self.inner(piece.form)
         bound = bound_of(piece, self.order, 2, list(self.axes), self._shift)
         down, up = norm_range(bound)
@@ -380,15 +383,15 @@ class NormLimit(Convex):
 class TiltLimit(Convex):
     """Angle of a + g z from the vertical at most `angle`: |a_xy| <= tan(angle) (g + a_z).
 
-    Asked of a_z and of -a_z, since a bound for all times needs both sides; so motions that climb hard and
-    lean far at once are left out, although they would be allowed. No proof holds where the vertical part
-    comes near zero: it is kept above `least`.
+    The cones impose it for a_z and for -a_z, since a bound for all times needs both signs. This excludes
+    motions that climb hard and lean far at once, although the limit allows them. No proof is possible where
+    the vertical component comes near zero, so it is kept above `least`.
 
     Attributes:
         angle: rad, in 0..pi/2.
         gravity: g, m/s^2.
         axes: places of x, y, z in the motion.
-        least: part of g that the vertical part of a + g z may not fall below.
+        least: smallest vertical component of a + g z, as a fraction of g.
         axis, quantity: as in the certificate.
     """
 
@@ -402,7 +405,7 @@ class TiltLimit(Convex):
     rest: bool = False
 
     def check_room(self, form: str) -> None:  # noqa: ARG002
-        """UnsafeTrajectoryError unless the angle is in 0..pi/2."""
+        """Raise UnsafeTrajectoryError unless the angle is in 0..pi/2."""
         if not 0.0 < self.angle < 0.5 * math.pi:
             _no_room(self.quantity, self.axis, f"{self.angle:g} rad (it must be in 0..pi/2)")
 
@@ -442,7 +445,7 @@ class TiltLimit(Convex):
 
 
 def _form(family: Family) -> str:
-    """The form of the family's members, by which margins are kept."""
+    """The form of the family's members; margins depend on it."""
     return family.trajectory(np.zeros(family.size)).form
 
 

@@ -1,7 +1,7 @@
 """FeasibleSet: the parameters whose motions keep every limit at all times, as blocks of convex sets.
 
-What is linear in the parameters and bounded in size at each instant is convex whatever it is: position
-(slabs), |velocity|, |a + g| and the cylinder (balls), tilt (a cone about the vertical).
+Every bound on the size of something linear in the parameters is convex: position (slabs), |velocity|,
+|a + g| and the cylinder (balls), tilt (a cone about the vertical).
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from etude.trajectories.extremes import USABLE_PART
 from etude.types import Array, Cone, Index
 
 REFINED = 3
-"""Steps of least squares by normal equations, each of which takes the rounding of the last one back."""
+"""Steps of least squares by normal equations; each step corrects the rounding of the one before."""
 
 
 SHARPNESS = 48
@@ -29,7 +29,7 @@ SHARPNESS = 48
 
 @dataclass(frozen=True, eq=False)
 class Ball:
-    """|rows_m p + offset_m| <= 1 + slope_m p at M instants: a cone of the contracts, seen from a centre.
+    """|rows_m p + offset_m| <= 1 + slope_m p at M instants: a `Cone`, relative to a centre inside it.
 
     Attributes:
         rows: (c, M, n). offset: (c, M). slope: (M, n).
@@ -113,8 +113,8 @@ class Block:
         slabs: (m, n) and middle: (m,): |slabs p - middle| <= 1.
         balls: the other cones.
         centre: (n,) a point inside.
-        still: (s,) places, among its own, of parameters that only shift: their rows are the same at every
-            instant.
+        still: (s,) indices, within the block, of parameters that only shift the motion: their rows are the
+            same at every instant.
     """
 
     members: Index
@@ -149,7 +149,7 @@ class Block:
         )
 
     def about(self, centre: Array) -> Block:
-        """The same block seen from another point (n,) inside."""
+        """The same block about another centre (n,) inside."""
         return replace(self, centre=centre, balls=tuple(replace(ball, centre=centre) for ball in self.balls))
 
     @cached_property
@@ -178,8 +178,8 @@ class Block:
     def smooth_gauge(self, point: Array) -> tuple[float, Array]:
         """A smooth upper bound of `gauge`, a few per cent above it, and its gradient (n,).
 
-        p-norms in place of maxima. Optima lie where several limits are touched at once, where the gauge
-        itself has corners that stop a quasi-Newton search; so does a start that was scaled to the limits.
+        It has p-norms in place of maxima. Optima, and starts that were scaled to the limits, touch several
+        limits at once. There the exact gauge has corners that stop a quasi-Newton search.
         """
         step = point - self.centre
         flat, slope = self._flat_uses(step)
@@ -195,7 +195,7 @@ class Block:
 
         Args:
             points: (K, n), inside.
-            directions: (K, n); of one that is zero the ends are infinite.
+            directions: (K, n); a zero direction has infinite ends.
 
         Returns:
             low (K,) <= 0 and high (K,) >= 0.
@@ -203,7 +203,7 @@ class Block:
         use, step = self.slabs @ points.T - self.middle[:, None], self.slabs @ directions.T
         size, leaning = np.abs(step), np.where(step >= 0.0, 1.0, -1.0) * use
         ahead, behind = np.full((2, *size.shape), np.inf)
-        with np.errstate(over="ignore"):  # a row that hardly moves ends the line nowhere
+        with np.errstate(over="ignore"):  # a row that hardly changes does not bound the line
             np.divide(np.maximum(1.0 - leaning, 0.0), size, out=ahead, where=size > 0.0)
             np.divide(np.maximum(1.0 + leaning, 0.0), size, out=behind, where=size > 0.0)
         lows, highs = [-behind.min(axis=0, initial=np.inf)], [ahead.min(axis=0, initial=np.inf)]
@@ -214,11 +214,11 @@ class Block:
         return np.max(lows, axis=0), np.min(highs, axis=0)
 
     def ellipsoid(self) -> Array:
-        """(n, n) T: centre + T z, |z| <= 1, holds the block, whose rows' mean square is |z|^2."""
+        """(n, n) T: the ellipsoid centre + T z, |z| <= 1, holds the block; the rows' mean square is |z|^2."""
         tables = [self.slabs, *(part for ball in self.balls for part in (*ball.rows, ball.slope))]
         rows = np.concatenate([table[np.any(table != 0.0, axis=1)] for table in tables])
         values, vectors = np.linalg.eigh(rows.T @ rows / len(rows))
-        # directions that no row looks along are rounding: 1e7 times the narrowest width is the widest
+        # directions in which no row changes are rounding: widths are cut at 1e7 times the narrowest one
         return np.asarray(vectors / np.sqrt(np.maximum(values, 1e-14 * values.max())))
 
 
@@ -227,7 +227,7 @@ def _slope(cone: Cone) -> Array:
 
 
 def _same(column: Array) -> bool:
-    """Whether all numbers are one, up to rounding."""
+    """Whether all numbers are equal up to rounding."""
     # some thousand roundings of a float64
     return bool(np.ptp(column) <= 1e-12 * np.abs(column).max(initial=0.0))
 
@@ -254,8 +254,8 @@ def _power(base: Array, exponent: int) -> Array:
 class FeasibleSet:
     """All parameters p (P,) inside every cone of the limits; bounded and convex.
 
-    Parameters that no cone couples are in blocks of their own (joints alone, the axes of a speed together):
-    the set is the product of its blocks, and each is drawn back, enlarged and sampled by itself.
+    Parameters that no cone couples are in separate blocks: one for each joint, but one for all axes of a
+    speed. The set is the product of its blocks; each is shrunk, enlarged and sampled separately.
 
     Attributes:
         blocks: B of them.
@@ -270,13 +270,13 @@ class FeasibleSet:
         """The set of the family's members inside the limits.
 
         Args:
-            limits: those without cones take no part.
+            limits: limits without cones have no effect.
             family: of one base frequency.
             home: (k,) a pose inside every limit.
 
         Raises:
-            UnsafeTrajectoryError: limits that leave no room, a home or a family's fixed centre outside them,
-                or a parameter that nothing bounds.
+            UnsafeTrajectoryError: the limits leave no room, exclude home or the family's fixed centre, or
+                leave a parameter unbounded.
         """
         check_room(limits, family)
         centre = still_at(family, home)
@@ -286,7 +286,7 @@ class FeasibleSet:
         return cls(tuple(blocks), centre)
 
     def about(self, centre: Array) -> FeasibleSet:
-        """The same set seen from another point (P,) well inside, towards which it is then drawn."""
+        """The same set about another centre (P,) well inside, towards which points are then shrunk."""
         return FeasibleSet(tuple(block.about(centre[block.members]) for block in self.blocks), centre)
 
     @property
@@ -296,7 +296,7 @@ class FeasibleSet:
 
     @cached_property
     def block_of(self) -> Index:
-        """(P,) place of each parameter's block."""
+        """(P,) index of each parameter's block."""
         out = np.zeros(self.size, dtype=np.int64)
         for b, block in enumerate(self.blocks):
             out[block.members] = b
@@ -311,14 +311,14 @@ class FeasibleSet:
         return np.array([block.gauge(p[block.members]) for block in self.blocks])
 
     def smooth_gauge(self, p: Array) -> tuple[Array, Array]:
-        """Smooth upper bounds (B,) of `gauge`, and gradient (P,): of its own block's in each parameter."""
+        """Smooth upper bounds (B,) of `gauge`, and (P,) derivatives, each of the parameter's own block."""
         values, gradient = np.zeros(len(self.blocks)), np.zeros(self.size)
         for b, block in enumerate(self.blocks):
             values[b], gradient[block.members] = block.smooth_gauge(p[block.members])
         return values, gradient
 
     def chords(self, points: Array, directions: Array) -> tuple[Array, Array]:
-        """Ends (K, B) of lines (K, P) through each block by itself, from points inside; see `Block.chord`."""
+        """Ends (K, B) of lines (K, P) through each separate block, from points inside; see `Block.chord`."""
         parts = [block.chord(points[:, block.members], directions[:, block.members]) for block in self.blocks]
         lows, highs = (np.stack(side, axis=1) for side in zip(*parts, strict=True))
         return lows, highs
@@ -329,7 +329,7 @@ class FeasibleSet:
         return lows.max(axis=1), highs.min(axis=1)
 
     def shrink(self, p: Array) -> Array:
-        """The point with each block that is outside drawn towards the centre, just inside."""
+        """The point with each block that lies outside moved towards the centre until just inside."""
         out = p.copy()
         for block in self.blocks:
             own = p[block.members]
@@ -340,7 +340,7 @@ class FeasibleSet:
         return out
 
     def enlarge(self, p: Array) -> Array:
-        """The point with each block on the edge, on its way from the centre; blocks in the centre stay."""
+        """The point with each block moved away from the centre to the edge; blocks at the centre stay."""
         use = self.gauge(p)
         factor = np.divide(USABLE_PART, use, out=np.ones_like(use), where=use > 0.0)
         return np.asarray(self.centre + (p - self.centre) * factor[self.block_of])
@@ -359,7 +359,7 @@ class FeasibleSet:
 
 
 def check_room(limits: Sequence[Limit], family: Family) -> None:
-    """UnsafeTrajectoryError if some limit leaves no room for any motion, naming the axis and the limit."""
+    """Raise UnsafeTrajectoryError, with the axis and the limit, if a limit leaves no room for any motion."""
     form = family.trajectory(np.zeros(family.size)).form
     for limit in limits:
         if isinstance(limit, SupportsRoomCheck):
@@ -367,14 +367,14 @@ def check_room(limits: Sequence[Limit], family: Family) -> None:
 
 
 def still_at(family: Family, pose: Array) -> Array:
-    """(P,) the member that stands still at a pose (k,); the nearest if coordinates are fixed elsewhere."""
+    """(P,) the member at rest at a pose (k,); the nearest one if some coordinates are fixed elsewhere."""
     rows, offset, _ = family.rows(0, 1)
     table, wanted = rows.reshape(-1, family.size), (np.asarray(pose)[:, None] - offset).ravel()
     gram, p = table.T @ table, np.zeros(family.size)
     for _ in range(REFINED):
         p = p + np.linalg.lstsq(gram, table.T @ (wanted - table @ p), rcond=None)[0]
     scale = np.abs(p).max(initial=0.0)
-    # what is left of parameters that cancel is rounding: exactly zero
+    # parameters that cancel leave a rounding error: set it to zero
     return np.where(np.abs(p) > 1e-14 * scale, p, 0.0)
 
 
@@ -394,7 +394,7 @@ def _check_centre(cones: Sequence[Cone], family: Family, centre: Array) -> None:
 
 
 def _coupled(cones: Sequence[Cone], size: int) -> list[tuple[Index, list[Cone]]]:
-    """Groups of parameters that cones couple, in order of their first, each with its cones."""
+    """Groups of parameters that cones couple, each with its cones, ordered by their first parameter."""
     touched = [_touched(cone) for cone in cones]
     group = np.arange(size)
     for mask in touched:

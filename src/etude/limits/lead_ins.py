@@ -1,8 +1,8 @@
 """Motions that begin and end in motion, joined to rest by lead-ins and lead-outs that are proved.
 
-The series goes on before its first instant and after its last one. It is run up there from standstill: time
-itself is started smoothly, so that places stay on the path and speeds below its own. What is flown are
-septics through points of that, which a certificate proves as they are.
+The Fourier series is also defined before its first instant and after its last one. A lead-in follows it there
+from rest: the series' time starts smoothly, so that poses stay on the path and speeds below the path's own.
+The file contains septics through points of this motion, and a certificate proves these septics.
 """
 
 from __future__ import annotations
@@ -22,19 +22,21 @@ from etude.trajectories.splined import Splined
 from etude.types import Array
 
 LASTING = (2.0, 3.0, 4.0, 6.0, 8.0, 12.0, 16.0)
-"""s of a lead-in; the first that is proved. In 2 s a vehicle is tilted no faster than flights tilt it."""
+"""s, durations of a lead-in, tried in turn until one is proved. In 2 s a vehicle tilts no faster than in
+usual flights.
+"""
 SLOWER = (1.0, 1.01, 1.03, 1.1, 1.25, 1.5, 2.0)
-"""Times of its own in which a motion is tried: one that uses all of a limit on acceleration at its end may
-need a little less for its lead-in.
+"""Factors on a motion's duration that are tried: a motion that uses a whole limit of acceleration at its end
+may have to be a little slower for its lead-in.
 """
 
 
 ORDERS = 4
-"""Position to jerk meet where a lead-in ends: so attitudes and body rates of a vehicle do, too."""
+"""Position to jerk are continuous where a lead-in ends, and so are attitudes and body rates of a vehicle."""
 PIECES = 0.25
 """s between two points of a lead-in; the septics are then within 1e-5 of the path of usual flights."""
 STILL = 1e-9
-"""m (rad) per s, s^2, s^3: less at an end is rest."""
+"""m (rad) per s, s^2, s^3: smaller derivatives at an end count as rest."""
 
 
 def moves_at(trajectory: Trajectory) -> tuple[bool, bool]:
@@ -45,17 +47,17 @@ def moves_at(trajectory: Trajectory) -> tuple[bool, bool]:
 
 
 def can_lead(trajectory: Trajectory) -> bool:
-    """Whether it goes on beyond its ends: a series without a phase ramp."""
+    """Whether the motion is defined beyond its ends: a Fourier series without a phase ramp."""
     return isinstance(trajectory, FourierTrajectory) and trajectory.ramp == 0.0
 
 
 def lead_in(trajectory: FourierTrajectory, lasting: float) -> Splined:
-    """From rest on its path into its start, in `lasting` s; tracking margins are those of the series."""
+    """Motion from rest on its path to its start, in `lasting` s; tracking margins are those of the series."""
     return _led(trajectory, lasting, out=False)
 
 
 def lead_out(trajectory: FourierTrajectory, lasting: float) -> Splined:
-    """From its end to rest, in `lasting` s."""
+    """Motion from its end to rest, in `lasting` s."""
     return _led(trajectory, lasting, out=True)
 
 
@@ -65,7 +67,7 @@ def _led(trajectory: FourierTrajectory, lasting: float, *, out: bool) -> Splined
     s = times / lasting
     theta, rates = _started(s if not out else 1.0 - s, lasting)
     at = trajectory.duration - theta if out else theta
-    rates[1::2] *= -1.0 if out else 1.0  # backwards in time every second derivative turns its sign
+    rates[1::2] *= -1.0 if out else 1.0  # reversed time changes the sign of odd derivatives
     table = series(trajectory.omega0 * at, trajectory.harmonics, trajectory.omega0, ORDERS)
     points = _chained(table @ trajectory.coefficients, rates)
     joined = trajectory.motion(np.array([trajectory.duration if out else 0.0]), ORDERS).orders[:, 0]
@@ -104,11 +106,11 @@ def _chained(orders: Array, rates: Array) -> Array:
 def at_rest(motion: Trajectory, limits: Sequence[Limit]) -> Trajectory:
     """The motion with a lead-in and a lead-out where it is in motion at its ends, else itself.
 
-    It is slowed as little as these need; what was proved of it holds of the slower one. A motion of another
-    form than a series is not led in: it stays as it is, and certificates say how it ends.
+    The motion is slowed as little as possible; proofs of the faster one hold for the slower one. Only Fourier
+    series get leads. Other motions stay unchanged, and certificates give their speed at the ends.
 
     Raises:
-        UnsafeTrajectoryError: no lead-in is proved at half of the speed.
+        UnsafeTrajectoryError: no lead-in is proved even at half of the speed.
     """
     if not any(moves_at(motion)):
         return motion
@@ -124,8 +126,8 @@ def at_rest(motion: Trajectory, limits: Sequence[Limit]) -> Trajectory:
 
 
 def leads(motion: Trajectory, limits: Sequence[Limit]) -> tuple[Splined | None, Splined | None] | None:
-    """Lead-in and lead-out, each the shortest that is proved; None at an end where the motion rests, or that
-    no series goes on from. None for both if one of them is not proved.
+    """Lead-in and lead-out, each the shortest that is proved; None at an end at rest, or without a series to
+    follow. The whole result is None if one of them is not proved.
     """
     first, last = motion.pieces()[0][2], motion.pieces()[-1][2]
     starts, ends = moves_at(motion)
@@ -142,7 +144,7 @@ def leads(motion: Trajectory, limits: Sequence[Limit]) -> tuple[Splined | None, 
 
 
 def with_leads(motion: Trajectory, before: Splined | None, after: Splined | None) -> Trajectory:
-    """One chain of them; the motion itself if there is neither."""
+    """The chain of lead-in, motion and lead-out; the motion itself if it has neither."""
     own: list[Part] = [(label, piece) for _, label, piece in motion.pieces()]
     parts: list[Part] = [] if before is None else [("lead-in", before)]
     parts += own

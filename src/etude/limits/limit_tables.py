@@ -27,7 +27,7 @@ KIND = "kind"
 
 @dataclass(frozen=True)
 class LimitTable:
-    """One table: the name of the plug-in, its parameters, and what it makes a limit with."""
+    """One table: the name of the plug-in, its parameters, and the function that makes the limit."""
 
     kind: str
     parameters: Mapping[str, Any] = field(hash=False)
@@ -54,10 +54,10 @@ def made_limits(
     margins: Margins,
     coordinates: Sequence[str] = (),
 ) -> tuple[Limit, ...]:
-    """The limits of one robot. Arguments as of `Kind.limits`; coordinates: names of its pose's, for messages.
+    """The limits of one robot. Arguments as of `Kind.limits`; coordinates: names for messages.
 
     Raises:
-        UsageError: names a plug-in that fails, or slopes that are not as many as the coordinates.
+        UsageError: a plug-in fails, or the number of slopes is not that of the coordinates.
     """
     return tuple(_made(table, spec, model, margins, tuple(coordinates)) for table in tables)
 

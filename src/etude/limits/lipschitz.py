@@ -1,9 +1,9 @@
 """A limit on any function of the pose, proved for all times from samples and the function's slopes.
 
 Between two instants h apart a function with |df/dq_j| <= slope_j changes by no more than h times
-sum_j slope_j max |dq_j/dt|. So the mean of its two values, less half of that, bounds it from below, and alike
-from above. Intervals whose bounds lie beyond the extreme values that were seen are halved (the method of
-Piyavskii and Shubert), until what is proved is close to what is reached.
+sum_j slope_j max |dq_j/dt|. So the mean of its two values minus half of that is a lower bound, and plus half
+of that an upper bound. Intervals with bounds beyond the sampled extremes are halved (the method of Piyavskii
+and Shubert), until the proved extremes are close to the sampled ones.
 """
 
 from __future__ import annotations
@@ -24,30 +24,30 @@ from etude.types import Array, Cone, Margins, Motion, Proof, Thing
 FIRST_STEP, SEARCH_STEP = 0.02, 0.04
 """s between samples: of a proof at first, and of a search."""
 TOLERANCE = 0.003
-"""Part of the limit's width by which a proof may exceed what is reached."""
+"""Fraction of the limit's width by which a proved extreme may exceed the sampled one."""
 HALVINGS = 24
-"""Of an interval: after that its bound is taken as it is."""
+"""Largest number of halvings of an interval; after that its bound is accepted."""
 POSES, STEPS = 64, (1e-3, 1.0)
-"""At which slopes are checked, and the largest moves of a coordinate there, in parts of its range."""
+"""Poses at which slopes are checked, and the largest changes of a coordinate there, relative to its range."""
 ROUNDING = 1e-9
-"""Part of the function's size that a change may exceed its bound by."""
+"""Fraction of the function's size by which a change may exceed its bound, for rounding."""
 
 
 @dataclass(frozen=True, eq=False)
 class LipschitzLimit:
     """lower <= function(pose) <= upper at all times.
 
-    It is not convex: motions are drawn home until it is proved.
+    The limit is not convex: motions are shrunk towards home until it is proved.
 
     Attributes:
-        quantity: "height", "distance to the wall", ...; the certificate calls it so.
-        axis: what it is of, "tool" or "vehicle".
+        quantity: name in the certificate: "height", "distance to the wall", ...
+        axis: the body that it applies to, "tool" or "vehicle".
         function: poses (T, k) of the path -> (T,) its values.
         slopes: (k,) bounds of |d function / d pose|, valid between the ends of a motion's coordinates.
         lower, upper: ends, in the unit of the function; `upper` may be infinite.
         margins: of tracking, by form of motion; each coordinate's error counts by its slope.
-        drawn: what a drawing shows of it.
-        order, rest: of the pose, and it asks for no rest: nothing else is proved.
+        drawn: objects that represent the limit in a drawing.
+        order, rest: 0 and False: the limit is on the pose, and requires no rest.
         coordinates: (k,) names of the pose's coordinates, for messages; `made_limits` gives them.
     """
 
@@ -94,7 +94,7 @@ class LipschitzLimit:
 
     @property
     def things(self) -> tuple[Thing, ...]:
-        """What a drawing shows of it."""
+        """Objects that represent the limit in a drawing."""
         return self.drawn
 
     def inner(self, form: str) -> tuple[float, float, float, float]:
@@ -109,17 +109,17 @@ class LipschitzLimit:
         return ()
 
     def penalty(self, motion: Motion) -> tuple[float, Array]:
-        """None that pushes: what is outside is drawn home."""
+        """A penalty of zero: motions outside are shrunk towards home instead."""
         return 0.0, np.zeros_like(motion.orders)
 
     def keeps(self, piece: Trajectory) -> bool:
-        """Whether samples of a piece keep it: for searches, whose result is then proved."""
+        """Whether samples of a piece keep the limit; for searches, whose result is proved afterwards."""
         count = max(2, math.ceil(piece.duration / SEARCH_STEP)) + 1
         poses = piece.motion(np.linspace(0.0, piece.duration, count), 1).orders[0]
         return self._inside(poses, piece.form)
 
     def prove(self, piece: Trajectory) -> Sequence[Proof]:
-        """One row; UsageError of a curve whose speed nothing bounds."""
+        """One row; raises UsageError for a curve without a bound of its speed."""
         return (memoized(self._proofs, piece.to_json(), lambda: self._row(piece)),)
 
     def of_motion(self, motion: Motion) -> Array:
@@ -127,17 +127,17 @@ class LipschitzLimit:
         return self._values(motion.orders[0])[:, None]
 
     def strayed(self, places: Array, off: Array) -> Sequence[Proof]:
-        """One row of places (T, k) and how far off they may be, (T, k); margins are there for them too."""
+        """One row, from poses (T, k) and their possible errors (T, k), which margins allow for."""
         values, by = self._values(places), off @ np.asarray(self.slopes)
         ends = self.lower, self.upper, float((values - by).min()), float((values + by).max())
         return [Proof(self.axis, f"{self.quantity}, {STRAYS}", *ends, STRAYS_HOW, "sampled")]
 
     def blocked(self, form: str, pose: Array) -> str:
-        """The quantity, of a pose (k,) outside."""
+        """The name of the quantity if a pose (k,) is outside, else ""."""
         return "" if self._inside(pose[None], form) else f"the limit of {self.quantity} of {self.axis}"
 
     def about(self, lower: Array, upper: Array) -> LipschitzLimit:  # noqa: ARG002
-        """The same: it has no box."""
+        """The same limit: it has no box."""
         return self
 
     def roughly(self, form: str, pose: Array) -> Callable[[Array], bool]:  # noqa: ARG002
@@ -185,7 +185,7 @@ class LipschitzLimit:
             )
 
     def _check_slopes(self, poses: Array) -> None:
-        """UsageError: a slope is too small somewhere between the ends of poses (T, k)."""
+        """Raise UsageError if a slope is too small somewhere between the ends of poses (T, k)."""
         needed = needed_slopes(self._values, poses.min(axis=0), poses.max(axis=0))
         for j in np.flatnonzero(needed > self.slopes):
             axis = self.coordinates[j] if self.coordinates else f"coordinate {j + 1}"
@@ -236,7 +236,7 @@ class LipschitzLimit:
 def needed_slopes(values: Callable[[Array], Array], lower: Array, upper: Array) -> Array:
     """(k,) the steepest change seen in each coordinate, at random pairs of poses that differ in it alone.
 
-    Rounding is taken off.
+    Rounding errors are subtracted.
 
     Args:
         values: poses (T, k) -> (T,). lower, upper: (k,) ends of the poses.
@@ -265,7 +265,7 @@ def extremes(
     Args:
         at: instants (M,) -> values (M,). t: (n + 1,) increasing. values: (n + 1,) at these.
         rate: bound of |d value / dt|.
-        tolerance: by which the interval may exceed the values that were seen.
+        tolerance: amount by which the interval may exceed the sampled values.
     """
     start, step, left, right = t[:-1], np.diff(t), values[:-1], values[1:]
     seen = float(values.min()), float(values.max())

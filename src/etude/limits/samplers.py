@@ -14,15 +14,15 @@ from etude.types import Array
 STEPS = 200
 """Steps of hit-and-run from the centre."""
 RECENTRED = 3
-"""Times that a motion is moved to the middle of its room and enlarged again; after one, joints are done."""
+"""Number of times that a motion is centred in its room and enlarged again; joints need only one."""
 
 
 def uniform(rng: np.random.Generator, feasible: FeasibleSet, count: int = 1, steps: int = STEPS) -> Array:
     """(count, P) parameters, uniform on the set: the end of a hit-and-run walk each, independent.
 
-    Each step draws a direction, meets the exact ends of the line through each block, and moves to a uniform
-    point between them (Smith 1984). Directions are drawn in units of the set's widths, which changes how
-    fast the walk mixes and not where to.
+    Each step draws a direction, computes the exact ends of the line through each block, and moves to a
+    uniform point between them (Smith 1984). Directions are drawn in units of the set's widths. This changes
+    the speed of mixing, but not the limiting distribution.
     """
     points, widths = np.tile(feasible.centre, (count, 1)), feasible.widths()
     for _ in range(steps):
@@ -35,13 +35,13 @@ def uniform(rng: np.random.Generator, feasible: FeasibleSet, count: int = 1, ste
 def scaled(rng: np.random.Generator, feasible: FeasibleSet, count: int = 1) -> Array:
     """(count, P) motions of normal amplitudes, each block enlarged to its limits wherever there is most room.
 
-    What only shifts a motion (constant terms) is then drawn uniformly from what keeps it inside.
+    Parameters that only shift a motion (constant terms) are then drawn uniformly from their allowed interval.
     """
     return _shifted(rng, feasible, _enlarged(rng, feasible, count))
 
 
 def amplitude(rng: np.random.Generator, feasible: FeasibleSet, count: int = 1) -> Array:
-    """(count, P) the motions of `scaled` at U(0.1, 1) of their size, each block by itself, shifted alike."""
+    """(count, P) motions of `scaled`, each block scaled separately by U(0.1, 1), then shifted likewise."""
     points = _enlarged(rng, feasible, count)
     shares = rng.uniform(0.1, 1.0, (count, len(feasible.blocks)))[:, feasible.block_of]
     return _shifted(rng, feasible, feasible.centre + shares * (points - feasible.centre))
@@ -50,7 +50,8 @@ def amplitude(rng: np.random.Generator, feasible: FeasibleSet, count: int = 1) -
 def timid(rng: np.random.Generator, feasible: FeasibleSet, count: int = 1) -> Array:
     """(count, P) parameters at U(0.2, 1) of the way from the centre to the edge, in random directions.
 
-    Directions are drawn in units of the set's widths. Timid: the first limit touched bounds a whole block.
+    Directions are drawn in units of the set's widths. Motions are small, since the first limit that is
+    touched bounds a whole block.
     """
     return _along_rays(rng, feasible, rng.uniform(0.2, 1.0, (count, len(feasible.blocks))))
 

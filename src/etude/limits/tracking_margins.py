@@ -1,10 +1,11 @@
 """Tracking margins: the part of each limit that is kept for the robot's tracking error.
 
-Before any log of a form of motion the margin is assumed: what the feedback's gains allow where they are known
-(at an extremum of the error its rate is zero, so a proportional gain K has made all of the command of K e),
-else a stated part of each range. Afterwards it is the largest error of the last logs of that form, times a
-factor that makes up for their number, and of velocities what smoothing hides. The factors were measured: over
-simulated arms they cover all joints of the next run at once in about 95 of 100.
+Before the first log of a form of motion the margin is assumed. Where the feedback's gains are known, it is
+the error that they allow: at an extremum of the error e its rate is zero, so a proportional gain K produces
+the whole command K e. Elsewhere it is a configured fraction of each range. Afterwards it is the largest error
+in the last logs of that form, times a factor that depends on their number. Margins of velocity also include
+what smoothing hides. The factors were measured: on simulated arms they cover all joints of the next run at
+once in about 95 of 100 runs.
 """
 
 from __future__ import annotations
@@ -20,19 +21,19 @@ from etude.errors import UsageError
 from etude.types import Array, Margins
 
 HELD = 2
-"""Orders that a margin is kept of: position and velocity. Accelerations are not held: friction grips and lets
-go, whatever is asked.
+"""Number of derivative orders with a margin: position and velocity. Accelerations have none: stick-slip
+friction disturbs them during any motion.
 """
 LOGS_CONSIDERED = 8
-"""Logs that are looked back on."""
+"""Number of most recent logs that a margin is learned from."""
 CONFIDENCE = 0.95
-"""That the next run of the form stays within its margins in all coordinates at once."""
+"""Probability that the next run of the form stays within its margins in all coordinates at once."""
 ASSUMED = 0.0
-"""The confidence of a margin that nobody measured."""
+"""The confidence of a margin that was not measured."""
 HIDDEN = 0.005
-"""Part of each velocity limit by which a margin of velocity exceeds what logs say: where friction grips or
-lets go, the rate of the error leaps for a twentieth of a second, and smoothing flattens it. It counts where a
-feedforward leaves hardly more.
+"""Fraction of each velocity limit that is added to the error in the logs. Where a joint sticks or slips, the
+rate of the error jumps for about 0.05 s, and smoothing flattens the jump. The addition matters where a
+feedforward leaves an error of about that size.
 """
 LARGEST_MARGIN = 0.5
 """Part of the way from home, or from rest, to the nearer limit that a margin may take at most."""
@@ -40,21 +41,21 @@ LARGEST_MARGIN = 0.5
 
 @dataclass(frozen=True)
 class TrackingConfig:
-    """What is kept for tracking errors: the table [tracking] of a campaign.
+    """Margins for tracking errors: the table [tracking] of a campaign.
 
     Attributes:
-        margin: "learned" from the logs; "assumed", whatever they say; or "none".
-        position: assumed, part of each coordinate's range, where the gains are not known; of a joint that
-            turns further than half a turn, of half a turn.
-        velocity: assumed, part of each velocity limit.
+        margin: "learned" from the logs; "assumed", which ignores the logs; or "none".
+        position: assumed fraction of each coordinate's range where the gains are not known. For a joint with
+            a range above half a turn it is a fraction of half a turn.
+        velocity: assumed fraction of each velocity limit.
         most: part of the way from home to the nearer position limit that a margin may take at most. An error
             is mostly a lag, which leaves the path's own range by far less: feedback that lagged by 7 degrees
             left it by 1.
-        control: that motions which teach are run under by `simulate` and `run` once something was learned,
-            where the robot takes it: "learned" or "feedback".
+        control: the control of training motions in `simulate` and `run` after the first fit, where the robot
+            accepts it: "learned" or "feedback".
 
     Raises:
-        UsageError: another word, or parts outside of 0..most/2, 0..MOST and 0..MOST.
+        UsageError: an unknown word, or position, velocity, most outside of 0..most/2 and 0..LARGEST_MARGIN.
     """
 
     margin: Literal["learned", "assumed", "none"] = "learned"
@@ -86,12 +87,12 @@ class TrackingConfig:
 
 @dataclass(frozen=True, eq=False)
 class Ranges:
-    """What each coordinate may do, positions and velocities; NaN where nothing limits it.
+    """The limited range of each coordinate's position and velocity; NaN where there is no limit.
 
     Attributes:
-        size: (HELD, k) a range, of which a margin is assumed as a part: of positions the whole, of velocities
-            the limit.
-        room: (HELD, k) from home, or rest, to the nearer end.
+        size: (HELD, k) the range that assumed margins are a fraction of: the whole range of positions, the
+            limit of velocities.
+        room: (HELD, k) distance from home, or from rest, to the nearer end.
     """
 
     size: Array
@@ -105,7 +106,7 @@ class Ranges:
         home: Array,
         units: Sequence[str] = (),
     ) -> Ranges:
-        """From the ends (k,), (k,) of the positions, and of their rates if these are limited.
+        """Ranges from the lower and upper ends, (k,) each, of the positions, and of the rates if limited.
 
         Args:
             path, rate: the ends. home: (k,) the pose about which robots move.
@@ -121,7 +122,7 @@ class Ranges:
 
 
 def factor(logs: int) -> float:
-    """On the largest error of so many logs, for `CONFIDENCE` in all coordinates at once."""
+    """Factor on the largest error of `logs` logs, for `CONFIDENCE` in all coordinates at once."""
     # measured over simulated arms: see the head of this file
     return 3.0 if logs <= 1 else 2.0 if logs <= 3 else 1.5
 
@@ -132,7 +133,7 @@ def start_table(config: TrackingConfig, ranges: Ranges, known: Array | None) -> 
     Args:
         config: the assumed parts.
         ranges: of the robot.
-        known: (k,) largest position error that its gains allow, NaN where unknown; None: none is known.
+        known: (k,) largest position error that the robot's gains allow, NaN where unknown; None: all unknown.
     """
     parts = np.array([[config.position], [config.velocity]])
     table = parts * ranges.size
@@ -154,7 +155,10 @@ def learned_table(errors: Sequence[Array], ranges: Ranges) -> tuple[Array, Array
 def within_room(
     table: Array, confidence: Array, ranges: Ranges, most_of: float = LARGEST_MARGIN
 ) -> tuple[Array, Array]:
-    """The margins, none above that part of the room, `MOST` of rates: what was cut is only assumed."""
+    """Margins, each cut to the fraction `most_of` of the room; a cut margin has the confidence `ASSUMED`.
+
+    For rates the fraction is `LARGEST_MARGIN`.
+    """
     most = np.array([[most_of], [LARGEST_MARGIN]]) * ranges.room
     cut = table > most
     return np.where(cut, most, table), np.where(cut, ASSUMED, confidence)
@@ -167,12 +171,12 @@ def margins_of(
     forms: Sequence[str],
     known: Array | None = None,
 ) -> Margins:
-    """By form of motion, not yet cut to the room that there is; {} if none are to be kept.
+    """Margins by form of motion, not yet cut to the room (see `within_room`); {} for the margin "none".
 
     Args:
         config: the campaign's table. ranges: of the robot.
-        errors: by form, of each log the largest errors (orders, k), oldest first.
-        forms: for which there is to be a margin, logs or not.
+        errors: by form, the largest errors (orders, k) of each log, oldest first.
+        forms: the forms that need a margin, with or without logs.
         known: as for `start_table`.
     """
     if config.margin == "none":

@@ -1,4 +1,4 @@
-"""A robot that is nowhere: joints that follow set-points with a lag, on a clock of its own.
+"""A robot without hardware: joints that follow set-points with a lag, on a clock of its own.
 
 `FakeRobot` is a Stream.
 """
@@ -111,9 +111,12 @@ class FakeRobot:
     def _step(self, dt: float, q: Array, qd: Array, added: Array, parts: int = 4) -> None:
         damping = 2.0 * np.sqrt(self.stiffness)
         parts = max(parts, round(dt * self.rate * parts))
+        # set-points are steps, and the command within a cycle a sawtooth: its mean moves the masses
+        self.command = np.zeros_like(self.q)
         for _ in range(parts):
-            self.command = self.stiffness * (q - self.q) + damping * (qd - self.qd) + added
-            self.qd += dt / parts * (self.command + self.push)
+            command = self.stiffness * (q - self.q) + damping * (qd - self.qd) + added
+            self.command += command / parts
+            self.qd += dt / parts * (command + self.push)
             self.qd[self.blocked] = 0.0
             self.q += dt / parts * self.qd
         self.t += dt

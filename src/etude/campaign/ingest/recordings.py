@@ -30,6 +30,10 @@ STATES = 3
 """Position, velocity and acceleration: what a body's commands depend on."""
 LEAST_TAUGHT_S = 2.0
 """A motion that was stopped earlier teaches nothing."""
+MOST_LATE = 0.2
+"""Part of the cycles. With 0.4 (MuJoCo in real time, on a busy computer) commands no longer belonged to the
+motion, and the evidence was that their sign is inverted.
+"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,8 +77,13 @@ def is_recording(path: Path) -> bool:
         return False
 
 
+def is_even(recording: Recording) -> bool:
+    """Whether the robot was led by set-points in time."""
+    return recording.late <= MOST_LATE * len(recording.t)
+
+
 def evidence_in(campaign: Campaign, path: Path) -> Evidence | None:
-    """The recording in a file; None of other files. DataError: it is damaged, or has too little."""
+    """The recording in a file; None of other files. DataError: it is damaged or uneven, or has too little."""
     if not is_recording(path):
         return None
     recording, digest = read_recording(path), sha256_of(path)
@@ -92,6 +101,13 @@ def evidence_in(campaign: Campaign, path: Path) -> Evidence | None:
             f"the motion ended after {recording.reached:.2f} s, which teaches nothing",
             where=str(path),
             next_step="Run it again.",
+        )
+    if not is_even(recording):
+        raise DataError(
+            f"{recording.late} of {len(recording.t)} cycles came late: set-points and commands are not those "
+            "of the motion",
+            where=str(path),
+            next_step="Give this computer less to do, or the driver a lower rate; then run the motion again.",
         )
     return Evidence(recording, control, lacks)
 

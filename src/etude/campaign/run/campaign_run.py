@@ -15,6 +15,7 @@ import numpy as np
 
 from etude.campaign.deployment.promote import Promotion, promote
 from etude.campaign.evaluate.confirm import ask_to_confirm
+from etude.campaign.ingest.recordings import is_even
 from etude.campaign.ingest.tell import take, tell
 from etude.campaign.propose.ask import ask
 from etude.campaign.record.confirmation import RUNS, confirmed
@@ -36,7 +37,7 @@ from etude.campaign.run.next_proposal import NextProposal
 from etude.campaign.run.preconditions import open_points, require_none
 from etude.campaign.run.robot_session import Result, RobotSession, Seen, Tell, held_on_signals, only_one
 from etude.campaign.run.run_history import next_step, untold_recordings
-from etude.drivers import About, Person, Player
+from etude.drivers import About, Person, Player, read_recording
 from etude.errors import DataError, EtudeError, LinkLost, RobotStopped, StopRuleReached, UsageError, typed
 from etude.models.learned_model import LearnedModel
 
@@ -441,8 +442,9 @@ class _Loop:
             with self.campaign.writing():
                 found = take(self.campaign, path, number)
         except DataError as error:
-            own = f"etude tell {typed(self.campaign.path)} {typed(path)}"
-            error.next_step += f" Say it by: {own}. Without that file the motion is run again."
+            if is_even(read_recording(path)):  # else there is nothing to answer
+                own = f"etude tell {typed(self.campaign.path)} {typed(path)}"
+                error.next_step += f" Say it by: {own}. Without that file the motion is run again."
             raise
         for sentence in found.repairs:
             self.say(f"{path.name}: {sentence}")

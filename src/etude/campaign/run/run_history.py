@@ -10,10 +10,11 @@ from pathlib import Path
 
 import numpy as np
 
+from etude.campaign.ingest.recordings import is_even
 from etude.campaign.record.controls import FEEDBACK, LEARNED
 from etude.campaign.record.events import Event, Figures, Ingested, MotionEnded, MotionSent, RunBegan
 from etude.campaign.record.folder import Campaign
-from etude.drivers import Ended
+from etude.drivers import Ended, read_recording
 from etude.limits.tracking_margins import LOGS_CONSIDERED, factor
 from etude.types import Array
 
@@ -55,7 +56,7 @@ def unfinished(events: Sequence[Event]) -> Event | None:
 
 def untold_recordings(campaign: Campaign) -> list[tuple[int, Path]]:
     """Of proposals that wait for their log: recordings of whole motions that ended well and were never told,
-    as where a run was killed in between, or a log was refused.
+    as where a run was killed in between, or a log was refused; not uneven ones, whose motions are run again.
     """
     events = campaign.events()
     waiting = {own.number for own in campaign.state().proposals}
@@ -66,7 +67,8 @@ def untold_recordings(campaign: Campaign) -> list[tuple[int, Path]]:
         if isinstance(e.fact, MotionEnded) and e.number in waiting and e.fact.recording_sha256 not in told
         if e.fact.part == "motion" and _is_whole(e.fact)
     ]
-    return [(number, path) for number, path in found if number is not None and path.is_file()]
+    there = [(number, path) for number, path in found if number is not None and path.is_file()]
+    return [(number, path) for number, path in there if is_even(read_recording(path))]
 
 
 def last_identity(events: Sequence[Event]) -> str:
