@@ -122,6 +122,8 @@ class Px4Vehicle:
             command_unit="1",
             command_of="applied",
             gravity_in_command=True,
+            controls=("feedback", "learned"),
+            learned_as="px4",
             can_hold=True,
             stopping_time=2.0,
             on_loss=self.on_loss,
@@ -189,8 +191,9 @@ class Px4Vehicle:
         self._serves = True
 
     def send(self, q: Array, qd: Array, qdd: Array, effort: Array | None) -> None:
-        self._send(q, qd, qdd)
-        self._held = q.copy() if not qd.any() else None
+        rests = not qd.any()
+        self._send(q, qd, qdd if effort is None or rests else qdd + effort)  # what rests has no drag
+        self._held = q.copy() if rests else None
 
     def stop(self, kill: bool = False) -> None:
         """PX4's hold mode, unless a person or PX4 itself has taken over."""

@@ -75,6 +75,16 @@ def test_set_points_go_north_east_down_and_places_come_back() -> None:
     assert down < -1.12
 
 
+def test_the_learned_drag_is_in_the_acceleration_set_point_and_ends_at_rest() -> None:
+    own, speed = StandIn(), np.array([0.4, 0.2, -0.1])
+    with vehicle(own) as driver:
+        driver.ready("learned")
+        for qd, told in ((speed, [1.3, 2.4, 2.5]), (np.zeros(3), [1.0, 2.0, 3.0])):
+            driver.send(START, qd, np.array([1.0, 2.0, 3.0]), np.array([0.3, 0.4, -0.5]))
+            north, east, down = own.asked[6:]
+            assert [east, north, -down] == pytest.approx(told)
+
+
 def test_what_a_vehicle_learns_from_is_recorded_in_its_frames(tmp_path) -> None:
     recording = flown(StandIn(), motors=["a", "b", "c", "d"])
     assert recording.ended is Ended.DONE

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from etude.abilities import SupportsCommandedFiles, SupportsFileNotes, SupportsOffsets, SupportsOrder
-from etude.deploy.feedforward import HALVINGS, ROUNDING, Commanded, shared, within_tilt
+from etude.deploy.feedforward import ACCELERATION, HALVINGS, ROUNDING, Commanded, shared, within_tilt
 from etude.errors import UnsafeTrajectoryError
 from etude.limits.certificate import Certificate, certify, rows_of, slack
 from etude.limits.convex_limits import TiltLimit
@@ -124,6 +124,17 @@ def _tilts(sent: Array | None, limits: Sequence[Limit]) -> list[Proof]:
         angle, name = limit.angle, f"{limit.quantity}, commanded"
         rows.append(Proof(limit.axis, name, -angle, angle, -most, most, "what the rows say"))
     return rows
+
+
+def learned_part(exporter: Exporter, files: Mapping[str, bytes]) -> tuple[Array, Array] | None:
+    """Times (K,) s, and what was learned of the accelerations that files command then, (K, k), in addition to
+    the motion's own. None: nothing.
+    """
+    sent = exporter.accelerations(files) if isinstance(exporter, SupportsCommandedFiles) else None
+    curve = exporter.back(files)
+    if sent is None or not isinstance(curve, Splined):
+        return None
+    return curve.times, sent - curve.points[ACCELERATION]
 
 
 def _off(exporter: Exporter, files: Mapping[str, bytes]) -> tuple[Array, Array] | None:

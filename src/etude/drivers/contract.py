@@ -112,6 +112,8 @@ class About:
         command_unit: "N m", "A", "1", ...: has to be the campaign's. command_of: what `Sample.command` is.
         gravity_in_command: False where the robot adds gravity by itself (libfranka, UR's direct torque).
         controls: "learned" only if the effort of `send` is added to the feedback.
+        learned_as: of `send`'s effort. "": the model's command. The name of an exporter: what was learned of
+            the accelerations in its files, m/s^2, in addition to the motion's own.
         lower, upper, velocity, acceleration, jerk, torque_rate: (J,) as the robot enforces them; None: it
             enforces none. envelope: velocity limits by position.
         can_hold: HOLD, and going on after it, are possible.
@@ -134,6 +136,7 @@ class About:
     command_of: CommandOf | None
     gravity_in_command: bool | None
     controls: tuple[Control, ...] = ("feedback",)
+    learned_as: str = ""
     lower: Array | None = None
     upper: Array | None = None
     velocity: Array | None = None
@@ -160,8 +163,8 @@ class PlannedMotion:
         joints: in the order of the columns, which is the driver's own; names: in that of the trajectory.
         t: (n,) s at rate Hz (`About.rate`), from 0; the last row is the end, exactly.
         q, qd, qdd: (n, J) exact at these times.
-        effort: (n, J) learned command in the unit of `About.command_unit`, less gravity where the robot adds
-            it; None: feedback alone.
+        effort: (n, J) learned command, of which `About.learned_as` says what it is, less gravity where the
+            robot adds it; None: feedback alone.
         trajectory_json: for a Player that wants pieces rather than points.
     """
 

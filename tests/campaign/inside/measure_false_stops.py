@@ -99,7 +99,7 @@ def main() -> None:
     with find_driver(driver.on, campaign.axes, driver.driver) as player:
         for way in islice(drawn_ways(campaign, motion, own.seed), own.ways):
             slowly(campaign, player, way)
-            learned = Learned.along(campaign, model, way.trajectory, player.about())
+            learned = Learned.along(campaign, model, way, player.about())
             found = watched(campaign, player, replace(way, learned=learned))
             stopped += bool(found["reason"])
             print(json.dumps(found), flush=True)

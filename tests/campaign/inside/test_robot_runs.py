@@ -27,7 +27,7 @@ from etude.campaign import Campaign, Trained, newest_model, open_campaign
 from etude.campaign.ingest.recordings import Evidence, file_gravity, log_of, planned_log
 from etude.campaign.record.events import Ingested, MotionEnded, MotionSent, RunEnded
 from etude.campaign.run.campaign_run import connected
-from etude.campaign.run.certified_motions import Learned, proposal_motion
+from etude.campaign.run.certified_motions import COMMAND_HZ, Learned, proposal_motion
 from etude.campaign.run.next_proposal import NextProposal
 from etude.campaign.run.preconditions import open_points
 from etude.campaign.run.run_history import next_step, untold_recordings
@@ -636,9 +636,10 @@ def test_gravity_that_the_robot_adds_is_learned_and_left_out(tmp_path: Path) -> 
     assert log["command"] - weight == pytest.approx(shown.command[rows], abs=0.5)
     motion = proposal_motion(campaign, 1, "learned")
     model = newest_model(campaign, campaign.state())
-    learned = Learned.along(campaign, model, motion.trajectory, robot.about())
+    learned = Learned.along(campaign, model, motion, robot.about())
     q = motion.trajectory.motion(learned.t, 1).orders[0]
-    assert learned.total - learned.sent == pytest.approx(file_gravity(campaign, q))
+    total = model.commanded(model.planned(motion.trajectory, COMMAND_HZ))["command"]
+    assert total - learned.sent == pytest.approx(file_gravity(campaign, q))
     assert learned.logged == pytest.approx(learned.sent)
 
 
@@ -709,7 +710,7 @@ def test_the_bounds_shrink_with_what_whole_motions_have_shown(done: tuple[Campai
     assert motion.bounds(campaign, coarse).error[1] == pytest.approx(0.1), "the knee's, by name"
     assert bounds.residual is None
     model = newest_model(campaign, campaign.state())
-    learned = Learned.along(campaign, model, motion.trajectory, robot.about())
+    learned = Learned.along(campaign, model, motion, robot.about())
     pushed = replace(motion, control="learned", learned=learned).bounds(campaign, robot.about()).residual
     assert pushed is not None
     assert np.all(pushed >= (0.05 * 20.0, 0.05 * 10.0))

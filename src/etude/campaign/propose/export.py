@@ -20,6 +20,7 @@ from etude.deploy.feedforward import Commanded, accelerated, commanded, require_
 from etude.deploy.playback_certificate import played
 from etude.deploy.trajectory_files import command_unit
 from etude.limits.certificate import Certificate
+from etude.models.learned_model import LearnedModel
 from etude.protocols import Trajectory
 from etude.storage import GENERATION
 
@@ -107,12 +108,19 @@ def _with_effort(campaign: Campaign, trajectory: Trajectory) -> Commanded:
 
 def _accelerated(campaign: Campaign, what: Trajectory | Commanded) -> Trajectory | Commanded:
     """With what flights that collect are flown with, once something was learned."""
-    kind = campaign.kind
-    if not isinstance(kind, SupportsCollecting) or not campaign.state().trained:
-        return what  # a kind that lacks it collects under feedback alone
+    if not isinstance(campaign.kind, SupportsCollecting) or not campaign.state().trained:
+        return what
     used = deployed_model(campaign)
     if of_another_body(campaign, used.number):
         return what  # the drag of another vehicle
-    model = used.model
-    controller = kind.collecting(campaign.spec, campaign.config, model)
-    return accelerated(what, controller, model.inputs.orders)
+    return accelerated_by(campaign, what, used.model)
+
+
+def accelerated_by(
+    campaign: Campaign, what: Trajectory | Commanded, model: LearnedModel
+) -> Trajectory | Commanded:
+    """With the accelerations that flights that collect are told of this model."""
+    kind = campaign.kind
+    if not isinstance(kind, SupportsCollecting):
+        return what  # it collects under feedback alone
+    return accelerated(what, kind.collecting(campaign.spec, campaign.config, model), model.inputs.orders)

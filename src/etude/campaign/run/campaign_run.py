@@ -390,7 +390,7 @@ class _Loop:
         if motion.control != LEARNED:
             return motion
         model = model or newest_model(self.campaign, self.campaign.state())
-        found = Learned.along(self.campaign, model, motion.trajectory, self.session.about)
+        found = Learned.along(self.campaign, model, motion, self.session.about)
         return replace(motion, learned=found)
 
     def _sent(self, motion: CertifiedMotion) -> Result:

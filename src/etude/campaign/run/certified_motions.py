@@ -9,14 +9,18 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from etude import plugins
 from etude.campaign.ingest.recordings import file_gravity
 from etude.campaign.propose.approach import clear_poses, require_inside, there_and_back
 from etude.campaign.propose.constraints import Constraints, constraints_then
+from etude.campaign.propose.export import GROUP, accelerated_by
 from etude.campaign.propose.typical_motions import approaches_of
+from etude.campaign.record.controls import LEARNED
 from etude.campaign.record.folder import Campaign
 from etude.campaign.record.stored_files import proposal_advice, speed_folder, stored_bytes
 from etude.campaign.run.run_history import FULL
 from etude.campaign.run.supervision import bounds_for
+from etude.deploy.playback_certificate import learned_part, played
 from etude.deploy.trajectory_files import COEFFICIENTS, at_speed
 from etude.drivers import About, Bounds, PlannedMotion, first_segment_ends, planned
 from etude.drivers.contract import MotionPart
@@ -41,30 +45,45 @@ class Learned:
     """The command of a model along a motion, in the campaign's order.
 
     Attributes:
-        t: (T,) s. total: (T, k) what the model predicts. deviation: (T, k) of it.
-        sent: (T, k) the part that is sent: without gravity where the robot adds it by itself.
-        logged: (T, k) the part that the robot's own commands show.
+        t: (T,) s. sent: (T, k) the part that is sent: without gravity where the robot adds it by itself.
+        deviation: (T, k) of the model's command. logged: (T, k) the part that the robot's own commands show.
+            None of both where accelerations are sent, which no log shows.
     """
 
     t: Array
-    total: Array
-    deviation: Array
     sent: Array
-    logged: Array
+    deviation: Array | None = None
+    logged: Array | None = None
 
     @classmethod
-    def along(cls, campaign: Campaign, model: LearnedModel, trajectory: Trajectory, about: About) -> Learned:
+    def along(cls, campaign: Campaign, model: LearnedModel, motion: CertifiedMotion, about: About) -> Learned:
+        """UnsafeTrajectoryError: accelerations with what was learned leave a limit."""
+        trajectory = motion.trajectory
+        if about.learned_as:
+            return cls._of_accelerations(campaign, model, motion, about.learned_as)
         states = model.planned(trajectory, COMMAND_HZ)
         found = model.commanded(states)
         total = found["command"]
         t = np.minimum(np.arange(len(total)) / COMMAND_HZ, trajectory.duration)
         if about.gravity_in_command is not False:
-            return cls(t, total, found["deviation"], total, total)
+            return cls(t, total, found["deviation"], total)
         q = trajectory.motion(t, 1).orders[0]
         added = file_gravity(campaign, q)
         sent = total - (model.static(states) if added is None else added)
         logged = total if added is None or about.command_of == "measured" else sent
-        return cls(t, total, found["deviation"], sent, logged)
+        return cls(t, sent, found["deviation"], logged)
+
+    @classmethod
+    def _of_accelerations(
+        cls, campaign: Campaign, model: LearnedModel, motion: CertifiedMotion, name: str
+    ) -> Learned:
+        """What the files of that exporter hold, with the same proof."""
+        exporter, trajectory = plugins.load(GROUP, name), motion.trajectory
+        what = accelerated_by(campaign, trajectory, model)
+        limits = motion.constraints.limits_as_played(campaign, trajectory)
+        files, _ = played(exporter, what, campaign.kind, campaign.spec, limits, LEARNED)
+        found = learned_part(exporter, files)
+        return cls(np.zeros(1), np.zeros((1, len(campaign.axes)))) if found is None else cls(*found)
 
     def at(self, t: Array, values: Array) -> Array:
         """(n, k) of `sent` or `logged`."""
@@ -129,7 +148,8 @@ class CertifiedMotion:
 
     def predicted(self, t: Array) -> Array | None:
         """(n, k) the commands that are expected at times t; None where nothing is learned."""
-        return None if self.learned is None else self.learned.at(t, self.learned.logged)
+        logged = None if self.learned is None else self.learned.logged
+        return None if self.learned is None or logged is None else self.learned.at(t, logged)
 
     def bounds(self, campaign: Campaign, about: About) -> Bounds:
         """In the campaign's order of axes."""
