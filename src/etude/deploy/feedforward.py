@@ -16,22 +16,22 @@ from etude.protocols import Limit, Model, Trajectory
 from etude.types import Array, Mask
 
 FORCES = ("N m", "N")
-"""Units of commands that a field named effort may hold."""
+"""Units of commands that are allowed in a field named effort."""
 ACCELERATION = 2
-"""The order of a motion."""
+"""Index of the acceleration among the derivative orders."""
 ROUNDING, HALVINGS = 1e-5, 40
-"""Part of a tilt limit left to single precision; of finding how much of what was learned it allows."""
+"""Fraction of a tilt limit reserved for single precision, and bisections that find the usable fraction."""
 
 
 @dataclass(frozen=True, eq=False)
 class Commanded:
-    """What exporters take where the command goes along with the motion.
+    """A motion with its commands, as input of exporters.
 
     Attributes:
         trajectory: the motion.
-        command: t (T,) s -> (T, J) in the robot's command unit; None: none goes along.
-        acceleration: t (T,) s -> (T, k) what a feedback is told in place of the motion's own acceleration:
-            that and what the model adds, such as drag; None: the motion's own. See
+        command: t (T,) s -> (T, J) in the robot's command unit; None: no commands.
+        acceleration: t (T,) s -> (T, k) set-points of the feedback in place of the motion's acceleration: the
+            sum of this and the model's addition, such as drag; None: the motion's own. See
             `abilities.SupportsAccelerations`.
     """
 
@@ -41,7 +41,7 @@ class Commanded:
 
 
 def commanded(trajectory: Trajectory, model: Model) -> Commanded:
-    """The trajectory and the mean of the model's command of a perfect run."""
+    """The trajectory with the model's mean command for perfect tracking."""
 
     def command(t: Array) -> Array:
         states = model.inputs.states(trajectory.motion(t, model.inputs.orders))
@@ -51,11 +51,11 @@ def commanded(trajectory: Trajectory, model: Model) -> Commanded:
 
 
 def accelerated(what: Trajectory | Commanded, controller: Any, orders: int) -> Commanded:
-    """With the accelerations that a controller would tell the feedback (`SupportsAccelerations`).
+    """The motion with the accelerations that a controller passes to the feedback (`SupportsAccelerations`).
 
     Args:
-        controller: any; without that capability, and where it adds nothing, the motion's own remain.
-        orders: of the motion that the model's inputs need.
+        controller: any; without that capability, or without additions, the motion's own accelerations remain.
+        orders: number of derivative orders that the model's inputs need.
 
     Raises:
         UnsafeTrajectoryError: the motion is singular, see `flat_motion` of vehicles.
@@ -71,8 +71,8 @@ def accelerated(what: Trajectory | Commanded, controller: Any, orders: int) -> C
 
 
 def within_tilt(what: Commanded, limits: Sequence[Limit]) -> Commanded:
-    """The same, with as much of what the model adds to accelerations as limits of the tilt allow: what is
-    commanded has to hold them, as the motion does.
+    """The same, with the model's additions to accelerations reduced so that they keep the limits of the tilt:
+    the commanded accelerations must keep them like the motion itself.
     """
     tilts = [limit for limit in limits if isinstance(limit, TiltLimit)]
     if not tilts:
@@ -82,12 +82,12 @@ def within_tilt(what: Commanded, limits: Sequence[Limit]) -> Commanded:
 
 
 def shared(what: Commanded, part: float) -> Commanded:
-    """The same, with that part of what the model adds to accelerations."""
+    """The same, with that fraction of the model's additions to accelerations."""
     return _between(what, lambda own, setpoint: own + part * (setpoint - own))
 
 
 def _between(what: Commanded, chosen: Callable[[Array, Array], Array]) -> Commanded:
-    """With accelerations (T, k) chosen of the motion's own and of those with what the model adds."""
+    """The motion with accelerations (T, k) chosen from its own and from those with the model's additions."""
     setpoint, motion = what.acceleration, what.trajectory
     if setpoint is None:
         return what
@@ -100,8 +100,9 @@ def _between(what: Commanded, chosen: Callable[[Array, Array], Array]) -> Comman
 
 
 def shortened(own: Array, setpoint: Array, limit: TiltLimit) -> Array:
-    """(T, 3) from own towards told, as far as the thrust's tilt stays within the limit. By halving: the tilts
-    allowed are a cone, which a line leaves once.
+    """(T, 3) accelerations from `own` towards `setpoint`, as far as the thrust's tilt keeps the limit.
+
+    Found by bisection, since the allowed tilts are a cone, which a line leaves once.
     """
     angle = limit.angle * (1.0 - ROUNDING)
 
@@ -133,13 +134,13 @@ def require_forces(unit: str, robot: str, next_step: str) -> None:
 
 @dataclass(frozen=True, eq=False)
 class Effort:
-    """What a model expects a trajectory to take; commands in the robot's own unit.
+    """Predicted commands along a trajectory, in the robot's own unit.
 
     Attributes:
         t: (T,) s.
-        command: (T, J) mean of the command of a perfect run.
+        command: (T, J) mean command for perfect tracking.
         deviation: (T, J) its standard deviation, noise and calibration included.
-        static: (T, J) the part that holds the robot still in each pose.
+        static: (T, J) the part that holds the robot at rest in each pose.
     """
 
     t: Array
@@ -149,7 +150,7 @@ class Effort:
 
     @property
     def moving(self) -> Array:
-        """(T, J) the part that is there because of motion."""
+        """(T, J) the part due to motion."""
         return self.command - self.static
 
     @property
@@ -159,7 +160,7 @@ class Effort:
 
 
 def effort(trajectory: Trajectory, model: Model, rate: float) -> Effort:
-    """The model's answer along the plan of `trajectory` at `rate` Hz."""
+    """The model's prediction along the plan of `trajectory` at `rate` Hz."""
     count = whole_down(trajectory.duration * rate) + 1
     t = np.minimum(np.arange(count) / rate, trajectory.duration)
     log = model.inputs.states(trajectory.motion(t, model.inputs.orders))

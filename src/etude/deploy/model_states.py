@@ -14,14 +14,14 @@ LEARN_OTHERWISE = (
     'In [model] of campaign.toml set kernel = "structured", process = "exact" and candidates = ["default"]. '
     "Then learn the newest log again: etude untell FOLDER NUMBER, etude tell FOLDER LOG."
 )
-"""What gives a model that every export can write, but for its physics."""
+"""Advice for a model that every export can write, apart from its physics."""
 WITHOUT_PHYSICS = (
     'In [model] of campaign.toml set rung = "gp". Then learn the newest log again: etude untell FOLDER '
     "NUMBER, etude tell FOLDER LOG."
 )
 
 IN_PYTHON = 'Use the model in Python: etude.load_model("FOLDER").'
-"""Where a kind of robot brings inputs that no export can write."""
+"""Text for a kind of robot with inputs that no export can write."""
 
 
 def labels(channels: Sequence[Channel]) -> list[str]:
@@ -30,7 +30,7 @@ def labels(channels: Sequence[Channel]) -> list[str]:
 
 
 def trained(model: LearnedModel, channels: Sequence[Channel], unknown: float) -> Array:
-    """(2, N) least and largest that each was trained on; -+ unknown of those that inputs are not made of."""
+    """(2, N) smallest and largest training value of each state; -+ unknown for states that no input uses."""
     known = {column[:2]: model.ranges[:, i] for i, column in enumerate(model.inputs.columns) if not column[3]}
     nowhere = np.array([-unknown, unknown])
     return np.stack([known.get((c.name, part), nowhere) for c in channels for part in c.parts], axis=1)
@@ -44,7 +44,7 @@ def log_of(channels: Sequence[Channel], states: Array, source: str) -> Log:
 
 
 def fading(model: LearnedModel) -> str:
-    """Where commands go there, in a sentence."""
+    """Sentence on the commands outside of the training ranges."""
     used = [(c, model.behind(c)) for c in model.candidates if c.weights.any()]
     known = [c for c, mean in used if mean is not None]
     physical = {j for c in known for j, weight in zip(c.commands, c.weights, strict=True) if weight}

@@ -15,7 +15,7 @@ from etude.types import Delivered, Log, Samples
 
 @dataclass(frozen=True)
 class ParametersOptions:
-    """What the campaign supplies."""
+    """Options that the campaign supplies."""
 
     samples: Samples
     logs: Sequence[Log]
@@ -29,7 +29,7 @@ class Parameters:
     needs = ("samples", "logs", "config")
 
     def __call__(self, model: Any, kind: Kind, spec: Any, options: Mapping[str, Any]) -> Delivered:  # noqa: ARG002
-        """What the kind tells. UsageError: it tells no constants, or unknown options."""
+        """The kind's constants. UsageError: the kind has none, or an option is unknown."""
         if not isinstance(kind, SupportsParameters):
             raise UsageError(
                 f"robots of the kind '{kind.name}' have no parameters to report",

@@ -19,14 +19,14 @@ from etude.trajectories.splined import Splined
 from etude.types import Array, Proof
 
 LEAST_PART = 0.5
-"""Of what was learned, that is commanded where all of it could lead out of the limits."""
+"""Smallest fraction of the model's additions that is commanded if all of them could violate the limits."""
 MEET = 1e-5
 """s by which points may be beside the ends of a piece: times are rounded."""
 EXCESS = 1e-6
-"""Part of a limit's width by which a curve through points may exceed what was proved of the motion."""
+"""Fraction of a limit's width by which a curve through points may exceed the proved values of the motion."""
 HELD_STILL = 1e-3
-"""m (rad) per s and s^2 that count as rest where a receiver holds a row: some play single precision. Who is
-told such a speed for ever stays within about a millimetre.
+"""m (rad) per s and s^2 that count as rest where a receiver holds a row, since some use single precision. A
+robot that holds such a speed set-point stays within about a millimetre.
 """
 ORDERS_HELD = 3
 """Position, velocity, acceleration."""
@@ -41,13 +41,13 @@ def played(
     limits: Sequence[Limit],
     control: str = "",
 ) -> tuple[Mapping[str, bytes], Certificate]:
-    """The files of a motion, and the certificate of what their receiver plays of them.
+    """The files of a motion, and the certificate of the motion that their receiver plays.
 
-    Of what a model adds to accelerations as much stands in them as limits of the tilt and of the room allow,
-    see `_part`.
+    The model's additions to accelerations are reduced as far as limits of tilt and of positions require, see
+    `_part`.
 
     Raises:
-        UsageError: as of the exporter. UnsafeTrajectoryError: as of `certify_played`.
+        UsageError: as the exporter. UnsafeTrajectoryError: as `certify_played`.
     """
     what = within_tilt(what, limits) if isinstance(what, Commanded) else what
     motion = what.trajectory if isinstance(what, Commanded) else what
@@ -71,17 +71,17 @@ def certify_played(
     motion: Trajectory,
     control: str = "",
 ) -> Certificate:
-    """What the receiver of these files plays, held against the limits.
+    """Certificate of the motion that the receiver of these files plays.
 
     Args:
-        exporter: its attribute `back` reads the files as their receiver does; `notes`, if it has one, says
-            what they hold beside the motion, `accelerations` what they command in its place, `strays` how far
-            off the plan its feedback leaves a robot where what was learned of these is wrong.
-        files: what it wrote.
+        exporter: its attribute `back` reads the files as their receiver does. Optional attributes: `notes`
+            gives further contents of the files, `accelerations` the commanded accelerations, and `strays` the
+            deviation from the plan under its feedback if the learned additions are wrong.
+        files: the exported files.
         limits: of the robot.
-        motion: that was exported; the tracking margins of its form hold. A curve with points where its pieces
-            meet is proved piece by piece, since a take-off may be where a flight may not.
-        control: that the margins are of, in words.
+        motion: the exported motion; the tracking margins of its form apply. If the curve has points where the
+            motion's pieces meet, each piece is proved separately, since a take-off has other limits.
+        control: the control that the margins apply to, in words.
 
     Raises:
         UnsafeTrajectoryError: the curve leaves a limit by more than EXCESS of its width.
@@ -115,7 +115,7 @@ def certify_played(
 
 
 def _tilts(sent: Array | None, limits: Sequence[Limit]) -> list[Proof]:
-    """Of accelerations (T, 3) that are commands, not the motion's: each is held, so each is all there is."""
+    """Tilt rows of commanded accelerations (T, 3): each is held, so that samples are exact."""
     if sent is None:
         return []
     rows = []
@@ -138,12 +138,12 @@ def learned_part(exporter: Exporter, files: Mapping[str, bytes]) -> tuple[Array,
 
 
 def _off(exporter: Exporter, files: Mapping[str, bytes]) -> tuple[Array, Array] | None:
-    """Places (K, k) of a plan, and how far a robot may be off them where what was learned is wrong."""
+    """Planned poses (K, k), and the possible deviations from them if the learned additions are wrong."""
     return exporter.strays(files) if isinstance(exporter, SupportsCommandedFiles) else None
 
 
 def _strays(off: tuple[Array, Array] | None, limits: Sequence[Limit]) -> list[Proof]:
-    """What limits of places say of these; margins are there for them too."""
+    """Rows of the position limits for these poses; margins cover such deviations, too."""
     own = [limit for limit in _of_places(limits) if isinstance(limit, SupportsOffsets)]
     return [] if off is None else [row for limit in own for row in limit.strayed(*off)]
 
@@ -153,10 +153,10 @@ def _of_places(limits: Sequence[Limit]) -> list[Limit]:
 
 
 def _part(off: tuple[Array, Array] | None, limits: Sequence[Limit]) -> float:
-    """How much of what was learned stays within the limits where it is wrong, 1 if all of it does.
+    """Largest fraction of the learned additions that keeps the limits even if they are wrong; 1 if all do.
 
-    What is left out is an error too, where it was right: with less than half of it, that is the larger one.
-    Then it is 1, and the certificate refuses the whole.
+    If the additions are right, the omitted fraction is an error instead; below one half it is the larger one.
+    In that case the result is 1, and the certificate refuses the motion.
     """
     if off is None:
         return 1.0
@@ -174,13 +174,13 @@ def _part(off: tuple[Array, Array] | None, limits: Sequence[Limit]) -> float:
 
 
 REST = "largest speed or acceleration"
-"""Quantity of the rows that say how a receiver holds the first and the last row."""
+"""Quantity of the rows on how a receiver holds the first and the last row."""
 
 
 def _holds(played: Any, limits: Sequence[Limit], control: str) -> list[Proof]:
-    """What a receiver holds before it plays and after it has: rest, at a place inside the limits and margins.
+    """Rows for the set-points that a receiver holds before and after playing: rest inside limits and margins.
 
-    It knows nothing after the last row but that row, and starts from where the first one is.
+    Before it plays it holds the first row, and afterwards the last one.
     """
     pieces = played.pieces()
     rows = []
@@ -202,7 +202,7 @@ def _holds(played: Any, limits: Sequence[Limit], control: str) -> list[Proof]:
 
 @dataclass(frozen=True, eq=False)
 class Played:
-    """A curve in the pieces of the motion that it plays: what a certificate asks of a trajectory."""
+    """A curve, divided into the pieces of the motion that it plays, as a trajectory for certificates."""
 
     parts: tuple[tuple[float, str, Splined], ...]
     form: str
@@ -214,11 +214,11 @@ class Played:
 
 
 def _cut(played: Splined, motion: Trajectory) -> Any:
-    """The curve in pieces; whole where it has no points at their ends."""
+    """The curve in pieces; undivided if it has no points at their ends."""
     pieces = motion.pieces()
     edges = [start for start, _, _ in pieces] + [motion.duration]
     at = [int(np.argmin(np.abs(played.times - edge))) for edge in edges]
-    at[-1] = len(played.times) - 1  # set-points go on until the next one would come
+    at[-1] = len(played.times) - 1  # the last set-point is held for one more step
     near = all(abs(played.times[i] - edge) <= MEET for i, edge in zip(at[:-1], edges, strict=False))
     if len(pieces) == 1 or not near or not all(a < b for a, b in pairwise(at)):
         return played

@@ -27,9 +27,9 @@ from etude.types import Array, Channel, Log, Motion
 STEM = "trajectory"
 COEFFICIENTS, TABLE, CERTIFICATE = f"{STEM}.json", f"{STEM}.csv", "certificate.json"
 SPEEDS = (25, 50, 100)
-"""Per cent: the speeds at which a motion is tried for the first time."""
+"""Per cent, speeds for the first runs of a new motion."""
 PLANNED = "_des"
-"""Ends the names of channels of a plan; in a table of set-points all are planned, so there it is left out."""
+"""Suffix of the names of planned channels; tables of set-points leave it out."""
 SHORT = {
     "position": "{}",
     "velocity": "v{}",
@@ -41,11 +41,11 @@ SHORT = {
 """Columns of motions in space, as autopilots name them: x, vx, ax, roll, wx; others are CHANNEL_PART."""
 Beside = Callable[[Log], Mapping[str, Array]]
 LOOKED_AT = 4
-"""Orders of motion that limits look at: up to jerk."""
+"""Number of derivative orders that limits use: up to jerk."""
 ROUNDING = 1e-9
-"""Part of a limit by which the table may exceed it: its numbers are exact at its times, times are rounded."""
+"""Fraction of a limit by which the table may exceed it: its values are exact, but its times are rounded."""
 SMALLEST_PLAIN, LARGEST_PLAIN = 1e-4, 1e16
-"""From where, and up to where, Python writes a float without an exponent."""
+"""Range in which Python writes a float without an exponent."""
 
 
 @dataclass(frozen=True)
@@ -53,8 +53,8 @@ class TrajectoryFiles:
     """The bytes of one trajectory's files, certified as they are.
 
     Attributes:
-        trajectory: what `coefficients` says.
-        certificate: proved from `coefficients`, not from the object they were made of.
+        trajectory: as read from `coefficients`.
+        certificate: proved from `coefficients`, not from the original object.
         coefficients, table, proof: contents of trajectory.json, trajectory.csv and certificate.json.
         names: of these files, or of those of a way.
     """
@@ -72,7 +72,7 @@ class TrajectoryFiles:
         return {folder / name: data for name, data in zip(self.names, own, strict=True)}
 
     def write(self, folder: Path) -> list[Path]:
-        """Writes the three files, the certificate last; returns their paths."""
+        """Write the three files, the certificate last; return their paths."""
         for path, data in self.contents(folder).items():
             write_atomic(path, data)
         return [folder / name for name in self.names]
@@ -93,17 +93,17 @@ def render(
     """The files of a trajectory, verified from their own bytes.
 
     Args:
-        trajectory: what to run.
-        kind, spec, config: of the robot; the table holds the plans of its inputs.
-        limits: what may not be exceeded.
-        unenforced: sentences for the certificate, what this robot is known not to hold.
-        stem: of the files' names; of another than `STEM` it is the way there or back.
-        control: that the margins of tracking are of, in words.
-        swept: of each axis what the motion sweeps, see `campaign.visited`.
-        warned: what comes first, before those of the limits.
+        trajectory: the motion to run.
+        kind, spec, config: of the robot; the table contains the plans of its inputs.
+        limits: limits of the robot.
+        unenforced: sentences for the certificate on limits that this robot is known not to enforce.
+        stem: of the files' names; another one than `STEM` means an approach or a return.
+        control: the control that the tracking margins apply to, in words.
+        swept: for each axis the range that the motion sweeps, see `campaign.propose.proposal`.
+        warned: warnings that precede those of the limits.
 
     Raises:
-        UnsafeTrajectoryError: a limit is not proved; there is then nothing to write.
+        UnsafeTrajectoryError: a limit is not proved.
     """
     coefficients = trajectory.to_json().encode()
     written = from_json(coefficients)
@@ -127,26 +127,28 @@ def render(
 
 
 def table_rate(spec: Any) -> float:
-    """Hz at which the robot takes set-points: that of its logs, unless its description says another."""
+    """Hz of the robot's set-points: the rate of its logs, unless its description has another one."""
     return float(spec.table_rate if isinstance(spec, SupportsTableRate) else spec.rate)
 
 
 def command_unit(spec: Any) -> str:
-    """Of the robot's commands; "" where they have none in common."""
+    """Unit of the robot's commands; "" if they have different ones."""
     return spec.command_unit if isinstance(spec, SupportsCommandUnit) else ""
 
 
 def to_confirm(spec: Any) -> list[str]:
-    """What was assumed of the robot and nobody has confirmed, a sentence each."""
+    """Sentences on unconfirmed assumptions about the robot."""
     return list(spec.confirm) if isinstance(spec, SupportsConfirmation) else []
 
 
 def csv_bytes(trajectory: Trajectory, inputs: Inputs, rate: float, beside: Beside | None = None) -> bytes:
-    """`time` and all planned channels at `rate` Hz; every float reads back exactly. The last row is the first
-    instant of the grid at which the motion has ended, and is at rest where the motion is: players hold it.
+    """`time` and all planned channels at `rate` Hz; every float reads back exactly.
+
+    The last row is the first instant of the grid at or after the motion's end, and players hold it. It is at
+    rest if the motion ends at rest.
 
     Args:
-        beside: further columns (T,) by name, of the states of a perfect run.
+        beside: function that gives further columns (T,) by name, from the states of perfect tracking.
     """
     count = math.ceil(trajectory.duration * rate - ROUNDING) + 1
     t = np.arange(count) / rate
@@ -162,7 +164,7 @@ def csv_bytes(trajectory: Trajectory, inputs: Inputs, rate: float, beside: Besid
 
 
 def held_after(trajectory: Trajectory, t: Array, orders: int) -> Motion:
-    """The motion at times t (T,) s; after its end it stands where it ended."""
+    """The motion at times t (T,) s; after its end it rests at its last pose."""
     motion = trajectory.motion(np.minimum(t, trajectory.duration), orders)
     table = motion.orders.copy()
     table[1:, t > trajectory.duration * (1.0 + ROUNDING)] = 0.0
@@ -170,10 +172,10 @@ def held_after(trajectory: Trajectory, t: Array, orders: int) -> Motion:
 
 
 def lines(rows: Array) -> str:
-    """Rows (T, n) as lines of a table, every float as `repr` has it: the shortest text that reads back to it.
+    """Rows (T, n) as lines of a table, each float like its `repr`, the shortest text that reads back exactly.
 
-    msgspec writes the same digits in a seventh of the time, but other exponents: rows that have one are
-    written number by number, and those with what is not finite.
+    msgspec writes the same digits in a seventh of the time, but other exponents. So rows with an exponent or
+    with values that are not finite are written number by number.
     """
     numbers, size = rows.tolist(), np.abs(rows)
     plain = ((size >= SMALLEST_PLAIN) & (size < LARGEST_PLAIN)) | (size == 0.0)
@@ -209,11 +211,11 @@ def at_speed(trajectory: Trajectory, per_cent: float) -> Trajectory:
 def _check_table(
     table: bytes, written: Trajectory, kind: Kind, inputs: Inputs, limits: Sequence[Limit], robot: str
 ) -> None:
-    """Reads the table back and holds every row against the motion of the coefficients, which are proved
-    elsewhere, and against the limits.
+    """Read the table back and compare every row with the motion of the coefficients, which are proved
+    elsewhere, and with the limits.
 
-    Orders that the table does not hold are taken from the trajectory. A limit that was proved by samples only
-    saw its own, nearer to each other than the rows: these are of that motion, and are not asked again.
+    Derivative orders that are not in the table come from the trajectory. Limits that were proved by samples
+    are not checked again: their samples are denser than the rows.
     """
     names, rows = read_table(table)
     place = {name: j for j, name in enumerate(names)}
@@ -240,7 +242,7 @@ def motion_of_one(trajectory: Trajectory, inputs: Inputs) -> Motion:
 
 
 def _path_orders(path: str, log: Log) -> list[Channel]:
-    """The planned path and its derivatives, as far as the plan has them."""
+    """The planned path and those of its derivatives that the plan has."""
     found = [log.channels[path + PLANNED]] if path + PLANNED in log.channels else []
     while found:
         following = [c for c in log.channels.values() if c.derivative_of == found[-1].name]
@@ -251,7 +253,7 @@ def _path_orders(path: str, log: Log) -> list[Channel]:
 
 
 def _outside(limit: Limit, motion: Motion, written: Trajectory) -> Any:
-    """(T,) where a row of what is limited leaves its interval."""
+    """(T,) whether the limited quantity is outside of its interval in a row."""
     bad = np.zeros(len(motion.t), dtype=np.bool_)
     proofs = [limit.prove(piece) for _, _, piece in written.pieces()]
     if all(proof.status == "sampled" for own in proofs for proof in own):

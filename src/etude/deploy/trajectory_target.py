@@ -23,12 +23,12 @@ from etude.types import Array, Delivered, Log
 EXPORTERS = "etude.exporters"
 TABLE = "commands.csv"
 FORMAT = "ros2_yaml"
-"""JointTrajectory in text: what it takes is installed everywhere."""
+"""JointTrajectory as text, the default: it needs no further packages."""
 
 
 @dataclass(frozen=True)
 class Bounded:
-    """A motion, the limits that hold for it, and the control that their margins are of, in words."""
+    """A motion, its limits, and the control that their margins apply to, in words."""
 
     trajectory: Trajectory
     limits: Sequence[Limit]
@@ -55,8 +55,8 @@ class Along:
         """commands.csv, at the robot's rate: set-points, commands and deviations; each format with `effort`.
 
         Raises:
-            UsageError: unknown options, no motion, a format that has no place for commands, or commands that
-                are no forces. UnsafeTrajectoryError: the motion leaves a limit, or what its receiver plays.
+            UsageError: unknown options, no motion, a format without commands, or commands that are no forces.
+            UnsafeTrajectoryError: the motion, or the one that its receiver plays, violates a limit.
         """
         asked = taken(options, TrajectoryOptions, "trajectory")
         if asked.motion is None:
@@ -99,7 +99,7 @@ def _columns(model: LearnedModel, log: Log, what: Commanded) -> dict[str, Array]
 def _formats(
     given: str, kind: Kind, spec: Any, unit: str, what: Commanded
 ) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Those asked for; unasked a JointTrajectory, if there is one of this robot."""
+    """The requested formats; by default a JointTrajectory, if this robot supports it."""
     if given and what.acceleration is not None:
         return tuple(given.split(",")), ()
     if given:
@@ -117,7 +117,7 @@ def _formats(
 def _played(
     name: str, what: Trajectory | Commanded, motion: Bounded, kind: Kind, spec: Any
 ) -> tuple[dict[str, bytes], tuple[str, ...]]:
-    """The files of a format in a folder of its name, proved as their receiver plays them; and sentences."""
+    """The files of a format in a folder of its name, proved for the motion that is played; and sentences."""
     exporter = plugins.load(EXPORTERS, name)
     files, proof = played(exporter, what, kind, spec, motion.limits, motion.control)
     own = {**files, CERTIFICATE: proof.to_json().encode()}

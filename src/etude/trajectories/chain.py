@@ -22,23 +22,23 @@ JOINED = 1e-9
 """Largest step between two parts, in position (rad, m), velocity and acceleration."""
 LABELS = ("segment", "link", "approach", "return", "take-off", "landing", "lead-in", "lead-out")
 APPROACHES = (frozenset({"approach", "take-off", "lead-in"}), frozenset({"return", "landing", "lead-out"}))
-"""What a chain may consist of without a segment: several moves to a motion, or back from it."""
+"""Labels of chains without a segment: several moves to a motion, or back from it."""
 
 
 Part = tuple[str, Trajectory]
-"""What a part is for, one of `LABELS`, and its motion."""
+"""Purpose of a part, one of `LABELS`, and its motion."""
 
 
 @dataclass(frozen=True, eq=False)
 class Chain:
-    """Parts one after the other, joined in position, velocity and acceleration; of arms, limits ask for rest.
+    """Sequence of parts, continuous in position, velocity and acceleration; limits of arms also require rest.
 
     Attributes:
-        parts: segments, which the recording is made for, and what leads from one to the next.
+        parts: segments, which contain the training data, and links between them.
 
     Raises:
-        UsageError: fewer than two parts, no segment unless all are one way, an unknown label, parts that are
-            chains themselves, of other axes, or that do not meet.
+        UsageError: fewer than two parts, no segment (except in an approach or return), an unknown label, or
+            parts that are chains themselves, have other axes, or do not meet.
     """
 
     parts: tuple[Part, ...]
@@ -65,7 +65,7 @@ class Chain:
 
     @property
     def form(self) -> str:
-        """What its file says it is; tracking margins are kept for the forms of its parts."""
+        """Form in its file; tracking margins depend on the forms of its parts."""
         return "chain"
 
     @property
@@ -91,7 +91,7 @@ class Chain:
         out: Array | None = None
         for number, (start, _, part) in enumerate(pieces):
             local = t[place == number] - start
-            # the sum of all durations, less those before, is this one only up to rounding
+            # the difference of summed durations equals this one only up to rounding
             local = np.where(np.abs(local - part.duration) <= JOINED, part.duration, local)
             own = part.motion(local, orders).orders
             if out is None:
@@ -101,7 +101,7 @@ class Chain:
         return Motion(t, out)
 
     def bound(self, order: int, degree: int) -> tuple[Array, Array, float]:  # noqa: ARG002
-        """No chain is proved as a whole: UsageError."""
+        """Raise UsageError: no chain is proved as a whole."""
         raise UsageError("a chain is proved piece by piece", next_step="Ask its pieces.")
 
     def slowed(self, factor: float) -> Chain:
@@ -138,7 +138,7 @@ def _pieces(segment: Trajectory) -> list[Part]:
 
 
 def segment_starts(trajectory: Trajectory) -> list[float]:
-    """When each segment starts, s, with its lead-in; what lies between (a link) belongs to the one before."""
+    """Start time of each segment, s, including its lead-in; a link belongs to the segment before it."""
     pieces = trajectory.pieces()
     return [
         pieces[i - 1][0] if i and pieces[i - 1][1] == "lead-in" else start

@@ -91,7 +91,7 @@ class FourierConfig:
 
 
 def require_rest(harmonics: int) -> None:
-    """UsageError: with fewer than two harmonics, rest by equalities leaves only standing still."""
+    """Raise UsageError for fewer than two harmonics: rest by equalities then leaves no motion."""
     if harmonics < 2:
         raise UsageError(
             f"rest by equalities needs at least 2 harmonics, not {harmonics}",

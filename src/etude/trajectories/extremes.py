@@ -12,7 +12,7 @@ from etude.types import Array
 OVERSAMPLING = 64
 """Samples per degree of a proof: the bound exceeds the true extreme by at most 0.12 %."""
 USABLE_PART = 1.0 - 1e-9
-"""Part of each limit that is used, so that rounding never leaves a proposed trajectory just outside."""
+"""Usable fraction of each limit, so that rounding never puts a proposed trajectory just outside."""
 ROUNDING = 64.0 * float(np.finfo(float).eps)
 """Allowance for rounding in evaluating a series, relative to the sum of its amplitudes."""
 
@@ -34,7 +34,7 @@ def grid(degree: int, oversampling: int) -> tuple[Array, float]:
 def riesz_range(values: Array, kappa: float, amplitude: Array | float = 0.0) -> tuple[Array, Array]:
     """Interval that holds a trigonometric polynomial at every angle, from its samples on `grid`.
 
-    M. Riesz: near a point of largest modulus p falls no faster than a cosine of the same degree, so
+    M. Riesz: near a point of largest modulus, p decreases no faster than a cosine of the same degree. So
     max |p| <= max_j |p_j| / cos(pi N/M); applied to p - c with c the middle of the samples.
 
     Args:
@@ -46,7 +46,7 @@ def riesz_range(values: Array, kappa: float, amplitude: Array | float = 0.0) -> 
         lower (k,), upper (k,).
     """
     low, high = values.min(axis=0), values.max(axis=0)
-    if kappa == 1.0:  # the samples hold the extremes: no centre, whose rounding could leave a limit touched
+    if kappa == 1.0:  # samples include the extremes; subtracting a centre would only add rounding errors
         return low - ROUNDING * amplitude, high + ROUNDING * amplitude
     centre, reach = 0.5 * (high + low), 0.5 * (high - low) / kappa + ROUNDING * amplitude
     return centre - reach, centre + reach

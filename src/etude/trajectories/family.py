@@ -17,9 +17,9 @@ from etude.trajectories.fourier import FourierTrajectory, basis, instants, rest_
 from etude.types import Array, Motion
 
 SHORTEST, LONGEST = 10.0, 60.0
-"""s, of a segment whose length is chosen for the robot."""
+"""s, shortest and longest segment whose length is chosen for the robot."""
 TINY = 1e-12
-"""rad or m: an axis with less way than that has none."""
+"""rad or m: an axis with a smaller range counts as fixed."""
 
 
 def suited_to(
@@ -27,12 +27,12 @@ def suited_to(
 ) -> FourierConfig:
     """One period of the length that suits a robot's limits (k,), if omega0 was left open.
 
-    At one period in a minute a fast robot would use a few per cent of its velocity limits, and show nothing
-    of its inertia; the same short period again and again shows nothing new. So a period is as short as the
-    axis with the longest way for its speed allows, from 10 to 60 s: an axis that swings over its range in
-    the middle harmonics then comes near its limits of position and of velocity (or acceleration) alike.
-    The recording's `duration` holds a whole number of such segments, each another motion; with room for
-    one only, a segment lasts as long as the recording.
+    With one period per minute a fast robot would use a few per cent of its velocity limits, and its inertia
+    would not show. Repeating one short period would give no new information. So a period is as short as the
+    axis with the longest range relative to its speed allows, from 10 to 60 s. An axis that swings over its
+    range in the middle harmonics then nearly reaches its limits of both position and velocity (or
+    acceleration). The recording's `duration` has a whole number of such segments, each a different motion.
+    With room for only one, a segment lasts as long as the recording.
     """
     if config.omega0 is not None:
         return config
@@ -48,15 +48,15 @@ def suited_to(
 
 @dataclass(frozen=True, eq=False)
 class FourierFamily:
-    """All Fourier trajectories of one base frequency whose coefficients parameters (P,) choose.
+    """All Fourier trajectories of one base frequency, parametrised by a vector (P,).
 
     Attributes:
-        config: the numbers that chose it.
-        omega0: rad/s; `drawn` gives the family another one in range.
+        config: the configuration of the family.
+        omega0: rad/s; `drawn` gives the family with another value in range.
         basis: (k, 2N+1, P) coefficients of axis j are basis[j] @ p + offset[:, j]; orthonormal columns, one
             axis after the other, each axis's constant term first (where it is free).
         offset: (2N+1, k) coefficients at p = 0: constant terms that are not free.
-        samples: per degree, of `rows`; fewer make a smaller set and a faster search.
+        samples: samples per degree in `rows`; fewer give a smaller set and a faster search.
     """
 
     config: FourierConfig
@@ -111,7 +111,7 @@ class FourierFamily:
         return self.config.duration
 
     def drawn(self, rng: np.random.Generator) -> FourierFamily:
-        """The family with a base frequency drawn from its range; itself, undrawn, if there is only one."""
+        """The family with a base frequency drawn from its range; itself if there is only one."""
         if len(set(self.config.choices)) == 1:
             return self
         omega0 = self.config.draw_omega0(rng)
@@ -126,7 +126,7 @@ class FourierFamily:
         return FourierTrajectory(self.coefficients(p), self.omega0, self.duration, self.config.phase_ramp)
 
     def parameters(self, trajectory: Any) -> Array:
-        """(P,) parameters of a member, or of its coefficients (2N+1, k); the nearest member's if it is none.
+        """(P,) parameters of a member, or of coefficients (2N+1, k); for others, of the nearest member.
 
         Raises:
             UsageError: coefficients of another shape.
@@ -150,8 +150,8 @@ class FourierFamily:
     def rows(self, order: int, degree: int = 1) -> tuple[Array, Array, float]:
         """`bound` of the members, linear in p: rows (k, M, P), offsets (k, M) and kappa.
 
-        kappa leaves room for the proof of the final bytes, whose own samples lie elsewhere: what is kept at
-        these instants to kappa times a limit reaches at most what the samples of the proof allow.
+        kappa leaves room for the proof of the final bytes, which uses other samples: if values at these
+        instants are within kappa times a limit, the proof succeeds.
         """
         c = self.config
         whole, kappa = instants(order, degree, c.harmonics, self.omega0, c.phase_ramp, self.samples)
@@ -160,7 +160,7 @@ class FourierFamily:
         return np.einsum("mc,jcp->jmp", whole, self.basis), (whole @ self.offset).T, kappa
 
     def _rows_at(self, t: Array, orders: int) -> Array:
-        """(O, T, 2N+1), kept for the searches that ask for the same times again and again."""
+        """(O, T, 2N+1), cached for searches, which use the same times repeatedly."""
         c, t = self.config, np.ascontiguousarray(t, dtype=float)
         return _rows(t.tobytes(), c.harmonics, self.omega0, c.duration, c.phase_ramp, orders)
 

@@ -140,8 +140,9 @@ def instants(
 
     On a ramp, p the series and s its phase rate, velocity is p' s with 0 <= s <= 1, which is between
     p' and 0. Acceleration is p'' s^2 + p' s', with |s'| <= c, so it lies between the instants p'' +- c p'
-    and +- c p'; each is a series again, so the bound holds for it. Whatever convex set holds the first two
-    holds the others: in each direction, where p' is largest p'' vanishes. Jerk has s^3, 3 s s' and s''.
+    and +- c p'; each of these is a series again, so the bound applies to it. Every convex set that contains
+    the first two also contains the others, since p'' vanishes where p' is largest in a direction. Jerk has
+    s^3, 3 s s' and s''.
 
     Raises:
         UsageError: snap and above on a ramp.
@@ -229,7 +230,7 @@ class FourierTrajectory:
 
     @property
     def form(self) -> str:
-        """What its file says it is, and what tracking margins are kept for."""
+        """Form in its file, which tracking margins depend on."""
         return "fourier"
 
     @property
@@ -244,7 +245,7 @@ class FourierTrajectory:
 
     @property
     def sampled(self) -> bool:
-        """Whether the values of `bound` are its own, and not only what a phase ramp stays between."""
+        """Whether the values of `bound` are samples of the motion; with a phase ramp they only enclose it."""
         return self.ramp == 0.0
 
     def pieces(self) -> Sequence[tuple[float, str, Trajectory]]:
@@ -295,7 +296,7 @@ class FourierTrajectory:
 
 
 def check_times(omega0: float, duration: float, ramp: float) -> None:
-    """UsageError unless 0 < omega0, 0 < duration and two ramps fit into it."""
+    """Raise UsageError unless 0 < omega0, 0 < duration and two ramps fit into it."""
     if not (math.isfinite(omega0) and omega0 > 0.0):
         raise UsageError(f"omega0 must be a positive number of rad/s, not {omega0}")
     if not (math.isfinite(duration) and duration > 0.0):

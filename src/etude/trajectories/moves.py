@@ -66,7 +66,7 @@ class PointToPoint:
 
     @property
     def form(self) -> str:
-        """What its file says it is, and what tracking margins are kept for."""
+        """Form in its file, which tracking margins depend on."""
         return "moves"
 
     @property
@@ -117,9 +117,9 @@ class PointToPoint:
         return Motion(t, np.stack([self.waypoints[k] + rise[:, None] * step, *rates]))
 
     def bound(self, order: int, degree: int = 1) -> tuple[Array, Array, float]:
-        """Values (M, k) between which that derivative stays, exactly: no amplitudes, kappa 1.
+        """Values (M, k) that exactly enclose that derivative: no amplitudes, kappa 1.
 
-        Moves are straight, so the same values hold for the sizes of vectors and whatever is convex.
+        Moves are straight, so the same values bound the sizes of vectors and other convex functions.
 
         Raises:
             UsageError: an order above jerk, or a degree other than 1 and 2.

@@ -20,23 +20,24 @@ if TYPE_CHECKING:
 
 FORM = "splined"
 HALVINGS = 3
-"""Of each piece before its control points bound it: a quintic's exceed it by at most 1/64 of its bend."""
+"""Halvings of each piece before its control points bound it. Those of a quintic then exceed it by at most
+1/64 of its bend."""
 CURVES = {1: "lines", 2: "cubics", 3: "quintics", 4: "septics"}
 
 
 @dataclass(frozen=True, eq=False)
 class Splined:
-    """The curve through points that keeps what is given of them: O orders make pieces of degree 2 O - 1.
+    """The curve through points with given derivatives: O orders give pieces of degree 2 O - 1.
 
-    A joint trajectory controller makes lines of positions, cubics of positions and velocities, quintics with
-    accelerations; a Crazyflie plays septics. An autopilot holds each set-point, every order by itself, until
-    the next one comes.
+    A joint trajectory controller interpolates positions by lines, positions and velocities by cubics, and
+    with accelerations by quintics; a Crazyflie plays septics. An autopilot holds each order of a set-point
+    separately until the next set-point.
 
     Attributes:
         times: (K,) s, increasing, from 0.
         points: (O, K, k) position and derivatives at these times; 1 <= O <= 4.
         held: whether each point is held until the next, instead of a curve through them.
-        like: form of the motion that was sent, whose tracking margins hold here too; "" for none.
+        like: form of the motion that was sent, whose tracking margins apply here, too; "" for none.
 
     Raises:
         UsageError: wrong shapes, values that are not finite, times that do not increase from 0.
@@ -63,7 +64,7 @@ class Splined:
 
     @property
     def form(self) -> str:
-        """What tracking margins are kept for."""
+        """Form that tracking margins depend on."""
         return self.like or FORM
 
     @property
@@ -77,12 +78,12 @@ class Splined:
 
     @property
     def bounded(self) -> int:
-        """Orders that have a bound: one more than meet at the points; those given, if they are held."""
+        """Number of orders with a bound: one more than the given ones; if held, the given ones."""
         return len(self.points) + (0 if self.held else 1)
 
     @property
     def curve(self) -> str:
-        """In a word."""
+        """Name of the curve, in a word."""
         return "steps" if self.held else CURVES[len(self.points)]
 
     def pieces(self) -> Sequence[tuple[float, str, Trajectory]]:
@@ -90,9 +91,9 @@ class Splined:
         return ((0.0, "segment", self),)
 
     def motion(self, t: Array, orders: int = 3) -> Motion:
-        """Position and derivatives at times t (T,) s, of the piece that begins there where they jump.
+        """Position and derivatives at times t (T,) s; where they jump, those of the piece that begins there.
 
-        At rest outside [0, duration]. Derivatives above a held point's own are zero.
+        At rest outside [0, duration]. Derivatives that a held point does not give are zero.
         """
         t = np.asarray(t, dtype=float)
         k = np.clip(np.searchsorted(self.times, t, side="right") - 1, 0, len(self.times) - 2)
@@ -112,9 +113,9 @@ class Splined:
         return Motion(t, out)
 
     def bound(self, order: int, degree: int = 1) -> tuple[Array, Array, float]:
-        """Values (M, k) in whose convex hull that derivative stays: control points, kappa 1.
+        """Values (M, k) whose convex hull contains that derivative: control points, kappa 1.
 
-        So they bound whatever is convex: coordinates, sizes of vectors, tilt.
+        So they bound every convex function: coordinates, sizes of vectors, tilt.
 
         Raises:
             UsageError: an order that jumps without bound, or a degree other than 1 and 2.
