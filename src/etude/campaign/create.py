@@ -1,4 +1,4 @@
-"""Makes a campaign folder that needs nothing outside itself."""
+"""Creation of a self-contained campaign folder."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class RobotPart:
-    """What to take of a description, for kinds that can choose; see `abilities.SupportsSelection`."""
+    """Part of a description to use, for kinds with a selection; see `abilities.SupportsSelection`."""
 
     joints: tuple[str, ...] = ()
     held: Mapping[str, float] = field(default_factory=dict)
@@ -61,22 +61,22 @@ def create_campaign(
     *,
     trust: bool = False,
 ) -> tuple[Campaign, tuple[str, ...]]:
-    """Makes the folder: robot.toml and its files, campaign.toml, and the journal's first event.
+    """Make the folder: robot.toml and its files, campaign.toml, and the journal's first event.
 
     Args:
         path: the folder; made if missing.
         robot: a built-in robot's name, or the path of a description that some kind of robot recognises.
-        preset_name: of the kind, "default" or "thesis"; written out in full.
-        seed: of every random number the campaign draws.
-        part: of the robot that the description holds.
-        trust: run code that the description names as module:attribute (a limit of one's own).
+        preset_name: of the kind, "default" or "thesis"; all of its values are written to the file.
+        seed: of every random number in the campaign.
+        part: selected part of the description.
+        trust: run code that the description names as module:attribute (a custom limit).
 
     Returns:
-        the campaign, and one sentence for each assumption that a person should confirm.
+        the campaign, and one sentence for each assumption that the user should confirm.
 
     Raises:
-        UsageError: there is a campaign already, or other files of the names that it needs; no folder can be
-            made there; or the robot is unknown or impossible.
+        UsageError: a campaign or conflicting files exist already; the folder cannot be made; or the robot is
+            unknown or impossible.
     """
     path, robot = Path(path), str(robot)
     _require_empty(path)  # before the robot is read, which takes seconds
@@ -107,7 +107,7 @@ def create_campaign(
 
 
 def _require_empty(path: Path) -> None:
-    """UsageError: there is a campaign already, or what is left of one."""
+    """Raise UsageError if the folder holds a campaign, or remains of one."""
     if os.path.isfile(path / JOURNAL) and read_events(path):
         raise UsageError(
             "there is a campaign here already",
@@ -118,9 +118,9 @@ def _require_empty(path: Path) -> None:
 
 
 def _require_free(path: Path, files: Mapping[str, bytes]) -> None:
-    """UsageError: a file of that name is there with other contents; `init` overwrites nothing of a person's.
+    """Raise UsageError if a file of that name has other contents: `init` never overwrites a user's file.
 
-    An `init` that was interrupted left the same contents, and is finished by the same command.
+    An interrupted `init` leaves the same contents, and the same command finishes it.
     """
     for name, data in files.items():
         if (path / name).exists() and (not (path / name).is_file() or (path / name).read_bytes() != data):
@@ -144,7 +144,7 @@ def _chosen(kind: Kind, description: Path, part: RobotPart) -> Described:
 
 
 def load_robot(robot: str | Path, *, trust: bool = False) -> Any:
-    """The description of a built-in robot's name, or of a file; trust: run code that it names.
+    """The description of a built-in robot or of a file; trust: run code that it names.
 
     Raises:
         UsageError: as `find_robot`; or the file names code as module:attribute and is not trusted.
@@ -156,7 +156,7 @@ def load_robot(robot: str | Path, *, trust: bool = False) -> Any:
 
 @contextlib.contextmanager
 def reading(path: Path, *, trust: bool = False) -> Iterator[None]:
-    """Within it names of code are those of a robot file that is in no campaign; see `plugins.named_in`."""
+    """Context for names of code in a robot file outside of campaigns; see `plugins.named_in`."""
     if trust:
         yield
         return
@@ -166,7 +166,7 @@ def reading(path: Path, *, trust: bool = False) -> Iterator[None]:
 
 
 def trust_robot(robot: str) -> None:
-    """Puts a robot's file on this user's list: code that it names is run. OSError: it cannot be written."""
+    """Add a robot's file to this user's list of trusted files. OSError: the list cannot be written."""
     _, path = find_robot(robot)
     if not is_trusted(path, sha256_of(path)):
         add_trust(path, sha256_of(path))
@@ -208,7 +208,7 @@ def find_robot(robot: str) -> tuple[Kind, Path]:
 
 
 def _require_known_kind(path: Path, kinds: Sequence[str]) -> None:
-    """UsageError: the file is a TOML that cannot be read, or names a kind that nothing here knows."""
+    """Raise UsageError if the file is unreadable TOML, or names an unknown kind."""
     if path.suffix.lower() != ".toml":
         return
     named = decoded(read_text(path), str(path)).get("kind")
@@ -238,7 +238,7 @@ def _make_folder(path: Path) -> None:
 
 
 def _kinds() -> tuple[list[Kind], dict[str, str]]:
-    """All kinds that can be loaded, and why the others cannot; a broken plug-in harms no other kind."""
+    """All kinds that can be loaded, and the reasons why others cannot; a broken plug-in affects no other."""
     kinds: list[Kind] = []
     broken: dict[str, str] = {}
     for name in plugins.names(GROUP):
@@ -262,13 +262,13 @@ def _asked(name: str, question: Callable[[], T], broken: dict[str, str]) -> T | 
 
 @contextlib.contextmanager
 def _taken_back(folder: Path, files: Mapping[str, bytes]) -> Iterator[None]:
-    """Removes the files that were written within it where it fails, and the folder that was made."""
+    """Context that, on failure, removes the files written in it and the folder if it was made."""
     new = [folder / name for name in files if not (folder / name).exists()]
     above = [own for own in (folder, *folder.parents) if not own.exists()]
     try:
         yield
     except Exception:
-        with contextlib.suppress(OSError):  # no folder was made, or somebody else's file is in it by now
+        with contextlib.suppress(OSError):  # no folder was made, or it contains other files by now
             for file in [*new, *([folder / LOCK] if above else ())]:
                 file.unlink(missing_ok=True)
             for own in above:
@@ -277,7 +277,7 @@ def _taken_back(folder: Path, files: Mapping[str, bytes]) -> Iterator[None]:
 
 
 def _written(folder: Path, described: Described) -> list[Path]:
-    """Writes the description's files, robot.toml last: without it there is no campaign."""
+    """Write the description's files, robot.toml last, since only that file makes a campaign."""
     names = sorted(described.files, key=lambda name: name == ROBOT)
     for name in names:
         write_atomic(folder / name, described.files[name])

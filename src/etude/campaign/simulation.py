@@ -31,23 +31,23 @@ from etude.protocols import Controller, Model, Robot, Trajectory
 from etude.types import Log
 
 MOST_TRIES = 4
-"""Trajectories tried for each that is wanted."""
+"""Largest number of trajectories that are tried for each requested one."""
 BASELINES = 0.15
-"""About the part that feedback alone takes of all."""
+"""Approximate fraction of the total time for the tests under feedback alone, for progress."""
 
 
 RUN_STREAM, TEST_STREAM = 3, 4
-"""Separate the random numbers of simulated runs and of the tests from those of `ask` and of training."""
+"""Streams that separate the random numbers of simulated runs and tests from those of `ask` and training."""
 CERTAIN = ("sign", "delay")
-"""Questions whose answer is known of a simulated robot. Joints that drag each other along exchange power, so
-that one of many may take more out of the motion than its friction puts in."""
+"""Checks whose questions are accepted for a simulated robot, since the answer is known. Coupled joints
+exchange power, so a joint may take more power out of the motion than its friction dissipates."""
 ASKING = 0.3
-"""About the part that a design takes of its round; the rest is learning."""
+"""Approximate fraction of a round's time for the design, for progress; the rest is learning."""
 IDENTIFIED, RIGID_BODY = "identified", "rigid_body"
-"""The structure that a careful user has today, and what it is called as a baseline."""
+"""The structure of the state-of-the-art baseline, and the name of that baseline."""
 
 ONLINE = "online"
-"""The learned model that goes on learning in the test, as a baseline."""
+"""Name of the baseline with a learned model that keeps learning during the test."""
 
 
 def test_motions(campaign: Campaign) -> Mapping[str, Trajectory]:
@@ -57,10 +57,10 @@ def test_motions(campaign: Campaign) -> Mapping[str, Trajectory]:
 
 
 class Adaptation(Protocol):
-    """How a model goes on learning in a simulated test: what a row of `etude.adaptations` makes."""
+    """Online learning in a simulated test, as made by an entry point in `etude.adaptations`."""
 
     def require(self, campaign: Campaign, robot: Robot) -> None:
-        """UsageError: nothing can be learned while this robot runs."""
+        """Raise UsageError if nothing can be learned while this robot runs."""
         ...
 
     def controllers(self, campaign: Campaign, robot: Robot) -> Callable[[], Controller]:
@@ -70,12 +70,12 @@ class Adaptation(Protocol):
 
 @dataclass(frozen=True)
 class Loop:
-    """A campaign and the simulated robot that stands in for the real one.
+    """A campaign and the simulated robot that replaces the real one.
 
     Attributes:
-        answer: to whether the robot has changed; "" where that is rehearsed.
-        feedforward: whether motions that teach are run with what was learned, too; None: as [tracking] says,
-            or with what the kind adds.
+        answer: to the question whether the robot has changed; "" where a change is rehearsed.
+        feedforward: whether training motions also use the learned feedforward; None: according to [tracking],
+            or with the addition of the kind.
     """
 
     campaign: Campaign
@@ -99,7 +99,7 @@ class Loop:
                 next_step="Name its URDF or MJCF, with masses, as model_file there to rehearse, or run the "
                 "real robot.",
             )
-        if isinstance(robot, SupportsAssumptions):  # what stands in for a robot that exists
+        if isinstance(robot, SupportsAssumptions):  # a simulated replacement of an existing robot
             _check_rehearsed(campaign)
         if engine:
             robot = _with_engine(robot, engine, campaign.name)
@@ -108,7 +108,7 @@ class Loop:
         return cls(campaign, robot, answer, test_motions(campaign), baselines, online)
 
     def learned_one(self, say: Say) -> int | None:
-        """Asks, runs and tells one trajectory; its number, or None if its log was refused."""
+        """Propose, run and ingest one trajectory; return its number, or None if its log was refused."""
         campaign = self.campaign
         with part(ASKING):
             number, beside = self._asked(say)
@@ -121,11 +121,11 @@ class Loop:
         try:
             with part(1.0 - ASKING):
                 ingested = tell(campaign, path, number=number, changed=self.answer, say=say, **how)
-        except DataError as refused:  # it broke off: what a person would give up too
+        except DataError as refused:  # the run broke off: abandon it, as a user would
             say(f"Trajectory {number} is given up: {refused.fact}.")
             abandon(campaign, number)
             return None
-        if ingested.foreign:  # it broke off, and teaches that far
+        if ingested.foreign:  # the run broke off; its first part is learned
             say(
                 f"Trajectory {number} is given up: less than half of it was run, "
                 f"which log {ingested.number} is."
@@ -137,15 +137,15 @@ class Loop:
         return ingested.number
 
     def _asked(self, say: Say) -> tuple[int, Controller | None]:
-        """The next trajectory, and what it is run with beside the feedback: what its margins are of."""
+        """The next trajectory, and its controller beside the feedback, which its margins are for."""
         campaign = self.campaign
         control = "" if campaign.state().proposals else _control(self._collecting())
         number = ask(campaign, go_on=True, control=control, say=say).number
-        under = asked_under(campaign.round(number).asked)  # of proposals that are older than this: none
+        under = asked_under(campaign.round(number).asked)  # () for proposals of earlier versions
         return number, self._collecting() if LEARNED in (under or (LEARNED,)) else None
 
     def _collecting(self) -> Controller | None:
-        """What motions that teach are run with, beside the feedback, once something was learned."""
+        """Controller of training motions beside the feedback, after the first fit."""
         campaign, state = self.campaign, self.campaign.state()
         kind, wanted = campaign.kind, self.feedforward
         made: Callable[[Any, Any, Model], Controller | None] = kind.controller
@@ -158,7 +158,7 @@ class Loop:
         return made(campaign.spec, campaign.config, newest_model(campaign, state))
 
     def evaluate_round(self, number: int) -> SimulatedRound:
-        """Tests the model of that round, and what its identified physics alone would do."""
+        """Test the model of that round, and its identified physics alone."""
         campaign = self.campaign
         kind, spec, config = campaign.kind, campaign.spec, campaign.config
         model = newest_model(campaign, campaign.state())
@@ -173,9 +173,9 @@ class Loop:
     def evaluate(
         self, number: int, made: Callable[[], Controller | None], baseline: str = ""
     ) -> tuple[dict[str, list[float]], str]:
-        """Runs each test once, unless it was run before; commits and returns the errors and their unit.
+        """Run each test once, unless it was run before; commit and return the errors and their unit.
 
-        `made` gives each test a controller, which may learn in it.
+        `made` makes a controller for each test, which may learn during it.
         """
         errors, unit = {}, ""
         for index, (name, motion) in enumerate(self.tests.items()):
@@ -187,7 +187,7 @@ class Loop:
         return errors, unit
 
     def tried(self, motion: Trajectory, controller: Controller | None, rng: np.random.Generator) -> Log:
-        """A test run: to its end, however badly it goes, where the robot knows how."""
+        """A test run; where the robot supports it, it continues to its end despite large errors."""
         run = self.robot.test if isinstance(self.robot, SupportsTestRuns) else self.robot.run
         return run(motion, controller, rng)
 
@@ -214,7 +214,7 @@ class Loop:
 
 
 def _control(beside: Controller | None) -> str:
-    """What a motion that teaches is run under: it is fed forward what was learned, or nothing."""
+    """Name of the control of a training motion: learned feedforward, or feedback alone."""
     return FEEDBACK if beside is None else LEARNED
 
 
@@ -232,7 +232,7 @@ def _with_engine(robot: Robot, engine: str, name: str) -> Robot:
 
 
 def _check_rehearsed(campaign: Campaign) -> None:
-    """A real robot and what stands in for it are two robots: no model may learn from both."""
+    """Check that no model learns from both a real robot and its simulation, which are two robots."""
     real = real_logs(campaign, campaign.state())
     if real:
         raise UsageError(
@@ -253,43 +253,43 @@ def simulate(
     *,
     feedforward: bool | None = None,
 ) -> Iterator[SimulatedRound]:
-    """Asks, runs and tells `rounds` trajectories, and evaluates the controller after each one.
+    """Propose, run and ingest `rounds` trajectories, and evaluate the controller after each one.
 
-    The first motion is run under the robot's own feedback, later ones with what was learned so far beside it,
-    or what its kind adds (`collecting`). The stop rule is not heeded: who simulates wants the whole curve.
-    Interrupted work is finished first; a test of a round is evaluated once. A run whose log is refused is
-    given up, and another trajectory asked for.
+    The first motion is run under the robot's own feedback. Later motions add the model learned so far, or the
+    addition of the kind (`collecting`). The stop rule is ignored, so that the whole learning curve results.
+    Interrupted work is finished first, and each test of a round is evaluated once. A run whose log is refused
+    is abandoned and replaced by another trajectory.
 
-    With a `change` the robot is another one in these rounds, and its logs are told as a person would tell
-    them: the first that is noticed waits for an answer, and nothing is run after it.
+    With a `change` these rounds use a changed robot, and its logs are ingested like those of a real one: the
+    first log with a detected change waits for an answer, and nothing is run after it.
 
     Args:
         campaign: the folder.
         rounds: trajectories to learn.
         engine: of the simulation, where the robot has several; "": its own.
         say: receives one sentence per step.
-        change: as for `Robot.changed`; None: the robot is what it was.
-        online: how the model of each round goes on learning in the same tests; None: it is tested as it is.
-        feedforward: whether motions that teach are run with the newest model beside the feedback, once there
-            is one; None: as [tracking] of campaign.toml says, or with what the kind adds.
+        change: as for `Robot.changed`; None: the robot is unchanged.
+        online: online learning of each round's model in the same tests; None: no learning during tests.
+        feedforward: whether training motions use the newest model beside the feedback, once there is one;
+            None: according to [tracking] of campaign.toml, or with the addition of the kind.
 
     Raises:
         UsageError: the robot has no simulated plant, no such engine or change, a log waits for an answer, a
-            log of the real robot was told, or nothing can be learned while the robot runs.
-        DataError: too many logs were refused, or they do not tell what the feedback adds.
+            log of the real robot was ingested, or nothing can be learned while the robot runs.
+        DataError: too many logs were refused, or they lack the contribution of the feedback.
     """
     _check_answered(campaign)
     loop = replace(Loop.of(campaign, engine, change or {}, online), feedforward=feedforward)
     if online is not None:
         online.require(campaign, loop.robot)
-    if isinstance(loop.robot, SupportsAssumptions):  # of a stand-in that its owner did not describe
+    if isinstance(loop.robot, SupportsAssumptions):  # parts of the simulation without a description
         for sentence in loop.robot.assumed:
             say(sentence)
     with part(BASELINES):
         for name, controller in counted(loop.baselines.items()):
             loop.evaluate(0, same(controller), name)
     left = interrupted_round(campaign, say)
-    if left is not None:  # or its tests would be missing from the curve
+    if left is not None:  # otherwise its tests would be missing from the curve
         loop.evaluate_round(left)
     done = 0
     for _ in range(MOST_TRIES * rounds):
@@ -313,10 +313,10 @@ def simulate(
 def simulate_confirmation(
     campaign: Campaign, engine: str = "", say: Say = lambda _: None, change: Mapping[str, float] | None = None
 ) -> dict[str, Any]:
-    """Asks for a motion that is never trained on, runs it without and with the model in use, and tells both.
+    """Propose a confirmation motion, run it without and with the model in use, and ingest both logs.
 
     Returns:
-        what `status` says of it.
+        the entry of this motion in `status`.
 
     Raises:
         UsageError: no simulated plant, or nothing was learned yet. DataError: a run cannot be used.

@@ -1,4 +1,4 @@
-"""Training: learns all new logs at once, and estimates the model's own error."""
+"""Training: learning of all new logs at once, with an estimate of the model's own error."""
 
 from __future__ import annotations
 
@@ -57,20 +57,21 @@ from etude.storage import write_atomic
 from etude.types import Array, Mask, Samples
 
 MOST_LOGS, MOST_SECONDS = 100, 1200.0
-"""Logs, and seconds of their motion, that a training learns from at most."""
+"""Largest number of logs, and of seconds of their motion, in a training."""
 TRAIN_STREAM = 2
-"""Separates the random numbers of training from those of asking and testing."""
+"""Stream that separates the random numbers of training from those of proposals and tests."""
 BLOCKS = 20
-"""Parts of a log, some of which are held out."""
+"""Number of blocks of a log; some of them are held out."""
 GAP_S = 0.5
-"""s beside a block held out of the first answer to a proposal, in neither part: the filter spreads a command
-over about as much. Recordings have none: they are short, and their figures are those of the documentation.
+"""s on either side of a held-out block of the first proposal's log that belong to neither part: the filter
+spreads a command over about that time. Recordings have no gap, because they are short and their documented
+figures were computed without one.
 """
 
 
 @dataclass(frozen=True)
 class TrainingOutcome:
-    """What learning a log left.
+    """Result of learning a log.
 
     Attributes:
         files: stored models.
@@ -82,15 +83,15 @@ class TrainingOutcome:
 
 
 Learner = Callable[[Campaign, State, int], TrainingOutcome]
-"""Learns log `number` with all logs told before it; only tests give another one than `learn_log`."""
+"""Function that learns log `number` with all logs ingested before it; `learn_log` except in tests."""
 
 
 def learn_pending(campaign: Campaign, learner: Learner | None = None, say: Say = lambda _: None) -> list[int]:
-    """Learns every log that was told and waits for no answer, together; returns their numbers.
+    """Learn every ingested log that waits for no answer, all together; return their numbers.
 
-    However many there are, one training takes them all: it is recorded under the last of their numbers. Where
-    that fails they are learned one after the other; what cannot be learned even so (an axis that never moved)
-    waits for the next log. The caller holds the lock.
+    One training takes all of them, and is recorded under the last of their numbers. If it fails, they are
+    learned one after the other. A log that still cannot be learned (an axis never moved) waits for the next
+    one. The caller holds the lock.
 
     Raises:
         DataError, NumericalError: not even all logs together can be learned.
@@ -118,10 +119,10 @@ def learn_pending(campaign: Campaign, learner: Learner | None = None, say: Say =
 
 
 def learn_again(campaign: Campaign, learner: Learner | None = None, say: Say = lambda _: None) -> list[int]:
-    """Learns all logs that teach in a new training: those that wait, or else those of the last one once more.
+    """Learn all training logs in a new training: pending ones, or otherwise those of the last one again.
 
     For campaigns that an earlier version learned, or whose campaign.toml was edited. A promoted model stays
-    in use. Returns the numbers of the logs that the training ended with; [] where nothing was told.
+    in use. Returns the numbers of the logs that the training ended with; [] without any log.
 
     Raises:
         UsageError: another process is writing to the campaign.
@@ -167,7 +168,7 @@ STATES = 100  # reference states at which the expected error is averaged
 def with_forecast(
     fact: Trained, model: LearnedModel, before: LearnedModel | None, campaign: Campaign, state: State
 ) -> Trained:
-    """The training with what the model expects of itself, for each command in its unit.
+    """The training with the model's expected errors, for each command in its unit.
 
     forecast_deviation: root mean square error expected at the reference states, calibrated;
     latent_deviation, noise_deviation: of the process, uncalibrated, and of its noise;
@@ -193,7 +194,7 @@ def with_forecast(
 
 
 def expected_variance(model: LearnedModel, command: int, X: Array) -> float:
-    """Mean squared error expected of a command at model inputs X (r, D), without the noise of samples."""
+    """Expected mean squared error of a command at model inputs X (r, D), without the noise of samples."""
     found = 0.0
     for candidate in model.candidates:
         if command in candidate.commands and candidate.process is not None:
@@ -204,7 +205,7 @@ def expected_variance(model: LearnedModel, command: int, X: Array) -> float:
 
 
 def _moved(model: LearnedModel, before: LearnedModel) -> float | None:
-    """Largest |change| of a logarithmic length scale over all commands; None if kernels differ or lack."""
+    """Largest |change| of a log length scale over all commands; None if kernels differ or are missing."""
     moves = []
     for command, structure in enumerate(model.chosen):
         now, then = (_posterior(m.candidates, structure, command) for m in (model, before))
@@ -234,8 +235,8 @@ def _posterior(candidates: tuple[Candidate, ...], structure: str, command: int) 
 
 
 def learn_log(campaign: Campaign, state: State, number: int) -> TrainingOutcome:
-    """Scores the newest model on log `number` and those that wait with it, which it has not seen, then trains
-    on all logs told.
+    """Score the newest model on log `number` and the other pending ones, which are new to it; then train on
+    all ingested logs.
     """
     if not (state.trained and is_pruned(campaign, state.trained[-1].number)):
         check_model(campaign, state)
@@ -250,7 +251,7 @@ def learn_log(campaign: Campaign, state: State, number: int) -> TrainingOutcome:
     before = _comparable(campaign, trained, inputs)
     rng = np.random.default_rng([state.seed, number, TRAIN_STREAM])
     physics, limit = kind.physics(spec, config), kind.limit(spec)
-    # from two motions on each is predicted from the others; of a single one blocks, from the rest
+    # with two or more motions each is predicted from the others; with one motion, blocks from the rest
     ingested = state.rounds[number].ingested
     foreign = ingested is not None and ingested.foreign
     blocks = len(np.unique(samples.group)) < LEAST_LOGS
@@ -287,9 +288,9 @@ def learn_log(campaign: Campaign, state: State, number: int) -> TrainingOutcome:
 
 
 def teaching(state: State, logs: Sequence[int]) -> list[int]:
-    """Those of the logs that teach, in their order: all, or so many that a training costs no more than ever.
+    """The training logs among `logs`, in order: all, or a subset that bounds the cost of a training.
 
-    They are spread evenly over all of them, and the last is one of them.
+    The subset is spread evenly over all training logs and includes the last one.
     """
     told = [state.rounds[number].ingested for number in logs]
     seconds = sum(one.robot_seconds for one in told if one is not None)
@@ -298,8 +299,8 @@ def teaching(state: State, logs: Sequence[int]) -> list[int]:
 
 
 def _row_scatter(campaign: Campaign, logs: Sequence[int], samples: Samples) -> tuple[float, ...]:
-    """(J,) root mean square of recorded commands less what learning makes of them, in the newest log that no
-    other repeats: the sensor's noise and motion above the cutoff, which a filter takes away. () of none.
+    """(J,) root mean square difference of recorded and filtered commands in the newest log that repeats no
+    other: sensor noise and motion above the filter's cutoff. () without such a log.
     """
     groups = {number: {group for _, group in own} for number, own in groups_of(campaign, logs).items()}
     count = Counter(group for own in groups.values() for group in own)
@@ -307,7 +308,7 @@ def _row_scatter(campaign: Campaign, logs: Sequence[int], samples: Samples) -> t
     if not single:
         return ()
     log, own = stored_log(campaign, single[-1]), samples.take(np.isin(samples.group, [*groups[single[-1]]]))
-    # commands of a vehicle are those of its motors' lag ago
+    # commands of a vehicle are delayed by the lag of its motors
     lags = np.arange(0.0, LONGEST_LAG, 1.0 / median_rate(log.t))
     each = [resample(log.t, log["command"], own.t - lag) - own.command for lag in lags]
     squares = np.square(min(each, key=lambda left: float(np.mean(left**2))))
@@ -316,7 +317,7 @@ def _row_scatter(campaign: Campaign, logs: Sequence[int], samples: Samples) -> t
 
 
 def _some(every: Sequence[int], logs: Sequence[int]) -> tuple[Notice, ...]:
-    """That not all logs teach."""
+    """Notice that not all logs are used for training."""
     return (
         (Notice(Warn.SOME_TEACH, {"some": len(logs), "all": len(every)}),) if len(logs) < len(every) else ()
     )
@@ -327,14 +328,14 @@ def _notes(inputs: Inputs) -> tuple[Notice, ...]:
 
 
 def _held(campaign: Campaign, samples: Samples) -> Mask:
-    """(J,) commands of coordinates that are held in all logs, where each has a command of its own."""
-    path = samples.log.get(campaign.kind.path)  # logs of flights may lack it
+    """(J,) commands of coordinates that are held in all logs, if each coordinate has its own command."""
+    path = samples.log.get(campaign.kind.path)  # may be missing in logs of flights
     return held_commands(campaign, [] if path is None else [path])
 
 
 def _comparable(campaign: Campaign, trained: Sequence[Round], inputs: Inputs) -> LearnedModel | None:
-    """The newest model, unless it looks at other inputs: some logs tell less, or [data] was edited. None too
-    where newer ones, of logs that were taken back, had superseded it.
+    """The newest model, or None if it has other inputs: some logs lack channels, or [data] was edited. Also
+    None if its file was removed after newer models, whose logs were retracted later.
     """
     if not trained or is_pruned(campaign, trained[-1].number):
         return None
@@ -345,9 +346,9 @@ def _comparable(campaign: Campaign, trained: Sequence[Round], inputs: Inputs) ->
 def _scores(
     before: LearnedModel | None, inputs: Inputs, samples: Samples, known: int
 ) -> dict[str, PrequentialScore]:
-    """Each structure of the earlier model on all but the `known` first groups, and what each has to beat."""
+    """Scores of each structure of the earlier model on all but the first `known` groups, and the baseline."""
     newest = samples.group >= known
-    if not newest.any():  # logs that repeat others are no new motion
+    if not newest.any():  # repeated logs contain no new motion
         return {}
     new = samples.take(newest)
     found: dict[str, PredictionScore] = {}
@@ -362,7 +363,7 @@ def _scores(
 
 
 def _said(state: State, logs: Sequence[int], samples: Samples) -> list[str]:
-    """What the recipe found and did, beside the repairs of each log: the lag of motors, for example."""
+    """Sentences of the recipe, beside the repairs of each log: the lag of motors, for example."""
     told = [state.rounds[n].ingested for n in logs]
     ingested = {sentence for one in told if one is not None for sentence in one.repairs}
     return [sentence for sentence in samples.log.repairs if sentence not in ingested]
@@ -390,7 +391,7 @@ def _left_out(selection: ModelSelection) -> dict[str, float | None]:
 
 
 def _new_motion(selection: ModelSelection) -> NewMotionScores:
-    """What is in use, and linear regression, on logs left out."""
+    """Scores of the structure in use, and of linear regression, on logs left out."""
     found, linear = selection.left_out, selection.held_out[LINEAR].error
     samples, count = selection.samples, len(np.unique(found.fold))
     trivial = trivial_prediction(samples)
@@ -408,7 +409,7 @@ def _new_motion(selection: ModelSelection) -> NewMotionScores:
 def _with_blocks(
     fact: Trained, campaign: Campaign, number: int, rng: np.random.Generator, gap_s: float
 ) -> Trained:
-    """The training with the scores of a log's blocks; of one that cannot be learned alone with a warning."""
+    """The training with the scores of a log's blocks, or with a warning if it cannot be learned alone."""
     try:
         return replace(fact, held_out=_held_out(campaign, ingested_samples(campaign, [number]), rng, gap_s))
     except DataError as error:
@@ -418,7 +419,7 @@ def _with_blocks(
 
 
 def _held_out(campaign: Campaign, log: Samples, rng: np.random.Generator, gap_s: float) -> BlockScores:
-    """nMSE per command on held-out blocks of one log, of each structure and of linear regression."""
+    """nMSE per command on held-out blocks of one log, for each structure and linear regression."""
     kind, spec, config = campaign.kind, campaign.spec, campaign.config
     train, test = split_blocks(log, gap_s)
     inputs = kind.inputs(spec, config).fitted(train)

@@ -30,17 +30,17 @@ from etude.types import Delivered, Log, Samples
 
 GROUP = "etude.targets"
 GATHERING = 0.3
-"""About the part of the time in which logs and samples are gathered for a target."""
+"""Approximate fraction of the time for gathering logs and samples for a target, for progress."""
 
 
 @dataclass(frozen=True)
 class ModelFiles:
-    """What an export wrote.
+    """Result of an export.
 
     Attributes:
         target: its name among `etude.targets`.
         folder: where the files are; files: their names in it.
-        said: which model it is, and what people should know of the files. facts: the same for machines.
+        said: sentences on the model and the files, for users. facts: the same for programs.
     """
 
     target: str
@@ -54,10 +54,10 @@ def bounded_motion(campaign: Campaign, motion: str | Path | Trajectory | None) -
     """A motion with its limits, less the margins of tracking with the learned feedforward.
 
     Args:
-        motion: a trajectory.json, a table of times and places, or it read; None: the newest proposal.
+        motion: a trajectory.json, a table of times and poses, or a trajectory; None: the newest proposal.
 
     Raises:
-        UsageError: no such file, none was proposed, or its file was changed.
+        UsageError: no such file, no proposal, or a changed file.
     """
     return _proposed(campaign) if motion is None else _given(campaign, motion)
 
@@ -73,7 +73,7 @@ def _given(campaign: Campaign, motion: str | Path | Trajectory) -> Bounded:
 
 
 def _read(campaign: Campaign, place: Path) -> Trajectory:
-    """The motion of a trajectory.json, or of a table of times and places. UsageError, DataError: none."""
+    """The motion of a trajectory.json, or of a table of times and poses. UsageError, DataError: invalid."""
     if is_plan(campaign, place):
         place = place.with_suffix(".json")
     if place.suffix in TABLES:
@@ -89,7 +89,7 @@ def _read(campaign: Campaign, place: Path) -> Trajectory:
 
 
 def _proposed(campaign: Campaign) -> Bounded:
-    """The newest proposal, whether its log was told or not."""
+    """The newest proposal, with or without a log."""
     asked = [own for _, own in sorted(campaign.state().rounds.items()) if own.asked is not None]
     if not asked:
         raise UsageError(
@@ -105,7 +105,7 @@ def supplied(campaign: Campaign, needs: Sequence[str], given: Mapping[str, Any])
     """The options of these names: config, logs, samples, description, motion.
 
     Args:
-        given: the options that somebody gave; of these a motion says along which.
+        given: the options that the user gave; the motion may be one of them.
     """
     known: Mapping[str, Callable[[], Any]] = {
         "config": lambda: campaign.config,
@@ -128,9 +128,9 @@ def all_samples(campaign: Campaign) -> Samples:
 
 
 def description(campaign: Campaign) -> Mapping[str, bytes]:
-    """Files of the robot's description by name, as the campaign was made with them; robot.toml as it is now.
+    """Files of the robot's description by name: the original ones, and the current robot.toml.
 
-    UsageError: another one of them was changed.
+    UsageError: a file other than robot.toml was changed.
     """
     require_description(campaign)
     created = next(event for event in campaign.events() if isinstance(event.fact, Created))
@@ -144,7 +144,7 @@ def _numbers(campaign: Campaign) -> list[int]:
 def export(
     campaign: Campaign | str | Path, to: str, output: str | Path | None = None, **options: Any
 ) -> ModelFiles:
-    """Writes the model as `to` names it, whole or not at all; an earlier export there is replaced.
+    """Write the model in the format of target `to`, completely or not at all; replace an earlier export.
 
     Args:
         campaign: the folder, or it opened.
@@ -153,8 +153,8 @@ def export(
         options: of the target, named as those of the command with _ for -.
 
     Raises:
-        UsageError: nothing learned yet, no such target, an option that it does not know, what it cannot
-            export, or a folder that holds something else. EtudeError: it may not be written.
+        UsageError: nothing learned yet, no such target, an unknown option, a model that it cannot export, or
+            a folder with other contents. EtudeError: the folder cannot be written.
     """
     campaign = campaign if isinstance(campaign, Campaign) else open_campaign(Path(campaign))
     target: Target = plugins.load(GROUP, to)
@@ -171,7 +171,7 @@ def export(
 
 
 def _recorded(campaign: Campaign, to: str, folder: Path, digest: str) -> tuple[str, ...]:
-    """Has the journal know where a model went, for faults that are found later; a sentence if it cannot."""
+    """Record in the journal where a model was exported, for faults found later; a sentence if that fails."""
     place = str(folder.resolve())
     try:
         with campaign.writing():
@@ -194,10 +194,10 @@ def _mark(to: str, digest: str, delivered: Delivered) -> bytes:
 
 
 def given(**options: Any) -> dict[str, Any]:
-    """The options that somebody gave: those that are neither None nor False nor empty.
+    """The options that the user gave: those that are neither None nor False nor empty.
 
     Raises:
-        UsageError: `more`, as key=value, that is none, or an option that is given twice.
+        UsageError: an entry of `more` is not key=value, or an option is given twice.
     """
     found = {n: v for n, v in options.items() if not (v is None or v is False or v == "" or v == ())}
     for word in found.pop("more", ()):

@@ -1,4 +1,4 @@
-"""watch: compares incoming logs of any motion with the model in use. Nothing is ingested or learned."""
+"""watch: comparison of incoming logs of any motion with the model in use, without ingest or learning."""
 
 from __future__ import annotations
 
@@ -31,16 +31,16 @@ DRIFT_ONSETS: dict[DriftOnset, str] = {
 
 @dataclass(frozen=True, eq=False)
 class WatchedLog:
-    """What one log says.
+    """Result for one log.
 
     Attributes:
         path: of the file.
-        verdict: "refused": it cannot be used, or lacks what the model looks at; the sentence says why.
-        seconds: of motion, until the change was certain; None without one.
-        kind: "payload", "friction", "sensor" or "unknown", "" without a change; cause: more closely.
-        evidence: nats, the most of the log. z2: mean squared error over the predicted variance.
-        command: the one that holds nearly all of the errors; "" if none does.
-        sentence: of all that, for people.
+        verdict: "refused": the log cannot be used, or lacks inputs of the model; `sentence` says why.
+        seconds: s of motion until the change was certain; None without a change.
+        kind: "payload", "friction", "sensor" or "unknown", "" without a change; cause: in more detail.
+        evidence: nats, the maximum over the log. z2: mean squared error over the predicted variance.
+        command: the command with nearly all of the errors; "" if there is none.
+        sentence: summary for users.
     """
 
     path: Path
@@ -57,14 +57,14 @@ class WatchedLog:
 
 @dataclass(frozen=True, eq=False)
 class Watched:
-    """What several logs say, oldest first.
+    """Result for several logs, oldest first.
 
     Attributes:
-        used: the model that they were held against.
-        logs: one by one.
-        kind: of the change, as of a log; "" without one. manner: how it came.
-        sentence: of all logs.
-        proposal: a motion that would teach the changed robot; None without a change.
+        used: the model that they were compared with.
+        logs: result for each log.
+        kind: of the change, as for a log; "" without one. manner: how the change developed.
+        sentence: summary of all logs.
+        proposal: a training motion for the changed robot; None without a change.
         no_proposal: why there is none although the robot has changed.
     """
 
@@ -91,18 +91,18 @@ def watch(
     propose: bool = True,
     say: Say = lambda _: None,
 ) -> Watched:
-    """Holds logs of any motion against the model in use, and says what has changed.
+    """Compare logs of any motion with the model in use, and report what has changed.
 
-    Each log is judged by the test that `tell` asks (docs/changed_robot.md); nothing of it is kept. Where the
-    robot has changed a motion is asked for, as `ask` does it.
+    Each log is judged by the same test as in `tell` (docs/changed_robot.md), and is not stored. If the robot
+    has changed, a motion is proposed as by `ask`.
 
     Args:
         campaign: the folder.
         logs: files, oldest first.
         degrees: their angles are degrees.
-        accept: checks whose questions are answered with: take it as it is.
-        repair: checks whose questions are answered with: put it right.
-        propose: ask for a motion where the robot has changed.
+        accept: checks whose findings are accepted: the log is used unchanged.
+        repair: checks whose findings are repaired.
+        propose: propose a motion if the robot has changed.
         say: receives one sentence per step.
 
     Raises:
@@ -140,7 +140,7 @@ def _one(campaign: Campaign, used: DeployedModel, path: Path, degrees: bool, ans
 
 
 def of_samples(path: Path, found: Judged, samples: Samples) -> WatchedLog:
-    """What the test of a log's samples says, in words."""
+    """The result of the test of a log's samples, in words."""
     most, z2 = float(found.evidence.max(initial=0.0)), found.z2
     if found.alarm is None:
         sentence = f"the robot that the model knows (squared errors {found.z2:.3g} times their variance)"
@@ -156,7 +156,7 @@ def of_samples(path: Path, found: Judged, samples: Samples) -> WatchedLog:
 
 
 def _kind(changed: Sequence[WatchedLog]) -> str:
-    """What all logs that name something name; "unknown" where none does, or they disagree."""
+    """The kind of change on which all logs with a known kind agree; "unknown" otherwise."""
     named = {one.kind for one in changed} - {"unknown"}
     return named.pop() if len(named) == 1 else "unknown"
 
@@ -169,9 +169,9 @@ def _quiet(found: Sequence[WatchedLog]) -> str:
 
 
 def _with_proposal(campaign: Campaign, watched: Watched, say: Say) -> Watched:
-    """With a motion as long as all of the campaign, unless none can be made; an open one is shown again.
+    """The result with a motion of the campaign's usual length, if possible; an open one is shown again.
 
-    A third of it left twice the error in simulation; see docs/results/monitoring.md.
+    A third of that length left twice the error in simulation; see docs/results/monitoring.md.
     """
     try:
         return replace(watched, proposal=ask(campaign, go_on=True, say=say))

@@ -24,16 +24,16 @@ TABLES = (".csv", ".parquet")
 ORDERS, DEGREE = 4, 7
 """Position to jerk at the ends of septics."""
 KNOT_S = 0.25
-"""s between knots at least: rounding of rows that are nearer would be jerk."""
+"""s, smallest distance of knots: with closer ones, rounding of the rows would cause jerk."""
 MISSED, REST = 0.01, 0.02
-"""Of the path's extent by which a curve may miss a row; of the top speed, below which an end is at rest."""
+"""Fraction of the path's extent by which a curve may miss a row; fraction of the top speed that is rest."""
 TURNED = 1e-3
-"""rad of heading that is none."""
+"""rad, heading that counts as zero."""
 
 
 def is_plan(campaign: Campaign, place: Path) -> bool:
-    """Whether a table is that of the motion beside it: of a flight it holds what is planned, which are no
-    states, and its accelerations are not what an accelerometer measures.
+    """Whether a table belongs to the trajectory.json beside it. For flights such a table has planned values,
+    which are no states: its accelerations are not those of an accelerometer.
     """
     planned = place.with_suffix(".json")
     if place.suffix != ".csv" or not planned.is_file():
@@ -47,7 +47,7 @@ def is_plan(campaign: Campaign, place: Path) -> bool:
 
 
 def is_path_alone(campaign: Campaign, place: Path) -> bool:
-    """Whether a table has none of the states that models look at, as a vehicle's path is none."""
+    """Whether a table has no state that models use; a vehicle's path is no such state."""
     if _path(campaign).role == "state":
         return False
     states = [c for c in campaign.channels if c.role == "state"]
@@ -57,18 +57,19 @@ def is_path_alone(campaign: Campaign, place: Path) -> bool:
 
 
 def motion_of_table(campaign: Campaign, place: Path) -> Splined:
-    """The smooth curve near the rows of a table with a time and the columns of the robot's path; at rest at
-    an end where the rows are.
+    """The smooth curve near the rows of a table with a time and the columns of the robot's path.
+
+    It is at rest at an end if the rows are.
 
     Raises:
-        UsageError: fewer rows than a curve takes, rows that no smooth curve follows, or a heading.
+        UsageError: too few rows for a curve, rows that no smooth curve fits, or a heading.
         DataError: the table does not have these columns.
     """
     path, raw = _path(campaign), read_raw(place)
     _refuse_heading(raw, place)
     plain = {_bare(name): name for name in raw.values}
     named = {f"{path.name}_{part}": plain[part] for part in path.parts if part in plain}  # x, y, z alone
-    # waypoints may be far apart: their rate does not tell the unit of time
+    # waypoints may be far apart, so their rate does not determine the unit of time
     clocks = [name for name in raw.values if is_time(name)]
     named |= {"t [s]": clocks[0]} if len(clocks) == 1 and not unit_of(clocks[0]) else {}
     config = campaign.config.log
@@ -95,7 +96,7 @@ def _bare(header: str) -> str:
 
 
 def _refuse_heading(raw: Log, place: Path) -> None:
-    """UsageError: a column of yaw that is not 0. Planned flights look along x."""
+    """Raise UsageError for a column of yaw that is not 0: planned flights keep yaw at zero."""
     for name, values in raw.values.items():
         if _bare(name) in ("yaw", "heading") and np.abs(values).max(initial=0.0) > TURNED:
             raise UsageError(

@@ -23,23 +23,23 @@ from etude.storage import write_atomic
 from etude.types import Array
 
 TOLD = 0.05
-"""m: a centre whose 95 % interval is wider on either side is not told."""
+"""m: a centre with a wider half of the 95 % interval is not reported."""
 ROUGH = 0.25
-"""Of a mass: half of an interval that is too wide to be written."""
+"""Fraction of a mass: with a wider half of the interval it is not written to the file."""
 SCALE = "scale"
-"""The check of command units that a load answers."""
+"""The check of command units that a load may trigger."""
 MUCH_LEFT = 4.0
-"""Times the predicted variance, of the errors that a load leaves: something else has changed too."""
+"""Ratio of squared errors with the load to the predicted variance; above it more than a load has changed."""
 MOTION = "Record the motion that shows most of it: etude ask {} --payload."
 
 
 @dataclass(frozen=True, eq=False)
 class Weighed:
-    """What one log says.
+    """Result for one log.
 
     Attributes:
-        used: the model that it was held against. load: what was found.
-        said: sentences of it. written: robot.toml, where it was written into; None where not.
+        used: the model that it was compared with. load: the load found.
+        said: sentences on the load. written: the robot.toml that was changed; None if none was.
     """
 
     used: DeployedModel
@@ -57,23 +57,23 @@ def payload(
     accept: Sequence[str] = (),
     say: Say = lambda _: None,
 ) -> Weighed:
-    """Mass and centre of what the robot carries beyond what the model in use knows.
+    """Mass and centre of the load that the robot carries in addition to that of the model in use.
 
     Args:
         campaign: the folder. log: a file of any motion.
-        write: add it to the payload of robot.toml, where a load shows.
+        write: add the load to the payload of robot.toml if it is significant.
         degrees: the log's angles are degrees.
-        accept: checks whose questions are answered with: take it as it is.
+        accept: checks whose findings are accepted: the log is used unchanged.
         say: receives one sentence per step.
 
     Raises:
-        UsageError: nothing was learned yet, a robot whose links are not known, or nothing to write.
-        DataError: the log cannot be used, or lacks what the model looks at.
+        UsageError: nothing was learned yet, the robot's links are unknown, or there is nothing to write.
+        DataError: the log cannot be used, or lacks inputs of the model.
     """
     used = deployed_model(campaign)
     say(used.sentence)
     body = weighable(campaign)
-    # a wrist that carries something needs several times its own torque, which looks like another unit
+    # a load multiplies the torque of a wrist, which looks like another unit
     answers = answers_of(campaign.state(), (*accept, SCALE), ())
     asked = questions_of(campaign, campaign.state(), answers)
     rows = start_at_zero(read(campaign, Path(log), degrees=degrees, asked=asked))
@@ -88,7 +88,7 @@ def payload(
 
 
 def weighable(campaign: Campaign) -> SupportsVariations:
-    """What the model file says of the commands. UsageError: nothing, or a robot without a hand."""
+    """The physics of the model file. UsageError: there are none, or the robot has no hand."""
     if not isinstance(campaign.kind, SupportsPayload):
         raise UsageError(
             f"robots of the kind '{campaign.kind.name}' have no hand that something hangs at",
@@ -107,7 +107,7 @@ def weighable(campaign: Campaign) -> SupportsVariations:
 
 
 def apparent_of(campaign: Campaign, model: LearnedModel, body: SupportsVariations) -> Array | None:
-    """Loads that the logs of the model seem to carry; None where no physics tell."""
+    """Apparent loads in the logs of the model; None without identified physics."""
     physics: object = campaign.kind.physics(campaign.spec, campaign.config).get("identified")
     numbers = [r.number for r in campaign.state().learned if campaign.run_file(r.number).is_file()]
     if not isinstance(physics, SupportsWithout) or not numbers:

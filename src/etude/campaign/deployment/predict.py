@@ -25,7 +25,7 @@ from etude.types import Array, Channel, Log, Mask
 
 COMMAND, DEVIATION, OUTSIDE, SINGLE = "command", "deviation", "outside", "row_deviation"
 EVERY_ROW = {"rate_hz": 1e6, "lag_s": 0.0}
-"""Of [data], where it has them: learning takes some rows and moves commands; here every row counts."""
+"""Overrides of keys of [data]: learning drops rows and shifts commands, while prediction needs every row."""
 
 
 def predict(
@@ -35,21 +35,21 @@ def predict(
     degrees: bool = False,
     say: Say = lambda _: None,
 ) -> Log:
-    """Commands along a motion: channels "command", "deviation", "row_deviation" and "outside", each (T, J);
-    the latter is 1 where the row lies outside of what that command was learned from (`LearnedModel.outside`),
-    and `repairs` says how often.
+    """Commands along a motion: channels "command", "deviation", "row_deviation" and "outside", each (T, J).
+    "outside" is 1 where the row lies outside of the command's training data (`LearnedModel.outside`);
+    `repairs` has a sentence on its frequency.
 
-    "deviation" is that of one sample as the model learns it, noise included: of commands that were filtered
-    or averaged to the model's rate. "row_deviation" is that of a single recorded row, which scatters more,
-    as the newest log did; it is the same for models of earlier versions.
+    "deviation" is the standard deviation of a training sample, noise included: commands there are filtered or
+    averaged to the model's rate. "row_deviation" is that of a single recorded row, with the larger scatter of
+    the newest log; models of earlier versions have the same value for both.
 
     Args:
         campaign: the folder, or it opened.
         motion: a trajectory.json; a log; or a table with a time and the robot's columns, named as logs are.
-            Where it lacks velocities or accelerations they are made of the positions as learning makes them;
-            those that it has are asked as they are, and times stay those of the table.
+            Missing velocities or accelerations are derived from the positions as in training; existing ones
+            are used unchanged, and times stay those of the table.
         degrees: the table's angles are degrees.
-        say: receives which model it is.
+        say: receives the sentence on the model.
 
     Raises:
         UsageError: nothing learned yet, or no such file. DataError: it is no motion of this robot.
@@ -74,7 +74,7 @@ def predict(
         motion = _read(campaign, place, degrees)
         try:
             return _in_units(model, states_for(campaign, model, motion), campaign, scatter)
-        except DataError as error:  # its advice is for learning, and a table lacks something else
+        except DataError as error:  # its advice is for training, not for such a table
             raise DataError(error.fact, where=str(place), next_step=_lacking(place)) from error
     return _in_units(model, states_for(campaign, model, motion), campaign, scatter)
 
@@ -85,18 +85,18 @@ def _along(campaign: Campaign, model: LearnedModel, motion: Trajectory, scatter:
 
 
 def _lacking(place: Path) -> str:
-    """What to give in place of a table that does not tell a state that the model looks at."""
+    """Advice for a table that lacks a state that the model needs."""
     planned = place.with_suffix(".json")
     instead = f"{planned.name} beside it" if planned.is_file() else "the trajectory.json of the motion"
     return f"Add its columns, named as in logs, or name {instead}."
 
 
 def states_for(campaign: Campaign, model: LearnedModel, motion: Log) -> Log:
-    """The log if it has the channels that the model looks at, else what the recipe makes of those it needs;
-    with what physics remembers of its rows before.
+    """The log if it has the model's input channels, else the states that the recipe derives from it; with the
+    memory of the physics.
 
     Raises:
-        DataError: it has neither.
+        DataError: neither is possible.
     """
     wanted = dict.fromkeys(channel for channel, *_ in model.columns)
     missing = [name for name in wanted if name not in motion]
@@ -104,12 +104,12 @@ def states_for(campaign: Campaign, model: LearnedModel, motion: Log) -> Log:
 
 
 def _as_learning(campaign: Campaign, motion: Log, missing: Sequence[str]) -> Log:
-    """The states that the kind's recipe makes of the log, at all of its rows that the filter reaches."""
+    """The states that the kind's recipe derives from the log, at all rows within reach of the filter."""
     data: Any = campaign.config.data
     own = {name: value for name, value in EVERY_ROW.items() if hasattr(data, name)}
     config = replace(campaign.config, data=replace(data, **own))
     if campaign.command.name not in motion:
-        ramp = np.linspace(0.0, 1.0, len(motion))  # a recipe asks for commands, and no state depends on them
+        ramp = np.linspace(0.0, 1.0, len(motion))  # recipes need commands, but no state depends on them
         parts = len(campaign.command.parts)
         motion = motion.put(campaign.command, np.tile(ramp[:, None], (1, parts)))
     groups = [np.zeros(len(motion), dtype=np.int64)]
@@ -121,7 +121,7 @@ def _as_learning(campaign: Campaign, motion: Log, missing: Sequence[str]) -> Log
 
 
 def _as_given(motion: Log, made: Log, missing: Sequence[str]) -> Log:
-    """The states that were made, with the rates that the motion has: what somebody gives is asked."""
+    """The derived states, with the rates of the motion where it has them."""
     rows = np.searchsorted(motion.t, made.t).clip(0, len(motion) - 1)
     if not np.array_equal(motion.t[rows], made.t):
         return made
@@ -163,9 +163,9 @@ def _read(campaign: Campaign, path: Path, degrees: bool) -> Log:
 
 
 def _in_units(model: LearnedModel, states: Log, campaign: Campaign, scatter: Array) -> Log:
-    """What the model says, with the robot's own channel of commands, so that their unit is known.
+    """The model's prediction, with the robot's own channel of commands, so that their unit is known.
 
-    scatter: (J,) or a number, of single rows about what learning makes of them.
+    scatter: (J,) or a number, deviation of single rows from the filtered commands.
     """
     found = model.commanded(states)
     aside = replace(campaign.command, name=DEVIATION, role="aside")

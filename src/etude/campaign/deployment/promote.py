@@ -37,19 +37,19 @@ WORDS = {
     "linear": "linear regression",
     CONSTANT: "a constant command",
 }
-"""What stands for physics alone, or for what there was before these, by structure."""
+"""Names in sentences of the structures that a model is compared with."""
 
 
 @dataclass(frozen=True)
 class Promotion:
-    """What became of a model that asked to be promoted.
+    """Result of a request to promote a model.
 
     Attributes:
         number: of the log that its training ended with. sha256: of its file.
-        promoted: it is in use now. repeated: it was in use before. forced: against what the data say.
+        promoted: it is in use now. repeated: it was in use already. forced: despite the data.
         compared: with physics alone and, unless it is the first, with the model in use.
-        narrow, wide: (J,) parts of held-out commands inside the 50 % and 95 % intervals, None of none.
-        refused: what speaks against it.
+        narrow, wide: (J,) fractions of held-out commands inside the 50 % and 95 % intervals; None if unknown.
+        refused: reasons against the promotion.
     """
 
     number: int
@@ -131,7 +131,7 @@ def rollback(campaign: Campaign, *, reason: str = "") -> tuple[int, int]:
 
 
 def _judged(campaign: Campaign, state: State, number: int, digest: str, force: bool, say: Say) -> Promotion:
-    """The comparisons and the decision; forced where they cannot be made and nobody minds."""
+    """The comparisons and the decision; with `force` also where comparisons are impossible."""
     try:
         left_out = read_residuals(campaign.model_folder(number) / LEFT_OUT)
         found = [_with_physics(left_out)]
@@ -172,7 +172,7 @@ def _with_deployed_model(campaign: Campaign, state: State, left_out: CrossValida
         )
     fresh = _fresh_logs(campaign, state, logs, set(promoted.logs))
     error = _errors(before, samples, judge(samples, campaign.config.model))
-    # of the same samples, or the pair would not be one
+    # the same samples, as a paired comparison needs
     both = np.isfinite(left_out.error) & np.isfinite(error)
     own, other = (np.where(both, e, np.nan) for e in (left_out.error, error))
     pair = (by_segment(e, left_out.group, fresh) for e in (own, other))
@@ -210,10 +210,10 @@ def _learned_logs(state: State) -> tuple[str, ...]:
 
 
 def _reasons(found: Sequence[Compared]) -> list[Notice]:
-    """What held-out errors say against the model.
+    """Reasons against the model, from held-out errors.
 
-    It has physics among its candidates, and may be level with these: they come with it. The model in use is
-    replaced by a better one alone.
+    Physics is among the model's candidates, so that the model may be equal to it. But it must be better than
+    the model in use.
     """
     out = []
     for place, one in enumerate(found):
@@ -227,7 +227,7 @@ def _reasons(found: Sequence[Compared]) -> list[Notice]:
 
 
 def _misfits(commands: Sequence[str], wide: Array, calibrated: bool) -> list[Notice]:
-    """What is said of intervals that are narrower than the errors."""
+    """Notices on intervals that are narrower than the errors."""
     out = [] if calibrated else [Notice(Refusal.NOT_CALIBRATED)]
     low = uncalibrated(wide)
     missed = tuple(Notice(Phrase.COVERAGE, {"output": commands[j], "part": float(wide[j])}) for j in low)

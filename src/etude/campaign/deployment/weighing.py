@@ -33,29 +33,29 @@ from etude.protocols import Family, Inputs, Limit
 from etude.types import Array, Log
 
 STREAM = 7
-"""Separates the random numbers of these motions from those of asks, of confirmations and of the tests."""
+"""Stream that separates the random numbers of these motions from those of other proposals and tests."""
 DURATION_S = 10.0
 """Of a motion, without its lead-in."""
 CORRELATED_S = 0.5
-"""s in which errors are alike: samples nearer than that share one vote."""
+"""s, correlation time of errors: samples within it count as one."""
 POINTS = 50
-"""Instants of a motion that are looked at: five in each second."""
+"""Number of instants of a motion: five per second."""
 CANDIDATES = 48
-"""Random motions, of which the best is refined."""
+"""Number of random motions, of which the best is refined."""
 REGIONS = 4
-"""Times that motions between obstacles are looked for: two each."""
+"""Number of searches for motions between obstacles; each finds two."""
 SHARE = 0.2
-"""Of the mass that takes all of some command: about a load that is rated."""
+"""Fraction of the mass that uses all of some command: about a rated load."""
 REFINED, STEPS = 1, 12
-"""Of the candidates, and iterations: on a UR10 deviations fall by a fifth, in about ten seconds."""
+"""Refined candidates, and iterations: on a UR10 deviations fall by a fifth, in about ten seconds."""
 STEP = 1e-5
-"""Of a parameter's size, for differences."""
+"""Step of finite differences, as a fraction of a parameter's size."""
 
 
 @dataclass(frozen=True, eq=False)
 class Weighs:
-    """What a motion tells of a load: minus half the log determinant of the covariance of mass and first
-    moments that it leaves. Implements `solve.Sought`.
+    """Information of a motion on a load: minus half the log determinant of the posterior covariance of mass
+    and first moments. Implements `solve.Sought`.
 
     Attributes:
         model, body, apparent, mass: see `load_forecast`.
@@ -73,7 +73,7 @@ class Weighs:
         return replace(self, family=family)
 
     def covariance(self, p: Array) -> Array:
-        """(4, 4) that the motion of p (P,) leaves."""
+        """(4, 4) posterior covariance after the motion of p (P,)."""
         duration = self.family.trajectory(p).duration
         times, keep = instants(duration, POINTS, self.inputs.rate)
         motion = self.family.motion(p, times, self.inputs.orders)
@@ -87,7 +87,7 @@ class Weighs:
         return -0.5 * float(np.linalg.slogdet(self.covariance(p))[1])
 
     def value_and_gradient(self, p: Array) -> tuple[float, Array]:
-        """By forward differences: a gradient costs as much as a few candidates."""
+        """Value and gradient (P,) by forward differences; it costs as much as a few candidates."""
         value, gradient = self.value(p), np.zeros_like(p)
         for i in range(len(p)):
             moved = p.copy()
@@ -105,17 +105,17 @@ def ask_to_weigh(
     start: str = "",
     say: Say = lambda _: None,
 ) -> Proposal:
-    """The open motion that shows what hangs at the hand, or another one.
+    """The open motion that identifies the load at the hand, or a new one.
 
     Args:
         campaign: the folder.
-        new: ask for another one although one is open.
+        new: propose another one although one is open.
         speed, formats, start: as of `ask`.
         say: receives one sentence per step.
 
     Raises:
-        UsageError: nothing was learned yet, a robot whose links are not known, no command that a load asks
-            for, a file that was changed, or an unknown format.
+        UsageError: nothing was learned yet, the robot's links are unknown, no command depends on a load, a
+            file was changed, or a format is unknown.
         UnsafeTrajectoryError: no such motion inside the limits; nothing is written.
     """
     require_formats(formats)
@@ -137,7 +137,7 @@ def ask_to_weigh(
 def _propose(
     campaign: Campaign, state: State, number: int, constraints: Constraints, say: Say
 ) -> tuple[TrajectoryFiles, str]:
-    """Files of the motion, committed, and what it will show."""
+    """Files of the motion, committed, and its expected accuracy."""
     used = deployed_model(campaign)
     body = weighable(campaign)
     say(used.sentence)
@@ -199,7 +199,7 @@ def _whole(campaign: Campaign, log: Log, body: SupportsVariations) -> float:
 
 
 def forecast(covariance: Array, mass: float) -> str:
-    """What is to be expected of a load of `mass` kg whose centre is at the link's origin, 95 %."""
+    """Expected 95 % intervals for a load of `mass` kg with its centre at the link's origin."""
     wide = NORMAL_95 * np.sqrt(np.diag(covariance)) / np.array([1.0, mass, mass, mass])
     axes = [
         f"{name} +- {1e3 * own:.0f} mm" if own <= TOLD else f"{name} cannot be told"

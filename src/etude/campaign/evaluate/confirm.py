@@ -1,11 +1,11 @@
 """Confirmation on the robot: a motion left out of training, without and with feedforward, and its
 expected error.
 
-Its logs are not told as others are: nothing learns from them.
+Its logs are not ingested for training.
 
-While a joint stands, friction holds whatever its command leaves over: the command that it needs is no number
-but a range, of which the model rightly says that it does not know where in it the command lies. None of that
-becomes a tracking error, so nothing is said of joints that stand.
+While a joint is at rest, static friction balances any residual of its command. The required command is then a
+range, and the model correctly predicts a large uncertainty within it. None of this becomes a tracking error,
+so joints at rest are left out.
 """
 
 from __future__ import annotations
@@ -38,9 +38,9 @@ from etude.protocols import Limit, Trajectory
 from etude.storage import write_atomic
 
 CONFIRM_STREAM = 6
-"""Separates the random numbers of these motions from those of asks and of the tests."""
+"""Stream that separates the random numbers of these motions from those of proposals and tests."""
 DRAWS, SPEEDS = 3, (FULL, 90, 80)
-"""Tries, and per cent of the speed at which each is tried, to leave room for what tracking may add."""
+"""Number of tries, and the speeds of each in per cent, to leave room for tracking errors."""
 
 
 def ask_to_confirm(
@@ -51,13 +51,13 @@ def ask_to_confirm(
     effort: bool = False,
     say: Say = lambda _: None,
 ) -> Proposal:
-    """The open motion that confirms, or another one: to be run without and with the learned feedforward.
+    """The open confirmation motion, or a new one, to be run without and with the learned feedforward.
 
     Args:
         campaign: the folder.
-        new: ask for another one although one is open.
+        new: propose another one although one is open.
         formats: also write it for these receivers, names among `etude.exporters`.
-        effort: with the learned command where the format has a place for it.
+        effort: with the learned command where the format supports it.
         say: receives one sentence per step.
 
     Raises:
@@ -90,9 +90,9 @@ def _asked(campaign: Campaign, new: bool, formats: Sequence[str], effort: bool, 
 
 
 def _fed(campaign: Campaign, number: int, files: TrajectoryFiles) -> dict[Path, bytes]:
-    """The table with the commands of the model that the motion was asked for with.
+    """The table with the commands of the model that the motion was proposed with.
 
-    UsageError: that model is gone since.
+    UsageError: that model no longer exists.
     """
     place, asked = campaign.proposal(number) / FEEDFORWARD, campaign.round(number).asked
     model = None if asked is None else model_of_sha256(campaign, asked.model_sha256)
@@ -108,7 +108,7 @@ def _fed(campaign: Campaign, number: int, files: TrajectoryFiles) -> dict[Path, 
 def _propose(
     campaign: Campaign, state: State, number: int, constraints: Constraints, say: Say
 ) -> tuple[TrajectoryFiles, str]:
-    """Files of the motion, committed, and how it was found."""
+    """Files of the motion, committed, and a sentence on how it was found."""
     used = model_to_command(campaign, state)
     say(used.sentence)
     seed = [state.seed, number, CONFIRM_STREAM]
@@ -134,7 +134,7 @@ def _propose(
 def _drawn(
     campaign: Campaign, rng: np.random.Generator, constraints: Constraints
 ) -> tuple[TrajectoryFiles, str]:
-    """The first motion drawn as tests are that is certified; else a random one inside the limits."""
+    """The first certified motion of the tests' distribution; otherwise a random one inside the limits."""
     limits = constraints.limits(campaign)
     require_possible(limits)
     for motion, speed in _candidates(campaign, rng):
@@ -178,7 +178,7 @@ def feedforward_bytes(campaign: Campaign, files: TrajectoryFiles, model: Learned
 
 
 def _with_forecast(asked: Asked, campaign: Campaign, model: LearnedModel, trajectory: Trajectory) -> Asked:
-    """With what error to expect; nothing where commands are not one an axis."""
+    """The fact with the expected error; unchanged unless each axis has one command."""
     channel, path = campaign.command, campaign.kind.path
     if channel.acts_on != path or len(channel.parts) != len(campaign.axes):
         return asked

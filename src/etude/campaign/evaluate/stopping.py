@@ -1,7 +1,8 @@
 """Stop rules: four of them decide whether another trajectory is worth its robot time, with their evidence.
 
 The evidence: prequential score, calibration factor, expected command error, value of the next trajectory.
-Training error and marginal likelihood are not: the one always falls, hyperparameters change the other.
+Training error and marginal likelihood are no evidence: the first always falls, and hyperparameters change the
+second.
 """
 
 from __future__ import annotations
@@ -20,27 +21,27 @@ from etude.campaign.record.state import Round, State
 from etude.codes import Code, Notice, Phrase, Stop
 
 OVERCONFIDENT = 2.0
-"""Calibration factor above which an expected command error is not believed."""
+"""Calibration factor above which an expected command error is not trusted."""
 STILL_CHANGING = 0.7
-"""Largest move of a logarithmic length scale in one update for which the model counts as settled."""
+"""Largest change of a log length scale in one update for which the model counts as settled."""
 
 
 @dataclass(frozen=True)
 class LogOutcome:
-    """What is known after one log was learned.
+    """Evidence after one log was learned.
 
     Attributes:
         number: of the trajectory.
-        forecast: forecast command error where the tasks are, over the command limit, largest over the axes.
-        noise_ratio: variance left over noise variance, largest over the axes; None for a model without noise.
-        gain: fraction of the variance left that the next trajectory would remove; None if not designed.
+        forecast: forecast command error at the tasks, relative to the command limit, largest over the axes.
+        noise_ratio: remaining variance divided by noise variance, largest over the axes; None without noise.
+        gain: fraction of the remaining variance that the next trajectory would remove; None if not designed.
         gain_minutes: robot time of that next trajectory, set-up included, min.
         calibration: pooled z^2 of trajectories left out; 1 is right, None while unknown.
         moved: largest move of a logarithmic length scale in the last training; None for the first one.
         robot_minutes: recorded motion so far, min.
-        coverage: part of an output's commands inside its 95 % intervals, least over the outputs, of logs
-            left out; None while unknown.
-        red: alerts that are red.
+        coverage: fraction of an output's commands inside its 95 % intervals, on logs left out; smallest over
+            the outputs, None while unknown.
+        red: the red alerts.
     """
 
     number: int
@@ -62,9 +63,9 @@ RULES: Mapping[Code, str] = {
     Stop.BUDGET_LOGS: "budget",
     Stop.BUDGET_TIME: "budget",
 }
-"""The rule that has fired, by what is said."""
+"""The rule that has fired, by phrase."""
 GOES_ON = (Stop.OPEN, Stop.LOGS_MISSING)
-"""What asks for another log whether or not the model may be used."""
+"""Phrases that call for another log whether or not the model may be used."""
 
 
 @dataclass(frozen=True)
@@ -72,8 +73,8 @@ class Verdict:
     """Whether to stop, and why.
 
     Attributes:
-        said: what the rules say by themselves.
-        harm: why the model should not be used, whatever a rule says; None: nothing says so.
+        said: result of the rules.
+        harm: why the model should not be used despite the rules; None: it may be used.
     """
 
     said: Notice
@@ -83,19 +84,19 @@ class Verdict:
     def rule(self) -> str:
         """ "tolerance", "noise", "gain", "budget"; "" if none fired, or the model should not be used.
 
-        The budget fires all the same.
+        The budget counts in both cases.
         """
         rule = RULES.get(self.said.code, "")
         return rule if rule == "budget" or self.usable else ""
 
     @property
     def stop(self) -> bool:
-        """Another trajectory is not worth it."""
+        """Whether another trajectory is not worth its robot time."""
         return bool(self.rule)
 
     @property
     def usable(self) -> bool:
-        """Nothing says that the model should not be used."""
+        """Whether there is no reason against using the model."""
         return self.harm is None
 
     @property
@@ -125,7 +126,7 @@ def judge(evidence: Sequence[LogOutcome], config: StopConfig) -> Verdict:
 
 
 def _said(recent: Sequence[LogOutcome], config: StopConfig) -> Notice:
-    """What the rules say by themselves, of as many logs as must agree."""
+    """Result of the rules, from as many logs as must agree."""
     tolerable, doubt = all(_tolerable(e, config) for e in recent), _doubt(recent[-1])
     forecast = {"forecast": recent[-1].forecast, "goal": config.command_tolerance}
     if tolerable and doubt is None:
@@ -163,7 +164,7 @@ def _not_worth_it(e: LogOutcome, config: StopConfig) -> bool:
 
 
 def _harm(e: LogOutcome) -> Notice | None:
-    """Why the model should not be used, whatever a rule says."""
+    """Why the model should not be used, despite the rules; None if it may be used."""
     if e.red:
         return e.red[0]
     if e.coverage is not None and e.coverage < LEAST_COVERAGE:
@@ -193,7 +194,7 @@ def _open_points(e: LogOutcome, config: StopConfig) -> tuple[Notice, ...]:
 
 
 POOLED = 3
-"""Trajectories whose prequential z^2 make the calibration factor."""
+"""Number of trajectories whose prequential z^2 are pooled in the calibration factor."""
 
 
 def seen_by_the_rule(campaign: Campaign, state: State, next_gain: float | None = None) -> list[LogOutcome]:
@@ -202,7 +203,7 @@ def seen_by_the_rule(campaign: Campaign, state: State, next_gain: float | None =
     Args:
         campaign: gives limits and set-up time.
         state: the replayed facts.
-        next_gain: forecast gain of a trajectory that was just designed and is not asked for yet.
+        next_gain: forecast gain of a trajectory that was just designed, but not proposed yet.
     """
     trained = state.trained
     gains = _gains_after(state)
@@ -215,7 +216,7 @@ def seen_by_the_rule(campaign: Campaign, state: State, next_gain: float | None =
 
 
 def calibration_factor(trained: list[Round]) -> float | None:
-    """Mean z^2 of logs left out of the model in use, over all axes; None while unknown.
+    """Mean z^2 over all axes on logs left out of the training; None while unknown.
 
     Trainings of earlier versions: over the last `POOLED` logs, each predicted before it was learned.
     """
@@ -234,7 +235,7 @@ def calibration_factor(trained: list[Round]) -> float | None:
 
 
 def _gains_after(state: State) -> dict[int, float | None]:
-    """Forecast gain of the trajectory asked for after k logs were learned, by k."""
+    """Forecast gain of the trajectory proposed after k learned logs, by k."""
     asked = [r.asked for r in state.rounds.values() if r.asked]
     return {a.learned: a.gain for a in asked if a.gain is not None}
 

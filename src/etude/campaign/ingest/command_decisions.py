@@ -1,7 +1,8 @@
 """Decisions on the commands of new logs, taken together with the commands of earlier logs.
 
-One finding after the other: what is repaired is judged again, until nothing is found or a question is open.
-Each applies to all logs that it is about, or to none: where one of them was learned, nothing is repaired.
+Findings are treated one after the other: repaired logs are judged again, until there is no finding or a
+question is open. A decision applies to all logs that it concerns, or to none: if one of them was learned
+already, nothing is repaired.
 """
 
 from __future__ import annotations
@@ -33,7 +34,7 @@ Answer = Callable[[Finding], str]
 
 @dataclass(frozen=True)
 class Step:
-    """One thing that is decided of the commands: a finding and what becomes of it. logs: of the new ones."""
+    """One decision on the commands: a finding and its outcome. logs: the new ones that it concerns."""
 
     what: Literal["note", "repair", "accept", "open"]
     finding: Finding
@@ -46,9 +47,9 @@ def decided(
     """The steps of new logs, and the last decision; none where commands act on no joint.
 
     Args:
-        new: their motion settled. told: by number, as they are stored.
+        new: new logs, after repairs of their motion. told: earlier logs by number, as they are stored.
         answer: "accept", "repair" or "" to a finding.
-        body: what a model file says of the commands by itself.
+        body: commands predicted by the model file alone.
     """
     path = joints(new[0]) if new else None
     if path is None:
@@ -69,7 +70,7 @@ def decided(
             return steps, found
         finding = finding_of(found, path.parts, sources, old)
         own = frozenset(i - len(old) for i in found.logs if i >= len(old))
-        if not own and isinstance(finding, Doubt):  # an answer about these logs, not about what they hold
+        if not own and isinstance(finding, Doubt):  # the answer concerns these logs, not their contents
             finding = replace(finding, by=(*finding.by, *(float(numbers[i]) for i in found.logs)))
         again = any(step.finding == finding for step in steps)
         whole = len(own) == len(found.logs) and isinstance(finding, Mendable)
@@ -83,7 +84,7 @@ def decided(
 
 
 def _what(found: Decision, answer: str, whole: bool) -> Literal["note", "repair", "accept", "open"]:
-    """whole: a repair puts right all that the decision is about."""
+    """Outcome of a decision. whole: a repair corrects every log that the decision concerns."""
     if found.level == "note":
         return "accept" if answer == "accept" else "note"
     if answer == "repair" and not whole:
@@ -92,7 +93,7 @@ def _what(found: Decision, answer: str, whole: bool) -> Literal["note", "repair"
 
 
 def told_logs(campaign: Campaign, state: State) -> dict[int, Log]:
-    """The newest logs that were told, by number; of a damaged one training will speak."""
+    """The newest ingested logs, by number; damaged ones are left out, and training reports them."""
     if not any(c.acts_on for c in campaign.channels):
         return {}
     found = {}
@@ -106,10 +107,10 @@ def told_logs(campaign: Campaign, state: State) -> dict[int, Log]:
 
 @dataclass(frozen=True, eq=False)
 class Survey:
-    """Files that are told at once, looked at before any of them is taken.
+    """Files that are ingested together, checked before any of them is stored.
 
     Attributes:
-        logs: by file, their motion settled. told, answer, body: as in `decided`.
+        logs: by file, after repairs of their motion. told, answer, body: as in `decided`.
     """
 
     logs: Mapping[Path, Log]
@@ -127,7 +128,7 @@ class Survey:
         return [*steps, Step(what, odd, frozenset(range(len(self.logs))))]
 
     def _contradiction(self, steps: Sequence[Step]) -> Finding | None:
-        """Whether the logs, put right, are of one robot; by a model file of forces alone."""
+        """Finding if the repaired logs are not of one robot; only with a model file that predicts forces."""
         logs = [self._put_right(i, log, steps) for i, log in enumerate(self.logs.values())]
         path = joints(logs[0]) if len(logs) > 1 else None
         if path is None or self.body is None:
@@ -144,7 +145,7 @@ class Survey:
         return log
 
     def of(self, path: Path) -> list[Step]:
-        """Of one of the files; of another one what all have."""
+        """The steps of one of the files; for any other file, the steps common to all."""
         paths = list(self.logs)
         if path in self.logs:
             return [step for step in self._steps if paths.index(path) in step.logs]

@@ -28,7 +28,7 @@ from etude.types import Array, Log
 def take_run(
     campaign: Campaign, state: State, path: Path, digest: str, number: int | None, how: How
 ) -> IngestResult:
-    """Measures and stores a run of a motion that confirms. The caller holds the lock. Errors as `tell`."""
+    """Measure and store a run of a confirmation motion. The caller holds the lock. Errors as `tell`."""
     run = how["confirm"]
     if run not in RUNS:
         raise UsageError(f"--confirm {run}: no such run", next_step=f"Runs: {', '.join(RUNS)}.")
@@ -60,7 +60,7 @@ def take_run(
 
 
 def _confirming(campaign: Campaign, log: Log, numbers: Sequence[int]) -> tuple[int, Log]:
-    """The first of these motions that the log is of. DataError: it is of none."""
+    """The first of these motions that matches the log. DataError: none does."""
     refused: DataError | None = None
     for number in numbers:
         try:
@@ -74,7 +74,7 @@ def _confirming(campaign: Campaign, log: Log, numbers: Sequence[int]) -> tuple[i
 def _sent(
     campaign: Campaign, evidence: Evidence, log: Log, numbers: Sequence[int], path: Path
 ) -> tuple[int, Log]:
-    """The motion that a recording is of. DataError: it is none of these, or did not reach its end."""
+    """The motion of a recording. DataError: it is none of these, or the recording is incomplete."""
     number = evidence.answers(campaign)
     if number is None or number not in numbers:
         raise DataError("this is no recording of a whole motion that confirms", where=str(path))
@@ -82,7 +82,7 @@ def _sent(
 
 
 def check_may_teach(campaign: Campaign, state: State, log: Log, path: Path) -> None:
-    """DataError: it is a run of a motion that confirms or weighs, from which nothing may be learned."""
+    """Raise DataError for a run of a confirmation or weighing motion, which must not be used for training."""
     known = [r.number for r in reversed((*state.confirmations, *state.weighings))]
     if not known or campaign.kind.path not in log:
         return
@@ -106,10 +106,10 @@ def check_may_teach(campaign: Campaign, state: State, log: Log, path: Path) -> N
 def measured_run(
     campaign: Campaign, log: Log, trajectory: Trajectory, run: str, sent: Sent | None = None
 ) -> Confirmed:
-    """A run that confirms: mean absolute tracking error of each axis, and its unit.
+    """Result of a confirmation run: mean absolute tracking error of each axis, and its unit.
 
-    With the feedforward of the motion also "moving", the error while the axis moves (None: it hardly does),
-    and of the run without it what a lag and noise are of that (`record.confirmation.Without`).
+    If the motion has a feedforward, also "moving", the error while the axis moves (None: it hardly moves).
+    For the run without feedforward, also the parts due to lag and noise (`record.confirmation.Without`).
 
     Raises:
         DataError: the log has no positions along the motion.
@@ -146,7 +146,7 @@ class Sent:
 
     @classmethod
     def of(cls, campaign: Campaign, number: int) -> Sent | None:
-        """None of a motion that has no forecast."""
+        """The feedforward of a proposal; None if the motion has no forecast."""
         asked = campaign.round(number).asked
         if asked is None or asked.trained_speeds is None:
             return None

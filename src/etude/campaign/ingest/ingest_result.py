@@ -18,16 +18,16 @@ from etude.types import Finding, Log
 
 
 class How(TypedDict, total=False):
-    """How a log is to be taken in; every word may be left out.
+    """Options of the ingest of a log, all optional.
 
     Attributes:
-        foreign: the log answers no proposal.
+        foreign: the log belongs to no proposal.
         degrees: the file's angles are degrees.
-        accept, repair: checks whose questions are answered so: the log is taken as it is, or put right.
-        topics: of a file that holds several; none: those that campaign.toml names.
-        confirm: which run of a motion that confirms it is: "without" or "with" the feedforward; it is
-            measured and not learned from.
-        control: that the proposal was run under, `campaign.controls`; "": what it was asked for.
+        accept, repair: checks whose findings are accepted (the log is used unchanged), or repaired.
+        topics: topics of a file with several; none: those in campaign.toml.
+        confirm: which run of a confirmation motion it is: "without" or "with" the feedforward; it is
+            measured, but not used for training.
+        control: control of the run, see `campaign.controls`; "": the one that it was proposed for.
     """
 
     foreign: bool
@@ -41,20 +41,20 @@ class How(TypedDict, total=False):
 
 @dataclass(frozen=True)
 class IngestResult:
-    """What became of a log.
+    """Result of the ingest of a log.
 
     Attributes:
-        number: the trajectory it answers, or its own number if it answers none.
-        repeated: it had been told before; nothing was stored again.
-        foreign: it answers no proposal.
+        number: of its proposal, or its own number if it belongs to none.
+        repeated: it was ingested before; nothing was stored again.
+        foreign: it belongs to no proposal.
         repairs: one sentence for each repair made while reading it.
         learned: numbers of the logs that were learned now.
-        warnings: what the newest training has to say: inputs that logs lack, for example.
-        findings: what is wrong with the log, or with the robot; they stand in the journal beside it.
+        warnings: of the newest training: inputs that logs lack, for example.
+        findings: faults of the log, or of the robot; the journal has them, too.
         awaits_answer: it is stored and waits for an answer before it is learned.
-        excluded: it is kept and nothing learns from it: the robot had changed.
-        run: of a motion that confirms, "without" or "with" the feedforward; nothing learns from it.
-        start: a sentence about its start transient, which is in no margin; "" without one.
+        excluded: it is stored, but not used for training, since the robot had changed.
+        run: of a confirmation motion, "without" or "with" the feedforward; not used for training.
+        start: a sentence about its start transient, which no margin includes; "" without one.
     """
 
     number: int
@@ -71,7 +71,7 @@ class IngestResult:
 
 
 def aligned_with(campaign: Campaign, log: Log, trajectory: Trajectory) -> Log:
-    """The log by the trajectory's clock, with its plan. DataError: it is of another motion."""
+    """The log in the time of the trajectory, with its plan. DataError: it is of another motion."""
     expected = campaign.kind.expected(campaign.spec)
     path = campaign.kind.path
     return align(log, trajectory, campaign.channels, path, expected.scale, rest=expected.rest)
@@ -85,15 +85,15 @@ def read(
     topics: Sequence[str] = (),
     asked: LogQuestions | None = None,
 ) -> Log:
-    """The cleaned log in a file, by its own clock.
+    """The cleaned log in a file, in its own time.
 
     Args:
         topics: of a file that holds several; none: those that campaign.toml names.
-        asked: the questions that it may raise, with their answers; it keeps those that were of use.
+        asked: the possible questions with their answers; it records the answers that were used.
 
     Raises:
-        DataError: it cannot be used; by the doctor of all logs, by the truth tests, or by what the kind
-            looks for.
+        DataError: it cannot be used, according to the general repairs, the plausibility checks, or the checks
+            of the kind.
     """
     asked = asked or LogQuestions(campaign.kind, campaign.spec, Answers())
     return asked.cleaned(read_settled(campaign, path, asked.whole, degrees=degrees, topics=topics))
@@ -102,7 +102,7 @@ def read(
 def read_settled(
     campaign: Campaign, path: Path, settle: Settle, *, degrees: bool = False, topics: Sequence[str] = ()
 ) -> Log:
-    """The log in a file after the doctor of all logs, who asks `settle`. Arguments and errors as `read`."""
+    """The log in a file after the general repairs, which call `settle`. Arguments and errors as `read`."""
     expected = campaign.kind.expected(campaign.spec)
     evidence = evidence_in(campaign, path)
     if evidence is not None:

@@ -34,17 +34,17 @@ from etude.protocols import Kind
 from etude.types import Array, Channel, Finding, Log
 
 USUAL_RATE = 200.0
-"""Hz: of a robot that nobody described, to tell the unit of its times."""
+"""Hz, assumed rate of a robot without a description, to determine the unit of its times."""
 UNEXPECTED = (ValueError, ArithmeticError, LookupError, np.linalg.LinAlgError)
 
 
 @dataclass(frozen=True)
 class Inspected:
-    """What was found of a log.
+    """Result of the checks of a log.
 
     Attributes:
-        log: as it was read, to be drawn; rows in order. None where it could not be read.
-        findings: in the order in which they were asked.
+        log: as it was read, for drawing; rows in order. None where it could not be read.
+        findings: in the order of the checks.
     """
 
     log: Log | None
@@ -52,14 +52,15 @@ class Inspected:
 
     @property
     def refused(self) -> bool:
-        """Whether `tell` would refuse it, or ask."""
+        """Whether `tell` would refuse the log, or ask a question."""
         return any(f.light == "red" or f.flag for f in self.findings)
 
 
 @dataclass(frozen=True)
 class _KnownRobot:
-    """What is known of the robot: described by its kind, or guessed from the headers; why: no channels; told:
-    by number, its logs so far.
+    """Known facts of the robot, described by its kind or guessed from the headers.
+
+    why: reason why there are no channels. told: its logs so far, by number.
     """
 
     channels: Sequence[Channel]
@@ -76,15 +77,15 @@ class _KnownRobot:
 def inspect(
     path: str | Path, robot: str | Path | None = None, *, degrees: bool = False, topics: Sequence[str] = ()
 ) -> Inspected:
-    """Every check of the log in a file, without keeping anything.
+    """Run every check on the log in a file, without storing anything.
 
     Args:
-        path: as `read_log` takes it.
+        path: as for `read_log`.
         robot: a built-in name, the path of a description, or the folder of a campaign, whose table [log] then
-            holds too; None: joints are guessed from the headers, and
-            what limits or a model file would tell is left out.
+            applies, too; None: joints are guessed from the headers, and checks that need limits or a model
+            file are left out.
         degrees: the file's angles are degrees.
-        topics: of a file that holds several.
+        topics: topics of a file with several.
 
     Raises:
         UsageError: there is no such robot.
@@ -103,7 +104,7 @@ def inspect(
 
 
 def mapping_of(path: Path, robot: str, topics: Sequence[str] = ()) -> str:
-    """The table [log] that says which of the file's columns is what; see `logs.mapping`. Errors as there."""
+    """The table [log] that assigns the file's columns to channels; see `logs.mapping`. Errors as there."""
     known = _described(robot)
     return mapping_text(list(read_raw(path, topics).values), known.channels, path.name)
 
@@ -130,7 +131,7 @@ UNIT = 1e-3  # a quaternion's length is 1, to the digits that logs have
 
 
 def guessed_of(raw: Log) -> tuple[tuple[Channel, ...], str]:
-    """The channels that raw columns seem to hold, and why there are none."""
+    """The channels guessed from raw columns, and the reason if there are none."""
     channels = guessed_channels(list(raw.values))
     if not channels:
         return (), "No header says position and command of a joint"
@@ -145,7 +146,7 @@ def guessed_of(raw: Log) -> tuple[tuple[Channel, ...], str]:
 
 
 def _is_quaternion(values: Array) -> bool:
-    """Whether values (T, k) are four of length 1 in every row that holds numbers, and turn."""
+    """Whether values (T, k) are unit quaternions in every row with numbers, and vary."""
     if values.shape[1] != 4:
         return False
     known = values[np.isfinite(values).all(axis=1)]
@@ -154,8 +155,8 @@ def _is_quaternion(values: Array) -> bool:
 
 
 def guessed_channels(headers: Sequence[str]) -> tuple[Channel, ...]:
-    """Positions, velocities and commands of the joints that have a position and a command; none where no
-    header says so.
+    """Positions, velocities and commands of the joints with a position and a command among the headers; ()
+    without such joints.
     """
     positions, speeds = (_parts(headers, words_of(channel)) for channel in ROLES)
     unit, commands = _commanded(headers)
@@ -181,7 +182,7 @@ def _commanded(headers: Sequence[str]) -> tuple[str, list[list[str]]]:
 
 
 def _parts(headers: Sequence[str], words: Sequence[str]) -> list[list[str]]:
-    """Of each header that begins or ends with one of the words: what may be left of it, longest first."""
+    """For each header that begins or ends with one of the words: its possible remainders, longest first."""
     found = []
     for header in [header for header in headers if not is_time(header)]:
         text = normal(split_suffix(split_unit(header)[0])[0])
@@ -210,7 +211,7 @@ def _guessed(path: Path, topics: Sequence[str]) -> _KnownRobot:
 
 
 def _read(path: Path, known: _KnownRobot, topics: Sequence[str]) -> tuple[Log, set[str]]:
-    """The log with its columns in place; of a file whose headers tell nothing, its columns as they are."""
+    """The log in the known channels; its raw columns if the headers do not match any."""
     if known.channels:
         return matched_log(path, known.channels, known.rate, topics, known.config)
     raw = mapped(read_raw(path, topics), known.config)
@@ -225,20 +226,20 @@ def _checked(log: Log, known: _KnownRobot, stated: set[str]) -> Inspected:
     health = [_columns(log, known), *end_findings(log), *_tried("clock", lambda: clock_findings(log))]
     health += _tried("columns", lambda: column_findings(log, known.limits))
     judged = _judged(log, known, stated)
-    if known.kind and not judged.refused:  # tell mends it, with a sentence below
+    if known.kind and not judged.refused:  # tell repairs it, with a sentence below
         health = [replace(f, light="yellow") if f.light == "red" else f for f in health]
     return Inspected(judged.log, (*health, *judged.findings))
 
 
 def _judged(log: Log, known: _KnownRobot, stated: set[str]) -> Inspected:
-    """What `tell` asks, in its order."""
+    """The findings of the checks of `tell`, in its order."""
     found: list[Finding] = []
     try:
         rows = drop_spikes(order_rows(drop_unreadable(replace(log, repairs=()))))
     except EtudeError as error:
         return Inspected(None, (_refused("rows", error),))
     found += _tried("numbers", lambda: judge_numbers(rows, known.limits))
-    rows = replace(mended(rows, found), repairs=rows.repairs)  # its findings say what was mended
+    rows = replace(mended(rows, found), repairs=rows.repairs)  # the findings include the repairs
     motion = seen(rows, rows.channels[known.path]) if known.path in rows else None
     if not any(f.light == "red" for f in found):
         found += _tried("motion", lambda: _motion(rows, known, motion))
@@ -254,7 +255,7 @@ def _judged(log: Log, known: _KnownRobot, stated: set[str]) -> Inspected:
 
 
 def _one_delay(motion: Sequence[Finding], commands: Sequence[Finding]) -> list[Finding]:
-    """Both without the delay that says less."""
+    """Both lists without the less specific finding of a delay."""
     noted = any(f.check == DELAY and f.light != "green" for f in commands)
     far = not noted and any(f.check == DELAY for f in motion)
     return [
@@ -313,12 +314,12 @@ def _commands(log: Log, known: _KnownRobot, motion: Seen | None) -> tuple[Findin
 
 
 def _own(log: Log, known: _KnownRobot) -> Sequence[Finding]:
-    """What the kind of robot looks for."""
+    """Findings of the checks of the kind of robot."""
     return () if known.kind is None else known.kind.checks(known.spec, log)
 
 
 def _tried(check: str, action: Callable[[], Sequence[Finding]]) -> tuple[Finding, ...]:
-    """The findings of a check; what no log ought to do to it is a finding too."""
+    """The findings of a check; an unexpected error in the check is also reported as a finding."""
     try:
         return tuple(action())
     except EtudeError as error:
@@ -339,12 +340,12 @@ def read_log(
 
     Args:
         path: a file or folder of a format that `etude plugins` lists under etude.readers.
-        robot: whose log it is: an open campaign, a built-in name, or the path of a description.
+        robot: the robot of the log: an open campaign, a built-in name, or the path of a description.
         degrees: the file's angles are degrees.
-        topics: of a file that holds several; none: those that the campaign names, or that look right.
+        topics: topics of a file with several; none: those of the campaign, or those that match.
 
     Raises:
-        DataError: the log cannot be used; says what, where, and what to do.
+        DataError: the log cannot be used; the message has the fault, its place, and the next step.
         UsageError: there is no such robot.
     """
     if isinstance(robot, Campaign):

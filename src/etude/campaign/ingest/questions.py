@@ -1,8 +1,8 @@
 """Questions about a log before training: a certain fault is refused, a likely one is a question.
 
-A question is answered by its check's name: accepted, the log is taken as it is; repaired, it is put right
-with a sentence. Answers stand in the journal, and hold for later logs of which the same is found. Commands
-are judged over all logs of the robot together (`command_decisions`).
+The user answers a question with the name of its check. If accepted, the log is used unchanged; if repaired,
+it is corrected and a sentence is added. The journal stores the answers, and they apply to later logs with the
+same finding. Commands are judged over all logs of the robot together (`command_decisions`).
 """
 
 from __future__ import annotations
@@ -39,16 +39,16 @@ CHECKS = (
     *("ground", "brake", "jump"),
     *("gyroscope", "accelerometer", "motor_delay"),
 )
-"""What may be accepted."""
+"""Checks whose findings may be accepted."""
 
 
 @dataclass(frozen=True)
 class Answers:
-    """What a user says to questions.
+    """A user's answers to questions.
 
     Attributes:
         accept, repair: names of checks.
-        before: answers that earlier logs of the campaign were told with.
+        before: answers that were given with earlier logs of the campaign.
     """
 
     accept: tuple[str, ...] = ()
@@ -68,7 +68,7 @@ def answers_of(state: State, accept: Sequence[str], repair: Sequence[str]) -> An
     """The answers given now, and those in the journal.
 
     Raises:
-        UsageError: there is no such check, or nothing repairs it.
+        UsageError: there is no such check, or no repair for it.
     """
     for flag, given, known in (("--accept", accept, CHECKS), ("--repair", repair, tuple(REPAIRS))):
         for check in set(given) - set(known):
@@ -85,9 +85,9 @@ class LogQuestions:
     """The questions of one log as it is read.
 
     Attributes:
-        steps: what was decided of the log's commands, if it was judged with others; None: by itself.
-        told: logs that were told before, by number.
-        given: collects the answers that were of use. accepted: what was found and is taken as it is.
+        steps: decisions on the log's commands, if it was judged with others; None: judged separately.
+        told: logs that were ingested before, by number.
+        given: collects the answers that were used. accepted: collects the accepted findings.
     """
 
     kind: Kind
@@ -99,10 +99,10 @@ class LogQuestions:
     accepted: list[Finding] = field(default_factory=list)
 
     def motion(self, log: Log) -> Log:
-        """The log whose clock and the motion's units are settled; rows in order, ranges not yet looked at.
+        """The log after checks of its clock and of the motion's units; rows in order, ranges not yet checked.
 
         Raises:
-            DataError: what is found is certain, or a question that nobody answered.
+            DataError: a finding is certain, or is an unanswered question.
         """
         known = self.kind.expected(self.spec)
 
@@ -118,11 +118,11 @@ class LogQuestions:
         return log
 
     def prepared(self, log: Log) -> Log:
-        """The same, before anything is decided of its commands. Errors as in `motion`."""
+        """The same log, before decisions on its commands. Errors as in `motion`."""
         return check_commanded(self.motion(log))
 
     def whole(self, log: Log) -> Log:
-        """The same with its commands settled, before exchanged ones exceed each other's limits."""
+        """The same log after decisions on its commands. Exchanged ones would exceed each other's limits."""
         log = self.prepared(log)
         for step in self._alone(log) if self.steps is None else self.steps(log):
             log = self._stepped(log, step)
@@ -135,7 +135,7 @@ class LogQuestions:
         return decided([log], {}, self.answers.to, body_of(self.kind, self.spec))[0]
 
     def _stepped(self, log: Log, step: Step) -> Log:
-        """The log after one decision. DataError: it is an open question."""
+        """The log after one decision. DataError: the decision is an open question."""
         if step.what == "open":
             raise refusal([step.finding], log.source)
         if step.what != "note":
@@ -145,10 +145,10 @@ class LogQuestions:
         return repaired(log, step.finding)
 
     def cleaned(self, log: Log) -> Log:
-        """The cleaned log with what the kind looks for. Errors as in `motion`.
+        """The cleaned log after the checks of the kind. Errors as in `motion`.
 
-        What a vehicle does on the ground at either end is cut, and where an arm's drives are off, unless that
-        was accepted.
+        Removes rows of a vehicle on the ground at either end, and rows of an arm whose drives are off, unless
+        the user accepted the latter.
         """
         found = [f for f in self.kind.checks(self.spec, log) if f.light in ("red", "yellow")]
         for finding in [f for f in found if f.light == "red"]:
@@ -163,7 +163,7 @@ class LogQuestions:
         return log.repaired(*(f.sentence for f in found if f not in idle))
 
     def _settled(self, log: Log, judged: Callable[[Log], Sequence[Finding]]) -> Log:
-        """Repairs what is to be, one finding at a time, since one spoils the next; then asks the rest."""
+        """Apply repairs one at a time, since one fault distorts the next check; then raise open questions."""
         tried: set[str] = set()
         while True:
             open_ = [f for f in judged(log) if f.flag or f.light == "red" or _is_free(f)]
@@ -184,12 +184,12 @@ class LogQuestions:
         return log
 
     def _repairs(self, finding: Finding) -> bool:
-        """Whether a finding is repaired: unasked unless accepted, or as the answer says."""
+        """Whether a finding is repaired: free repairs unless accepted, others only if requested."""
         answer = self.answers.to(finding)
         return answer != "accept" if _is_free(finding) else bool(finding.flag) and answer == "repair"
 
     def _taken(self, finding: Finding) -> Finding:
-        """What stays beside the log of a question that was answered so: news, but no question any more."""
+        """The finding to be stored with the log after the question was accepted; no question any more."""
         sentence = f"{finding.sentence} Taken as it is, as asked."
         self.accepted.append(Finding(finding.check, "yellow", sentence, spans=finding.spans))
         return self.accepted[-1]
@@ -201,10 +201,10 @@ class LogQuestions:
 def questions_of(
     campaign: Campaign, state: State, answers: Answers, steps: Sequence[Step] | None = None
 ) -> LogQuestions:
-    """Of a log of a campaign; its commands are judged with those of the logs so far.
+    """The questions of a log of a campaign; its commands are judged with those of the logs so far.
 
     Args:
-        steps: what was decided of its commands already.
+        steps: earlier decisions on its commands.
     """
 
     @cache
@@ -228,7 +228,7 @@ def _is_free(finding: Finding) -> bool:
 
 
 def refusal(found: Sequence[Finding], where: str) -> DataError:
-    """All that speaks against a log as one error."""
+    """All findings against a log as one error."""
     facts = " ".join(f.sentence for f in found).rstrip(".")
     return DataError(facts, where=where, next_step=" ".join(f.step for f in found))
 
@@ -236,12 +236,12 @@ def refusal(found: Sequence[Finding], where: str) -> DataError:
 def judged_commands(
     kind: Kind | None, spec: Any, log: Log, motion: Seen | None = None, told: Mapping[int, Log] | None = None
 ) -> tuple[Finding, ...]:
-    """All that is said of the commands of one log: whose they are, their signs, delay and unit.
+    """Findings on the commands of one log: assignment to joints, signs, delay and unit.
 
     Args:
-        kind: None of a robot that nobody described.
-        motion: what is seen of the log, if that is known already.
-        told: by number, logs of the robot that were told before.
+        kind: None for a robot without a description.
+        motion: the filtered motion of the log, if it was computed already.
+        told: earlier logs of the robot, by number.
     """
     body = None if kind is None else body_of(kind, spec)
     steps, last = decided([log], told or {}, lambda _: "", body)
@@ -266,7 +266,7 @@ def unit_findings(kind: Kind, spec: Any, log: Log, motion: Seen | None = None) -
 
 
 def clock_by_file_of(kind: Kind, spec: Any, log: Log) -> tuple[Finding, ...]:
-    """That the times are too long or too short by a model file, of robots driven by forces."""
+    """Findings that times are too long or too short, by the model file; for robots driven by forces."""
     known = path_and_body(kind, spec, log)
     if known is None:
         return ()
@@ -280,7 +280,7 @@ MOST_BY_FILE = 3  # of the logs that were told, the newest
 
 
 def file_findings_of(kind: Kind, spec: Any, log: Log, told: Mapping[int, Log]) -> tuple[Finding, ...]:
-    """What a model file says of the log beside those that were told, of robots driven by forces."""
+    """Findings of the model file on the log and earlier ones, for robots driven by forces."""
     known = path_and_body(kind, spec, log)
     if known is None:
         return ()
@@ -291,13 +291,13 @@ def file_findings_of(kind: Kind, spec: Any, log: Log, told: Mapping[int, Log]) -
 
 
 def path_and_body(kind: Kind, spec: Any, log: Log) -> tuple[Channel, Mean] | None:
-    """The positions that commands of a log act on, and what the model file says of these; None without."""
+    """The positions that commands act on, and the model file's prediction of these commands; None without."""
     path = joints(log)
     body = None if path is None else body_of(kind, spec)
     return None if path is None or body is None else (path, body)
 
 
 def body_of(kind: Kind, spec: Any) -> Mean | None:
-    """What the model file says of the commands by itself; None without one, or for other units."""
+    """The model file's prediction of the commands; None without a file, or for other units."""
     found = kind.physics(spec, preset_config(kind, "default"))
     return found["nominal"](None) if "nominal" in found else None

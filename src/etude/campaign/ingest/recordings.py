@@ -25,11 +25,11 @@ from etude.trajectories.json_text import from_json
 from etude.types import Array, Channel, Log
 
 REST_S = 0.5
-"""Of standing still before a motion and after it that is kept."""
+"""s of rest before and after a motion that are kept."""
 STATES = 3
 """Position, velocity and acceleration: what a body's commands depend on."""
 LEAST_TAUGHT_S = 2.0
-"""A motion that was stopped earlier teaches nothing."""
+"""s; a motion that was stopped earlier is not used for training."""
 MOST_LATE = 0.2
 """Part of the cycles. With 0.4 (MuJoCo in real time, on a busy computer) commands no longer belonged to the
 motion, and the evidence was that their sign is inverted.
@@ -38,12 +38,11 @@ motion, and the evidence was that their sign is inverted.
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
-    """A recording, and what it is of.
+    """A recording and its origin.
 
     Attributes:
-        recording: read from its file. control: that it was run under; "" where the journal
-            knows no such file.
-        lacks_gravity: the robot adds gravity after the commands that it shows.
+        recording: read from its file. control: control of the run; "" if the file is not in the journal.
+        lacks_gravity: the robot adds gravity to the commands that it reports.
     """
 
     recording: Recording
@@ -52,7 +51,7 @@ class Evidence:
 
     @property
     def whole(self) -> bool:
-        """It reached the end of its motion, along which time never stood still."""
+        """Whether it reached the end of its motion, and the motion's time never stopped."""
         return self.recording.ended is Ended.DONE and not self.recording.held
 
     @property
@@ -60,7 +59,7 @@ class Evidence:
         return from_json(self.recording.motion.trajectory_json)
 
     def answers(self, campaign: Campaign) -> int | None:
-        """The proposal that it answers: the whole motion of it, at full speed, with the bytes committed."""
+        """Number of its proposal, if it is the whole committed motion at full speed; otherwise None."""
         motion = self.recording.motion
         path = speed_folder(campaign, motion.number, FULL) / COEFFICIENTS
         committed = recorded(campaign.events()).get(name_of(campaign, path))
@@ -113,7 +112,7 @@ def evidence_in(campaign: Campaign, path: Path) -> Evidence | None:
 
 
 def log_of(campaign: Campaign, evidence: Evidence, source: str) -> Log:
-    """What was recorded, in the campaign's channels and order, by the time of the trajectory."""
+    """The recorded data in the campaign's channels and order, in the time of the trajectory."""
     own, path = evidence.recording, campaign.kind.path
     joints = own.motion.joints
     order = [joints.index(axis) for axis in campaign.axes]
@@ -139,7 +138,7 @@ def log_of(campaign: Campaign, evidence: Evidence, source: str) -> Log:
 
 
 def _beside(channels: Sequence[Channel], recording: Recording) -> dict[str, Array]:
-    """(n, parts) Of each channel whose parts the robot gives beside its joints, by their columns in a log."""
+    """(n, parts) values of each channel that the robot records in addition to its joints, by log columns."""
     names = {c.name: [f"{c.name}_{part}" for part in c.parts] for c in channels}
     return {
         channel: np.stack([recording.extra[name] for name in own], axis=1)
@@ -149,10 +148,10 @@ def _beside(channels: Sequence[Channel], recording: Recording) -> dict[str, Arra
 
 
 def file_gravity(campaign: Campaign, q: Array) -> Array | None:
-    """(n, k) what the model file's masses ask in poses q (n, k); None without a file, or for other units.
+    """(n, k) gravity commands by the model file in poses q (n, k); None without a file, or for other units.
 
-    It goes into what is learned of a robot that adds gravity by itself, and out of what it is sent, so an
-    error of the file does no harm.
+    For a robot that adds gravity by itself, they are added to the learned commands and subtracted from those
+    that are sent. So an error of the file has no effect.
     """
     from etude.campaign.ingest.questions import body_of
 
@@ -170,7 +169,7 @@ def file_gravity(campaign: Campaign, q: Array) -> Array | None:
 
 
 def placed(campaign: Campaign, evidence: Evidence, log: Log) -> tuple[Log, int | None]:
-    """The cleaned log with its plan where it answers a proposal, and that one; else a log of its own."""
+    """The cleaned log with its plan and proposal number if it has one; otherwise the log alone and None."""
     number = evidence.answers(campaign)
     if number is not None:
         return planned_log(campaign, evidence, log), number
@@ -181,7 +180,7 @@ def placed(campaign: Campaign, evidence: Evidence, log: Log) -> tuple[Log, int |
 
 
 def planned_log(campaign: Campaign, evidence: Evidence, log: Log) -> Log:
-    """With the planned motion at its own times; the set-points lag where cycles were lost."""
+    """The log with the planned motion at its own times, since set-points lag after lost cycles."""
     trajectory, own = evidence.trajectory, evidence.recording
     log = ended(log, trajectory.duration)
     t = own.t - own.began

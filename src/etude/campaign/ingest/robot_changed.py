@@ -1,7 +1,7 @@
 """Detection of a changed robot: each log is compared with the model in use before training.
 
-A model that has learned two robots knows neither, and nothing tells the two apart afterwards. So a log that
-speaks of another robot is stored and waits: the model in use stays as it is until there is an answer.
+A model trained on two different robots fits neither, and their data cannot be separated afterwards. So a log
+of a changed robot is stored and waits: the model in use stays unchanged until the user answers.
 """
 
 from __future__ import annotations
@@ -28,8 +28,8 @@ FLAG = "--changed"
 LEAST_LOGS = 2
 """Of the model in use, from which all evidence counts."""
 ENORMOUS, MUCH_LEFT = 100.0, 0.2
-"""Nats that count after one log, and what the size of the change may leave: what a single log did not visit
-is known badly, but it looks like no load and no factor.
+"""Nats needed after a single log, and the limit on what the estimated change may leave. After one log,
+unvisited states are predicted badly, but such errors look neither like a load nor like a factor.
 """
 OTHER = "the robot is not the one that the model knows"
 CAUSES: dict[Cause, str] = {
@@ -43,7 +43,7 @@ CAUSES: dict[Cause, str] = {
     "unknown": "which part of it cannot be told from the errors",
 }
 KINDS: dict[Cause, str] = {"load": "payload", "friction": "friction", **dict.fromkeys(SENSOR, "sensor")}
-"""In a word; what is not in it is unknown."""
+"""Kind of change by cause; other causes are unknown."""
 STEP = (
     f"Say what it is: {FLAG} new learns from this log and those to come alone, {FLAG} forget sets this log "
     f"aside (the change was for a while), {FLAG} same learns it with the others."
@@ -51,10 +51,10 @@ STEP = (
 
 
 def change_found(campaign: Campaign, state: State, log: Log, samples: Samples) -> Finding | None:
-    """The finding that this log is not of the robot that the model in use knows; None if nothing says so.
+    """The finding that the robot of this log differs from that of the model in use; None without evidence.
 
-    The log is aligned, and not stored yet. Nothing can be said without a model, or where the log lacks what
-    the model looks at. Where the errors say nothing, a model file may: it has states that no log has shown.
+    The log is aligned, and not stored yet. The test needs a model, and a log with the model's inputs. If the
+    errors give no evidence, a model file may, since it covers states outside of all logs.
     samples: of the log.
     """
     return _by_errors(campaign, state, log, samples) or _by_file(campaign, state, log)
@@ -82,7 +82,7 @@ def _by_errors(campaign: Campaign, state: State, log: Log, samples: Samples) -> 
         found = judged(model, samples, body_of(campaign.kind, campaign.spec))
         few = len(state.newest.logs) < LEAST_LOGS
         return None if few and not _enormous(found) else _finding(model, found, samples.t, duration(log))
-    # an input that this log lacks; of a damaged model learning speaks
+    # an input that this log lacks; training reports a damaged model
     except (KeyError, DataError, UsageError):
         return None
 
@@ -112,7 +112,7 @@ TURNED = -0.5  # a factor below is an inverted sign
 
 
 def _figure(model: LearnedModel, found: Judged) -> str:
-    """As ", 0.46 +- 0.02 kg at the last link"; "" where the cause has no number."""
+    """Text such as ", 0.46 +- 0.02 kg at the last link"; "" where the cause has no number."""
     size = found.size
     if size is None:
         return ""
@@ -130,14 +130,14 @@ def _figure(model: LearnedModel, found: Judged) -> str:
 
 
 def answer(campaign: Campaign, state: State, choice: str, numbers: Sequence[int]) -> bool:
-    """Records what became of the robot; False if there is nothing left to record. The caller holds the lock.
+    """Record the answer on a changed robot; False if it was recorded before. The caller holds the lock.
 
     Args:
         choice: one of `ANSWERS`.
-        numbers: of the logs that the answer came with; it speaks of those that wait, too.
+        numbers: of the logs that the answer was given with; it also applies to waiting logs.
 
     Raises:
-        UsageError: another word, or there is no log that the answer could speak of.
+        UsageError: an unknown answer, or no log that it could apply to.
     """
     if choice not in ANSWERS:
         raise UsageError(f"{FLAG} {choice}: no such answer", next_step=f"Answers: {', '.join(ANSWERS)}.")

@@ -1,4 +1,4 @@
-"""tell: ingests one log or many, at any time. Each is stored or refused by itself, and all are learned
+"""tell: ingest of one or many logs at any time. Each is stored or refused separately, and all are learned
 in one training. untell and abandon undo this."""
 
 from __future__ import annotations
@@ -57,24 +57,24 @@ def tell_one(
     say: Say = lambda _: None,
     **how: Unpack[How],
 ) -> IngestResult:
-    """Stores the log in `path` and learns it; also learns what an interrupted run left.
+    """Store the log in `path` and learn it; also learn pending logs of an interrupted run.
 
-    A log that is not of the robot that the model in use knows is stored and not learned until `changed` says
-    what it is, then or later.
+    A log whose robot differs from that of the model in use is stored, but not learned until `changed` gives
+    an answer, now or later.
 
     Args:
         campaign: the folder.
-        path: the log file; recognised by its content if it was told before under any name.
-        number: the proposal that was run; else the newest open one that the motion fits.
-        changed: the answer to whether the robot has changed: "new" learns from this log and those to come
-            alone, "forget" sets it aside, "same" learns it with the others; "": none.
-        learner: how logs are learned; only tests give another one.
+        path: the log file; recognised by its content if it was ingested before under any name.
+        number: the proposal that was run; otherwise the newest open one that matches the motion.
+        changed: the answer to whether the robot has changed: "new" learns only from this log and later ones,
+            "forget" excludes it, "same" learns it with the others; "": no answer.
+        learner: training function, replaced only in tests.
         say: receives one sentence per step.
         how: see `How`.
 
     Raises:
-        DataError: the log cannot be used, is of another trajectory, or raises a question that nobody
-            answered; nothing is stored.
+        DataError: the log cannot be used, is of another trajectory, or raises an unanswered question; nothing
+            is stored.
         UsageError: there is no such proposal, it has a log already, or there is no such check.
     """
     with campaign.writing():
@@ -85,7 +85,7 @@ def tell_one(
 def finished(
     campaign: Campaign, ingested: Sequence[IngestResult], changed: str, learner: Learner | None, say: Say
 ) -> list[IngestResult]:
-    """The same logs after the answer was recorded and one training. The caller holds the lock."""
+    """The same results after recording the answer and one training. The caller holds the lock."""
     if changed:
         answer(campaign, campaign.state(), changed, [one.number for one in ingested])
     done = tuple(learn_pending(campaign, learner, say))
@@ -147,21 +147,21 @@ def free_number(state: State, number: int | None) -> int:
 
 CHECK = "repeats"
 ALREADY_VISITED = 0.05
-"""Part of the range of a planned position, velocity or acceleration within which a state is there already:
-the shortest length that a process of such inputs starts from is five times as long."""
+"""Fraction of the range of a planned position, velocity or acceleration within which two states count as
+equal: the shortest initial length scale of a process with such inputs is five times as long."""
 SHARE = 0.8
-"""Part of a log's states from which it repeats another."""
+"""Fraction of equal states above which a log repeats another one."""
 MOST_COMPARED = 50
-"""Logs that a new one is held against: reading all of thousands would take as long as learning."""
+"""Number of logs that a new one is compared with: reading thousands would take as long as learning."""
 COMPARED_HZ = 25.0  # rows a second are enough to tell two motions apart
 
 
 def repeated(campaign: Campaign, state: State, number: int, log: Log) -> tuple[int, float] | None:
-    """The earlier log that this one repeats most, and which part of it; None if it repeats none of the last
+    """The earlier log that this one repeats most, and the fraction; None if it repeats none of the last
     `MOST_COMPARED`.
 
-    Planned states are compared: how well a robot follows makes no other motion. A log without plan is taken
-    for another motion.
+    Planned states are compared, since a different tracking error makes no different motion. A log without a
+    plan counts as a different motion.
     """
     own = planned_states(campaign, log)
     if own is None:
@@ -176,7 +176,7 @@ def repeated(campaign: Campaign, state: State, number: int, log: Log) -> tuple[i
 
 
 def _stored_states(campaign: Campaign, number: int) -> Array | None:
-    """Of a log that was told; None if its file is damaged, which training will say."""
+    """Planned states of an ingested log; None if its file is damaged, which training reports."""
     try:
         return planned_states(campaign, stored_log(campaign, number))
     except EtudeError:
@@ -184,7 +184,7 @@ def _stored_states(campaign: Campaign, number: int) -> Array | None:
 
 
 def share_within(own: Array, known: Array) -> float:
-    """Part of the states (n, D) that lie within 1 of one of the known ones (m, D) in every coordinate."""
+    """Fraction of the states (n, D) within 1 of one of the known states (m, D) in every coordinate."""
     from scipy.spatial import cKDTree
 
     if not len(own) or not len(known):
@@ -194,7 +194,7 @@ def share_within(own: Array, known: Array) -> float:
 
 
 def planned_states(campaign: Campaign, log: Log) -> Array | None:
-    """(n, D) planned path and rates while it moves, in parts of what counts as near; None without plan."""
+    """(n, D) planned path and rates during motion, scaled so that 1 counts as near; None without a plan."""
     name = campaign.kind.path + PLANNED
     limits = campaign.kind.expected(campaign.spec).limits
     columns: list[Array] = []
@@ -211,7 +211,7 @@ def planned_states(campaign: Campaign, log: Log) -> Array | None:
 
 
 def warning(earlier: int, share: float) -> Finding:
-    """What is said of it."""
+    """The finding that the log repeats an earlier one."""
     return Finding(
         CHECK,
         "yellow",
@@ -228,10 +228,10 @@ def take(
     survey: Survey | None = None,
     **how: Unpack[How],
 ) -> IngestResult:
-    """Stores the log in `path` and learns nothing. The caller holds the lock. Errors as `tell`.
+    """Store the log in `path` without training. The caller holds the lock. Errors as `tell`.
 
     Args:
-        survey: of the files that are told with it.
+        survey: of the files that are ingested with it.
     """
     digest = sha256_of_log(path)
     state = campaign.state()
@@ -294,7 +294,7 @@ def take(
 
 
 def newest_warnings(campaign: Campaign, state: State) -> tuple[Notice, ...]:
-    """Of the newest training, and whether it learned from two robots."""
+    """Warnings of the newest training, and a warning if it learned from two robots."""
     own = state.newest.warnings if state.newest else ()
     return (*own, *mixed(campaign, state))
 
@@ -302,7 +302,7 @@ def newest_warnings(campaign: Campaign, state: State) -> tuple[Notice, ...]:
 def _identify(
     campaign: Campaign, state: State, path: Path, number: int | None, foreign: bool, log: Log
 ) -> tuple[Log, int | None, int]:
-    """The aligned log, the proposal that it answers (None: no proposal) and the speed it was run at."""
+    """The aligned log, its proposal (None: no proposal), and the speed of the run."""
     open_numbers = [r.number for r in state.proposals]
     if number is not None and not foreign:
         check_asked(state, number)
@@ -321,7 +321,7 @@ def _identify(
             except DataError as error:
                 refused = refused or error
             except UsageError:
-                # a proposal that was given up because its file is damaged must not stop all other logs
+                # an abandoned proposal with a damaged file must not block all other logs
                 if candidate in open_numbers or candidate == number:
                     raise
     if number is None or foreign:
@@ -336,7 +336,7 @@ def _identify(
 
 
 def _with_motion(campaign: Campaign, number: int, log: Log, fact: Ingested, control: str) -> Ingested:
-    """Of the log of a proposal: where its segments start, its control, and how far it left its plan."""
+    """The fact with the starts of the log's segments, its control, and its deviation from the plan."""
     trajectory = stored_trajectory(campaign, number, fact.speed)
     starts = segment_starts(trajectory)
     fact = replace(fact, segments=tuple(starts)) if len(starts) > 1 else fact
@@ -360,7 +360,7 @@ def _store(campaign: Campaign, number: int, log: Log, path: Path, fact: Ingested
 
 
 def _keep_earlier(campaign: Campaign, number: int) -> None:
-    """Copies the files of a log that was taken back, before another of that number takes their names."""
+    """Copy the files of a retracted log, before another log of that number overwrites them."""
     before = campaign.state().rounds.get(number)
     for path in (campaign.run_file(number), campaign.source_file(number)):
         if before is not None and path.exists():
@@ -369,7 +369,7 @@ def _keep_earlier(campaign: Campaign, number: int) -> None:
 
 
 def _seconds(log: Log) -> float:
-    """Recorded motion, s: what was logged before the start is none."""
+    """Recorded motion, s, without rows before the start."""
     moving = log.t[log.t >= 0.0]
     return float(moving[-1] - moving[0]) if len(moving) else 0.0
 
@@ -377,14 +377,14 @@ def _seconds(log: Log) -> float:
 def untell(
     campaign: Campaign, number: int, *, learner: Learner | None = None, say: Say = lambda _: None
 ) -> bool:
-    """Takes the log of `number` back: an event, nothing is deleted, and the model is trained without it.
+    """Retract the log of `number` by an event, delete nothing, and train the model without it.
 
-    A proposal waits for its log again; `abandon` gives it up instead. Told again, the log is taken in as if
-    it had never been told. False if it was taken back before.
+    A proposal waits for its log again; use `abandon` to close it. A retracted log can be ingested again like
+    a new one. Returns False if it was retracted before.
 
     Raises:
-        UsageError: there is no such number, or no log of it was told.
-        DataError, NumericalError: the logs that are left cannot be learned together; they wait.
+        UsageError: there is no such number, or it has no log.
+        DataError, NumericalError: the remaining logs cannot be learned together; they wait.
     """
     with campaign.writing():
         before = campaign.round(number)
@@ -403,9 +403,9 @@ def untell(
 def abandon(
     campaign: Campaign, number: int, *, learner: Learner | None = None, say: Say = lambda _: None
 ) -> bool:
-    """Gives trajectory `number` up; a log that was learned is unlearned by training again without it.
+    """Abandon trajectory `number`; if its log was learned, the model is trained again without it.
 
-    The files stay. Telling a log of it later takes the abandoning back. False if it was abandoned before.
+    The files stay. Ingesting a log of it later reverts this. Returns False if it was abandoned before.
 
     Raises:
         UsageError: there is no such trajectory.
@@ -420,7 +420,7 @@ def abandon(
 
 @dataclass(frozen=True)
 class IngestedFile:
-    """What became of one of several files: `told`, or the error for which it was refused."""
+    """Result for one of several files: `told`, or the error by which it was refused."""
 
     path: Path
     ingested: IngestResult | None
@@ -448,12 +448,12 @@ class IngestedFile:
 
 @dataclass(frozen=True)
 class IngestedMany:
-    """What became of several files.
+    """Result for several files.
 
     Attributes:
         files: in the order in which they were given, each file once.
         learned: numbers of the logs that were learned now, in one training.
-        warnings: what that training has to say.
+        warnings: of that training.
     """
 
     files: tuple[IngestedFile, ...]
@@ -501,7 +501,7 @@ def tell(
     say: Say = lambda _: None,
     **how: Unpack[How],
 ) -> IngestResult | IngestedMany:
-    """Stores a log, or several, and learns them: `tell_one` and `tell_many`, by what is given."""
+    """Store one log or several and learn them: `tell_one` or `tell_many`, depending on the argument."""
     if isinstance(path, str | Path):
         return tell_one(
             campaign,
@@ -527,15 +527,14 @@ def tell_many(
     say: Say = lambda _: None,
     **how: Unpack[How],
 ) -> IngestedMany:
-    """Stores every log that can be used, then learns all of them at once.
+    """Store every usable log, then learn all of them at once.
 
-    Files are taken in the order of their names, and what fits no open proposal is looked at again once others
-    have answered theirs, so the order in which they are given changes nothing. Each is committed by itself:
-    an interrupted run is finished by the same command. Without a file, `changed` answers for the logs that
-    wait.
+    Files are ingested in the order of their names. Logs that match no open proposal are tried again after
+    the others, so that the order of the arguments has no effect. Each log is committed separately: the same
+    command finishes an interrupted run. Without a file, `changed` applies to the waiting logs.
 
     Raises:
-        UsageError: a proposal's file is missing or was changed, or `changed` has nothing to speak of.
+        UsageError: a proposal's file is missing or was changed, or `changed` applies to no log.
         DataError, NumericalError: all logs together cannot be learned; they are stored and wait.
     """
     with campaign.writing():
@@ -561,7 +560,7 @@ def _taken(campaign: Campaign, paths: Sequence[Path], how: How, say: Say) -> lis
             found[path] = _one(campaign, path, how, survey)
             say(f"{path.name}: {found[path].sentence}.")
             refused += [path] if found[path].ingested is None else []
-        # what fitted none of several open proposals may answer none at all
+        # a log that matches none of several open proposals may belong to none
         left = refused if len(campaign.state().proposals) < open_before else []
     return [found[path] for path in dict.fromkeys(paths)]
 
@@ -574,14 +573,14 @@ def _one(campaign: Campaign, path: Path, how: How, survey: Survey | None) -> Ing
 
 
 def surveyed(campaign: Campaign, paths: Sequence[Path], how: How) -> Survey | None:
-    """The new logs in these files, for their commands to be judged together; None where nothing is to be."""
+    """The new logs in these files, so that their commands are judged together; None if there are none."""
     if how.get("confirm") or not any(c.acts_on for c in campaign.channels):
         return None
     state = campaign.state()
     answers = answers_of(state, how.get("accept", ()), how.get("repair", ()))
     found: dict[Path, Log] = {}
     for path in paths[:MOST_NEW]:
-        with contextlib.suppress(DataError):  # what is wrong is said when the file is taken
+        with contextlib.suppress(DataError):  # the error is reported when the file is ingested
             if state.round_of_log(sha256_of_log(path)) is None:
                 found |= _prepared(campaign, path, how, answers)
     body = body_of(campaign.kind, campaign.spec)
@@ -589,13 +588,13 @@ def surveyed(campaign: Campaign, paths: Sequence[Path], how: How) -> Survey | No
 
 
 def _prepared(campaign: Campaign, path: Path, how: How, answers: Answers) -> dict[Path, Log]:
-    """The log in a file, its motion settled; none of one that is refused whatever its commands are."""
+    """The log in a file after repairs of its motion; {} if it is refused regardless of its commands."""
     found: dict[Path, Log] = {}
 
     def settle(log: Log) -> Log:
         found[path] = LogQuestions(campaign.kind, campaign.spec, answers).prepared(log)
         return found[path]
 
-    with contextlib.suppress(DataError):  # ranges may refuse what is put right
+    with contextlib.suppress(DataError):  # limits may refuse a log that is repaired later
         read_settled(campaign, path, settle, degrees=how.get("degrees", False), topics=how.get("topics", ()))
     return found
