@@ -8,7 +8,7 @@ import socket
 import numpy as np
 import pytest
 
-pytest.importorskip("pymavlink", reason="the extra px4")
+pytest.importorskip("pymavlink", reason="the driver px4 needs pymavlink")
 
 from px4_stand_in import HOLD, LAND, POSITION, OverUdp, StandIn, Wire
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-pytest.importorskip("pymavlink", reason="the extra px4")
+pytest.importorskip("pymavlink", reason="the driver px4 needs pymavlink")
 
 import numpy as np
 from flight_lab import ROBOT, run
