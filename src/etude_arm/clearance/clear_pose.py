@@ -1,6 +1,6 @@
 """The search for a clear home: a pose far from everything, and a box about it that is nearly all clear.
 
-Neither is trusted: motions are proved one by one. A good home and box only leave much of them.
+No proof relies on either, since each motion is proved. A good home and box only allow larger motions.
 """
 
 from __future__ import annotations
@@ -14,27 +14,27 @@ from etude.types import Array, Mask
 from etude_arm.clearance.distances import CUTOFF, Gaps
 
 POSES = 2048
-"""Random ones, of which the clearest is home."""
+"""Number of random poses, of which the clearest becomes home."""
 FAR = 0.12
-"""m: a pair that can be farther apart than this is not the better for it."""
+"""m: larger distances of a pair count as this value."""
 PULL = 0.25
-"""Of a home towards the middle of the ranges, in parts of the largest clearance."""
+"""Weight of the distance of home from the middle of the ranges, relative to the largest clearance."""
 BOX_POSES = 512  # random poses that find a clear box; its motions are proved later
 CLEAR = 0.999
-"""Part of the box's poses that are clear."""
+"""Fraction of the box's poses that must be clear."""
 SMALLER, LARGER = 0.75, 1.25  # factors of a side that is hit, and of one that is clear
 ROUNDS = 3
-"""In which each joint's part of the box is widened."""
+"""Number of rounds in which each joint's side of the box is widened."""
 HALF_TURN = math.pi
-"""rad: a hinge's box is no wider than this to either side; a range of two turns would hide what is near."""
+"""rad, largest half width of a hinge's box; a range of two turns would hide near obstacles."""
 BOX_ROOM = 0.003
-"""m, by which poses of the box are clearer than motions have to be, if home is."""
+"""m, additional clearance of poses in the box, compared with motions, if home has it."""
 LEAST_BOX = 0.02
-"""Part of its range below which a joint's box is not made smaller."""
+"""Smallest side of a joint's box, as a fraction of its range."""
 
 
 def clearest(gaps: Gaps, rng: np.random.Generator) -> Array:
-    """(k,) the pose whose gaps are widest, each in parts of what it can be, and which is near the middle."""
+    """(k,) the pose near the middle with the widest gaps, each relative to its largest possible width."""
     low, high = gaps.skeleton.lower, gaps.skeleton.upper
     middle, width = 0.5 * (low + high), high - low
     poses = gaps.skeleton.random_poses(rng, POSES)
@@ -44,7 +44,7 @@ def clearest(gaps: Gaps, rng: np.random.Generator) -> Array:
     if not gaps.list:
         return middle
     distances = gaps.of_poses(poses)
-    # 1 µm: pairs that touch in every pose divide by something
+    # 1 µm avoids division by zero for pairs that touch in every pose
     widest = np.clip(distances.max(axis=0), 1e-6, FAR)
     score = np.minimum(distances / widest, 1.0).min(axis=1) - PULL * aside
     return np.asarray(poses[int(score.argmax())])
@@ -53,16 +53,16 @@ def clearest(gaps: Gaps, rng: np.random.Generator) -> Array:
 def box_about(gaps: Gaps, home: Array, margin: float, rng: np.random.Generator) -> tuple[Array, Array]:
     """(k,) lower and upper ends of a box about home of which nearly all poses keep `margin` m.
 
-    Gaps that are narrow at home keep half of that. The box shrinks as a whole until they do; then each joint
-    in turn is widened as long as they still do.
+    Gaps that are narrow at home keep half of their width there. The whole box shrinks until the gaps are
+    kept; then each joint's side in turn is widened while they are kept.
     """
     low, high, slides = gaps.skeleton.lower, gaps.skeleton.upper, gaps.skeleton.slides
     half = np.where(slides, 0.5 * (high - low), np.minimum(0.5 * (high - low), HALF_TURN))
     at_home = gaps.of_poses(home[None])[0]
-    # of a narrow gap half is kept, and a quarter is left to searches as room
+    # half of a narrow gap is kept, and a quarter is left as room for searches
     wanted = np.minimum(margin, 0.5 * at_home) + np.minimum(BOX_ROOM, 0.25 * at_home)
     signs = rng.uniform(-1.0, 1.0, (BOX_POSES, len(home)))
-    signs = np.sign(signs) * np.abs(signs) ** (1.0 / 3.0)  # corners are where a box is not clear
+    signs = np.sign(signs) * np.abs(signs) ** (1.0 / 3.0)  # more samples near corners, which are rarely clear
 
     def ends(part: Array) -> tuple[Array, Array]:
         return np.maximum(home - part * half, low), np.minimum(home + part * half, high)
@@ -77,7 +77,7 @@ def box_about(gaps: Gaps, home: Array, margin: float, rng: np.random.Generator) 
 
 
 def clear_poses(gaps: Gaps, poses: Array, wanted: Array) -> Mask:
-    """(T,) whether every gap is at least `wanted` (n,) m wide, where it can be at all."""
+    """(T,) whether every gap is at least `wanted` (n,) m wide, apart from gaps that never can be."""
     return np.asarray(np.all(gaps.of_poses(poses) >= np.minimum(wanted, CUTOFF), axis=1))
 
 

@@ -1,18 +1,18 @@
 """Clearance limit: least distance of a robot from itself and from its surroundings, at all times.
 
-What a pair has at home says little: a home a hand's breadth away would keep something else. Two parts with at
-most two joints between them often pass each other with a few millimetres whatever the pose, by construction:
-of these the distances over all clear poses count. Parts farther along the arm, and what stands around, keep
-the whole margin.
+The distance of a pair at home is no suitable margin, since it depends on the choice of home. Two parts with
+at most two joints between them often pass each other with a few millimetres in every pose, by construction.
+For these, the margin depends on the distances over all clear poses. Parts farther along the arm, and
+surroundings, keep the whole margin.
 
-A solver that is right in all but one of some thousand poses is not enough for a proof: MuJoCo 4.0.0 sometimes
-gives a few millimetres for a capsule deep inside another shape. So before a motion counts as proved, each
-distance that it rests on is held against the slab across the direction that the solver itself names. Shapes
-whose spheres are far apart need no slab. An ellipsoid has no corners: its distances are taken as they are.
+A proof needs a solver that is right in every pose, but MuJoCo 4.0.0 sometimes returns a few millimetres for a
+capsule deep inside another shape (about one pose in some thousand). So before a motion counts as proved, each
+distance that the proof uses is compared with the slab across the solver's own direction. Shapes whose
+bounding spheres are far apart need no slab. An ellipsoid has no corners: its distances are used unchecked.
 
-With P_j the reach of joint j for a pair and TV_j the way that the joint makes between two samples, its
-distance d is in between at least max((d_1 + d_2 - P.TV) / 2, min(d_1, d_2) - P.TV): it falls by at most P.TV
-from either end. Intervals where that is less than is wanted are halved.
+Let P_j be the reach of joint j for a pair, and TV_j the joint's total variation between two samples. Between
+them the distance d is at least max((d_1 + d_2 - P.TV) / 2, min(d_1, d_2) - P.TV), since it falls by at most
+P.TV from either end. Intervals where this bound is below the wanted distance are halved.
 """
 
 from __future__ import annotations
@@ -40,29 +40,29 @@ from etude_arm.clearance.tracking_distance import Scene, all_keep, lost
 
 METHOD = "distances of convex hulls at poses, and between them how far joints can carry a point"
 LOOK = 2
-"""One of so many of a way's first samples is looked at in searches."""
+"""Searches check every n-th of a path's first samples."""
 TAKEN = 0.75
-"""Of the room that a gap has at home beyond what searches keep, the part that tracking may take. The rest is
-for motion: neighbours that pass each other with 15 mm in every pose need a millimetre or two of it."""
+"""Fraction of a gap's room at home, beyond what searches keep, that tracking may use. The rest is for motion:
+neighbours that pass each other with 15 mm in every pose need a millimetre or two of it."""
 SMALL = 0.1
-"""Of a joint's range: where no joint goes through more, a motion teaches hardly anything."""
+"""Fraction of a joint's range: if no joint sweeps more, a motion gives hardly any information."""
 
 
 NEIGHBOUR_JOINTS = 2
-"""Joints between two parts that are neighbours."""
+"""Largest number of joints between two parts that count as neighbours."""
 FLOOR = 0.002
-"""m, that neighbours keep at least."""
+"""m, smallest margin of neighbours."""
 SELDOM = 0.05
-"""Part of the clear poses in which neighbours are nearer than twice what they keep."""
+"""Fraction of the clear poses in which neighbours are closer than twice their margin."""
 SEED = 21
-"""Of the poses that are looked at: the same robot always keeps the same."""
+"""Seed of the random poses: the margins of a robot are reproducible."""
 POSES = 1024  # random poses that say which pairs can come near
 AT_HOME = 0.5
-"""Of what a pair has at home, the part that is kept at most: home itself must stay allowed."""
+"""Largest margin as a fraction of a pair's distance at home, so that home stays allowed."""
 
 
 def kept(gaps: Gaps, row_of: Index, home: Array, margin: float) -> Array:
-    """(r,) m that each row of a certificate keeps.
+    """(r,) m, margin of each row of a certificate.
 
     Args:
         gaps: of the robot. row_of: (n,) each gap's row.
@@ -82,7 +82,7 @@ def kept(gaps: Gaps, row_of: Index, home: Array, margin: float) -> Array:
 
 
 def neighbour_rows(gaps: Gaps, row_of: Index, rows: int) -> Mask:
-    """(r,) whether a row of a certificate has gaps of neighbours alone."""
+    """(r,) whether all gaps of a row of a certificate are between neighbours."""
     near = np.ones(rows, dtype=np.bool_)
     np.logical_and.at(near, row_of, neighbours(gaps))
     return near
@@ -110,7 +110,7 @@ def _by_row(distances: Array, row_of: Index, rows: int) -> Array:
 
 
 def excess(gaps: Gaps, poses: Array) -> Array:
-    """(T, n) m by which distances at poses (T, k) are larger than what a slab confirms; 0 if confirmed."""
+    """(T, n) m by which distances at poses (T, k) exceed those that a slab confirms; 0 if confirmed."""
     distances = gaps.of_poses(poses)
     found = np.zeros_like(distances)
     count = len(gaps.sensed)
@@ -128,7 +128,7 @@ def excess(gaps: Gaps, poses: Array) -> Array:
 
 
 def _far(gaps: Gaps, scene: Scene) -> Mask:
-    """(T, number of gaps between geoms) where spheres around both are farther apart than anybody looks."""
+    """(T, number of gaps between geoms) whether the bounding spheres are farther apart than `CUTOFF`."""
     shapes = gaps.skeleton.shapes
     centres, sizes = [], []
     for shape in shapes:
@@ -142,20 +142,20 @@ def _far(gaps: Gaps, scene: Scene) -> Mask:
 
 
 QUICK = 4
-"""One of so many of the first samples is looked at before the others: most that collide do so there."""
+"""Every n-th of the first samples is checked before the others, since these find most collisions."""
 MOST_EVALUATIONS = 20_000
 """Evaluations after which a motion counts as not proved."""
 
 
 @dataclass(frozen=True, eq=False)
 class Nearest:
-    """The least distance of each of n gaps along a way.
+    """The smallest distance of each of n gaps along a path.
 
     Attributes:
-        proved: (n,) m, no distance is less at any time; where one is touched, the least of the samples.
-        seen: (n,) m, the least of the samples. x: (n,) where that was.
-        touched: whether a sample has less than was wanted.
-        evaluations: poses.
+        proved: (n,) m, lower bounds for all times; if `touched`, the smallest of the samples.
+        seen: (n,) m, the smallest of the samples. x: (n,) its place on the path.
+        touched: whether a sample is below the wanted distance.
+        evaluations: number of poses.
     """
 
     proved: Array
@@ -167,7 +167,7 @@ class Nearest:
 
 @dataclass
 class Samples:
-    """Poses of a way and their distances, as they come in."""
+    """Poses of a path and their distances, collected step by step."""
 
     path: PosePath
     distances: Callable[[Array], Array]
@@ -182,7 +182,7 @@ class Samples:
         return cls(path, distances, x, poses, rates, distances(poses))
 
     def add(self, x: Array) -> Index:
-        """Places of the new samples."""
+        """Add samples and return their indices."""
         more = Samples.of(self.path, self.distances, x)
         first = len(self.x)
         for name in ("x", "poses", "rates", "found"):
@@ -190,7 +190,7 @@ class Samples:
         return np.arange(first, len(self.x))
 
     def bounds(self, left: Index, right: Index, reach: Array) -> Array:
-        """(I, n) below which no distance falls between those samples."""
+        """(I, n) lower bounds of the distances between those samples."""
         fall = self.path.variation(self.x, self.poses, self.rates, left, right) @ reach.T
         one, other = self.found[left], self.found[right]
         return np.asarray(np.maximum(0.5 * (one + other - fall), np.minimum(one, other) - fall))
@@ -210,16 +210,16 @@ def nearest(
     wanted: Array,
     excess: Callable[[Array], Array] | None = None,
 ) -> Nearest:
-    """The least distances along a way, until all are proved to be `wanted` or one is found not to be.
+    """The smallest distances along a path, until all are proved to be `wanted` or a sample violates it.
 
-    After `MOST` evaluations what is proved may be less than wanted: then nobody knows.
+    After the largest number of evaluations the proved bounds may still be below `wanted`, without a decision.
 
     Args:
         path: the curve.
         distances: poses (T, k) -> (T, n) m, lower bounds included.
         reach: (n, k) P: a distance changes by at most P |dq|.
         wanted: (n,) m.
-        excess: poses -> (T, n) m by which distances may be too large, asked of those that all rests on.
+        excess: poses -> (T, n) m by which distances may be too large; only for samples that the proof uses.
     """
     first = Samples.of(path, distances, path.knots[::QUICK])
     if np.any(first.found < wanted):
@@ -247,19 +247,19 @@ def nearest(
 
 @dataclass(frozen=True, eq=False)
 class Clearance:
-    """A limit of `contracts`: every gap at least as wide as its row of the certificate says.
+    """Limit: every gap is at least as wide as the margin of its row of the certificate.
 
-    Not convex: motions are drawn home until it is proved. Its cones are no proof; they keep a search inside
-    the box where nearly all poses are clear, and what is found there may be grown beyond it.
+    The limit is not convex: motions are shrunk towards home until it is proved. Its cones are no proof. They
+    keep a search inside the box where nearly all poses are clear; results may be enlarged beyond it.
 
     Attributes:
-        gaps: what is looked at.
+        gaps: the checked distances.
         names: (k,) of the joints.
         home: (k,) a clear pose.
         margin: m to keep; neighbours may keep less, see `kept`.
         lower, upper: (k,) the box.
         margins: of tracking, by form of motion.
-        not_verified: sentences, what this limit leaves out.
+        not_verified: sentences on what this limit does not cover.
     """
 
     gaps: Gaps
@@ -278,7 +278,7 @@ class Clearance:
 
     @cached_property
     def rows(self) -> tuple[tuple[str, str], ...]:
-        """Of the certificate: rigid parts, or a part and what stands around."""
+        """Rows of the certificate: two rigid parts, or a part and an object of the surroundings."""
         return tuple(dict.fromkeys(gap.row for gap in self.gaps.list))
 
     @cached_property
@@ -289,9 +289,9 @@ class Clearance:
 
     @cached_property
     def kept(self) -> Array:
-        """(r,) m that each row keeps."""
+        """(r,) m, margin of each row."""
         key = self.home.tobytes() + np.float64(self.margin).tobytes()
-        known = self.gaps.kept_at  # a command asks for its limits often
+        known = self.gaps.kept_at  # cached, since a command makes its limits repeatedly
         if key not in known:
             known[key] = kept(self.gaps, self.row_of, self.home, self.margin)
         return known[key]
@@ -307,17 +307,17 @@ class Clearance:
         return AxisLimit("box", 0, self.names, self.lower, self.upper).cones(family)
 
     def penalty(self, motion: Motion) -> tuple[float, Array]:
-        """None that pushes: a search that starts in collision stays there, and the way home gets it out."""
+        """A penalty of zero: a search that starts in collision stays there until shrunk towards home."""
         return 0.0, np.zeros_like(motion.orders)
 
     def prove(self, piece: Trajectory) -> Sequence[Proof]:
-        """One row for each pair of rigid parts, and for each part and what stands around."""
+        """One row for each pair of rigid parts, and for each part and object of the surroundings."""
         return memoized(
             self._proofs, piece.to_json(), lambda: self._rows(path_of(piece), *self._error(piece))
         )
 
     def warned(self, trajectory: Trajectory) -> tuple[Notice, ...]:
-        """That next to no motion is left, where shapes that are close at home leave no more; else nothing."""
+        """Warning that hardly any motion is possible, if shapes close to each other at home are the cause."""
         at_home = self.gaps.of_poses(self.home[None])[0]
         nearest = int(at_home.argmin())
         ways = [path_of(piece) for _, _, piece in trajectory.pieces() if isinstance(piece, FourierTrajectory)]
@@ -331,7 +331,7 @@ class Clearance:
         return (Notice(Warn.HARDLY_MOVES, {**fields, "apart_mm": 1000.0 * float(at_home[nearest])}),)
 
     def keeps(self, piece: Trajectory) -> bool:
-        """Whether samples keep all that with a little to spare: for searches, whose result is then proved."""
+        """Whether samples keep all margins with a reserve; for searches, whose result is proved later."""
         return memoized(self._words, piece.to_json(), lambda: self._sampled(piece))
 
     def _sampled(self, piece: Trajectory) -> bool:
@@ -341,19 +341,20 @@ class Clearance:
         return all(self._kept_at(path.at(some)[0], error) for some in (first, others))
 
     def blocked(self, form: str, pose: Array) -> str:
-        """The gap that is narrowest for what it keeps, where that is too narrow."""
+        """The gap that falls most below its margin; "" if none does."""
         error, _ = tracked(0.0, self.margins, form, 0, list(range(len(self.names))))
         spared = self._distances(pose[None], error)[0] - self._wanted
         nearest = int(spared.argmin())
         return self.gaps.list[nearest].text if spared[nearest] < 0.0 else ""
 
     def about(self, lower: Array, upper: Array) -> Clearance:
-        """The same limit with another box for searches; both remember what either has proved."""
+        """The same limit with another box for searches; both share cached proofs."""
         return replace(self, lower=lower, upper=upper)
 
     def roughly(self, form: str, pose: Array) -> Callable[[Array], bool]:
-        """Whether poses (T, k) keep all that, if tracking takes everywhere what it takes at `pose` (k,): to
-        choose between motions about it.
+        """Function that checks margins at poses (T, k), with the effect of tracking as at `pose` (k,).
+
+        It serves to choose between motions about that pose.
         """
         error, _ = tracked(0.0, self.margins, form, 0, list(range(len(self.names))))
         sought = self.sought + TOLERANCE
@@ -364,7 +365,7 @@ class Clearance:
         return lambda poses: bool(np.all(self.gaps.of_poses(poses) >= sought))
 
     def _kept_at(self, poses: Array, error: Array) -> bool:
-        """Whether `_distances` at poses (T, k) are all what searches keep."""
+        """Whether `_distances` at poses (T, k) all reach the margins of searches."""
         found = self.gaps.of_poses(poses) - TOLERANCE
         if not error.any() or np.any(found < self._wanted):
             return bool(np.all(found >= self.sought))
@@ -372,16 +373,16 @@ class Clearance:
 
     @cached_property
     def _wanted(self) -> Array:
-        """(n,) m that each gap keeps."""
+        """(n,) m, margin of each gap."""
         return np.asarray(self.kept[self.row_of])
 
     @cached_property
     def sought(self) -> Array:
-        """(n,) m that samples of each gap keep in searches."""
+        """(n,) m, margin of each gap at samples in searches."""
         return np.asarray(self._wanted + np.minimum(BOX_ROOM, 0.5 * self._wanted))
 
     def _error(self, piece: Trajectory) -> tuple[Array, float]:
-        """(k,) what the real joints may be off, and how sure that is."""
+        """(k,) tracking margins of the joints, and their confidence."""
         error, confidence = tracked(0.0, self.margins, piece.form, 0, list(range(len(self.names))))
         return error, float(confidence.min())
 
@@ -393,18 +394,18 @@ class Clearance:
         )
 
     def _distances(self, poses: Array, error: Array) -> Array:
-        """(T, n) m that no gap is less at poses (T, k), nor anywhere within the error (k,) of them."""
+        """(T, n) m, lower bounds of the gaps at poses (T, k) and anywhere within the error (k,) of them."""
         found = self.gaps.of_poses(poses) - TOLERANCE
-        if not error.any() or np.any(found < self._wanted):  # too near as it is
+        if not error.any() or np.any(found < self._wanted):  # too close even without the error
             return found
         return found - self._share(error) * lost(self.gaps, poses, found, error, self._wanted)
 
     def _share(self, error: Array) -> Array:
-        """(n,) of what tracking can take, the part that is counted: at home it takes `TAKEN` at most of the
-        room beyond what searches keep.
+        """(n,) fraction of the effect of tracking that counts: at home it uses at most `TAKEN` of the room
+        beyond the margins of searches.
 
-        Neighbours of some robots pass each other with a few millimetres in every pose, so a margin that was
-        learned from poor tracking would forbid all motion, also the home that margins before it allowed.
+        Neighbours of some robots pass each other with a few millimetres in every pose. A margin learned from
+        poor tracking would forbid every motion, and even home.
         """
         key = error.tobytes()
         if key not in self._shares:
@@ -415,7 +416,7 @@ class Clearance:
         return self._shares[key]
 
     def _rows(self, path: PosePath, error: Array, confidence: float) -> tuple[Proof, ...]:
-        """The certificate's rows; of a motion that is refused, what samples show."""
+        """The certificate's rows; for a refused motion they hold the values at samples."""
         found = self._nearest(path, error, lambda poses: excess(self.gaps, poses))
         status: Literal["proved", "sampled"] = "sampled" if found.touched else "proved"
         own = [np.flatnonzero(self.row_of == i) for i in range(len(self.rows))]
@@ -428,7 +429,7 @@ class Clearance:
         for i, (row, time) in enumerate(zip(self.rows, path.time(x), strict=True)):
             far = (
                 planned[i] >= CUTOFF - 2.0 * TOLERANCE
-            )  # beyond what is measured: nobody knows what is nearest
+            )  # beyond the measured distances: the nearest gap is unknown
             counted = float(share[own[i]].min())
             where = "" if far else f"{self.gaps.list[worst[i]].text} at {time:.3g} s"
             notes = [f"{CUTOFF:g} m or more as planned"] if far and taken[i] > 0.0 else []
@@ -441,11 +442,11 @@ class Clearance:
         return tuple(rows)
 
     def of_motion(self, motion: Motion) -> Array:
-        """(T, r) m, the least distance of each row, at most `CUTOFF`."""
+        """(T, r) m, the smallest distance of each row, at most `CUTOFF`."""
         return self._by_row(self.gaps.of_poses(motion.orders[0]))
 
     def nearby(self, poses: Array, lines: int) -> Nearby:
-        """What rows measure at poses (T, k): as planned, without what tracking can take."""
+        """The rows' distances at planned poses (T, k), without the effect of tracking."""
         found = self.gaps.of_poses(poses) - TOLERANCE
         distance = self._by_row(found)
         near = neighbour_rows(self.gaps, self.row_of, len(self.rows))

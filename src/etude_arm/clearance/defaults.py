@@ -1,8 +1,7 @@
 """Defaults of a robot file's collision tables: ignored pairs, home pose, box of the search.
 
-Pairs that an SRDF disables are taken as leave, not as order: many files disable pairs that can well be kept
-apart (a hand and the link two joints before it), or whatever was never seen to collide in a few thousand
-poses.
+Pairs that an SRDF disables may be ignored, but need not be. Many files disable pairs that can be kept apart
+(a hand and the link two joints before it), or all that never collided in a few thousand poses.
 """
 
 from __future__ import annotations
@@ -26,27 +25,27 @@ DIGITS = 4
 """Of home and box, since people read them."""
 ROUND = 10.0**DIGITS
 SEED = 20
-"""Of the poses that are tried: the same robot file always gives the same answer."""
+"""Seed of the random poses: a robot file always gives the same defaults."""
 POSES = 1024  # of a pair that overlaps in one pose of 100 they miss 3 in 100,000
 ALWAYS = 0.95
-"""Part of random poses above which two shapes that overlap do so by construction."""
+"""Fraction of random poses above which two shapes count as overlapping by construction."""
 OFTEN = 0.5
-"""The same of a pair that an SRDF disables."""
+"""The same for a pair that an SRDF disables."""
 NEIGHBOUR_JOINTS = 2
 """Joints between two parts whose shapes may overlap at home; farther apart it is no artefact of shapes."""
 STILL = 0.001
-"""m by which the distance of a foot changes from what it turns on."""
+"""m, largest change of the distance between a foot and the object that it turns on."""
 OVERLAP_POSES = 64
-"""Poses in which that is looked at."""
+"""Number of poses for this check."""
 
 
 @dataclass(frozen=True, eq=False)
 class ClearanceDefaults:
-    """A robot among its surroundings, with nothing left open.
+    """A robot among its surroundings, with all defaults filled in.
 
     Attributes:
-        gaps: what is looked at. around: complete, with every ignored pair and the search's home and box.
-        confirm: a sentence for each pair that was left out, to be confirmed by a person.
+        gaps: the checked distances. around: complete, with ignored pairs and the search's home and box.
+        confirm: a sentence for each pair that was left out, to be confirmed by the user.
     """
 
     gaps: Gaps
@@ -55,7 +54,7 @@ class ClearanceDefaults:
 
 
 NEVER = "Never"
-"""The reason of pairs that were not seen to collide: that is no leave to do so."""
+"""SRDF reason of pairs that were never seen to collide; these are not ignored."""
 
 Pairs = frozenset[frozenset[str]]
 
@@ -88,7 +87,7 @@ def _places(model_file: Path) -> list[Path]:
 def settled(
     loaded: Loaded, lower: Array, upper: Array, around: Surroundings, leave: Pairs = frozenset()
 ) -> ClearanceDefaults:
-    """Pairs that overlap by construction left out and named, a clear home, and a box about it.
+    """Defaults: pairs that overlap by construction are left out and listed; a clear home; a box about it.
 
     Args:
         loaded: the robot. lower, upper: (k,) its limits.
@@ -120,20 +119,20 @@ def settled(
 
 
 def _overlaps(gaps: Gaps, rng: np.random.Generator) -> Array:
-    """(n,) part of random poses in which each gap is closed."""
+    """(n,) fraction of random poses in which each gap is closed."""
     return np.asarray((gaps.of_poses(gaps.skeleton.random_poses(rng, POSES)) <= 0.0).mean(axis=0))
 
 
 def _often(gap: Gap, leave: Pairs) -> float:
-    """Part of random poses in which shapes may overlap before their gap is left out."""
+    """Fraction of random poses with overlap above which a gap is left out."""
     return OFTEN if frozenset(gap.names) in leave else ALWAYS
 
 
 def _touching(gaps: Gaps, home: Array, leave: Pairs, given: bool) -> list[Gap]:
-    """The gaps that are closed at home, all of near parts or with leave to be.
+    """The gaps that are closed at home; all must be of near parts, or allowed by the SRDF.
 
     Raises:
-        UsageError: one is not; or home was given, with all that may be closed there.
+        UsageError: another gap is closed; or any gap is, and home was given by the user.
     """
     distances = gaps.of_poses(home[None])[0]
     found = [gap for gap, distance in zip(gaps.list, distances, strict=True) if distance <= 2.0 * TOLERANCE]
@@ -150,7 +149,7 @@ def _touching(gaps: Gaps, home: Array, leave: Pairs, given: bool) -> list[Gap]:
 
 
 def _may_touch(gaps: Gaps, gap: Gap, leave: Pairs) -> bool:
-    """Whether it is no wonder that two shapes overlap: parts near one another, or a foot that turns."""
+    """Whether two shapes may overlap: parts near each other, or a foot that turns."""
     shapes, skeleton = gaps.skeleton.shapes, gaps.skeleton
     one = shapes[gap.one].part
     if gap.other < 0 or shapes[gap.other].box:

@@ -13,8 +13,8 @@ from etude_arm.clearance.skeleton import Shape, Skeleton
 from etude_arm.clearance.surroundings import Column, Wall
 
 CUTOFF = 0.3
-"""m: farther than that nobody looks; what is capped stays a lower bound. More lets far pairs cost time, less
-makes the steps of the proof short."""
+"""m: distances are cut off here, and stay lower bounds. A larger value costs time for far pairs; a smaller
+one shortens the steps of the proof."""
 BATCH = 256
 """Poses that are evaluated at once."""
 TOLERANCE = 1e-4
@@ -23,12 +23,12 @@ TOLERANCE = 1e-4
 
 @dataclass(frozen=True)
 class Gap:
-    """What is kept apart: a shape of the robot from another one, from a box, or from planes.
+    """A checked distance: from a shape of the robot to another one, to a box, or to planes.
 
     Attributes:
         one, other: the shapes' numbers; other is -1 for planes and the column.
-        names: of both, as people know them.
-        row: rigid parts, or a part and a thing that stands around: one row of the certificate.
+        names: of both, for users.
+        row: row of the certificate: two rigid parts, or a part and an object of the surroundings.
     """
 
     one: int
@@ -44,13 +44,13 @@ class Gap:
 
 @dataclass(frozen=True, eq=False)
 class Gaps:
-    """All distances that are looked at, in the order of `list`: by sensors first, then by planes.
+    """All checked distances, in the order of `list`: by sensors first, then by planes.
 
     Attributes:
         skeleton: the robot, whose model has one sensor for each of the first gaps.
         sensed: gaps between geoms. walled: between shapes and planes, or a column.
         planes: of `walled`.
-        kept_at: what rows keep, by home and margin: remembered by `Clearance`.
+        kept_at: margins of rows, by home and margin; a cache of `Clearance`.
     """
 
     skeleton: Skeleton
@@ -85,7 +85,7 @@ class Gaps:
 
     @cached_property
     def _grown(self) -> Array:
-        """(number of sensed gaps,) m by which shapes are nearer than the geoms that stand for them."""
+        """(number of sensed gaps,) m by which shapes are closer than the geoms that represent them."""
         shapes = self.skeleton.shapes
         return np.array([shapes[gap.one].grown + shapes[gap.other].grown for gap in self.sensed])
 
@@ -95,7 +95,7 @@ class Gaps:
 
         batch = Batch(self.skeleton.model, BATCH, nthread=1)
         for name in ("sensordata", "geom_xpos", "geom_xmat"):
-            batch.bind(name)  # outputs are copied out only if they were asked for before
+            batch.bind(name)  # outputs are copied out only if bound before
         return batch
 
     def of_poses(self, poses: Array) -> Array:
@@ -106,7 +106,7 @@ class Gaps:
         return found
 
     def to_walls(self, poses: Array) -> Array:
-        """(T, number of walled gaps) m of poses (T, k), without looking at any other gap."""
+        """(T, number of walled gaps) m at poses (T, k), without computing the other gaps."""
         import mujoco
 
         data = mujoco.MjData(self.skeleton.model)
@@ -119,8 +119,8 @@ class Gaps:
         return self._to_walls(np.array(places), np.array(turns))
 
     def ends(self, poses: Array, gaps: Index) -> Array:
-        """(T, L, 2, 3) m in the world: the nearest points of gaps (T, L) at poses (T, k), of what `of_poses`
-        says; NaN of gaps that are `CUTOFF` or wider.
+        """(T, L, 2, 3) m in the world: the nearest points of gaps (T, L) at poses (T, k), consistent with
+        `of_poses`; NaN for gaps of `CUTOFF` or wider.
         """
         import mujoco
 
