@@ -1,7 +1,7 @@
 """Clipped commands: a command that stays at its extreme while the joint goes on.
 
-Noisy numbers are never equal. Of a coarse sensor a value stands for long where the command turns, at the
-extreme or elsewhere. At the limit of the robot file a drive does give that command, and nothing is said.
+Noisy numbers are never equal. A coarse sensor repeats a value where the command turns, at the extreme or
+elsewhere. A command at the limit of the robot file is real saturation of the drive, and gives no finding.
 """
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ class Clipped:
     """Joints whose commands are clipped.
 
     Attributes:
-        joints: (J,) which. levels: (J,) where, in the unit of the command; 0 of others.
-        rows: (T,) where any of them is.
+        joints: (J,) whether clipped. levels: (J,) clipped value, in the unit of the command; 0 for others.
+        rows: (T,) whether any joint is clipped.
     """
 
     joints: Mask
@@ -35,7 +35,7 @@ class Clipped:
 
 
 def clipped(q: Array, u: Array, limit: Array) -> Clipped | None:
-    """Of positions and commands (T, J), with their limit (J,), infinite where nobody knows. None: none."""
+    """Clipped joints, from positions and commands (T, J) and limits (J,) or infinity; None if none are."""
     found = Clipped(
         np.zeros(u.shape[1], dtype=np.bool_), np.zeros(u.shape[1]), np.zeros(len(u), dtype=np.bool_)
     )
@@ -52,7 +52,7 @@ def clipped(q: Array, u: Array, limit: Array) -> Clipped | None:
 
 
 def _flat(q: Array, u: Array) -> Mask:
-    """(T,) rows of long stretches at the largest value of u (T,), in which the position goes on."""
+    """(T,) rows of long stretches at the largest value of u (T,), in which the position keeps changing."""
     span = float(np.ptp(u))
     if span <= 0.0:
         return np.zeros(len(u), dtype=np.bool_)

@@ -1,7 +1,7 @@
 """Unit of commands by the model file: slope and correlation of each command on the file's torque.
 
-Judged are commands that follow it (correlation above 0.7): right ones have a slope near 1, another unit lies
-a factor of 19 or more away. A joint that hardly moves holds what others do to it, and is not judged.
+Only commands correlated with it (above 0.7) are judged. Correct ones have a slope near 1; other units differ
+by a factor of 19 or more. A joint that hardly moves only reacts to the others, and is not judged.
 """
 
 from __future__ import annotations
@@ -29,8 +29,8 @@ def scale_finding(seen: Seen, torque: Array, limit: Array) -> Finding | None:
     """Unit of commands that ought to be forces; None where no commands are logged.
 
     Args:
-        torque: (n, k) what the model file says of the commands.
-        limit: (k,) largest commands, for percents.
+        torque: (n, k) commands predicted by the model file.
+        limit: (k,) largest commands, for percentages.
     """
     if seen.command is None:
         return None
@@ -48,10 +48,10 @@ def scale_finding(seen: Seen, torque: Array, limit: Array) -> Finding | None:
 
 
 def load_beside(seen: Seen, torque: Array, per_kg: Array) -> float:
-    """kg at the last link that explain slopes which no one unit does; 0 where they are alike, or it does not.
+    """kg at the last link that explain slopes without a common unit; 0 if they are alike, or no load does.
 
     Args:
-        torque, per_kg: (n, k) what the model file says of the commands, and of each kg.
+        torque, per_kg: (n, k) commands predicted by the model file, and their change per kg.
     """
     assert seen.command is not None
     own = goes_far(seen.q) & (seen.command.std(axis=0) > 0.0)
@@ -90,7 +90,7 @@ def _unit(seen: Seen, slope: Array, wrong: Mask, limit: Array) -> Finding:
 
 
 def _words(seen: Seen, joints: Mask) -> tuple[str, str]:
-    """What those joints are driven by, and its unit: forces where all of them slide."""
+    """Kind and unit of those joints' commands: forces if all of them slide, else torques."""
     kinds = {unit for unit, own in zip(seen.units, joints.tolist(), strict=True) if own}
     return {("m",): ("force", "N"), ("m", "rad"): ("torque or force", "N m (N)")}.get(
         tuple(sorted(kinds)), ("torque", "N m")

@@ -21,7 +21,7 @@ from etude.types import Array, Channel, Finding, Log, Mask
 
 CERTAIN, LIKELY = math.log(1e6), math.log(20.0)
 BEYOND_CHANCE = 50.0 * math.log(2.0)
-"""Log odds of what noisy numbers never do by chance: repeat, be equal, be zero."""
+"""Log odds of events that never happen by chance with noisy numbers: repeated, equal or zero values."""
 HELD, COMMANDS_HELD, UNSIGNED, OFF = "held", "held_commands", "unsigned", "off"
 COPIED, TURNS, OVERFLOW, LOST = "copied", "turns", "overflow", "lost"
 CLIPPED = "clipped"
@@ -30,14 +30,13 @@ NAMES = (HELD, COMMANDS_HELD, UNSIGNED, OFF, COPIED, TURNS, OVERFLOW, LOST, CLIP
 
 @dataclass(frozen=True, eq=False)
 class Numbers:
-    """The joints of a log as they were recorded: T rows, J joints.
+    """The recorded joint data of a log: T rows, J joints.
 
     Attributes:
         t: (T,) s. step: median s between rows.
         q, u: (T, J) positions and commands. v: (T, J) velocities; None if none were logged.
         path: of the positions.
-        reach, middle: (J,) rad or m that each may go by its limits, and about where; inf and 0 where nobody
-            knows.
+        reach, middle: (J,) rad or m, width and middle of each joint's limits; inf and 0 if unknown.
     """
 
     t: Array
@@ -56,7 +55,7 @@ class Numbers:
 
     @staticmethod
     def of(log: Log, limits: Limits) -> Numbers | None:
-        """None of a robot whose commands act on no joint, or of a log that is too short."""
+        """The joint data; None if commands act on no joint, or the log is too short."""
         path = joints(log)
         if path is None or len(log) < LEAST_ROWS:
             return None
@@ -75,11 +74,10 @@ LEAST_ROWS = 50  # fewer say nothing of a rule
 
 
 def judge_numbers(log: Log, limits: Limits) -> tuple[Finding, ...]:
-    """What is found of a log whose rows are in order; what spoils the other tests comes alone.
+    """Findings of a log with ordered rows; a finding that invalidates the other tests is returned alone.
 
     Args:
-        limits: lower and upper (parts,) by channel; of positions they tell which joints turn further than
-            once.
+        limits: lower and upper (parts,) by channel; those of positions show which joints exceed one turn.
     """
     found = [*_rows_held(log)]
     numbers = Numbers.of(log, limits)
@@ -95,7 +93,7 @@ def judge_numbers(log: Log, limits: Limits) -> tuple[Finding, ...]:
 
 
 def _asked(check: str, odds: float, fact: str, step: str, *, mend: str = "") -> Iterator[Mendable]:
-    """The finding of a hypothesis that is not mended by itself: certain, likely, or none.
+    """The finding of a hypothesis without automatic repair: certain, likely, or none.
 
     Args:
         step: what to do about it. mend: what --repair does, in words; "" where nothing does.
@@ -114,7 +112,7 @@ def _odds(odds: float) -> str:
 
 
 def _mended(check: str, fact: str, done: str) -> Iterator[Mendable]:
-    """The finding of a hypothesis of which nothing is lost by mending it."""
+    """The finding of a hypothesis that can be repaired without loss."""
     yield Mendable(check, "yellow", f"{fact}: {done}", f"{accepted(check)}.", free=True)
 
 
@@ -135,14 +133,14 @@ def new_rows(*blocks: Array) -> Mask:
 
 
 def _counted(q: Array) -> bool:
-    """Whether columns (T, J) that change do so by one count: a coarse encoder in slow motion."""
+    """Whether columns (T, J) change only by single counts, as for a coarse encoder in slow motion."""
     steps = [step[step > 0.0] for step in np.abs(np.diff(q, axis=0)).T]
     return all((step < 1.5 * step.min()).mean() > REGULAR for step in steps if len(step))
 
 
 def repeats(new: Mask, motion: Array) -> float:
-    """Rows for each new one (T,), by the faster half of the motion (T, m); 1 where rows are new, or stand
-    without a rule.
+    """Number of rows per new row (T,), from the faster half of the motion (T, m); 1 if every row is new, or
+    repeats are irregular.
     """
     rows = np.flatnonzero(new)
     gaps = np.diff(rows)
@@ -162,7 +160,7 @@ def _measured(log: Log) -> list[Array]:
 
 
 def _rows_held(log: Log) -> Iterator[Finding]:
-    """The recorder is faster than what it records."""
+    """Finding that the recorder is faster than the recorded data."""
     blocks = _measured(log)
     if len(log) < LEAST_ROWS or not blocks:
         return
@@ -179,7 +177,7 @@ def _held_fact(what: str, each: float, step: float) -> Iterator[Finding]:
 
 
 def _blocks_held(numbers: Numbers) -> Iterator[Finding]:
-    """Commands or positions that change more slowly than the others."""
+    """Finding that commands or positions are updated more slowly than the other channels."""
     motion, rate = (numbers.q,) if numbers.v is None else (numbers.q, numbers.v), 1.0 / numbers.step
     fresh, given = new_rows(*motion), new_rows(numbers.u)
     share, others = float(fresh.mean()), float(given.mean())
@@ -208,12 +206,12 @@ ONCE = 1.05  # turns: a joint that reaches further may turn on and on
 
 @dataclass(frozen=True, eq=False)
 class Turns:
-    """What is wrong with the angles of a log by whole turns.
+    """Errors of a log's angles by whole turns.
 
     Attributes:
-        q: (T, J) positions without that.
-        jumps: (J,) how often each wraps. away: (J,) turns by which one that never wraps is off its limits.
-        seen: (J,) whether the velocity at the jumps goes the other way.
+        q: (T, J) corrected positions.
+        jumps: (J,) number of wraps. away: (J,) turns by which a joint that never wraps is outside its limits.
+        seen: (J,) whether the velocity at the jumps has the opposite sign.
     """
 
     q: Array
@@ -244,7 +242,7 @@ class Turns:
 
 
 def _whole_turns(q: Array, turn: float) -> Array:
-    """(T-1,) turns by which each step of q (T,) wraps, if all that is larger than half a turn is one."""
+    """(T-1,) turns by which each step of q (T,) wraps, if every step above half a turn is a wrap."""
     step = np.diff(q)
     one = np.abs(np.abs(step) - turn) < OF_A_TURN * turn
     if (np.abs(step) > 0.5 * turn)[~one].any():
@@ -288,9 +286,9 @@ ENOUGH = 20_000  # rows that tell it
 
 
 def _copied(numbers: Numbers) -> Iterator[Finding]:
-    """Two commands that are one column, or a command that is a position or a velocity.
+    """Finding of two equal commands, or of a command that equals a position or velocity.
 
-    A joint that feedback holds may have a command of exactly minus so much of its position.
+    The command of a joint held by feedback may be exactly proportional to minus its position.
     """
     blocks = {"command": numbers.u, "position": numbers.q}
     blocks |= {} if numbers.v is None else {"velocity": numbers.v}
@@ -320,7 +318,7 @@ BRIEF_S = 0.25  # s: a longer visit is rest
 
 
 def _unsigned(numbers: Numbers) -> Iterator[Finding]:
-    """Commands that come to zero and turn back: a signed one would cross it, 2 to 1 each time."""
+    """Finding of commands without a sign: they touch zero and turn back; others would cross it, 2 to 1."""
     visits = 0
     for command in numbers.u.T:
         size = command if command.max() > -command.min() else -command
@@ -334,7 +332,7 @@ def _unsigned(numbers: Numbers) -> Iterator[Finding]:
 
 
 def _brief_visits(size: Array, step: float) -> int:
-    """How often size (T,), of 0 to 1, comes to zero for a moment between two stretches away from it."""
+    """Number of times that `size` (T,), within 0..1, briefly reaches zero between two larger stretches."""
     near, rows = size < AT_ZERO, np.flatnonzero((size < AT_ZERO) | (size > AWAY))
     found = [(a, b) for a, b in runs(near[rows]) if a > 0 and b < len(rows)]
     return sum((rows[b - 1] - rows[a] + 1) * step < BRIEF_S for a, b in found)
@@ -347,7 +345,7 @@ STEEP = 3.0  # times the step that 95 % of the rows stay below: into a rest comm
 
 
 def _off(numbers: Numbers) -> Iterator[Finding]:
-    """All commands exactly zero while joints move: they were not logged, or the drives were off."""
+    """Finding that all commands are exactly zero during motion: not logged, or the drives were off."""
     zero: Mask = np.asarray((numbers.u == 0.0).all(axis=1))
     found = [(a, b) for a, b in runs(zero) if (b - a) * numbers.step > OFF_S]
     if found:
@@ -385,7 +383,7 @@ WHOLE_RANGE, BETWEEN = 0.9, (0.35, 0.65)  # of a command's range: a wrap, and st
 
 
 def _overflown(numbers: Numbers) -> Iterator[Finding]:
-    """Jumps of a command from one end of its range to the other: an integer that overflows."""
+    """Finding of jumps of a command from one end of its range to the other: integer overflow."""
     for j, name in enumerate(numbers.parts):
         jumps = _overflows(numbers.u[:, j])
         if jumps > 1:
@@ -396,8 +394,9 @@ def _overflown(numbers: Numbers) -> Iterator[Finding]:
 
 
 def _overflows(command: Array) -> int:
-    """How often a command (T,) wraps: at its ends, to what its slope beside leaves open. A switch with noise
-    jumps between levels that lie further inside, and one of many levels as often by half the range.
+    """Number of wraps of a command (T,): jumps between its ends, consistent with the slope beside them.
+
+    A noisy switch jumps between levels further inside, and one with many levels also by half the range.
     """
     step, width = np.abs(np.diff(command)), float(np.ptp(command))
     usual, (low, high) = float(np.median(step)), (width * share for share in BETWEEN)
@@ -411,7 +410,7 @@ def _overflows(command: Array) -> int:
 
 
 def _clipped(numbers: Numbers, limits: Limits) -> Iterator[Finding]:
-    """Commands that stand at their extreme while the joint goes on."""
+    """Finding of commands that stay at their extreme while the joint continues to move."""
     lower, upper = limits.get(COMMAND, (np.array(-np.inf), np.array(np.inf)))
     reach = np.minimum(-lower, upper) * np.ones(len(numbers.parts))
     found = clipped(numbers.q, numbers.u, reach)
@@ -441,13 +440,13 @@ AROUND = (1, 2, 4)  # steps to either side whose mean may tell a step
 
 
 def _beside_late(numbers: Numbers) -> Mask:
-    """(T-1,) steps beside a late packet: one of them is 0, and one of the next is 2."""
+    """(T-1,) steps beside a late packet: one of length 0 is followed by one of length 2."""
     late = ~new_rows(numbers.q, numbers.u)[1:]
     return np.convolve(late, np.ones(LATE_ROWS + 1), "full")[: len(late)] > 0.0
 
 
 def _told_steps(way: Array, by_velocity: Array | None) -> Array:
-    """What tells the steps way (T-1,) of a joint best: its velocity, or the mean of the steps around."""
+    """The best predictor of a joint's steps `way` (T-1,): its velocity, or the mean of neighbouring steps."""
     told = [] if by_velocity is None else [by_velocity]
     for count in AROUND:
         window = np.full(2 * count + 1, 1.0 / (2 * count))
@@ -458,7 +457,7 @@ def _told_steps(way: Array, by_velocity: Array | None) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Steps:
-    """How far each step goes, in parts of what speed says.
+    """Length of each step relative to the one predicted from the speed.
 
     Attributes:
         r: (T-1,) 1 of a step that lost no row, 2 of one that lost one. scale: (T-1,) of r.
@@ -471,7 +470,7 @@ class Steps:
 
     @staticmethod
     def of(numbers: Numbers) -> Steps | None:
-        """None where stamps are those of the sensor, or steps are too noisy."""
+        """The steps; None if time stamps are those of the sensor, or steps are too noisy."""
         dt = np.diff(numbers.t)
         if dt.std() > EVEN * numbers.step:
             return None
@@ -502,7 +501,7 @@ class Steps:
         return np.asarray(-2.0 * np.log1p(((self.r - count) / scale) ** 2 / 3.0) - np.log(scale))
 
     def odds(self) -> tuple[float, float]:
-        """Log odds that rows were lost, and the share that fits best. Tails on both sides of 1 are none."""
+        """Log odds that rows were lost, and the best share; tails on both sides of 1 do not count as loss."""
         one = self.near(1.0)
         lost = np.logaddexp(math.log(0.9) + self.near(2.0, 1.3), math.log(0.1) + self.near(3.0, 2.0))
         tails = np.logaddexp(self.near(2.0, 1.3), self.near(0.0, 1.3)) - math.log(2.0)
@@ -515,7 +514,7 @@ class Steps:
         return fit - max(float(one[self.fast].sum()), best(tails)[0]), share
 
     def counts(self, share: float) -> Array:
-        """(T-1,) rows that each step stands for, the likeliest."""
+        """(T-1,) most likely number of rows that each step represents."""
         whole = np.maximum(np.round(self.r), 2.0)
         more = math.log(share) + self.near(whole, 1.3) > math.log1p(-share) + self.near(1.0)
         return np.where(more & (self.r > 1.5), whole, 1.0)
@@ -546,7 +545,7 @@ def _retimed(log: Log, _: Mendable) -> Log:
 
 
 def _fresh_rows(log: Log, finding: Mendable) -> Log:
-    """The rows at which the channel that is held is new."""
+    """The log reduced to the rows at which the held channel changes."""
     path = joints(log)
     blocks = _measured(log)
     new = new_rows(*blocks)

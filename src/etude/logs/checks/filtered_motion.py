@@ -36,8 +36,8 @@ class Seen:
     Attributes:
         t: (n,) s. step: s between rows.
         q, qd, qdd: (n, k) filtered position and its derivatives.
-        logged: (n, k) the velocity as it was logged, through the same filter; None if it was not.
-        command: (n, k) through the same filter; None where commands act on something else.
+        logged: (n, k) the logged velocity after the same filter; None if it was not logged.
+        command: (n, k) after the same filter; None if commands do not act on these coordinates.
         moving: (n, k) where a joint is faster than MOVING of its top speed.
         parts, units: of the positions.
         cutoff: Hz of the filter.
@@ -67,10 +67,10 @@ class Seen:
 
 
 def seen(log: Log, path: Channel) -> Seen | None:
-    """What is seen of the coordinates `path`; None of a log that has no stretch to filter.
+    """The filtered motion of the coordinates `path`; None if the log has no stretch to filter.
 
-    All channels pass the filter that suits the positions, so that their phases stay together. Of a very long
-    log stretches are looked at.
+    All channels pass the filter chosen for the positions, so that their phases agree. Of a very long log only
+    some stretches are used.
     """
     log = looked_at(log)
     known = [c for c in log.channels.values() if c.name in log]
@@ -107,7 +107,7 @@ def seen(log: Log, path: Channel) -> Seen | None:
 
 
 def _widest(way: Array, path: Channel) -> Array:
-    """(k,) of each coordinate, the longest way of those in its unit."""
+    """(k,) for each coordinate the longest path of all coordinates in its unit."""
     return np.array(
         [max(w for w, u in zip(way, path.units, strict=True) if u == unit) for unit in path.units]
     )
@@ -126,13 +126,13 @@ LEAST_SHARE, WIDEST = 0.03, 2.0  # of the widest way, which counts up to so many
 
 
 def goes_far(q: Array) -> Mask:
-    """(k,) joints whose positions q (n, k) vary by enough that their commands have a say."""
+    """(k,) whether positions q (n, k) vary by enough to judge the joint's commands."""
     way = np.ptp(q, axis=0)
     return np.asarray(way > np.maximum(LEAST_WAY, LEAST_SHARE * min(float(way.max()), WIDEST)))
 
 
 def noise(q: Array) -> Array:
-    """(k,) deviation of what is independent from row to row in positions q (T, k); 0 of a coarse sensor."""
+    """(k,) deviation of white noise in positions q (T, k); 0 for a coarse sensor."""
     if len(q) < 3:
         return np.zeros(q.shape[1])
     middle = np.median(np.abs(np.diff(q, 2, axis=0)), axis=0)
@@ -140,7 +140,7 @@ def noise(q: Array) -> Array:
 
 
 def joints(log: Log) -> Channel | None:
-    """The coordinates that commands do work on; None of a robot whose commands do none, or a log without."""
+    """The coordinates that commands act on; None if there are none, or the log lacks them."""
     commands = [c for c in log.channels.values() if c.role == "command" and c.acts_on in log]
     return log.channels[commands[0].acts_on] if commands else None
 
@@ -157,7 +157,7 @@ def _rate_of(channel: Channel, path: Channel) -> bool:
 
 
 def _tamed(log: Log, name: str) -> Log:
-    """The log whose single wild cells are the middle of their neighbours: none may decide a test."""
+    """The log with single outliers replaced by the mean of their neighbours, so that none decides a test."""
     values = log[name]
     step = np.diff(values, axis=0)
     usual = WILD * np.quantile(np.abs(step), 0.99, axis=0)
@@ -194,6 +194,6 @@ def _stretch(
 
 
 def runs(marked: Mask) -> Sequence[tuple[int, int]]:
-    """First and one past the last of each stretch of neighbours that are marked."""
+    """Start and end (exclusive) of each contiguous stretch of marked rows."""
     edges = np.flatnonzero(np.diff(marked.astype(np.int8), prepend=0, append=0)).tolist()
     return list(zip(edges[::2], edges[1::2], strict=True))

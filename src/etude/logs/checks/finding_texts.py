@@ -12,10 +12,10 @@ from etude.types import Finding, Log, Mask
 
 @dataclass(frozen=True)
 class Doubt(Finding):
-    """A question: its answer holds wherever the same is found.
+    """A question: its answer applies to every log with the same finding.
 
     Attributes:
-        by: what is found, in numbers. Of a `Mendable`, what the repair needs, see `plausibility`.
+        by: the finding in numbers. For a `Mendable`, the data of the repair, see `plausibility`.
     """
 
     by: tuple[float, ...] = ()
@@ -26,14 +26,14 @@ class Mendable(Doubt):
     """A question that a repair can answer.
 
     Attributes:
-        free: nothing is lost and the data decide, so it is repaired unasked.
+        free: the repair loses nothing and the data decide, so that it needs no answer.
     """
 
     free: bool = False
 
 
 class Excludable(Finding):
-    """A finding whose spans teach nothing: a cleaned log is without them."""
+    """A finding whose spans are no training data; a cleaned log has them removed."""
 
     def cut(self, log: Log) -> Log:
         """The log less the finding's spans; what is left has pauses there."""
@@ -55,7 +55,7 @@ def named(parts: Sequence[str], which: Mask) -> str:
 
 
 def accepted(check: str) -> str:
-    """The answer that takes the log as it is."""
+    """Text of the answer that accepts the log unchanged."""
     return f"--accept {check} takes it as it is"
 
 

@@ -1,8 +1,8 @@
 """Plausibility checks of a log, in an order in which no fault spoils a later check, and their repairs.
 
-A jump of a position is held against the motion beside it, so that neither a fast flight nor a crash is one: a
-vehicle that is thrown changes its speed, and goes on; one whose estimate is reset goes on as before,
-elsewhere.
+A jump of a position is compared with the motion beside it, so that neither a fast flight nor a crash counts.
+After a crash a vehicle has another speed. After a reset of its estimate it continues with the same speed at
+another place.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ def judge_motion(
 
     Args:
         log: rows in order.
-        path: the channel of the positions; a log without it shows nothing.
+        path: the channel of the positions; without it there are no findings.
         channels: the robot's.
         limits: lower and upper (parts,) by channel.
         usual: Hz at which the robot is logged.
@@ -69,7 +69,7 @@ def judge_motion(
 
 
 def _leap(log: Log, path: str, channels: Sequence[Channel], limits: Limits) -> Finding | None:
-    """A joint's position that jumps; of a vehicle's place the kind itself looks."""
+    """Finding of jumps of a joint's position; the kind itself checks the position of vehicles."""
     channel = log.channels[path]
     top = top_speed(channel, channels, limits)
     if top is None or path not in limits or channel.role != "state":
@@ -102,13 +102,13 @@ def judge_unit(log: Log, body: Mean, limit: Array, motion: Seen | None = None) -
 
 
 def commanded(log: Log) -> Seen | None:
-    """What is seen of the joints that commands act on; None of a robot without, or of too short a log."""
+    """The filtered motion of the joints that commands act on; None without such joints, or if too short."""
     path = joints(log)
     return None if path is None else seen(log, path)
 
 
 def repaired(log: Log, finding: Finding) -> Log:
-    """The log put right. UsageError: nothing repairs what was found."""
+    """The repaired log. UsageError: there is no repair for the finding."""
     if not isinstance(finding, Mendable):
         raise UsageError(
             f"nothing repairs the check '{finding.check}' of this log: {finding.sentence}",
@@ -161,7 +161,7 @@ def _command(log: Log) -> Channel:
 
 
 def mended(log: Log, found: Sequence[Finding]) -> Log:
-    """The log less all of which nothing is lost by mending it."""
+    """The log after all repairs that lose nothing."""
     for finding in found:
         log = repaired(log, finding) if isinstance(finding, Mendable) and finding.free else log
     return log
@@ -175,7 +175,7 @@ REPAIRS: Mapping[str, Callable[[Log, Mendable], Log]] = {
     SIGN: _signed,
     DELAY: _shifted,
 }
-"""Of the other checks, the answer is to take the log as it is, or to correct it by hand."""
+"""Checks with a repair. For others the user accepts the log unchanged, or corrects it by hand."""
 
 
 JUMP = "jump"
@@ -189,7 +189,7 @@ NAMED = 5  # spans in a sentence; the rest are counted
 
 
 def jump_finding(log: Log, path: str, top: Array) -> Finding:
-    """Where positions leap further than their speed limits and the motion beside explain.
+    """Finding of position steps that neither the speed limits nor the neighbouring motion explain.
 
     Args:
         log: rows in order. path: the channel of positions, m.
@@ -221,7 +221,7 @@ def jump_finding(log: Log, path: str, top: Array) -> Finding:
 
 
 def _excess(t: Array, q: Array, top: Array) -> Array:
-    """(n - 1, k) m by which each step is further than the motion beside it explains; 0 where it may be."""
+    """(n - 1, k) m by which each step exceeds the motion beside it; 0 where it is possible."""
     step, dt = np.diff(q, axis=0), np.diff(t)[:, None]
     found = np.zeros(step.shape)
     if len(q) < 2 * BESIDE_ROWS + 2:
@@ -238,7 +238,7 @@ def _excess(t: Array, q: Array, top: Array) -> Array:
 
 
 def _beside(t: Array, rate: Array, wild: Mask, k: int) -> float:
-    """Median rate of the steps around step k, without those that are too far themselves; 0 of none."""
+    """Median rate of the steps around step k, without those that are too long themselves; 0 without any."""
     low, high = np.searchsorted(t[:-1], [t[k] - BESIDE_S, t[k] + BESIDE_S])
     rows = slice(max(min(int(low), k - BESIDE_ROWS), 0), max(int(high), k + BESIDE_ROWS) + 1)
     tame = rate[rows][~wild[rows]]
@@ -278,7 +278,7 @@ LEAST_S = 1.0  # s: between two moves a drive may well have nothing to do
 
 
 def brake_finding(log: Log, command: Channel, limit: Array) -> Finding:
-    """Stretches with drives off, which would teach that a pose takes no command.
+    """Finding of stretches with drives off; in training they would imply that poses need no command.
 
     Args:
         log: with positions and the commands that act on them.

@@ -23,8 +23,8 @@ LEAPS = 30.0  # times the step that 99 % of the rows stay below
 
 
 def column_findings(log: Log, limits: Limits) -> tuple[Finding, ...]:
-    """What each column says by itself; rows in order, cells may be empty. A raw column may be one that no
-    robot needs: an empty one is no reason to refuse the log.
+    """Findings of each separate column; rows are ordered, cells may be empty. A raw column may be unneeded by
+    the robot, so that an empty one is no reason to refuse the log.
     """
     return (_dead(log), _empty(log), _coarse(log), _saturated(log, limits), _leaping(log))
 
@@ -107,7 +107,7 @@ def _coarse(log: Log) -> Finding:
 
 
 def resolution(values: Array) -> tuple[float, float]:
-    """The step in which the values (T,) come, and their range; a step of 0 where none is seen."""
+    """The quantisation step of the values (T,), and their range; a step of 0 if there is none."""
     finite = values[np.isfinite(values)]
     distinct = np.unique(finite)
     if len(distinct) < 2 or len(distinct) > DISTINCT * len(finite):
@@ -179,7 +179,7 @@ SPANS = 50  # that are marked
 
 
 def clock_findings(log: Log) -> tuple[Finding, ...]:
-    """What the times say, row by row as they were recorded; times may be of any order, or missing."""
+    """Findings of the recorded times, row by row; times may be unordered or missing."""
     known = np.isfinite(log.t)
     if known.sum() < 2 or not (np.diff(log.t[known]) > 0).any():
         return (
@@ -261,7 +261,7 @@ SAME_CLOCK = "Log command and position with stamps of the same clock."
 
 
 def motion_findings(log: Log, path: Channel, motion: Seen, limits: Limits) -> tuple[Finding, ...]:
-    """Of the coordinates `path` of a log whose rows are in order and hold numbers."""
+    """Findings of the coordinates `path` of a log with ordered rows and finite numbers."""
     found = [_noise(log, path, motion)]
     if motion.moves.any():
         found.append(_rest(motion))
@@ -273,7 +273,7 @@ def motion_findings(log: Log, path: Channel, motion: Seen, limits: Limits) -> tu
 
 
 def _commanded_elsewhere(log: Log, path: Channel) -> bool:
-    """Whether all commands act on something else than these positions: a vehicle's motors."""
+    """Whether no command acts directly on these positions, as for a vehicle's motors."""
     commands = [c for c in log.channels.values() if c.role == "command" and c.name in log]
     return bool(commands) and all(c.acts_on != path.name for c in commands)
 
@@ -337,7 +337,7 @@ def _coverage(log: Log, path: Channel, motion: Seen, limits: Limits) -> Finding:
 
 
 def _delay(motion: Seen, path: Channel) -> list[Finding]:
-    """A motion far behind the commands; delays of a few rows are those of `logs.evidence`."""
+    """Finding of a motion far behind the commands; `logs.evidence` covers delays of a few rows."""
     own = np.flatnonzero(motion.moves)
     if motion.command is None or not len(own):
         return []
@@ -351,7 +351,7 @@ def _delay(motion: Seen, path: Channel) -> list[Finding]:
     log = log.put(Channel("rubbing", parts, ("",) * len(own)), rubbing)
     states = ("q", "qd", "qdd", "rubbing")
     lag = command_lag([log], states)
-    if lag >= LONGEST_LAG - motion.step:  # the best of those tried is no best one: a longer delay, or none
+    if lag >= LONGEST_LAG - motion.step:  # the optimum is at the edge: a longer delay, or none
         longest = min(LATEST_S, LATEST * motion.step * len(motion.t))
         lag = command_lag([log], states, longest) if longest > LONGEST_LAG else longest
         if lag >= longest - motion.step:

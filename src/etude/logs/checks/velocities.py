@@ -20,7 +20,7 @@ TIME, DIRECTION, VELOCITY = "time", "direction", "velocity"
 NEAR, LIKE, OTHER = 0.1, 0.95, 0.5  # of a slope from 1; correlation with its own position, and with another's
 OFF = 0.25  # of 1: seconds of a real log go so far; no unit and no other column is as near
 FACTORS = (2.0, 60.0, 1e3, 1e6, 1e9)
-"""By which clocks are off: half the rate stated, minutes, milli-, micro- and nanoseconds."""
+"""Possible factors of a wrong clock: half the stated rate, minutes, milli-, micro- and nanoseconds."""
 DEGREES = 180.0 / np.pi
 LEAST_PERIODS = 12.0  # times the filter's period that a joint moves: less is noise, or the filter's edges
 MATCH = 0.15  # of a factor: a driver's filter takes up to 4 %
@@ -28,7 +28,7 @@ MATCH = 0.15  # of a factor: a driver's filter takes up to 4 %
 
 @dataclass(frozen=True, eq=False)
 class Slopes:
-    """beta, r (k,) of each joint; NaN of one that stands, or moves for too short a time."""
+    """beta, r (k,) of each joint; NaN for a joint at rest, or with too little motion."""
 
     beta: Array
     r: Array
@@ -60,7 +60,7 @@ class Slopes:
 
 
 def rate_finding(seen: Seen, rate: float, usual: float | None = None) -> Finding:
-    """What the velocities say of the log.
+    """Findings of the logged velocities.
 
     Args:
         rate: Hz of the log. usual: Hz at which the robot is logged, which tells 57 times from 60 times.
@@ -83,7 +83,7 @@ def rate_finding(seen: Seen, rate: float, usual: float | None = None) -> Finding
 
 
 def _common(seen: Seen, found: Slopes, known: Mask, rate: float, usual: float | None) -> Finding | None:
-    """What all joints that move agree upon; None if they do not."""
+    """The finding common to all moving joints; None if they differ."""
     beta, r = found.beta[known], found.r[known]
     factor = float(np.median(beta))
     if not (np.abs(r) > LIKE - 0.1).all() or np.abs(beta / factor - 1.0).max() > MATCH:
@@ -113,7 +113,7 @@ def clock_finding(scale: float, fact: str) -> Mendable:
 
 
 def clock_factor(factor: float) -> float | None:
-    """By what to divide the times, from a common factor of the velocities; None if no clock is that wrong."""
+    """Divisor of the times, from a common factor of the velocities; None if it is no factor of a clock."""
     known = [*FACTORS, *(1.0 / f for f in FACTORS)]
     best = min(known, key=lambda f: abs(np.log(abs(factor) / f)))
     return best if factor > 0.0 and abs(np.log(factor / best)) < MATCH else None
@@ -151,7 +151,7 @@ def _degrees(factor: float) -> Finding:
 
 
 def _alone(seen: Seen, found: Slopes, known: Mask) -> Finding:
-    """What single joints show, the worst first."""
+    """Findings of single joints, the worst first."""
     foreign = known & (np.nan_to_num(np.abs(found.r)) < OTHER)
     turned = known & (found.beta < 0.0) & (np.abs(found.r) > LIKE)
     wrong = known & ~found.agrees & (found.r > OTHER) & ~turned
@@ -192,7 +192,7 @@ def _of_degrees(beta: Array) -> str:
 
 
 def _of_which(seen: Seen, j: int) -> str:
-    """Whose velocity a foreign column is, in words, if it is one's."""
+    """Text that names the joint whose velocity a wrong column contains, if there is one."""
     assert seen.logged is not None
     for other in np.flatnonzero(seen.moves):
         rows = seen.moving[:, other]
@@ -210,7 +210,7 @@ ALIKE = 1.5  # of rates
 
 
 def degrees_finding(seen: Seen) -> Finding | None:
-    """Positions beyond a turn on every hinge that moves; None if they are not."""
+    """Finding of positions beyond one turn on every moving hinge; None otherwise."""
     hinges = seen.moves & (np.array(seen.units) == "rad")
     reach = np.abs(seen.q).max(axis=0)
     if hinges.sum() < 2 or not (reach[hinges] > TURN).all():
@@ -225,7 +225,7 @@ def degrees_finding(seen: Seen) -> Finding | None:
 
 
 def speed_finding(seen: Seen, top: Array, rate: float, usual: float | None) -> Finding | None:
-    """Speeds that no robot has, or that are far below what it can, at a rate that is off alike.
+    """Finding of speeds that are impossible, or far below the limits, with a rate that is equally off.
 
     Args:
         top: (k,) limits of the speeds. rate: Hz of the log. usual: Hz at which the robot is logged; None if
