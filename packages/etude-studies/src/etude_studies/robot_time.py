@@ -103,8 +103,9 @@ class Found(msgspec.Struct, frozen=True):
     traps: dict[str, bool]
 
     def until(self, robot: str, percent: float) -> float:
-        """Least seconds from which on the error is at most so much; NaN: not reached."""
-        own = [(float(s), math.inf if e is None else e) for s, e in self.errors[robot].items()]
+        """Least seconds from which on the error is at most so much; NaN: not reached, or not tried."""
+        tried = self.errors.get(robot, {})
+        own = [(float(s), math.inf if e is None else e) for s, e in tried.items()]
         above = [s for s, error in own if not error <= percent]
         return min((s for s, _ in own if s > max(above, default=0.0)), default=math.nan)
 
@@ -302,7 +303,7 @@ def _row(own: Found, base: Found | None) -> list[str]:
 def leaderboard(board: list[Found]) -> Html:
     """The page: a line for each entry, and below seconds until each error by robot."""
     style = resources.files("etude.report").joinpath("report.css").read_text(encoding="utf-8")
-    head = ["entry", *(robot for robot in board[0].errors)] if board else ["entry"]
+    head = ["entry", *dict.fromkeys(robot for own in board for robot in own.errors)]
     parts: list[object] = [
         element("h1", "Robot time to an error"),
         paragraph(_told()),

@@ -31,13 +31,13 @@ TITLE = "Does the thesis hold?"
 MANIFEST = "MANIFEST.sha256"
 EPOCH = (1980, 1, 1, 0, 0, 0)
 """The date of every file in an archive, so that the same results give the same bytes."""
-CITATION = Path(__file__).parents[5] / "CITATION.cff"
-"""In a checkout."""
+CITATIONS = (Path(__file__).parents[1] / "CITATION.cff", Path(__file__).parents[5] / "CITATION.cff")
+"""In an installed package, and in a checkout."""
 READ_ME = f"""Results of the study of {SOURCE}.
 
 results/*.parquet: every figure of every seed of a run; with each its settings, hashes, commit and machine.
 results/verdicts.json: the words. claims.toml, tables.toml: what is claimed, and the thesis's own numbers.
-Check the files: sha256sum -c {MANIFEST}. To cite: CITATION.cff, where it is there.
+Check the files: sha256sum -c {MANIFEST}. To cite: CITATION.cff.
 """
 
 
@@ -74,7 +74,7 @@ def data_archive(path: Path, folder: Path = FOLDER) -> Path:
     own = {f"results/{one.name}": one for one in sorted(folder.iterdir()) if one.is_file()}
     own |= {name: folder.parent / name for name in ("claims.toml", "tables.toml")}
     files = {name: one.read_bytes() for name, one in own.items()} | {"README.txt": READ_ME.encode()}
-    files |= {"CITATION.cff": CITATION.read_bytes()} if CITATION.exists() else {}
+    files["CITATION.cff"] = next(own for own in CITATIONS if own.exists()).read_bytes()
     sums = "".join(f"{hashlib.sha256(data).hexdigest()}  {name}\n" for name, data in files.items())
     try:
         with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
