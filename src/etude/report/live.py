@@ -1,7 +1,7 @@
 """Live pages: a read-only server for this machine alone, with pages that renew when a file changes.
 
-The standard library's server is enough: one reader, a few pages that are made in memory from files. Nothing
-is looked up in a folder by what a request names, so there is no path to leave it by.
+The standard library's server is sufficient: one reader, and a few pages that are made in memory from files.
+Requests never name files in a folder, so that path traversal is impossible.
 """
 
 from __future__ import annotations
@@ -24,15 +24,15 @@ from etude.errors import EtudeError, UsageError
 from etude.report.markup import text
 
 LONGEST_S, SILENT_S, MOST = 60.0, 10.0, 16
-"""A request lasts at most so many s, waits for so many s for its next byte, and so many are answered at once:
-a browser opens six."""
+"""Longest duration of a request, s; timeout for its next byte, s; and number of simultaneous requests: a
+browser opens six."""
 HOST, PORT, PORTS = "127.0.0.1", 8716, 20
-"""Where a page is served if nobody says otherwise, and how many ports are tried from there."""
+"""Default port of the pages, and number of ports that are tried from there."""
 FULL = b"HTTP/1.0 503 Service Unavailable\r\nRetry-After: 1\r\nContent-Length: 0\r\n\r\n"
 DIGEST = "/digest"
 INDEX = "index.html"
 POSES, POSES_HZ = "/poses", 25.0
-"""Where poses of a robot are sent from, and how often: no eye sees more."""
+"""Address of the stream of poses, and its rate, which suffices for the eye."""
 TYPES = {
     "html": "text/html",
     "css": "text/css",
@@ -41,7 +41,7 @@ TYPES = {
     "sse": "text/event-stream",
 }
 POLICY = "default-src 'self' 'unsafe-inline' data:; form-action 'none'; frame-ancestors 'none'"
-"""What a page may load: nothing from elsewhere, even if it asked."""
+"""Content security policy: a page must not load anything from other hosts."""
 SCRIPT = """<script>
 (() => {
   const shown = "DIGEST";
@@ -157,7 +157,7 @@ class _Server(ThreadingHTTPServer):
             self.places.release()
 
     def handle_error(self, request: Any, client_address: Any) -> None:
-        """Nothing for a client that went away; else as the library does."""
+        """Ignore disconnected clients; handle other errors like the library."""
         if not isinstance(sys.exception(), OSError):
             super().handle_error(request, client_address)
 
@@ -198,7 +198,7 @@ class _Handler(BaseHTTPRequestHandler):
 
     def _answer(self, body: bool) -> None:
         status, kind, content = self._found()
-        with suppress(ConnectionError):  # the reader went on
+        with suppress(ConnectionError):  # the client disconnected
             self.send_response(status)
             for name, value in _headers(kind, len(content)).items():
                 self.send_header(name, value)
@@ -208,7 +208,7 @@ class _Handler(BaseHTTPRequestHandler):
 
     def _stream(self, pose: Callable[[], str]) -> None:
         """Server-sent events: each new message, and a line without one where there is none."""
-        with suppress(OSError):  # the reader went on, or its time is over
+        with suppress(OSError):  # the client disconnected, or the request timed out
             self.send_response(HTTPStatus.OK)
             for name, value in _headers("sse", None).items():
                 self.send_header(name, value)
@@ -222,7 +222,7 @@ class _Handler(BaseHTTPRequestHandler):
                 sleep(1.0 / POSES_HZ)
 
     def _is_own(self) -> bool:
-        """Whether the request names this machine: else a page of somebody else had its name point here."""
+        """Whether the request names this machine, as a protection against DNS rebinding."""
         port = self.connection.getsockname()[1]
         return self.headers.get_all("Host", []) in ([f"{HOST}:{port}"], [f"localhost:{port}"])
 

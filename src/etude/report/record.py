@@ -30,12 +30,12 @@ Facts = dict[str, Any]
 
 @dataclass(frozen=True, eq=False)
 class Record:
-    """A campaign as its files tell it.
+    """A campaign, as read from its files.
 
     Attributes:
         folder: the campaign's folder.
         events: the journal, oldest first.
-        state: what the events add up to.
+        state: the state after all events.
         campaign: its robot and configuration, or None if robot.toml or campaign.toml cannot be read.
         notes: one sentence for each thing that could not be read.
     """
@@ -229,7 +229,7 @@ def structure_name(structure: object) -> str:
 
 @dataclass(frozen=True)
 class Evaluation:
-    """One test of one controller: after which round, at how much robot time, with which error.
+    """One test of one controller: its round, the robot time so far, and the error.
 
     Attributes:
         number: the round whose model was tested; 0 for controllers that need no data.
@@ -247,7 +247,7 @@ class Evaluation:
 
     @property
     def mean(self) -> float:
-        """The figure that stands for it: the mean over coordinates, or the distance in space."""
+        """Summary value: the mean over coordinates, or the distance in space."""
         return summary(self.error.tolist(), self.axes or len(self.error))
 
     @property
@@ -312,7 +312,7 @@ def robot_seconds(record: Record) -> float:
 
 
 def chosen_structure(trained: Trained | None) -> str | None:
-    """The structure that was in use after this training; several, joined, where commands differ."""
+    """The structure in use after this training; several names, joined, if commands differ."""
     return trained.chosen if trained else None
 
 
@@ -334,7 +334,7 @@ def held_out(trained: Trained | None) -> dict[str, Array]:
 
 
 def new_motion(trained: Trained | None) -> tuple[Array, Array] | None:
-    """(J,) nMSE of logs left out, of what is in use and of linear regression; None of a single log."""
+    """(J,) nMSE on logs left out, of the structure in use and of linear regression; None for a single log."""
     found = trained.new_motion if trained else None
     return None if found is None else (_numbers(found.used.nmse), _numbers(found.linear))
 

@@ -33,7 +33,7 @@ STYLES = {"solid": "c5", "plane": "c7", "inside": "c8", "stand": "c8", "carried"
 LINE_PX = 16.0
 """Between two names, so that none lies on another."""
 EYE = np.array([np.cos(AZIMUTH) * np.cos(ELEVATION), np.sin(AZIMUTH) * np.cos(ELEVATION), np.sin(ELEVATION)])
-"""From the room towards who looks."""
+"""Direction from the room towards the viewer."""
 
 
 @dataclass(frozen=True)
@@ -224,7 +224,7 @@ def _shaded(pixels: Array, shade: Array) -> list[str]:
 
 
 def standing(camera: Camera, room: SceneBox, things: Sequence[Thing]) -> str:
-    """What stands still, the far first, with names."""
+    """The fixed objects with names, far ones first."""
     still = [thing for thing in things if thing.kind != "carried"]
     drawn = {thing.name: faces_in(thing, room) for thing in still}
     shown = [thing for thing in still if drawn[thing.name]]
@@ -279,7 +279,7 @@ def _thing(camera: Camera, thing: Thing, faces: list[Array]) -> str:
 
 
 def _looks_here(face: Array, middle: Array) -> bool:
-    """Whether the outer side of a face of a body around `middle` looks to the eye."""
+    """Whether the outer side of a face of a body around `middle` is towards the viewer."""
     if len(face) < 3:
         return True
     normal = np.cross(face[1] - face[0], face[2] - face[0])
@@ -299,7 +299,7 @@ def _mark(camera: Camera, thing: Thing, faces: list[Array]) -> tuple[float, floa
 
 
 def _names(marks: list[tuple[tuple[float, float], str]]) -> str:
-    """Names where things are, moved up where one would lie on another."""
+    """Names at the objects, moved up where they would overlap."""
     placed: list[tuple[float, float, float]] = []
     parts = []
     for (x, y), name in sorted(marks, key=lambda mark: -mark[0][1]):
@@ -370,6 +370,6 @@ def _near(thing: Thing, lower: Array, upper: Array) -> Array:
 
 
 def beyond(figure: Figure) -> list[str]:
-    """Names of what is too far away from the robot to be drawn with it."""
+    """Names of the objects that are too far from the robot to be drawn with it."""
     room = room_around(figure)
     return [thing.name for thing in figure.things if thing.kind != "carried" and not faces_in(thing, room)]
