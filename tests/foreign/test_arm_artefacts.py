@@ -118,6 +118,7 @@ def test_the_c_of_the_model(lab: Lab, feedback: np.ndarray) -> None:
     assert np.linalg.norm(run.tracking) < GAIN * np.linalg.norm(feedback)
 
 
+@pytest.mark.slow
 def test_the_graph_of_the_model(lab: Lab) -> None:
     """onnxruntime, row by row with its memory carried, says along the motion what `predict` says."""
     runtime = pytest.importorskip("onnxruntime", reason="graphs are run by the extra 'onnx'")

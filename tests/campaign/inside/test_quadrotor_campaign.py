@@ -190,6 +190,7 @@ def test_a_path_that_cannot_be_flown_so_is_refused(flown, tmp_path, change, mess
         export(campaign, "trajectory", tmp_path / "out", motion=str(own))
 
 
+@pytest.mark.slow
 def test_the_thesis_preset_runs(tmp_path):
     campaign = made(tmp_path / "lab", preset="thesis")
     list(simulate(campaign, 2))

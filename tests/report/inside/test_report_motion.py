@@ -179,7 +179,7 @@ def test_it_stands_where_less_motion_is_asked_for_and_sticks_are_for_paper(
 
 
 @pytest.mark.browser
-@pytest.mark.parametrize("width", [400, 1280])
+@pytest.mark.parametrize("width", [400, pytest.param(1280, marks=pytest.mark.slow)])
 def test_what_stands_around_is_drawn_with_names_that_can_be_read(
     browser: Any, folder: Path, width: int
 ) -> None:
