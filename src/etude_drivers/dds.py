@@ -15,6 +15,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from etude.errors import UsageError
+from etude.logs.readers.extras import needed
 from etude.types import Array
 
 NANO = 1_000_000_000  # in a second
@@ -183,13 +184,7 @@ def types() -> SimpleNamespace:
     Of the state of the controller only the beginning is there, which all distributions share: behind it they
     differ, and a reader of plain CDR may stop.
     """
-    try:
-        idl, own = (importlib.import_module(f"cyclonedds.{name}") for name in ("idl", "idl.types"))
-    except ImportError as problem:
-        raise UsageError(
-            f"the driver ros2 needs cyclonedds, which is not installed ({problem})",
-            next_step="Install it: pip install 'cyclonedds>=11'",
-        ) from problem
+    idl, own = (needed(f"cyclonedds.{name}", "the driver ros2") for name in ("idl", "idl.types"))
 
     def made(package: str, kind: str, /, **fields: Any) -> Any:
         return idl.make_idl_struct(kind, f"{package}::msg::dds_::{kind}_", fields)

@@ -7,7 +7,6 @@ in a row, the robot stops by itself. A real one needs a kernel with PREEMPT_RT.
 from __future__ import annotations
 
 import contextlib
-import importlib
 import re
 import threading
 from collections.abc import Mapping, Sequence
@@ -16,8 +15,9 @@ from typing import Any, Self
 
 import numpy as np
 
-from etude.drivers import About, Control, Sample, VelocityEnvelope
+from etude.drivers import About, Control, Sample, VelocityEnvelope, require_known
 from etude.errors import UsageError
+from etude.logs.readers.extras import needed
 from etude.types import Array
 
 GAINS = (600.0, 600.0, 600.0, 600.0, 250.0, 150.0, 50.0), (50.0, 50.0, 50.0, 50.0, 30.0, 25.0, 15.0)
@@ -43,14 +43,7 @@ def driver(joints: tuple[str, ...], address: str, settings: Mapping[str, Any]) -
     """`--on franka:ADDRESS`; [driver] has `KEYS`."""
     if not address:
         raise UsageError("franka needs the robot's address", next_step="--on franka:172.16.0.2")
-    try:
-        library = importlib.import_module("pylibfranka")
-    except ImportError as problem:
-        raise UsageError(
-            f"the driver franka needs pylibfranka, which is not installed ({problem})",
-            next_step="Install it: pip install 'pylibfranka>=0.21'",
-        ) from problem
-    return FrankaArm(joints, address, settings, library)
+    return FrankaArm(joints, address, settings, needed("pylibfranka", "the driver franka"))
 
 
 class FrankaArm:
@@ -59,11 +52,7 @@ class FrankaArm:
     def __init__(
         self, joints: Sequence[str], address: str, settings: Mapping[str, Any], library: Any
     ) -> None:
-        unknown = [name for name in settings if name not in KEYS]
-        if unknown:
-            raise UsageError(
-                f"[driver] has no key {', '.join(unknown)} for franka", next_step=f"It has {KEYS}."
-            )
+        require_known(settings, KEYS, "franka")
         self.joints, self.address, self.library = _in_order(joints), address, library
         self.stiffness = np.array(settings.get("stiffness", GAINS[0]), dtype=float)
         self.damping = np.array(settings.get("damping", GAINS[1]), dtype=float)

@@ -15,7 +15,7 @@ from typing import Any, Self
 
 import numpy as np
 
-from etude.drivers import About, Control, Sample
+from etude.drivers import About, Control, Sample, require_known
 from etude.errors import UsageError
 from etude.types import Array
 
@@ -65,11 +65,7 @@ class LeRobotArm:
     ) -> None:
         self.joints, self.robot, self.virtual = tuple(joints), robot, clock is not None
         self.clock = clock or time.monotonic
-        unknown = [name for name in settings if name not in KEYS]
-        if unknown:
-            raise UsageError(
-                f"[driver] has no key {', '.join(unknown)} for lerobot", next_step=f"It knows {KEYS}."
-            )
+        require_known(settings, KEYS, "lerobot")
         self.rate = float(settings.get("rate", 50.0))
         features = robot.observation_features
         lacking = [name for name in joints if f"{name}.pos" not in features]

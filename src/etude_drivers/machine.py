@@ -16,6 +16,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from etude.drivers import require_known
 from etude.errors import UsageError
 from etude.types import Array, Index
 
@@ -70,13 +71,7 @@ class MachineSettings:
     def of(cls, table: Mapping[str, Any]) -> MachineSettings:
         """UsageError: an unknown key, or values that make no robot."""
         known = [own.name for own in fields(cls)]
-        unknown = [name for name in table if name not in known]
-        if unknown:
-            raise UsageError(
-                f"[driver] has no key {', '.join(unknown)} for mujoco",
-                where="run.toml",
-                next_step=f"It knows {', '.join(known)}.",
-            )
+        require_known(table, known, "mujoco")
         made = cls(**table)
         if not (made.rate > 0 and made.bandwidth > 0 and min(made.friction, made.viscous, made.delay) >= 0):
             raise UsageError(

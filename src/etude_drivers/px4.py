@@ -12,7 +12,6 @@ air: a kill is a hold, too.
 from __future__ import annotations
 
 import contextlib
-import importlib
 import math
 import threading
 import time
@@ -22,8 +21,9 @@ from typing import Any, Self
 
 import numpy as np
 
-from etude.drivers import About, Control, Sample
+from etude.drivers import About, Control, Sample, require_known
 from etude.errors import UsageError
+from etude.logs.readers.extras import needed
 from etude.types import Array
 from etude_quadrotor.export.offboard import NED, YAW
 from etude_quadrotor.logs.ulog import turned
@@ -59,13 +59,7 @@ def driver(joints: tuple[str, ...], address: str, settings: Mapping[str, Any]) -
     """`--on px4:udpin:0.0.0.0:14540`, an address of pymavlink; [driver] has `KEYS`."""
     if not address:
         raise UsageError("px4 needs an address", next_step="--on px4:udpin:0.0.0.0:14540")
-    try:
-        mavutil = importlib.import_module("pymavlink.mavutil")
-    except ImportError as problem:
-        raise UsageError(
-            f"the driver px4 needs pymavlink, which is not installed ({problem})",
-            next_step="Install it: pip install 'pymavlink>=2.4.40'",
-        ) from problem
+    mavutil = needed("pymavlink.mavutil", "the driver px4")
     return Px4Vehicle(
         joints, address, settings, lambda own: mavutil.mavlink_connection(own, dialect="common")
     )
@@ -91,11 +85,7 @@ class Px4Vehicle:
         connect: Callable[[str], Any],
         virtual: bool = False,
     ) -> None:
-        unknown = [name for name in settings if name not in KEYS]
-        if unknown:
-            raise UsageError(
-                f"[driver] has no key {', '.join(unknown)} for px4", next_step=f"It knows {KEYS}."
-            )
+        require_known(settings, KEYS, "px4")
         if tuple(joints) != AXES:
             raise UsageError(
                 f"px4 flies along x, y and z, not {', '.join(joints)}",

@@ -32,6 +32,7 @@ from etude.drivers import (
     acceleration_limits,
     interrupts,
     refusals,
+    require_known,
     why_not,
 )
 from etude.errors import EtudeError, UsageError
@@ -70,11 +71,7 @@ class Ros2Controller:
         topics: Topics,
         real: bool = True,
     ) -> None:
-        unknown = [name for name in settings if name not in KEYS]
-        if unknown:
-            raise UsageError(
-                f"[driver] has no key {', '.join(unknown)} for ros2", next_step=f"It has {KEYS}."
-            )
+        require_known(settings, KEYS, "ros2")
         self.joints, self.controller, self.settings = tuple(joints), controller, dict(settings)
         self.topics, self.real = topics, real
         self._interrupt: Interrupt | None = None

@@ -14,8 +14,9 @@ from typing import Any, Self
 
 import numpy as np
 
-from etude.drivers import About, Control, Sample
+from etude.drivers import About, Control, Sample, require_known
 from etude.errors import UsageError
+from etude.logs.readers.extras import needed
 from etude.types import Array
 
 NAMES = ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3")
@@ -30,13 +31,7 @@ def driver(joints: tuple[str, ...], address: str, settings: Mapping[str, Any]) -
     """`--on ur:ADDRESS`; [driver] has `KEYS`."""
     if not address:
         raise UsageError("ur needs the robot's address", next_step="--on ur:192.168.56.101")
-    try:
-        control, receive = (importlib.import_module(name) for name in ("rtde_control", "rtde_receive"))
-    except ImportError as problem:
-        raise UsageError(
-            f"the driver ur needs ur_rtde, which is not installed ({problem})",
-            next_step="Install it: pip install 'ur_rtde>=1.6'",
-        ) from problem
+    control, receive = needed("rtde_control", "the driver ur"), importlib.import_module("rtde_receive")
     return UrArm(joints, address, settings, control.RTDEControlInterface, receive.RTDEReceiveInterface)
 
 
@@ -58,11 +53,7 @@ class UrArm:
         receive: Any,
         virtual: bool = False,
     ) -> None:
-        unknown = [name for name in settings if name not in KEYS]
-        if unknown:
-            raise UsageError(
-                f"[driver] has no key {', '.join(unknown)} for ur", next_step=f"It knows {KEYS}."
-            )
+        require_known(settings, KEYS, "ur")
         self.joints, self.address, self.virtual = _in_order(joints), address, virtual
         self.rate = float(settings.get("rate", 500.0))
         self.lookahead = float(settings.get("lookahead", 0.05))

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
         VelocityEnvelope,
         Watch,
     )
-    from etude.drivers.find import find_driver
+    from etude.drivers.find import find_driver, require_known
     from etude.drivers.plans import first_segment_ends, planned
     from etude.drivers.playing import Interrupt, RecordedRows, interrupts, own_arrays, why_not
     from etude.drivers.recordings import read_recording, write_recording
@@ -59,6 +59,7 @@ __all__ = [
     "planned",
     "read_recording",
     "refusals",
+    "require_known",
     "why_not",
     "write_recording",
 ]

@@ -102,3 +102,14 @@ def _lacking(driver: Any) -> str:
     """What it lacks of a Stream."""
     wanted = ("about", "__enter__", "__exit__", "state", "send", "ready", "stop")
     return ", ".join(name for name in wanted if not hasattr(driver, name)) or "nothing"
+
+
+def require_known(settings: Mapping[str, Any], keys: Sequence[str], driver: str) -> None:
+    """UsageError: the table [driver] of run.toml has a key that the driver does not know."""
+    unknown = [name for name in settings if name not in keys]
+    if unknown:
+        raise UsageError(
+            f"[driver] has no key {', '.join(unknown)} for {driver}",
+            where="run.toml",
+            next_step=f"It knows {', '.join(keys)}.",
+        )

@@ -329,8 +329,8 @@ def test_a_person_who_lets_go_stops_it_and_nothing_is_told(tmp_path: Path) -> No
     assert np.abs(robot.qd).max() == 0.0
 
 
-def test_no_motion_is_run_twice_for_one_log(tmp_path: Path) -> None:
-    campaign = lab(tmp_path)
+def killed_after_a_motion(campaign: Campaign) -> None:
+    """A run that ends when its first whole motion is recorded, and before the log is ingested."""
 
     class Killed(Exception):
         pass
@@ -341,6 +341,11 @@ def test_no_motion_is_run_twice_for_one_log(tmp_path: Path) -> None:
 
     with pytest.raises(Killed):
         moved(campaign, Robot(), told=kill)
+
+
+def test_no_motion_is_run_twice_for_one_log(tmp_path: Path) -> None:
+    campaign = lab(tmp_path)
+    killed_after_a_motion(campaign)
     assert facts(campaign, Ingested) == []
     moved(campaign, Robot())
     whole = [e for e in events(campaign) if isinstance(e.fact, MotionSent) and e.fact.part == "motion"]
@@ -353,16 +358,7 @@ def test_no_motion_is_run_twice_for_one_log(tmp_path: Path) -> None:
 def test_a_recording_whose_cycles_came_late_is_no_evidence(tmp_path: Path) -> None:
     """Its commands are not those of its motion: nothing is said of signs, and the motion is run again."""
     campaign = lab(tmp_path)
-
-    class Killed(Exception):
-        pass
-
-    def kill(event: str, fields: Any) -> None:
-        if event == "motion_ended" and fields["part"] == "motion" and not fields["first"]:
-            raise Killed
-
-    with pytest.raises(Killed):
-        moved(campaign, Robot(), told=kill)
+    killed_after_a_motion(campaign)
     [(_, path)] = untold_recordings(campaign)
     recording = read_recording(path)
     write_recording(path, replace(recording, late=len(recording.t) // 3))

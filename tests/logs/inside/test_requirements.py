@@ -8,6 +8,7 @@ from pathlib import Path
 from etude.logs.readers.extras import REQUIREMENTS
 
 ROOT = Path(__file__).parents[3]
+DRIVERS = ("cyclonedds", "pylibfranka", "pymavlink", "rtde_control")
 
 
 def test_messages_ask_for_what_the_extras_ask_for() -> None:
@@ -15,4 +16,7 @@ def test_messages_ask_for_what_the_extras_ask_for() -> None:
         "optional-dependencies"
     ]
     stated = {own for name in ("ros", "px4", "matlab", "onnx") for own in extras[name]}
-    assert set(REQUIREMENTS.values()) == stated
+    drivers = {own for name, own in REQUIREMENTS.items() if name in DRIVERS}
+    assert len(drivers) == len(DRIVERS)
+    assert set(REQUIREMENTS.values()) == stated | drivers
+    assert REQUIREMENTS["pymavlink"] in extras["test"]

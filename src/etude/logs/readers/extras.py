@@ -1,4 +1,4 @@
-"""Optional libraries of some formats: imported late; an error names the command that installs them.
+"""Optional libraries of formats and drivers: imported late; an error names the command that installs them.
 
 Messages name the library itself, not an extra of Étude: on the package index the name belongs to another
 project, so `pip install` with that name would fetch a stranger's package.
@@ -20,8 +20,14 @@ REQUIREMENTS = {
     "h5py": "h5py>=3.10",
     "onnx": "onnx>=1.16",
     "onnxruntime": "onnxruntime>=1.19",
+    "cyclonedds": "cyclonedds>=11",
+    "pylibfranka": "pylibfranka>=0.21",
+    "pymavlink": "pymavlink>=2.4.40",
+    "rtde_control": "ur_rtde>=1.6",
 }
-"""What pip gets, by the name that is imported; bounds as in pyproject.toml's extras (a test compares)."""
+"""What pip gets, by the name that is imported; bounds as in pyproject.toml's extras (a test compares). The
+libraries of drivers are in no extra.
+"""
 ROSBAGS_BRINGS = ("lz4", "backports", "compression")
 """Packages that rosbags depends on and that bags are unpacked with."""
 
@@ -41,12 +47,11 @@ def needed(module: str, doing: str, path: Path | None = None, otherwise: str = "
     try:
         return importlib.import_module(module)
     except ImportError as problem:
-        library = module.split(".")[0]
+        wanted = requirement(module.split(".")[0])
         raise UsageError(
-            f"{doing} needs {library}, which is not installed ({problem})",
+            f"{doing} needs {wanted.partition('>')[0]}, which is not installed ({problem})",
             where="" if path is None else str(path),
-            next_step=f"Install it: pip install '{requirement(library)}'"
-            + (f", {otherwise}" if otherwise else ""),
+            next_step=f"Install it: pip install '{wanted}'" + (f", {otherwise}" if otherwise else ""),
         ) from None
 
 
