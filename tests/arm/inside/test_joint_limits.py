@@ -159,10 +159,8 @@ def test_the_fastest_stop_within_what_is_written_keeps_the_envelope(
     path = tmp_path / "out.yaml"
     path.write_text(written(replace(spec, axes=(turn, reach))))
     own = read(path).limits["turn"]
-    assert ("# positions" in path.read_text()) and (own["velocity"], own["acceleration"]) == (
-        2.0,
-        acceleration,
-    )
+    assert "# positions" in path.read_text()
+    assert (own["velocity"], own["acceleration"]) == (2.0, acceleration)
 
     def slack(lower: float, upper: float) -> float:
         """Least left of the envelope on the fastest way to a stop at either end."""
