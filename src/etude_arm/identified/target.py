@@ -15,7 +15,7 @@ from etude.logs.readers.cells import text_cell
 from etude.protocols import Kind
 from etude.types import Array, Delivered, Samples
 from etude_arm.identified.consistent_parameters import Identified, identified
-from etude_arm.identified.model_file_writer import JointTerms, mjcf, written
+from etude_arm.identified.model_file_writer import JointTerms, cogged, mjcf, written
 from etude_arm.identified.parameter_fit import OFFSET_TERM
 from etude_arm.identified.pseudo_inertia import is_possible
 from etude_arm.identified.replayed import Replayed, replayed
@@ -64,7 +64,11 @@ class ModelFile:
         name, *_ = written
         played = _played(name, written, given.samples, spec, found, mean)
         rows = _rows(found)
-        said = [*_said(found, spec, rows), *_carried(name, spec), *_played_sentences(played, found, spec)]
+        said = [
+            *_said(found, spec, rows),
+            *_carried(name, spec),
+            *_played_sentences(name, played, found, spec),
+        ]
         facts: dict[str, Any] = {"told": found.result.told, "segments": found.errors.segments}
         if played is not None:
             names = ("file", "cogged", "physics")
@@ -97,22 +101,22 @@ def _played(
     return None if name.endswith(".urdf") else replayed(files, samples, spec, found, mean)
 
 
-def _played_sentences(played: Replayed | None, found: Identified, spec: ArmSpec) -> list[str]:
+def _played_sentences(name: str, played: Replayed | None, found: Identified, spec: ArmSpec) -> list[str]:
     if played is None:
         return []
     errors = played.file, played.cogged, played.physics
     pairs = zip(spec.names, spec.command_units, *errors, strict=True)
     parts = ", ".join(
-        f"{name} {digits(file)}, {digits(cogged)} ({digits(own)}) {unit}"
-        for name, unit, file, cogged, own in pairs
+        f"{joint} {digits(file)}, {digits(full)} ({digits(own)}) {unit}"
+        for joint, unit, file, full, own in pairs
     )
     waves = zip(spec.names, spec.command_units, found.ripple.tolist(), strict=True)
-    ripple = ", ".join(f"{name} {digits(size)} {unit}" for name, unit, size in waves)
+    ripple = ", ".join(f"{joint} {digits(size)} {unit}" for joint, unit, size in waves)
     return [
-        "MuJoCo's inverse dynamics of the file errs on the logs by, with the cogging by (the model's physics "
+        "MuJoCo's inverse dynamics of the file errs on the logs by, with cogging by (the model's physics "
         f"by): {parts}.",
-        f"The file has no cogging, which was told from gravity (rms): {ripple}. cogging.csv has its waves: "
-        "qfrc_applied of minus their sum adds it to a simulation.",
+        f"The file has no cogging, which was told from gravity (rms): {ripple}. {cogged(name)} adds it, for "
+        "MuJoCo 4; cogging.csv has its waves, for other simulators.",
         "frictionloss and damping are the nearest c sign(v) + d v: the file has no Stribeck's dip, no "
         "friction that turns round over a way or differs by direction, and no offset.",
     ]
