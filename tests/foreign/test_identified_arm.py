@@ -90,6 +90,5 @@ def test_with_the_cogging_that_was_found_the_file_errs_less_than_the_physics(
     true, found = arm.drives.ripple(q), np.zeros_like(q)
     for row in rows:
         j = arm.names.index(row["joint"])
-        angle = row["periods"] * q[:, j]
-        found[:, j] += row["sine"] * np.sin(angle) + row["cosine"] * np.cos(angle)
+        found[:, j] -= row["amplitude"] * np.sin(row["periods"] * q[:, j] + row["phase"])
     assert np.all(np.std(found - true, axis=0) < 0.2 * np.std(true, axis=0))

@@ -302,7 +302,9 @@ class Identified:
     errors: Errors
 
 
-def _joint_terms(spec: ArmSpec, links: Links, evidence: WhitenedRows, own: Array) -> dict[str, JointTerms]:
+def _joint_terms(
+    spec: ArmSpec, links: Links, evidence: WhitenedRows, own: Array, cogs: Mask
+) -> dict[str, JointTerms]:
     """Of drives that are one joint's; none below zero. Friction c sign(v) + d v is the nearest to what was
     identified over the logs' own speeds.
     """
@@ -317,7 +319,7 @@ def _joint_terms(spec: ArmSpec, links: Links, evidence: WhitenedRows, own: Array
         speed, force = columns[:, SPEED], columns[:, FRICTION] @ own[j, FRICTION]
         friction, damping = nnls(np.column_stack([np.sign(speed), speed]), force)[0].tolist()
         armature = max(0.0, float(own[j, 0])) * turn**2
-        waves = _driving(drive.side(j) * turn * own[j, OFFSET_TERM + 1 :])
+        waves = _driving(drive.side(j) * turn * own[j, OFFSET_TERM + 1 :]) if cogs[j] else ()
         found[name] = JointTerms(armature, damping * turn**2, friction * turn, waves)
     return found
 
@@ -327,7 +329,6 @@ def _driving(taken: Array) -> tuple[tuple[int, float, float], ...]:
     return tuple(
         (FIRST_WAVE + k, float(np.hypot(sine, cosine)), float(np.arctan2(-cosine, -sine)))
         for k, (sine, cosine) in enumerate(taken.reshape(-1, 2))
-        if sine or cosine
     )
 
 
@@ -346,7 +347,7 @@ def identified(samples: Samples, spec: ArmSpec, mean: RigidBodyMean) -> Identifi
     whole = evidence.normal()
     result = consistent(*evidence.reduced(whole), links.nominal)
     own = evidence.own_terms(whole, result.phi)
-    joints = _joint_terms(spec, links, evidence, own)
+    joints = _joint_terms(spec, links, evidence, own, found.cogs)
     waves = len(links.nominal) + OFFSET_TERM + 1
     pairs = zip(evidence.rows, own[:, OFFSET_TERM + 1 :], strict=True)
     ripple = np.array([np.sqrt(np.mean((rows[:, waves:] @ size) ** 2)) for (rows, _), size in pairs])

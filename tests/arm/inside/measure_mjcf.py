@@ -1,6 +1,6 @@
 """Commands that written MJCF files predict, beside the model's physics and the least that their terms reach.
 
-    python tests/foreign/measure_mjcf.py three:5,three:6,ur5:1
+    python tests/arm/inside/measure_mjcf.py three:5,three:6,ur5:1
 
 Of each joint, in parts of the physics' error on the campaign's logs: the file, the same with cogging, and
 least squares on the terms that each of them has, free of all that a body must obey.
@@ -13,13 +13,17 @@ import tempfile
 from pathlib import Path
 
 import numpy as np
-from measure_parameters import LOGS, learned, robot
-from pinocchio_arm import Array
 
-import etude
-from etude.campaign import Campaign, ingested_samples
-from etude_arm.identified.consistent_parameters import WhitenedRows, links_of
-from etude_arm.identified.parameter_fit import FRICTION, OFFSET_TERM, settled
+TESTS = Path(__file__).parents[2]
+sys.path[:0] = [str(TESTS / "foreign"), str(TESTS)]
+
+from measure_parameters import LOGS, learned, robot  # noqa: E402
+from pinocchio_arm import Array  # noqa: E402
+
+import etude  # noqa: E402
+from etude.campaign import Campaign, ingested_samples  # noqa: E402
+from etude_arm.identified.consistent_parameters import WhitenedRows, links_of  # noqa: E402
+from etude_arm.identified.parameter_fit import FRICTION, OFFSET_TERM, settled  # noqa: E402
 
 ARMATURE_TO_COULOMB = (0, FRICTION.start, FRICTION.start + 1)
 """Of the drive's terms what a joint of an MJCF has."""
