@@ -57,6 +57,7 @@ BLOCKS = {
 }
 """Variables of the firmware's log, at most 26 bytes a block."""
 HEALTH_MS = 100
+"""Between two packets of that block."""
 STAMP = 1 << 24
 """ms after which the firmware's stamps begin again."""
 ARMED, CAN_FLY, FLIES = 1, 3, 4
