@@ -42,7 +42,7 @@ OFFBOARD, HOLD, LAND = (6, 0), (4, 3), (4, 6)
 """Main mode and sub-mode of PX4."""
 MODES = {1: "manual", 2: "altitude", 3: "position", 4: "auto", 5: "acro", 6: "offboard", 7: "stabilized"}
 SET_MODE, ARM, INTERVAL, REQUEST = 176, 400, 511, 512
-"""MAV_CMD_DO_SET_MODE, MAV_CMD_COMPONENT_ARM_DISARM, MAV_CMD_SET_MESSAGE_INTERVAL, MAV_CMD_REQUEST_MESSAGE."""
+"""MAV_CMD_: DO_SET_MODE, COMPONENT_ARM_DISARM, SET_MESSAGE_INTERVAL, REQUEST_MESSAGE."""
 HEARTBEAT = 0
 """PX4 gives it no other rate than once a second, but sends it when it is asked to."""
 MODE_S = 0.1

@@ -125,8 +125,8 @@ def test_a_learned_acceleration_goes_with_the_speed_that_braking_takes_away(reac
         robot = Accelerated()
         robot.learned_as = learned_as
         with Streamed(robot) as player:
-            braked = [Reaction.GO] * 150 + [reaction] * 150
-            player.play(own, lambda _: braked.pop(0) if braked else Reaction.STOP, "learned")
+            braked = iter([Reaction.GO] * 150 + [reaction] * 150)
+            player.play(own, lambda _, left=braked: next(left, Reaction.STOP), "learned")
         speed, effort = (np.array(part) for part in zip(*robot.rows, strict=True))
         assert effort[120] == pytest.approx([1.0, 1.0]), "at full speed"
         assert effort[-1] == pytest.approx([at_rest, at_rest], abs=1e-6)

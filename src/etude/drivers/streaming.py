@@ -199,7 +199,7 @@ class _Run:
         return True
 
     def _effort(self) -> Array | None:
-        """Of the set-point. What was learned of accelerations goes with the speed, which braking takes away."""
+        """Of the set-point. What was learned of accelerations goes with the speed that braking takes away."""
         effort, own = self.point.effort, self.path.at(self.point.at)
         if effort is None or not self.about.learned_as:
             return effort

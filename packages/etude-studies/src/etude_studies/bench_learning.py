@@ -89,7 +89,7 @@ def simulated(seed: int, motions: int, changed: Mapping[str, Any]) -> Curve:
 
 def learning_rows(found: Mapping[str, Sequence[Curve]]) -> list[Row]:
     """Mean errors after the last motion with their intervals, and the mean paired difference to the first."""
-    first, *others = found.values()
+    first = next(iter(found.values()))
     rows = []
     for name, curves in found.items():
         for test, bar in BARS.items():
