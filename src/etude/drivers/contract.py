@@ -25,7 +25,7 @@ from etude.types import Array
 Control = Literal["feedback", "file", "learned"]
 """Words of `etude ask --control`: margins and logs are kept for each."""
 CommandOf = Literal["applied", "measured", "desired"]
-OnLoss = Literal["stops", "holds", "goes on", "unknown"]
+OnLoss = Literal["stops", "holds", "goes on", "falls", "unknown"]
 MotionPart = Literal["approach", "motion", "return", "hold"]
 
 
@@ -120,7 +120,7 @@ class About:
         stop_latency: s from STOP to the first decelerating set-point.
         stopping_time: s from `stop` to rest, at most, of a robot that moves; it then holds where it rests.
         on_loss: what the robot does if this program dies now: it brakes and holds, it holds its last
-            set-point, or it goes on.
+            set-point, it goes on, or its motors stop and it falls.
         silence: s without a sample that count as a lost link.
         encoder_step: (J,) rad or m of one step; None: unknown.
         real: False: a simulation, and nobody has to stand at the button.
