@@ -1,7 +1,7 @@
 """Runs of chapter 6 once more: steps of fixed rate, logs with other last digits, arms that differ.
 
 What is run, on which seeds, and the words that come of it were announced before a row was looked at
-(docs/decisions/0064-varied-runs.md).
+(docs/decisions/0065-varied-runs.md).
 """
 
 from __future__ import annotations
