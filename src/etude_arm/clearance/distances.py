@@ -66,7 +66,9 @@ class Gaps:
 
     @cached_property
     def reach(self) -> Array:
-        """Reach P (n, k), |d(q') - d(q)| <= P |q' - q| by joint; 0 for joints that move both shapes or none."""
+        """Reach P (n, k): |d(q') - d(q)| <= P |q' - q| by joint; 0 for a joint that moves both shapes or
+        none.
+        """
         L, skeleton = self.skeleton.reaches, self.skeleton
         found = np.zeros((len(self.list), L.shape[1]))
         for row, gap in zip(found, self.list, strict=True):

@@ -1,7 +1,7 @@
 """Effect of tracking errors on distances: the real pose lies within e of the planned one.
 
 Every distance falls by at most P.e, with P the reach. This holds for the worst pose and is far too large for
-most. With n the direction from one shape to the other at this pose, and corners x of both shapes,
+most. Let n be the direction from one shape to the other at this pose, and x the corners of both shapes. Then
 
     d(q + delta) >= min (n.x_2 - sum_j |n.dx_2/dq_j| e_j) - max (n.x_1 + sum_j |n.dx_1/dq_j| e_j) - slack
 
