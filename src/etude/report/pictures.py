@@ -78,7 +78,7 @@ def of_trajectory(trajectory: Trajectory) -> Html:
 
 
 def of_campaign(campaign: Campaign) -> Html:
-    """The learning curve: test errors of a simulated robot, held-out nMSE after each log of a real one."""
+    """The learning curve: test errors of a simulated robot, or nMSE of each log before it was learned."""
     record = read_record(campaign.path)
     drawn = [learning_panel(test) for test in tests(record) if test.learned][:2]
     return alone(drawn or [_held_out(record)])
