@@ -113,7 +113,8 @@ class About:
         gravity_in_command: False where the robot adds gravity by itself (libfranka, UR's direct torque).
         controls: "learned" only if the effort of `send` is added to the feedback.
         learned_as: of `send`'s effort. "": the model's command. The name of an exporter: what was learned of
-            the accelerations in its files, m/s^2, in addition to the motion's own.
+            the accelerations in its files, m/s^2, in addition to the motion's own; it goes with the speed
+            while a motion is braked.
         lower, upper, velocity, acceleration, jerk, torque_rate: (J,) as the robot enforces them; None: it
             enforces none. envelope: velocity limits by position.
         can_hold: HOLD, and going on after it, are possible.
