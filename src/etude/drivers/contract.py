@@ -25,7 +25,7 @@ from etude.types import Array
 Control = Literal["feedback", "file", "learned"]
 """Words of `etude ask --control`: margins and logs are kept for each."""
 CommandOf = Literal["applied", "measured", "desired"]
-OnLoss = Literal["stops", "holds", "goes on", "unknown"]
+OnLoss = Literal["stops", "holds", "goes on", "falls", "unknown"]
 MotionPart = Literal["approach", "motion", "return", "hold"]
 
 
@@ -113,14 +113,15 @@ class About:
         gravity_in_command: False where the robot adds gravity by itself (libfranka, UR's direct torque).
         controls: "learned" only if the effort of `send` is added to the feedback.
         learned_as: of `send`'s effort. "": the model's command. The name of an exporter: what was learned of
-            the accelerations in its files, m/s^2, in addition to the motion's own.
+            the accelerations in its files, m/s^2, in addition to the motion's own; it goes with the speed
+            while a motion is braked.
         lower, upper, velocity, acceleration, jerk, torque_rate: (J,) as the robot enforces them; None: it
             enforces none. envelope: velocity limits by position.
         can_hold: HOLD, and going on after it, are possible.
         stop_latency: s from STOP to the first decelerating set-point.
         stopping_time: s from `stop` to rest, at most, of a robot that moves; it then holds where it rests.
         on_loss: what the robot does if this program dies now: it brakes and holds, it holds its last
-            set-point, or it goes on.
+            set-point, it goes on, or its motors stop and it falls.
         silence: s without a sample that count as a lost link.
         encoder_step: (J,) rad or m of one step; None: unknown.
         real: False: a simulation, and nobody has to stand at the button.

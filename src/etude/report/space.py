@@ -1,7 +1,7 @@
-"""A motion in space before it moves: solid parts, what stands around, what is swept, and how near all come.
+"""Motion in space before it runs: solid parts, surroundings, swept volume, and distances.
 
-The page needs no network and no library: `space.js` draws with WebGL 2. Distances are those of the limits
-that the certificate rests on, at the poses that are drawn. What is proved is quoted from the certificate.
+The page needs no network and no library: `space.js` draws with WebGL 2. Distances are those of the
+certificate's limits, at the drawn poses. The certificate gives the proved values.
 """
 
 from __future__ import annotations
@@ -53,10 +53,10 @@ NO_VIEW = "This browser has no WebGL 2, so the motion cannot be shown in space."
 
 
 def page(record: Record, proposal: int, stream: str = "") -> tuple[Html, MotionInSpace]:
-    """The drawing with what is proved of it as a page of its own, and what it shows.
+    """The drawing and its proved distances as a page, and the motion that it shows.
 
     Raises:
-        UsageError: no such proposal, or a robot that cannot be drawn.
+        UsageError: no such proposal, or the robot cannot be drawn.
     """
     found = in_space(record, proposal)
     if found is None:
@@ -81,10 +81,11 @@ def page(record: Record, proposal: int, stream: str = "") -> tuple[Html, MotionI
 
 
 def write_view(folder: Path, proposal: int | None = None) -> tuple[Path, int, MotionInSpace]:
-    """FOLDER/view.html of a proposal, the newest if not given; its path, the number and what it shows.
+    """Writes FOLDER/view.html of a proposal, by default the newest; returns the path, the number and the
+    motion.
 
     Raises:
-        UsageError: no such proposal, or a robot that cannot be drawn.
+        UsageError: no such proposal, or the robot cannot be drawn.
     """
     record = read_record(folder)
     number = newest(record, proposal)
@@ -95,7 +96,7 @@ def write_view(folder: Path, proposal: int | None = None) -> tuple[Path, int, Mo
 
 
 def newest(record: Record, proposal: int | None = None) -> int:
-    """The number of a proposal, the newest if not given. UsageError: there is none."""
+    """The number of a proposal, by default of the newest. UsageError: there is none."""
     asked = [n for n, own in sorted(record.state.rounds.items()) if own.asked is not None]
     number = max(asked, default=0) if proposal is None else proposal
     if number not in asked:
@@ -109,13 +110,17 @@ def newest(record: Record, proposal: int | None = None) -> int:
 
 
 def asset(name: str) -> str:
-    """A file that pages are made of."""
+    """A file for pages."""
     return resources.files("etude.report").joinpath(name).read_text(encoding="utf-8")
 
 
 def figure_in_space(seen: MotionInSpace, record: Record, below: Html = NO_MORE, stream: str = "") -> Html:
-    """The drawing with all that belongs to it. below: what more is said, whose buttons of times act too.
-    stream: the address of poses of the real robot.
+    """The drawing with its controls and texts.
+
+    Args:
+        seen: the motion. record: of the campaign.
+        below: further content; its time buttons work too.
+        stream: address of the poses of the real robot; "" without one.
     """
     parts = [
         element(
@@ -136,7 +141,7 @@ def figure_in_space(seen: MotionInSpace, record: Record, below: Html = NO_MORE, 
 
 
 def words(seen: MotionInSpace, live: bool = False) -> Html:
-    """What one sees, in sentences. live: the robot is shown as it moves."""
+    """Sentences about the picture. live: it shows the robot while it moves."""
     tips = "its tip" if len(seen.figure.tips) == 1 else "its tips"
     names = [thing.name for thing in seen.figure.things if thing.kind in ("solid", "plane", "inside")]
     said = [
@@ -150,7 +155,7 @@ def words(seen: MotionInSpace, live: bool = False) -> Html:
 
 
 def nearest_words(seen: MotionInSpace) -> str:
-    """A sentence on what comes nearest."""
+    """A sentence on the least distance."""
     near = seen.nearest
     if near is None:
         return NO_DISTANCES
@@ -159,7 +164,7 @@ def nearest_words(seen: MotionInSpace) -> str:
 
 
 def proved(seen: MotionInSpace) -> Html:
-    """Distances that the certificate states, and what it leaves open."""
+    """Distances in the certificate, and what it does not cover."""
     if seen.certificate is None:
         return Html("")
     pairs = {" and ".join(pair) for pair in (seen.nearby.pairs if seen.nearby else ())}
@@ -195,7 +200,7 @@ def _cells(row: Mapping[str, Any]) -> list[object]:
 
 
 def _controls(seen: MotionInSpace) -> list[Html]:
-    """What one can set, and tables that the script fills."""
+    """Controls of the drawing, and tables that the script fills."""
     speeds = [element("option", f"{s:g} times its speed", value=s) for s in (0.1, 0.25, 0.5)]
     speeds += [Html('<option value="1" selected>its own speed</option>')]
     speeds += [element("option", f"{s:g} times its speed", value=s) for s in (2, 4)]

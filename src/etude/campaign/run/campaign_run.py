@@ -243,7 +243,12 @@ def what_will_happen(session: RobotSession, options: RunOptions, first: Certifie
     rounds = f"{options.rounds} motions" if options.rounds else "as many motions as the stop rule asks for"
     rounds = rounds if first is not None else "the motion that confirms alone, since the stop rule has fired"
     real = "It is real: keep a hand on its emergency stop." if about.real else "It is a simulation."
-    does = {"stops": "it stops", "holds": "it holds where it is", "goes on": "it GOES ON"}
+    does = {
+        "stops": "it stops",
+        "holds": "it holds where it is",
+        "goes on": "it GOES ON",
+        "falls": "it FALLS",
+    }
     dies = does.get(about.on_loss, "what it does is not known")
     return [
         f"{about.name} ({about.identity}) will move: {rounds}, with ways between them. {real}",

@@ -239,7 +239,12 @@ class RobotSession:
         if fact.ended == Ended.REFUSED.value:
             raise UnsafeTrajectoryError(f"the robot would not start: {why}", where=where, next_step=again)
         if fact.ended == Ended.LOST.value:
-            does = {"stops": "It stops by itself", "holds": "It holds by itself", "goes on": "It GOES ON"}
+            does = {
+                "stops": "It stops by itself",
+                "holds": "It holds by itself",
+                "goes on": "It GOES ON",
+                "falls": "It FALLS",
+            }
             raise LinkLost(
                 f"nothing was heard of {self.about.name}: {why}",
                 where=where,
