@@ -46,6 +46,7 @@ from etude_arm.spec import FORCES, PATH, PLAN, RIPPLES, ArmSpec
 TERMS = ("armature", "viscous", "coulomb", "stribeck", "load", "asymmetry", "offset")
 E = len(TERMS)
 VISCOUS, COULOMB, STRIBECK = 1, 2, 3
+"""Places of those terms."""
 FRICTION, OFFSET_TERM = slice(1, 6), 6
 OPTIONAL = slice(3, 6)
 """Terms that are left out where the logs do not show them."""
