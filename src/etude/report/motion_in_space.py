@@ -16,6 +16,7 @@ from etude.types import Array, Figure, Mask, Motion, Nearby, Solid, Thing
 
 if TYPE_CHECKING:
     from etude.campaign.record.folder import Campaign
+    from etude.protocols import Trajectory
 
 
 RATE, MOST_FRAMES = 25.0, 2000
@@ -50,7 +51,8 @@ class MotionInSpace:
 
     Attributes:
         title: of it. folder: of its files. pieces: when each begins, s, and what it is.
-        certificate: of the file that is shown; None if it cannot be read.
+        certificate: of the file that is shown; None if it cannot be read. proved_from: s at which that file
+            begins.
         t: (T,) s. motion: at these times.
         solids: B parts. placed: (T, B, 3, 4) of them.
         figure: as sticks, with what stands around.
@@ -69,6 +71,7 @@ class MotionInSpace:
     figure: Figure
     nearby: Nearby | None
     measured: Replay | None
+    proved_from: float = 0.0
 
     @property
     def tips(self) -> list[Array]:
@@ -111,9 +114,11 @@ class MotionInSpace:
         return {"pair": list(near.pairs[row]), "distance": apart, "kept": kept, "time": float(self.t[k])}
 
 
-def in_space(record: Record, proposal: int) -> MotionInSpace | None:
-    """The motion of a proposal, with the way there and back if that was asked for; None without a drawing."""
-    trajectory, certificate, folder = record.whole(proposal)
+def in_space(record: Record, proposal: int, approach: Trajectory | None = None) -> MotionInSpace | None:
+    """The motion of a proposal, with the way there and back if that was asked for; None without a drawing.
+    approach: the way there alone, instead.
+    """
+    trajectory, certificate, folder = record.whole(proposal, approach)
     campaign = record.campaign
     if trajectory is None or campaign is None:
         return None
@@ -129,9 +134,11 @@ def in_space(record: Record, proposal: int) -> MotionInSpace | None:
     pieces = [(start, label) for start, label, _ in trajectory.pieces()]
     way = folder.partition("from_")[2]
     title = f"trajectory {proposal}" + (f" with the way from {way} and back" if way else "")
+    title += " with the way from where the robot stands" if approach is not None else ""
+    began = 0.0 if approach is None else approach.duration
     replay, near = _replay(record, proposal, t, pieces), found[0] if found else None
     shown = solids, placed, figure
-    return MotionInSpace(title, folder, pieces, certificate, t, motion, *shown, near, replay)
+    return MotionInSpace(title, folder, pieces, certificate, t, motion, *shown, near, replay, began)
 
 
 def placed_parts(campaign: Campaign, motion: Motion) -> tuple[Sequence[Solid], Array]:

@@ -96,11 +96,20 @@ class Record:
     def certificate(self, number: int) -> Facts | None:
         return self.read(f"proposals/{number:04d}/certificate.json", _proof)
 
-    def whole(self, number: int) -> tuple[Trajectory | None, Facts | None, str]:
+    def whole(
+        self, number: int, approach: Trajectory | None = None
+    ) -> tuple[Trajectory | None, Facts | None, str]:
         """A proposal's motion with its certificate, and their folder; with the way there and back, where that
-        was written for the motion as one file.
+        was written for the motion as one file. approach: the way there alone, instead.
         """
         own = f"proposals/{number:04d}"
+        if approach is not None:
+            from etude.trajectories import Chain
+
+            alone = self.read(f"{own}/trajectory.json", _trajectory)
+            parts = () if alone is None else [(label, part) for _, label, part in alone.pieces()]
+            whole = Chain((("approach", approach), *parts)) if parts else None
+            return whole, self.read(f"{own}/certificate.json", _proof), own
         ways = [
             name.rpartition("/")[0]
             for name in recorded(self.events)

@@ -35,6 +35,7 @@ from etude.campaign.run.run_settings import read_settings
 from etude.drivers import About, Sample, Streamed, VelocityEnvelope, read_recording, write_recording
 from etude.errors import DataError, EtudeError, RobotStopped, UnsafeTrajectoryError, UsageError
 from etude.logs import read_log_file
+from etude.report.space import write_view
 from etude.types import Array
 
 
@@ -157,6 +158,10 @@ BLOCKS: dict[str, tuple[Callable[[], Robot], str]] = {
         "velocity 0.5 of hip, and robot.toml allows 1",
     ),
     "lower": (lambda: Robot(lower=np.array([-1.4, -1.0])), "lower -1.4 of knee, and robot.toml allows -1.5"),
+    "silence": (lambda: Robot(silence=0.5), "counts as lost after 0.5 s without a sample"),
+    "glitches": (lambda: Robot(silence=0.03), "counts as lost after 0.03 s without a sample"),
+    "rarely": (lambda: Robot(rate=4.0, silence=0.6), "is heard 4 times a second, too rarely to be stopped"),
+    "never": (lambda: Robot(rate=0.0), "is heard 0 times a second"),
     "nameless": (lambda: Robot(identity=""), "has no identity"),
 }
 
@@ -248,6 +253,19 @@ def test_a_dry_run_moves_nothing_and_says_what_would(tmp_path: Path) -> None:
     assert robot.sent == []
     assert facts(campaign, MotionSent) == []
     assert any("the beginning of motion 1 at 25 %" in own for own in said)
+
+
+def test_a_dry_run_draws_the_way_from_where_the_robot_stands(tmp_path: Path) -> None:
+    campaign, here = weighing(tmp_path), np.array([0.3, -0.2])
+    found = moved(campaign, Robot(("hip", "knee"), start=here), dry=True)
+    _, _, seen = write_view(campaign.path, found.planned, found.approach)
+    assert [label for _, label in seen.pieces][:2] == ["approach", "segment"]
+    began, q = seen.pieces[1][0], seen.motion.orders[0]
+    np.testing.assert_allclose(q[0], here, atol=1e-4)
+    whole = proposal_motion(campaign, 1, "feedback").trajectory
+    own = seen.t >= began
+    np.testing.assert_allclose(q[own], whole.motion(seen.t[own] - began, 1).orders[0], atol=1e-9)
+    assert seen.proved_from == began, "times of the certificate are the motion's own"
 
 
 def test_a_person_agrees_to_where_the_whole_motion_goes(tmp_path: Path) -> None:
