@@ -194,10 +194,11 @@ def _identity(campaign: Campaign, about: About, stated: str) -> list[Open]:
     before = last_identity(campaign.events())
     if not about.identity:
         return [Open(f"{about.name} has no identity.", "The driver's About has to say it.")]
-    if before in ("", about.identity) or stated == about.identity:
+    now = about.answers_as
+    if before in ("", now) or stated == now:
         return []
-    sentence = f"Earlier recordings are of {before}, and this robot is {about.identity}."
-    step = f"If it is the same robot: --identity {typed(about.identity)}. Else start a campaign of its own."
+    sentence = f"Earlier recordings are of {before}, and this robot is {now}."
+    step = f"If the campaign is to go on with it: --identity {typed(now)}. Else start another campaign."
     return [Open(sentence, step)]
 
 
