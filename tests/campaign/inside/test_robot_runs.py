@@ -4,6 +4,7 @@ whatever goes wrong leaves it at rest.
 
 from __future__ import annotations
 
+import base64
 import json
 import re
 import shlex
@@ -44,7 +45,6 @@ from etude.drivers import (
 )
 from etude.errors import DataError, EtudeError, RobotStopped, UnsafeTrajectoryError, UsageError
 from etude.logs import read_log_file
-from etude.report.space import write_view
 from etude.types import Array
 
 
@@ -265,16 +265,23 @@ def test_a_dry_run_moves_nothing_and_says_what_would(tmp_path: Path) -> None:
 
 
 def test_a_dry_run_draws_the_way_from_where_the_robot_stands(tmp_path: Path) -> None:
-    campaign, here = weighing(tmp_path), np.array([0.3, -0.2])
-    found = moved(campaign, Robot(("hip", "knee"), start=here), dry=True)
-    _, _, seen = write_view(campaign.path, found.planned, found.approach)
-    assert [label for _, label in seen.pieces][:2] == ["approach", "segment"]
-    began, q = seen.pieces[1][0], seen.motion.orders[0]
-    np.testing.assert_allclose(q[0], here, atol=1e-4)
+    campaign = weighing(tmp_path)
+    (tmp_path / "bot.py").write_text(BOT)
+    text = f'[driver]\non = "{tmp_path}/bot.py:bot"\nrate = 50.0\nstart = [0.3, -0.2]\n'
+    (campaign.path / "run.toml").write_text(text)
+    assert cli.main(["run", str(campaign.path), "--dry-run"]) == 0
+    page = (campaign.path / "view.html").read_text()
+    assert "trajectory 1 with the way from where the robot stands" in page
+    shown = json.loads(page.split('type="application/json">')[1].partition("</script>")[0])
+    assert [own["label"] for own in shown["pieces"]][:2] == ["approach", "segment"]
+    q = np.frombuffer(base64.b64decode(shown["planned"]["q"]), "<f4").reshape(-1, 2)
+    t, began = shown["step"] * np.arange(shown["count"]), shown["pieces"][1]["start"]
+    np.testing.assert_allclose(q[0], [0.3, -0.2], atol=1e-4)
     whole = proposal_motion(campaign, 1, "feedback").trajectory
-    own = seen.t >= began
-    np.testing.assert_allclose(q[own], whole.motion(seen.t[own] - began, 1).orders[0], atol=1e-9)
-    assert seen.proved_from == began, "times of the certificate are the motion's own"
+    exact = whole.motion(t[t >= began] - began, 1).orders[0]
+    np.testing.assert_allclose(q[t >= began], exact, atol=1e-6)
+    for moment in re.findall(r'data-time="([\d.]+)"', page):
+        assert float(moment) >= began, "times of the certificate are the motion's own"
 
 
 def test_a_person_agrees_to_where_the_whole_motion_goes(tmp_path: Path) -> None:
