@@ -82,7 +82,7 @@ def lab(tmp_path_factory: pytest.TempPathFactory) -> Path:
     ("library", "on", "code", "says"),
     [
         ("pymavlink", "px4:pilot", 7, "a pilot or a failsafe has taken over"),
-        ("pymavlink", "px4:silent", 8, "no sample for 0.5 s"),
+        ("pymavlink", "px4:silent", 8, "no sample for 0.3 s"),
         ("cflib", "crazyflie:crashed", 7, "the firmware has stopped the rotors"),
         ("cflib", "crazyflie:silent", 8, "no sample for 0.25 s"),
     ],
