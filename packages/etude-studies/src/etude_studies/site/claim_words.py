@@ -133,7 +133,7 @@ def sentence(verdict: Verdict, said: str = "") -> str:
     many = len(verdict.parts)
     if facts and many > 1:
         counts = Counter(shown_part(own) for own in verdict.parts)
-        facts = f"{facts}. Of {many} comparisons: {', '.join(f'{n} {own}' for own, n in counts.items())}"
+        facts = f"{facts}. Its {many} comparisons: {', '.join(f'{n} × {own}' for own, n in counts.items())}"
     if word == NOT_RUN or verdict.word == UNTESTED:
         return _capital(verdict.reason.rstrip(".")) + "."
     opening = {

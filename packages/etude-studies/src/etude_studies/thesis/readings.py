@@ -157,6 +157,7 @@ ON_EDGE, EXTREME = (dict.fromkeys(("uniform", "single", "fresh"), kind) for kind
 SLOW = exchange(_flight(_key("speed", None, 3.0), "quadrotor"))
 HARMONICS = exchange(_flight(_key("harmonics", 2, 5), "quadrotor"))
 KINEMATIC = exchange(_flight(lambda own: {**own, "acceleration": "kinematic"}, "pelican"))
+FROM_GROUND = exchange(_flight(_key("from_ground", False, True), "pelican"))
 FLOOR = exchange(_flight(_key("noise_floor", None, 0.2), "quadrotor"))
 RANDOM = exchange(_arm(_amplitude)) | exchange(_flight(_key("arm", "uniform", "scaled")))
 ONE = exchange(_arm(_search(ONE_START))) | exchange(_flight(_key("arm", "designed", "designed_one_start")))
@@ -180,6 +181,7 @@ READINGS: Sequence[Reading] = (
     Reading("designs from one random start", "R5", ONE),
     Reading("spectrum on all samples", "R7", exchange(_arm(_all_samples))),
     Reading("kinematic acceleration on the Pelican", "R12", KINEMATIC),
+    Reading("the Pelican's first flight from take-off to landing", "", FROM_GROUND),
     Reading("a noise floor of 0.2 deviations", "", FLOOR),
     Reading("flights up to 3 m/s", "", SLOW),
     Reading("five harmonics", "", HARMONICS),
