@@ -33,7 +33,7 @@ from etude_studies.thesis.choosing import runs_of
 from etude_studies.thesis.contrasts import EACH
 from etude_studies.thesis.kept import price_s
 from etude_studies.thesis.ledger import Claim, Part
-from etude_studies.thesis.part_verdicts import NOT_RUN, UNTESTED, PartVerdict
+from etude_studies.thesis.part_verdicts import DEPENDS, NOT_RUN, UNTESTED, PartVerdict
 from etude_studies.thesis.parts import in_logs, run_of
 from etude_studies.thesis.readings import EQUAL, ON_PLANT, Reading
 from etude_studies.thesis.verdict_file import Verdict, shown
@@ -60,7 +60,7 @@ def claim_page(study: Study, claim: Claim) -> Html:
         element("blockquote", prose(" … ".join(claim.quote))),
         element("p", chip(verdict), " ", sentence(verdict, _short(study, claim, own)), class_="lead verdict"),
         _again(verdict),
-        _steps(study, claim),
+        _steps(study, claim, verdict),
         _short_of_seeds(study, claim),
         _picture(own, verdict),
         _table(_names(study, claim), own, verdict),
@@ -140,8 +140,10 @@ def _returns(study: Study, claim: Claim) -> str:
     return f"The claim holds under: {'; '.join(found)} ({len(found)} of {plural(len(run), 'reading')})."
 
 
-def _steps(study: Study, claim: Claim) -> Html:
-    """The word under the other readings of a step, none of which comes first."""
+def _steps(study: Study, claim: Claim, verdict: Verdict) -> Html:
+    """The word under the other readings of a step; of one that depends on them the verdict tells."""
+    if verdict.word == DEPENDS:
+        return Html("")
     words = [
         f"{own.name}: {shown(other)}" for own, other in study.readings_of(claim) if own.ambiguity == EQUAL
     ]
