@@ -104,6 +104,7 @@ class Settled:
     Attributes:
         outputs: of each command, its columns [r of the rigid body, `TERMS`, ripple].
         evidence, prior: (J, E) nats for each term, and its deviation before any data.
+        cogs: (J,) whether the logs show cogging.
     """
 
     problem: Problem
@@ -112,6 +113,7 @@ class Settled:
     stribeck: Array
     evidence: Array
     prior: Array
+    cogs: Mask
 
 
 def settled(samples: Samples, spec: ArmSpec, mean: RigidBodyMean) -> Settled:
@@ -125,7 +127,19 @@ def settled(samples: Samples, spec: ArmSpec, mean: RigidBodyMean) -> Settled:
     dropped = np.zeros(prior.shape, dtype=bool)
     dropped[:, OPTIONAL] = evidence[:, OPTIONAL] < SHOWN
     dropped[:, POSITIVE] |= fit.extra[:, POSITIVE] < 0.0
-    return Settled(problem, *problem.fitted(speeds, dropped), speeds, evidence, prior)
+    nats = np.array([_nats_of_waves(fit, j, float(size)) for j, size in enumerate(problem.ripple)])
+    return Settled(problem, *problem.fitted(speeds, dropped), speeds, evidence, prior, nats > SHOWN)
+
+
+def _nats_of_waves(fit: SharedFit, j: int, prior: float) -> float:
+    """As `savage_dickey`, of all waves of one output together; none without a prior."""
+    if prior == 0.0:
+        return 0.0
+    value, (r, width) = fit.extra[j, E:], (len(fit.z), fit.extra.shape[1])
+    own = slice(r + j * width + E, r + (j + 1) * width)
+    covariance = fit.covariance[own, own]
+    change = 2.0 * len(value) * np.log(prior) - np.linalg.slogdet(covariance)[1]
+    return float(0.5 * (value @ np.linalg.solve(covariance, value) - change))
 
 
 def savage_dickey(value: Array, deviation: Array, prior: Array) -> Array:
