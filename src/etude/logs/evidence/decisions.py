@@ -21,7 +21,7 @@ from etude.logs.checks.plausibility import DELAY, SIGN, SWAPPED
 from etude.logs.checks.velocities import DIRECTION
 from etude.logs.cleaning.smoothing import resample
 from etude.logs.evidence.file_hypotheses import weight_elsewhere
-from etude.logs.evidence.likelihood import NEITHER, ColumnEvidence, WhitenedMotion, least, log_sum
+from etude.logs.evidence.likelihood import FEW, NEITHER, ColumnEvidence, WhitenedMotion, least, log_sum
 from etude.logs.evidence.rows import APART, AS_LOGGED, DELAYS, FLOOR, FilteredRows, commands_of, rows_of
 from etude.protocols import Mean
 from etude.types import Array, Channel, Index, Log, Mask
@@ -80,7 +80,7 @@ class _Judged:
         if rows is None or len(rows.t) < LEAST_ROWS or not rows.moving.any():
             return None
         own = np.flatnonzero(rows.moving)
-        return cls(rows, own, WhitenedMotion(rows, own))
+        return cls(rows, own, WhitenedMotion.of(rows, own))
 
     def with_command(self, command: Array) -> _Judged:
         """The same motion with other commands (n, k, d) on it."""
@@ -171,6 +171,7 @@ def judge(
         yield exchanged if len(new) == 1 else None
         yield turned if turned is not None and len(turned.logs) < len(logs) else None
         yield _late(judged, fresh)
+        yield _late_alone(judged, fresh)
         yield exchanged  # of several logs, one that is inverted looks like another order
         yield None if timed or alone is None else _reversed(alone)
         yield turned
@@ -399,6 +400,23 @@ def _late(judged: _Judged, fresh: Sequence[int]) -> Decision | None:
     return judged.decision("note", check=DELAY, logs=tuple(fresh), by=(DELAYS[best],), odds=odds)
 
 
+def _late_alone(judged: _Judged, fresh: Sequence[int]) -> Decision | None:
+    """Commands of one of several new logs before or behind the motion, unlike those of the others."""
+    rows, found = judged.rows, []
+    motion = WhitenedMotion(rows, judged.own, FEW)
+    for i in fresh[-MOST_GROUPS:] if len(fresh) > 1 else ():
+        own = (rows.log == i)[:, None, None]
+        command = np.where(own, rows.command, rows.command[..., AS_LOGGED, None])
+        total = motion.free(command, range(len(DELAYS))).sum(axis=0) - DELAY_PRIOR * np.abs(DELAYS)
+        best = int(total.argmax())
+        if abs(DELAYS[best]) >= LEAST_DELAY and 0 < best < len(DELAYS) - 1:
+            found.append((float(total[best] - total[AS_LOGGED]), i, DELAYS[best]))
+    odds, log, late = max(found, default=(0.0, -1, 0.0))
+    if odds < SHIFT:
+        return None
+    return judged.decision("note", check=DELAY, logs=(log,), by=(late,), odds=odds)
+
+
 ORDER = CERTAIN  # log odds from which anything is said: of 430 right logs one had more, and its halves less
 PAIR, ANY_ORDER = 0.05, 0.005  # prior of one exchanged pair, of any other order
 
@@ -492,7 +510,7 @@ def _half_gain(
     rows = rows_of(parts, path, body)
     if rows is None or len(rows.t) < LEAST_HALF:
         return 0.0
-    return float(_gains(_Judged(rows, own, WhitenedMotion(rows, own)))[np.arange(len(own)), order].sum())
+    return float(_gains(_Judged(rows, own, WhitenedMotion.of(rows, own)))[np.arange(len(own)), order].sum())
 
 
 BACKWARDS = float(np.log(0.02))  # log prior of reversed rows
