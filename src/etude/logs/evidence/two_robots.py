@@ -13,18 +13,18 @@ import numpy as np
 
 from etude.logs.checks.exact import LIKELY
 from etude.logs.evidence.file_hypotheses import contradicting
-from etude.logs.evidence.likelihood import FEW, WhitenedMotion
+from etude.logs.evidence.judged import MOST_GROUPS
+from etude.logs.evidence.likelihood import FEW, SMALL_WAY, WhitenedMotion
 from etude.logs.evidence.rows import FilteredRows, rows_of
-from etude.types import Array, Channel, Finding, Index, Log
+from etude.types import Array, Channel, Finding, Index, Log, Mask
 
-MOST_ODD = 12  # logs that are compared with the others, the newest
 # log odds over all joints, and the part that say so: right logs had 160 and a half, others 210 and 5 of 6
 ODDS, MOST_JOINTS = 150.0, 0.75
 
 
 def odd_log(logs: Sequence[Log], path: Channel) -> tuple[int, Array] | None:
-    """The log that one model explains worst with the others, and by moving joint (m,) the log odds of a model
-    of its own; None where no log is odd.
+    """The log that one model explains worst with the others, and by joint (m,) the log odds of a model of its
+    own; None where no log is odd, or most joints go a short way in one.
 
     Args:
         logs: with positions `path` and commands on them, whose signs, order and clocks are right.
@@ -32,15 +32,24 @@ def odd_log(logs: Sequence[Log], path: Channel) -> tuple[int, Array] | None:
     rows = rows_of(logs, path)
     if rows is None or not rows.moving.any():
         return None
-    own = np.flatnonzero(rows.moving)
+    own = np.flatnonzero(rows.moving & _far_in_each(rows))
+    if 2 * len(own) < rows.moving.sum():
+        return None
     together = WhitenedMotion(rows, own, FEW).free(rows.command)[:, 0]
     numbers = np.unique(rows.log)
-    each = {int(i): _apart(rows, own, int(i)) - together for i in numbers[-MOST_ODD:] if len(numbers) > 1}
+    each = {int(i): _apart(rows, own, int(i)) - together for i in numbers[-MOST_GROUPS:] if len(numbers) > 1}
     odd = max(each, key=lambda i: float(each[i].sum()), default=-1)
     if odd < 0 or not _clear(each[odd]):
         return None
     gains = each[odd] - np.max([_of_halves(log, path, own) for log in logs], axis=0)
     return (odd, gains) if _clear(gains) else None
+
+
+def _far_in_each(rows: FilteredRows) -> Mask:
+    """(k,) sliding joints, and turning ones that go far in every log: in a short way all is of the place."""
+    ways = [np.ptp(rows.q[rows.log == i], axis=0) for i in np.unique(rows.log)]
+    turns = np.array([unit == "rad" for unit in rows.units])
+    return np.asarray(~turns | (np.min(ways, axis=0) > SMALL_WAY))
 
 
 def _apart(rows: FilteredRows, own: Index, log: int) -> Array:
