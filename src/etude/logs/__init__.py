@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from etude.logs.columns.matching import match_columns
     from etude.logs.evidence.decisions import judge
     from etude.logs.evidence.findings import finding_of
-    from etude.logs.evidence.judged import Decision
+    from etude.logs.evidence.joint_evidence import Decision
     from etude.logs.readers.cells import header_row, restored, text_cell
     from etude.logs.readers.extras import needed
     from etude.logs.readers.frames import parquet_frame, parquet_metadata, raw_log

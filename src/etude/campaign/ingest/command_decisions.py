@@ -24,7 +24,7 @@ from etude.protocols import Mean
 from etude.types import Finding, Log
 
 if TYPE_CHECKING:
-    from etude.logs.evidence.judged import Decision
+    from etude.logs.evidence.joint_evidence import Decision
 
 MOST_TOLD, MOST_NEW = 12, 48  # logs that are judged together: the newest told ones, the first new ones
 ROUNDS = 8  # of repairs, each of which is judged again

@@ -19,7 +19,7 @@ from etude.logs.checks.plausibility import SIGN, SWAPPED
 from etude.logs.checks.velocities import DIRECTION
 from etude.logs.evidence.delays import at_edge_of, far_delay, in_step, late, late_alone, shifted_log
 from etude.logs.evidence.file_hypotheses import weight_elsewhere
-from etude.logs.evidence.judged import CLEAR, MOST_GROUPS, Decision, Judged
+from etude.logs.evidence.joint_evidence import CLEAR, MOST_GROUPS, Decision, Judged
 from etude.logs.evidence.likelihood import NEITHER, WhitenedMotion, least, log_sum
 from etude.logs.evidence.rows import APART, AS_LOGGED, DELAYS, FLOOR, FilteredRows, commands_of, rows_of
 from etude.protocols import Mean

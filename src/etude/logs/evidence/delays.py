@@ -9,7 +9,7 @@ import numpy as np
 from etude.logs.checks.exact import CERTAIN, LIKELY
 from etude.logs.checks.plausibility import DELAY
 from etude.logs.cleaning.smoothing import resample
-from etude.logs.evidence.judged import MOST_GROUPS, Decision, Judged
+from etude.logs.evidence.joint_evidence import MOST_GROUPS, Decision, Judged
 from etude.logs.evidence.likelihood import FEW, WhitenedMotion, least
 from etude.logs.evidence.rows import AS_LOGGED, DELAYS
 from etude.types import Array, Log

@@ -14,7 +14,7 @@ from etude.logs.checks.plausibility import DELAY, SIGN, SWAPPED
 from etude.logs.checks.velocities import DIRECTION
 from etude.logs.evidence.decisions import GRAVITY
 from etude.logs.evidence.delays import LEAST_DELAY
-from etude.logs.evidence.judged import Decision
+from etude.logs.evidence.joint_evidence import Decision
 from etude.types import Finding, Log
 
 COMMANDS = "commands"

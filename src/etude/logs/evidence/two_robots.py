@@ -13,7 +13,7 @@ import numpy as np
 
 from etude.logs.checks.exact import LIKELY
 from etude.logs.evidence.file_hypotheses import contradicting
-from etude.logs.evidence.judged import MOST_GROUPS
+from etude.logs.evidence.joint_evidence import MOST_GROUPS
 from etude.logs.evidence.likelihood import FEW, SMALL_WAY, WhitenedMotion
 from etude.logs.evidence.rows import FilteredRows, rows_of
 from etude.types import Array, Channel, Finding, Index, Log, Mask
