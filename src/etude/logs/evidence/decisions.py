@@ -19,7 +19,7 @@ from etude.logs.checks.plausibility import SIGN, SWAPPED
 from etude.logs.checks.velocities import DIRECTION
 from etude.logs.evidence.delays import at_edge_of, far_delay, in_step, late, late_alone, shifted_log
 from etude.logs.evidence.file_hypotheses import weight_elsewhere
-from etude.logs.evidence.joint_evidence import CLEAR, MOST_GROUPS, Decision, Judged
+from etude.logs.evidence.joint_evidence import CLEAR, MOST_GROUPS, Decision, JointEvidence
 from etude.logs.evidence.likelihood import NEITHER, WhitenedMotion, least, log_sum
 from etude.logs.evidence.rows import APART, AS_LOGGED, DELAYS, FLOOR, FilteredRows, commands_of, rows_of
 from etude.protocols import Mean
@@ -49,12 +49,12 @@ def judge(
     """
     fresh = tuple(range(len(logs)) if fresh is None else fresh)
     groups = groups_of(len(logs), fresh)
-    judged = Judged.of(rows_of(logs, path, body, groups, fresh))
+    judged = JointEvidence.of(rows_of(logs, path, body, groups, fresh))
     if judged is None:
         none = np.zeros(len(path.parts))
         return Decision("silent", none, none > 0.0, none > 0.0)
 
-    def shifted(late: float) -> Judged:
+    def shifted(late: float) -> JointEvidence:
         """The same rows with the commands of new logs from so much later."""
         moved = [shifted_log(log, late) if i in fresh else log for i, log in enumerate(logs)]
         return judged.with_command(commands_of(moved, path, groups, fresh))
@@ -64,7 +64,7 @@ def judge(
     stepped = shifted(by) if by else judged
     new = [shifted_log(logs[i], by) if by else logs[i] for i in fresh]
     # what was told before has its order and its direction
-    alone = stepped if len(new) == len(logs) else Judged.of(rows_of(new, path, body))
+    alone = stepped if len(new) == len(logs) else JointEvidence.of(rows_of(new, path, body))
     timed = all(measured_rates(log, path) for log in new)
 
     def hypotheses() -> Iterator[Decision | None]:
@@ -178,7 +178,7 @@ def _others(apart: Array) -> float:
 
 
 def _signs(
-    judged: Judged, fresh: Sequence[int], order: ColumnOrder | None, backwards: float
+    judged: JointEvidence, fresh: Sequence[int], order: ColumnOrder | None, backwards: float
 ) -> Decision | None:
     """The likeliest inverted signs and the logs that have them; None where the logs are right as they are.
 
@@ -240,7 +240,7 @@ ORDER = CERTAIN  # log odds from which anything is said: of 430 right logs one h
 PAIR, ANY_ORDER = 0.05, 0.005  # prior of one exchanged pair, of any other order
 
 
-def _gains(judged: Judged) -> Array:
+def _gains(judged: JointEvidence) -> Array:
     """(m, m) how much better column k fits joint j than its own joint, by the least favourable class, and no
     more than the sign of k is known by under j: what depends on the place fits any joint by chance.
     """
@@ -276,7 +276,7 @@ class ColumnOrder:
         return int((self.columns != count).sum()) == 2 or bool((self.columns == count[::-1]).all())
 
 
-def order_of(judged: Judged) -> ColumnOrder | None:
+def order_of(judged: JointEvidence) -> ColumnOrder | None:
     """None where the order given is the best one."""
     gains = _gains(judged)
     columns, odds = _assigned(gains)
@@ -301,7 +301,7 @@ def _assigned(gains: Array) -> tuple[Index, float]:
 
 
 def _exchanged(
-    judged: Judged, logs: Sequence[Log], path: Channel, body: Mean | None, order: ColumnOrder
+    judged: JointEvidence, logs: Sequence[Log], path: Channel, body: Mean | None, order: ColumnOrder
 ) -> Decision | None:
     """Exchanged columns, if the halves of every log, judged by themselves, say so together."""
     m = len(order.columns)
@@ -329,14 +329,16 @@ def _half_gain(
     rows = rows_of(parts, path, body)
     if rows is None or len(rows.t) < LEAST_HALF:
         return 0.0
-    return float(_gains(Judged(rows, own, WhitenedMotion.of(rows, own)))[np.arange(len(own)), order].sum())
+    return float(
+        _gains(JointEvidence(rows, own, WhitenedMotion.of(rows, own)))[np.arange(len(own)), order].sum()
+    )
 
 
 BACKWARDS = float(np.log(0.02))  # log prior of reversed rows
 EXPLAINED = 0.7  # of the joints, at least, that reversed rows explain
 
 
-def _backwards(judged: Judged) -> float:
+def _backwards(judged: JointEvidence) -> float:
     """Log odds of rows that run backwards, their signs right or inverted, against the logs as they are."""
     given = judged.variant(AS_LOGGED)
     right, back, opposed = (log_sum(x, axis=1) for x in (given.right, given.reversed, given.opposed))
@@ -345,7 +347,7 @@ def _backwards(judged: Judged) -> float:
     return float(BACKWARDS - np.log(AS_IS) + log_sum(signs) - right.sum())
 
 
-def _reversed(judged: Judged) -> Decision | None:
+def _reversed(judged: JointEvidence) -> Decision | None:
     """Rows that run backwards: inertia and weight right, friction inverted. All signs inverted look alike
     but for these; where the two cannot be told apart, the question of signs names both.
     """
@@ -416,7 +418,7 @@ def weight_of(rows: FilteredRows, own: Index) -> Weight | None:
 FAINT = 1e-12  # squared N m: no weight
 
 
-def _weights(judged: Judged, force: bool) -> Decision | None:
+def _weights(judged: JointEvidence, force: bool) -> Decision | None:
     """Weight upside down in a joint whose friction tells nothing, or none at all: taken out already."""
     weight = weight_of(judged.rows, judged.own)
     if weight is None:

@@ -9,7 +9,7 @@ import numpy as np
 from etude.logs.checks.exact import CERTAIN, LIKELY
 from etude.logs.checks.plausibility import DELAY
 from etude.logs.cleaning.smoothing import resample
-from etude.logs.evidence.joint_evidence import MOST_GROUPS, Decision, Judged
+from etude.logs.evidence.joint_evidence import MOST_GROUPS, Decision, JointEvidence
 from etude.logs.evidence.likelihood import FEW, WhitenedMotion, least
 from etude.logs.evidence.rows import AS_LOGGED, DELAYS
 from etude.types import Array, Log
@@ -20,17 +20,17 @@ LEAST_DELAY = 0.03  # s: real sensors have less without harm
 DELAY_PRIOR = 100.0  # 1/s: log prior that falls with a delay
 
 
-def delays(judged: Judged, by: float = 0.0) -> Array:
+def delays(judged: JointEvidence, by: float = 0.0) -> Array:
     """(d,) log evidence of each delay, of rows whose commands were shifted by s."""
     whole = judged.columns.whole().reshape(len(judged.own), -1)[:, : len(DELAYS)]
     return np.asarray(whole.sum(axis=0) - DELAY_PRIOR * np.abs(np.array(DELAYS) + by))
 
 
-def at_edge_of(judged: Judged) -> bool:
+def at_edge_of(judged: JointEvidence) -> bool:
     return int(delays(judged).argmax()) in (0, len(DELAYS) - 1)
 
 
-def in_step(judged: Judged) -> float:
+def in_step(judged: JointEvidence) -> float:
     """s by which the commands of new logs fit the motion best; 0 where that is not certain, or at an end."""
     total = delays(judged)
     certain = total.max() - total[AS_LOGGED] >= CERTAIN and not at_edge_of(judged)
@@ -43,7 +43,9 @@ FAR_ODDS = 150.0
 MOST_KNOWN = 0.5  # of the joints, at least, whose signs are told with such a delay
 
 
-def far_delay(judged: Judged, shifted: Callable[[float], Judged], fresh: Sequence[int]) -> Decision | None:
+def far_delay(
+    judged: JointEvidence, shifted: Callable[[float], JointEvidence], fresh: Sequence[int]
+) -> Decision | None:
     """The same beyond the delays of the rows: first coarsely, then about the best of them. None at an end of
     what is tried, and where signs are not right then: of a periodic motion many delays fit somehow. So this
     is a question, and nothing is shifted unasked.
@@ -71,7 +73,7 @@ def shifted_log(log: Log, late: float) -> Log:
     return log.put(command, resample(log.t, log[command.name], log.t + late))
 
 
-def late(judged: Judged, fresh: Sequence[int]) -> Decision | None:
+def late(judged: JointEvidence, fresh: Sequence[int]) -> Decision | None:
     """Commands of the new logs before or behind the motion, alike in all joints."""
     total = delays(judged)
     long = np.abs(DELAYS) >= LEAST_DELAY
@@ -85,7 +87,7 @@ def late(judged: Judged, fresh: Sequence[int]) -> Decision | None:
     return judged.decision("note", check=DELAY, logs=tuple(fresh), by=(DELAYS[best],), odds=odds)
 
 
-def late_alone(judged: Judged, fresh: Sequence[int]) -> Decision | None:
+def late_alone(judged: JointEvidence, fresh: Sequence[int]) -> Decision | None:
     """Commands of one of several new logs before or behind the motion, unlike those of the others."""
     rows, found = judged.rows, []
     motion = WhitenedMotion(rows, judged.own, FEW)

@@ -54,7 +54,7 @@ class Decision:
 
 
 @dataclass(frozen=True, eq=False)
-class Judged:
+class JointEvidence:
     """The evidence of moving joints `own` (m,), computed where it is asked for."""
 
     rows: FilteredRows
@@ -62,14 +62,14 @@ class Judged:
     motion: WhitenedMotion
 
     @classmethod
-    def of(cls, rows: FilteredRows | None) -> Judged | None:
+    def of(cls, rows: FilteredRows | None) -> JointEvidence | None:
         """None of rows that are too few, or where nothing moves."""
         if rows is None or len(rows.t) < LEAST_ROWS or not rows.moving.any():
             return None
         own = np.flatnonzero(rows.moving)
         return cls(rows, own, WhitenedMotion.of(rows, own))
 
-    def with_command(self, command: Array) -> Judged:
+    def with_command(self, command: Array) -> JointEvidence:
         """The same motion with other commands (n, k, d) on it."""
         return replace(self, rows=replace(self.rows, command=command))
 
