@@ -35,12 +35,11 @@ settings.load_profile("etude")
 
 FIRST = (
     *("test_lagrangian_together", "test_lwpr"),
-    *("test_lagrangian", "test_vehicle_plant"),
-    *("test_lagrangian_compilation", "test_dictionary_stream"),
-    "test_arm_closed_loop",
+    *("test_lagrangian", "test_dictionary_stream"),
+    *("test_vehicle_plant", "test_arm_closed_loop", "test_lagrangian_compilation"),
 )
-"""Files whose tests compile what takes long. Two workers take turns: each compiles others,
-and finds the rest in numba's cache."""
+"""Files whose tests compile what takes long. Two workers take the first four in turns: while one compiles the
+Lagrangian priors, the other compiles all the rest. What both need then is in numba's cache."""
 LONG = "foreign"
 """The room with few tests in a file that take long: at the end they would leave a worker idle."""
 

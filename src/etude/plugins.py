@@ -104,6 +104,7 @@ BUILT_IN: Mapping[str, Mapping[str, str]] = {
     },
     # robots that `etude run` moves: (joints, address, settings) -> a Stream or a Player of `etude.drivers`
     "etude.drivers": {
+        "crazyflie": "etude_drivers.crazyflie:driver",
         "franka": "etude_drivers.franka:driver",
         "lerobot": "etude_drivers.lerobot:driver",
         "mujoco": "etude_drivers.mujoco:driver",

@@ -10,7 +10,7 @@ import json
 import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +21,7 @@ from etude.toml_tables import read_text
 from etude.types import Delivered
 from etude_arm.loading.joint_choice import Moving
 from etude_arm.spec import ArmSpec, Axis
+from etude_arm.velocity_envelope import braked_range
 
 FILE = "joint_limits.yaml"
 TABLE = "joint_limits"
@@ -248,12 +249,17 @@ class JointLimits:
                 f"'{spec.name}' has no joints to limit", next_step="Export the model itself: --to c."
             )
         said = [f"{FILE} limits {spec.dof} joints as this campaign certifies motions, without margins."]
+        said += [f"{axis.name}: {_shortened(axis)}." for axis in spec.axes if axis.envelope is not None]
         open_points = [line for line in spec.confirm if line.startswith("Acceleration limits are assumed")]
         return Delivered({FILE: written(spec).encode()}, (*said, *open_points))
 
 
 def written(spec: ArmSpec) -> str:
-    """The text of joint_limits.yaml, which `read` reads back to the same limits."""
+    """The text of joint_limits.yaml, which `read` reads back; MoveIt has no envelope of velocity.
+
+    Raises:
+        UsageError: an envelope leaves no positions for the other limits.
+    """
     head = [
         "# Limits that Etude certifies motions within. Units: rad, m, s; N m or N.",
         f"{TABLE}:",
@@ -262,14 +268,33 @@ def written(spec: ArmSpec) -> str:
 
 
 def _lines(axis: Axis) -> list[str]:
+    lower, upper = braked_range(axis)
+    if not lower < upper:
+        raise UsageError(
+            f"no position of joint '{axis.name}' keeps its envelope at {axis.velocity:g} {axis.unit}/s and "
+            f"{axis.acceleration:g} {axis.unit}/s^2",
+            next_step="Lower velocity or acceleration of this [[axis]] in robot.toml.",
+        )
+    kept = replace(axis, lower=lower, upper=upper)
     lines = [f"  {_name(axis.name)}:"]
+    if axis.envelope is not None:
+        lines.append(f"    # {_shortened(axis)}")
     for key, (limit, switch) in KEYS.items():
-        value = None if limit == "command" else getattr(axis, limit)
+        value = None if limit == "command" else getattr(kept, limit)
         if key != "max_position" and limit != "command":
             lines.append(f"    has_{switch}_limits: {'false' if value is None else 'true'}")
         if value is not None:
             lines.append(f"    {key}: {float(value)!r}")
     return lines
+
+
+def _shortened(axis: Axis) -> str:
+    """What stands in the place of the axis' envelope."""
+    lower, upper = braked_range(axis)
+    return (
+        f"positions {lower:.5g} to {upper:.5g} {axis.unit} of {axis.lower:.5g} to {axis.upper:.5g}: there "
+        "these limits of velocity and acceleration keep the velocity envelope"
+    )
 
 
 def _name(joint: str) -> str:

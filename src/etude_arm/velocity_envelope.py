@@ -18,7 +18,7 @@ from etude.limits.convex_limits import bound_of, envelope_speed, tracked
 from etude.limits.lipschitz import FIRST_STEP, SEARCH_STEP, TOLERANCE, extremes
 from etude.protocols import Family, Trajectory
 from etude.types import Array, Cone, Margins, Motion, Proof
-from etude_arm.spec import Envelope
+from etude_arm.spec import Axis, Envelope
 
 QUANTITY = "velocity left before the end"
 """How much faster the joint may go at the position where it is."""
@@ -142,3 +142,22 @@ def envelope_of(
         return None
     found = tuple(own for own in envelopes if own is not None)
     return EnvelopeLimit(tuple(names[j] for j in places), places, found, velocity[list(places)], margins)
+
+
+def braked_range(axis: Axis) -> tuple[float, float]:
+    """Ends, rad (m), between which every motion within the constant limits keeps the axis' envelope.
+
+    A motion that stays below an end can stop before it: |qd| <= min(velocity, sqrt(2 acceleration left)). The
+    envelope allows that from a distance of (|qd| - offset)^2 / slope to its own end on.
+    """
+    own = axis.envelope
+    if own is None:
+        return axis.lower, axis.upper
+    first = max(own.offset, 0.0)
+    if first >= axis.velocity:
+        return axis.lower, axis.upper
+    bend = 1.0 / own.slope - 0.5 / axis.acceleration
+    worst = first if bend == 0.0 else own.offset / own.slope / bend
+    speeds = np.array([first, float(np.clip(worst, first, axis.velocity)), axis.velocity])
+    away = np.max((speeds - own.offset) ** 2 / own.slope - 0.5 * speeds**2 / axis.acceleration)
+    return max(axis.lower, own.lower + float(away)), min(axis.upper, own.upper - float(away))

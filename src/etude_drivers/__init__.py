@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 from etude._runtime.lazy import face
 
 if TYPE_CHECKING:
+    from etude_drivers.crazyflie import CrazyflieVehicle
     from etude_drivers.dds import DdsTopics, JointRow, Points, Topics, message_of, types
     from etude_drivers.franka import FrankaArm
     from etude_drivers.lerobot import LeRobotArm
@@ -15,6 +16,7 @@ if TYPE_CHECKING:
     from etude_drivers.ur import UrArm
 
 __all__ = [
+    "CrazyflieVehicle",
     "DdsTopics",
     "FrankaArm",
     "JointRow",

@@ -41,8 +41,12 @@ CUSTOM = 1  # the mode is PX4's own
 OFFBOARD, HOLD, LAND = (6, 0), (4, 3), (4, 6)
 """Main mode and sub-mode of PX4."""
 MODES = {1: "manual", 2: "altitude", 3: "position", 4: "auto", 5: "acro", 6: "offboard", 7: "stabilized"}
-SET_MODE, ARM, INTERVAL = 176, 400, 511
-"""MAV_CMD_DO_SET_MODE, MAV_CMD_COMPONENT_ARM_DISARM, MAV_CMD_SET_MESSAGE_INTERVAL."""
+SET_MODE, ARM, INTERVAL, REQUEST = 176, 400, 511, 512
+"""MAV_CMD_: DO_SET_MODE, COMPONENT_ARM_DISARM, SET_MESSAGE_INTERVAL, REQUEST_MESSAGE."""
+HEARTBEAT = 0
+"""PX4 gives it no other rate than once a second, but sends it when it is asked to."""
+MODE_S = 0.1
+"""Between two requests of the mode; for an answer before the mode is changed."""
 PLACE, WANTED = 32, (31, 32, 105, 375)
 """LOCAL_POSITION_NED; with ATTITUDE_QUATERNION, HIGHRES_IMU and ACTUATOR_OUTPUT_STATUS."""
 LOCAL, NO_YAW_RATE = 1, 2048
@@ -102,6 +106,7 @@ class Px4Vehicle:
         self._newest: dict[str, Any] = {}
         self._serves = self._armed_by_us = False
         self._held: Array | None = None  # (3,) set-point at rest that was sent last
+        self._sent, self._reader = 0, threading.current_thread()
 
     def about(self) -> About:
         return About(
@@ -117,7 +122,7 @@ class Px4Vehicle:
             can_hold=True,
             stopping_time=2.0,
             on_loss=self.on_loss,
-            silence=0.5,
+            silence=0.3,
             real=not self.virtual,
             virtual=self.virtual,
         )
@@ -141,16 +146,18 @@ class Px4Vehicle:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None, /
     ) -> None:
         """Lands what this driver has armed; else PX4 holds, as it was found."""
-        if self._armed_by_us and self._in_our_hands():
-            with contextlib.suppress(Exception):
-                self._mode(LAND)
-        else:
-            self.stop()
+        self.stop()
+        with contextlib.suppress(Exception):
+            if self._armed_by_us:
+                self._ask_mode()
+                if self._in_our_hands():
+                    self._mode(LAND)
         self._link.close()
         self._armed_by_us = False
 
     def state(self) -> Sample:
         """The newest place with what else was heard until then; it waits for the next one."""
+        self._reader = threading.current_thread()
         before = self._newest["LOCAL_POSITION_NED"].time_boot_ms
         self._read(0.0)
         if not self.virtual and self._newest["LOCAL_POSITION_NED"].time_boot_ms == before:
@@ -184,13 +191,26 @@ class Px4Vehicle:
         rests = not qd.any()
         self._send(q, qd, qdd if effort is None or rests else qdd + effort)  # what rests has no drag
         self._held = q.copy() if rests else None
+        self._sent += 1
+        if self._sent % max(round(MODE_S * self.rate), 1) == 0:
+            self._command(REQUEST, HEARTBEAT)
 
     def stop(self, kill: bool = False) -> None:
         """PX4's hold mode, unless a person or PX4 itself has taken over."""
         with contextlib.suppress(Exception):
+            if self._serves and threading.current_thread() is self._reader:
+                self._ask_mode()
             if self._serves and self._in_our_hands():
                 self._mode(HOLD)
         self._serves = False
+
+    def _ask_mode(self) -> None:
+        """The mode of now; that of the last request, where no answer comes."""
+        self._read(0.0)  # what has come before is no answer
+        before, end = self._beat, time.monotonic() + MODE_S
+        self._command(REQUEST, HEARTBEAT)
+        while self._beat is before and time.monotonic() < end:
+            self._read(0.0 if self.virtual else MODE_S, until="HEARTBEAT")
 
     @property
     def _beat(self) -> Any:

@@ -8,7 +8,8 @@ candidate x with k = k(x, D), a = P k and variance delta = k(x, x) + d - k·a (t
 * swap of i for x: det A grows by the factor (delta + a_i² / P_ii) P_ii.
 
 So a candidate costs one product P k, and a swap one step of refinement and one pass over P. All compiled
-code is in this file because numba's cache watches only the file of the function it stores.
+code is in this file because numba's cache watches only the file of the function it stores. Rows are copied by
+loops: an assignment of arrays compiles the text of its error too, which takes a second.
 """
 
 from __future__ import annotations
@@ -161,7 +162,8 @@ def _fill_slot(members: Members, block: Candidates, diagonal: float, slot: int, 
         members.A[slot, j] = k[j]
         members.A[j, slot] = k[j]
     members.A[slot, slot] = block.prior[c] + diagonal
-    members.X[slot] = block.X[c]
+    for d in range(members.X.shape[1]):
+        members.X[slot, d] = block.X[c, d]
     members.y[slot] = block.y[c]
     members.t[slot] = block.t[c]
     members.number[slot] = block.number[c]

@@ -64,6 +64,8 @@ class StandIn:
                 result = 1
             else:
                 out += self.enters(mode, advances)
+        if (message.command, message.param1) == (512, 0):
+            out += self.beat()
         if message.command == 400 and message.param1 and self.refuses:
             result = 1
             out += self._packed("statustext", 3, self.refuses.encode())
@@ -90,7 +92,7 @@ class StandIn:
         out = b""
         if self.mode == OFFBOARD and self.points and self.now - self.points[-1] > LOST_S:
             out += self.enters(HOLD)
-        if int(self.now) != int(self.now - seconds):  # PX4's are sent once a second
+        if int(self.now) != int(self.now - seconds):  # PX4 sends them once a second, and when it is asked to
             out += self.beat()
         return out if self.silent else out + self.telemetry()
 

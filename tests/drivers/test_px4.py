@@ -157,8 +157,30 @@ def test_a_pilot_who_takes_over_ends_the_motion_and_keeps_the_mode() -> None:
     assert (
         "has left offboard mode for position mode: a pilot or a failsafe has taken over" in recording.reason
     )
-    assert recording.reached < 1.6, "heartbeats tell the mode once a second"
+    assert recording.reached < 0.5 + 0.2, "the mode is asked for ten times a second"
     assert own.mode == POSITION, "what a pilot has chosen is not undone"
+
+
+@pytest.mark.parametrize("at", [0.5, 0.51, 0.53, 0.57])
+def test_a_pilot_who_takes_over_just_before_a_stop_keeps_the_mode(at: float) -> None:
+    own = StandIn()
+
+    def watch(sample: Sample) -> Reaction:
+        if (sample.at or 0.0) < at:
+            return Reaction.GO
+        own.mode = POSITION
+        return Reaction.KILL
+
+    assert flown(own, watch).ended is Ended.STOPPED
+    assert own.mode == POSITION
+
+
+def test_a_pilot_who_takes_over_after_the_motion_is_not_landed() -> None:
+    own = StandIn()
+    with Streamed(vehicle(own)) as player:
+        assert player.play(motion(), go, "feedback").ended is Ended.DONE
+        own.mode = POSITION
+    assert own.mode == POSITION
 
 
 def test_set_points_that_end_leave_it_hovering() -> None:

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from etude.drivers import (
+    About,
     Bounds,
     Ended,
     PlannedMotion,
@@ -101,6 +102,37 @@ def test_the_recording_comes_back_from_its_file(tmp_path: Path) -> None:
     (tmp_path / "r.parquet").write_bytes((tmp_path / "r.parquet").read_bytes()[:-50])
     with pytest.raises(DataError, match="no recording of etude run"):
         read_recording(tmp_path / "r.parquet")
+
+
+class Accelerated(FakeRobot):
+    """Its learned command may be an acceleration; it keeps the speeds and commands that it was sent."""
+
+    learned_as = ""
+
+    def about(self) -> About:
+        return replace(super().about(), learned_as=self.learned_as)
+
+    def send(self, q: Array, qd: Array, qdd: Array, effort: Array | None) -> None:
+        self.rows = [*getattr(self, "rows", []), (np.linalg.norm(qd), effort)]
+        super().send(q, qd, qdd, None)
+
+
+@pytest.mark.parametrize("reaction", [Reaction.STOP, Reaction.HOLD])
+def test_a_learned_acceleration_goes_with_the_speed_that_braking_takes_away(reaction: Reaction) -> None:
+    own = motion()
+    own = replace(own, effort=np.ones_like(own.q))
+    for learned_as, at_rest in (("px4", 0.0), ("", 1.0)):
+        robot = Accelerated()
+        robot.learned_as = learned_as
+        with Streamed(robot) as player:
+            braked = iter([Reaction.GO] * 150 + [reaction] * 150)
+            player.play(own, lambda _, left=braked: next(left, Reaction.STOP), "learned")
+        speed, effort = (np.array(part) for part in zip(*robot.rows, strict=True))
+        assert effort[120] == pytest.approx([1.0, 1.0]), "at full speed"
+        assert effort[-1] == pytest.approx([at_rest, at_rest], abs=1e-6)
+        slowed = (speed > 0.2 * speed[149]) & (speed < 0.8 * speed[149]) & (np.arange(len(speed)) > 150)
+        assert slowed.any()
+        assert np.all(effort[slowed] < 0.95) == (learned_as == "px4")
 
 
 def test_joints_go_by_name() -> None:

@@ -2,12 +2,11 @@
 
     python tests/foreign/measure_open_loop.py three:5,three:6
 
-MuJoCo plays the file as it came, the file that `etude export --to mjcf` wrote, and that with its cogging.csv.
+MuJoCo plays the file as it came, the file that `etude export --to mjcf` wrote, and that which adds cogging.
 """
 
 from __future__ import annotations
 
-import csv
 import io
 import sys
 import tempfile
@@ -27,12 +26,8 @@ UNSEEN = 90
 """Seed of the run that no file was made of."""
 
 
-def played(model: mujoco.MjModel, names: tuple[str, ...], log: Array, ripple: Array) -> Array:
-    """(J,) rms error of position after AHEAD_S, rad; log (n, 1 + 3 J): time, positions, velocities, torques.
-
-    Args:
-        ripple: (J, W, 3) periods, sine and cosine of the cogging.
-    """
+def played(model: mujoco.MjModel, names: tuple[str, ...], log: Array) -> Array:
+    """(J,) rms error of position after AHEAD_S, rad; log (n, 1 + 3 J): time, place, speed, torque."""
     J, step = len(names), round(AHEAD_S / (log[1, 0] - log[0, 0]))
     model.opt.timestep = STEP_S
     data = mujoco.MjData(model)
@@ -43,30 +38,11 @@ def played(model: mujoco.MjModel, names: tuple[str, ...], log: Array, ripple: Ar
         mujoco.mj_resetData(model, data)
         data.qpos[at], data.qvel[dofs] = log[start, 1 : 1 + J], log[start, 1 + J : 1 + 2 * J]
         for now in range(round(AHEAD_S / STEP_S)):
-            q = data.qpos[at]
-            waves = ripple[..., 1] * np.sin(ripple[..., 0] * q[:, None]) + ripple[..., 2] * np.cos(
-                ripple[..., 0] * q[:, None]
-            )
             row = log[start + int(now * STEP_S / (log[1, 0] - log[0, 0]))]
-            data.qfrc_applied[dofs] = row[1 + 2 * J :] - waves.sum(axis=1)
+            data.qfrc_applied[dofs] = row[1 + 2 * J :]
             mujoco.mj_step(model, data)
         errors.append(data.qpos[at] - log[start + step, 1 : 1 + J])
     return np.asarray(np.sqrt(np.mean(np.square(errors), axis=0)))
-
-
-def ripple_of(path: Path, names: tuple[str, ...]) -> Array:
-    """(J, W, 3) of cogging.csv."""
-    rows = list(csv.DictReader(path.open()))
-    return np.array(
-        [
-            [
-                [float(row[word]) for word in ("periods", "sine", "cosine")]
-                for row in rows
-                if row["joint"] == name
-            ]
-            for name in names
-        ]
-    )
 
 
 def main() -> None:
@@ -79,13 +55,12 @@ def main() -> None:
             table = (etude.ask(campaign, go_on=True).folder / "trajectory.csv").read_bytes()
             run = plant.run(arm, plant.reference_of_table(table, arm.names), seed=UNSEEN)
             log = np.loadtxt(io.StringIO(run.log().decode()), delimiter=",", skiprows=1)
-            file = mujoco.MjModel.from_xml_path(str(written.folder / written.files[0]))
-            none = np.zeros((len(arm.names), 1, 3))
-            before = played(mujoco.MjModel.from_xml_string(text or URDF), arm.names, log, none)
-            after = played(file, arm.names, log, none)
-            cogged = played(file, arm.names, log, ripple_of(written.folder / "cogging.csv", arm.names))
+            came = mujoco.MjModel.from_xml_string(text or URDF)
+            files = (str(written.folder / file) for file in written.files[:2])
+            models = came, *map(mujoco.MjModel.from_xml_path, files)
+            errors = [played(model, arm.names, log) for model in models]
         for j, joint in enumerate(arm.names):
-            cells = " | ".join(f"{1e3 * one[j]:.2f}" for one in (before, after, cogged))
+            cells = " | ".join(f"{1e3 * one[j]:.2f}" for one in errors)
             print(f"| {name} | {joint} | {cells} | {1e3 * arm.drives.encoder:.3f} |", flush=True)
 
 

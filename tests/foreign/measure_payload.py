@@ -1,10 +1,11 @@
 """Mass and centre of a load on arms of seven joints, and how often one is reported that is not there.
 
-    python tests/foreign/measure_payload.py loads.jsonl panda,xarm7,tiago [RUNS] [asked]
+    python tests/foreign/measure_payload.py loads.jsonl panda,xarm7,tiago [RUNS] [asked] [empty]
 
 Each arm of pinocchio (masses off by up to 15 %, friction, cogging, delay) tells LOGS motions of 20 s without
 a load. Then it makes other motions with a fifth of its rated load, and without one; with `asked` those of
-10 s that `etude ask --payload` designs. Arms that the file has are not measured again.
+10 s that `etude ask --payload` designs, with `empty` without a load alone. Runs that the file has are not
+made again.
 """
 
 from __future__ import annotations
@@ -75,7 +76,12 @@ def loaded(arm: plant.Arm, mass: float, centre: tuple[float, float, float]) -> p
     return replace(arm, true=true)
 
 
-def rows_of(arm: str, runs: int, folder: Path, asked: bool) -> Any:
+def rows_of(
+    arm: str, runs: int, folder: Path, asked: bool, shares: tuple[float, ...], known: set[Any]
+) -> Any:
+    """A row for each run and share of the rated load that is not known yet."""
+    if all((run, part * ARMS[arm][2]) in known for run in range(runs) for part in shares):
+        return
     campaign, bare = campaign_of(folder, arm)
     motions = typical_motions(campaign, np.random.default_rng(1), LOGS + runs)
     for k in range(LOGS):
@@ -83,11 +89,11 @@ def rows_of(arm: str, runs: int, folder: Path, asked: bool) -> Any:
     rated = ARMS[arm][2]
     rng = np.random.default_rng(2)
     for k in range(runs):
-        if asked:
+        if asked and not all((k, part * rated) in known for part in shares):
             own = ask_to_weigh(campaign, new=True)
             motions[LOGS + k] = from_json((own.folder / "trajectory.json").read_bytes())
         centre = tuple((rng.uniform(-1.0, 1.0, 3) * (0.04, 0.04, 0.06) + (0.0, 0.0, 0.1)).tolist())
-        for mass in (0.0, SHARE * rated):
+        for mass in (part * rated for part in shares if (k, part * rated) not in known):
             robot = loaded(bare, mass, centre) if mass else bare
             log = log_of(folder / "run.csv", campaign, robot, motions[LOGS + k], 100 + k)
             load = etude.payload(campaign, log).load
@@ -105,24 +111,28 @@ def summary(rows: list[dict[str, Any]]) -> None:
         mass = np.array([abs(r["found"] / r["mass"] - 1.0) for r in there])
         off = np.array([np.linalg.norm(np.subtract(r["found_centre"], r["centre"])) for r in there])
         inside = np.mean([abs(r["found"] - r["mass"]) < 1.96 * r["deviation"] for r in own])
-        middle, most = 1e3 * np.median(off), 1e3 * off.max()
         false = sum(r["verdict"] == "load" for r in none)
         seen = sum(r["verdict"] == "load" for r in there)
         print(
-            f"| {arm} | {seen} of {len(there)} | {100 * np.median(mass):.1f} %, {100 * mass.max():.1f} % | "
-            f"{middle:.0f} mm, {most:.0f} mm | {inside:.2f} | {false} of {len(none)} |"
+            f"| {arm} | {seen} of {len(there)} | {_spread(100 * mass, '%')} | {_spread(1e3 * off, 'mm')} | ",
+            end="",
         )
+        print(f"{inside:.2f} | {false} of {len(none)} |")
+
+
+def _spread(values: Any, unit: str) -> str:
+    return f"{np.median(values):.1f} {unit}, {values.max():.1f} {unit}" if len(values) else ""
 
 
 def main() -> None:
     file, arms = Path(sys.argv[1]), sys.argv[2].split(",")
     runs, asked = int(sys.argv[3]) if len(sys.argv) > 3 else 10, "asked" in sys.argv
+    shares = (0.0,) if "empty" in sys.argv else (0.0, SHARE)
     rows = [json.loads(line) for line in file.read_text().splitlines()] if file.exists() else []
     for arm in arms:
-        if any(row["arm"] == arm for row in rows):
-            continue
+        known = {(row["run"], row["mass"]) for row in rows if (row["arm"], row["asked"]) == (arm, asked)}
         with tempfile.TemporaryDirectory() as folder:
-            for row in rows_of(arm, runs, Path(folder), asked):
+            for row in rows_of(arm, runs, Path(folder), asked, shares, known):
                 rows.append(row)
                 with file.open("a") as out:
                     out.write(json.dumps(row) + "\n")

@@ -33,14 +33,19 @@ def online(deletion) -> BasisPosterior:
 
 
 POSTERIORS = {
-    "fitc": inducing(SquaredExponential(tuple(range(D))), "fitc"),
-    "vfe": inducing(structured_kernel(2, 0), "vfe"),
-    "online, A": online("A"),
-    "online, B": online("B"),
+    "fitc": lambda: inducing(SquaredExponential(tuple(range(D))), "fitc"),
+    "vfe": lambda: inducing(structured_kernel(2, 0), "vfe"),
+    "online, A": lambda: online("A"),
+    "online, B": lambda: online("B"),
 }
 
 
-@pytest.mark.parametrize("posterior", POSTERIORS.values(), ids=POSTERIORS.keys())
+@pytest.fixture(scope="module", params=POSTERIORS.values(), ids=POSTERIORS.keys())
+def posterior(request: pytest.FixtureRequest) -> BasisPosterior:
+    """Not made while files are collected, which each worker does."""
+    return request.param()
+
+
 @pytest.mark.parametrize("name", CRITERIA)
 def test_gradient_and_shared_factors(name, posterior, monkeypatch) -> None:
     Z, R, gains = inputs(4, 2), inputs(5, 3), np.random.default_rng(4).uniform(0.5, 1.0, (4, 1))

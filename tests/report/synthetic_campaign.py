@@ -136,6 +136,7 @@ def _train(folder: Path, dof: int, number: int, rng: np.random.Generator) -> Non
         [],
         models=scores,
         chosen="identified+gp",
+        predicted_by="identified+gp" if number > 1 else None,
         robot_seconds=SECONDS * number,
     )
 

@@ -25,7 +25,7 @@ from etude.types import Array
 Control = Literal["feedback", "file", "learned"]
 """Words of `etude ask --control`: margins and logs are kept for each."""
 CommandOf = Literal["applied", "measured", "desired"]
-OnLoss = Literal["stops", "holds", "goes on", "unknown"]
+OnLoss = Literal["stops", "holds", "goes on", "falls", "unknown"]
 MotionPart = Literal["approach", "motion", "return", "hold"]
 
 
@@ -106,21 +106,23 @@ class About:
 
     Attributes:
         name: of the robot. identity: serial number, bus path or address; it is written into every recording,
-            and a changed one is asked about.
+            and a changed one is asked about. payload: kg that the robot is set to carry, beyond what always
+            hangs there; a changed one is asked about, too; None: it has no such setting.
         joints: by name; matched with the campaign's, never by order alone.
         rate: Hz at which it takes set-points (a Stream) or gives samples (a Player).
         command_unit: "N m", "A", "1", ...: has to be the campaign's. command_of: what `Sample.command` is.
         gravity_in_command: False where the robot adds gravity by itself (libfranka, UR's direct torque).
         controls: "learned" only if the effort of `send` is added to the feedback.
         learned_as: of `send`'s effort. "": the model's command. The name of an exporter: what was learned of
-            the accelerations in its files, m/s^2, in addition to the motion's own.
+            the accelerations in its files, m/s^2, in addition to the motion's own; it goes with the speed
+            while a motion is braked.
         lower, upper, velocity, acceleration, jerk, torque_rate: (J,) as the robot enforces them; None: it
             enforces none. envelope: velocity limits by position.
         can_hold: HOLD, and going on after it, are possible.
         stop_latency: s from STOP to the first decelerating set-point.
         stopping_time: s from `stop` to rest, at most, of a robot that moves; it then holds where it rests.
         on_loss: what the robot does if this program dies now: it brakes and holds, it holds its last
-            set-point, or it goes on.
+            set-point, it goes on, or its motors stop and it falls.
         silence: s without a sample that count as a lost link.
         encoder_step: (J,) rad or m of one step; None: unknown.
         real: False: a simulation, and nobody has to stand at the button.
@@ -152,6 +154,17 @@ class About:
     encoder_step: Array | None = None
     real: bool = True
     virtual: bool = False
+    payload: float | None = None
+
+    @property
+    def answers_as(self) -> str:
+        """Its identity, and what it is set to carry."""
+        return identity_with(self.identity, self.payload)
+
+
+def identity_with(identity: str, payload: float | None) -> str:
+    """A robot's identity, and the payload that it is set to carry, kg."""
+    return identity if payload is None else f"{identity}, set to carry {payload:g} kg"
 
 
 @dataclass(frozen=True, eq=False)

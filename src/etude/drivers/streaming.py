@@ -195,8 +195,16 @@ class _Run:
         if self._over(sample, reaction):
             return False
         self.point = self._next(reaction)
-        self.stream.send(self.point.q, self.point.qd, self.point.qdd, self.point.effort)
+        self.stream.send(self.point.q, self.point.qd, self.point.qdd, self._effort())
         return True
+
+    def _effort(self) -> Array | None:
+        """Of the set-point. What was learned of accelerations goes with the speed that braking takes away."""
+        effort, own = self.point.effort, self.path.at(self.point.at)
+        if effort is None or not self.about.learned_as:
+            return effort
+        speed = float(np.linalg.norm(own.qd))
+        return effort if speed == 0.0 else effort * (float(np.linalg.norm(self.point.qd)) / speed)
 
     def _filled(self, sample: Sample) -> Sample:
         own = own_arrays(sample)

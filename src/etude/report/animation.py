@@ -1,7 +1,7 @@
 """Animated picture of a campaign: the robot along each proposed motion, and its error after each log.
 
 Draw it with `python -m etude.report.animation CAMPAIGN_FOLDER OUT.svg`. The animation is SMIL inside one SVG,
-so that a README shows it without a script. Where animations are off, the picture is of the last log.
+so that a README shows it without a script. Without animation, the picture shows the last log.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ def of_campaign(record: Record) -> Html:
     """A standalone SVG: on the left the robot along its motions, on the right its mean error after each log.
 
     Raises:
-        UsageError: no motion, no evaluation, or a robot that cannot be drawn.
+        UsageError: the campaign has no motion or no evaluation, or its robot cannot be drawn.
     """
     curves = learned_tests(record)
     rounds = min(len(curves[0].learned), sum(r.asked is not None for r in record.state.rounds.values()))
@@ -46,7 +46,7 @@ def of_campaign(record: Record) -> Html:
 
 
 def _figure(record: Record, number: int) -> tuple[Trajectory, Figure]:
-    """A motion and the robot along it. UsageError: no such motion, or none to draw."""
+    """A motion and the robot along it. UsageError: the motion is missing, or its robot cannot be drawn."""
     trajectory = record.trajectory(number)
     if trajectory is not None:
         path = trajectory.motion(np.linspace(0.0, trajectory.duration, FRAMES), 1).orders[0]
@@ -60,7 +60,7 @@ def _figure(record: Record, number: int) -> tuple[Trajectory, Figure]:
 
 
 def _robot(motions: Sequence[tuple[Trajectory, Figure]], total: float) -> Html:
-    """Sticks that follow each motion in turn, faster than it is by what the title says."""
+    """Sticks that follow each motion in turn, faster than real time; the title gives the factor."""
     every = np.concatenate([figure.points for _, figure in motions])
     room = room_around(replace(motions[0][1], points=every))
     camera, height = camera_of(room, SIZE)
@@ -78,7 +78,9 @@ def _robot(motions: Sequence[tuple[Trajectory, Figure]], total: float) -> Html:
 
 
 def _moving(camera: Camera, figures: Sequence[Figure], total: float) -> str:
-    """One path of sticks through the poses of all motions, which stands at its end until all begins again."""
+    """One path of sticks through the poses of all motions; it holds its last pose until the animation
+    restarts.
+    """
     poses = [sticks(camera, figure, k) for figure in figures for k in range(len(figure.points))]
     times = [SECONDS * (m + k / (FRAMES - 1)) / total for m in range(len(figures)) for k in range(FRAMES)]
     values, keys = ";".join([*poses, poses[-1]]), ";".join(f"{time:.4f}" for time in [*times, 1.0])
@@ -87,7 +89,7 @@ def _moving(camera: Camera, figures: Sequence[Figure], total: float) -> str:
 
 
 def _curves(test: Test, rounds: int, total: float) -> Html:
-    """The learning curve of the logs before each motion, on the axes of all."""
+    """The learning curve up to each motion, on axes that fit all logs."""
     title = f"Mean tracking error on {test_title(test.name)}"
     whole = [mark.extent() for mark in curve_marks(test)]
     x, y = Axis("robot time (s)", floor=0.0), Axis(error_axis(test.unit), log=True)
@@ -106,13 +108,15 @@ def _curves(test: Test, rounds: int, total: float) -> Html:
 
 
 def _fixed(axis: Axis, values: Array) -> Axis:
-    """The axis with the ends that it has for all values."""
+    """The axis with the limits of all values."""
     scale = fitted_scale(axis, values, 0.0, 1.0)
     return replace(axis, limits=(scale.low, scale.high))
 
 
 def _shown(drawing: str, k: int, count: int, total: float) -> str:
-    """A drawing seen in the k-th stretch; the last one until all begins again, and without animation."""
+    """A drawing that is visible in the k-th part; the last one stays until the restart, and without
+    animation.
+    """
     last = k == count - 1
     states = [word for j in range(count) for word in (["visible"] if j == k else ["hidden"])]
     keys = ";".join(f"{SECONDS * j / total:.4f}" for j in range(count))

@@ -1,4 +1,4 @@
-"""build_report: a campaign folder in, one self-contained HTML file out."""
+"""Report of a campaign: `build_report` turns a campaign folder into one self-contained HTML file."""
 
 from __future__ import annotations
 
@@ -59,14 +59,14 @@ CONTENTS = {
 
 
 def build_report(folder: Path) -> Path:
-    """Draw `folder`/report.html from the campaign's files, and return its path.
+    """Writes `folder`/report.html from the campaign's files, and returns its path.
 
-    The page needs no network and no server: drawings are inline SVG, colours come from its own style sheet.
-    It is never the source of truth; whatever the campaign does not have yet is said in a sentence.
+    The page needs no network and no server: drawings are inline SVG, and its own style sheet gives the
+    colours. It is never the source of truth. A sentence replaces each part without data.
 
     Raises:
-        UsageError: the folder is not a campaign's, or its journal was edited.
-        EtudeError: the file could not be written.
+        UsageError: the folder holds no campaign, or its journal was edited.
+        EtudeError: the file cannot be written.
     """
     folder = Path(folder)
     path = folder / "report.html"
@@ -75,7 +75,7 @@ def build_report(folder: Path) -> Path:
 
 
 def live_report(folder: Path) -> Pages:
-    """The same page to be served: made anew when the journal, the robot or the configuration changed."""
+    """The same page for a server, made anew after a change of the journal, the robot or the configuration."""
     folder = Path(folder)
     watched = [folder / name for name in (JOURNAL, ROBOT, CONFIG)]
     return Pages(lambda: {INDEX: cache(lambda: render(read_record(folder)))}, lambda: digest_of(watched))

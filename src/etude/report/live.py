@@ -1,7 +1,7 @@
-"""Live pages: a read-only server for this machine alone, with pages that renew when a file changes.
+"""Live pages: a read-only server for this machine alone, with pages that reload when a file changes.
 
-The standard library's server is sufficient: one reader, and a few pages that are made in memory from files.
-Requests never name files in a folder, so that path traversal is impossible.
+The standard library's server suffices for one reader and a few pages in memory. Requests never name files in
+a folder, so path traversal is impossible.
 """
 
 from __future__ import annotations
@@ -62,12 +62,12 @@ waited for, since its making takes time: if the server ends meanwhile, the old o
 
 @dataclass
 class Pages:
-    """What is served: made when it is asked for, from what was read when `digest` last changed.
+    """Pages of a server, made on request from what was read at the last change of `digest`.
 
     Attributes:
-        made: what makes each page, by its name, "index.html" among them.
-        digest: a word that changes with what the pages are made of; cheap.
-        pose: the newest message that `POSES` sends; None: it sends nothing.
+        made: functions that make the pages, by name, "index.html" among them.
+        digest: a word that changes with the sources of the pages; cheap.
+        pose: the newest message for `POSES`; None for pages without poses.
     """
 
     made: Callable[[], Mapping[str, Callable[[], str]]]
@@ -89,12 +89,12 @@ class Pages:
 
 
 def _script(digest: str) -> str:
-    """For a page that was made of what `digest` says."""
+    """Script that reloads a page made from the sources of `digest`."""
     return SCRIPT.replace("DIGEST", digest)
 
 
 def digest_of(paths: Iterable[Path]) -> str:
-    """Sizes and times of files, those below folders included; a file that is not there is no error."""
+    """Digest of the sizes and times of files, including those in folders; missing files are no error."""
     found = []
     for path in paths:
         for own in sorted(path.rglob("*")) if path.is_dir() else [path]:
@@ -105,13 +105,14 @@ def digest_of(paths: Iterable[Path]) -> str:
 
 
 def server(pages: Pages, port: int | None) -> ThreadingHTTPServer:
-    """A server of these pages on a port of this machine, not running yet.
+    """A server of these pages on a port of this machine, not started.
 
     Args:
-        port: None: the first that is free from `PORT` on; 0: any.
+        pages: to be served.
+        port: None: the first free port from `PORT` on; 0: any free port.
 
     Raises:
-        UsageError: the port is in use, not allowed, or none.
+        UsageError: the port is in use, not allowed, or invalid.
     """
 
     class Handler(_Handler):
@@ -136,7 +137,7 @@ class _Server(ThreadingHTTPServer):
         super().__init__(address, handler)
 
     def process_request(self, request: Any, client_address: Any) -> None:
-        """In a thread of its own, while there is a place; else the client is told to come again."""
+        """Handles a request in its own thread while a place is free; otherwise asks the client to retry."""
         if self.places.acquire(blocking=False):
             super().process_request(request, client_address)
             return
@@ -146,7 +147,7 @@ class _Server(ThreadingHTTPServer):
         self.shutdown_request(request)
 
     def process_request_thread(self, request: Any, client_address: Any) -> None:
-        """Ends with the request, however slowly it comes."""
+        """Handles the request and ends with it, even for a slow client."""
         ended = Timer(LONGEST_S, _end, (request,))
         ended.daemon = True
         ended.start()
@@ -176,25 +177,25 @@ def _refused(port: int, problem: Exception | None) -> UsageError:
 
 
 class _Handler(BaseHTTPRequestHandler):
-    """Answers GET and HEAD; of anything else the library says that it is not supported."""
+    """Answers GET and HEAD; the library refuses other methods."""
 
     served: Pages
     timeout = SILENT_S
     server_version, sys_version = "etude", ""
 
     def do_GET(self) -> None:
-        """One page, the digest, or messages for as long as a request may last: a browser asks again."""
+        """Sends a page, the digest, or messages until the time limit of a request."""
         if self.path == POSES and self.served.pose is not None and self._is_own():
             self._stream(self.served.pose)
         else:
             self._answer(body=True)
 
     def do_HEAD(self) -> None:
-        """As GET, without the page."""
+        """As GET, without the content."""
         self._answer(body=False)
 
     def log_message(self, format: str, *args: object) -> None:
-        """Nothing: a page asks every second."""
+        """Logs nothing, because a page asks every second."""
 
     def _answer(self, body: bool) -> None:
         status, kind, content = self._found()
@@ -207,7 +208,7 @@ class _Handler(BaseHTTPRequestHandler):
                 self.wfile.write(content)
 
     def _stream(self, pose: Callable[[], str]) -> None:
-        """Server-sent events: each new message, and a line without one where there is none."""
+        """Server-sent events: each new message, or an empty line without one."""
         with suppress(OSError):  # the client disconnected, or the request timed out
             self.send_response(HTTPStatus.OK)
             for name, value in _headers("sse", None).items():
@@ -249,7 +250,12 @@ class _Handler(BaseHTTPRequestHandler):
 
 
 def _headers(kind: str, length: int | None) -> dict[str, str]:
-    """length: of the content; None where it has no end."""
+    """Headers of an answer.
+
+    Args:
+        kind: media type.
+        length: of the content, bytes; None for a stream.
+    """
     return {
         "Content-Type": f"{TYPES.get(kind, 'text/plain')}; charset=utf-8",
         **({} if length is None else {"Content-Length": str(length)}),

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 
 class Html(str):
-    """A string that is markup already, and is not escaped again."""
+    """A string of markup, which is not escaped again."""
 
     __slots__ = ()
 
@@ -30,7 +30,7 @@ def element(tag: str, *content: object, **attributes: object) -> Html:
 
 
 def document(title: str, head: object, *body: object) -> Html:
-    """A whole page: `head` stands there below the title, `body` part below part."""
+    """A whole page with `head` in its head, below the title, and `body` in its body."""
     known = '<meta charset="utf-8">\n<meta name="viewport" content="width=device-width, initial-scale=1">'
     icon = '<link rel="icon" href="data:,">'  # none, so that no server is asked for one
     top = join([Html(known), Html(icon), element("title", title), head])
@@ -44,7 +44,7 @@ def paragraph(*content: object, class_: str = "") -> Html:
 
 
 def missing(sentence: str) -> Html:
-    """What a section says in place of something the campaign does not have yet."""
+    """Sentence of a section in place of missing data."""
     return paragraph(sentence, class_="missing")
 
 
@@ -91,7 +91,7 @@ def with_unit(value: float | None, unit: str, digits: int = 3) -> str:
 
 
 def times(value: float, unit: float) -> str:
-    """How often `unit` goes into `value`, as somebody says it: `18 times`, `5.3 times`."""
+    """The ratio of `value` to `unit` in words: `18 times`, `5.3 times`."""
     return f"{number(value / unit, 2) if unit > 0 else 'infinitely many'} times"
 
 
@@ -105,13 +105,13 @@ def duration(seconds: float) -> str:
 
 @dataclass(frozen=True)
 class Baseline:
-    """A controller that the learned one is held against.
+    """A controller for comparison with the learned one.
 
     Attributes:
         name: on a curve.
-        style: its colour.
-        card: under its number on the first screen.
-        sentence: of the headline; {error} and {relation} are filled in.
+        style: class of its colour.
+        card: text under its number on the first screen.
+        sentence: of the headline, with places for {error} and {relation}.
     """
 
     name: str
@@ -172,7 +172,7 @@ QUANTITIES = {"deg": "tracking error (degrees)", "m": "position error (m)"}
 
 
 def baseline(name: str) -> Baseline:
-    """What is known of a baseline; one from elsewhere is told of by its name."""
+    """The description of a baseline; an unknown one is called by its name."""
     plain = name.replace("_", " ")
     words = Baseline(plain, "c7", f"with {plain}", f"With {plain} it is {{error}} ({{relation}}).")
     return BASELINES.get(name, words)
@@ -189,15 +189,15 @@ def error_axis(unit: str) -> str:
 
 
 def test_name(name: str) -> str:
-    """A test motion in a sentence."""
+    """Name of a test motion in a sentence."""
     return TESTS.get(name, f"the test “{name}”")
 
 
 def test_title(name: str) -> str:
-    """A test motion in a title."""
+    """Name of a test motion in a title."""
     return TITLES.get(name, TESTS.get(name, name))
 
 
 def unit_sign(unit: str) -> str:
-    """A unit as it is written on the page."""
+    """Sign of a unit on the page."""
     return {"deg": "°", "1": ""}.get(unit, unit.replace("^2", "²").replace("^3", "³"))

@@ -16,6 +16,7 @@ from etude.types import Array, Figure, Mask, Motion, Nearby, Solid, Thing
 
 if TYPE_CHECKING:
     from etude.campaign.record.folder import Campaign
+    from etude.protocols import Trajectory
 
 
 RATE, MOST_FRAMES = 25.0, 2000
@@ -33,9 +34,13 @@ RING = 48  # corners of a round room
 
 @dataclass(frozen=True, eq=False)
 class Replay:
-    """A log of a motion, at the motion's times: q (T, k), placed (T, B, 3, 4), points (T, P, 3) m of sticks.
+    """A log at the times of its motion.
 
-    ends: s between which the log is. A vehicle is drawn level: a log has its place alone.
+    A vehicle is drawn level, because a log has its position alone.
+
+    Attributes:
+        q: (T, k) rad or m. placed: (T, B, 3, 4) frames of parts, m. points: (T, P, 3) of sticks, m.
+        ends: start and end of the log, s.
     """
 
     q: Array
@@ -49,13 +54,13 @@ class MotionInSpace:
     """A motion to be shown.
 
     Attributes:
-        title: of it. folder: of its files. pieces: when each begins, s, and what it is.
-        certificate: of the file that is shown; None if it cannot be read.
+        title: of the motion. folder: of its files. pieces: start of each, s, and its label.
+        certificate: of the shown file; None if it cannot be read. proved_from: start of that file, s.
         t: (T,) s. motion: at these times.
-        solids: B parts. placed: (T, B, 3, 4) of them.
-        figure: as sticks, with what stands around.
-        nearby: how near all come, at the same times; None where nobody looks.
-        measured: where a log of it had the robot, as far as it goes; None without one.
+        solids: B parts. placed: (T, B, 3, 4) their frames, m.
+        figure: as sticks, with the surroundings.
+        nearby: distances at the same times; None for robots without a distance limit.
+        measured: the log of the motion; None without one.
     """
 
     title: str
@@ -69,15 +74,18 @@ class MotionInSpace:
     figure: Figure
     nearby: Nearby | None
     measured: Replay | None
+    proved_from: float = 0.0
 
     @property
     def tips(self) -> list[Array]:
-        """(T, 3) m each."""
+        """Paths of the tips, (T, 3) m each."""
         return [self.figure.points[:, tip] for tip in self.figure.tips]
 
     @cached_property
     def silent(self) -> Mask:
-        """(R,) rows of neighbours, which always pass closely, and of what stays as far as it is."""
+        """Mask (R,) of rows that are not shown: neighbours, which always pass closely, and constant large
+        distances.
+        """
         near = self.nearby
         assert near is not None
         still = (np.ptp(near.distance, axis=0) < STILL_M) & ((near.distance - near.kept).min(axis=0) > ROOM_M)
@@ -85,7 +93,7 @@ class MotionInSpace:
 
     @property
     def enlarged(self) -> int:
-        """How many times as large as it is a robot is drawn that would be a dot on its way."""
+        """Factor by which a small robot is enlarged, so that it is visible along its path."""
         if self.nearby is not None or len(self.solids) != 1:
             return 1
         way = np.linalg.norm(np.ptp(self.placed[:, 0, :, 3], axis=0))
@@ -93,7 +101,9 @@ class MotionInSpace:
 
     @property
     def closest(self) -> tuple[int, int] | None:
-        """When least room is left beyond what is kept, and in which row; neighbours do not count."""
+        """Time step and row of the least distance beyond its margin, without neighbours; None without such a
+        row.
+        """
         near = self.nearby
         if near is None or self.silent.all():
             return None
@@ -103,7 +113,7 @@ class MotionInSpace:
 
     @property
     def nearest(self) -> Facts | None:
-        """That in figures: the pair, its distance and what is kept in m, the time in s."""
+        """The least distance in figures: the pair, its distance and margin in m, the time in s."""
         if self.closest is None or self.nearby is None:
             return None
         (k, row), near = self.closest, self.nearby
@@ -111,9 +121,11 @@ class MotionInSpace:
         return {"pair": list(near.pairs[row]), "distance": apart, "kept": kept, "time": float(self.t[k])}
 
 
-def in_space(record: Record, proposal: int) -> MotionInSpace | None:
-    """The motion of a proposal, with the way there and back if that was asked for; None without a drawing."""
-    trajectory, certificate, folder = record.whole(proposal)
+def in_space(record: Record, proposal: int, approach: Trajectory | None = None) -> MotionInSpace | None:
+    """The motion of a proposal, with its approach and return if requested; None without a drawing. With an
+    `approach`, this one precedes the motion instead.
+    """
+    trajectory, certificate, folder = record.whole(proposal, approach)
     campaign = record.campaign
     if trajectory is None or campaign is None:
         return None
@@ -129,13 +141,15 @@ def in_space(record: Record, proposal: int) -> MotionInSpace | None:
     pieces = [(start, label) for start, label, _ in trajectory.pieces()]
     way = folder.partition("from_")[2]
     title = f"trajectory {proposal}" + (f" with the way from {way} and back" if way else "")
+    title += " with the way from where the robot stands" if approach is not None else ""
+    began = 0.0 if approach is None else approach.duration
     replay, near = _replay(record, proposal, t, pieces), found[0] if found else None
     shown = solids, placed, figure
-    return MotionInSpace(title, folder, pieces, certificate, t, motion, *shown, near, replay)
+    return MotionInSpace(title, folder, pieces, certificate, t, motion, *shown, near, replay, began)
 
 
 def placed_parts(campaign: Campaign, motion: Motion) -> tuple[Sequence[Solid], Array]:
-    """B parts, which may be none, and their frames (T, B, 3, 4)."""
+    """The B solid parts, possibly none, and their frames (T, B, 3, 4) m."""
     kind, none = campaign.kind, np.zeros((motion.orders.shape[1], 0, 3, 4))
     if not isinstance(kind, SupportsSolids):
         return (), none
@@ -144,7 +158,7 @@ def placed_parts(campaign: Campaign, motion: Motion) -> tuple[Sequence[Solid], A
 
 
 def _replay(record: Record, proposal: int, t: Array, pieces: Sequence[tuple[float, str]]) -> Replay | None:
-    """What the log of a proposal measured, at times (T,) s of the motion with the way to it."""
+    """The log of a proposal at times (T,) s of the motion with its approach; None without one."""
     own, path = record.state.rounds[proposal], record.path
     log = record.log(proposal) if own.ingested is not None and not own.untold else None
     if log is None or path is None or path.name not in log or own.ingested is None or record.campaign is None:
@@ -160,7 +174,7 @@ def _replay(record: Record, proposal: int, t: Array, pieces: Sequence[tuple[floa
 
 
 def _of_point(record: Record, t: Array, place: Array) -> Figure:
-    """What moves in a room as a point (T, 3), with the room."""
+    """A point that moves in a room (T, 3) m, with the room."""
     room = room_of(record.limits, [Path(t, place)])
     things = [replace(Thing.box("room", room.lower, room.upper), kind="inside"), *things_of(record.limits)]
     if room.radius is not None:

@@ -30,7 +30,7 @@ INSTANTS = 400  # of a curve: more than a screen shows
 
 
 def alone(panels: Sequence[Html]) -> Html:
-    """A standalone SVG with these panels side by side, light or dark as the reader's system is."""
+    """A standalone SVG with these panels side by side, in light or dark colours as the reader's system."""
     wide, high = SIZE
     width = wide * len(panels)
     drawn = "".join(
@@ -47,7 +47,7 @@ def alone(panels: Sequence[Html]) -> Html:
 
 
 def of_log(log: Log) -> Html:
-    """The states and the commands of a log over time, a panel for each channel."""
+    """States and commands of a log over time, one panel for each channel."""
     shown = [name for name, c in log.channels.items() if c.role in ("state", "command") and name in log]
     return alone([_channel(log, name) for name in shown])
 
@@ -78,7 +78,7 @@ def of_trajectory(trajectory: Trajectory) -> Html:
 
 
 def of_campaign(campaign: Campaign) -> Html:
-    """The learning curve of a simulated robot; of a real one, held-out nMSE of what is in use, by log."""
+    """The learning curve: test errors of a simulated robot, or nMSE of each log before it was learned."""
     record = read_record(campaign.path)
     drawn = [learning_panel(test) for test in tests(record) if test.learned][:2]
     return alone(drawn or [_held_out(record)])
@@ -107,7 +107,7 @@ THINNEST = 1.5
 
 @dataclass(frozen=True)
 class Span:
-    """A stretch of time, marked over the whole height of a panel."""
+    """A time interval, marked over the whole height of a panel."""
 
     start: float
     end: float
@@ -128,7 +128,7 @@ class Span:
 
 
 def recording_picture(log: Log, findings: Sequence[Finding]) -> Html:
-    """A standalone SVG: positions and commands, or of other robots every state and command."""
+    """A standalone SVG with positions and commands; for robots without positions, every state and command."""
     spans = [span for f in findings if f.light in ("yellow", "red") for span in _spans(f)]
     return alone([_drawn(log, channel, spans) for channel in _shown(log)])
 
@@ -164,17 +164,18 @@ def _drawn(log: Log, channel: Channel, spans: Sequence[Span]) -> Html:
 
 
 def write_picture(folder: Path, path: Path) -> Path:
-    """Write the learning curves of a simulated campaign, side by side, to `path` (SVG), and return it.
+    """Writes the learning curves of a simulated campaign, side by side, to `path` (SVG), and returns the
+    path.
 
     Raises:
-        UsageError: the folder is not a campaign's, or it has no evaluation to draw.
+        UsageError: the folder holds no campaign, or the campaign has no evaluation.
     """
     write_atomic(Path(path), learning_picture(read_record(Path(folder))).encode("utf-8"))
     return Path(path)
 
 
 def learning_picture(record: Record) -> Html:
-    """A standalone SVG with one panel per test motion (two at most), light or dark as the reader's system is.
+    """A standalone SVG with one panel for each test motion (two at most), in light or dark colours.
 
     Raises:
         UsageError: the campaign has no evaluation.
@@ -183,7 +184,7 @@ def learning_picture(record: Record) -> Html:
 
 
 def learned_tests(record: Record) -> list[Test]:
-    """The tests of a learned controller. UsageError: there is none."""
+    """The tests of a learned controller. UsageError: there are none."""
     found = [test for test in tests(record) if test.learned]
     if not found:
         raise UsageError(

@@ -1,4 +1,4 @@
-"""Heat maps as tiny PNG pictures (48 x 48 values: 3 kB, as rectangles 150 kB), with a legend."""
+"""Heat maps as small PNG pictures (48 x 48 values: 3 kB, as rectangles 150 kB), with a legend."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ def _chunk(kind: bytes, body: bytes) -> bytes:
 
 
 def colour_bar(low: float, high: float, unit: str, stops: Array = STOPS) -> Html:
-    """SVG of the strip under a panel's title, the values on both sides of it."""
+    """SVG of the legend under a panel's title, with the values at both ends."""
     ramp = png_address(colours(np.linspace(0.0, 1.0, 64)[None, :], stops))
     return Html(
         f'<text class="tick" x="60" y="36" text-anchor="end">{number(low, 2)}</text>'

@@ -1,4 +1,4 @@
-"""A campaign folder as the report reads it, and its learning curves; missing values are None."""
+"""Record of a campaign folder for the report, with its learning curves; missing values are None."""
 
 from __future__ import annotations
 
@@ -30,14 +30,14 @@ Facts = dict[str, Any]
 
 @dataclass(frozen=True, eq=False)
 class Record:
-    """A campaign, as read from its files.
+    """A campaign as read from its files.
 
     Attributes:
-        folder: the campaign's folder.
+        folder: of the campaign.
         events: the journal, oldest first.
-        state: the state after all events.
-        campaign: its robot and configuration, or None if robot.toml or campaign.toml cannot be read.
-        notes: one sentence for each thing that could not be read.
+        state: after all events.
+        campaign: its robot and configuration; None if robot.toml or campaign.toml cannot be read.
+        notes: a sentence for each file that cannot be read.
     """
 
     folder: Path
@@ -48,12 +48,12 @@ class Record:
 
     @property
     def robot(self) -> str:
-        """Its name; the folder's if robot.toml cannot be read."""
+        """Name of the robot; of the folder if robot.toml cannot be read."""
         return self.campaign.spec.name if self.campaign else self.folder.resolve().name
 
     @cached_property
     def channels(self) -> dict[str, Channel]:
-        """By name; empty without a robot."""
+        """Channels by name; empty without a robot."""
         if self.campaign is None:
             return {}
         return {channel.name: channel for channel in self.campaign.kind.channels(self.campaign.spec)}
@@ -80,12 +80,12 @@ class Record:
 
     @property
     def unit(self) -> str:
-        """Of the commands where all share one; else nothing."""
+        """Unit of the commands if all share one; else ""."""
         return self.units[0] if len(set(self.units)) == 1 else ""
 
     @cached_property
     def limits(self) -> Sequence[Limit]:
-        """Limits of a plan, as the file of the robot states them."""
+        """Limits of a plan in the robot's file."""
         if self.campaign is None:
             return ()
         return tuple(self.campaign.kind.limits(self.campaign.spec, self.campaign.config, None, {}))
@@ -96,11 +96,21 @@ class Record:
     def certificate(self, number: int) -> Facts | None:
         return self.read(f"proposals/{number:04d}/certificate.json", _proof)
 
-    def whole(self, number: int) -> tuple[Trajectory | None, Facts | None, str]:
-        """A proposal's motion with its certificate, and their folder; with the way there and back, where that
-        was written for the motion as one file.
+    def whole(
+        self, number: int, approach: Trajectory | None = None
+    ) -> tuple[Trajectory | None, Facts | None, str]:
+        """A proposal's motion, certificate and folder; with approach and return if they were written as one
+        file. With an `approach`, this one precedes the motion instead.
         """
         own = f"proposals/{number:04d}"
+        if approach is not None:
+            from etude.trajectories import Chain
+
+            alone = self.read(f"{own}/trajectory.json", _trajectory)
+            before = [("approach", part) for _, _, part in approach.pieces()]
+            after = () if alone is None else [(label, part) for _, label, part in alone.pieces()]
+            whole = Chain((*before, *after)) if after else None
+            return whole, self.read(f"{own}/certificate.json", _proof), own
         ways = [
             name.rpartition("/")[0]
             for name in recorded(self.events)
@@ -111,7 +121,7 @@ class Record:
         return trajectory, self.read(f"{folder}/certificate.json", _proof), folder
 
     def changed(self, name: str) -> str:
-        """A sentence if robot.toml or campaign.toml is another than when a file was committed, or ""."""
+        """A sentence if robot.toml or campaign.toml changed after a file was committed; "" otherwise."""
         from etude.campaign.record.stored_files import changed_since
 
         found = () if self.campaign is None else changed_since(self.campaign, self.events, [name])
@@ -135,7 +145,7 @@ class Record:
         return None
 
     def model(self, number: int) -> Model | None:
-        """The model in use after round `number`."""
+        """The newest model after round `number`; None without one."""
         from etude.campaign.record.stored_models import stored_model
 
         campaign = self.campaign
@@ -144,8 +154,9 @@ class Record:
         return self.read(f"models/{number:04d}", lambda _: stored_model(campaign, number))
 
     def read(self, name: str, reader: Callable[[Path], T]) -> T | None:
-        """`reader(path)`; None if the file is absent, with a note if it is damaged, or not the one that was
-        committed: the rest still counts.
+        """`reader(path)`; None for a missing file, and for a damaged or changed one with a note.
+
+        The other files still count.
         """
         path = self.folder / name
         if not path.exists():
@@ -162,10 +173,10 @@ class Record:
 
 
 def read_record(folder: Path) -> Record:
-    """Read a campaign folder.
+    """Reads a campaign folder.
 
     Raises:
-        UsageError: the folder is not a campaign's, or its journal was edited.
+        UsageError: the folder holds no campaign, or its journal was edited.
     """
     from etude.campaign.record.folder import open_campaign
 
@@ -222,21 +233,21 @@ STRUCTURES = {
 
 
 def structure_name(structure: object) -> str:
-    """A structure in words; several, as "gp, identified", one for each command, likewise."""
+    """A structure in words; also several, as "gp, identified", one for each command."""
     parts = [part.strip() for part in str(structure).split(",")]
     return ", ".join(STRUCTURES.get(part, part) for part in parts)
 
 
 @dataclass(frozen=True)
 class Evaluation:
-    """One test of one controller: its round, the robot time so far, and the error.
+    """One test of one controller.
 
     Attributes:
-        number: the round whose model was tested; 0 for controllers that need no data.
-        seconds: robot time spent so far, s.
-        error: mean tracking error of each coordinate, and of the whole, last, where it was measured too.
+        number: round of the tested model; 0 for controllers without a model.
+        seconds: robot time so far, s.
+        error: mean tracking error of each coordinate; then the distance in space, if measured.
         unit: of the error.
-        axes: how many coordinates there are; what comes after their errors is the distance in space.
+        axes: number of coordinates.
     """
 
     number: int
@@ -252,7 +263,7 @@ class Evaluation:
 
     @property
     def parts(self) -> Array:
-        """Of each coordinate."""
+        """Error of each coordinate."""
         return self.error[: self.axes] if self.axes else self.error
 
     @property
@@ -269,19 +280,19 @@ class Test:
     baselines: dict[str, tuple[Evaluation, ...]]
 
     def baseline(self, name: str) -> Evaluation | None:
-        """The newest evaluation of a baseline: an identified one knows all data so far."""
+        """The newest evaluation of a baseline, because an identified one uses all data so far."""
         found = self.baselines.get(name, ())
         return found[-1] if found else None
 
     @property
     def unit(self) -> str:
-        """Of all its errors."""
+        """Unit of all its errors."""
         found = [*self.learned, *(e for series in self.baselines.values() for e in series)]
         return found[0].unit if found else "deg"
 
 
 def tests(record: Record) -> tuple[Test, ...]:
-    """Every test motion the journal has evaluations of, in the order of their first appearance."""
+    """Every test motion with an evaluation in the journal, in order of appearance."""
     runs = [(number, run) for number, run in record.state.evaluated if run.errors]
     names = dict.fromkeys(run.test for _, run in runs)
     axes = len(record.names)
@@ -305,14 +316,14 @@ def _series(runs: Sequence[tuple[int, Evaluated]], axes: int) -> tuple[Evaluatio
 
 
 def robot_seconds(record: Record) -> float:
-    """Robot time spent in the whole campaign, s."""
+    """Robot time of the whole campaign, s."""
     facts = (e.fact for e in record.events)
     spent = [fact.robot_seconds for fact in facts if isinstance(fact, Trained | Evaluated)]
     return max(spent, default=0.0)
 
 
 def chosen_structure(trained: Trained | None) -> str | None:
-    """The structure in use after this training; several names, joined, if commands differ."""
+    """Structure in use after this training; joined names if commands differ."""
     return trained.chosen if trained else None
 
 
@@ -327,14 +338,14 @@ def score(trained: Trained | None, structure: str | None, quantity: Quantity) ->
 
 
 def held_out(trained: Trained | None) -> dict[str, Array]:
-    """(J,) nMSE on held-out blocks of one log for each structure that was scored so; empty if none was."""
+    """nMSE (J,) on held-out blocks of one log, for each structure with these scores."""
     blocks = trained.held_out.nmse if trained and trained.held_out else {}
     scores = {structure: _numbers(values) for structure, values in blocks.items()}
     return {structure: values for structure, values in scores.items() if np.isfinite(values).any()}
 
 
 def new_motion(trained: Trained | None) -> tuple[Array, Array] | None:
-    """(J,) nMSE on logs left out, of the structure in use and of linear regression; None for a single log."""
+    """nMSE (J,) on logs left out, of the structure in use and of linear regression; None for a single log."""
     found = trained.new_motion if trained else None
     return None if found is None else (_numbers(found.used.nmse), _numbers(found.linear))
 

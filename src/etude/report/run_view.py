@@ -1,7 +1,7 @@
-"""Live page of a run: the motion in space, with the robot's commanded and its measured pose.
+"""Live page of a run: the motion in space, with the robot's commanded and measured pose.
 
-It is made in a process of its own, so that drawing takes no time of the loop that sends set-points. What is
-to be shown goes through its standard input, a line each, and what does not fit in there at once is left out.
+A process of its own makes the page, so that drawing takes no time of the loop that sends set-points. The run
+writes one line for each fact to its standard input, and omits what the pipe cannot take at once.
 """
 
 from __future__ import annotations
@@ -41,10 +41,10 @@ WAITS = "The next motion is computed. It is shown here once it is there."
 
 
 class RunView:
-    """The page of one run, for as long as it is open.
+    """The page of one run while it is open.
 
     Attributes:
-        address: to be typed into a browser of this machine.
+        address: for a browser of this machine.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -73,23 +73,23 @@ class RunView:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None, /
     ) -> None:
-        """The page stays in browsers as it was last."""
+        """Ends the page's process; browsers keep the last picture."""
         if self._process is not None:
             self._process.terminate()
             with contextlib.suppress(OSError):
                 self._process.communicate()
 
     def open(self) -> None:
-        """In a browser, where there is a screen."""
+        """Opens the page in a browser, if there is a screen."""
         if sys.platform != "linux" or os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"):
             webbrowser.open(self.address)
 
     def show(self, number: int) -> None:
-        """The motion of a proposal, before anything moves."""
+        """Shows the motion of a proposal, before the robot moves."""
         self._send({"number": number})
 
     def put(self, campaign: Campaign, planned: PlannedMotion, sample: Sample) -> None:
-        """A sample of a motion, if it is time for a picture; never waits."""
+        """Shows a sample of a motion, if the time for a picture has come; never waits."""
         now = time.monotonic()
         if now - self._told < 1.0 / POSES_HZ or not np.isfinite(sample.q).all():
             return
@@ -117,10 +117,10 @@ class RunView:
 
 
 class Shown:
-    """What the page shows now.
+    """State of the page.
 
     Attributes:
-        number: of the proposal; None before any is known.
+        number: of the proposal; None before the first.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -129,13 +129,14 @@ class Shown:
         self._newest: Mapping[str, Any] = {}
 
     def take(self, facts: Mapping[str, Any]) -> None:
-        """A line that the run sent; from any thread."""
+        """Takes one line of the run; from any thread."""
         self.number = facts["number"]
         self._newest = facts if "q" in facts else {}
 
     def message(self) -> str:
-        """JSON for the page: time, what moves, and the robot measured and asked; "" before any. Kinematics
-        run where a page asks.
+        """JSON for the page: time, and the measured and commanded robot; "" before the first sample.
+
+        Kinematics are computed only when a page asks.
         """
         facts = self._newest
         if not facts:
@@ -145,7 +146,7 @@ class Shown:
         return json.dumps(words, separators=(",", ":"), allow_nan=False)
 
     def _placed(self, q: Array) -> Mapping[str, Any]:
-        """Positions, frames (B, 12) of parts and points (P, 3) of sticks at a pose (k,)."""
+        """Positions, frames (B, 12) of parts and points (P, 3) of sticks at a pose (k,), rad or m."""
         assert self.record.campaign is not None
         placed = placed_parts(self.record.campaign, Motion(np.zeros(1), q[None, None]))[1]
         figure = None if placed.size else figure_along(self.record, q[None])
@@ -154,7 +155,7 @@ class Shown:
 
 
 def served_in_space(folder: Path) -> tuple[Pages, Shown]:
-    """Pages with the motion that a run is about, renewed with it, and where the run's lines go."""
+    """Pages with the motion of a run, renewed with it, and the object that takes the run's lines."""
     shown = Shown(folder)
 
     def made() -> dict[str, Callable[[], str]]:

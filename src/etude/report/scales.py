@@ -17,10 +17,10 @@ class Axis:
     """One axis of a panel.
 
     Attributes:
-        label: what is shown, with its unit.
+        label: quantity with its unit.
         log: logarithmic.
-        limits: (low, high), or None to take the extent of the marks.
-        floor: with `limits` None, the axis reaches down to this value at least.
+        limits: (low, high), or None for the extent of the marks.
+        floor: with `limits` None, the axis includes this value.
         whole: ticks at whole numbers only.
     """
 
@@ -56,7 +56,7 @@ class Scale:
 
 
 def fitted_scale(axis: Axis, values: Array, start: float, end: float) -> Scale:
-    """The scale of an axis whose marks have these `values`; a little air is left at both ends."""
+    """The scale of an axis whose marks have these `values`, with a small space at both ends."""
     if axis.limits is not None:
         return Scale(*axis.limits, start, end, axis.log, axis.whole)
     usable = values[np.isfinite(values) & ((values > 0) | (not axis.log))]

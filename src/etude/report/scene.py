@@ -1,6 +1,7 @@
-"""Paths in their workspace: an orthographic drawing of a box, its paths, and their shadows on the floor.
+"""Scene of paths in their workspace: an orthographic drawing of a box, its paths, and their shadows on the
+floor.
 
-Lengths along x, y and z have the same scale, so shapes and climbs look as they were flown.
+Lengths along x, y and z have the same scale, so shapes and slopes look true.
 """
 
 from __future__ import annotations
@@ -53,8 +54,12 @@ class Path:
 
 @dataclass(frozen=True)
 class SceneBox:
-    """The box in which paths are drawn, m, the radius of a cylinder about z in it, if there is one, and what
-    limits have to show.
+    """The box in which paths are drawn, m.
+
+    Attributes:
+        lower, upper: corners, m.
+        radius: of a cylinder about z in the box, m; None without one.
+        things: objects that limits show.
     """
 
     lower: tuple[float, float, float]
@@ -64,7 +69,7 @@ class SceneBox:
 
 
 def room_of(limits: Sequence[Limit], paths: Sequence[Path]) -> SceneBox:
-    """The room that position limits state, widened to hold the paths."""
+    """The box of the position limits, enlarged to contain the paths."""
     points = np.concatenate([path.position for path in paths]) if paths else np.zeros((1, 3))
     low, high = np.nanmin(points, axis=0), np.nanmax(points, axis=0)
     radius = None
@@ -79,13 +84,13 @@ def room_of(limits: Sequence[Limit], paths: Sequence[Path]) -> SceneBox:
 
 
 def things_of(limits: Sequence[Limit]) -> tuple[Thing, ...]:
-    """What limits have to show."""
+    """Objects that the limits show."""
     return tuple(thing for own in limits if isinstance(own, SupportsDrawing) for thing in own.things)
 
 
 @dataclass(frozen=True)
 class Camera:
-    """From the world in m to a drawing in px: `scale` px per m, the origin at `place`."""
+    """Projection from the world in m to a drawing in px: `scale` px per m, the origin at `place`."""
 
     scale: float
     place: tuple[float, float]
@@ -104,7 +109,7 @@ def project(points: Array) -> Array:
 
 
 def scene(title: str, room: SceneBox, paths: Sequence[Path], *, note: str = "") -> Html:
-    """One drawing: the robot's room with ticks in m, paths, their shadows and where they start."""
+    """One drawing: the workspace with ticks in m, paths, their shadows and their starts."""
     camera, height = camera_of(room)
     drawn = "".join(_path(camera, path, room.lower[2]) for path in paths)
     words = f'<text class="title" x="12" y="18">{text(title)}</text>'
@@ -121,7 +126,7 @@ def _corners(room: SceneBox) -> Array:
 
 
 def camera_of(room: SceneBox, size: tuple[int, int] = SIZE) -> tuple[Camera, float]:
-    """The camera that fills the drawing's width, or its height where the room is tall; and the height."""
+    """The camera that fills the drawing's width (or height, for a tall box), and the drawing's height, px."""
     image = project(_corners(room))
     low, span = image.min(axis=0), np.ptp(image, axis=0)
     free = (size[0] - SIDES["left"] - SIDES["right"], size[1] - SIDES["top"] - SIDES["bottom"])
@@ -133,7 +138,7 @@ def camera_of(room: SceneBox, size: tuple[int, int] = SIZE) -> tuple[Camera, flo
 
 
 def drawn_room(camera: Camera, room: SceneBox) -> str:
-    """Floor, two walls, ticks in m and what they are of."""
+    """Floor, two walls, and ticks in m with their labels."""
     (x0, y0, z0), (x1, y1, z1) = room.lower, room.upper
     ticks = [
         linear_ticks(low, high, wanted)
@@ -192,7 +197,7 @@ def _words(
 
 
 def _path(camera: Camera, path: Path, floor: float) -> str:
-    """Shadow, stems, a casing that sets every colour off against light and dark paper, and the path."""
+    """Shadow, stems, the path, and an outline that sets it off on light and dark paper."""
     good = np.isfinite(path.position).all(axis=1)
     t, position = path.t[good], path.position[good]
     if not len(t):
@@ -212,7 +217,7 @@ def _path(camera: Camera, path: Path, floor: float) -> str:
 
 
 def _shaded(pixels: Array, shade: Array) -> list[str]:
-    """Polylines of one colour each; a step of `SHADES` is too small to be seen."""
+    """Polylines of one colour each; steps of `SHADES` are too small to be visible."""
     step = np.clip(np.nan_to_num(shade) * SHADES, 0, SHADES - 1).astype(int)[:-1]
     parts = []
     for start, stop in pairwise([0, *(np.flatnonzero(np.diff(step)) + 1).tolist(), len(step)]):
@@ -235,7 +240,7 @@ def standing(camera: Camera, room: SceneBox, things: Sequence[Thing]) -> str:
 
 
 def cut(face: Array, lower: Array, upper: Array) -> Array:
-    """(V', 3) what of a convex polygon (V, 3) or a line (2, 3) lies between two corners (3,), if anything."""
+    """Part (V', 3) of a convex polygon (V, 3) or a line (2, 3) between two corners (3,), m; maybe empty."""
     for axis in range(3):
         face = _half(face, axis, float(lower[axis]), 1.0)
         face = _half(face, axis, float(upper[axis]), -1.0)
@@ -243,7 +248,7 @@ def cut(face: Array, lower: Array, upper: Array) -> Array:
 
 
 def _half(face: Array, axis: int, end: float, side: float) -> Array:
-    """What of it is on one side of a plane across an axis: beyond `end` for 1, before it for -1."""
+    """Its part on one side of a plane across an axis: beyond `end` for side 1, before it for -1."""
     beyond = side * (face[:, axis] - end)
     kept: list[Array] = []
     for k in range(len(face)):
@@ -257,7 +262,7 @@ def _half(face: Array, axis: int, end: float, side: float) -> Array:
 
 
 def faces_in(thing: Thing, room: SceneBox) -> list[Array]:
-    """(V, 3) each: the faces as far as they lie in the room."""
+    """Faces (V, 3) of an object inside the box, m."""
     points, lower, upper = thing.points[0], np.array(room.lower), np.array(room.upper)
     found = [cut(points[list(face)], lower - 1e-9, upper + 1e-9) for face in thing.faces]
     return [face for face in found if len(face) > 1]
@@ -268,7 +273,7 @@ def _depth(faces: list[Array]) -> float:
 
 
 def _thing(camera: Camera, thing: Thing, faces: list[Array]) -> str:
-    """Its faces: those of a solid that look away are dashed behind the others, a room is edges alone."""
+    """Faces of an object. Hidden faces of a solid are dashed behind the others; a room has edges alone."""
     style = f"thing {thing.kind} {STYLES[thing.kind]}"
     middle = np.concatenate(faces).mean(axis=0)
     paths = [(_looks_here(face, middle), f"{polyline(*camera(face).T)}Z") for face in faces]
@@ -279,7 +284,7 @@ def _thing(camera: Camera, thing: Thing, faces: list[Array]) -> str:
 
 
 def _looks_here(face: Array, middle: Array) -> bool:
-    """Whether the outer side of a face of a body around `middle` is towards the viewer."""
+    """Whether the outer side of a face faces the viewer, for a body around `middle`."""
     if len(face) < 3:
         return True
     normal = np.cross(face[1] - face[0], face[2] - face[0])
@@ -287,7 +292,7 @@ def _looks_here(face: Array, middle: Array) -> bool:
 
 
 def _mark(camera: Camera, thing: Thing, faces: list[Array]) -> tuple[float, float]:
-    """px: where its name stands: on the top of a solid, at the near corner of others, below a base's foot."""
+    """Place of the name, px: on top of a solid, below a base's foot, at the near corner of other objects."""
     points = np.concatenate(faces)
     if thing.kind == "solid":
         top = points[points[:, 2] > points[:, 2].max() - 1e-9]
@@ -315,7 +320,7 @@ def _names(marks: list[tuple[tuple[float, float], str]]) -> str:
 
 
 def figure_along(record: Record, path: Array) -> Figure | None:
-    """The robot along poses (T, k), with what stands around it; None where it cannot be drawn."""
+    """The robot along poses (T, k) with its surroundings; None if it cannot be drawn."""
     campaign = record.campaign
     if campaign is None or not isinstance(campaign.kind, SupportsFigure):
         return None
@@ -332,7 +337,7 @@ SLACK = 1e-3
 
 
 def room_around(figure: Figure) -> SceneBox:
-    """A box around the motion and what is near it; its floor is where the robot stands, or below it."""
+    """A box around the motion and near objects; its floor is the robot's floor, or lower."""
     moving = [figure.points, *(thing.points for thing in figure.things if thing.kind == "carried")]
     low = np.min([points.min(axis=(0, 1)) for points in moving], axis=0)
     high = np.max([points.max(axis=(0, 1)) for points in moving], axis=0)
@@ -351,7 +356,7 @@ def room_around(figure: Figure) -> SceneBox:
 
 
 def _bottom(figure: Figure, lowest: float, lower: float) -> float:
-    """m: the drawing's floor is the robot's, where that is drawn and nothing of the robot is below it."""
+    """Height of the drawing's floor, m: the robot's own floor, if drawn and below all of the robot."""
     floors = [one for one in figure.things if one.kind == "plane" and one.name == "floor"]
     height = float(floors[0].points[0, 0, 2]) if floors else 0.0
     shown = not floors or height >= lower - SLACK
@@ -359,7 +364,7 @@ def _bottom(figure: Figure, lowest: float, lower: float) -> float:
 
 
 def _near(thing: Thing, lower: Array, upper: Array) -> Array:
-    """(V, 3) the points that the drawing is widened to hold; of a plane its foot, of a room nothing."""
+    """Points (V, 3) m that the drawing must contain: the foot of a plane, none of a room."""
     if thing.kind in ("carried", "inside"):
         return np.empty((0, 3))
     if thing.kind == "plane":
@@ -370,6 +375,6 @@ def _near(thing: Thing, lower: Array, upper: Array) -> Array:
 
 
 def beyond(figure: Figure) -> list[str]:
-    """Names of the objects that are too far from the robot to be drawn with it."""
+    """Names of the objects too far from the robot to be drawn."""
     room = room_around(figure)
     return [thing.name for thing in figure.things if thing.kind != "carried" and not faces_in(thing, room)]

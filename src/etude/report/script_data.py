@@ -1,4 +1,4 @@
-"""Motion in space as data of the page's script: one JSON, numbers in base64, lengths in whole steps."""
+"""Data of the motion in space for the page's script: one JSON, numbers in base64, lengths in whole steps."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ SAME_M = 0.02
 
 
 def script_data(seen: MotionInSpace, record: Record, stream: str) -> str:
-    """What the script needs, as JSON in which nothing ends a script."""
+    """The script's data, as JSON without an end tag of a script."""
     room = _room(seen)
     real = seen.measured
     points = [*seen.tips, seen.figure.points, seen.placed[..., 3]]
@@ -59,8 +59,10 @@ def script_data(seen: MotionInSpace, record: Record, stream: str) -> str:
 def _poses(
     q: Array, placed: Array, points: Array, unit: float, ends: tuple[float, float] = (0.0, math.inf)
 ) -> dict[str, object]:
-    """Positions (T, k), frames (T, B, 3, 4) as places in `unit` m and quaternions (w x y z), or where no part
-    is known the points (T, P, 3) of sticks; known between two times.
+    """Positions (T, k), and frames (T, B, 3, 4) as places in `unit` m and quaternions (w x y z).
+
+    Without parts, the points (T, P, 3) m of sticks replace the frames. `ends`: interval in which they are
+    known, s.
     """
     turns = np.zeros((0, 4))
     if placed.size:
@@ -77,7 +79,7 @@ def _poses(
 
 
 def _packed(values: ArrayLike, kind: type[np.generic]) -> str:
-    """Base64 of numbers as the script reads them: little-endian, whole ones rounded and held in range."""
+    """Base64 of numbers in the script's format: little-endian; integers are rounded and clipped."""
     found = np.asarray(values, dtype=float).ravel()
     if issubclass(kind, np.integer):
         ends = np.iinfo(kind)
@@ -86,13 +88,13 @@ def _packed(values: ArrayLike, kind: type[np.generic]) -> str:
 
 
 def _extent(seen: MotionInSpace) -> tuple[Array, Array]:
-    """(3,) corners of a box around all that moves, m."""
+    """Corners (3,) of a box around everything that moves, m."""
     points = _corners(seen).reshape(-1, 3)
     return points.min(axis=0), points.max(axis=0)
 
 
 def _corners(seen: MotionInSpace) -> Array:
-    """(T, P, 3) m in the world: the sticks' points, or corners of boxes about the solid parts."""
+    """Points (T, P, 3) m in the world: of the sticks, or corners of boxes about the solid parts."""
     if not seen.solids:
         return seen.figure.points
     boxes = [
@@ -109,7 +111,7 @@ def _room(seen: MotionInSpace) -> SceneBox:
 
 
 def _body(seen: MotionInSpace, b: int) -> dict[str, object]:
-    """One part, its points in whole steps, and whether it moves at all."""
+    """One part with its points in whole steps, and whether it moves."""
     solid, placed = seen.solids[b], seen.placed[:, b]
     unit = float(np.abs(solid.points).max()) / 32000.0
     facts = {
@@ -125,7 +127,7 @@ def _body(seen: MotionInSpace, b: int) -> dict[str, object]:
 
 
 def _thing(thing: Thing, room: SceneBox) -> dict[str, object]:
-    """What stands around as far as it is near: faces, edges, and where its name stands."""
+    """An object near the robot: faces, edges, and the place of its name."""
     faces = [face.round(4) for face in faces_in(thing, room)]
     points = np.concatenate(faces) if faces else np.zeros((0, 3))
     first = np.cumsum([0, *map(len, faces)])
@@ -154,7 +156,7 @@ def _thing(thing: Thing, room: SceneBox) -> dict[str, object]:
 
 
 def _grid(points: Array) -> list[list[list[float]]]:
-    """Lines on a level floor at round metres."""
+    """Lines at round metres on a level floor."""
     (x0, y0, z), (x1, y1, _) = points.min(axis=0).tolist(), points.max(axis=0).tolist()
     step = linear_ticks(0.0, max(x1 - x0, y1 - y0), 8)[1]
     along, across = (
@@ -165,7 +167,7 @@ def _grid(points: Array) -> list[list[list[float]]]:
 
 
 def _marks(seen: MotionInSpace) -> list[dict[str, object]]:
-    """Where tips start and end, and where all come closest."""
+    """Start and end of the tips, and the place of the least distance."""
     found = []
     for tip in seen.tips[:1]:
         same = float(np.linalg.norm(tip[0] - tip[-1])) < SAME_M
@@ -182,7 +184,7 @@ def _marks(seen: MotionInSpace) -> list[dict[str, object]]:
 
 
 def _joints(record: Record) -> list[dict[str, object]]:
-    """Names, units and ranges of the coordinates of the path."""
+    """Names, units and ranges of the path's coordinates."""
     campaign, path = record.campaign, record.path
     assert campaign is not None
     assert path is not None
@@ -199,7 +201,7 @@ def _finite(value: float) -> float | None:
 
 
 def _distances(seen: MotionInSpace, unit: float) -> dict[str, object]:
-    """What is left of each part's distances, mm, and the narrowest with their ends."""
+    """Distance of each part beyond its margin, mm, and the least one with its ends."""
     near = seen.nearby
     if near is None:
         return {

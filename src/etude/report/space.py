@@ -1,7 +1,7 @@
-"""A motion in space before it moves: solid parts, what stands around, what is swept, and how near all come.
+"""Motion in space before it runs: solid parts, surroundings, swept volume, and distances.
 
-The page needs no network and no library: `space.js` draws with WebGL 2. Distances are those of the limits
-that the certificate rests on, at the poses that are drawn. What is proved is quoted from the certificate.
+The page needs no network and no library: `space.js` draws with WebGL 2. Distances are those of the
+certificate's limits, at the drawn poses. The certificate gives the proved values.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from etude.errors import UsageError, typed
+from etude.protocols import Trajectory
 from etude.report.markup import Html, document, element, join, number, paragraph, table
 from etude.report.motion_in_space import MotionInSpace, in_space
 from etude.report.record import Record, read_record
@@ -52,13 +53,15 @@ NO_MORE = Html("")
 NO_VIEW = "This browser has no WebGL 2, so the motion cannot be shown in space."
 
 
-def page(record: Record, proposal: int, stream: str = "") -> tuple[Html, MotionInSpace]:
-    """The drawing with what is proved of it as a page of its own, and what it shows.
+def page(
+    record: Record, proposal: int, stream: str = "", approach: Trajectory | None = None
+) -> tuple[Html, MotionInSpace]:
+    """The drawing and its proved distances as a page, and the motion that it shows, after its `approach`.
 
     Raises:
-        UsageError: no such proposal, or a robot that cannot be drawn.
+        UsageError: no such proposal, or the robot cannot be drawn.
     """
-    found = in_space(record, proposal)
+    found = in_space(record, proposal, approach)
     if found is None:
         raise UsageError(
             f"proposal {proposal} cannot be shown",
@@ -80,22 +83,25 @@ def page(record: Record, proposal: int, stream: str = "") -> tuple[Html, MotionI
     return document(title, head, main, element("script", Html(asset("space.js")))), found
 
 
-def write_view(folder: Path, proposal: int | None = None) -> tuple[Path, int, MotionInSpace]:
-    """FOLDER/view.html of a proposal, the newest if not given; its path, the number and what it shows.
+def write_view(
+    folder: Path, proposal: int | None = None, approach: Trajectory | None = None
+) -> tuple[Path, int, MotionInSpace]:
+    """Writes FOLDER/view.html of a proposal, by default the newest, after its `approach`; returns the path,
+    the number and the motion.
 
     Raises:
-        UsageError: no such proposal, or a robot that cannot be drawn.
+        UsageError: no such proposal, or the robot cannot be drawn.
     """
     record = read_record(folder)
     number = newest(record, proposal)
-    text, seen = page(record, number)
+    text, seen = page(record, number, approach=approach)
     path = folder / "view.html"
     write_atomic(path, text.encode("utf-8"))
     return path, number, seen
 
 
 def newest(record: Record, proposal: int | None = None) -> int:
-    """The number of a proposal, the newest if not given. UsageError: there is none."""
+    """The number of a proposal, by default of the newest. UsageError: there is none."""
     asked = [n for n, own in sorted(record.state.rounds.items()) if own.asked is not None]
     number = max(asked, default=0) if proposal is None else proposal
     if number not in asked:
@@ -109,13 +115,17 @@ def newest(record: Record, proposal: int | None = None) -> int:
 
 
 def asset(name: str) -> str:
-    """A file that pages are made of."""
+    """A file for pages."""
     return resources.files("etude.report").joinpath(name).read_text(encoding="utf-8")
 
 
 def figure_in_space(seen: MotionInSpace, record: Record, below: Html = NO_MORE, stream: str = "") -> Html:
-    """The drawing with all that belongs to it. below: what more is said, whose buttons of times act too.
-    stream: the address of poses of the real robot.
+    """The drawing with its controls and texts.
+
+    Args:
+        seen: the motion. record: of the campaign.
+        below: further content; its time buttons work too.
+        stream: address of the poses of the real robot; "" without one.
     """
     parts = [
         element(
@@ -136,7 +146,7 @@ def figure_in_space(seen: MotionInSpace, record: Record, below: Html = NO_MORE, 
 
 
 def words(seen: MotionInSpace, live: bool = False) -> Html:
-    """What one sees, in sentences. live: the robot is shown as it moves."""
+    """Sentences about the picture. live: it shows the robot while it moves."""
     tips = "its tip" if len(seen.figure.tips) == 1 else "its tips"
     names = [thing.name for thing in seen.figure.things if thing.kind in ("solid", "plane", "inside")]
     said = [
@@ -150,7 +160,7 @@ def words(seen: MotionInSpace, live: bool = False) -> Html:
 
 
 def nearest_words(seen: MotionInSpace) -> str:
-    """A sentence on what comes nearest."""
+    """A sentence on the least distance."""
     near = seen.nearest
     if near is None:
         return NO_DISTANCES
@@ -159,14 +169,14 @@ def nearest_words(seen: MotionInSpace) -> str:
 
 
 def proved(seen: MotionInSpace) -> Html:
-    """Distances that the certificate states, and what it leaves open."""
+    """Distances in the certificate, and what it does not cover."""
     if seen.certificate is None:
         return Html("")
     pairs = {" and ".join(pair) for pair in (seen.nearby.pairs if seen.nearby else ())}
     rows = sorted(
         (r for r in seen.certificate["rows"] if r["axis"] in pairs), key=lambda r: float(r["slack"])
     )
-    cells = [_cells(row) for row in rows]
+    cells = [_cells(row, seen.proved_from) for row in rows]
     header = ("Distance", "kept (mm)", "proved (mm)", "for tracking (mm)", "nearest")
     parts = [paragraph(PROVED), table(header, cells[:OPEN_ROWS])] if cells else []
     if cells[OPEN_ROWS:]:
@@ -182,12 +192,12 @@ WHERE = re.compile(r"(?:^| )at ([\d.e+-]+) s(?: of the .* at ([\d.e+-]+) s)?$")
 """How a certificate says when something happens: in a piece, and when that began."""
 
 
-def _cells(row: Mapping[str, Any]) -> list[object]:
+def _cells(row: Mapping[str, Any], began: float) -> list[object]:
     numbers = [number(1000.0 * float(row[key])) for key in ("lower", "proved_lower", "tracking_margin")]
     where, found = str(row.get("where", "")), WHERE.search(str(row.get("where", "")))
     if found is None or " and " not in where:
         return [row["axis"], *numbers, ""]
-    moment = sum(float(part) for part in found.groups() if part)
+    moment = began + sum(float(part) for part in found.groups() if part)
     button = element(
         "button", f"{moment:.1f} s", type="button", class_="at", **{"data-time": f"{moment:.4f}"}
     )
@@ -195,7 +205,7 @@ def _cells(row: Mapping[str, Any]) -> list[object]:
 
 
 def _controls(seen: MotionInSpace) -> list[Html]:
-    """What one can set, and tables that the script fills."""
+    """Controls of the drawing, and tables that the script fills."""
     speeds = [element("option", f"{s:g} times its speed", value=s) for s in (0.1, 0.25, 0.5)]
     speeds += [Html('<option value="1" selected>its own speed</option>')]
     speeds += [element("option", f"{s:g} times its speed", value=s) for s in (2, 4)]

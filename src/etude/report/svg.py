@@ -1,7 +1,7 @@
-"""A small SVG writer: marks (lines, points, bands, images) on one panel of axes.
+"""SVG marks (lines, points, bands, images) on one panel of axes.
 
-A report is read on a phone, printed, sent by mail and opened offline; a static drawing whose colours come
-from the page's style sheet serves all four at a hundredth of the size of an embedded plotting library.
+A report is read on a phone, printed, sent by mail and opened offline. A static drawing with the colours of
+the page's style sheet serves all four, at a hundredth of the size of an embedded plotting library.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ BOLD_CHARACTER = 8.6
 
 
 class Mark(Protocol):
-    """Something drawn on a panel. `style` is a class of the style sheet; an empty `label` has no legend."""
+    """A mark on a panel. `style` is a class of the style sheet; an empty `label` has no legend."""
 
     @property
     def label(self) -> str: ...
@@ -191,9 +191,10 @@ def panel(
     """One drawing: title, axes with ticks and units, the marks in order, and their names.
 
     Args:
-        size: width and height in px at which text has its nominal size.
+        title: of the drawing. x, y: the axes. marks: to be drawn, the first one lowest.
+        size: width and height in px at the nominal size of text.
         end_labels: write each mark's name at its right end instead of in a legend.
-        header: px to keep free between title and axes, for something of the caller's.
+        header: px between title and axes, free for the caller.
     """
     width, height = size
     named = [mark for mark in marks if mark.label]
@@ -220,7 +221,7 @@ def panel(
 
 
 def thinned(x: Array, y: Array, points: int = 700) -> tuple[Array, Array]:
-    """At most about `points` of a curve's points, both extremes of each stretch kept, in their order."""
+    """About `points` points of a curve at most, in order, with both extremes of each interval."""
     if len(x) <= points:
         return x, y
     edges = np.linspace(0, len(x), points // 2 + 1).astype(int)
@@ -246,7 +247,7 @@ def polyline(px: Array, py: Array) -> str:
 
 
 def _clipped(scale: Scale, values: Array) -> Array:
-    """Pixels, held inside the panel, so that an outlier stays visible on its edge."""
+    """Pixels, clipped to the panel, so that an outlier stays visible on its edge."""
     return np.clip(scale(values), min(scale.start, scale.end), max(scale.start, scale.end))
 
 

@@ -1,6 +1,7 @@
-"""The search for a clear home: a pose far from everything, and a box about it that is nearly all clear.
+"""Clear home pose of an arm: search for a pose far from everything, and for a box of nearly clear poses about
+it.
 
-No proof relies on either, since each motion is proved. A good home and box only allow larger motions.
+No proof relies on them, because each motion is proved. A good home and box only allow larger motions.
 """
 
 from __future__ import annotations
@@ -34,7 +35,9 @@ LEAST_BOX = 0.02
 
 
 def clearest(gaps: Gaps, rng: np.random.Generator) -> Array:
-    """(k,) the pose near the middle with the widest gaps, each relative to its largest possible width."""
+    """The pose (k,) near the middle with the widest gaps, each relative to its largest possible width; rad
+    (m).
+    """
     low, high = gaps.skeleton.lower, gaps.skeleton.upper
     middle, width = 0.5 * (low + high), high - low
     poses = gaps.skeleton.random_poses(rng, POSES)
@@ -51,10 +54,10 @@ def clearest(gaps: Gaps, rng: np.random.Generator) -> Array:
 
 
 def box_about(gaps: Gaps, home: Array, margin: float, rng: np.random.Generator) -> tuple[Array, Array]:
-    """(k,) lower and upper ends of a box about home of which nearly all poses keep `margin` m.
+    """Lower and upper ends (k,) of a box about home in which nearly all poses keep `margin` m.
 
-    Gaps that are narrow at home keep half of their width there. The whole box shrinks until the gaps are
-    kept; then each joint's side in turn is widened while they are kept.
+    Gaps that are narrow at home keep half of their width there. The whole box shrinks until the gaps keep
+    their margins. Then each joint's side in turn is widened while they keep them.
     """
     low, high, slides = gaps.skeleton.lower, gaps.skeleton.upper, gaps.skeleton.slides
     half = np.where(slides, 0.5 * (high - low), np.minimum(0.5 * (high - low), HALF_TURN))

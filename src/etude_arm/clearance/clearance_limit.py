@@ -62,11 +62,11 @@ AT_HOME = 0.5
 
 
 def kept(gaps: Gaps, row_of: Index, home: Array, margin: float) -> Array:
-    """(r,) m, margin of each row of a certificate.
+    """Margin (r,) m of each row of a certificate.
 
     Args:
-        gaps: of the robot. row_of: (n,) each gap's row.
-        home: (k,) a clear pose. margin: m.
+        gaps: of the robot. row_of: (n,) row of each gap.
+        home: (k,) a clear pose, rad (m). margin: m.
     """
     rows = int(row_of.max(initial=-1)) + 1
     at_home = _by_row(gaps.of_poses(home[None]), row_of, rows)[0]
@@ -82,14 +82,14 @@ def kept(gaps: Gaps, row_of: Index, home: Array, margin: float) -> Array:
 
 
 def neighbour_rows(gaps: Gaps, row_of: Index, rows: int) -> Mask:
-    """(r,) whether all gaps of a row of a certificate are between neighbours."""
+    """Mask (r,) of the certificate's rows whose gaps are all between neighbours."""
     near = np.ones(rows, dtype=np.bool_)
     np.logical_and.at(near, row_of, neighbours(gaps))
     return near
 
 
 def neighbours(gaps: Gaps) -> Mask:
-    """(n,) whether a gap is between two parts of the arm with at most `NEAR` joints between them."""
+    """Mask (n,) of gaps between two parts of the arm with at most `NEAR` joints between them."""
     skeleton, shapes = gaps.skeleton, gaps.skeleton.shapes
     return np.array(
         [
@@ -103,14 +103,14 @@ def neighbours(gaps: Gaps) -> Mask:
 
 
 def _by_row(distances: Array, row_of: Index, rows: int) -> Array:
-    """(T, r) the least of each row, from (T, n)."""
+    """Least value of each row (T, r), from (T, n)."""
     found = np.full((rows, len(distances)), np.inf)
     np.minimum.at(found, row_of, distances.T)
     return np.asarray(found.T)
 
 
 def excess(gaps: Gaps, poses: Array) -> Array:
-    """(T, n) m by which distances at poses (T, k) exceed those that a slab confirms; 0 if confirmed."""
+    """Distances at poses (T, k) less those that a slab confirms, (T, n) m; 0 if confirmed."""
     distances = gaps.of_poses(poses)
     found = np.zeros_like(distances)
     count = len(gaps.sensed)
@@ -128,7 +128,7 @@ def excess(gaps: Gaps, poses: Array) -> Array:
 
 
 def _far(gaps: Gaps, scene: Scene) -> Mask:
-    """(T, number of gaps between geoms) whether the bounding spheres are farther apart than `CUTOFF`."""
+    """Mask (T, number of gaps between geoms) of bounding spheres that are more than `CUTOFF` apart."""
     shapes = gaps.skeleton.shapes
     centres, sizes = [], []
     for shape in shapes:
@@ -182,7 +182,7 @@ class Samples:
         return cls(path, distances, x, poses, rates, distances(poses))
 
     def add(self, x: Array) -> Index:
-        """Add samples and return their indices."""
+        """Adds samples and returns their indices."""
         more = Samples.of(self.path, self.distances, x)
         first = len(self.x)
         for name in ("x", "poses", "rates", "found"):
@@ -190,7 +190,7 @@ class Samples:
         return np.arange(first, len(self.x))
 
     def bounds(self, left: Index, right: Index, reach: Array) -> Array:
-        """(I, n) lower bounds of the distances between those samples."""
+        """Lower bounds (I, n) of the distances between the samples `left` and `right`, m."""
         fall = self.path.variation(self.x, self.poses, self.rates, left, right) @ reach.T
         one, other = self.found[left], self.found[right]
         return np.asarray(np.maximum(0.5 * (one + other - fall), np.minimum(one, other) - fall))
@@ -247,17 +247,17 @@ def nearest(
 
 @dataclass(frozen=True, eq=False)
 class Clearance:
-    """Limit: every gap is at least as wide as the margin of its row of the certificate.
+    """Limit: every gap keeps the margin of its row of the certificate.
 
-    The limit is not convex: motions are shrunk towards home until it is proved. Its cones are no proof. They
-    keep a search inside the box where nearly all poses are clear; results may be enlarged beyond it.
+    The limit is not convex: motions shrink towards home until it is proved. Its cones are no proof. They keep
+    a search inside the box of nearly clear poses; later steps may enlarge results beyond it.
 
     Attributes:
         gaps: the checked distances.
         names: (k,) of the joints.
-        home: (k,) a clear pose.
+        home: (k,) a clear pose, rad (m).
         margin: m to keep; neighbours may keep less, see `kept`.
-        lower, upper: (k,) the box.
+        lower, upper: (k,) the box, rad (m).
         margins: of tracking, by form of motion.
         not_verified: sentences on what this limit does not cover.
     """
@@ -283,13 +283,13 @@ class Clearance:
 
     @cached_property
     def row_of(self) -> Index:
-        """(n,) each gap's row."""
+        """Row (n,) of each gap."""
         place = {row: i for i, row in enumerate(self.rows)}
         return np.array([place[gap.row] for gap in self.gaps.list], dtype=np.int64)
 
     @cached_property
     def kept(self) -> Array:
-        """(r,) m, margin of each row."""
+        """Margin (r,) m of each row."""
         key = self.home.tobytes() + np.float64(self.margin).tobytes()
         known = self.gaps.kept_at  # cached, since a command makes its limits repeatedly
         if key not in known:
@@ -297,17 +297,17 @@ class Clearance:
         return known[key]
 
     def _by_row(self, distances: Array) -> Array:
-        """(T, r) the least of each row, from (T, n)."""
+        """Least value of each row (T, r), from (T, n)."""
         found = np.full((len(self.rows), len(distances)), np.inf)
         np.minimum.at(found, self.row_of, distances.T)
         return np.asarray(found.T)
 
     def cones(self, family: Family) -> Sequence[Cone]:
-        """The box, for the search."""
+        """Cones of the box, for the search."""
         return AxisLimit("box", 0, self.names, self.lower, self.upper).cones(family)
 
     def penalty(self, motion: Motion) -> tuple[float, Array]:
-        """A penalty of zero: a search that starts in collision stays there until shrunk towards home."""
+        """Zero: a search that starts in collision stays there until the motion shrinks towards home."""
         return 0.0, np.zeros_like(motion.orders)
 
     def prove(self, piece: Trajectory) -> Sequence[Proof]:
@@ -341,7 +341,7 @@ class Clearance:
         return all(self._kept_at(path.at(some)[0], error) for some in (first, others))
 
     def blocked(self, form: str, pose: Array) -> str:
-        """The gap that falls most below its margin; "" if none does."""
+        """The gap that falls most below its margin at the pose (k,); "" if none does."""
         error, _ = tracked(0.0, self.margins, form, 0, list(range(len(self.names))))
         spared = self._distances(pose[None], error)[0] - self._wanted
         nearest = int(spared.argmin())
@@ -352,7 +352,7 @@ class Clearance:
         return replace(self, lower=lower, upper=upper)
 
     def roughly(self, form: str, pose: Array) -> Callable[[Array], bool]:
-        """Function that checks margins at poses (T, k), with the effect of tracking as at `pose` (k,).
+        """A function that checks margins at poses (T, k), with the effect of tracking as at `pose` (k,).
 
         It serves to choose between motions about that pose.
         """
@@ -365,7 +365,7 @@ class Clearance:
         return lambda poses: bool(np.all(self.gaps.of_poses(poses) >= sought))
 
     def _kept_at(self, poses: Array, error: Array) -> bool:
-        """Whether `_distances` at poses (T, k) all reach the margins of searches."""
+        """Whether `_distances` at poses (T, k) all keep the margins of searches."""
         found = self.gaps.of_poses(poses) - TOLERANCE
         if not error.any() or np.any(found < self._wanted):
             return bool(np.all(found >= self.sought))
@@ -373,16 +373,16 @@ class Clearance:
 
     @cached_property
     def _wanted(self) -> Array:
-        """(n,) m, margin of each gap."""
+        """Margin (n,) m of each gap."""
         return np.asarray(self.kept[self.row_of])
 
     @cached_property
     def sought(self) -> Array:
-        """(n,) m, margin of each gap at samples in searches."""
+        """Margin (n,) m of each gap at samples in searches."""
         return np.asarray(self._wanted + np.minimum(BOX_ROOM, 0.5 * self._wanted))
 
     def _error(self, piece: Trajectory) -> tuple[Array, float]:
-        """(k,) tracking margins of the joints, and their confidence."""
+        """Tracking margins (k,) of the joints, rad (m), and their confidence."""
         error, confidence = tracked(0.0, self.margins, piece.form, 0, list(range(len(self.names))))
         return error, float(confidence.min())
 
@@ -394,18 +394,18 @@ class Clearance:
         )
 
     def _distances(self, poses: Array, error: Array) -> Array:
-        """(T, n) m, lower bounds of the gaps at poses (T, k) and anywhere within the error (k,) of them."""
+        """Lower bounds (T, n) m of the gaps at poses (T, k) and anywhere within the error (k,) of them."""
         found = self.gaps.of_poses(poses) - TOLERANCE
         if not error.any() or np.any(found < self._wanted):  # too close even without the error
             return found
         return found - self._share(error) * lost(self.gaps, poses, found, error, self._wanted)
 
     def _share(self, error: Array) -> Array:
-        """(n,) fraction of the effect of tracking that counts: at home it uses at most `TAKEN` of the room
-        beyond the margins of searches.
+        """Fraction (n,) of the effect of tracking that counts.
 
-        Neighbours of some robots pass each other with a few millimetres in every pose. A margin learned from
-        poor tracking would forbid every motion, and even home.
+        At home it takes at most `TAKEN` of what is left beyond the margins of searches. Neighbours of some
+        robots pass each other with a few millimetres in every pose. A margin learned from poor tracking would
+        forbid every motion, and even home.
         """
         key = error.tobytes()
         if key not in self._shares:
@@ -442,11 +442,11 @@ class Clearance:
         return tuple(rows)
 
     def of_motion(self, motion: Motion) -> Array:
-        """(T, r) m, the smallest distance of each row, at most `CUTOFF`."""
+        """Least distance (T, r) m of each row, at most `CUTOFF`."""
         return self._by_row(self.gaps.of_poses(motion.orders[0]))
 
     def nearby(self, poses: Array, lines: int) -> Nearby:
-        """The rows' distances at planned poses (T, k), without the effect of tracking."""
+        """Distances of the rows at planned poses (T, k), without the effect of tracking."""
         found = self.gaps.of_poses(poses) - TOLERANCE
         distance = self._by_row(found)
         near = neighbour_rows(self.gaps, self.row_of, len(self.rows))

@@ -1,4 +1,4 @@
-"""Surroundings in a model file, written as tables of robot.toml that a person can correct."""
+"""Surroundings in a model file, as tables of robot.toml that a person can correct."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ BELOW = 0.005
 
 
 def level(wall: Wall) -> bool:
-    """Whether a plane is a floor: it looks straight up."""
+    """Whether a plane is a floor: its normal points straight up."""
     normal = np.array(wall.normal) / np.linalg.norm(wall.normal)
     return bool(normal[2] > 0.0 and np.hypot(normal[0], normal[1]) < UPRIGHT)
 
@@ -43,11 +43,11 @@ def level(wall: Wall) -> bool:
 def with_floor(
     loaded: Loaded, lower: Array, upper: Array, around: Surroundings
 ) -> tuple[Surroundings, tuple[str, ...]]:
-    """The surroundings with a floor, if there can be one, and sentences that say which, or why none.
+    """The surroundings with a floor, if one is possible, and sentences that name it or give the reason.
 
     Args:
-        loaded: the robot. lower, upper: (k,) its limits.
-        around: what is given, whose own floor stays.
+        loaded: the robot. lower, upper: (k,) limits of its joints, rad (m).
+        around: the given surroundings; their own floor stays.
     """
     if around.floor is not None:
         return around, ()
@@ -67,7 +67,7 @@ def with_floor(
 
 
 def _why_not(loaded: Loaded, lower: Array, upper: Array, around: Surroundings, height: float) -> str:
-    """Why the robot does not stand on a floor at that height; "" if it does."""
+    """Reason why the robot does not stand on a floor at `height` m; "" if it does."""
     bare = gaps_of(
         loaded,
         lower,
@@ -82,18 +82,18 @@ def _why_not(loaded: Loaded, lower: Array, upper: Array, around: Surroundings, h
 
 
 def _boxes_below(around: Surroundings) -> str:
-    """Of boxes that stand on something lower than 0."""
+    """A sentence if a box reaches below 0; "" otherwise."""
     deep = [box for box in around.box if box.centre[2] - 0.5 * box.size[2] < -BELOW]
     return f"{', '.join(box.name for box in deep)} would reach below it" if deep else ""
 
 
 def _sunk(bare: Gaps) -> list[str]:
-    """Links that a floor would hold in nearly every pose: the arm hangs, or stands on something.
+    """Links that a floor would touch in nearly every pose: the arm hangs, or stands on something.
 
-    A foot that turns on the floor, and so keeps its distance, is none of them.
+    A foot that turns on the floor keeps its distance and does not count.
 
     Args:
-        bare: the robot's, with that floor as its only wall.
+        bare: gaps of the robot with that floor as its only wall.
     """
     distances = bare.to_walls(bare.skeleton.random_poses(np.random.default_rng(SEED), OVERLAP_POSES))
     held = ((distances < -BELOW).mean(axis=0) > ALWAYS) & (np.ptp(distances, axis=0) > STILL)
@@ -103,7 +103,7 @@ def _sunk(bare: Gaps) -> list[str]:
 
 
 def _lowest(skeleton: Skeleton) -> float:
-    """m, of the shapes that no joint moves; infinite if there are none."""
+    """Lowest point of the shapes that no joint moves, m; infinite without such shapes."""
     import mujoco
 
     data = mujoco.MjData(skeleton.model)
@@ -122,11 +122,11 @@ def _lowest(skeleton: Skeleton) -> float:
 def from_file(
     loaded: Loaded, lower: Array, upper: Array, around: Surroundings
 ) -> tuple[Surroundings, tuple[str, ...]]:
-    """With the file's boxes and its planes that are no floors, and what a person should confirm of them.
+    """The surroundings with the file's boxes and walls, and sentences for a person to confirm.
 
     Args:
-        loaded: the robot. lower, upper: (k,) its limits.
-        around: what is given.
+        loaded: the robot. lower, upper: (k,) limits of its joints, rad (m).
+        around: the given surroundings.
     """
     walls = tuple(wall for wall in loaded.planes if not level(wall))
     boxes, rest = _boxes(loaded)
@@ -169,7 +169,7 @@ def _boxes(loaded: Loaded) -> tuple[dict[str, Box], list[str]]:
 
 
 def _box(model: mujoco.MjModel, data: mujoco.MjData, geom: int, name: str) -> Box | None:
-    """A geom that is a box with one of its axes upright; it may lie on any side."""
+    """A geom as a box with one upright axis, on any side; None for another geom."""
     import mujoco
 
     turn = data.geom_xmat[geom].reshape(3, 3)
@@ -186,7 +186,7 @@ def _box(model: mujoco.MjModel, data: mujoco.MjData, geom: int, name: str) -> Bo
 
 
 def _held(gaps: Gaps) -> set[str]:
-    """Things that hold some link in nearly every pose, or boxes that it is as near to: it stands on them."""
+    """Objects, or boxes as close as these, that touch a link in nearly every pose: its base."""
     distances = gaps.of_poses(gaps.skeleton.random_poses(np.random.default_rng(SEED), OVERLAP_POSES))
     found = set()
     for gap, own in zip(gaps.list, distances.T, strict=True):
@@ -209,7 +209,7 @@ def _taken(boxes: Sequence[Box], walls: Sequence[Wall]) -> list[str]:
 
 
 def _base(on: Sequence[str], rest: Sequence[str]) -> list[str]:
-    """What the file's world holds that no table of a robot file says."""
+    """Sentences on objects in the file's world that no table of a robot file describes."""
     if not on and not rest:
         return []
     words = [f"{name}, on which the arm stands" for name in on]

@@ -1,7 +1,7 @@
 """Defaults of a robot file's collision tables: ignored pairs, home pose, box of the search.
 
-Pairs that an SRDF disables may be ignored, but need not be. Many files disable pairs that can be kept apart
-(a hand and the link two joints before it), or all that never collided in a few thousand poses.
+An SRDF lists pairs that may be ignored. Many files also list pairs that can be kept apart: a hand and the
+link two joints before it, or every pair without a collision in a few thousand poses.
 """
 
 from __future__ import annotations
@@ -41,11 +41,12 @@ OVERLAP_POSES = 64
 
 @dataclass(frozen=True, eq=False)
 class ClearanceDefaults:
-    """A robot among its surroundings, with all defaults filled in.
+    """A robot and its surroundings with all defaults.
 
     Attributes:
-        gaps: the checked distances. around: complete, with ignored pairs and the search's home and box.
-        confirm: a sentence for each pair that was left out, to be confirmed by the user.
+        gaps: the checked distances.
+        around: the surroundings, with ignored pairs and the search's home and box.
+        confirm: a sentence for each omitted pair, to be confirmed by the user.
     """
 
     gaps: Gaps
@@ -60,10 +61,11 @@ Pairs = frozenset[frozenset[str]]
 
 
 def disabled(model_file: Path) -> Pairs:
-    """Pairs of links that the SRDF of a model file disables, but for those that never collide.
+    """Pairs of links that the model's SRDF disables, except those that it disables because they never
+    collide.
 
     Raises:
-        UsageError: there is one and it is no XML.
+        UsageError: the SRDF is not XML.
     """
     path = next((path for path in _places(model_file) if path.is_file()), None)
     if path is None:
@@ -79,7 +81,7 @@ def disabled(model_file: Path) -> Pairs:
 
 
 def _places(model_file: Path) -> list[Path]:
-    """Beside the file, and in the folder srdf next to its own."""
+    """Places of an SRDF: beside the model file, and in the folder srdf next to its folder."""
     name = model_file.with_suffix(".srdf").name
     return [model_file.parent / name, model_file.parent.parent / "srdf" / name]
 
@@ -87,15 +89,15 @@ def _places(model_file: Path) -> list[Path]:
 def settled(
     loaded: Loaded, lower: Array, upper: Array, around: Surroundings, leave: Pairs = frozenset()
 ) -> ClearanceDefaults:
-    """Defaults: pairs that overlap by construction are left out and listed; a clear home; a box about it.
+    """Defaults: pairs that overlap by construction are omitted and listed; a clear home; a box about it.
 
     Args:
-        loaded: the robot. lower, upper: (k,) its limits.
-        around: what stands around it.
+        loaded: the robot. lower, upper: (k,) limits of its joints, rad (m).
+        around: its surroundings.
         leave: pairs of links that may touch, if they often do.
 
     Raises:
-        UsageError: at home, parts overlap that are no neighbours, or the robot is in what stands around it.
+        UsageError: at home, parts overlap that are no neighbours, or the robot overlaps its surroundings.
     """
     rng = np.random.default_rng(SEED)
     gaps = gaps_of(loaded, lower, upper, around)
@@ -119,20 +121,20 @@ def settled(
 
 
 def _overlaps(gaps: Gaps, rng: np.random.Generator) -> Array:
-    """(n,) fraction of random poses in which each gap is closed."""
+    """Fraction (n,) of random poses with overlap, for each gap."""
     return np.asarray((gaps.of_poses(gaps.skeleton.random_poses(rng, POSES)) <= 0.0).mean(axis=0))
 
 
 def _often(gap: Gap, leave: Pairs) -> float:
-    """Fraction of random poses with overlap above which a gap is left out."""
+    """Fraction of random poses with overlap above which a gap is omitted."""
     return OFTEN if frozenset(gap.names) in leave else ALWAYS
 
 
 def _touching(gaps: Gaps, home: Array, leave: Pairs, given: bool) -> list[Gap]:
-    """The gaps that are closed at home; all must be of near parts, or allowed by the SRDF.
+    """Gaps with overlap at home; each must be between near parts, or allowed by the SRDF.
 
     Raises:
-        UsageError: another gap is closed; or any gap is, and home was given by the user.
+        UsageError: another gap overlaps, or any gap overlaps at a home that the user gave.
     """
     distances = gaps.of_poses(home[None])[0]
     found = [gap for gap, distance in zip(gaps.list, distances, strict=True) if distance <= 2.0 * TOLERANCE]

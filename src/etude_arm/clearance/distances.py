@@ -23,12 +23,12 @@ TOLERANCE = 1e-4
 
 @dataclass(frozen=True)
 class Gap:
-    """A checked distance: from a shape of the robot to another one, to a box, or to planes.
+    """A checked distance from a shape of the robot to another shape, to a box, or to planes.
 
     Attributes:
-        one, other: the shapes' numbers; other is -1 for planes and the column.
+        one, other: numbers of the shapes; other is -1 for planes and the column.
         names: of both, for users.
-        row: row of the certificate: two rigid parts, or a part and an object of the surroundings.
+        row: of the certificate: two rigid parts, or a part and an object of the surroundings.
     """
 
     one: int
@@ -38,17 +38,17 @@ class Gap:
 
     @property
     def text(self) -> str:
-        """Both, as in the certificate."""
+        """Both names, as in the certificate."""
         return f"{self.names[0]} and {self.names[1]}"
 
 
 @dataclass(frozen=True, eq=False)
 class Gaps:
-    """All checked distances, in the order of `list`: by sensors first, then by planes.
+    """All checked distances, in the order of `list`: gaps with sensors first, then gaps to planes.
 
     Attributes:
-        skeleton: the robot, whose model has one sensor for each of the first gaps.
-        sensed: gaps between geoms. walled: between shapes and planes, or a column.
+        skeleton: the robot; its model has one sensor for each of the first gaps.
+        sensed: gaps between geoms. walled: gaps to planes or to a column.
         planes: of `walled`.
         kept_at: margins of rows, by home and margin; a cache of `Clearance`.
     """
@@ -61,12 +61,14 @@ class Gaps:
 
     @property
     def list(self) -> tuple[Gap, ...]:
-        """Every gap; n of them."""
+        """The n gaps."""
         return (*self.sensed, *self.walled)
 
     @cached_property
     def reach(self) -> Array:
-        """(n, k) P: |d(q') - d(q)| <= P |q' - q|, by joint; 0 for joints that move both shapes or none."""
+        """Reach P (n, k): |d(q') - d(q)| <= P |q' - q| by joint; 0 for a joint that moves both shapes or
+        none.
+        """
         L, skeleton = self.skeleton.reaches, self.skeleton
         found = np.zeros((len(self.list), L.shape[1]))
         for row, gap in zip(found, self.list, strict=True):
@@ -79,13 +81,13 @@ class Gaps:
 
     @cached_property
     def geoms(self) -> Index:
-        """(number of sensed gaps, 2) numbers of their geoms in the model."""
+        """Numbers of the sensed gaps' geoms in the model, (number of sensed gaps, 2)."""
         numbers = np.array([shape.geom for shape in self.skeleton.shapes], dtype=np.int64)
         return numbers[np.array([(gap.one, gap.other) for gap in self.sensed], dtype=np.int64).reshape(-1, 2)]
 
     @cached_property
     def _grown(self) -> Array:
-        """(number of sensed gaps,) m by which shapes are closer than the geoms that represent them."""
+        """Excess of the shapes over the geoms that represent them, (number of sensed gaps,) m."""
         shapes = self.skeleton.shapes
         return np.array([shapes[gap.one].grown + shapes[gap.other].grown for gap in self.sensed])
 
@@ -99,14 +101,14 @@ class Gaps:
         return batch
 
     def of_poses(self, poses: Array) -> Array:
-        """(T, n) m of poses (T, k), at most `CUTOFF`; negative where shapes overlap."""
+        """Distances (T, n) m at poses (T, k), at most `CUTOFF`; negative for overlap."""
         found = np.empty((len(poses), len(self.list)))
         for first in range(0, len(poses), BATCH):
             found[first : first + BATCH] = self._of_some(poses[first : first + BATCH])
         return found
 
     def to_walls(self, poses: Array) -> Array:
-        """(T, number of walled gaps) m at poses (T, k), without computing the other gaps."""
+        """Distances (T, number of walled gaps) m at poses (T, k), without the other gaps."""
         import mujoco
 
         data = mujoco.MjData(self.skeleton.model)
@@ -119,8 +121,10 @@ class Gaps:
         return self._to_walls(np.array(places), np.array(turns))
 
     def ends(self, poses: Array, gaps: Index) -> Array:
-        """(T, L, 2, 3) m in the world: the nearest points of gaps (T, L) at poses (T, k), consistent with
-        `of_poses`; NaN for gaps of `CUTOFF` or wider.
+        """Nearest points (T, L, 2, 3) m, in the world, of gaps (T, L) at poses (T, k), consistent with
+        `of_poses`.
+
+        NaN for gaps of `CUTOFF` or wider.
         """
         import mujoco
 
@@ -138,7 +142,7 @@ class Gaps:
         return found
 
     def _end_at_wall(self, number: int, places: Array, turns: Array) -> Array:
-        """(2, 3) the point of a shape that is nearest to its planes, or the column, and its foot there."""
+        """The point of a shape nearest to its planes or column, and its foot there, (2, 3) m."""
         shape, planes = self.skeleton.shapes[self.walled[number].one], self.planes[number]
         points = shape.points @ turns[shape.geom].reshape(3, 3).T + places[shape.geom]
         if isinstance(planes, Column):
@@ -168,7 +172,7 @@ class Gaps:
         )
 
     def _to_walls(self, places: Array, turns: Array) -> Array:
-        """(T, number of walled gaps) from the frames of all geoms."""
+        """Distances (T, number of walled gaps) m from the frames of all geoms."""
         found = np.empty((len(places), len(self.walled)))
         for i, (gap, planes) in enumerate(zip(self.walled, self.planes, strict=True)):
             shape = self.skeleton.shapes[gap.one]
@@ -178,13 +182,13 @@ class Gaps:
 
 
 def unit(wall: Wall) -> tuple[Array, float]:
-    """Normal of length 1, and the plane's distance from the origin along it."""
+    """Unit normal of a plane, and its distance from the origin along the normal."""
     normal = np.array(wall.normal) / np.linalg.norm(wall.normal)
     return normal, float(normal @ np.array(wall.point))
 
 
 def _clear_of(shape: Shape, planes: tuple[Wall, ...] | Column, place: Array, turn: Array) -> Array:
-    """(T,) m between a shape at frames (T, 3), (T, 3, 3) and the nearest plane or the column's mantle."""
+    """Distances (T,) m from a shape at frames (T, 3), (T, 3, 3) to the nearest plane or the column."""
     if isinstance(planes, Column):
         across = (turn[:, :2] @ shape.points.T) + (place[:, :2] - np.array(planes.centre))[:, :, None]
         return np.asarray(planes.radius - np.hypot(across[:, 0], across[:, 1]).max(axis=1) - shape.radius)

@@ -1,12 +1,13 @@
-"""Hull reduction: a hull of few points that, grown by a radius, contains a hull of many.
+"""Hull reduction: a hull of few points whose growth by a radius contains a hull of many.
 
-Points are taken greedily: of each facet of what is held so far the one that stands farthest out. The radius
-is the largest distance of any point from the hull of those taken, by closed forms: what is nearest to a point
-outside of a convex body lies on a facet that the point is in front of. So the grown hull holds every point,
-and since those taken are among them, nothing of it is farther than the radius from the hull of all.
+Points are taken greedily: for each facet of the present hull, the point that stands farthest out. The radius
+is the largest distance of any point from the hull of the taken points, by closed forms. The nearest point of
+a convex body to a point outside lies on a facet that this point is in front of. So the grown hull contains
+every point. The taken points are among them, so no point of the grown hull is farther than the radius from
+the full hull.
 
-Whatever is searched and proved is then about something larger than the shape. Where two shapes stand so close
-at home that this would take much of their room, they stay as they are.
+Searches and proofs then concern something larger than the shape. Two shapes that are so close at home that
+this would take much of their distance stay as they are.
 """
 
 from __future__ import annotations
@@ -36,16 +37,16 @@ TINY = float(np.finfo(float).tiny)
 
 @dataclass(frozen=True, eq=False)
 class Fewer:
-    """All that is within `radius` m of the hull of `points` (V, 3) m."""
+    """All points within `radius` m of the hull of `points` (V, 3) m."""
 
     points: Array
     radius: float
 
 
 def fewer(points: Array, most: int = MOST_POINTS, close: float = CLOSE) -> Fewer:
-    """At most `most` of points (n, 3) that span a volume, with a radius that holds the others.
+    """At most `most` of points (n, 3) m that span a volume, with a radius that covers the others.
 
-    Fewer are taken if a radius of `close` m is enough for them.
+    Fewer points are taken if a radius of `close` m suffices.
     """
     taken = _first(points)
     while True:
@@ -59,7 +60,7 @@ def fewer(points: Array, most: int = MOST_POINTS, close: float = CLOSE) -> Fewer
 
 
 def _first(points: Array) -> Index:
-    """The outermost along axes and diagonals; where these are flat, four more that are not."""
+    """The outermost points along axes and diagonals; if these are flat, four points that are not."""
     signs = np.array([sign for sign in product((-1.0, 0.0, 1.0), repeat=3) if any(sign)])
     taken = np.unique((points @ signs.T).argmax(axis=0))
     if np.linalg.matrix_rank(points[taken] - points[taken[0]], tol=FLAT) == 3:
@@ -74,7 +75,7 @@ def _first(points: Array) -> Index:
 
 
 def _farthest(heights: Array, room: int, close: float) -> Index:
-    """At most `room` points that stand out most of heights (n, f) over the facets, one a facet."""
+    """At most `room` points, one for each facet, with the largest heights (n, f) over the facets."""
     tops = heights.max(axis=0)
     facets = np.argsort(-tops)
     facets = facets[tops[facets] > max(SHARE * tops.max(), close)]
@@ -82,11 +83,11 @@ def _farthest(heights: Array, room: int, close: float) -> Index:
 
 
 def outside(points: Array, triangles: Array, heights: Array) -> Array:
-    """(n,) m by which points are outside a convex body, 0 for those that it holds.
+    """Distances (n,) m of points outside a convex body; 0 for points inside.
 
     Args:
-        points: (n, 3). triangles: (f, 3, 3) corners of its facets.
-        heights: (n, f) of the points over the facets.
+        points: (n, 3) m. triangles: (f, 3, 3) corners of the facets, m.
+        heights: (n, f) of the points over the facets, m.
     """
     point, facet = np.nonzero(heights > 0.0)
     found = np.full(len(points), np.inf)
@@ -95,10 +96,10 @@ def outside(points: Array, triangles: Array, heights: Array) -> Array:
 
 
 def to_triangles(points: Array, triangles: Array) -> Array:
-    """(m,) m from each point (m, 3) to its triangle (m, 3, 3).
+    """Distances (m,) m from each point (m, 3) to its triangle (m, 3, 3).
 
-    It is the distance to a point of the triangle whatever rounding does, so never too small: to what is below
-    the point or, where that is outside, to the nearest of the edges.
+    Rounding cannot make it too small, because it is the distance to some point of the triangle. This is the
+    point below or, if that lies outside, the nearest point of the edges.
     """
     edges = np.roll(triangles, -1, axis=1) - triangles
     away = points[:, None] - triangles
@@ -119,10 +120,10 @@ ROOM_FACTOR = 4.0
 
 
 def hull_proxies(gaps: Gaps, home: Array) -> dict[str, Fewer]:
-    """By the names of shapes what stands for them, in m in the frame that the model file gives their meshes.
+    """Reduced hulls by the names of their shapes, in m in the frame that the model file gives to the meshes.
 
     Args:
-        gaps: of the shapes as they are. home: (k,) pose.
+        gaps: of the original shapes. home: (k,) pose, rad (m).
     """
     shapes = gaps.skeleton.shapes
     looked_at = {i for gap in gaps.list for i in (gap.one, gap.other) if i >= 0}
@@ -137,7 +138,7 @@ def hull_proxies(gaps: Gaps, home: Array) -> dict[str, Fewer]:
 
 
 def _in_file(skeleton: Skeleton, shape: Shape, found: Fewer) -> Fewer:
-    """From the frame of the compiled geom, which MuJoCo lays into the mesh's own axes of inertia."""
+    """A hull in the file's frame of the mesh; MuJoCo turns a compiled geom to its axes of inertia."""
     import mujoco
 
     mesh = int(skeleton.model.geom_dataid[shape.geom])
@@ -147,7 +148,7 @@ def _in_file(skeleton: Skeleton, shape: Shape, found: Fewer) -> Fewer:
 
 
 def put(spec: Any, found: Mapping[str, Fewer]) -> None:
-    """Gives geoms of a `mujoco.MjSpec` the meshes that stand for theirs; what nobody names is taken out."""
+    """Replaces geoms of a `mujoco.MjSpec` by their reduced hulls, and removes meshes without users."""
     before = {geom.meshname for geom in spec.geoms if geom.name in found}
     for geom in spec.geoms:
         if geom.name in found:
@@ -161,7 +162,7 @@ def put(spec: Any, found: Mapping[str, Fewer]) -> None:
 
 
 def said(skeleton: Skeleton) -> tuple[str, ...]:
-    """A sentence for the links of which something larger is looked at."""
+    """A sentence that names the links with a reduced, larger hull; () without such links."""
     grown = {shape.link: shape.grown for shape in skeleton.shapes if shape.grown > 0.0}
     if not grown:
         return ()

@@ -1,8 +1,8 @@
 """Pairs of shapes whose distance is checked: within the robot, and with its surroundings.
 
-MuJoCo's own filter serves contacts, not proofs (a part welded to the world counts as nobody's parent), so
-pairs are chosen here. Left out: shapes of one rigid part, of parts on both sides of one joint, and what the
-robot file ignores.
+MuJoCo's own filter serves contacts and is no basis for proofs: it ignores that a part welded to the world has
+a parent. So pairs are chosen here. Omitted are shapes of one rigid part, of parts on both sides of one joint,
+and pairs that the robot file ignores.
 """
 
 from __future__ import annotations
@@ -28,15 +28,15 @@ NONE: Mapping[str, Fewer] = MappingProxyType({})
 def gaps_of(
     loaded: Loaded, lower: Array, upper: Array, around: Surroundings, hull_proxies: Mapping[str, Fewer] = NONE
 ) -> Gaps:
-    """Every distance that is looked at.
+    """All checked distances.
 
     Args:
-        loaded: the robot. lower, upper: (k,) limits of its joints.
-        around: what stands around, and what is ignored.
-        hull_proxies: by the names of shapes of meshes what is looked at in their place.
+        loaded: the robot. lower, upper: (k,) limits of its joints, rad (m).
+        around: the surroundings, and ignored pairs.
+        hull_proxies: reduced hulls by the names of their shapes.
 
     Raises:
-        UsageError: MuJoCo refuses the model, it has other joints, or nothing has a name in `ignore`.
+        UsageError: MuJoCo refuses the model, the model has other joints, or a name in `ignore` is unknown.
     """
     spec = _spec(loaded, around)
     put(spec, hull_proxies)
@@ -57,7 +57,9 @@ def gaps_of(
 
 
 def _spec(loaded: Loaded, around: Surroundings) -> Any:
-    """The robot's with all geoms named, without sensors and what boxes stand for, and with the boxes."""
+    """The robot's `mujoco.MjSpec` with names for all geoms, without sensors and boxed shapes, and with the
+    boxes.
+    """
     import mujoco
 
     spec = loaded.spec()
@@ -99,7 +101,7 @@ def _compiled(spec: Any, loaded: Loaded) -> Any:
 
 
 def excluded_links(skeleton: Skeleton, loaded: Loaded) -> tuple[tuple[str, str], ...]:
-    """Links that a joint can bring together and an MJCF excludes from contact."""
+    """Links that a joint can bring together although an MJCF excludes their contact."""
     pairs = {frozenset(pair) for pair in loaded.excluded}
     shapes = [(skeleton.shapes[i], skeleton.shapes[k]) for i, k in _meeting(skeleton)]
     left = [(one.link, other.link) for one, other in shapes if frozenset((one.name, other.name)) in pairs]
@@ -118,7 +120,7 @@ def _own(skeleton: Skeleton, excluded: Collection[frozenset[str]]) -> list[Gap]:
 
 
 def _meeting(skeleton: Skeleton) -> Iterator[tuple[int, int]]:
-    """Numbers of shapes, none of them a box, of parts that neither are one nor hang on one another."""
+    """Numbers of shapes, without boxes, of parts that are neither the same nor joined by one joint."""
     for (i, one), (k, other) in combinations(enumerate(skeleton.shapes), 2):
         a, b = one.part, other.part
         if a == b or skeleton.parent[a] == b or skeleton.parent[b] == a:
@@ -147,7 +149,7 @@ def _walled(skeleton: Skeleton, around: Surroundings) -> list[tuple[Gap, tuple[W
 
 
 def _moving(skeleton: Skeleton) -> list[int]:
-    """Numbers of the shapes that some joint moves."""
+    """Numbers of the shapes that a joint moves."""
     return [i for i, shape in enumerate(skeleton.shapes) if shape.part]
 
 

@@ -1,7 +1,7 @@
 """Distinct poses along a trajectory: clearance is a property of the path, not of time.
 
-A Fourier motion runs over one period of its series again and again, at whatever speed, ramps and repeats
-included; straight moves are lines between waypoints. Whatever holds for these poses holds for all times.
+A Fourier motion repeats one period of its series at any speed, in ramps and repeats. Straight moves are lines
+between waypoints. A property of all these poses holds at all times.
 """
 
 from __future__ import annotations
@@ -29,13 +29,14 @@ GRID = 4001
 
 @dataclass(frozen=True, eq=False)
 class PosePath:
-    """A curve x -> pose and how much it can bend.
+    """A curve x -> pose, with bounds of its derivatives.
 
     Attributes:
         knots: (K,) x, increasing; the curve is smooth between them.
-        at: x (T,) -> poses (T, k) and their derivatives (T, k).
-        bend: (k,) no second derivative is larger between knots; speed: (k,) nor a first one.
-        time: x (T,) -> s in the trajectory, the first time it is there.
+        at: x (T,) -> poses (T, k), rad (m), and their derivatives in x (T, k).
+        bend: (k,) bound of the second derivative between knots.
+        speed: (k,) bound of the first derivative between knots.
+        time: x (T,) -> s, first time of the trajectory at this place.
     """
 
     knots: Array
@@ -45,9 +46,10 @@ class PosePath:
     time: Callable[[Array], Array]
 
     def variation(self, x: Array, poses: Array, rates: Array, left: Index, right: Index) -> Array:
-        """(I, k) how far each joint travels at most between the points `left` and `right` (I,) of x.
+        """Largest travel (I, k) of each joint between the points `left` and `right` (I,) of x.
 
-        Where its rate cannot change sign it is the difference of the ends; else the bend adds to that.
+        It is the difference of the ends if the rate cannot change sign; otherwise the bound of the bend is
+        added.
         """
         step = (x[right] - x[left])[:, None]
         direct = np.abs(poses[right] - poses[left])
@@ -57,7 +59,7 @@ class PosePath:
 
 
 def path_of(piece: Trajectory) -> PosePath:
-    """The way of any piece of a trajectory."""
+    """The path of any piece of a trajectory."""
     if isinstance(piece, FourierTrajectory):
         return _of_series(piece)
     if isinstance(piece, PointToPoint):
@@ -66,7 +68,7 @@ def path_of(piece: Trajectory) -> PosePath:
 
 
 def _of_series(piece: FourierTrajectory) -> PosePath:
-    """One period, or what of it is gone through."""
+    """One period of the series, or the part that the motion uses."""
     span = min(2.0 * math.pi / piece.omega0, piece.duration - piece.ramp)
     path = FourierTrajectory(piece.coefficients, piece.omega0, span)
     times = np.linspace(0.0, piece.duration, GRID)
@@ -81,7 +83,7 @@ def _of_series(piece: FourierTrajectory) -> PosePath:
 
 
 def _of_moves(piece: PointToPoint) -> PosePath:
-    """Lines from waypoint to waypoint, x their number: on each, no joint ever turns."""
+    """Lines between waypoints, with x the number of the waypoint; no joint reverses on a line."""
     points, whole = piece.waypoints, np.arange(len(piece.waypoints), dtype=float)
     each = max(FIRST // max(len(points) - 1, 1), 1)
     knots = np.linspace(0.0, whole[-1], each * (len(points) - 1) + 1)
@@ -105,9 +107,9 @@ def _of_moves(piece: PointToPoint) -> PosePath:
 
 
 def _of_time(piece: Trajectory) -> PosePath:
-    """Any other form, over its whole duration, by its own bounds of speed and acceleration.
+    """Any other form over its whole duration, with its own bounds of speed and acceleration.
 
-    Of set-points that are held, each joint is taken to stay between one and the next.
+    Between set-points that are held, each joint is assumed to stay between both.
     """
     if isinstance(piece, Splined) and piece.held:
         return _of_points(piece)
@@ -120,7 +122,7 @@ def _of_time(piece: Trajectory) -> PosePath:
 
 
 def _of_points(piece: Any) -> PosePath:
-    """Lines from set-point to set-point: joints that stay between the ends travel no farther."""
+    """Lines between set-points; joints between the ends travel no farther."""
     times, points = np.asarray(piece.times), np.asarray(piece.points)[0]
     still = np.zeros(points.shape[1])
 
@@ -137,7 +139,7 @@ def _two(piece: Trajectory, x: Array) -> tuple[Array, Array]:
 
 
 def largest(piece: Trajectory, order: int) -> Array:
-    """(k,) bound of the size of a derivative at all times."""
+    """Bound (k,) of the magnitude of a derivative at all times."""
     values, amplitudes, kappa = piece.bound(order, 1)
     if not np.isfinite(values).all():
         return np.full(values.shape[1], np.inf)

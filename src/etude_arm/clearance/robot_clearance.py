@@ -1,7 +1,7 @@
 """Clearance limit of a robot from its file, computed once for each description.
 
-Where it can be: random poses that are clear of everything and seen from home in a straight line. None is
-trusted: motions that are looked for about them are proved one by one.
+Reachable poses are random clear poses with a straight clear line to home. No proof relies on them: each
+motion about them is proved.
 """
 
 from __future__ import annotations
@@ -29,10 +29,10 @@ _known: dict[str, tuple[Loaded, ClearanceDefaults, dict[str, tuple[Proof, ...]]]
 
 
 def clearance_of(spec: ArmSpec, margins: Margins) -> Clearance | None:
-    """The limit; None for a robot without shapes, of which nothing can be looked at.
+    """The limit; None for a robot without shapes.
 
     Raises:
-        UsageError: the model cannot be loaded, or the robot overlaps with itself or its surroundings at home.
+        UsageError: the model cannot be loaded, or at home the robot overlaps itself or its surroundings.
     """
     found = _of(spec)
     if found is None or not found[1].gaps.list:
@@ -53,7 +53,7 @@ def clearance_of(spec: ArmSpec, margins: Margins) -> Clearance | None:
 
 
 def skeleton_of_robot(spec: ArmSpec) -> Skeleton:
-    """The parts and shapes that distances are taken of; without any, those of the model file.
+    """Parts and shapes for distances; for a robot without any, those of the model file.
 
     Raises:
         UsageError: the model cannot be loaded.
@@ -66,7 +66,9 @@ def skeleton_of_robot(spec: ArmSpec) -> Skeleton:
 
 
 def search_of(spec: ArmSpec) -> tuple[Array, Array, Array]:
-    """A clear pose and the ends (k,) of the box about it; without shapes the limits, and their middle."""
+    """A clear pose and the ends (k,) of the box about it, rad (m); without shapes, the limits and their
+    middle.
+    """
     search = spec.around.search
     if search is None or not search.lower:
         found = _of(spec)
@@ -88,14 +90,14 @@ COARSE = 5
 
 
 def one_turn(lower: Array, upper: Array, home: Array, slides: Mask) -> tuple[Array, Array]:
-    """(k,) ends of the ranges, a turn about home at most: what a hinge does beyond that it has shown."""
+    """Ends (k,) of the ranges, within one turn about home: a hinge shows all its poses in one turn."""
     most = np.where(slides, upper - lower, np.minimum(upper - lower, 2.0 * math.pi))
     low = np.clip(home - 0.5 * most, lower, upper - most)
     return low, low + most
 
 
 def reachable(clearance: Clearance) -> Reachable:
-    """Of an arm with shapes, whose motions `clearance` limits."""
+    """Reachable poses of an arm with shapes, within `clearance`."""
     skeleton, home = clearance.gaps.skeleton, clearance.home
     lower, upper = one_turn(skeleton.lower, skeleton.upper, home, skeleton.slides)
     tried = np.random.default_rng(SEED).uniform(lower, upper, (POSES, len(home)))
@@ -105,12 +107,12 @@ def reachable(clearance: Clearance) -> Reachable:
 
 
 def _clear(clearance: Clearance, poses: Array) -> Mask:
-    """(T,) whether every gap is what searches keep."""
+    """Mask (T,) of poses at which every gap keeps the margin of searches."""
     return np.asarray(np.all(clearance.gaps.of_poses(poses) - TOLERANCE >= clearance.sought, axis=1))
 
 
 def _seen(clearance: Clearance, home: Array, poses: Array) -> Mask:
-    """(T,) whether the straight line from home to a pose is clear; lines that are not are left early."""
+    """Mask (T,) of poses with a straight clear line to home; a line ends at its first overlap."""
     seen = np.ones(len(poses), dtype=np.bool_)
     longest = np.abs(poses - home).max(axis=1)
     counts = np.maximum(COARSE, np.ceil(longest / LINE).astype(int))
@@ -125,7 +127,7 @@ def _seen(clearance: Clearance, home: Array, poses: Array) -> Mask:
 
 
 def reachable_of(spec: ArmSpec) -> Reachable:
-    """Where an arm can be; without shapes its ranges alone."""
+    """Reachable poses of an arm; without shapes, its ranges alone."""
     clearance = clearance_of(spec, {})
     if clearance is not None:
         return of_file(_reachable, spec, lambda: reachable(clearance))
@@ -133,7 +135,7 @@ def reachable_of(spec: ArmSpec) -> Reachable:
 
 
 def ranges_of(spec: ArmSpec) -> tuple[Array, Array]:
-    """(k,) ends of the joints' ranges, of a hinge a turn about home at most."""
+    """Ends (k,) of the joints' ranges, rad (m); for a hinge, within one turn about home."""
     slides = np.array([axis.unit == "m" for axis in spec.axes])
     return one_turn(spec.lower, spec.upper, search_of(spec)[0], slides)
 
@@ -141,13 +143,13 @@ def ranges_of(spec: ArmSpec) -> tuple[Array, Array]:
 def completed(
     spec: ArmSpec, loaded: Loaded, leave: Pairs = frozenset(), *, whole_file: bool
 ) -> tuple[Surroundings, tuple[str, ...]]:
-    """The robot's surroundings with nothing left open, and what a person should confirm of them.
+    """The robot's surroundings with all defaults, and sentences for a person to confirm.
 
     Args:
         spec: of the robot. loaded: its model.
         leave: pairs of links that an SRDF disables.
-        whole_file: take the room that the model file holds, and a floor at 0 where it has none and nothing of
-            the base is below that; else a robot file has said what stands around.
+        whole_file: also take the surroundings of the model file, and a floor at 0 if it has none and the base
+            does not reach below. Otherwise a robot file describes the surroundings.
 
     Raises:
         UsageError: as `settled`.
@@ -168,7 +170,7 @@ def completed(
 
 
 def not_verified(loaded: Loaded, around: Surroundings) -> tuple[str, ...]:
-    """Sentences: what the clearance of this robot leaves out."""
+    """Sentences on what the clearance of this robot does not cover."""
     ignored = [f"The distance of {one} and {other}." for one, other in around.collision.ignore]
     given = any((around.floor, around.box, around.wall, around.room, around.column))
     others = "Anything else that stands around the robot, cables, and people."
@@ -179,7 +181,7 @@ def not_verified(loaded: Loaded, around: Surroundings) -> tuple[str, ...]:
 
 
 def beside_base(skeleton: Skeleton) -> tuple[str, ...]:
-    """A sentence for links that hang on the base, where more than their foot is fixed to it: a table."""
+    """A sentence on links that are fixed to the base together with more than their foot: a table."""
     fixed = dict.fromkeys(s.link for s in skeleton.shapes if s.part == 0 and not s.box)
     shaped = {shape.part for shape in skeleton.shapes}
     first = [skeleton.parts[p] for p in sorted(shaped) if p and skeleton.parent[p] == 0]

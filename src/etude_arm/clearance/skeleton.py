@@ -31,15 +31,15 @@ SIDES = 128
 
 @dataclass(frozen=True, eq=False)
 class Shape:
-    """A convex part of the robot: all points within `radius` of the hull of `points`; it holds its geom.
+    """A convex part of the robot: all points within `radius` of the hull of `points`; it contains its geom.
 
     Attributes:
         name: of its geom, "link#k" or the link's name.
-        geom: number in the model. part: number of the rigid part that it belongs to.
+        geom: number in the model. part: number of its rigid part.
         points: (V, 3) m in the geom's frame. radius: m.
-        smooth: whether the geom has no corners of its own, so that points only hold it loosely.
-        grown: m of the radius that the geom does not have: the hull of fewer points, which stands for more.
-        box: whether it is a box around the robot. A link may be called like one.
+        smooth: the geom has no corners, so that the points enclose it only loosely.
+        grown: m of the radius that the geom does not have: a reduced hull stands for a larger one.
+        box: it is a box of the surroundings. A link may have the same name.
     """
 
     name: str
@@ -53,7 +53,7 @@ class Shape:
 
     @property
     def link(self) -> str:
-        """The link of the model file, or the box; links that are fixed to one another are one part."""
+        """Its link in the model file, or the box; links that are fixed to one another are one part."""
         return self.name.removeprefix(BOX) if self.box else self.name.rpartition("#")[0] or self.name
 
 
@@ -65,17 +65,17 @@ def reaches(
     slides: Mask,
     added: Array,
 ) -> Array:
-    """(k,) L: none of the points is ever farther from that joint's axis; 0 of joints not in the chain.
+    """Reach L (k,): no point is ever farther from that joint's axis; 0 for joints outside the chain.
 
-    Of a slide it is 1. Else along the chain from the joint to the points: the next anchor's distance from
-    the axis, the lengths between further anchors, the farthest point from the last one, and what slides
-    in between can add.
+    L is 1 for a slide. Otherwise it adds up along the chain from the joint to the points: the next anchor's
+    distance from the axis, the lengths between anchors, the farthest point from the last anchor, and the
+    travel of slides.
 
     Args:
-        points: (V, 3) m in the room, in one pose. beyond: (V,) m, radii around them.
+        points: (V, 3) m in the world, in one pose. beyond: (V,) m, radii around them.
         chain: places of the joints that move them, the innermost first.
         joints: anchors and axes (k, 3) in that pose.
-        slides: (k,) which joints slide. added: (k,) m that each slide can go from there.
+        slides: (k,) mask. added: (k,) m, largest travel of each slide from that pose.
     """
     anchors, axes = joints
     found, outside = np.zeros(len(slides)), points
@@ -114,15 +114,15 @@ def bent(reach: Array, chain: Sequence[int], rates: Sequence[Array]) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Skeleton:
-    """A compiled model seen as rigid parts between joints.
+    """A compiled model as rigid parts between joints.
 
     Attributes:
         model: with one degree of freedom for each joint and no others.
-        joints: (k,) the model's numbers of the joints, in the order of the robot's axes.
-        lower, upper: (k,) position limits, rad (m); how far slides can carry something follows from them.
-        parts: names; 0 is what no joint moves.
-        parent: (B,) the part that each hangs on, -1 for the first.
-        moves: (B, k) whether that joint moves that part.
+        joints: (k,) numbers of the joints in the model, in the order of the robot's axes.
+        lower, upper: (k,) position limits, rad (m); they bound the travel of slides.
+        parts: names; part 0 is what no joint moves.
+        parent: (B,) parent of each part, -1 for the first.
+        moves: (B, k) whether the joint moves the part.
         shapes: of all parts.
     """
 
@@ -136,7 +136,7 @@ class Skeleton:
     shapes: tuple[Shape, ...]
 
     def called(self, thing: str) -> str:
-        """What stands around, by a name that no link has."""
+        """Name of an object of the surroundings that no link has."""
         return f"{thing}{STANDING}" if thing in self._links else thing
 
     @cached_property
@@ -145,19 +145,19 @@ class Skeleton:
 
     @property
     def addresses(self) -> Index:
-        """(k,) places of the joints in qpos."""
+        """Places (k,) of the joints in qpos."""
         return np.asarray(self.model.jnt_qposadr[self.joints], dtype=np.int64)
 
     @cached_property
     def slides(self) -> Mask:
-        """(k,) which joints slide."""
+        """Mask (k,) of the slides."""
         import mujoco
 
         return np.asarray(self.model.jnt_type[self.joints] == int(mujoco.mjtJoint.mjJNT_SLIDE))
 
     @cached_property
     def reaches(self) -> Array:
-        """(G, k) L: no point of that shape is ever farther from that joint's axis, or 0."""
+        """Reach L (G, k): no point of that shape is ever farther from that joint's axis; else 0."""
         import mujoco
 
         data = mujoco.MjData(self.model)
@@ -183,11 +183,13 @@ class Skeleton:
         return [[int(j) for j in order if moved[j]] for moved in self.moves]
 
     def between(self, one: int, other: int) -> Mask:
-        """(k,) joints that move one of two parts and not the other: on them alone their distance depends."""
+        """Mask (k,) of joints that move one of two parts and not the other; their distance depends on these
+        alone.
+        """
         return np.asarray(self.moves[one] ^ self.moves[other])
 
     def random_poses(self, rng: np.random.Generator, count: int) -> Array:
-        """(count, k) uniform inside the limits."""
+        """Uniform poses (count, k) inside the limits, rad (m)."""
         return rng.uniform(self.lower, self.upper, (count, len(self.joints)))
 
 
@@ -201,8 +203,8 @@ def skeleton_of(
     """The skeleton of a model with exactly these joints.
 
     Args:
-        model: compiled. names: of the joints. lower, upper: (k,) their limits.
-        grown: by the names of geoms m by which their shapes are thicker.
+        model: compiled. names: of the joints. lower, upper: (k,) their limits, rad (m).
+        grown: m by which shapes are thicker than their geoms, by the geoms' names.
 
     Raises:
         UsageError: the model has another number of degrees of freedom, or lacks a joint.
@@ -248,7 +250,7 @@ def _shapes(model: mujoco.MjModel, place: Mapping[int, int], grown: Mapping[str,
 
 
 def points_of(model: mujoco.MjModel, geom: int) -> tuple[Array, float]:
-    """Points (V, 3) and radius of a shape around a geom; no points for what has no convex hull of its own."""
+    """Points (V, 3) and radius of a shape around a geom, m; no points for a geom without a convex hull."""
     import mujoco
 
     kind, size = mujoco.mjtGeom(model.geom_type[geom]), model.geom_size[geom]
@@ -271,7 +273,7 @@ def points_of(model: mujoco.MjModel, geom: int) -> tuple[Array, float]:
 
 
 def _corners(model: mujoco.MjModel, mesh: int) -> Array:
-    """Those of a mesh's points that its hull needs, as MuJoCo has found them; all if it has no hull."""
+    """Points of a mesh that its hull needs, as MuJoCo found them; all points if it has no hull."""
     first, graph = int(model.mesh_vertadr[mesh]), int(model.mesh_graphadr[mesh])
     points: Array = model.mesh_vert[first : first + int(model.mesh_vertnum[mesh])].astype(float)
     if graph < 0:

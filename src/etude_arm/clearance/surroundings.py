@@ -48,13 +48,13 @@ def _check(fits: bool, fact: str) -> None:
 
 @dataclass(frozen=True)
 class Collision:
-    """What is kept, and between which links nothing is.
+    """Distances to keep, and pairs of links without one.
 
     Attributes:
-        margin: m, kept beyond what tracking needs; half of a pair's distance at home if that is less.
+        margin: m, beyond the effect of tracking; half of a pair's distance at home if that is less.
         ignore: pairs of links, as in the model file, whose distance is not verified.
-        boxed: shapes of the model file, "link#k", that do not count: boxes of the robot file stand for them.
-        look: False: no distance is.
+        boxed: shapes of the model file, "link#k", that boxes of the robot file replace.
+        look: False: no distance is verified.
     """
 
     margin: float = MARGIN
@@ -132,11 +132,11 @@ class Column:
 
 @dataclass(frozen=True)
 class Search:
-    """Where motions are looked for: a clear pose and a box about it; what is proved does not depend on it.
+    """Where the search looks for motions: a clear pose and a box about it. No proof depends on it.
 
     Attributes:
-        home: pose that is clear of everything, rad (m).
-        lower, upper: ends of the box; motions may be grown beyond it.
+        home: a clear pose, rad (m).
+        lower, upper: ends of the box; later steps may enlarge motions beyond it.
     """
 
     home: tuple[float, ...]
@@ -146,7 +146,7 @@ class Search:
 
 @dataclass(frozen=True)
 class Surroundings:
-    """All of it. Nothing is assumed to stand where nothing is given."""
+    """All tables of the surroundings; without a table there is no such object."""
 
     collision: Collision = field(default_factory=Collision)
     floor: Floor | None = None

@@ -1,11 +1,11 @@
-"""The share of a distance that tracking errors can take: the real pose lies within e of the planned one.
+"""Effect of tracking errors on distances: the real pose lies within e of the planned one.
 
-Every distance falls by at most P.e, with P the reach; that is for the worst pose there is, and far too much
-for most. With n the direction from one shape to the other at this pose, both seen through their corners x,
+Every distance falls by at most P.e, with P the reach. This holds for the worst pose and is far too large for
+most. Let n be the direction from one shape to the other at this pose, and x the corners of both shapes. Then
 
     d(q + delta) >= min (n.x_2 - sum_j |n.dx_2/dq_j| e_j) - max (n.x_1 + sum_j |n.dx_1/dq_j| e_j) - slack
 
-for all |delta_j| <= e_j: whatever n is, no two shapes are nearer than along it. The slack is the second
+for all |delta_j| <= e_j, because no two shapes are nearer than along any direction n. The slack is of second
 order: no point bends by more than L_j along two joints of which j is the outer one.
 """
 
@@ -29,13 +29,13 @@ LOOKED_WITHIN = 0.02
 
 
 def lost(gaps: Gaps, poses: Array, distances: Array, error: Array, wanted: Array) -> Array:
-    """(T, n) m by which distances can be less than planned.
+    """Largest decrease (T, n) m of the distances under tracking errors.
 
     Args:
         gaps: of the robot.
-        poses: (T, k). distances: (T, n) at them.
+        poses: (T, k) rad (m). distances: (T, n) m at them.
         error: (k,) e, rad (m).
-        wanted: (n,) m; where the bound by reaches leaves more than that it is enough.
+        wanted: (n,) m; the bound by reaches suffices where it leaves more.
     """
     found = np.tile(gaps.reach @ error, (len(poses), 1))
     near = (distances - found < wanted + LOOKED_WITHIN) & (distances > 0.0)
@@ -53,10 +53,10 @@ def lost(gaps: Gaps, poses: Array, distances: Array, error: Array, wanted: Array
 def all_keep(
     gaps: Gaps, poses: Array, distances: Array, error: Array, share: Array, wanted: Array, sought: Array
 ) -> bool:
-    """Whether distances less their share (n,) of what `lost` says are all at least `sought` (n,).
+    """Whether all distances less their share (n,) of `lost` are at least `sought` (n,) m.
 
-    Arguments as there. The same answer for less: what by its reach alone keeps enough is not verified, and
-    the first gap that does not keep it ends the search.
+    Other arguments as `lost`. Cheaper than `lost`: gaps that the reach alone keeps wide are not computed, and
+    the first gap below ends the search.
     """
     most = gaps.reach @ error
     slack = distances - share * most - sought
@@ -79,13 +79,13 @@ def all_keep(
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """Where everything is at M poses.
+    """Frames of a robot at M poses.
 
     Attributes:
         gaps: of the robot.
-        places: (M, geoms, 3) and turns: (M, geoms, 3, 3) of the geoms.
-        anchors, axes: (M, k, 3) of the joints.
-        normals: (M, n, 3) from one geom to the other, of gaps between geoms that are near.
+        places: (M, geoms, 3) m and turns: (M, geoms, 3, 3) of the geoms.
+        anchors: (M, k, 3) m and axes: (M, k, 3) of the joints.
+        normals: (M, n, 3) from one geom to the other, of gaps between near geoms.
     """
 
     gaps: Gaps
@@ -97,7 +97,7 @@ class Scene:
 
     @classmethod
     def of(cls, gaps: Gaps, poses: Array, near: Mask) -> Scene:
-        """At poses (M, k), with the normals of the gaps that are `near` (M, n)."""
+        """The scene at poses (M, k), with normals of the gaps that are `near` (M, n)."""
         import mujoco
 
         skeleton, count = gaps.skeleton, len(poses)
@@ -125,7 +125,7 @@ class Scene:
         return cls(gaps, places, turns, anchors[:, joints], axes[:, joints], normals)
 
     def least(self, i: int, at: Index, error: Array) -> Array:
-        """(len(at),) m that gap number `i` keeps at those poses, whatever the errors; -inf: not known."""
+        """Least distance (len(at),) m of gap number `i` at those poses under any errors; -inf: unknown."""
         gap, sensed = self.gaps.list[i], len(self.gaps.sensed)
         moving = np.where(self.gaps.reach[i] > 0.0, error, 0.0)
         if i < sensed:
@@ -145,7 +145,7 @@ class Scene:
         return np.asarray(np.min(found, axis=0))
 
     def _lowest(self, number: int, normal: Array, at: Index, error: Array) -> Array:
-        """(len(at),) least n.x of a shape under errors (k,), with a normal (len(at), 3) for each pose."""
+        """Least n.x (len(at),) of a shape under errors (k,), with a normal (len(at), 3) for each pose."""
         skeleton = self.gaps.skeleton
         shape = skeleton.shapes[number]
         own = [j for j in skeleton.chain(shape.part) if error[j] > 0.0]
@@ -164,7 +164,7 @@ class Scene:
         return np.asarray(height.min(axis=1) - shape.radius - slack)
 
     def _along(self, shape: Shape, direction: Array, origin: Array, at: Index) -> Array:
-        """(len(at), V) direction.(x - origin) of a shape's points x at those poses."""
+        """direction.(x - origin), (len(at), V), of a shape's points x at those poses."""
         local = (direction[:, None] @ self.turns[at, shape.geom])[:, 0]
         start = (direction * (self.places[at, shape.geom] - origin)).sum(axis=1)
         return np.asarray(local @ shape.points.T + start[:, None])

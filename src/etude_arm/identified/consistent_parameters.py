@@ -35,7 +35,7 @@ from etude_arm.physics.mean import RigidBodyMean
 from etude_arm.physics.rigid_body import SPEED, command_regressors
 from etude_arm.physics.rigid_tree import drives_from_mujoco, tree_from_mujoco
 from etude_arm.physics.transmission import Drive
-from etude_arm.spec import PATH, PLAN, ArmSpec
+from etude_arm.spec import FIRST_WAVE, PATH, PLAN, ArmSpec
 
 MOST_FOLDS = 10  # of segments held out in turn
 DROPPED = 1e-9  # prior deviation, command units
@@ -288,7 +288,7 @@ def _barrier(x: Array, only_value: bool = False) -> tuple[float, Array, Array]:
 class Identified:
     """Attributes:
     links: the bodies of the file. result: their parameters. own: (J, E) terms of the drives.
-    joints: armature, damping and friction of each joint with a drive of its own.
+    joints: armature, damping, friction and cogging of each joint with a drive of its own.
     ripple: (J,) rms of what returns with each hinge's position, as cogging, command units.
     errors: on segments left out. used: (n, J) samples in which a joint moves and has not just turned.
     """
@@ -302,7 +302,9 @@ class Identified:
     errors: Errors
 
 
-def _joint_terms(spec: ArmSpec, links: Links, evidence: WhitenedRows, own: Array) -> dict[str, JointTerms]:
+def _joint_terms(
+    spec: ArmSpec, links: Links, evidence: WhitenedRows, own: Array, cogs: Mask
+) -> dict[str, JointTerms]:
     """Of drives that are one joint's; none below zero. Friction c sign(v) + d v is the nearest to what was
     identified over the logs' own speeds.
     """
@@ -317,8 +319,17 @@ def _joint_terms(spec: ArmSpec, links: Links, evidence: WhitenedRows, own: Array
         speed, force = columns[:, SPEED], columns[:, FRICTION] @ own[j, FRICTION]
         friction, damping = nnls(np.column_stack([np.sign(speed), speed]), force)[0].tolist()
         armature = max(0.0, float(own[j, 0])) * turn**2
-        found[name] = JointTerms(armature, damping * turn**2, friction * turn)
+        waves = _driving(drive.side(j) * turn * own[j, OFFSET_TERM + 1 :]) if cogs[j] else ()
+        found[name] = JointTerms(armature, damping * turn**2, friction * turn, waves)
     return found
+
+
+def _driving(taken: Array) -> tuple[tuple[int, float, float], ...]:
+    """Periods, amplitude and phase of what drives a joint whose command holds these `waves` (2 R,) more."""
+    return tuple(
+        (FIRST_WAVE + k, float(np.hypot(sine, cosine)), float(np.arctan2(-cosine, -sine)))
+        for k, (sine, cosine) in enumerate(taken.reshape(-1, 2))
+    )
 
 
 def identified(samples: Samples, spec: ArmSpec, mean: RigidBodyMean) -> Identified:
@@ -336,7 +347,7 @@ def identified(samples: Samples, spec: ArmSpec, mean: RigidBodyMean) -> Identifi
     whole = evidence.normal()
     result = consistent(*evidence.reduced(whole), links.nominal)
     own = evidence.own_terms(whole, result.phi)
-    joints = _joint_terms(spec, links, evidence, own)
+    joints = _joint_terms(spec, links, evidence, own, found.cogs)
     waves = len(links.nominal) + OFFSET_TERM + 1
     pairs = zip(evidence.rows, own[:, OFFSET_TERM + 1 :], strict=True)
     ripple = np.array([np.sqrt(np.mean((rows[:, waves:] @ size) ** 2)) for (rows, _), size in pairs])

@@ -23,13 +23,27 @@ FUSED, APART = 'fusestatic="true"', 'fusestatic="false"'
 """Of what a loaded model says: links that move as one are one body, or each its own."""
 
 
+COGGING = "cogging"
+"""Name of its files and of its default class."""
+NOTHING_ELSE = {"gear": "1", "armature": "0", "damping": "0", "nsample": "0", "delay": "0"} | {
+    "forcelimited": "false",
+    "forcerange": "0 0",
+}
+"""Of an actuator, in the place of what a file's defaults say."""
+
+
 @dataclass(frozen=True)
 class JointTerms:
-    """Of one joint, in N m (N) per rad/s^2, per rad/s, and N m (N)."""
+    """Of one joint, in N m (N) per rad/s^2, per rad/s, and N m (N).
+
+    Attributes:
+        cogging: periods a turn, amplitude and phase of waves; the joint is driven by their sum.
+    """
 
     armature: float
     damping: float
     friction: float
+    cogging: tuple[tuple[int, float, float], ...] = ()
 
 
 def central(phi: Array) -> tuple[float, Array, Array]:
@@ -84,6 +98,8 @@ def _inertial(phi: Array) -> ET.Element:
 def mjcf(spec: ArmSpec, bodies: Mapping[str, Array], joints: Mapping[str, JointTerms]) -> dict[str, bytes]:
     """What MuJoCo reads, and the meshes beside it, by name: an MJCF with all that it holds, a URDF's chosen
     joints with hulls and a motor for each. Tool and payload are bodies of it. Arguments as of `written`.
+
+    The first includes no cogging, since older readers know no actuator of it; the one that includes it has.
     """
     assert spec.model_file is not None
     model, files = _of_urdf(spec) if parsed(spec.model_file).tag == "robot" else _of_mjcf(spec)
@@ -99,11 +115,34 @@ def mjcf(spec: ArmSpec, bodies: Mapping[str, Array], joints: Mapping[str, JointT
             joint.frictionloss = terms.friction
     try:
         model.compile()
-        return {f"{spec.model_file.stem}.xml": str(model.to_xml()).encode(), **files}
+        name = f"{spec.model_file.stem}.xml"
+        return {name: str(model.to_xml()).encode(), **_with_cogging(name, joints), **files}
     except ValueError as problem:
         raise UsageError(
             f"MuJoCo cannot write the model anew: {str(problem).strip()}", where=str(spec.model_file)
         ) from None
+
+
+def cogged(name: str) -> str:
+    """Name of the file that adds cogging to that one."""
+    return f"{name.removesuffix('.xml')}_{COGGING}.xml"
+
+
+def _with_cogging(name: str, joints: Mapping[str, JointTerms]) -> dict[str, bytes]:
+    """A file that includes that one and adds an actuator without input for each wave; none without waves."""
+    root = ET.Element("mujoco")
+    ET.SubElement(root, "include", file=name)
+    default = ET.SubElement(ET.SubElement(root, "default"), "default", {"class": COGGING})
+    ET.SubElement(default, "general", NOTHING_ELSE)
+    actuators = ET.SubElement(root, "actuator")
+    # a motor without a constant has no other force; MuJoCo wants a resistance
+    still = {"class": COGGING, "input": "none", "motorconst": "0 0", "resistance": "1"}
+    for joint, terms in joints.items():
+        for periods, size, phase in terms.cogging:
+            own = {"name": f"{joint} cogging {periods}", "joint": joint} | still
+            ET.SubElement(actuators, "dcmotor", own | {"cogging": _text((size, periods, phase))})
+    ET.indent(root)
+    return {cogged(name): ET.tostring(root) + b"\n"} if len(actuators) else {}
 
 
 def _of_mjcf(spec: ArmSpec) -> tuple[Any, dict[str, bytes]]:

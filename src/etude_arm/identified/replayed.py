@@ -1,4 +1,4 @@
-"""Check of a written file against the logs: MuJoCo's inverse dynamics of it, and the model's physics."""
+"""Check of written files against the logs: MuJoCo's inverse dynamics of them, and the model's physics."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ import numpy as np
 
 from etude.types import Array, Samples
 from etude_arm.identified.consistent_parameters import Identified
+from etude_arm.identified.model_file_writer import cogged
 from etude_arm.identified.parameter_fit import OFFSET_TERM
 from etude_arm.physics.kinematics import body_motion
 from etude_arm.physics.mean import RigidBodyMean
-from etude_arm.physics.rigid_body import waves
 from etude_arm.physics.transmission import drive_motion
 from etude_arm.spec import PATH, PLAN, ArmSpec
 
@@ -28,7 +28,7 @@ class Replayed:
 
     Attributes:
         file: of MuJoCo's inverse dynamics with the written file.
-        cogged: of the same with the cogging that was identified, which no file can hold either.
+        cogged: of the same with the file that adds cogging.
         physics: of the identified physics that the model uses.
     """
 
@@ -41,28 +41,35 @@ def replayed(
     files: Mapping[str, bytes], samples: Samples, spec: ArmSpec, found: Identified, mean: RigidBodyMean
 ) -> Replayed:
     """Args:
-    files: an MJCF, the first of them, and its meshes. found: what it was written of.
+    files: as `mjcf` gives them. found: what they were written of.
     """
     import mujoco
 
-    name, *_ = files
-    assets = {path.rsplit("/", 1)[-1]: data for path, data in files.items() if path != name}
-    model = mujoco.MjModel.from_xml_string(files[name].decode(), assets)
+    plain, *_ = files
+    assets = {path.rsplit("/", 1)[-1]: data for path, data in files.items()}
     motion = [samples.log[name] for name in (PLAN if mean.desired else PATH)]
-    torque = inverse(model, spec, *motion)
     tree, drives = found.links.tree, found.links.drives
-    force = drive_motion(tree, drives, body_motion(tree, *motion), *motion[1:]).to_drive(torque)
+    moved = drive_motion(tree, drives, body_motion(tree, *motion), *motion[1:])
 
     def error(predicted: Array) -> Array:
         return np.asarray(np.sqrt(np.mean((samples.command - predicted) ** 2, axis=0, where=found.used)))
 
-    file = force + found.own[:, OFFSET_TERM]
-    cogging = np.einsum("njw,jw->nj", waves(motion[0]), found.own[:, OFFSET_TERM + 1 :])
-    return Replayed(error(file), error(file + cogging), error(mean.predict(samples.log)))
+    def played(name: str) -> Array:
+        model = mujoco.MjModel.from_xml_string(files[name].decode(), assets)
+        return error(moved.to_drive(inverse(model, spec, *motion)) + found.own[:, OFFSET_TERM])
+
+    file = played(plain)
+    return Replayed(
+        file,
+        played(cogged(plain)) if cogged(plain) in files else file,
+        error(mean.predict(samples.log)),
+    )
 
 
 def inverse(model: mujoco.MjModel, spec: ArmSpec, q: Array, qd: Array, qdd: Array) -> Array:
-    """(n, J) forces at the joints, with friction and armature, without contacts and stops."""
+    """(n, J) forces at the joints, with friction and armature, without contacts and stops, less what drives
+    joints without a control.
+    """
     import mujoco
 
     flags = mujoco.mjtDisableBit
@@ -74,9 +81,16 @@ def inverse(model: mujoco.MjModel, spec: ArmSpec, q: Array, qd: Array, qdd: Arra
         joint = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, name)
         if joint >= 0:  # of a URDF what is held is one body with the link above
             data.qpos[model.jnt_qposadr[joint]] = place
+    free = np.flatnonzero(
+        (model.actuator_ctrlnum == 0) & (model.actuator_trntype == mujoco.mjtTrn.mjTRN_JOINT)
+    )
+    driven = model.jnt_dofadr[model.actuator_trnid[free, 0]]
     found = np.zeros_like(q)
     for i in range(len(q)):
         data.qpos[at], data.qvel[dofs], data.qacc[dofs] = q[i], qd[i], qdd[i]
         mujoco.mj_inverse(model, data)
-        found[i] = data.qfrc_inverse[dofs]
+        mujoco.mj_fwdActuation(model, data)
+        force = data.qfrc_inverse.copy()
+        np.subtract.at(force, driven, model.actuator_gear[free, 0] * data.actuator_force[free])
+        found[i] = force[dofs]
     return found

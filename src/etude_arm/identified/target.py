@@ -15,13 +15,12 @@ from etude.logs.readers.cells import text_cell
 from etude.protocols import Kind
 from etude.types import Array, Delivered, Samples
 from etude_arm.identified.consistent_parameters import Identified, identified
-from etude_arm.identified.model_file_writer import JointTerms, mjcf, written
-from etude_arm.identified.parameter_fit import OFFSET_TERM
+from etude_arm.identified.model_file_writer import JointTerms, cogged, mjcf, written
 from etude_arm.identified.pseudo_inertia import is_possible
 from etude_arm.identified.replayed import Replayed, replayed
 from etude_arm.physics.geometry import has_masses
 from etude_arm.physics.mean import RigidBodyMean
-from etude_arm.spec import FIRST_WAVE, FORCES, ArmSpec
+from etude_arm.spec import FORCES, ArmSpec
 
 NAMES = ("mass", "m cx", "m cy", "m cz", "Ixx", "Iyy", "Izz", "Ixy", "Ixz", "Iyz")
 UNITS = ("kg", *["kg m"] * 3, *["kg m^2"] * 6)
@@ -64,7 +63,11 @@ class ModelFile:
         name, *_ = written
         played = _played(name, written, given.samples, spec, found, mean)
         rows = _rows(found)
-        said = [*_said(found, spec, rows), *_carried(name, spec), *_played_sentences(played, found, spec)]
+        said = [
+            *_said(found, spec, rows),
+            *_carried(name, spec),
+            *_played_sentences(name, played, found, spec),
+        ]
         facts: dict[str, Any] = {"told": found.result.told, "segments": found.errors.segments}
         if played is not None:
             names = ("file", "cogged", "physics")
@@ -77,8 +80,8 @@ class ModelFile:
             "identifiability.json": (json.dumps(rows, indent=1) + "\n").encode(),
             "README.md": _readme(name, found, spec, rows, said).encode(),
         }
-        if played is not None:
-            files["cogging.csv"] = table(_cogging(found, spec)).encode()
+        if played is not None and (waves := _cogging(found)):
+            files["cogging.csv"] = table(waves).encode()
         return Delivered(files, tuple(said), {**facts, "parameters": rows})
 
 
@@ -97,34 +100,36 @@ def _played(
     return None if name.endswith(".urdf") else replayed(files, samples, spec, found, mean)
 
 
-def _played_sentences(played: Replayed | None, found: Identified, spec: ArmSpec) -> list[str]:
+def _played_sentences(name: str, played: Replayed | None, found: Identified, spec: ArmSpec) -> list[str]:
     if played is None:
         return []
     errors = played.file, played.cogged, played.physics
     pairs = zip(spec.names, spec.command_units, *errors, strict=True)
     parts = ", ".join(
-        f"{name} {digits(file)}, {digits(cogged)} ({digits(own)}) {unit}"
-        for name, unit, file, cogged, own in pairs
+        f"{joint} {digits(file)}, {digits(full)} ({digits(own)}) {unit}"
+        for joint, unit, file, full, own in pairs
     )
     waves = zip(spec.names, spec.command_units, found.ripple.tolist(), strict=True)
-    ripple = ", ".join(f"{name} {digits(size)} {unit}" for name, unit, size in waves)
+    cogs = [name for name, terms in found.joints.items() if terms.cogging]
+    ripple = ", ".join(f"{joint} {digits(size)} {unit}" for joint, unit, size in waves if joint in cogs)
     return [
-        "MuJoCo's inverse dynamics of the file errs on the logs by, with the cogging by (the model's physics "
+        "MuJoCo's inverse dynamics of the file errs on the logs by, with cogging by (the model's physics "
         f"by): {parts}.",
-        f"The file has no cogging, which was told from gravity (rms): {ripple}. cogging.csv has its waves: "
-        "qfrc_applied of minus their sum adds it to a simulation.",
+        f"The file has no cogging, which was told from gravity (rms): {ripple}. {cogged(name)} adds it, for "
+        "MuJoCo 4; cogging.csv has its waves, for other simulators."
+        if ripple
+        else "The logs show no cogging.",
         "frictionloss and damping are the nearest c sign(v) + d v: the file has no Stribeck's dip, no "
         "friction that turns round over a way or differs by direction, and no offset.",
     ]
 
 
-def _cogging(found: Identified, spec: ArmSpec) -> list[dict[str, Any]]:
-    """A row for each wave: the command holds sine * sin(periods * q) + cosine * cos(periods * q) more."""
-    sizes = found.own[:, OFFSET_TERM + 1 :].reshape(spec.dof, -1, 2)
+def _cogging(found: Identified) -> list[dict[str, Any]]:
+    """A row for each wave of the joints that have some, which drives the joint."""
     return [
-        {"joint": name, "periods": FIRST_WAVE + k, "sine": float(sine), "cosine": float(cosine), "unit": unit}
-        for name, unit, own in zip(spec.names, spec.command_units, sizes, strict=True)
-        for k, (sine, cosine) in enumerate(own.tolist())
+        {"joint": name, "periods": periods, "amplitude": size, "phase": phase, "unit": "N m"}
+        for name, terms in found.joints.items()
+        for periods, size, phase in terms.cogging
     ]
 
 
@@ -132,7 +137,7 @@ def _require_forces(spec: Any) -> None:
     if not isinstance(spec, ArmSpec) or not has_masses(spec):
         raise UsageError(
             f"robot '{spec.name}' has no model file with inertias to write back",
-            next_step="Export the model itself: --to c.",
+            next_step="Export its friction alone: --to parameters; or the model itself: --to c.",
         )
     if spec.command_unit not in FORCES:
         raise UsageError(

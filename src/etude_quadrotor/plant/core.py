@@ -303,8 +303,8 @@ def _wish(y: Array, command: Array, c: Control, out: Array) -> None:
 def _drive(y: Array, wish: Array, ff: Array, c: Control, command: Array, volts: Array) -> None:
     """What the motors are asked for at this tick, into `volts`; without set-points the command too."""
     if c.mode == OPEN_LOOP:
-        volts[:] = ff
-        command[:] = ff
+        for k in range(4):
+            volts[k] = command[k] = ff[k]
         return
     if c.mode == SET_POINTS:
         _wish(y, command, c, wish)
@@ -368,12 +368,12 @@ def fly(
             volts[n] *= air[k, 3]
         _currents(i, y, y[13:], work[0, 13:], volts, 0.0, b, i)
         derivative(y, i, air[k, :3], noise[k], b, work[0])
-        trace[k, :17] = y
-        trace[k, 17:21] = i
-        trace[k, 21:25] = volts
-        trace[k, 25:29] = command
-        trace[k, 29:32] = work[0, 3:6]
-        trace[k, 32:35] = work[0, 10:13]
-        trace[k, 35:39] = air[k]
+        for n in range(17):  # by loops: assignments of arrays compile the texts of their errors too
+            trace[k, n] = y[n]
+        for n in range(4):
+            trace[k, 17 + n], trace[k, 21 + n] = i[n], volts[n]
+            trace[k, 25 + n], trace[k, 35 + n] = command[n], air[k, n]
+        for n in range(3):
+            trace[k, 29 + n], trace[k, 32 + n] = work[0, 3 + n], work[0, 10 + n]
         _step(y, i, volts, air[k, :3], noise[k], h, b, work)
     return trace, FLOWN

@@ -100,8 +100,10 @@ def _generate(fields: Fields, x: Array, M: Array, rule: Rule) -> int:
     """A new field at x with metric MᵀM and two directions (table 3)."""
     D = len(x)
     k: int = fields.used[0]
-    fields.c[k] = x
-    fields.M[k] = M
+    for i in range(D):
+        fields.c[k, i] = x[i]
+        for j in range(D):
+            fields.M[k, i, j] = M[i, j]
     fields.seen[k] = fields.added[k] = 0
     fields.r[k] = min(2, D)
     fields.rate[k], fields.forget[k] = rule.rate, rule.forget
@@ -119,12 +121,15 @@ def _generate(fields: Fields, x: Array, M: Array, rule: Rule) -> int:
 
 @compiled
 def _remove(fields: Fields, k: int) -> None:
-    """The last field takes the place of field k."""
+    """The last field takes the place of field k; by loops, see `dictionary_updates`."""
     last = fields.used[0] - 1
-    fields.c[k], fields.M[k], fields.x0[k] = fields.c[last], fields.M[last], fields.x0[last]
-    fields.u[k], fields.SZ[k] = fields.u[last], fields.SZ[last]
-    for table in (fields.SS, fields.SR, fields.Q, fields.WQ, fields.H, fields.G):
-        table[k] = table[last]
+    for block in (fields.M, fields.u, fields.SZ):
+        for i in range(block.shape[1]):
+            for j in range(block.shape[2]):
+                block[k, i, j] = block[last, i, j]
+    for table in (fields.c, fields.x0, fields.SS, fields.SR, fields.Q, fields.WQ, fields.H, fields.G):
+        for i in range(table.shape[1]):
+            table[k, i] = table[last, i]
     for column in (fields.rate, fields.forget, fields.W, fields.y0, fields.E, fields.E0, fields.freedom):
         column[k] = column[last]
     for counter in (fields.seen, fields.added, fields.r):

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import math
 import re
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from etude.errors import UsageError
 from etude_arm import KIND
 from etude_arm.joint_limits import JOINT_LIMITS, read, written
 from etude_arm.model_file import spec_from_model
+from etude_arm.spec import Envelope
 
 URDF = """<robot name="two"><link name="base"/><link name="a"/><link name="b"/>
 <joint name="turn" type="revolute"><parent link="base"/><child link="a"/><axis xyz="0 0 1"/>
@@ -141,6 +144,45 @@ def test_what_is_written_reads_back(tmp_path: Path) -> None:
     content = yaml.YAML(typ="safe", pure=True).load(written(spec))["joint_limits"]
     assert content["on"]["has_jerk_limits"] is True
     assert content["a.b: c"]["has_jerk_limits"] is False
+
+
+@pytest.mark.parametrize("acceleration", [2.0, 4.0, 6.0, 40.0])
+@pytest.mark.parametrize("offset", [-0.3, 0.0, 0.4, 3.0])
+def test_the_fastest_stop_within_what_is_written_keeps_the_envelope(
+    offset: float, acceleration: float, tmp_path: Path
+) -> None:
+    """MoveIt has constant limits alone: positions keep the envelope, and no more are lost than need."""
+    spec = spec_from_model(given(tmp_path, WHOLE)[0]).spec
+    turn, reach = spec.axes
+    envelope = Envelope(offset, 12.0, -2.1, 2.05)
+    turn = replace(turn, acceleration=acceleration, envelope=envelope)
+    path = tmp_path / "out.yaml"
+    path.write_text(written(replace(spec, axes=(turn, reach))))
+    own = read(path).limits["turn"]
+    assert "# positions" in path.read_text()
+    assert (own["velocity"], own["acceleration"]) == (2.0, acceleration)
+
+    def slack(lower: float, upper: float) -> float:
+        """Least left of the envelope on the fastest way to a stop at either end."""
+        left = np.linspace(0.0, 4.0, 4001)
+        speed = np.minimum(2.0, np.sqrt(2.0 * acceleration * left))
+        ends = (envelope.upper - upper, lower - envelope.lower)
+        tops = (np.maximum(offset + np.sqrt(12.0 * np.maximum(left + end, 0.0)), 0.0) for end in ends)
+        return float(min((top - speed).min() for top in tops))
+
+    assert slack(own["lower"], own["upper"]) > -1e-9
+    cut = own["upper"] < turn.upper
+    assert cut == (slack(turn.lower, turn.upper) < -1e-9)
+    if cut:
+        assert slack(own["lower"], own["upper"] + 0.003) < 0.0
+
+
+def test_an_envelope_that_leaves_no_positions_is_refused(tmp_path: Path) -> None:
+    spec = spec_from_model(given(tmp_path, WHOLE)[0]).spec
+    turn, reach = spec.axes
+    slow = replace(turn, envelope=Envelope(-0.3, 0.5, -2.1, 2.05))
+    with pytest.raises(UsageError, match="no position of joint 'turn'"):
+        written(replace(spec, axes=(slow, reach)))
 
 
 def test_a_robot_file_has_limits_of_its_own(tmp_path: Path) -> None:

@@ -45,9 +45,9 @@ class Promotion:
     """Result of a request to promote a model.
 
     Attributes:
-        number: of the log that its training ended with. sha256: of its file.
-        promoted: it is in use now. repeated: it was in use already. forced: despite the data.
-        compared: with physics alone and, unless it is the first, with the model in use.
+        number: of the last log in its training. sha256: of its file.
+        promoted: it is deployed now. repeated: it was already deployed. forced: against the data.
+        compared: with physics alone and, unless it is the first, with the deployed model.
         narrow, wide: (J,) fractions of held-out commands inside the 50 % and 95 % intervals; None if unknown.
         refused: reasons against the promotion.
     """
@@ -66,20 +66,21 @@ class Promotion:
 def promote(
     campaign: Campaign, *, force: bool = False, reason: str = "", say: Say = lambda _: None
 ) -> Promotion:
-    """Puts the newest model in use if held-out motion shows that it is better; an event in the journal.
+    """Deploys the newest model if held-out motion shows that it is better; an event in the journal.
 
-    It has to beat physics alone (if it is these, what there was before them) and the model in use on segments
-    that neither has seen, with intervals that are as wide as its errors: see docs/promote_watch.md.
+    The model must beat physics alone and the deployed model, on segments that neither was trained on. A model
+    that is physics alone must beat its predecessor. The intervals must cover the errors; see
+    docs/promote_watch.md.
 
     Args:
         campaign: the folder.
-        force: put it in use against what the data say; recorded, with the `reason`.
-        reason: why; needed with `force`.
+        force: deploy the model against the data; the event holds the `reason`.
+        reason: required with `force`.
         say: receives one sentence per step.
 
     Raises:
-        UsageError: nothing was learned, a file was changed, or `force` without a reason.
-        DataError: what was held out cannot be read; a model of an earlier version has none.
+        UsageError: nothing was learned, a file was changed, or `force` has no reason.
+        DataError: the held-out data cannot be read, or the model is of an earlier version and has none.
     """
     if force and not reason.strip():
         raise UsageError("a forced promotion says why", where="--force", next_step='Add --reason "...".')
@@ -107,12 +108,12 @@ def promote(
 
 
 def rollback(campaign: Campaign, *, reason: str = "") -> tuple[int, int]:
-    """Goes back to the model that was in use before; the numbers of the one that left and the one in use.
+    """Deploys the previous model again; returns the numbers of the replaced and of the deployed model.
 
-    Nothing is deleted: it is an event, and the model that left can be promoted again.
+    Nothing is deleted: the rollback is an event, and the replaced model can be promoted again.
 
     Raises:
-        UsageError: there is none to go back to, or its file is missing or was changed.
+        UsageError: no earlier model exists, or its file is missing or was changed.
     """
     with campaign.writing():
         promoted = campaign.state().promoted
@@ -159,7 +160,7 @@ def _with_physics(left_out: CrossValidationResiduals) -> Compared:
 
 
 def _with_deployed_model(campaign: Campaign, state: State, left_out: CrossValidationResiduals) -> Compared:
-    """On the segments of logs that the model in use was not trained on."""
+    """Comparison with the deployed model, on segments of logs that it was not trained on."""
     number, promoted = state.promoted[-1]
     before = promoted_model(campaign, number, promoted)
     logs = _newest_logs(state)
@@ -187,7 +188,7 @@ def _errors(model: LearnedModel, samples: Samples, command: Array) -> Array:
 
 
 def _fresh_logs(campaign: Campaign, state: State, logs: Sequence[int], known: set[str]) -> list[int]:
-    """Segments of which no part is in a log that the model in use learned."""
+    """Groups of segments that contain no part of a log in the deployed model."""
     groups = groups_of(campaign, logs)
     seen = {
         group

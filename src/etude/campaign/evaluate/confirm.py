@@ -90,9 +90,10 @@ def _asked(campaign: Campaign, new: bool, formats: Sequence[str], effort: bool, 
 
 
 def _fed(campaign: Campaign, number: int, files: TrajectoryFiles) -> dict[Path, bytes]:
-    """The table with the commands of the model that the motion was proposed with.
+    """trajectory.csv with the commands of the model that the motion was proposed with.
 
-    UsageError: that model no longer exists.
+    Raises:
+        UsageError: that model no longer exists.
     """
     place, asked = campaign.proposal(number) / FEEDFORWARD, campaign.round(number).asked
     model = None if asked is None else model_of_sha256(campaign, asked.model_sha256)

@@ -1,4 +1,4 @@
-"""The status of a campaign, for people and programs; computed from committed facts alone."""
+"""Status of a campaign for people and programs, computed from committed facts alone."""
 
 from __future__ import annotations
 
@@ -17,20 +17,23 @@ from etude.campaign.record.stored_files import edited, proved_otherwise
 
 
 def status(campaign: Campaign) -> dict[str, Any]:
-    """The campaign's standing as JSON values.
+    """The status of the campaign as JSON values.
 
-    Keys: alerts (red ones first; see `codes`), kind, robot, axes, outputs, preset, seed,
-    trajectories (one entry per number), robot_seconds, prequential (newest scores of each model before it
-    learned the newest log), chosen, rungs (structure of each output), calibration_factor,
-    forecast_fraction, next_gain, choice (by which part the design of the newest proposal left less variance
-    than the median random motion),
-    new_motion (of logs left out, each predicted from the others; null after one), held_out (of blocks of a
-    single log; null after more), in_use (the promoted model, null if there is none),
-    confirmed (tracking errors of the motions that confirm), known_faults (what earlier versions left, and is
-    not to be used: code, what, path, command), proved_otherwise (open proposals that were proved
-    before robot.toml or campaign.toml changed), verdict, edited (which of robot.toml and campaign.toml were
-    edited since ask or tell took them up), problems (committed files that are missing, or changed though
-    nobody edits them).
+    Keys:
+
+    * alerts: red ones first; see `codes`. problems: committed files that are missing or were changed.
+    * kind, robot, axes, outputs, preset, seed; robot_seconds: recorded motion, s.
+    * trajectories: one entry for each number. prequential: newest scores of each structure on a log before it
+      was learned. chosen, rungs: structure in use, of all outputs and of each.
+    * calibration_factor, forecast_fraction, next_gain; choice: fraction by which the newest design leaves
+      less variance than the median random motion.
+    * new_motion: scores on logs left out; null after one log. held_out: scores on blocks of a single log;
+      null after more. confirmed: tracking errors of the confirmation motions.
+    * in_use: the promoted model, or null. known_faults: files of earlier versions that must not be used, each
+      with code, what, path, command. proved_otherwise: open proposals proved under another robot.toml or
+      campaign.toml.
+    * verdict: of the stop rule. edited: which of robot.toml and campaign.toml were edited since `ask` or
+      `tell` read them.
     """
     events = campaign.events()
     state = campaign.state()
@@ -74,7 +77,7 @@ def status(campaign: Campaign) -> dict[str, Any]:
 
 
 def _in_use(state: State) -> dict[str, Any] | None:
-    """The promotion in force, and whether something newer was learned since."""
+    """The promotion in force, and whether a newer model exists; None without a promotion."""
     if not state.promoted:
         return None
     number, promoted = state.promoted[-1]
@@ -111,8 +114,9 @@ def _standing(round_: Round) -> str:
 
 
 def _choice(state: State) -> float | None:
-    """By which part the newest proposal leaves less variance than the median random one; None while no design
-    from what was learned says so.
+    """Fraction by which the newest proposal leaves less variance than the median random one.
+
+    None until a design from a model gives it.
     """
     asked = [r.asked for _, r in sorted(state.rounds.items()) if r.asked]
     found = [a.choice for a in asked if a.learned and a.choice is not None]
@@ -120,6 +124,6 @@ def _choice(state: State) -> float | None:
 
 
 def _held_out(state: State) -> dict[str, Any] | None:
-    """Block scores of the log that the newest model rests on alone."""
+    """Block scores of the only log in the newest model; None for a model of several logs."""
     found = state.newest.held_out if state.newest else None
     return None if found is None else {"number": state.trained[-1].number, **plain(found)}

@@ -1,8 +1,8 @@
 """Stop rules: four of them decide whether another trajectory is worth its robot time, with their evidence.
 
-The evidence: prequential score, calibration factor, expected command error, value of the next trajectory.
-Training error and marginal likelihood are no evidence: the first always falls, and hyperparameters change the
-second.
+The evidence is the prequential score, the calibration factor, the expected command error, and the value of
+the next trajectory. Training error and marginal likelihood are no evidence: the first always falls, and
+hyperparameters change the second.
 """
 
 from __future__ import annotations
@@ -32,15 +32,16 @@ class LogOutcome:
 
     Attributes:
         number: of the trajectory.
-        forecast: forecast command error at the tasks, relative to the command limit, largest over the axes.
+        forecast: expected command error at the tasks, as a fraction of the command limit; largest over the
+            axes.
         noise_ratio: remaining variance divided by noise variance, largest over the axes; None without noise.
-        gain: fraction of the remaining variance that the next trajectory would remove; None if not designed.
-        gain_minutes: robot time of that next trajectory, set-up included, min.
-        calibration: pooled z^2 of trajectories left out; 1 is right, None while unknown.
-        moved: largest move of a logarithmic length scale in the last training; None for the first one.
+        gain: fraction of the remaining variance that the next trajectory would remove; None without a design.
+        gain_minutes: robot time of that trajectory with set-up, min.
+        calibration: pooled z^2 of trajectories left out; 1 is right, None if unknown.
+        moved: largest change of a logarithmic length scale in the last training; None for the first one.
         robot_minutes: recorded motion so far, min.
         coverage: fraction of an output's commands inside its 95 % intervals, on logs left out; smallest over
-            the outputs, None while unknown.
+            the outputs, None if unknown.
         red: the red alerts.
     """
 
@@ -70,11 +71,11 @@ GOES_ON = (Stop.OPEN, Stop.LOGS_MISSING)
 
 @dataclass(frozen=True)
 class Verdict:
-    """Whether to stop, and why.
+    """Result of the stop rules, with the reason.
 
     Attributes:
         said: result of the rules.
-        harm: why the model should not be used despite the rules; None: it may be used.
+        harm: reason not to use the model despite the rules; None if there is none.
     """
 
     said: Notice
@@ -82,21 +83,22 @@ class Verdict:
 
     @property
     def rule(self) -> str:
-        """ "tolerance", "noise", "gain", "budget"; "" if none fired, or the model should not be used.
+        """Name of the rule: "tolerance", "noise", "gain" or "budget"; "" if no rule fired, or the model
+        should not be used.
 
-        The budget counts in both cases.
+        The budget rule applies in both cases.
         """
         rule = RULES.get(self.said.code, "")
         return rule if rule == "budget" or self.usable else ""
 
     @property
     def stop(self) -> bool:
-        """Whether another trajectory is not worth its robot time."""
+        """Whether the campaign should stop."""
         return bool(self.rule)
 
     @property
     def usable(self) -> bool:
-        """Whether there is no reason against using the model."""
+        """Whether no reason speaks against the use of the model."""
         return self.harm is None
 
     @property
@@ -107,14 +109,16 @@ class Verdict:
         return f"{self.said.sentence}, but {self.harm.sentence}."
 
     def facts(self) -> dict[str, Any]:
-        """For `--json`."""
+        """JSON values for `--json`."""
         harm = None if self.harm is None else self.harm.facts()
         own = {"stop": self.stop, "rule": self.rule, "reason": self.reason, "usable": self.usable}
         return {**self.said.to_json(), **own, "harm": harm}
 
 
 def judge(evidence: Sequence[LogOutcome], config: StopConfig) -> Verdict:
-    """The verdict after the last of `evidence` (oldest first); all rules but the budget must repeat."""
+    """The verdict after the last of `evidence` (oldest first); every rule but the budget must hold
+    repeatedly.
+    """
     harm = _harm(evidence[-1]) if evidence else None
     recent = evidence[-config.consecutive :]
     spent = _budget(evidence, config)
@@ -126,7 +130,7 @@ def judge(evidence: Sequence[LogOutcome], config: StopConfig) -> Verdict:
 
 
 def _said(recent: Sequence[LogOutcome], config: StopConfig) -> Notice:
-    """Result of the rules, from as many logs as must agree."""
+    """Result of the rules on the logs that must agree."""
     tolerable, doubt = all(_tolerable(e, config) for e in recent), _doubt(recent[-1])
     forecast = {"forecast": recent[-1].forecast, "goal": config.command_tolerance}
     if tolerable and doubt is None:
@@ -164,7 +168,7 @@ def _not_worth_it(e: LogOutcome, config: StopConfig) -> bool:
 
 
 def _harm(e: LogOutcome) -> Notice | None:
-    """Why the model should not be used, despite the rules; None if it may be used."""
+    """Reason not to use the model despite the rules; None if there is none."""
     if e.red:
         return e.red[0]
     if e.coverage is not None and e.coverage < LEAST_COVERAGE:
@@ -198,12 +202,12 @@ POOLED = 3
 
 
 def seen_by_the_rule(campaign: Campaign, state: State, next_gain: float | None = None) -> list[LogOutcome]:
-    """One LogOutcome for each learned log, in the order of learning.
+    """Evidence of each learned log, in the order of learning.
 
     Args:
         campaign: gives limits and set-up time.
         state: the replayed facts.
-        next_gain: forecast gain of a trajectory that was just designed, but not proposed yet.
+        next_gain: expected gain of a trajectory that was designed but not yet proposed.
     """
     trained = state.trained
     gains = _gains_after(state)
@@ -216,9 +220,9 @@ def seen_by_the_rule(campaign: Campaign, state: State, next_gain: float | None =
 
 
 def calibration_factor(trained: list[Round]) -> float | None:
-    """Mean z^2 over all axes on logs left out of the training; None while unknown.
+    """Mean z^2 over all axes on logs left out of the training; None if unknown.
 
-    Trainings of earlier versions: over the last `POOLED` logs, each predicted before it was learned.
+    Trainings of earlier versions give it over the last `POOLED` logs, each predicted before it was learned.
     """
     newest = trained[-1].trained if trained else None
     if newest is not None and newest.new_motion is not None:
@@ -235,7 +239,7 @@ def calibration_factor(trained: list[Round]) -> float | None:
 
 
 def _gains_after(state: State) -> dict[int, float | None]:
-    """Forecast gain of the trajectory proposed after k learned logs, by k."""
+    """Expected gain of the trajectory proposed after k learned logs, by k."""
     asked = [r.asked for r in state.rounds.values() if r.asked]
     return {a.learned: a.gain for a in asked if a.gain is not None}
 

@@ -1,4 +1,6 @@
-"""ask --from: approach from the robot's pose to a proposal's start, and return, in files of their own."""
+"""Approach of `ask --from`: motions from the robot's pose to a proposal's start and back, in files of their
+own.
+"""
 
 from __future__ import annotations
 
@@ -37,15 +39,15 @@ WRITE = (
 
 @dataclass(frozen=True)
 class Approached:
-    """Files of the way, all certified.
+    """Files of an approach and a return, all certified.
 
     Attributes:
-        pose: by axis, where the way begins and ends, rad or m.
-        folder: where they are, below the proposal's.
-        files: approach.json, approach.csv, ...; trajectory.json is approach, motion and return in one.
-        certificates: by stem: "approach", "return", and "trajectory" where there is one.
-        whole: approach, motion and return; None of a motion that is not at rest at its ends.
-        renewed: a sentence, if they were written anew.
+        pose: start of the approach and end of the return, by axis, rad or m.
+        folder: their folder, below the proposal's.
+        files: approach.json, approach.csv, ...; trajectory.json joins approach, motion and return.
+        certificates: by file stem: "approach", "return", and "trajectory" if it exists.
+        whole: approach, motion and return; None for a motion that is not at rest at its ends.
+        renewed: a sentence, if the files were written anew.
     """
 
     pose: Mapping[str, float]
@@ -59,18 +61,19 @@ class Approached:
 def approached(
     campaign: Campaign, number: int, motion: Trajectory, folder: Path, start: str, constraints: Constraints
 ) -> Approached:
-    """Writes the way from `start` to the motion and back, and anew where it is another by now.
+    """Writes the approach from `start` to the motion and the return; writes them anew if they have changed.
 
     The caller holds the writer's lock.
 
     Args:
-        campaign: the folder. number: of the proposal. motion: what is run. folder: where its files are.
-        start: "home", of flights "ground", joint=value for every joint, or a CSV whose last row is the pose.
-        kept: for tracking, when the proposal was made.
+        campaign: the folder. number: of the proposal. motion: to be run. folder: of the motion's files.
+        start: "home", for flights "ground", joint=value for every joint, or a CSV whose last row is the pose.
+        constraints: those of the proposal.
 
     Raises:
-        UsageError: no such pose, one outside the limits, a kind that knows no ways, or a changed file.
-        UnsafeTrajectoryError: no way is proved, straight or by home; nothing is written.
+        UsageError: the pose is unknown or outside the limits, the kind has no approaches, or a file was
+            changed.
+        UnsafeTrajectoryError: no approach is proved, straight or by home; nothing is written.
     """
     try:
         pose, found, made = prepared(campaign, motion, start, constraints)
@@ -97,11 +100,12 @@ SLOWER = (1.0, 2.0, 4.0, 8.0)
 
 @dataclass(frozen=True, eq=False)
 class There:
-    """To a motion and back.
+    """An approach to a motion and the return from it.
 
     Attributes:
-        approach, back: from the pose to its start, from its end to the pose; each one move, or several.
-        whole: with the motion between them; None where the ways end at rest and the motion does not.
+        approach: from the pose to the motion's start; one move or several.
+        back: from the motion's end to the pose; one move or several.
+        whole: approach, motion and return; None if the approach ends at rest and the motion begins moving.
     """
 
     approach: Trajectory
@@ -117,18 +121,20 @@ def there_and_back(
     home: Array,
     clear: Array | None = None,
 ) -> There | None:
-    """Straight ways, or by home where these are not proved, or by a clear pose and home; None from kinds that
-    know none.
+    """Straight approach and return; if these are not proved, by home, or by a clear pose and home.
 
-    A motion that is in motion at its ends is led in and out along its own path, if that goes on.
+    A motion that moves at its ends is led in and out along its own path, if that path continues.
 
     Args:
-        motion: what is run. pose: (k,) where the robot stands, and shall stand again.
-        approaches: the kind's. limits: what may not be exceeded. home: (k,) a pose clear of everything.
-        clear: (n, k) poses from which a straight way leads home; None: none are known.
+        motion: to be run. pose: (k,) start of the approach and end of the return, rad (m).
+        approaches: the kind's. limits: to be kept. home: (k,) a pose clear of everything, rad (m).
+        clear: (n, k) poses with a straight path to home, rad (m); None if unknown.
+
+    Returns:
+        None for kinds without approaches.
 
     Raises:
-        UnsafeTrajectoryError: no way is proved; says what the straight one would leave or touch.
+        UnsafeTrajectoryError: no approach is proved. The error names the limit that the straight one breaks.
     """
     before, after = leads(motion, limits) or (None, None)
     led = with_leads(motion, before, after)
@@ -158,7 +164,7 @@ Legs = tuple[Trajectory, ...]
 def _around(
     by_home: tuple[Trajectory, Trajectory], pose: Array, approaches: Approaches, clear: Array
 ) -> list[tuple[Legs, Legs]]:
-    """Ways by a clear pose and home, there and back: from a pose that home is not seen from."""
+    """Approaches and returns by a clear pose and home, for a pose without a straight path to home."""
     found: list[tuple[Legs, Legs]] = []
     size = np.maximum(np.ptp(clear, axis=0), np.finfo(float).tiny)
     near = np.argsort(np.linalg.norm((clear - pose) / size, axis=1), kind="stable")
@@ -175,7 +181,7 @@ def _around(
 def require_inside(
     pose: Array, lower: Array, upper: Array, names: Sequence[str], where: str = "--from"
 ) -> None:
-    """UsageError with the first coordinate of a pose (k,) that is outside its limits (k,)."""
+    """Raises UsageError with the first coordinate of `pose` (k,) outside `lower`..`upper` (k,)."""
     for name, at, low, high in zip(names, pose.tolist(), lower.tolist(), upper.tolist(), strict=True):
         if not low <= at <= high:
             raise UsageError(
@@ -186,7 +192,7 @@ def require_inside(
 
 
 def _proved(tried: Sequence[tuple[Trajectory, ...]], limits: Sequence[Limit]) -> tuple[Trajectory, ...]:
-    """The first that is proved, as fast as it is; the last word is what the straight one would do."""
+    """The first path that is proved, at full speed if possible; else the error of the straight path."""
     for parts in tried:
         for factor in SLOWER if len(parts) < 3 else SLOWER[:1]:
             if factor > 1.0 and not all(_rests(part) for part in parts):
@@ -200,7 +206,7 @@ def _proved(tried: Sequence[tuple[Trajectory, ...]], limits: Sequence[Limit]) ->
 
 
 def _labelled(label: str, parts: tuple[Trajectory, ...]) -> tuple[Part, ...]:
-    """Each with its label: that of a way which is one piece, or its own."""
+    """The parts with labels: `label` for a path of one piece, the pieces' own labels otherwise."""
     found: list[Part] = []
     for part in parts:
         pieces = part.pieces()
@@ -213,7 +219,7 @@ def _joined(parts: tuple[Part, ...]) -> Trajectory:
 
 
 def _ends(motion: Trajectory) -> Array:
-    """(3, 2, k) position, velocity and acceleration at both ends."""
+    """Position, velocity and acceleration at both ends, (3, 2, k)."""
     return motion.motion(np.array([0.0, motion.duration]), 3).orders
 
 
@@ -222,20 +228,20 @@ def _rests(motion: Trajectory) -> bool:
 
 
 def _meet(approach: Trajectory, motion: Trajectory, back: Trajectory) -> bool:
-    """Whether speed and acceleration go on where the ways and the motion meet."""
+    """Whether speed and acceleration are continuous where approach, motion and return join."""
     own = _ends(motion)
     jumps = _ends(approach)[1:, 1] - own[1:, 0], _ends(back)[1:, 0] - own[1:, 1]
     return all(np.abs(jump).max() <= JOINED for jump in jumps)
 
 
 def clear_poses(campaign: Campaign) -> Array | None:
-    """(n, k) poses that home is seen from, of robots that keep clear of something."""
+    """Poses with a straight path to home, (n, k), for robots with obstacles; None if there are none."""
     reach = reachable(campaign)
     return None if reach is None or len(reach.poses) < 2 else reach.poses
 
 
 def pose_inside(campaign: Campaign, start: str) -> Array:
-    """(k,) the pose that `start` names. UsageError if there is none, or it is outside the limits."""
+    """The pose (k,) that `start` names, rad (m). UsageError: it is unknown, or outside the limits."""
     pose = pose_of(campaign, start)
     if start not in poses_of(campaign):
         limits = campaign.kind.expected(campaign.spec).limits[campaign.kind.path]
@@ -250,8 +256,13 @@ def require_pose(
     problem: UnsafeTrajectoryError,
     beside: str = "",
 ) -> None:
-    """UnsafeTrajectoryError if standing at the pose breaks the limit that the way breaks: no other motion
-    helps. beside: what is said after that.
+    """Raises UnsafeTrajectoryError if the pose at rest breaks the limit that the approach breaks.
+
+    No other motion helps in this case.
+
+    Args:
+        campaign: the folder. start: names the pose. constraints: those of the proposal.
+        problem: the error of the approach. beside: text after the fact.
     """
     pose = pose_of(campaign, start)
     still = np.zeros((2, 2, len(pose)))
@@ -277,7 +288,11 @@ def require_pose(
 def prepared(
     campaign: Campaign, motion: Trajectory, start: str, constraints: Constraints
 ) -> tuple[Array, There, dict[str, TrajectoryFiles]]:
-    """The pose, the way from it and back, its files by stem; writes nothing. Errors as `approached`."""
+    """The pose (k,), its approach and return, and their files by stem; writes nothing.
+
+    Raises:
+        UsageError, UnsafeTrajectoryError: as `approached`.
+    """
     kind, spec, limits = campaign.kind, campaign.spec, constraints.limits(campaign)
     pose = pose_inside(campaign, start)
     found = there_and_back(
@@ -301,14 +316,14 @@ def prepared(
 
 
 def poses_of(campaign: Campaign) -> dict[str, Array]:
-    """Poses (k,) by name: home, and what the kind knows beside it."""
+    """Poses (k,) by name, rad (m): home, and those of the kind."""
     kind = campaign.kind
     more = kind.poses(campaign.spec) if isinstance(kind, SupportsPoses) else {}
     return {HOME: np.asarray(kind.home(campaign.spec), dtype=float), **more}
 
 
 def pose_of(campaign: Campaign, start: str) -> Array:
-    """(k,) the pose that `start` names, rad (m). UsageError if it names none."""
+    """The pose (k,) that `start` names, rad (m). UsageError: it is unknown."""
     named = poses_of(campaign)
     if start in named:
         return named[start]
@@ -337,7 +352,7 @@ def _stated(text: str, axes: tuple[str, ...]) -> Array:
 
 
 def _last_row(path: Path, campaign: Campaign) -> Array:
-    """The positions in the last row of a table with a column for each joint."""
+    """Positions (k,) in the last row of a table with a column for each joint."""
     try:
         lines = [line for line in csv.reader(io.StringIO(path.read_text(errors="replace"))) if any(line)]
     except OSError as error:
@@ -363,5 +378,5 @@ def _last_row(path: Path, campaign: Campaign) -> Array:
 
 
 def _label(campaign: Campaign, start: str, pose: Array) -> str:
-    """Of a folder: each pose has one of its own."""
+    """Name of the folder for a pose; each pose has its own."""
     return start if start in poses_of(campaign) else hashlib.sha256(pose.tobytes()).hexdigest()[:8]

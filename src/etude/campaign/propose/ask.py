@@ -1,4 +1,4 @@
-"""ask: the next trajectory, a pure function of the committed facts and the campaign's seed."""
+"""Next trajectory of a campaign: `ask`, a pure function of the committed facts and the campaign's seed."""
 
 from __future__ import annotations
 
@@ -50,19 +50,19 @@ ASK_STREAM = 1
 
 @dataclass(frozen=True)
 class Proposal:
-    """A trajectory that waits for its log.
+    """A trajectory that awaits its log.
 
     Attributes:
         number: of the trajectory.
-        folder: where trajectory.json, trajectory.csv and certificate.json are.
+        folder: with trajectory.json, trajectory.csv and certificate.json.
         certificate: of the bytes in that folder.
         duration: s.
-        new: False if it had been asked for before and is still open.
-        status: how it was found.
-        exported: the same motion in the formats that were asked for.
-        approach: from where the robot stands to its start, and back, if that was asked for.
-        renewed: sentences, which of its files were written anew, and why.
-        swept: of each axis; none of kinds that do not know where their robots can be.
+        new: False for a proposal that was already open.
+        status: a sentence on how it was found.
+        exported: the same motion in the requested formats.
+        approach: from the robot's pose to the start, and the return, if requested.
+        renewed: sentences on the files that were written anew, with the reason.
+        swept: range that each axis covers; empty for kinds that do not know their reachable poses.
     """
 
     number: int
@@ -95,24 +95,24 @@ def ask(
 
     Args:
         campaign: the folder.
-        new: ask for another one although one is open.
+        new: propose another trajectory although one is open.
         go_on: ignore the stop rule.
-        speed: per cent; below 100 the same path is also written slowed down, in a folder of its own.
-        tasks: a file of motions that the model is for.
-        formats: also write it for these receivers, names among `etude.exporters`.
-        effort: with the learned command where the format has a place for it.
-        start: where the robot stands: "home", joint=value for each joint, or a CSV whose last row it is; the
-            way there and back is then written too, and other formats hold approach, motion and return.
-        control: that it is to be run under, `campaign.controls`: its margins are those of logs of that one;
-            "": learned feedforward with `effort`, else feedback alone.
-        learner: how logs are learned; only tests give another one.
+        speed: per cent; below 100, a slower copy of the same path is also written, in its own folder.
+        tasks: a file of the motions that the model is intended for.
+        formats: also write these formats, names among `etude.exporters`.
+        effort: include the learned command where the format supports it.
+        start: the robot's pose: "home", joint=value for each joint, or a CSV whose last row is the pose.
+            Approach and return are then written too; other formats hold approach, motion and return.
+        control: control of the run, see `record.controls`; its tracking margins apply. "": learned
+            feedforward with `effort`, else feedback alone.
+        learner: trains the model; only tests pass their own.
         say: receives one sentence per step.
 
     Raises:
         StopRuleReached: another trajectory is not worth its robot time.
-        UsageError: a file of the open proposal is missing, or is not what was committed, or it is for another
-            control; an unknown format.
-        UnsafeTrajectoryError: no trajectory inside the limits; nothing is written.
+        UsageError: a file of the open proposal is missing or was changed, the proposal is for another
+            control, or a format is unknown.
+        UnsafeTrajectoryError: no trajectory is inside the limits; nothing is written.
     """
     motions = _tasks(campaign, tasks)
     _require(formats)
@@ -146,7 +146,7 @@ def presented(
     *,
     effort: bool = False,
 ) -> Proposal:
-    """A trajectory as `present` has it, with its way from where the robot stands and its formats."""
+    """A trajectory with its files, its approach from the robot's pose, and its exports; see `present`."""
     found = present(campaign, number, constraints, made, speed)
     motion = stored_trajectory(campaign, number, speed)
     approach = _approach(campaign, number, motion, found, start, constraints) if start else None
@@ -197,7 +197,7 @@ def _approach(
 
 
 def _approach_check(campaign: Campaign, start: str, speed: int) -> Callable[[Trajectory, Constraints], None]:
-    """Refuses a motion that no way leads to from there, before it is a proposal; the pose is read now."""
+    """A check that refuses a motion without an approach before it is proposed. It reads the pose now."""
     if not start:
         return lambda _, __: None
     from etude.campaign.propose.approach import pose_inside, prepared
@@ -229,7 +229,7 @@ def _exported(
 
 
 def _open(campaign: Campaign, state: State) -> list[Trajectory]:
-    """The proposals that wait for their logs; one whose file is damaged will have none."""
+    """Proposals that await their logs; one with a damaged file is left out."""
     found = []
     for waiting in state.proposals:
         with contextlib.suppress(UsageError):
@@ -248,7 +248,7 @@ def _propose(
     say: Say,
     check: Callable[[Trajectory, Constraints], None] = lambda _, __: None,
 ) -> tuple[TrajectoryFiles, str]:
-    """Files of the next trajectory, committed, and how it was found; not one that `check` refuses."""
+    """Files of the next trajectory that `check` accepts, committed, and a sentence on how it was found."""
     if not go_on:
         _check_stop(campaign, state, None)
     seed = [state.seed, number, ASK_STREAM]
@@ -295,7 +295,7 @@ def _files(
 
 
 def _again(campaign: Campaign, trajectory: Trajectory, constraints: Constraints) -> TrajectoryFiles:
-    """A proposal that is open already; of the description alone if campaign.toml allows less by now."""
+    """Files of an open proposal, proved under the description alone if campaign.toml now allows less."""
     try:
         return _files(campaign, trajectory, constraints.limits(campaign), constraints)
     except UnsafeTrajectoryError:
@@ -303,7 +303,7 @@ def _again(campaign: Campaign, trajectory: Trajectory, constraints: Constraints)
 
 
 def _outside_now(campaign: Campaign, number: int, problem: UnsafeTrajectoryError) -> UnsafeTrajectoryError:
-    """Why an open proposal cannot be run as it is, and how to come by another."""
+    """The reason why an open proposal can no longer run, and how to get another one."""
     asked = [e for e in campaign.events() if isinstance(e.fact, Asked) and e.number == number]
     why = " and ".join(changed_since(campaign, asked, [name for e in asked for name in e.files]))
     known = campaign.round(number)
@@ -338,12 +338,15 @@ def present(
     speed: int,
     beside: Beside = lambda _: {},
 ) -> Proposal:
-    """An asked trajectory as it lies in its folder, held against the journal; slowed if that is wanted.
+    """A proposed trajectory as stored in its folder, compared with the journal; slower if requested.
 
-    It is proved here from the bytes in the folder, under what robot.toml and campaign.toml say now; tables
-    and certificates that are not of these are written anew.
+    Its stored bytes are proved under the present robot.toml and campaign.toml. Tables and certificates that
+    differ from these are written anew.
 
-    made: its files and status, if it is new. beside: more files that go with it, as they are to be.
+    Args:
+        campaign: the folder. number: of the proposal. constraints: those of the proposal.
+        made: its files and status, if it is new. speed: per cent.
+        beside: gives the contents of further files in the folder.
     """
     folder = speed_folder(campaign, number, speed)
     advice = proposal_advice(campaign, number)
@@ -376,7 +379,7 @@ def present(
 
 
 def _check(campaign: Campaign, names: Sequence[str], advice: str) -> None:
-    """UsageError: a file that was asked for is missing, or is not what was committed."""
+    """Raises UsageError if a proposal's file is missing or was changed."""
     last = recorded(campaign.events())
     own = {name: last[name] for name in names if name in last}
     require_intact(campaign.path, own, advice)

@@ -1,4 +1,4 @@
-"""Limits of a proposal: their tracking margins by control and form of motion, and the facts behind these."""
+"""Constraints of a proposal: tracking margins by control and form of motion, with the facts behind them."""
 
 from __future__ import annotations
 
@@ -33,8 +33,8 @@ class Constraints:
 
     Attributes:
         margins: by form of motion.
-        unenforced: sentences on margins larger than the room, and on accelerations.
-        by_form: the same sentences, by the form of motion that they are about.
+        unenforced: sentences on margins that exceed the available range, and on accelerations.
+        by_form: the same sentences by form of motion.
         number: round of the model that predicts the commands; None before any log.
         controls: controls of the margins; () for proposals without this field.
     """
@@ -57,10 +57,10 @@ class Constraints:
         return in_words(self.controls)
 
     def model(self, campaign: Campaign) -> Model | None:
-        """The model of `number`. UsageError: it was changed.
+        """The model of `number`. UsageError: its file was changed.
 
-        None before any log, where it is gone, or where it is of another body than is described now: it would
-        prove the commands of a robot that is no more.
+        None before any log, if the model was removed, or if robot.toml now describes another body. Such a
+        model would prove the commands of another robot.
         """
         if self.number is not None and self.number not in self._models:
             self._models[self.number] = None
@@ -72,9 +72,11 @@ class Constraints:
         return None if self.number is None else self._models[self.number]
 
     def limits(self, campaign: Campaign, *, described: bool = False) -> Sequence[Limit]:
-        """The robot's, less the margins; made once, since they remember what they proved.
+        """The robot's limits less the margins; made once, because limits remember what they proved.
 
-        described: of the description alone, which a proposal that is open already is held against.
+        Args:
+            campaign: the folder.
+            described: limits of the description alone; an open proposal is checked against these.
         """
         if described not in self._limits:
             self._limits[described] = self._made(campaign, self.margins, described)
@@ -86,7 +88,7 @@ class Constraints:
         return limits if ran is None else after_run(limits, ran)
 
     def _ran(self, campaign: Campaign) -> Trajectory | None:
-        """The motion that taught the model last, if it is known; a slower copy asks for less."""
+        """The motion of the log that the model learned last, if known; a slower copy needs less."""
         if self.number is None or self.model(campaign) is None:
             return None
         with contextlib.suppress(UsageError):
@@ -96,13 +98,15 @@ class Constraints:
         return None
 
     def of(self, trajectory: Trajectory) -> Constraints:
-        """With the sentences about this motion, one piece after the other."""
+        """The constraints with the sentences about the forms of this motion alone."""
         forms = dict.fromkeys(piece.form for _, _, piece in trajectory.pieces())
         own = [sentence for form in forms for sentence in (self.by_form or {}).get(form, ())]
         return replace(self, unenforced=tuple(dict.fromkeys(own)), _limits=self._limits, _models=self._models)
 
     def margins_of_chain(self, trajectory: Trajectory) -> Margins:
-        """With one for the whole of a chain, the least of its pieces': a receiver knows no pieces."""
+        """The margins with one for the whole chain, the least of its pieces: a receiver does not know the
+        pieces.
+        """
         own = [self.margins[p.form] for _, _, p in trajectory.pieces() if p.form in self.margins]
         if trajectory.form in self.margins or not own:
             return self.margins
@@ -112,18 +116,18 @@ class Constraints:
     def limits_as_played(
         self, campaign: Campaign, trajectory: Trajectory, *, described: bool = False
     ) -> Sequence[Limit]:
-        """The robot's, less the margins of a motion whose receiver knows no pieces."""
+        """The robot's limits less the margins, for a receiver that does not know the pieces."""
         return self._made(campaign, self.margins_of_chain(trajectory), described)
 
     def recorded(self, fact: C) -> C:
-        """The event with what is kept; no margins where nothing is."""
+        """The event with these constraints; without margins it has none."""
         margins = {form: (as_rows(table), as_rows(sure)) for form, (table, sure) in self.margins.items()}
         unenforced = self.unenforced if margins else ()
         return replace(fact, model=self.number, controls=self.controls, margins=margins, unheld=unenforced)
 
 
 def constraints_then(asked: Constrained | None) -> Constraints:
-    """The constraints of a proposal when it was made; none for proposals without margins."""
+    """Constraints of a proposal at the time it was made; empty for proposals without margins."""
     if asked is None:
         return Constraints({})
     margins = {form: (as_table(table), as_table(sure)) for form, (table, sure) in asked.margins.items()}
@@ -131,12 +135,12 @@ def constraints_then(asked: Constrained | None) -> Constraints:
 
 
 def as_rows(table: Array | float) -> Table:
-    """A table (O, k) for the journal, None for NaN."""
+    """A table (O, k) for the journal, with None for NaN."""
     return tuple(tuple(None if np.isnan(v) else float(v) for v in row) for row in np.atleast_2d(table))
 
 
 def as_table(table: Table) -> Array:
-    """Table (O, k) from the journal's rows."""
+    """The table (O, k) of the journal's rows."""
     return np.array([[np.nan if v is None else v for v in row] for row in table], dtype=float)
 
 
@@ -151,11 +155,11 @@ QUANTITIES = ("position", "velocity")
 
 
 def constraints_now(campaign: Campaign, state: State, *controls: str) -> Constraints:
-    """The constraints of a motion that is proposed now.
+    """Constraints of a motion that is proposed now.
 
     Args:
-        campaign: the folder. state: what is known.
-        controls: controls of the run; the margins of each are kept. (): feedback alone.
+        campaign: the folder. state: of the campaign.
+        controls: controls of the run; the constraints hold for each. (): feedback alone.
     """
     controls = controls or (FEEDBACK,)
     found = [_under(campaign, state, own) for own in controls]
@@ -172,7 +176,7 @@ def constraints_now(campaign: Campaign, state: State, *controls: str) -> Constra
 def _under(
     campaign: Campaign, state: State, control: str
 ) -> tuple[dict[str, tuple[Array, Array]], dict[str, tuple[str, ...]]]:
-    """Margins, and the sentences about them, by form, of motions under one control."""
+    """Margins and their sentences, by form of motion, under one control."""
     errors, ranges = seen_errors(state, control), ranges_of(campaign)
     forms = list(
         dict.fromkeys([*SINGLE, *(form for r in state.ingested if r.ingested for form in r.ingested.tracked)])
@@ -194,7 +198,7 @@ def _under(
 
 
 def _largest(pairs: Sequence[tuple[Array, Array]]) -> tuple[Array, Array]:
-    """The largest of several margins (O, k), each as sure as the one that it is taken from."""
+    """The largest of several margins (O, k), each with its own certainty."""
     if len(pairs) == 1:
         return pairs[0]
     tables, sure = (np.stack(parts) for parts in zip(*pairs, strict=True))
@@ -203,10 +207,10 @@ def _largest(pairs: Sequence[tuple[Array, Array]]) -> tuple[Array, Array]:
 
 
 def constraints_under(campaign: Campaign, number: int, control: str) -> Constraints:
-    """What is kept of a proposal that is run under that control, asked for it or not.
+    """Constraints of a proposal under a control, whether it was proposed for this control or not.
 
-    Where it was asked for another one, and not written for this one yet, what logs of this one have told by
-    now; before any its own margins, which are then assumed.
+    For a control that the proposal was not written for, the present logs of that control give the margins.
+    Before any such log, the proposal's own margins are assumed.
     """
     asked = campaign.round(number).asked
     if not asked_under(asked) or control in asked_under(asked):
@@ -225,8 +229,9 @@ def constraints_under(campaign: Campaign, number: int, control: str) -> Constrai
 def with_tracking_errors(
     campaign: Campaign, number: int, log: Log, trajectory: Trajectory, ingested: Ingested, control: str
 ) -> Ingested:
-    """The log of a proposal with its control, if it is known (`run_under`), and the largest errors by form;
-    none of a run below full speed, which errs less.
+    """The ingested log with its control (see `run_under`) and the largest tracking errors by form of motion.
+
+    A run below full speed gets no errors, because they are smaller.
     """
     ingested = replace(ingested, control=run_under(campaign, number, control))
     if ingested.speed != FULL:
@@ -239,7 +244,7 @@ def with_tracking_errors(
 
 
 def start_in_words(campaign: Campaign, ingested: Ingested | None) -> str:
-    """A sentence about the start transient of a log, which is in no margin; "" without one."""
+    """A sentence about the start transient of a log, which no margin includes; "" without a transient."""
     if ingested is None or ingested.start is None:
         return ""
     until, errors = ingested.start
@@ -250,7 +255,7 @@ def start_in_words(campaign: Campaign, ingested: Ingested | None) -> str:
 
 
 def seen_errors(state: State, control: str) -> dict[str, list[Array]]:
-    """By form, the largest errors (orders, k) of each log of that control that is used, oldest first."""
+    """Largest errors (O, k) of each used log under that control, by form of motion, oldest first."""
     found: dict[str, list[Array]] = {}
     for one in sorted(state.ingested, key=lambda r: r.ingested_at):
         if one.ingested is not None and speaks_of(one.ingested, control):
@@ -260,7 +265,7 @@ def seen_errors(state: State, control: str) -> dict[str, list[Array]]:
 
 
 def _last_start(campaign: Campaign, state: State, control: str) -> tuple[str, ...]:
-    """What the newest log of that control that began with a transient says of it."""
+    """Sentences about the start transient of the newest log under that control that has one."""
     own = [
         r
         for r in state.ingested
@@ -271,7 +276,7 @@ def _last_start(campaign: Campaign, state: State, control: str) -> tuple[str, ..
 
 
 def ranges_of(campaign: Campaign) -> Ranges:
-    """Of the path and its rate, as the robot's description limits them. UsageError: home is outside."""
+    """Ranges of the path and of its rate in the robot's description. UsageError: home is outside."""
     limits, path = campaign.kind.expected(campaign.spec).limits, campaign.kind.path
     rate = next((c.name for c in campaign.channels if c.derivative_of == path), "")
     home = np.asarray(campaign.kind.home(campaign.spec))
@@ -286,7 +291,7 @@ def ranges_of(campaign: Campaign) -> Ranges:
 
 
 def _meeting(margins: Margins, errors: Mapping[str, Sequence[Array]]) -> Margins:
-    """The same for forms that logs have shown in turn: where one ends and the next begins, both are kept."""
+    """Margins for forms that occur in one motion: where two forms join, the margins of both apply."""
     own = [margins[form][0][0] for form in errors if form in margins]
     out = {}
     for form, (table, confidence) in margins.items():
@@ -296,13 +301,13 @@ def _meeting(margins: Margins, errors: Mapping[str, Sequence[Array]]) -> Margins
 
 
 def _known(campaign: Campaign) -> Array | None:
-    """(k,) largest position errors that the feedback gains allow; None if the gains are unknown."""
+    """Largest position errors (k,) that the feedback gains allow; None for unknown gains."""
     kind = campaign.kind
     return np.asarray(kind.largest_error(campaign.spec)) if isinstance(kind, SupportsLargestError) else None
 
 
 def _short(campaign: Campaign, wanted: Array, kept: Array) -> list[str]:
-    """A sentence for each margin that is larger than the room."""
+    """A sentence for each margin that exceeds the available range."""
     units = campaign.channel(campaign.kind.path).units
     return [
         f"Tracking: the error in {QUANTITIES[order]} of {axis} may reach {wanted[order, j]:.3g} {units[j]}"
@@ -314,7 +319,7 @@ def _short(campaign: Campaign, wanted: Array, kept: Array) -> list[str]:
 
 
 def _accelerations(campaign: Campaign, form: str, errors: Sequence[Array]) -> list[str]:
-    """A sentence for each form on the acceleration errors of the last logs, which have no margin."""
+    """A sentence for each form about the acceleration errors of the last logs, which have no margin."""
     last = [own[ACCELERATION] for own in errors[-LOGS_CONSIDERED:] if len(own) > ACCELERATION]
     if not last:
         return []

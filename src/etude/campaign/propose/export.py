@@ -30,13 +30,13 @@ CERTIFICATE = "certificate.json"
 
 @dataclass(frozen=True)
 class ExportedMotion:
-    """Files in another format.
+    """Files of a motion in another format.
 
     Attributes:
         format: its name among `etude.exporters`.
         files: their paths.
-        certificate: of what the receiver plays of these bytes.
-        renewed: a sentence, if they were written anew.
+        certificate: of the motion that the receiver plays from these bytes.
+        renewed: a sentence, if the files were written anew.
     """
 
     format: str
@@ -46,7 +46,7 @@ class ExportedMotion:
 
 
 def require_formats(names: Sequence[str]) -> None:
-    """Loads them: a name that is wrong is said before anything is asked. UsageError: there is none."""
+    """Loads the exporters, so that a wrong name fails before any design. UsageError: a format is unknown."""
     for name in names:
         plugins.load(GROUP, name)
 
@@ -61,23 +61,22 @@ def export(
     effort: bool = False,
     drag: bool = True,
 ) -> ExportedMotion:
-    """Writes `folder`/`name`/... and commits it, once; what lies there is held against that and the journal,
-    and written anew where it is another by now.
+    """Writes `folder`/`name`/... once and commits it; writes it anew if its contents have changed.
 
-    The caller holds the writer's lock.
+    Existing files are compared with the journal first. The caller holds the writer's lock.
 
     Args:
         campaign: the folder. number: of the proposal.
-        trajectory: what to run. folder: where its own files are.
+        trajectory: to be run. folder: of its own files.
         name: of the exporter.
-        effort: with the learned command along the motion; margins are then those under it.
-        drag: whether accelerations, where the format has them, hold against what was learned of the drag, as
-            flights that are simulated do (`Kind.collecting`).
+        effort: include the learned command along the motion, and use the margins for it.
+        drag: let accelerations compensate the learned drag, where the format has them, as simulated flights
+            do (`Kind.collecting`).
 
     Raises:
-        UsageError: no such format, not one for this robot, no model to take commands from, commands that are
-            no forces, or a file that was changed since.
-        UnsafeTrajectoryError: what the receiver plays leaves a limit; nothing is written.
+        UsageError: the format is unknown or not for this robot, no model gives commands, the commands are not
+            forces, or a file was changed.
+        UnsafeTrajectoryError: the received motion leaves a limit; nothing is written.
     """
     exporter = plugins.load(GROUP, name)
     what = _with_effort(campaign, trajectory) if effort else trajectory
@@ -107,7 +106,7 @@ def _with_effort(campaign: Campaign, trajectory: Trajectory) -> Commanded:
 
 
 def _accelerated(campaign: Campaign, what: Trajectory | Commanded) -> Trajectory | Commanded:
-    """With what flights that collect are flown with, once something was learned."""
+    """The motion with the accelerations of flights that collect logs, once a model exists."""
     if not isinstance(campaign.kind, SupportsCollecting) or not campaign.state().trained:
         return what
     used = deployed_model(campaign)
@@ -119,7 +118,7 @@ def _accelerated(campaign: Campaign, what: Trajectory | Commanded) -> Trajectory
 def accelerated_by(
     campaign: Campaign, what: Trajectory | Commanded, model: LearnedModel
 ) -> Trajectory | Commanded:
-    """With the accelerations that flights that collect are told of this model."""
+    """The motion with the accelerations that this model gives to flights that collect logs."""
     kind = campaign.kind
     if not isinstance(kind, SupportsCollecting):
         return what  # it collects under feedback alone

@@ -1,4 +1,4 @@
-"""The next proposal: designed from the model and the visited states, or from the limits before any log."""
+"""Design of the next proposal: from the model and the visited states, or from the limits before any log."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ FIRST = {"scaled": "random, scaled to the limits", "uniform": "random, uniform o
 
 @dataclass(frozen=True, eq=False)
 class Known:
-    """What a design starts from: inputs, what is known of the robot, and whether that was learned."""
+    """Basis of a design: inputs, knowledge of the robot, and whether a model was learned."""
 
     inputs: Inputs
     model: Model | Sequence[Latent]
@@ -51,14 +51,15 @@ def proposed(
     limits: Sequence[Limit],
     say: Say,
 ) -> tuple[Trajectory, Asked]:
-    """The next recording, and how it was found.
+    """The next trajectory to record, and how it was found.
 
-    Before any log tasks are not verified: a motion for them alone leaves the rest of the robot unknown.
+    Before any log, tasks are ignored: a motion for them alone would leave the rest of the robot unknown.
 
     Args:
-        model: the newest, None before any log.
-        open_ones: proposals that wait for their logs: what they will tell is not asked for again.
-        limits: less the margins of tracking.
+        campaign: the folder. model: the newest; None before any log. rng: source of random numbers.
+        tasks: motions that the model is intended for.
+        open_ones: proposals that await their logs; their information counts as known.
+        limits: less the tracking margins. say: receives one sentence per step.
     """
     known = _known(campaign, model)
     if known is None:
@@ -71,7 +72,7 @@ def proposed(
 
 
 def _known(campaign: Campaign, model: Model | None) -> Known | None:
-    """None: nothing to design from, or nothing is to be."""
+    """Basis of the design; None before any log, or if campaign.toml turns the design off."""
     from etude.design.latents import prior_latents
 
     if model is not None:
@@ -89,7 +90,7 @@ def _known(campaign: Campaign, model: Model | None) -> Known | None:
 def _random(
     campaign: Campaign, rng: np.random.Generator, limits: Sequence[Limit]
 ) -> tuple[Trajectory, Asked]:
-    """Random segments, chained."""
+    """A chain of random segments."""
     from etude.design.chain_design import cut_short, linked
 
     family = campaign.kind.family(campaign.spec, campaign.config)
@@ -115,13 +116,15 @@ NO_TIME = "nothing: its time is over"
 
 @dataclass(frozen=True)
 class Swept:
-    """What the segments of a motion sweep of one axis, of 20 bins those with half a percent of their time.
+    """Range of one axis that the segments of a motion cover.
+
+    The range has 20 bins. A bin counts if the motion spends at least half a percent of its time there.
 
     Attributes:
         axis: its name.
-        of_range: part of its range, of a hinge one turn at most.
-        of_clear: part of what lies between its extreme clear poses.
-        held: what stands in the way where its way ends, on the side where more of the range is left.
+        of_range: covered fraction of its range; for a hinge, of one turn at most.
+        of_clear: covered fraction of the range between its extreme clear poses.
+        held: the obstacle at the end of the covered range, on the side with more range left.
     """
 
     axis: str
@@ -131,9 +134,7 @@ class Swept:
 
 
 def swept(campaign: Campaign, trajectory: Trajectory, limits: Sequence[Limit]) -> tuple[Swept, ...]:
-    """Of each axis; nothing of kinds that do not know where their robots can be, and of motions without
-    segments.
-    """
+    """Covered range of each axis; () for kinds without `reachable` and for motions without segments."""
     from etude.design.candidates import Visited
 
     reach = reachable(campaign)
@@ -150,7 +151,7 @@ def swept(campaign: Campaign, trajectory: Trajectory, limits: Sequence[Limit]) -
 
 
 def _held(reach: Reachable, way: Array, j: int, limits: Sequence[Limit], form: str) -> str:
-    """What the pose runs into at which an axis is farthest out, if it goes on by itself."""
+    """The obstacle for the pose farthest out on axis `j`, if this axis alone moves on."""
     room = way[:, j].min() - reach.lower[j], reach.upper[j] - way[:, j].max()
     at = int(way[:, j].argmin() if room[0] > room[1] else way[:, j].argmax())
     end = reach.lower[j] if room[0] > room[1] else reach.upper[j]
@@ -164,12 +165,12 @@ def _held(reach: Reachable, way: Array, j: int, limits: Sequence[Limit], form: s
 
 
 def as_facts(rows: Sequence[Swept]) -> list[dict[str, Any]]:
-    """For certificates and machines."""
+    """The rows as JSON values, for certificates and programs."""
     return [asdict(row) for row in rows]
 
 
 def teaches_little(rows: Sequence[Swept]) -> tuple[Notice, ...]:
-    """What is said first of a motion that goes nowhere."""
+    """A warning about a motion that covers little of every axis."""
     if not rows or max(row.of_range for row in rows) > SMALL:
         return ()
     held = tuple(dict.fromkeys(row.held for row in rows if row.held and row.held != NO_TIME))
@@ -180,17 +181,17 @@ def teaches_little(rows: Sequence[Swept]) -> tuple[Notice, ...]:
 
 
 def reachable(campaign: Campaign) -> Reachable | None:
-    """Where the robot can be; None of kinds that do not know."""
+    """Poses that the robot can reach; None for kinds that do not know."""
     kind = campaign.kind
     return kind.reachable(campaign.spec) if isinstance(kind, SupportsReachable) else None
 
 
 def roam_of(campaign: Campaign, family: Family, open_ones: Sequence[Trajectory]) -> Roam | None:
-    """Where the next motion is looked for; None where nothing has to be kept clear of.
+    """Region for the search of the next motion; None for robots without obstacles.
 
     Args:
-        campaign: the folder. family: of its segments.
-        open_ones: proposals that wait for their logs.
+        campaign: the folder. family: of the motion's segments.
+        open_ones: proposals that await their logs.
     """
     from etude.design.candidates import Roam
 
@@ -203,7 +204,7 @@ def roam_of(campaign: Campaign, family: Family, open_ones: Sequence[Trajectory])
 
 
 def visited_by(campaign: Campaign, reach: Reachable) -> Visited:
-    """What motions with a log have visited, as they were planned; of foreign logs the log itself."""
+    """Poses that the motions with a log have visited, as planned; for unsolicited logs, as recorded."""
     from etude.design.candidates import Visited
 
     found = Visited.nothing(reach)
@@ -228,7 +229,7 @@ def _designed(
     open_ones: Sequence[Trajectory],
     limits: Sequence[Limit],
 ) -> tuple[Trajectory, Asked]:
-    """The recording that teaches most, and how it was found."""
+    """The most informative trajectory to record, and how it was found."""
     from etude.design.chain_design import design_chain
 
     kind, spec, config = campaign.kind, campaign.spec, campaign.config

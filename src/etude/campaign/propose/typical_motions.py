@@ -31,15 +31,15 @@ def typical_motions(
     *,
     grown: bool = False,
 ) -> list[Trajectory]:
-    """Random trajectories inside the limits, as large as these allow.
+    """Random trajectories as large as the limits allow.
 
     Args:
-        campaign: whose. rng: source. count: of them.
+        campaign: the folder. rng: source of random numbers. count: of trajectories.
         limits: None: the robot's own, without margins.
-        grown: enlarge each part again after what is not convex has taken its share: for motions to be run.
+        grown: enlarge each part again after limits that are not convex have shrunk it; for motions to be run.
 
     Raises:
-        UnsafeTrajectoryError: the limits leave no room.
+        UnsafeTrajectoryError: the limits allow no motion.
     """
     from etude.design.candidates import Source
 
@@ -51,9 +51,9 @@ def typical_motions(
 
 
 def reference_motions(campaign: Campaign, rng: np.random.Generator) -> list[Trajectory]:
-    """Motions that stand in for tasks: of an arm as many moves between random postures as slow series.
+    """Motions that stand in for tasks: for an arm, as many moves between random postures as slow series.
 
-    They are drawn as the tests of simulated campaigns are, and are others.
+    They have the same distribution as the tests of simulated campaigns, but other random numbers.
     """
     from etude.design.objective import MOTIONS
 
@@ -68,7 +68,7 @@ def reference_motions(campaign: Campaign, rng: np.random.Generator) -> list[Traj
 
 
 def segments_of(campaign: Campaign, family: Family) -> int:
-    """How many segments of the family fill a recording; one where no way leads from one to the next."""
+    """Number of segments of the family that fill a recording; 1 if segments cannot be joined."""
     segment = family.trajectory(np.zeros(family.size))
     count = max(1, round(campaign.config.duration / segment.duration))
     if count == 1:
@@ -78,10 +78,10 @@ def segments_of(campaign: Campaign, family: Family) -> int:
 
 
 def from_rest(campaign: Campaign, motion: Trajectory, limits: Sequence[Limit]) -> Trajectory:
-    """The motion as this robot is sent it: with a lead-in from rest and a lead-out to rest if it needs them.
+    """The motion as it is sent to the robot: with a lead-in from rest and a lead-out to rest where needed.
 
     Raises:
-        UnsafeTrajectoryError: none is proved.
+        UnsafeTrajectoryError: no lead-in or lead-out is proved.
     """
     from etude.limits.lead_ins import at_rest
 
@@ -91,7 +91,7 @@ def from_rest(campaign: Campaign, motion: Trajectory, limits: Sequence[Limit]) -
 
 
 def approaches_of(campaign: Campaign) -> Approaches:
-    """The kind's ways to a motion and back."""
+    """The kind's approaches to a motion and returns from it."""
     return lambda motion, pose: campaign.kind.approaches(campaign.spec, motion, pose)
 
 
@@ -101,7 +101,7 @@ SMOOTH = 5
 
 @dataclass(frozen=True, eq=False)
 class RecordedMotion:
-    """A motion given by samples, made continuous by a spline: read only, so it is neither proved nor stored.
+    """A motion that samples give, made continuous by a spline; neither proved nor stored.
 
     Attributes:
         t: (n,) s.
@@ -140,14 +140,14 @@ class RecordedMotion:
 
 
 def load_tasks(path: Path, channel: Channel) -> tuple[Trajectory, ...]:
-    """The motions of a file: a trajectory.json of Étude, or a table with a time and a column per coordinate.
+    """Motions in a file: a trajectory.json of Étude, or a table with a time and a column for each coordinate.
 
     Args:
-        path: the file.
-        channel: what the robot's path is called, and its coordinates.
+        path: of the file.
+        channel: the robot's path, with its coordinates.
 
     Raises:
-        UsageError: no such file, another robot's, or not a motion.
+        UsageError: the file is missing, is for another robot, or holds no motion.
     """
     try:
         data = path.read_bytes()

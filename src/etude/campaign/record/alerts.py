@@ -1,4 +1,4 @@
-"""Alerts of a campaign, from committed facts; `status` and the report show them first."""
+"""Alerts of a campaign, computed from committed facts; `status` and the report show them first."""
 
 from __future__ import annotations
 
@@ -25,18 +25,19 @@ FEEDBACK = ("pd", "pid")
 
 
 def campaign_alerts(state: State, outputs: Sequence[str], axes: int) -> tuple[Notice, ...]:
-    """What the user should know before any figure, red lights first; empty if nothing is wrong.
+    """What the user should know before any figure, red alerts first; () if nothing is wrong.
 
     Args:
+        state: of the campaign.
         outputs: names of the commands.
-        axes: how many coordinates the path has.
+        axes: number of coordinates of the path.
     """
     found = [*_of_logs(state), *_of_training(state), *_of_scores(state, outputs), *_of_tests(state, axes)]
     return tuple(sorted(found, key=lambda notice: notice.light != "red"))
 
 
 def _of_logs(state: State) -> list[Notice]:
-    """What was found when logs were told that are used or wait; a changed robot only until it is answered."""
+    """Findings about logs that are used or await an answer; a changed robot only until the answer."""
     found = []
     for r in state.ingested:
         for finding in r.ingested.findings if r.ingested else ():
@@ -49,18 +50,18 @@ def _of_logs(state: State) -> list[Notice]:
 
 
 def _of_training(state: State) -> list[Notice]:
-    """What the newest training says of what is in use: nothing to be believed, or no better than linear.
+    """Findings of the newest training about the structure in use: unreliable, or no better than linear.
 
-    Other warnings say what was done about it, or are of inputs.
+    Other warnings say how the training handled them, or concern inputs.
     """
     warnings = state.newest.warnings if state.newest else ()
     return [replace(one, light="yellow") for one in warnings if one.code in OF_TRAINING]
 
 
 def _of_scores(state: State, outputs: Sequence[str]) -> list[Notice]:
-    """Of logs left out, each predicted from the others. Of a single log nothing is known of new motion.
+    """Alerts about the scores on logs left out; a single log says nothing about new motion.
 
-    Trainings of earlier versions: of the newest log that was predicted before it was learned.
+    Trainings of earlier versions have the score on the newest log before it was learned.
     """
     found = state.newest.new_motion if state.newest else None
     if found is not None:
@@ -83,7 +84,7 @@ def _of_figures(
     where: Notice,
     chosen: Notice,
 ) -> list[Notice]:
-    """Of the scores of what is in use, beside the nMSE of linear regression."""
+    """Alerts about the scores of the structure in use, beside the nMSE of linear regression."""
     unsure = tuple(
         Notice(Phrase.COVERAGE, {"output": name, "part": part})
         for name, part in zip(outputs, used.coverage, strict=False)
@@ -95,13 +96,13 @@ def _of_figures(
 
 
 def _never_moved(still: Sequence[str]) -> list[Notice]:
-    """Outputs that nothing is known of, if there are any."""
+    """An alert about outputs whose joints never moved; none without such outputs."""
     fields = {"outputs": tuple(still)}
     return [Notice(Alert.NEVER_MOVED, fields, NextStep.MOVE_OUTPUT, "red")] if still else []
 
 
 def _unmoved(state: State) -> list[str]:
-    """Outputs whose joints were held in every log that was learned, as the newest training found."""
+    """Outputs whose joints stood still in every learned log, as the newest training found."""
     return list(state.newest.unmoved) if state.newest else []
 
 
@@ -113,12 +114,13 @@ def _of_errors(
     chosen: Notice,
     unmoved: Sequence[str],
 ) -> list[Notice]:
-    """Outputs that a constant, or linear regression, would have predicted as well.
+    """Alerts about outputs that a constant, or linear regression, would have predicted as well.
 
     Args:
-        used, linear: nMSE of each output, of what is or was in use and of linear regression; None: unknown.
-        where, chosen: phrases: how that was found, and what is or was in use.
-        unmoved: outputs whose joints never moved: what is said of these is that.
+        outputs: names of the commands.
+        used, linear: nMSE of each output, for the structure in use and for linear regression; None: unknown.
+        where, chosen: phrases for the alert: source of the scores, and structure in use.
+        unmoved: outputs whose joints never moved; their alert says so.
     """
     useless = _named(outputs, used, lambda value, _: value >= NO_BETTER, linear)
     beaten = _named(outputs, used, lambda value, other: BEATEN * other < value and other < NO_BETTER, linear)
@@ -138,27 +140,28 @@ def _of_errors(
 
 
 def _instead(used: Sequence[Any], linear: Sequence[Any]) -> NextStep:
-    """What to do where linear regression errs less: it is chosen for all outputs or for none."""
+    """Next step where linear regression errs less; it is selected for all outputs or for none."""
     pairs = list(zip(used, linear, strict=False))
     better = all(u is not None and o is not None and o < min(u, NO_BETTER) for u, o in pairs)
     return NextStep.TELL_OR_LINEAR if better and len(pairs) == len(used) else NextStep.TELL_TO_CHOOSE
 
 
 def coverages(scored: Round) -> Sequence[float | None]:
-    """Of each output, the part of the commands inside the intervals: on logs left out; without, on the log
-    before it was learned.
+    """Fraction of each output's commands inside the intervals, on logs left out.
+
+    Without such logs, on the log before it was learned; None if unknown.
     """
     found = scored.trained.new_motion if scored.trained else None
     return (_in_use(scored) if found is None else found.used).coverage
 
 
 def _in_use(r: Round) -> PrequentialScore:
-    """Scores of what was in use when this log came; empty for the first log."""
+    """Scores of the structure in use before this log was learned; empty for the first log."""
     return _scores(r, _then(r))
 
 
 def _then(r: Round) -> str | None:
-    """What was in use when this log came."""
+    """Structure in use before this log was learned."""
     return r.trained.in_use if r.trained else None
 
 
@@ -167,7 +170,7 @@ def _scores(r: Round, structure: str | None) -> PrequentialScore:
 
 
 def _named(outputs: Sequence[str], values: Sequence[Any], notable: Any, others: Sequence[Any]) -> list[str]:
-    """Outputs whose value is notable, beside that of linear regression; inf where that is not known."""
+    """Outputs with a notable value, beside that of linear regression; inf where that is unknown."""
     rows = [*others, *[None] * (len(values) - len(others))]
     return [
         name
@@ -177,7 +180,7 @@ def _named(outputs: Sequence[str], values: Sequence[Any], notable: Any, others: 
 
 
 def _of_tests(state: State, axes: int) -> list[Notice]:
-    """Simulated tests that the newest model does worse than the one before, or than no model at all."""
+    """Alerts about simulated tests with a larger error than under the previous model, or without a model."""
     found = []
     for name in dict.fromkeys(e.test for _, e in state.evaluated):
         own = [e for _, e in state.evaluated if e.test == name]

@@ -1,4 +1,4 @@
-"""CampaignConfig: the whole configuration of a campaign."""
+"""Configuration of a campaign: `CampaignConfig`."""
 
 from __future__ import annotations
 
@@ -17,18 +17,18 @@ from etude.toml_tables import read_table
 
 @dataclass(frozen=True)
 class StopConfig:
-    """The stop rule (see `campaign.evaluate.stopping`); each criterion can be switched off with 0.
+    """The stop rule (see `campaign.evaluate.stopping`); 0 switches a criterion off.
 
     Attributes:
-        command_tolerance: forecast command error that is good enough, as a fraction of each axis's command
-            limit; every axis must be below. Off by default: only the user knows what is good enough.
-        noise_fraction: stop when the variance that is left is below this fraction of the noise variance.
-        gain_per_minute: stop when the next trajectory removes less than this fraction of the variance
-            left per minute of robot time, set-up included.
-        setup_s: seconds of robot time that each trajectory costs besides its own duration.
+        command_tolerance: sufficient expected command error, as a fraction of each axis's command limit;
+            every axis must be below. Off by default, because only the user knows the tolerance.
+        noise_fraction: stop if the remaining variance is below this fraction of the noise variance.
+        gain_per_minute: stop if the next trajectory removes less than this fraction of the remaining variance
+            per minute of robot time, set-up included.
+        setup_s: set-up time of each trajectory, s.
         budget_trajectories: stop after this many logs.
         budget_minutes: stop after this many minutes of recorded motion.
-        consecutive: how many logs in a row must agree before the first three criteria stop the campaign.
+        consecutive: number of successive logs on which each of the first three criteria must hold.
     """
 
     command_tolerance: float = 0.0
@@ -61,19 +61,19 @@ SECTIONS = ("trajectory", "data", *SHARED)
 
 @dataclass(frozen=True)
 class CampaignConfig:
-    """The whole configuration; each table of the file is one frozen dataclass of the room that uses it.
+    """The whole configuration; each table of campaign.toml is one frozen dataclass of the room that uses it.
 
     Attributes:
         kind: of the robot, a name in the group etude.robots.
-        preset: the named configuration that keys left out are taken from.
-        seed: of every random number the campaign draws.
-        trajectory: which trajectories may be asked for; the kind's own dataclass.
-        data: how a log becomes samples; the kind's own dataclass.
-        model: what is learned.
-        design: how the next trajectory is chosen.
-        stop: when another trajectory is not worth its robot time.
-        log: how the robot's logs name things.
-        tracking: what is kept of the limits for tracking errors.
+        preset: named configuration that gives the omitted keys.
+        seed: of every random number in the campaign.
+        trajectory: trajectories that may be proposed; the kind's own dataclass.
+        data: preprocessing of a log into samples; the kind's own dataclass.
+        model: to be learned.
+        design: of the next trajectory.
+        stop: stop rule.
+        log: names in the robot's logs.
+        tracking: margins for tracking errors.
     """
 
     kind: str
@@ -89,15 +89,15 @@ class CampaignConfig:
 
     @property
     def duration(self) -> float:
-        """Of each trajectory, s."""
+        """Duration of each trajectory, s."""
         return float(self.trajectory.duration)
 
 
 def preset_config(kind: Kind, name: str, where: str = "") -> CampaignConfig:
-    """The kind's configuration of that name, with seed 0: its preset laid over the dataclasses' defaults.
+    """The kind's configuration of that name with seed 0: its preset laid over the dataclasses' defaults.
 
     Raises:
-        UsageError: the kind has no preset of that name, or the preset is impossible.
+        UsageError: the kind has no such preset, or the preset is invalid.
     """
     if name not in kind.presets:
         raise UsageError(

@@ -1,4 +1,4 @@
-"""campaign.toml: the configuration in one file that people edit by hand."""
+"""Configuration file of a campaign: campaign.toml, which people edit by hand."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ CONFIG = "campaign.toml"
 
 @dataclass(frozen=True)
 class ConfigFile:
-    """A campaign.toml, read.
+    """The contents of a campaign.toml.
 
     Attributes:
-        config: what it says.
+        config: the configuration.
         kind: of the robot.
-        sha256: of its bytes.
+        sha256: of the file's bytes.
     """
 
     config: CampaignConfig
@@ -39,7 +39,7 @@ def load_config(folder: Path) -> ConfigFile:
     """The campaign.toml in `folder`.
 
     Raises:
-        UsageError: no campaign there, or a file edited into something impossible; names the file and the key.
+        UsageError: the folder holds no campaign, or a value is invalid; names the file and the key.
     """
     path = folder / CONFIG
     try:
@@ -57,17 +57,17 @@ def load_config(folder: Path) -> ConfigFile:
 
 
 def require_trusted_names(folder: Path, file: str, named: Mapping[str, str]) -> None:
-    """UsageError: a file of the campaign names code, and this user does not trust the folder."""
+    """Raises UsageError if a file of the campaign names code and this user does not trust the folder."""
     if named:
         command = trusting(folder)
         require_trusted(named, folder / file, folder, folder_id(folder / JOURNAL), command)
 
 
 def trust_campaign(folder: Path) -> None:
-    """Puts the campaign in a folder on this user's list: code that its files name is run from now on.
+    """Adds the campaign's folder to this user's list; code that its files name may then run.
 
     Raises:
-        UsageError: there is no campaign. OSError: the list cannot be written.
+        UsageError: the folder holds no campaign. OSError: the list cannot be written.
     """
     identity = folder_id(folder / JOURNAL)
     if not identity:
@@ -82,7 +82,7 @@ def trusting(folder: Path) -> str:
 
 
 def _names(data: bytes, where: str) -> dict[str, str]:
-    """Code that a campaign.toml names; how logs name their columns is none."""
+    """Code that a campaign.toml names; names of log columns are not code."""
     try:
         table = decoded(data.decode(), where)
     except UnicodeDecodeError:
@@ -126,7 +126,7 @@ COMMENTS: dict[str, dict[str, str]] = {
         "steps": 'of the hyperparameter training; of "minimize" line searches (negative: evaluations)',
         "warm_from": "logs from which training goes on from the last model",
         "warm_steps": "of a training that goes on; 0: as many as steps",
-        "method": '"lbfgs", or "minimize": conjugate gradients, as the thesis',
+        "method": '"lbfgs", "minimize": conjugate gradients, as the thesis, or "descent": fixed steps',
         "starts": "of the training; the best end wins",
         "schedule": 'hyperparameters from log to log: "update", "constant", "reinitialise" or "first"',
         "prior": '"weak" priors on the hyperparameters, or "none"',

@@ -1,4 +1,4 @@
-"""Confirmation motions: tracking errors of their runs without and with feedforward, and the forecast."""
+"""Confirmation motions: tracking errors without and with feedforward, and the expected tracking error."""
 
 from __future__ import annotations
 
@@ -43,12 +43,12 @@ HALF_NORMAL = math.sqrt(2.0 / math.pi)
 
 @dataclass(frozen=True)
 class Without:
-    """A run without the feedforward, mean absolute values (k,).
+    """A run without feedforward: mean absolute values (k,), rad (m).
 
     Attributes:
-        moving: error of each axis while it moves.
-        late: what of it a lag of all axes would be, of sampling, filters or delays.
-        noise: of the encoder, which is in all errors.
+        moving: tracking error of each axis while it moves.
+        late: part of this error that a lag common to all axes causes: sampling, filters, delays.
+        noise: of the encoder, which every error contains.
     """
 
     moving: Array
@@ -56,9 +56,9 @@ class Without:
     noise: Array
 
     def expected(self, left: Sequence[float | None]) -> list[tuple[float, float] | None]:
-        """Least and most error of each axis while it moves, of the parts that are `left_over`.
+        """Least and largest expected error of each axis while it moves, by the fractions of `left_over`.
 
-        No feedforward takes a lag away. Friction that the model does not know may look like one, so it
+        Feedforward cannot remove a lag. Friction that the model does not describe resembles a lag, so the lag
         counts in the upper end alone.
         """
         rows = zip(left, self.moving, self.late, self.noise, strict=True)
@@ -71,19 +71,21 @@ class Without:
 
 
 def instants(trajectory: Trajectory) -> Array:
-    """(T,) s."""
+    """Times (T,) s."""
     return np.arange(0.0, trajectory.duration, STEP_S)
 
 
 def moving(trajectory: Trajectory, t: Array, trained: Array) -> Mask:
-    """(T, k) where each joint moves by plan at t (T,) s; trained (k,): top speeds in training."""
+    """Mask (T, k) of the times t (T,) s at which each joint moves as planned; trained (k,): top speeds in
+    training.
+    """
     top = np.abs(trajectory.motion(instants(trajectory), 2).orders[1]).max(axis=0)
     speed = np.abs(trajectory.motion(t, 2).orders[1])
     return np.asarray((speed > FRACTION * top) & (top > FRACTION * trained))
 
 
 def trained_speeds(model: LearnedModel, rates: Channel) -> Array:
-    """(k,) top speed of each axis in training, by the channel of rates; 0 where the model looks at none."""
+    """Top speed (k,) of each axis in training, from the channel of rates; 0 if the model does not use it."""
     known: Mapping[tuple[str, str], float] = {
         (channel, part): float(np.abs(model.ranges[:, i]).max())
         for i, (channel, part, _, op) in enumerate(model.inputs.columns)
@@ -94,11 +96,12 @@ def trained_speeds(model: LearnedModel, rates: Channel) -> Array:
 
 
 def left_over(model: LearnedModel, trajectory: Trajectory, trained: Array) -> list[float | None]:
-    """(k,) mean absolute command that the model leaves to the feedback, over all that the feedback has to
-    give without it; both while that axis moves, None where it hardly does.
+    """Mean absolute command (k,) that the model leaves to the feedback, over the feedback's whole command
+    without it.
 
-    A linear feedback's errors are in proportion. The model's calibrated variance counts, that of its noise
-    included: what no input explains is left to the feedback too.
+    Both are means while the axis moves; None for an axis that hardly moves. The errors of linear feedback are
+    proportional to this fraction. The model's calibrated variance counts with its noise, because the feedback
+    also compensates what no input explains.
     """
     t = instants(trajectory)
     mean, variance = model.posterior(model.inputs.states(trajectory.motion(t, model.inputs.orders)))
@@ -113,14 +116,14 @@ def left_over(model: LearnedModel, trajectory: Trajectory, trained: Array) -> li
 
 
 def errors(log: Log, path: str, trajectory: Trajectory, use: Mask) -> Array:
-    """(k,) mean absolute tracking error where `use` (T, k), NaN of nothing."""
+    """Mean absolute tracking error (k,) where `use` (T, k), rad (m); NaN where `use` is empty."""
     return _mean(log[path] - trajectory.motion(log.t, 1).orders[0], use)
 
 
 def without_it(log: Log, path: str, trajectory: Trajectory, use: Mask, command: Array) -> Without:
-    """Of a run without the feedforward, whose command (T, k) it would have been.
+    """Errors of a run without feedforward; command (T, k): the feedforward that it would have had.
 
-    Noise is what second differences of the error hold: a joint's own motion is much slower.
+    Second differences of the error give the noise, because the motion of a joint is much slower.
     """
     place, rate = trajectory.motion(log.t, 2).orders[:2]
     error = log[path] - place
@@ -131,10 +134,10 @@ def without_it(log: Log, path: str, trajectory: Trajectory, use: Mask, command: 
 
 
 def shared_lag(error: Array, rate: Array, command: Array, use: Mask) -> float:
-    """s that errors (T, k) follow the rates (T, k) by in every axis, beside what they follow the command by.
+    """Common lag (s) of the errors (T, k) behind the rates (T, k), beside their dependence on the command.
 
-    Of each axis by least squares where it moves. They are biased wherever friction makes command and rate
-    alike, so the least of them counts, and none where two differ in sign.
+    Least squares give it for each axis where it moves. Friction that makes command and rate similar biases
+    these values. So the least one counts, and none if two have opposite signs.
     """
     pairs = [(np.column_stack([rate[own, j], command[own, j]]), error[own, j]) for j, own in enumerate(use.T)]
     found = [float(np.linalg.lstsq(A, e, rcond=None)[0][0]) for A, e in pairs if len(e)]
@@ -149,10 +152,11 @@ def _mean(values: Array, use: Mask) -> Array:
 
 
 def confirmed(campaign: Campaign, one: Round) -> dict[str, Any]:
-    """What is known of a motion that confirms, for `status` and the report; lists per axis, None if open.
+    """Results of a confirmation motion, for `status` and the report; lists by axis, None if open.
 
-    "without", "with": errors over the whole motion; "moving": that with, while the axis moves; "forecast": of
-    the same, least and most, None of an axis that hardly moves. Motions of earlier versions have neither.
+    Keys: "without", "with": errors over the whole motion; "moving": error with feedforward while the axis
+    moves; "forecast": least and largest expected value of "moving", None for an axis that hardly moves.
+    Motions of earlier versions have neither of the last two.
     """
     asked, runs = one.asked, one.runs
     without, fed = runs.get("without"), runs.get("with")
@@ -178,7 +182,7 @@ def _forecast(asked: Asked | None, without: Confirmed | None) -> list[tuple[floa
 
 
 def in_words(value: float | Sequence[float] | None) -> str:
-    """A figure of `confirmed`, or the two that it lies between; "-" for None."""
+    """A figure of `confirmed`, or both ends of its interval; "-" for None."""
     if value is None:
         return "-"
     return f"{value:.3g}" if isinstance(value, int | float) else " .. ".join(f"{v:.2g}" for v in value)

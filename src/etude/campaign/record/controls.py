@@ -1,4 +1,4 @@
-"""The control of a motion, planned and used: tracking margins are measured for each control by itself."""
+"""Control of a motion, planned and used; tracking margins are measured for each control separately."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ IN_WORDS = {
 
 
 def required(control: str, effort: bool = False) -> str:
-    """The control that a motion is asked for: its word, or what its files say.
+    """The control that a motion is proposed for.
 
     Args:
-        control: its word; "": what is sent decides.
-        effort: whether the learned command is sent with it.
+        control: its name; "": `effort` decides.
+        effort: whether the learned command is sent with the motion.
 
     Raises:
-        UsageError: no such control, or the learned command is sent with another.
+        UsageError: the control is unknown, or the learned command is sent with another control.
     """
     if control and control not in IN_WORDS:
         raise UsageError(f"there is no control {control!r}", where="--control", next_step=_known())
@@ -39,12 +39,12 @@ def required(control: str, effort: bool = False) -> str:
 
 
 def asked_under(asked: Constrained | None) -> tuple[str, ...]:
-    """The controls that a proposal was made for; none are known of those that are older than this fact."""
+    """Controls that a proposal was made for; () for proposals without this field."""
     return () if asked is None else asked.controls
 
 
 def require_same(control: str, asked: Constrained | None, number: int) -> None:
-    """UsageError if a control was named that the open proposal `number` is not for."""
+    """Raises UsageError if `control` is named and the open proposal `number` is for another one."""
     own = asked_under(asked)
     if control and own and control not in own:
         raise UsageError(
@@ -55,7 +55,7 @@ def require_same(control: str, asked: Constrained | None, number: int) -> None:
 
 
 def require_learned(control: str, state: State) -> None:
-    """UsageError if a motion is asked for that is fed forward what was learned, and nothing was."""
+    """Raises UsageError if a motion needs learned feedforward and nothing was learned."""
     if control == LEARNED and not state.trained:
         raise UsageError(
             f"nothing has been learned yet that could be the {IN_WORDS[LEARNED]}",
@@ -65,10 +65,11 @@ def require_learned(control: str, state: State) -> None:
 
 
 def run_under(campaign: Campaign, number: int, given: str) -> str:
-    """The control that the log of a proposal was run under.
+    """The control of a proposal's run.
 
-    As its teller says; else learned feedforward if the proposal was written with the learned command, else
-    what it was asked for. "" where it is older than this fact: its log then counts for each control.
+    The user's word comes first. Otherwise it is learned feedforward if the proposal was written with the
+    learned command, else the control of the proposal. "" for proposals without this field: such a log counts
+    for every control.
     """
     if given:
         return required(given)
@@ -80,12 +81,14 @@ def run_under(campaign: Campaign, number: int, given: str) -> str:
 
 
 def speaks_of(ingested: Ingested, control: str) -> bool:
-    """Whether a log tells of motions under that control; one whose control is unknown tells of each."""
+    """Whether a log is evidence about motions under that control; one with unknown control is evidence for
+    all.
+    """
     return ingested.control in ("", control)
 
 
 def in_words(controls: Sequence[str]) -> str:
-    """As certificates call them: "feedback alone or learned feedforward"; nothing if none are known."""
+    """The controls as certificates name them: "feedback alone or learned feedforward"; "" if unknown."""
     return " or ".join(IN_WORDS[own] for own in controls)
 
 

@@ -1,4 +1,4 @@
-"""The model in use: the one that was promoted, pinned by the hash of its file."""
+"""Deployed model of a campaign: the promoted one, identified by the hash of its file."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ FOLDER = "promoted"
 
 @dataclass(frozen=True, eq=False)
 class DeployedModel:
-    """What leaves for the robot.
+    """The model that is sent to the robot.
 
     Attributes:
-        model: it.
-        number: of the log that its training ended with.
-        path: its file. sha256: of that.
-        promoted: False where nothing was promoted yet, and the newest model stands in.
-        sentence: which model it is, for people.
+        model: the model itself.
+        number: of the last log in its training.
+        path: of its file. sha256: of the file.
+        promoted: False if no model was promoted yet; the newest one then takes its place.
+        sentence: names the model, for people.
     """
 
     model: LearnedModel
@@ -42,7 +42,7 @@ class DeployedModel:
 
 
 def deployed_model(campaign: Campaign, state: State | None = None) -> DeployedModel:
-    """The promoted model; the newest one, and a sentence that says so, where nothing was promoted yet.
+    """The promoted model; before any promotion the newest one, with a sentence that says so.
 
     Raises:
         UsageError: nothing was learned yet, or the model's file is missing or was changed.
@@ -64,7 +64,9 @@ def deployed_model(campaign: Campaign, state: State | None = None) -> DeployedMo
 
 
 def model_to_command(campaign: Campaign, state: State | None = None) -> DeployedModel:
-    """The same, whose commands the robot gets with a motion. UsageError: it was learned of another body."""
+    """The deployed model, for commands that are sent with a motion. UsageError: it was learned of another
+    body.
+    """
     used = deployed_model(campaign, state)
     if other := of_another_body(campaign, used.number):
         raise UsageError("the model that commands come from is of another robot", next_step=other.strip())
@@ -72,7 +74,7 @@ def model_to_command(campaign: Campaign, state: State | None = None) -> Deployed
 
 
 def model_of_sha256(campaign: Campaign, digest: str) -> LearnedModel | None:
-    """The stored model whose file has that hash, promoted or not; None if there is none any more."""
+    """The stored model whose file has that hash, promoted or not; None if it no longer exists."""
     places = [pinned(campaign, digest), *sorted(campaign.path.glob(f"models/*/{MODEL}"))]
     for path in places:
         if path.is_file() and sha256_of(path) == digest:
@@ -87,7 +89,7 @@ def promoted_model(campaign: Campaign, number: int, promoted: Promoted) -> Learn
 
 
 def check_pinned(campaign: Campaign, number: int, promoted: Promoted) -> None:
-    """Holds the file of a promoted model against the journal. UsageError: it is missing or was changed."""
+    """Compares the file of a promoted model with the journal. UsageError: it is missing or was changed."""
     path = pinned(campaign, promoted.sha256)
     if path.is_file() and sha256_of(path) == promoted.sha256:
         return
@@ -103,12 +105,12 @@ def check_pinned(campaign: Campaign, number: int, promoted: Promoted) -> None:
 
 
 def pinned(campaign: Campaign, digest: str) -> Path:
-    """Where the copy of a promoted model lies: later trainings do not write there."""
+    """Path of a promoted model's copy, which later trainings do not overwrite."""
     return campaign.path / FOLDER / f"{digest[:12]}.npz"
 
 
 def pin(campaign: Campaign, path: Path) -> tuple[Path, str]:
-    """Copies a model's file to its place, whole or not at all; the path and the hash."""
+    """Copies a model's file atomically; returns the copy's path and hash."""
     digest = sha256_of(path)
     copy = pinned(campaign, digest)
     write_atomic(copy, path.read_bytes())

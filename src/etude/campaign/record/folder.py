@@ -1,4 +1,4 @@
-"""Campaign: an open campaign folder, with its paths and its committed facts."""
+"""Campaign folder that is open: `Campaign`, with its paths and committed facts."""
 
 from __future__ import annotations
 
@@ -71,14 +71,14 @@ class Campaign:
         )
 
     def plot(self, path: str | Path | None = None) -> Picture:
-        """The learning curve: shown by a notebook, and saved as SVG if there is a path."""
+        """The learning curve: a notebook shows it; `path` saves it as SVG."""
         from etude._runtime.pictures import picture_of
 
         return picture_of("campaign", self, path)
 
     @property
     def name(self) -> str:
-        """Of the robot."""
+        """Name of the robot."""
         return str(self.spec.name)
 
     @cached_property
@@ -92,17 +92,17 @@ class Campaign:
 
     @cached_property
     def channels(self) -> tuple[Channel, ...]:
-        """What a log of this robot may hold."""
+        """Channels that a log of this robot may have."""
         return tuple(self.kind.channels(self.spec))
 
     @property
     def axes(self) -> tuple[str, ...]:
-        """Coordinates of the path."""
+        """Names of the coordinates of the path."""
         return self.channel(self.kind.path).parts
 
     @property
     def command(self) -> Channel:
-        """What is learned."""
+        """The learned channel."""
         return next(c for c in self.channels if c.role == "command")
 
     def channel(self, name: str) -> Channel:
@@ -110,11 +110,11 @@ class Campaign:
         return next(c for c in self.channels if c.name == name)
 
     def limits(self, margins: Margins | None = None, model: Model | None = None) -> Sequence[Limit]:
-        """What no trajectory may exceed, less the margins of tracking; commands by the model, if any."""
+        """Limits of every trajectory, less the tracking margins; command limits by the model, if given."""
         return self.kind.limits(self.spec, self.config, model, margins or {})
 
     def described_limits(self, margins: Margins | None = None, model: Model | None = None) -> Sequence[Limit]:
-        """What the robot's description allows: what a proposal that is open already is held against."""
+        """Limits in the robot's description; an open proposal is checked against these."""
         trajectory = self.config.trajectory
         if isinstance(trajectory, SupportsStatedLimits):
             trajectory = trajectory.described
@@ -136,7 +136,7 @@ class Campaign:
         return read_events(self.path)
 
     def state(self) -> State:
-        """The state that all committed events add up to; only those that are new are folded in."""
+        """The state after all committed events; a repeated call replays new events alone."""
         events, known = self.events(), self._known
         count = known.state.events
         if not (
@@ -148,16 +148,16 @@ class Campaign:
         return known.state
 
     def commit(self, fact: Fact, number: int | None = None, files: Sequence[Path] = ()) -> None:
-        """Appends a fact to the journal, with the robot and the configuration that it is of.
+        """Appends a fact to the journal, with the hashes of robot.toml and campaign.toml.
 
-        Its files are on the disk already. The caller holds the lock.
+        The files are already on the disk. The caller holds the lock.
         """
         own, robot = self.config_sha256, self.robot_sha256
         commit(self.path, fact, number, files, config_sha256=own, robot_sha256=robot)
 
     @contextlib.contextmanager
     def writing(self, wait_s: float | None = None) -> Iterator[None]:
-        """The one writer's place."""
+        """Holds the writer's lock."""
         with writer_lock(self.path, WAIT_S if wait_s is None else wait_s):
             yield
 
@@ -165,7 +165,7 @@ class Campaign:
         """The round of that number.
 
         Raises:
-            UsageError: nothing of that number was asked for or told.
+            UsageError: no proposal and no log has that number.
         """
         rounds = self.state().rounds
         if number not in rounds:
@@ -183,7 +183,9 @@ TURNING = frozenset("\u202a\u202b\u202c\u202d\u202e\u2066\u2067\u2068\u2069")
 
 
 def require_plain(names: Iterable[str], where: str) -> None:
-    """UsageError: a name is empty, begins or ends with a blank, or holds what no line of text can show."""
+    """Raises UsageError if a name is empty, begins or ends with a blank, or has characters that cannot be
+    printed.
+    """
     for name in names:
         bad = [c for c in name if unicodedata.category(c) in REFUSED or c in TURNING]
         if bad:
@@ -215,7 +217,8 @@ def open_campaign(path: Path) -> Campaign:
     """Opens the campaign in `path`.
 
     Raises:
-        UsageError: there is none, its `init` was interrupted, or campaign.toml or robot.toml are impossible.
+        UsageError: the folder holds no campaign, its `init` was interrupted, or robot.toml or campaign.toml
+            is invalid.
     """
     path = Path(path)
     found = load_config(path)
@@ -244,7 +247,7 @@ REMAINS = ("runs", "models", "proposals", "promoted", "simulated")
 
 
 def require_no_remains(path: Path) -> None:
-    """UsageError: the folder holds logs or models of a campaign, and its journal holds no event."""
+    """Raises UsageError if the folder holds logs or models of a campaign and its journal is empty."""
     found = [name for name in REMAINS if any((path / name).glob("*"))]
     if found:
         raise UsageError(

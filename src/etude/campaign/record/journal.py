@@ -1,11 +1,11 @@
-"""The journal: one JSON object a line, append-only. It is the campaign's only memory of what happened.
+"""Journal of a campaign: one JSON object a line, append-only; the only record of its events.
 
-Its lines are a chain of hashes, checked whenever it is read. Each line ends with two hashes: `previous` is
-the SHA-256 of the line before it, and `seal` is the SHA-256 of this line's own text up to there.
+The lines form a chain of hashes, which every reading checks. Each line ends with two hashes: `previous` is
+the SHA-256 of the line before, and `seal` is the SHA-256 of this line's own text up to `seal`.
 
-What the chain cannot see: lines cut off at the end leave a whole, shorter chain. Only the files that those
-lines spoke of, where they still lie, show that there was more. Nor is it a signature: who computes every hash
-behind an edit again has written another journal.
+The chain cannot detect lines cut off at the end, because the rest is a valid shorter chain. Only files that
+those lines named, if still present, show the loss. The chain is no signature either: whoever recomputes every
+hash after an edit writes another valid journal.
 """
 
 from __future__ import annotations
@@ -46,18 +46,18 @@ _UNCHANGED = "The journal is written by etude alone; put it back as it was, from
 
 
 def chained(text: str, before: Sequence[str]) -> str:
-    """The line of a JSON object's `text` that follows the lines `before`."""
+    """The line of a JSON object's `text` after the lines `before`."""
     open_text = f'{text[:-1]}, "{PREVIOUS}": "{_link(before)}"'
     return f'{open_text}, "{SEAL}": "{_sha256(open_text)}"}}'
 
 
 def is_chained(line: str) -> bool:
-    """Whether it ends with both hashes, right or wrong."""
+    """Whether a line ends with both hashes, right or wrong."""
     return _END.fullmatch(line) is not None
 
 
 def check_chain(lines: Sequence[str], path: object) -> None:
-    """Holds every line against its seal and against the line before it.
+    """Checks every line against its seal and against the line before.
 
     Raises:
         UsageError: a line was deleted, moved or edited; says which. The first line has no hashes.
@@ -83,14 +83,14 @@ def check_chain(lines: Sequence[str], path: object) -> None:
 
 @lru_cache(maxsize=REMEMBERED)
 def _hashes(line: str) -> tuple[str, str]:
-    """What a line says of the one before, and its own hash; both empty of a line that was edited."""
+    """The hash of the previous line and of this line, as a line states them; "" for an edited line."""
     found = _END.fullmatch(line)
     whole = found is not None and found["seal"] == _sha256(found["text"])
     return (found["previous"], _sha256(line)) if found is not None and whole else ("", "")
 
 
 def _link(before: Sequence[str]) -> str:
-    """The hash that the next line carries: of the line before."""
+    """The hash of the last line, for the next one."""
     return _sha256(before[-1] if before else "")
 
 
@@ -104,11 +104,11 @@ def _changed(fact: str, path: object, index: int) -> UsageError:
 
 
 def read_events(folder: Path) -> list[Event]:
-    """Every committed event, oldest first. A torn last line was never committed and is left out.
+    """Every committed event, oldest first; without a torn last line, which was never committed.
 
     Raises:
-        UsageError: somebody edited the journal: a whole line is not an event, or the chain is broken. Or a
-            newer version wrote it, or one that is too old.
+        UsageError: the journal was edited: a whole line is not an event, or the chain is broken. Or the
+            version that wrote it is newer, or too old.
     """
     path = Path(folder) / JOURNAL
     lines = read_lines(path)
@@ -125,9 +125,9 @@ def commit(
     config_sha256: str = "",
     robot_sha256: str = "",
 ) -> Event:
-    """Appends one event, with the hash of each of `files` (already on the disk, inside `folder`).
+    """Appends one event with the hash of each of `files` (already on the disk, inside `folder`).
 
-    The caller holds the writer's lock. When this returns, the event survives any crash.
+    The caller holds the writer's lock. After the return, the event survives any crash.
     """
     hashes = {str(path.relative_to(folder).as_posix()): sha256_of(path) for path in files}
     now = datetime.now(UTC).isoformat(timespec="milliseconds")
@@ -137,13 +137,14 @@ def commit(
 
 
 def recorded(events: Iterable[Event]) -> dict[str, str]:
-    """SHA-256 of each committed file, by its name, as it was committed last."""
+    """SHA-256 of each committed file by name, as it was last committed."""
     return {name: digest for event in events for name, digest in event.files.items()}
 
 
 def damaged_files(folder: Path, events: list[Event]) -> list[Notice]:
-    """A notice for each committed file that is missing or no longer has its recorded hash; of what people
-    edit only if it is missing. Superseded models may be missing.
+    """A notice for each committed file that is missing or has another hash than recorded.
+
+    Files that people edit count only if they are missing. Superseded models may be missing.
     """
     gone = {name for name in superseded(events) if not (folder / name).exists()}
     return _damaged(folder, {name: digest for name, digest in recorded(events).items() if name not in gone})
@@ -180,10 +181,10 @@ def _damaged(folder: Path, files: Mapping[str, str]) -> list[Notice]:
 
 
 def require_intact(folder: Path, files: Mapping[str, str], next_step: str) -> None:
-    """Holds files, by name with their SHA-256, against the disk before somebody relies on them.
+    """Checks files, by name with their SHA-256, before their use.
 
     Raises:
-        UsageError: one is missing or was changed; says which.
+        UsageError: a file is missing or was changed; says which.
     """
     problems = _damaged(folder, files)
     if problems:
@@ -214,5 +215,5 @@ _event = lru_cache(maxsize=REMEMBERED)(event_from_json)
 
 
 def jsonable(values: Iterable[float]) -> Figures:
-    """Finite values, the others as None: figures as the journal keeps them."""
+    """The values for the journal, with None for values that are not finite."""
     return tuple(float(v) if math.isfinite(v) else None for v in values)

@@ -1,8 +1,8 @@
 """Known faults in files of earlier versions: each is named, with the command that makes the file again.
 
-Everything that is written says its generation (`etude.storage`); what says none is of the first. A fault
-is named where it applies and nowhere else, and until what it is in was made again. docs/known_faults.md tells
-people of each.
+Every file states its generation (`etude.storage`); a file without one is of the first generation. A fault is
+reported only where it applies, and only until its file is made again. docs/known_faults.md describes each for
+people.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ class Fault:
     """One fault of earlier generations.
 
     Attributes:
-        mended: generation from which it is not there. what: for people.
+        mended: first generation without the fault. what: description for people.
     """
 
     mended: int
@@ -60,11 +60,11 @@ TARGETS = ("c", "ros2", "onnx", "px4", "crazyflie")
 
 @dataclass(frozen=True)
 class Affected:
-    """One thing on the disk with a known fault.
+    """A file or folder with a known fault.
 
     Attributes:
-        code: of the fault, as in the documentation. what: is affected, in words. path: where it lies.
-        command: what makes it again.
+        code: of the fault, as in the documentation. what: affected object, in words. path: of it.
+        command: makes it again.
     """
 
     code: str
@@ -74,14 +74,14 @@ class Affected:
 
     @property
     def sentence(self) -> str:
-        """For people."""
+        """A sentence for people."""
         return (
             f"{self.what} ({self.path}) is of an earlier version: {FAULTS[self.code].what}. Do not use it. "
         )
 
 
 def affected(campaign: Campaign, state: State) -> list[Affected]:
-    """Everything of this campaign that is known to have a fault, motions first."""
+    """Everything in this campaign that has a known fault, motions first."""
     kind = campaign.kind
     of_robot = tuple(kind.mended(campaign.spec)) if isinstance(kind, SupportsKnownFaults) else ()
     if unknown := [code for code in of_robot if code not in FAULTS]:
@@ -98,7 +98,7 @@ def affected(campaign: Campaign, state: State) -> list[Affected]:
 
 
 def _motions(campaign: Campaign, state: State, of_robot: Sequence[str]) -> Iterator[Affected]:
-    """Proposals, and what was written of them for receivers; of each folder the newest event counts."""
+    """Proposals and their exports; the newest event of each folder counts."""
     folders: dict[str, Event] = {}
     for event in campaign.events():
         if isinstance(event.fact, Asked | Exported) and event.number is not None:
@@ -121,7 +121,7 @@ def _motions(campaign: Campaign, state: State, of_robot: Sequence[str]) -> Itera
 
 
 def _in_motion(certificate: Path) -> bool:
-    """Whether it says that the motion does not end at rest."""
+    """Whether the certificate says that the motion does not end at rest."""
     try:
         return json.loads(certificate.read_bytes()).get("at_rest") is False
     except (OSError, ValueError, AttributeError):
@@ -129,7 +129,7 @@ def _in_motion(certificate: Path) -> bool:
 
 
 def _models(campaign: Campaign, state: State, of_robot: Sequence[str]) -> Iterator[Affected]:
-    """The newest model and the one in use, of a robot whose physics were wrong or that hardly moved."""
+    """The newest and the deployed model, if the robot's physics were wrong or the robot hardly moved."""
     path, events = campaign.path, campaign.events()
     trained = [e for e in events if isinstance(e.fact, Trained) and state.trained]
     for code in _of_training(campaign, trained[-1], of_robot) if trained else ():
@@ -147,7 +147,7 @@ def _models(campaign: Campaign, state: State, of_robot: Sequence[str]) -> Iterat
 
 
 def _of_training(campaign: Campaign, event: Event, of_robot: Sequence[str]) -> Iterator[str]:
-    """Codes of the faults that a training had."""
+    """Codes of the faults of a training."""
     if MOUNTING in of_robot and _is_before(event, MOUNTING):
         yield MOUNTING
     if isinstance(event.fact, Trained) and _is_before(event, HELD) and _held(campaign, event.fact.logs):
@@ -155,7 +155,7 @@ def _of_training(campaign: Campaign, event: Event, of_robot: Sequence[str]) -> I
 
 
 def _held(campaign: Campaign, numbers: Sequence[int]) -> bool:
-    """Whether a joint moved in none of these logs; False where a log cannot be read: `status` says that."""
+    """Whether a joint moved in none of these logs; False if a log cannot be read, which `status` reports."""
     from etude.campaign.record.stored_models import held_commands, stored_log  # only old folders need them
 
     try:
@@ -166,7 +166,7 @@ def _held(campaign: Campaign, numbers: Sequence[int]) -> bool:
 
 
 def _exports(campaign: Campaign, of_robot: Sequence[str]) -> Iterator[Affected]:
-    """Models that left: those in exports/ by their mark, those elsewhere by the journal."""
+    """Exported models: those in exports/ by their mark, others by the journal."""
     for place, words in _exported(campaign):
         generation, target = int(words.get("generation", 1)), str(words.get("target", ""))
         where = place.relative_to(campaign.path) if place.is_relative_to(campaign.path) else place

@@ -1,4 +1,4 @@
-"""Measurements of simulated rounds, and those of earlier ones."""
+"""Rounds of a simulated campaign: measurements of these and of earlier rounds."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ from etude.campaign.record.folder import Campaign, Say
 
 @dataclass(frozen=True)
 class SimulatedRound:
-    """One trajectory, run and learned.
+    """One trajectory that was run and learned.
 
     Attributes:
         number: of the trajectory.
         robot_seconds: recorded motion so far, s.
-        errors: per test motion, mean absolute tracking error of each axis, and the distance where axes are
+        errors: mean absolute tracking error of each axis, by test motion; then the distance, if the axes are
             directions in space.
-        unit: of the errors, "deg" or "m", for example.
-        axes: how many there are.
+        unit: of the errors, for example "deg" or "m".
+        axes: number of axes.
     """
 
     number: int
@@ -28,23 +28,23 @@ class SimulatedRound:
     axes: int
 
     def mean_errors(self) -> dict[str, float]:
-        """One figure per test: the mean over the axes, or the distance in space."""
+        """One figure for each test: the mean over the axes, or the distance in space."""
         return {name: summary(values, self.axes) for name, values in self.errors.items()}
 
 
 def known_evaluation(campaign: Campaign, test: str, number: int, baseline: str) -> Evaluated | None:
-    """That test run if it was made before."""
+    """An earlier evaluation of this test after this round; None if there is none."""
     wanted = test, number, baseline
     return next((e for n, e in campaign.state().evaluated if (e.test, n, e.baseline) == wanted), None)
 
 
 def robot_seconds(campaign: Campaign) -> float:
-    """Recorded motion of all logs told, s."""
+    """Recorded motion of all ingested logs, s."""
     return campaign.state().robot_seconds
 
 
 def interrupted_round(campaign: Campaign, say: Say) -> int | None:
-    """Learns a log that an earlier run left; the number of the last round learned, or None.
+    """Learns a log that an interrupted run left; returns the number of the last learned round, or None.
 
     Raises:
         DataError, NumericalError: the log cannot be learned.

@@ -1,4 +1,4 @@
-"""The state of a campaign: a replay of the journal's events gives it; there is no other state."""
+"""State of a campaign: the replay of the journal's events; no other state exists."""
 
 from __future__ import annotations
 
@@ -27,20 +27,21 @@ CHANGED = "changed robot"
 
 @dataclass(frozen=True)
 class Round:
-    """One trajectory's life.
+    """The history of one trajectory.
 
     Attributes:
         number: 1, 2, ...
-        asked: its proposal, or None for a foreign log.
-        told: its log, or None while it is awaited. ingested_at: when the log was told, ISO 8601.
-        trained: the training that ended with its log; None until trained. Logs that were told together are
-            learned together: the last of them has the training. order: of that training, from 1; 0: none.
-        learned_with: number of the round whose training took this log in; None if that is its own, or none.
-        abandoned: the log will never come, or must not be used.
-        untold: its log was taken back.
-        excluded: its log is of the robot as it was, or as it was for a while; it is kept and not learned.
-        awaits_answer: its log waits for the answer to whether the robot has changed.
-        runs: of a motion that confirms: its logs, "without" and "with" the feedforward.
+        asked: its proposal; None for an unsolicited log.
+        ingested: its log; None until it is ingested. ingested_at: time, ISO 8601.
+        trained: the training that ended with its log; None until trained. Logs that are ingested together are
+            learned together, and the last one has the training. order: of that training, from 1; 0: none.
+        learned_with: number of the round whose training included this log; None for its own training, or
+            none.
+        abandoned: the log will not come, or must not be used.
+        untold: the log was taken back.
+        excluded: the log shows the robot before or during a change; it is stored and not learned.
+        awaits_answer: the log awaits the answer whether the robot has changed.
+        runs: logs of a confirmation motion, "without" and "with" the feedforward.
     """
 
     number: int
@@ -58,27 +59,27 @@ class Round:
 
     @property
     def confirms(self) -> bool:
-        """It was asked for to be run without and with the feedforward, and is never learned from."""
+        """Whether it is a confirmation motion, run without and with the feedforward and never learned."""
         return self.asked is not None and self.asked.confirm
 
     @property
     def weighs(self) -> bool:
-        """It was asked for to show what hangs at the hand, and is never learned from."""
+        """Whether it is a motion to identify the load at the hand, never learned."""
         return self.asked is not None and self.asked.weighs
 
     @property
     def teaches(self) -> bool:
-        """It was asked for to be learned from."""
+        """Whether it was proposed for learning."""
         return self.asked is not None and not self.confirms and not self.weighs
 
     @property
     def learned(self) -> bool:
-        """Its log is in the model."""
+        """Whether its log is in the model."""
         return self.trained is not None or self.learned_with is not None
 
     @property
     def open(self) -> bool:
-        """Asked for, and its log is still awaited."""
+        """Whether it was proposed and awaits its log."""
         return self.teaches and self.ingested is None and not self.abandoned
 
 
@@ -87,12 +88,11 @@ class State:
     """All facts of a campaign.
 
     Attributes:
-        seed: the campaign's seed.
+        seed: of the campaign.
         rounds: by number.
-        evaluated: simulated test runs, with the number of the round whose model was tested, oldest first.
-        promoted: promotions that were not rolled back, with the number of the model's round; the one in use
-            last.
-        events: how many events were replayed.
+        evaluated: simulated test runs with the number of the tested model's round, oldest first.
+        promoted: promotions in force with the number of the model's round; the deployed one last.
+        events: number of replayed events.
     """
 
     seed: int = 0
@@ -103,7 +103,7 @@ class State:
 
     @property
     def ingested(self) -> list[Round]:
-        """Rounds with a log that is used, by number."""
+        """Rounds with a used log, by number."""
         return [
             r
             for _, r in sorted(self.rounds.items())
@@ -112,7 +112,7 @@ class State:
 
     @property
     def trained(self) -> list[Round]:
-        """Rounds that a training ended with, in the order of learning."""
+        """Rounds with a training, in the order of learning."""
         done = [r for r in self.rounds.values() if r.trained is not None]
         return sorted(done, key=lambda r: r.order)
 
@@ -124,7 +124,7 @@ class State:
 
     @property
     def robot_seconds(self) -> float:
-        """Recorded motion of all logs that are used, s."""
+        """Recorded motion of all used logs, s."""
         return float(sum(r.ingested.robot_seconds for r in self.ingested if r.ingested))
 
     @property
@@ -138,12 +138,12 @@ class State:
 
     @property
     def awaiting_answer(self) -> list[Round]:
-        """Rounds whose log waits for the answer to whether the robot has changed."""
+        """Rounds whose log awaits the answer whether the robot has changed."""
         return [r for r in self.ingested if r.awaits_answer]
 
     @property
     def pending(self) -> list[Round]:
-        """Rounds with a log that no model has learned yet, and that waits for no answer."""
+        """Rounds with a log that is not learned yet and awaits no answer."""
         return [r for r in self.ingested if not r.learned and not r.awaits_answer]
 
     @property
@@ -153,12 +153,12 @@ class State:
 
     @property
     def confirmations(self) -> list[Round]:
-        """Motions that confirm and were not given up, by number."""
+        """Confirmation motions that were not abandoned, by number."""
         return [r for _, r in sorted(self.rounds.items()) if r.confirms and not r.abandoned]
 
     @property
     def weighings(self) -> list[Round]:
-        """Motions that weigh and were not given up, by number."""
+        """Motions to identify the load that were not abandoned, by number."""
         return [r for _, r in sorted(self.rounds.items()) if r.weighs and not r.abandoned]
 
     @property
@@ -166,14 +166,15 @@ class State:
         return max(self.rounds, default=0) + 1
 
     def round_of_log(self, sha256: str) -> Round | None:
-        """The round that this log answered already, by the hash of the original file."""
+        """The round of a log, by the hash of the original file; None for a new log."""
         known = (r for _, r in sorted(self.rounds.items()) if r.ingested and not r.abandoned)
         return next((r for r in known if r.ingested and r.ingested.sha256 == sha256), None)
 
 
 def replay(events: Iterable[Event], state: State | None = None) -> State:
-    """Folds the events into a state, or into one that earlier events left; a pure function, so live and
-    replayed state cannot differ.
+    """The state after the events, from an empty state or a given one.
+
+    A pure function, so live and replayed state cannot differ.
     """
     state = State() if state is None else state
     for event in events:
@@ -198,7 +199,7 @@ def _apply(state: State, event: Event) -> State:
 
 
 def _in_round(state: State, event: Event, number: int) -> State:
-    """Of an event about one trajectory."""
+    """The state after an event about one trajectory."""
     match event.fact:
         case Abandoned() | Untold():
             state = _without(state, [number])
@@ -212,7 +213,7 @@ def _in_round(state: State, event: Event, number: int) -> State:
 
 
 def _next(old: Round, event: Event, order: int) -> Round:
-    """The round after an event of its own; order: that a training would have."""
+    """The round after one of its events; order: number of a training, if the event is one."""
     match event.fact:
         case Asked() as fact:
             return replace(old, asked=fact)
@@ -231,12 +232,12 @@ def _next(old: Round, event: Event, order: int) -> Round:
 
 
 def _awaits_answer(ingested: Ingested) -> bool:
-    """Whether the log was told with the finding that the robot has changed."""
+    """Whether the log has the finding that the robot has changed."""
     return any(f.check == CHANGED and f.light == "red" for f in ingested.findings)
 
 
 def _taken_in(state: State, number: int, together: Iterable[int]) -> State:
-    """The logs that were learned together with the last of them."""
+    """The state after a training, with the logs that were learned together."""
     rounds = dict(state.rounds)
     for other in set(together) - {number}:
         rounds[other] = replace(rounds[other], learned_with=number)
@@ -244,7 +245,7 @@ def _taken_in(state: State, number: int, together: Iterable[int]) -> State:
 
 
 def _answered(state: State, excluded: Sequence[int]) -> State:
-    """Nothing waits for an answer any more, and what was put aside is learned no longer."""
+    """The state after the answer: no log awaits one, and `excluded` logs are not learned."""
     state = _without(state, excluded)
     rounds = {
         n: replace(r, awaits_answer=False, excluded=r.excluded or n in excluded)
@@ -254,7 +255,7 @@ def _answered(state: State, excluded: Sequence[int]) -> State:
 
 
 def _without(state: State, numbers: Sequence[int]) -> State:
-    """Forgets the trainings that the logs of `numbers` went into; the other logs have to be learned again."""
+    """The state without the trainings that used the logs of `numbers`; other logs must be learned again."""
     orders = {r.number: r.order for r in state.trained}
     own = [state.rounds[n] for n in numbers if n in state.rounds]
     gone = [orders[last] for r in own if (last := r.learned_with or r.number) in orders]

@@ -1,12 +1,12 @@
-"""Integrity of stored files: compared with the journal before use, and written again after a change of
+"""Integrity of stored files: comparison with the journal before use, and renewal after a change of
 robot.toml, campaign.toml or the model.
 
-What is shown of a file is computed from the bytes that lie on the disk when it is shown. There are two rules:
-a file that nobody should have changed is refused by its name, and a file that would be written otherwise
-today is written anew, committed, and named.
+Facts shown about a file are computed from its bytes on the disk at that moment. Two rules apply. A file that
+was changed by hand is refused by name. A file with other contents today is written anew, committed, and
+named.
 
-Every event has the hashes of both as they were. `ask` and `tell` work by what the files say, so they take an
-edit up, and commit an event of their own where nothing else of theirs was to be committed.
+Every event holds the hashes of robot.toml and campaign.toml. `ask` and `tell` use the edited files, and
+commit an event of the edit if they commit nothing else.
 """
 
 from __future__ import annotations
@@ -47,15 +47,15 @@ RESTORE = "Restore the file from a copy."
 
 
 def name_of(campaign: Campaign, path: Path) -> str:
-    """As the journal names it."""
+    """Name of a file in the journal."""
     return path.relative_to(campaign.path).as_posix()
 
 
 def stored_bytes(campaign: Campaign, path: Path, next_step: str = RESTORE) -> bytes:
-    """The bytes of a committed file, which are those that were committed.
+    """The bytes of a committed file, checked against the journal.
 
     Raises:
-        FileNotFoundError: the journal knows no such file, or it is missing.
+        FileNotFoundError: the journal does not know the file, or it is missing.
         UsageError: it was changed, or cannot be read.
     """
     name = name_of(campaign, path)
@@ -74,15 +74,15 @@ def stored_bytes(campaign: Campaign, path: Path, next_step: str = RESTORE) -> by
 
 
 def is_committed(campaign: Campaign, path: Path) -> bool:
-    """Whether the journal knows the file, and it is there: a killed writer may leave one that it does not."""
+    """Whether the journal knows the file and it exists; a killed writer may leave one without an event."""
     return name_of(campaign, path) in recorded(campaign.events()) and path.exists()
 
 
 def require_description(campaign: Campaign) -> None:
-    """The robot's files beside robot.toml: its model and its meshes. People edit robot.toml alone.
+    """Checks the robot's files beside robot.toml: its model and its meshes. People edit robot.toml alone.
 
     Raises:
-        UsageError: one is missing or was changed.
+        UsageError: a file is missing or was changed.
     """
     created = next(e for e in campaign.events() if isinstance(e.fact, Created))
     own = {name: digest for name, digest in created.files.items() if name != ROBOT}
@@ -94,7 +94,7 @@ def require_description(campaign: Campaign) -> None:
 
 
 def require_runs(campaign: Campaign, numbers: Sequence[int]) -> None:
-    """The stored logs of these numbers. UsageError: one is missing or was changed; says which."""
+    """Checks the stored logs of these numbers. UsageError: one is missing or was changed; says which."""
     for number in numbers:
         name = name_of(campaign, campaign.run_file(number))
         digest = recorded(campaign.events()).get(name)
@@ -103,7 +103,7 @@ def require_runs(campaign: Campaign, numbers: Sequence[int]) -> None:
 
 
 def run_advice(campaign: Campaign, number: int) -> str:
-    """What to do where the stored log of that number is not the one that was told."""
+    """Next step if the stored log of that number is not the ingested one."""
     ingested = campaign.state().rounds[number].ingested
     log = ingested.source if ingested is not None else "LOG"
     return (
@@ -115,17 +115,17 @@ def run_advice(campaign: Campaign, number: int) -> str:
 def settle(
     campaign: Campaign, number: int, contents: Mapping[Path, bytes], fact: Exported, next_step: str = ""
 ) -> tuple[str, ...]:
-    """Has these files hold these bytes when it returns; a sentence if that took writing them anew.
+    """Ensures that these files hold these bytes; returns a sentence if they were written anew.
 
-    They are written and committed where the journal does not know them yet, or somebody deleted all of them.
-    Where it knows them, each has to be as it was committed, or as it is to be: then those that are to be
-    otherwise are written and committed anew. The caller holds the writer's lock.
+    Files that the journal does not know, or that were all deleted, are written and committed. Other files
+    must be as committed, or as in `contents`; those that differ from `contents` are then written anew and
+    committed. The caller holds the writer's lock.
 
     Args:
         campaign: the folder. number: of the proposal.
-        contents: path -> bytes, the certificate last. fact: what is committed with them.
-        next_step: where a file was changed; "": to delete all of them and repeat the command, which then
-            writes them anew.
+        contents: path -> bytes, the certificate last. fact: to be committed with them.
+        next_step: for a file that was changed. "": delete all of them and repeat the command, which writes
+            them anew.
 
     Raises:
         UsageError: a file is missing or was changed; nothing is written.
@@ -157,7 +157,7 @@ def settle(
 
 
 def _anew(there: Sequence[Path]) -> str:
-    """What to do where files were changed that the same command writes again once none of them is there."""
+    """Next step for changed files that the same command writes again once all of them are deleted."""
     return (
         "Do not run it. Restore the file from a copy; or delete all that was written with it, and run the "
         f"same command again: rm {shlex.join(str(path) for path in there)}"
@@ -166,7 +166,9 @@ def _anew(there: Sequence[Path]) -> str:
 
 def changed_since(campaign: Campaign, events: Sequence[Event], names: Sequence[str]) -> tuple[str, ...]:
     """Which of robot.toml and campaign.toml changed since these files were committed, as far as the journal
-    tells: before it kept the hash of robot.toml it tells nothing of that.
+    knows.
+
+    Early events have no hash of robot.toml.
     """
     last = [next((e for e in reversed(events) if name in e.files), None) for name in names]
     found = [e for e in last if e is not None]
@@ -176,8 +178,8 @@ def changed_since(campaign: Campaign, events: Sequence[Event], names: Sequence[s
 
 
 def proved_otherwise(campaign: Campaign, numbers: Sequence[int]) -> list[Notice]:
-    """A notice for each folder of these proposals whose certificate is of another robot.toml or
-    campaign.toml than lie here now.
+    """A notice for each folder of these proposals whose certificate is for another robot.toml or
+    campaign.toml.
     """
     events, found = campaign.events(), []
     names = {
@@ -224,7 +226,7 @@ TAKE_UP = (Created, Edited, Asked, Ingested, Trained, Changed, Confirmed)
 
 
 def edited(campaign: Campaign, events: Sequence[Event]) -> list[Notice]:
-    """A notice for each of both files that is another than when it was taken up last."""
+    """A notice for robot.toml and campaign.toml each, if it was edited since the last event about it."""
     found = []
     for name, (then, when) in _taken_up(events).items():
         if then not in ("", _now(campaign)[name]):
@@ -234,9 +236,7 @@ def edited(campaign: Campaign, events: Sequence[Event]) -> list[Notice]:
 
 
 def take_up(campaign: Campaign) -> None:
-    """Commits that both files were taken up as they are, unless the journal says so. The caller holds the
-    lock.
-    """
+    """Commits that both files are in use, unless the journal says so. The caller holds the lock."""
     now = _now(campaign)
     if any(then != now[name] for name, (then, _) in _taken_up(campaign.events()).items()):
         campaign.commit(Edited())
@@ -247,7 +247,7 @@ def _now(campaign: Campaign) -> Mapping[str, str]:
 
 
 def _taken_up(events: Sequence[Event]) -> Mapping[str, tuple[str, str]]:
-    """Hash and time of both when they were taken up; the hash is "" where no event tells it."""
+    """Hash and time of both files at their last event; the hash is "" where no event has it."""
     robot = config = ("", "")
     for event in events:
         of_proposal = isinstance(event.fact, Exported) and event.number is not None
@@ -268,10 +268,10 @@ FULL = 100
 
 
 def stored_trajectory(campaign: Campaign, number: int, speed: int = FULL) -> Trajectory:
-    """The trajectory of a proposal, or its slowed copy, from its file.
+    """The trajectory of a proposal, or its slower copy, from its file.
 
     Raises:
-        UsageError: there is no such file, the journal does not know it, or it was changed.
+        UsageError: the file is missing, unknown to the journal, or was changed.
     """
     from etude.deploy.trajectory_files import COEFFICIENTS
     from etude.trajectories.json_text import from_json
@@ -284,7 +284,7 @@ def stored_trajectory(campaign: Campaign, number: int, speed: int = FULL) -> Tra
 
 
 def proposal_advice(campaign: Campaign, number: int) -> str:
-    """What to do where a file of a proposal is not what was committed."""
+    """Next step if a file of a proposal differs from the committed one."""
     return (
         f"Do not run it. Restore the file from a copy, or give the trajectory up and ask for another: "
         f"etude abandon {typed(campaign.path)} {number}, then etude ask {typed(campaign.path)}."
@@ -292,6 +292,6 @@ def proposal_advice(campaign: Campaign, number: int) -> str:
 
 
 def speed_folder(campaign: Campaign, number: int, speed: int) -> Path:
-    """Where the files of a proposal at this speed (per cent) are."""
+    """Folder of a proposal's files at this speed (per cent)."""
     folder = campaign.proposal(number)
     return folder if speed == FULL else folder / f"speed_{speed:03d}"

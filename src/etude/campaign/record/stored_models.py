@@ -31,13 +31,13 @@ LINEAR, MIXED = "linear", "mixed"
 
 
 def load_model(folder: str | Path) -> LearnedModel:
-    """The model in use in a campaign folder. Errors as `newest_model`."""
+    """The newest model in a campaign folder. Errors as `newest_model`."""
     campaign = open_campaign(Path(folder))
     return newest_model(campaign, campaign.state())
 
 
 def newest_model(campaign: Campaign, state: State) -> LearnedModel:
-    """The model in use: that of the last training.
+    """The model of the last training.
 
     Raises:
         UsageError: nothing was learned yet, or a file of the model is missing or was changed.
@@ -52,10 +52,10 @@ def newest_model(campaign: Campaign, state: State) -> LearnedModel:
 
 
 def check_model(campaign: Campaign, state: State) -> None:
-    """Holds the model in use, if any, against the journal: a damaged one may still load.
+    """Compares the newest model's file, if any, with the journal; a damaged file may still load.
 
     Raises:
-        UsageError: its file is missing or was changed.
+        UsageError: the file is missing or was changed.
     """
     if not state.trained:
         return
@@ -65,13 +65,13 @@ def check_model(campaign: Campaign, state: State) -> None:
 
 
 def prune(campaign: Campaign) -> None:
-    """Removes the models that newer trainings superseded; the caller holds the lock."""
+    """Deletes the models that newer trainings superseded; the caller holds the lock."""
     for name in superseded(campaign.events()):
         (campaign.path / name).unlink(missing_ok=True)
 
 
 def is_pruned(campaign: Campaign, number: int) -> bool:
-    """Whether the model of round `number` was removed since newer ones superseded it."""
+    """Whether the model of round `number` was deleted because newer ones superseded it."""
     path = campaign.model_folder(number) / MODEL
     return not path.exists() and name_of(campaign, path) in superseded(campaign.events())
 
@@ -84,7 +84,7 @@ def _advice(campaign: Campaign, number: int) -> str:
 
 
 def require_stored(campaign: Campaign, number: int) -> str:
-    """SHA-256 of the model that round `number` left, "" if it is missing. UsageError: it was changed."""
+    """SHA-256 of the model of round `number`; "" if it is missing. UsageError: it was changed."""
     path = campaign.model_folder(number) / MODEL
     if not path.is_file():
         return ""
@@ -99,9 +99,8 @@ def require_stored(campaign: Campaign, number: int) -> str:
 
 
 def stored_log(campaign: Campaign, number: int) -> Log:
-    """The log that was told of that number, as it was stored. UsageError: its file is missing or was changed.
-
-    DataError: it cannot be read.
+    """The log of that number as ingested. UsageError: its file is missing or was changed. DataError: it
+    cannot be read.
     """
     from etude.logs.readers.log_file import read_log_file
 
@@ -110,9 +109,10 @@ def stored_log(campaign: Campaign, number: int) -> Log:
 
 
 def stored_model(campaign: Campaign, number: int) -> LearnedModel:
-    """The model that round `number` left, read once while its file stays.
+    """The model of round `number`; it is read once while its file exists.
 
-    DataError: missing or damaged. UsageError: it is not the one that was committed.
+    Raises:
+        DataError: the file is missing or damaged. UsageError: it is not the committed one.
     """
     path = campaign.model_folder(number)
     digest = require_stored(campaign, number)
@@ -123,7 +123,7 @@ def stored_model(campaign: Campaign, number: int) -> LearnedModel:
 
 
 def read_stored(campaign: Campaign, path: Path) -> LearnedModel:
-    """The model in a file of the campaign; code that it names is run only of a folder that is trusted."""
+    """The model in a file of the campaign; code that it names runs only in a trusted folder."""
     from etude.models.store import load_model as read_model
 
     kind, spec, config, folder = campaign.kind, campaign.spec, campaign.config, campaign.path
@@ -132,7 +132,7 @@ def read_stored(campaign: Campaign, path: Path) -> LearnedModel:
 
 
 def only_structure(model: LearnedModel, structure: str) -> LearnedModel | None:
-    """The model with that structure for all commands; None if it was not trained for all."""
+    """The model with that structure for all commands; None if the structure was not trained for all."""
     try:
         return model.of_structure(structure)
     except UsageError:
@@ -140,15 +140,15 @@ def only_structure(model: LearnedModel, structure: str) -> LearnedModel | None:
 
 
 def body_of(campaign: Campaign) -> str:
-    """What moves, as robot.toml describes it now; "" of a kind that does not tell."""
+    """Hash of the moving body in robot.toml; "" for a kind that does not give it."""
     kind = campaign.kind
     return kind.body(campaign.spec) if isinstance(kind, SupportsBody) else ""
 
 
 def of_another_body(campaign: Campaign, number: int) -> str:
-    """A sentence, if robot.toml describes another body by now than that of which log `number` was learned.
+    """A sentence if robot.toml now describes another body than when log `number` was learned; "" otherwise.
 
-    Events without a body are held against the whole of robot.toml.
+    For events without a body, the whole of robot.toml is compared.
     """
     body, file = "", ""
     for event in campaign.events():
@@ -167,12 +167,12 @@ def of_another_body(campaign: Campaign, number: int) -> str:
 
 
 def label(structures: Sequence[str]) -> str:
-    """One word for the structures that commands are made of."""
+    """One word for the structures of the commands."""
     return structures[0] if len(set(structures)) == 1 else MIXED
 
 
 def is_learned(state: State) -> bool:
-    """Whether every log that waits for no answer is in the model."""
+    """Whether every log that awaits no answer is in the model."""
     return not state.pending
 
 
@@ -181,9 +181,11 @@ STILL = 0.02
 
 
 def held_commands(campaign: Campaign, paths: Sequence[Array]) -> Mask:
-    """(J,) commands of coordinates that are held in all logs, where each has a command of its own.
+    """Mask (J,) of commands whose coordinate is at rest in all logs, if each coordinate has its own command.
 
-    paths: (T, J) positions of each log that has them.
+    Args:
+        campaign: the folder.
+        paths: positions (T, k) of each log that has them.
     """
     if campaign.command.parts != campaign.axes or not paths:
         return np.zeros(len(campaign.command.parts), dtype=bool)
@@ -194,10 +196,9 @@ def held_commands(campaign: Campaign, paths: Sequence[Array]) -> Mask:
 
 
 def ingested_samples(campaign: Campaign, numbers: Sequence[int]) -> Samples:
-    """The samples of stored logs; each segment is a group, in the order of `numbers` and of time.
+    """Samples of stored logs; each segment is a group, in the order of `numbers` and of time.
 
-    A log that repeats another of them is in that one's groups: it is no new evidence of how well a new motion
-    is predicted.
+    A log that repeats another one joins its groups, because it is no new evidence about new motions.
     """
     logs = [stored_log(campaign, number) for number in numbers]
     groups = []
@@ -208,7 +209,9 @@ def ingested_samples(campaign: Campaign, numbers: Sequence[int]) -> Samples:
 
 
 def groups_of(campaign: Campaign, numbers: Sequence[int]) -> dict[int, list[tuple[float, int]]]:
-    """Of each of those logs, when its segments start, s, and their groups; a repeated one has its own."""
+    """Start times of the segments (s) and their groups, for each of those logs; a repeated log has its own
+    groups.
+    """
     rounds, count = campaign.state().rounds, 0
     found: dict[int, list[tuple[float, int]]] = {}
     for number in numbers:
@@ -225,7 +228,7 @@ def groups_of(campaign: Campaign, numbers: Sequence[int]) -> dict[int, list[tupl
 
 
 def known_groups(campaign: Campaign, numbers: Sequence[int]) -> int:
-    """How many groups those logs make."""
+    """Number of groups in those logs."""
     return len({group for own in groups_of(campaign, numbers).values() for _, group in own})
 
 
@@ -234,19 +237,19 @@ SIMULATED = "simulated"
 
 
 def simulated_logs(campaign: Campaign, state: State) -> list[Round]:
-    """Rounds in use whose log came out of `etude simulate`, by number."""
+    """Used rounds whose log is from `etude simulate`, by number."""
     return [r for r in state.ingested if _left(campaign, r)]
 
 
 def real_logs(campaign: Campaign, state: State) -> list[Round]:
-    """Rounds in use whose log came from elsewhere, by number."""
+    """Used rounds whose log is from elsewhere, by number."""
     return [r for r in state.ingested if not _left(campaign, r)]
 
 
 def mixed(campaign: Campaign, state: State) -> tuple[Notice, ...]:
-    """A warning where a model learns from a robot and from what was made of its model file.
+    """A warning if a model learns from a robot and from simulations of its model file.
 
-    A built-in robot has a plant of its own: nothing else is real of it.
+    A built-in robot has its own plant, so its simulations count as real.
     """
     simulated, real = simulated_logs(campaign, state), real_logs(campaign, state)
     built_in = isinstance(campaign.spec, SupportsPlant) and campaign.spec.plant is not None

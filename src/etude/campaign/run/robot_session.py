@@ -219,11 +219,11 @@ class RobotSession:
         return jsonable(np.abs(total[rows:] - total[:-rows]).max(axis=0) / rows)
 
     def _require_same_robot(self) -> None:
-        now = self.player.about().identity
-        if now != self.about.identity:
+        now, before = self.player.about().answers_as, self.about.answers_as
+        if now != before:
             raise UsageError(
-                f"another robot answers now: {now!r}, not {self.about.identity!r}",
-                next_step="Check the address; nothing was sent to it.",
+                f"another robot answers now: {now!r}, not {before!r}",
+                next_step="Check the address and the payload; nothing was sent to it.",
             )
 
     def _require_done(self, motion: CertifiedMotion, result: Result) -> None:
@@ -239,7 +239,12 @@ class RobotSession:
         if fact.ended == Ended.REFUSED.value:
             raise UnsafeTrajectoryError(f"the robot would not start: {why}", where=where, next_step=again)
         if fact.ended == Ended.LOST.value:
-            does = {"stops": "It stops by itself", "holds": "It holds by itself", "goes on": "It GOES ON"}
+            does = {
+                "stops": "It stops by itself",
+                "holds": "It holds by itself",
+                "goes on": "It GOES ON",
+                "falls": "It FALLS",
+            }
             raise LinkLost(
                 f"nothing was heard of {self.about.name}: {why}",
                 where=where,

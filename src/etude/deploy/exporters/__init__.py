@@ -1,1 +1,3 @@
-"""Exporters: formats of robots' own players. Each writes bytes, and reads them back as the player does."""
+"""Exporters: formats of robots' own players. Each exporter writes bytes and reads them back as the player
+does.
+"""

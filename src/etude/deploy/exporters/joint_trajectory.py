@@ -1,8 +1,9 @@
-"""trajectory_msgs/JointTrajectory: in a bag (MCAP or SQLite), as YAML, and as a table with its player.
+"""Joint trajectories (trajectory_msgs/JointTrajectory): in a bag (MCAP or SQLite), as YAML, and as a table
+with its player.
 
-joint_trajectory_controller joins points with accelerations by quintics. A command in `effort` is joined by
-lines and added by controllers that command effort, since ros2_controllers' pull request 1200 (2025);
-Humble's refuses a message that has any, so it is left empty unless asked for.
+joint_trajectory_controller joins points with accelerations by quintics. It joins commands in `effort` by
+lines, and controllers that command effort add them, since ros2_controllers' pull request 1200 (2025). The
+controller of Humble refuses a message with efforts, so the field is empty by default.
 """
 
 from __future__ import annotations
@@ -39,7 +40,7 @@ SUFFIX = {"mcap": "mcap", "sqlite3": "db3"}
 
 @dataclass(frozen=True)
 class JointTrajectoryBag:
-    """A `protocols.Exporter`: a folder that `ros2 bag play` publishes, one message on TOPIC.
+    """A `protocols.Exporter`: a folder for `ros2 bag play`, with one message on TOPIC.
 
     Attributes:
         storage: "mcap" or "sqlite3".
@@ -48,10 +49,13 @@ class JointTrajectoryBag:
     storage: Literal["mcap", "sqlite3"]
 
     def __call__(self, what: Trajectory | Commanded, kind: Kind, spec: Any) -> Mapping[str, bytes]:
-        """The folder's files by their paths. The message's stamp is zero: start now.
+        """The folder's files by their paths. The message's stamp is zero, so that it starts at once.
+
+        Args:
+            what: the motion, with or without commands. kind: of the robot. spec: its description.
 
         Raises:
-            UsageError: no robot of joints, too quick a motion, or rosbags is not installed.
+            UsageError: the robot has no joints, the motion is too quick, or rosbags is not installed.
         """
         require_joints(kind, spec, "a JointTrajectory")
         knots = knots_of(what, kind, spec, ORDERS)
@@ -66,10 +70,10 @@ class JointTrajectoryBag:
             return {f"{FOLDER}/{file.name}": file.read_bytes() for file in sorted(folder.iterdir())}
 
     def back(self, files: Mapping[str, bytes]) -> Splined:
-        """What joint_trajectory_controller plays of the folder: quintics, cubics or lines.
+        """The curve that joint_trajectory_controller plays: quintics, cubics or lines.
 
         Raises:
-            UsageError: there is no such message in it.
+            UsageError: the bag has no such message.
         """
         rosbag2 = needed("rosbags.rosbag2", WRITING, Path(FOLDER))
         with tempfile.TemporaryDirectory() as place:
@@ -132,13 +136,15 @@ class JointTrajectoryYaml:
     """A `protocols.Exporter`: the message as one YAML document that is JSON below its comments."""
 
     def __call__(self, what: Trajectory | Commanded, kind: Kind, spec: Any) -> Mapping[str, bytes]:
-        """The file. UsageError: no robot of joints, or too quick a motion."""
+        """The file; arguments as `JointTrajectoryBag`. UsageError: the robot has no joints, or the motion is
+        too quick.
+        """
         require_joints(kind, spec, "a JointTrajectory")
         text = _document(knots_of(what, kind, spec, ORDERS))
         return {FILE: (_head(len(text)) + text).encode()}
 
     def back(self, files: Mapping[str, bytes]) -> Splined:
-        """What joint_trajectory_controller plays of it."""
+        """The curve that joint_trajectory_controller plays."""
         lines = files[FILE].decode().splitlines()
         content = json.loads("\n".join(line for line in lines if not line.startswith("#")))
         return played([_noun(point) for point in content["points"]])
@@ -157,7 +163,7 @@ def _head(size: int) -> str:
 
 
 def _document(knots: Knots) -> str:
-    """YAML's flow style, one point a line. Names are quoted: some of them are numbers or words of YAML."""
+    """YAML in flow style, one point a line. Names are quoted, because some are numbers or words of YAML."""
     names = ", ".join(map(json.dumps, knots.names))
     points = ",\n".join(_yaml_point(knots, i) for i in range(len(knots.nanoseconds)))
     head = '{"header": {"stamp": {"sec": 0, "nanosec": 0}, "frame_id": ""}'
@@ -178,7 +184,7 @@ def _numbers(values: Sequence[float]) -> str:
 
 
 def _number(value: float) -> str:
-    """Its shortest text with a point in it: YAML 1.1 reads 1e-05 as a word."""
+    """The shortest text with a decimal point, because YAML 1.1 reads 1e-05 as a string."""
     text = repr(value)
     mantissa, exponent, power = text.partition("e")
     return f"{mantissa}.0{exponent}{power}" if exponent and "." not in mantissa else text
@@ -203,7 +209,9 @@ class CsvPlayer:
     """A `protocols.Exporter`: points.csv (`position/shoulder`, ...) and play.py, a node for rclpy."""
 
     def __call__(self, what: Trajectory | Commanded, kind: Kind, spec: Any) -> Mapping[str, bytes]:
-        """Both files. UsageError: no robot of joints, or too quick a motion."""
+        """Both files; arguments as `JointTrajectoryBag`. UsageError: the robot has no joints, or the motion
+        is too quick.
+        """
         require_joints(kind, spec, "a JointTrajectory")
         knots = knots_of(what, kind, spec, ORDERS)
         columns = [f"{word}/{name}" for word in WORDS for name in knots.names]
@@ -220,7 +228,7 @@ class CsvPlayer:
         return {TABLE: text.getvalue().encode(), PLAYER: player("etude.deploy.exporters", "play_points.py")}
 
     def back(self, files: Mapping[str, bytes]) -> Splined:
-        """What the controller plays of the table that the player sends."""
+        """The curve that the controller plays of the player's table."""
         header, *rows = csv.reader(io.StringIO(files[TABLE].decode()))
         times = np.array([int(row[0]) for row in rows]) / NANO
         columns = [
@@ -230,7 +238,7 @@ class CsvPlayer:
 
 
 def player(package: str, name: str) -> bytes:
-    """The text of a program that runs on the robot's computer."""
+    """The text of a program for the robot's computer."""
     return (resources(package) / "players" / name).read_bytes()
 
 

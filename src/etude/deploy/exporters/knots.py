@@ -1,4 +1,4 @@
-"""Knots for a receiver that joins points by curves: as dense as the curve needs."""
+"""Knots for a receiver that joins points by curves, as dense as the curve needs."""
 
 from __future__ import annotations
 
@@ -34,8 +34,8 @@ class Knots:
     Attributes:
         names: of the coordinates.
         nanoseconds: (K,) increasing, from 0.
-        points: (O, K, k) position and derivatives.
-        command: (K, J), or None.
+        points: (O, K, k) position and derivatives, in rad or m.
+        command: (K, J) in the robot's command unit, or None.
         form: of the motion.
     """
 
@@ -47,19 +47,23 @@ class Knots:
 
     @property
     def times(self) -> Array:
-        """(K,) s."""
+        """Times (K,) s."""
         return np.asarray(self.nanoseconds / NANO)
 
     def played(self) -> Splined:
-        """The curve through them."""
+        """The curve through the points."""
         return Splined(self.times, self.points, like=self.form)
 
 
 def knots_of(what: Trajectory | Commanded, kind: Kind, spec: Any, orders: int) -> Knots:
-    """Points as few as keep the curve of that many orders within CLOSE of the motion.
+    """The fewest points whose curve stays within CLOSE of the motion.
+
+    Args:
+        what: the motion, with or without commands. kind: of the robot. spec: its description.
+        orders: number of derivatives in a point, position included.
 
     Raises:
-        UsageError: a thousand points per second are not enough.
+        UsageError: a thousand points per second do not suffice.
     """
     motion, command = parted(what)
     rate = EFFORT_RATE if command else SLOWEST
@@ -81,24 +85,24 @@ def knots_of(what: Trajectory | Commanded, kind: Kind, spec: Any, orders: int) -
 
 
 def names_of(kind: Kind, spec: Any) -> tuple[str, ...]:
-    """Of the path's coordinates."""
+    """Names of the path's coordinates."""
     return next(c.parts for c in kind.channels(spec) if c.name == kind.path)
 
 
 def require_joints(kind: Kind, spec: Any, what: str) -> None:
-    """UsageError if the robot's path is one in space."""
+    """Raises UsageError if the robot's path is in space."""
     if names_of(kind, spec) == SPACE:
         raise UsageError(f"{what} moves joints, and the path of {spec.name!r} is x, y, z")
 
 
 def require_space(kind: Kind, spec: Any, what: str) -> None:
-    """UsageError unless the robot's path is one in space."""
+    """Raises UsageError unless the robot's path is in space."""
     if names_of(kind, spec) != SPACE:
         raise UsageError(f"{what} flies a path of x, y, z, and {spec.name!r} has none")
 
 
 def grid_of(motion: Trajectory, rate: float) -> Index:
-    """(K,) ns at which pieces begin and end, and in between at least `rate` times a second."""
+    """Times (K,) ns of the pieces' ends, and at least `rate` times a second in between."""
     ends = [0]
     for start, _, piece in motion.pieces():
         for edge in (start, start + piece.duration):

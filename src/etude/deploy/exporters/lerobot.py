@@ -1,7 +1,8 @@
-"""LeRobot's dataset (v3) with the motion as one episode of actions, for its `replay`.
+"""LeRobot dataset (v3) with the motion as one episode of actions, for its `replay`.
 
-Degrees, as its arms are driven with `use_degrees`; joints are named `shoulder.pos`; single precision, a frame
-at each step of the robot's rate. LeRobot sends one action a frame: the drives see lines, or steps.
+Angles are in degrees, as for arms with `use_degrees`, and joints are named `shoulder.pos`. Numbers have
+single precision. Each step of the robot's rate has a frame. LeRobot sends one action a frame, which drives
+join by lines or steps.
 """
 
 from __future__ import annotations
@@ -30,7 +31,14 @@ class LerobotActions:
     """A `protocols.Exporter`: meta/info.json and one data file."""
 
     def __call__(self, what: Trajectory | Commanded, kind: Kind, spec: Any) -> Mapping[str, bytes]:
-        """Both files. UsageError: no robot of joints."""
+        """Both files.
+
+        Args:
+            what: the motion; commands are left out. kind: of the robot. spec: its description.
+
+        Raises:
+            UsageError: the robot has no joints.
+        """
         require_joints(kind, spec, "LeRobot")
         motion, _ = parted(what)
         path = next(c for c in kind.channels(spec) if c.name == kind.path)
@@ -55,7 +63,7 @@ def _factor(path: Channel) -> Array:
 
 
 def _info(names: list[str], path: Channel, spec: Any, count: int, rate: float) -> dict[str, Any]:
-    """What LeRobot's v3 says of a dataset; the units are ours to add."""
+    """The info of LeRobot's v3, with our additional units."""
     single = {"shape": [1], "names": None}
     counters = ("frame_index", "episode_index", "index", "task_index")
     return {

@@ -1,8 +1,8 @@
-"""URScript: a program that gives a Universal Robots controller a target of `servoj` at each of its steps.
+"""URScript program that gives a Universal Robots controller a target of `servoj` at each of its steps.
 
-The targets lie on quintics through points, which the program evaluates: a target a line would be 30,000
-lines a minute, and controllers read a whole program before they move. The controller smooths targets over the
-look-ahead time, so the arm follows by about that time: this is tracking, and a log shows it.
+The program computes the targets on quintics through points. One line for each target would be 30,000 lines a
+minute, and controllers read a whole program before they move. The controller smooths targets over the
+look-ahead time, so the arm lags by about that time; logs show this as tracking error.
 """
 
 from __future__ import annotations
@@ -88,13 +88,20 @@ class UrScript:
     """A `protocols.Exporter`: one program.
 
     Attributes:
-        rate: targets a second: 500 of the e-Series, 125 of the CB series.
+        rate: targets per second: 500 for the e-Series, 125 for the CB series.
     """
 
     rate: float
 
     def __call__(self, what: Trajectory | Commanded, kind: Kind, spec: Any) -> Mapping[str, bytes]:
-        """The program. UsageError: no robot of six revolute joints."""
+        """The program.
+
+        Args:
+            what: the motion; commands are left out. kind: of the robot. spec: its description.
+
+        Raises:
+            UsageError: the robot does not have six revolute joints.
+        """
         require_joints(kind, spec, "URScript")
         path = next(c for c in kind.channels(spec) if c.name == kind.path)
         if len(path.parts) != JOINTS or set(path.units) != {"rad"}:
@@ -124,7 +131,7 @@ class UrScript:
         return {FILE: text.encode("ascii")}
 
     def _points(self, motion: Trajectory) -> tuple[Index, Array]:
-        """Steps (K,) at which pieces meet, as far apart as CLOSE allows; the motion there (O, K, J)."""
+        """Steps (K,) at which pieces meet, as far apart as CLOSE allows, and the motion there (O, K, J)."""
         last, apart = whole_up(motion.duration * self.rate), int(self.rate / SLOWEST)
         t = np.minimum(np.arange(last + 1) / self.rate, motion.duration)
         path = motion.motion(t, 1).orders[0]
@@ -138,12 +145,12 @@ class UrScript:
             apart //= 2
 
     def back(self, files: Mapping[str, bytes]) -> Splined:
-        """Lines between the targets, each of which counts for its step."""
+        """Lines between the targets, each held for its step."""
         at, points, rate = _read(files)
         return Splined(np.arange(at[-1] + 1) / rate, _targets(at, points, rate)[None])
 
     def notes(self, files: Mapping[str, bytes]) -> tuple[str, ...]:
-        """How the controller follows, and whether the program is long."""
+        """Sentences on the controller's lag and on a long program."""
         count = len(_read(files)[0])
         follows = (
             f"servoj follows its targets about {LOOK_AHEAD_S:g} s late, by its own law: what the arm does is "
@@ -161,12 +168,14 @@ def _list(values: Array) -> str:
 
 
 def _targets(at: Index, points: Array, rate: float) -> Array:
-    """(T, J) of each step, on quintics through points (O, K, J) that meet at steps `at` (K,)."""
+    """Target (T, J) rad of each step, on quintics through points (O, K, J) at steps `at` (K,)."""
     return np.asarray(Splined(at / rate, points).motion(np.arange(at[-1] + 1) / rate, 1).orders[0])
 
 
 def _read(files: Mapping[str, bytes]) -> tuple[Index, Array, float]:
-    """Steps (K,) at which pieces meet, the points there (O, K, J), per s, and the steps a second."""
+    """Steps (K,) at which pieces meet, the points there (O, K, J) with derivatives per s, and steps per
+    second.
+    """
     text = files[FILE].decode("ascii")
     rate = float(HEAD.findall(text)[0])
     calls = PIECE.findall(text)

@@ -20,6 +20,7 @@ REQUIREMENTS = {
     "h5py": "h5py>=3.10",
     "onnx": "onnx>=1.16",
     "onnxruntime": "onnxruntime>=1.19",
+    "cflib": "cflib>=0.1.34",
     "cyclonedds": "cyclonedds>=11",
     "pylibfranka": "pylibfranka>=0.21",
     "pymavlink": "pymavlink>=2.4.40",
