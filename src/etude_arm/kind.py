@@ -257,10 +257,10 @@ class ArmKind:
         samples: Samples,
         logs: Sequence[Log],  # noqa: ARG002
     ) -> Delivered:
-        """Base parameters and friction."""
+        """Base parameters and friction; friction alone without masses."""
         from etude_arm.identified.parameter_report import report
 
-        return report(spec, self.physics(spec, config).get("identified"), samples)
+        return report(spec, self.physics(spec, config).get("identified"), samples, config.data)
 
     def checks(self, spec: ArmSpec, log: Log) -> Sequence[Finding]:
         """Another rate than the robot file's, which may be another clock."""

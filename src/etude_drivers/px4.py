@@ -122,7 +122,7 @@ class Px4Vehicle:
             can_hold=True,
             stopping_time=2.0,
             on_loss=self.on_loss,
-            silence=0.5,
+            silence=0.3,
             real=not self.virtual,
             virtual=self.virtual,
         )

@@ -351,11 +351,12 @@ NO_VELOCITY = "not every log says position or velocity, and attitude"
 NO_ROTORS = "robot.toml does not say where its rotors are (rotors = [[x, y, spin], ...])"
 SLOW = f"a log has less than {FAST_HZ:g} rows a second"
 FASTER = "fly faster sideways"
+SHAKE = "a lag is told from a delay by 15 s of quick ups and downs: 3 m/s^2 at 0.5 to 1.5 Hz"
 ROWS: Mapping[str, _Row] = {
     "hover": _Row("hover thrust", "1", 0.1, "", UP_AND_DOWN),
     "curve": _Row("thrust curve", "1", 0.2, "", UP_AND_DOWN, absolute=True),
     "hover_curved": _Row("hover thrust with that curve", "1", 0.1, "", UP_AND_DOWN),
-    "lag": _Row("motor time constant", "s", 0.25, SLOW, "fly longer"),
+    "lag": _Row("motor time constant", "s", 0.15, SLOW, SHAKE),
     "centre_x": _Row("centre of mass x", "m", 0.01, NO_ROTORS, "fly longer", absolute=True),
     "centre_y": _Row("centre of mass y", "m", 0.01, NO_ROTORS, "fly longer", absolute=True),
     "rotor_drag_x": _Row("rotor drag x", "1/s", 0.5, NO_VELOCITY, FASTER),

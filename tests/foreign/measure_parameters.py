@@ -1,10 +1,10 @@
 """Coverage of printed intervals, and their width beside the spread: campaigns of one robot, other seeds.
 
-    python tests/foreign/measure_parameters.py same.jsonl three:5,three:6,ur5:1,z1:1 10
+    python tests/foreign/measure_parameters.py same.jsonl three:5,three:6,ur5:1,z1:1 10 [bare]
 
 Each campaign asks twice, and pinocchio's arm, whose masses are not the file's, runs it. A robot is a file and
 the seed that draws its masses and drives. Campaigns that the file has are not made again; the table is of
-all.
+all. With `bare` another campaign, without a model file, is told the logs, and friction is all that it prints.
 """
 
 from __future__ import annotations
@@ -76,6 +76,16 @@ def learned(folder: Path, arm: plant.Arm, seed: int, text: str = "") -> Campaign
     return campaign
 
 
+def bare(campaign: Campaign, folder: Path) -> Campaign:
+    """Another campaign of the same logs, whose robot has no model file."""
+    lines = (campaign.path / "robot.toml").read_text().splitlines(keepends=True)
+    (folder / "bare.toml").write_text("".join(line for line in lines if not line.startswith("model_file")))
+    lab = create_campaign(folder / "bare", str(folder / "bare.toml"))[0]
+    for k in range(LOGS):
+        etude.tell(lab, folder / f"{k}.csv", foreign=True)
+    return lab
+
+
 @dataclass(frozen=True)
 class Coverage:
     """Of printed intervals: value, truth, deviation (campaigns, parameters)."""
@@ -128,12 +138,14 @@ def robot(name: str) -> tuple[plant.Arm, str]:
     return plant.arm_of_urdf(text, seed=int(seed)), text
 
 
-def measured(name: str, seeds: Iterator[int]) -> Iterator[dict[str, Any]]:
+def measured(name: str, seeds: Iterator[int], without_masses: bool) -> Iterator[dict[str, Any]]:
     """A row for each campaign."""
     arm, text = robot(name)
     for seed in seeds:
         with tempfile.TemporaryDirectory() as folder:
-            yield {"robot": name, "seed": seed, "rows": printed(learned(Path(folder), arm, seed, text), arm)}
+            campaign = learned(Path(folder), arm, seed, text)
+            campaign = bare(campaign, Path(folder)) if without_masses else campaign
+            yield {"robot": name, "seed": seed, "rows": printed(campaign, arm)}
 
 
 def summary(rows: list[dict[str, Any]]) -> None:
@@ -159,7 +171,9 @@ def main() -> None:
     rows = [json.loads(line) for line in file.read_text().splitlines()] if file.exists() else []
     known = {(row["robot"], row["seed"]) for row in rows}
     for name in names:
-        for row in measured(name, iter([k for k in range(count) if (name, k) not in known])):
+        for row in measured(
+            name, iter([k for k in range(count) if (name, k) not in known]), "bare" in sys.argv
+        ):
             rows.append(row)
             with file.open("a") as out:
                 out.write(json.dumps(row) + "\n")

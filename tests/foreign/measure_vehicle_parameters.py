@@ -1,9 +1,10 @@
 """Parameters of a quadrotor with a load off the centre, a hexacopter and an octocopter, flown in rotorpy.
 
-    python tests/foreign/measure_vehicle_parameters.py RESULTS.jsonl [--seeds 10 11] [--flights 6] [--table]
+    python tests/foreign/measure_vehicle_parameters.py RESULTS.jsonl [--seeds 10 11] [--flights 6] [--sweep]
 
-Each line is a parameter of one campaign of so many flights of 15 s, beside the plant's own value. What
-stands in the file is not flown again, so another number of flights takes another file.
+Each line is a parameter of one campaign of so many flights of 15 s, beside the plant's own value; with
+`--sweep` the last of them goes up and down. What stands in the file is not flown again, so other flights take
+another file. `--table` prints what there is.
 """
 
 from __future__ import annotations
@@ -46,9 +47,22 @@ def set_points(seed: int) -> Array:
             return np.concatenate(list(orders), axis=1)
 
 
-def flown(frame: Airframe, seed: int, count: int = FLIGHTS) -> list[Flight]:
+def up_and_down() -> Array:
+    """(N, 9) of 15 s about 3 m of height: 3 m/s^2 at 0.5 to 1.5 Hz, as docs/vehicle_parameters.md has it."""
+    t = np.arange(0.0, 15.001, 0.02)
+    found, hertz = np.zeros((len(t), 9)), 0.5 * 3.0 ** (t / 15.0)
+    soft = np.clip(np.minimum(t, 15.0 - t) / 2.0, 0.0, 1.0)
+    size = 3.0 * soft**2 * (3.0 - 2.0 * soft) / (2.0 * np.pi * hertz) ** 2
+    found[:, 2] = 3.0 - size * np.sin(2.0 * np.pi * np.cumsum(hertz) * 0.02)
+    found[:, 5] = np.gradient(found[:, 2], t)
+    found[:, 8] = np.gradient(found[:, 5], t)
+    return found
+
+
+def flown(frame: Airframe, seed: int, count: int = FLIGHTS, sweep: bool = False) -> list[Flight]:
     """Flights of one campaign."""
-    return [fly(set_points(100 * seed + i), frame=frame, seed=100 * seed + i) for i in range(count)]
+    paths = [set_points(100 * seed + i) for i in range(count - sweep)] + [up_and_down()] * sweep
+    return [fly(path, frame=frame, seed=100 * seed + i) for i, path in enumerate(paths)]
 
 
 def spec_of(frame: Airframe) -> QuadrotorSpec:
@@ -136,12 +150,14 @@ def measured(frame: Airframe, logs: Sequence[Array]) -> list[dict[str, Any]]:
     return [{**{key: row[key] for key in kept}, "truth": true[row["parameter"]]} for row in rows]
 
 
-def campaigns(seeds: Sequence[int], count: int, known: set[tuple[str, int]]) -> Iterator[dict[str, Any]]:
+def campaigns(
+    seeds: Sequence[int], count: int, sweep: bool, known: set[tuple[str, int]]
+) -> Iterator[dict[str, Any]]:
     """Lines of those campaigns that are not known yet."""
     for seed in seeds:
         for name, frame in FRAMES.items():
             if (name, seed) not in known:
-                for row in measured(frame, [own.log for own in flown(frame, seed, count)]):
+                for row in measured(frame, [own.log for own in flown(frame, seed, count, sweep)]):
                     yield {"frame": name, "seed": seed, **row}
 
 
@@ -188,13 +204,15 @@ def main() -> None:
     parser.add_argument("results", type=Path)
     parser.add_argument("--seeds", type=int, nargs="*", default=SEEDS)
     parser.add_argument("--flights", type=int, default=FLIGHTS)
+    parser.add_argument("--sweep", action="store_true", help="the last flight goes up and down")
     parser.add_argument("--table", action="store_true", help="of what there is")
     given = parser.parse_args()
     path: Path = given.results
     rows = [json.loads(line) for line in path.read_text().splitlines()] if path.is_file() else []
     if not given.table:
         with path.open("a") as file:
-            for row in campaigns(given.seeds, given.flights, {(row["frame"], row["seed"]) for row in rows}):
+            known = {(row["frame"], row["seed"]) for row in rows}
+            for row in campaigns(given.seeds, given.flights, given.sweep, known):
                 file.write(json.dumps(row) + "\n")
                 file.flush()
                 rows.append(row)

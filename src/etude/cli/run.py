@@ -192,7 +192,7 @@ def _drawn(campaign: Campaign, found: RunResult, say: Say) -> str:
         return ""
     say("Drawing the motion.")
     try:
-        return str(write_view(campaign.path, found.planned)[0])
+        return str(write_view(campaign.path, found.planned, found.approach)[0])
     except UsageError as error:
         say(f"The motion is not drawn: {error.fact}. {error.next_step}")
         return ""

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
         Stream,
         VelocityEnvelope,
         Watch,
+        identity_with,
     )
     from etude.drivers.find import find_driver, require_known
     from etude.drivers.plans import first_segment_ends, planned
@@ -54,6 +55,7 @@ __all__ = [
     "acceleration_limits",
     "find_driver",
     "first_segment_ends",
+    "identity_with",
     "interrupts",
     "own_arrays",
     "planned",

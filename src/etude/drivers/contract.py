@@ -106,7 +106,8 @@ class About:
 
     Attributes:
         name: of the robot. identity: serial number, bus path or address; it is written into every recording,
-            and a changed one is asked about.
+            and a changed one is asked about. payload: kg that the robot is set to carry, beyond what always
+            hangs there; a changed one is asked about, too; None: it has no such setting.
         joints: by name; matched with the campaign's, never by order alone.
         rate: Hz at which it takes set-points (a Stream) or gives samples (a Player).
         command_unit: "N m", "A", "1", ...: has to be the campaign's. command_of: what `Sample.command` is.
@@ -153,6 +154,17 @@ class About:
     encoder_step: Array | None = None
     real: bool = True
     virtual: bool = False
+    payload: float | None = None
+
+    @property
+    def answers_as(self) -> str:
+        """Its identity, and what it is set to carry."""
+        return identity_with(self.identity, self.payload)
+
+
+def identity_with(identity: str, payload: float | None) -> str:
+    """A robot's identity, and the payload that it is set to carry, kg."""
+    return identity if payload is None else f"{identity}, set to carry {payload:g} kg"
 
 
 @dataclass(frozen=True, eq=False)

@@ -74,7 +74,7 @@ class ModelConfig:
         candidates: beside "default", processes that are averaged with it in its structure: names in
             `ensemble.CANDIDATES`. Only with the structured kernel, exact processes and several folds.
         steps, method: length and method of the training: iterations of "lbfgs"; of "minimize" line searches
-            or, if negative, evaluations of the likelihood (see `training.fit`).
+            or, if negative, evaluations of the likelihood; of "descent" steps of fixed rate (see `fit`).
         warm_from: trajectories from which training goes on from the last model, as `schedule` says; with
             fewer the first ones' bad optimum would be kept.
         warm_steps: of a training that goes on; 0: as many as `steps`.
@@ -112,7 +112,7 @@ class ModelConfig:
     steps: int = 30
     warm_from: int = 3
     warm_steps: int = 10
-    method: Literal["lbfgs", "minimize"] = "lbfgs"
+    method: Literal["lbfgs", "minimize", "descent"] = "lbfgs"
     starts: int = 1
     schedule: Schedule = "update"
     prior: Literal["weak", "none"] = "weak"
@@ -128,7 +128,7 @@ class ModelConfig:
         _one_of("choose_by", self.choose_by, ("squared", "absolute"))
         _one_of("replace", self.replace, ("stack", "chance", "every"))
         _one_of("sharing", self.sharing, ("separate", "shared"))
-        _one_of("method", self.method, ("lbfgs", "minimize"))
+        _one_of("method", self.method, ("lbfgs", "minimize", "descent"))
         _one_of("schedule", self.schedule, SCHEDULES)
         _one_of("prior", self.prior, ("weak", "none"))
         _one_of("floor_of", self.floor_of, ("limit", "deviation"))
@@ -184,9 +184,9 @@ class ModelConfig:
                 raise UsageError(
                     f"{name} must be at least {least}", where=f"model.{name} = {getattr(self, name)}"
                 )
-        if self.steps < 0 and self.method == "lbfgs":
+        if self.steps < 0 and self.method != "minimize":
             raise UsageError(
-                "negative steps count evaluations of the likelihood, which L-BFGS cannot be limited to",
+                f"negative steps count evaluations of the likelihood, which {self.method} does not count",
                 where=f"model.steps = {self.steps}",
                 next_step="Set method = 'minimize', or a number of iterations.",
             )

@@ -16,6 +16,7 @@ from etude.types import Array, Figure, Mask, Motion, Nearby, Solid, Thing
 
 if TYPE_CHECKING:
     from etude.campaign.record.folder import Campaign
+    from etude.protocols import Trajectory
 
 
 RATE, MOST_FRAMES = 25.0, 2000
@@ -54,7 +55,7 @@ class MotionInSpace:
 
     Attributes:
         title: of the motion. folder: of its files. pieces: start of each, s, and its label.
-        certificate: of the shown file; None if it cannot be read.
+        certificate: of the shown file; None if it cannot be read. proved_from: start of that file, s.
         t: (T,) s. motion: at these times.
         solids: B parts. placed: (T, B, 3, 4) their frames, m.
         figure: as sticks, with the surroundings.
@@ -73,6 +74,7 @@ class MotionInSpace:
     figure: Figure
     nearby: Nearby | None
     measured: Replay | None
+    proved_from: float = 0.0
 
     @property
     def tips(self) -> list[Array]:
@@ -119,9 +121,11 @@ class MotionInSpace:
         return {"pair": list(near.pairs[row]), "distance": apart, "kept": kept, "time": float(self.t[k])}
 
 
-def in_space(record: Record, proposal: int) -> MotionInSpace | None:
-    """The motion of a proposal, with its approach and return if requested; None without a drawing."""
-    trajectory, certificate, folder = record.whole(proposal)
+def in_space(record: Record, proposal: int, approach: Trajectory | None = None) -> MotionInSpace | None:
+    """The motion of a proposal, with its approach and return if requested; None without a drawing. With an
+    `approach`, this one precedes the motion instead.
+    """
+    trajectory, certificate, folder = record.whole(proposal, approach)
     campaign = record.campaign
     if trajectory is None or campaign is None:
         return None
@@ -137,9 +141,11 @@ def in_space(record: Record, proposal: int) -> MotionInSpace | None:
     pieces = [(start, label) for start, label, _ in trajectory.pieces()]
     way = folder.partition("from_")[2]
     title = f"trajectory {proposal}" + (f" with the way from {way} and back" if way else "")
+    title += " with the way from where the robot stands" if approach is not None else ""
+    began = 0.0 if approach is None else approach.duration
     replay, near = _replay(record, proposal, t, pieces), found[0] if found else None
     shown = solids, placed, figure
-    return MotionInSpace(title, folder, pieces, certificate, t, motion, *shown, near, replay)
+    return MotionInSpace(title, folder, pieces, certificate, t, motion, *shown, near, replay, began)
 
 
 def placed_parts(campaign: Campaign, motion: Motion) -> tuple[Sequence[Solid], Array]:

@@ -96,11 +96,21 @@ class Record:
     def certificate(self, number: int) -> Facts | None:
         return self.read(f"proposals/{number:04d}/certificate.json", _proof)
 
-    def whole(self, number: int) -> tuple[Trajectory | None, Facts | None, str]:
+    def whole(
+        self, number: int, approach: Trajectory | None = None
+    ) -> tuple[Trajectory | None, Facts | None, str]:
         """A proposal's motion, certificate and folder; with approach and return if they were written as one
-        file.
+        file. With an `approach`, this one precedes the motion instead.
         """
         own = f"proposals/{number:04d}"
+        if approach is not None:
+            from etude.trajectories import Chain
+
+            alone = self.read(f"{own}/trajectory.json", _trajectory)
+            before = [("approach", part) for _, _, part in approach.pieces()]
+            after = () if alone is None else [(label, part) for _, label, part in alone.pieces()]
+            whole = Chain((*before, *after)) if after else None
+            return whole, self.read(f"{own}/certificate.json", _proof), own
         ways = [
             name.rpartition("/")[0]
             for name in recorded(self.events)

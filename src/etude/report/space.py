@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from etude.errors import UsageError, typed
+from etude.protocols import Trajectory
 from etude.report.markup import Html, document, element, join, number, paragraph, table
 from etude.report.motion_in_space import MotionInSpace, in_space
 from etude.report.record import Record, read_record
@@ -52,13 +53,15 @@ NO_MORE = Html("")
 NO_VIEW = "This browser has no WebGL 2, so the motion cannot be shown in space."
 
 
-def page(record: Record, proposal: int, stream: str = "") -> tuple[Html, MotionInSpace]:
-    """The drawing and its proved distances as a page, and the motion that it shows.
+def page(
+    record: Record, proposal: int, stream: str = "", approach: Trajectory | None = None
+) -> tuple[Html, MotionInSpace]:
+    """The drawing and its proved distances as a page, and the motion that it shows, after its `approach`.
 
     Raises:
         UsageError: no such proposal, or the robot cannot be drawn.
     """
-    found = in_space(record, proposal)
+    found = in_space(record, proposal, approach)
     if found is None:
         raise UsageError(
             f"proposal {proposal} cannot be shown",
@@ -80,16 +83,18 @@ def page(record: Record, proposal: int, stream: str = "") -> tuple[Html, MotionI
     return document(title, head, main, element("script", Html(asset("space.js")))), found
 
 
-def write_view(folder: Path, proposal: int | None = None) -> tuple[Path, int, MotionInSpace]:
-    """Writes FOLDER/view.html of a proposal, by default the newest; returns the path, the number and the
-    motion.
+def write_view(
+    folder: Path, proposal: int | None = None, approach: Trajectory | None = None
+) -> tuple[Path, int, MotionInSpace]:
+    """Writes FOLDER/view.html of a proposal, by default the newest, after its `approach`; returns the path,
+    the number and the motion.
 
     Raises:
         UsageError: no such proposal, or the robot cannot be drawn.
     """
     record = read_record(folder)
     number = newest(record, proposal)
-    text, seen = page(record, number)
+    text, seen = page(record, number, approach=approach)
     path = folder / "view.html"
     write_atomic(path, text.encode("utf-8"))
     return path, number, seen
@@ -171,7 +176,7 @@ def proved(seen: MotionInSpace) -> Html:
     rows = sorted(
         (r for r in seen.certificate["rows"] if r["axis"] in pairs), key=lambda r: float(r["slack"])
     )
-    cells = [_cells(row) for row in rows]
+    cells = [_cells(row, seen.proved_from) for row in rows]
     header = ("Distance", "kept (mm)", "proved (mm)", "for tracking (mm)", "nearest")
     parts = [paragraph(PROVED), table(header, cells[:OPEN_ROWS])] if cells else []
     if cells[OPEN_ROWS:]:
@@ -187,12 +192,12 @@ WHERE = re.compile(r"(?:^| )at ([\d.e+-]+) s(?: of the .* at ([\d.e+-]+) s)?$")
 """How a certificate says when something happens: in a piece, and when that began."""
 
 
-def _cells(row: Mapping[str, Any]) -> list[object]:
+def _cells(row: Mapping[str, Any], began: float) -> list[object]:
     numbers = [number(1000.0 * float(row[key])) for key in ("lower", "proved_lower", "tracking_margin")]
     where, found = str(row.get("where", "")), WHERE.search(str(row.get("where", "")))
     if found is None or " and " not in where:
         return [row["axis"], *numbers, ""]
-    moment = sum(float(part) for part in found.groups() if part)
+    moment = began + sum(float(part) for part in found.groups() if part)
     button = element(
         "button", f"{moment:.1f} s", type="button", class_="at", **{"data-time": f"{moment:.4f}"}
     )

@@ -45,6 +45,8 @@ from etude_arm.spec import FORCES, PATH, PLAN, RIPPLES, ArmSpec
 
 TERMS = ("armature", "viscous", "coulomb", "stribeck", "load", "asymmetry", "offset")
 E = len(TERMS)
+VISCOUS, COULOMB, STRIBECK = 1, 2, 3
+"""Places of those terms."""
 FRICTION, OFFSET_TERM = slice(1, 6), 6
 OPTIONAL = slice(3, 6)
 """Terms that are left out where the logs do not show them."""
@@ -68,6 +70,22 @@ LEAST_PART = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
+class Friction:
+    """Terms of the drives.
+
+    Attributes:
+        terms, deviation: (J, E) by `TERMS`. evidence: (J, E) nats for each of them.
+        stribeck_speed, v0: (J,) rad/s (m/s) over which Stribeck's dip ends, and friction turns.
+    """
+
+    terms: Array
+    deviation: Array
+    evidence: Array
+    stribeck_speed: Array
+    v0: Array
+
+
+@dataclass(frozen=True, eq=False)
 class ParameterFit:
     """Parameters theta are the inertial ones, body after body, and then each drive's armature.
 
@@ -76,9 +94,7 @@ class ParameterFit:
             logs and with them.
         shown: (N, P + J) commands of theta over the robot's limits: what any motion could show.
         scale: (P + J,) how far each may be from the file's.
-        terms, deviation, prior: (J, E) of the drives, by `TERMS`.
-        evidence: (J, E) nats for each of them.
-        stribeck_speed, v0: (J,) rad/s (m/s) over which Stribeck's dip ends, and friction turns.
+        friction: of the drives.
         own_scale: (J,) commands that no shared rigid body explains, so that no mass follows from them.
     """
 
@@ -88,12 +104,7 @@ class ParameterFit:
     after: Array
     shown: Array
     scale: Array
-    terms: Array
-    deviation: Array
-    prior: Array
-    evidence: Array
-    stribeck_speed: Array
-    v0: Array
+    friction: Friction
     own_scale: Mask
 
 
@@ -299,12 +310,7 @@ def parameter_fit(found: Settled) -> ParameterFit:
         back @ covariance @ back.T,
         _shown(problem),
         np.append(MASSES_OFF * parameter_scale(problem.mean.model.tree), armature),
-        fit.extra[:, :E],
-        deviation[:, :E],
-        prior,
-        found.evidence,
-        found.stribeck * v0,
-        v0,
+        Friction(fit.extra[:, :E], deviation[:, :E], found.evidence, found.stribeck * v0, v0),
         ~problem.shared,
     )
 

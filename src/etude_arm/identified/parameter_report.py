@@ -8,20 +8,23 @@ from typing import Any
 
 import numpy as np
 
-from etude.errors import UsageError
 from etude.models.accuracy import NORMAL_95
 from etude.protocols import Physics
 from etude.types import Array, Delivered, Samples
+from etude_arm.config import ArmData
+from etude_arm.identified.friction_alone import friction_alone
 from etude_arm.identified.parameter_fit import (
     SHOWN,
     TERMS,
     Combination,
+    Friction,
     ParameterFit,
     combinations,
     parameter_fit,
     settled,
 )
 from etude_arm.identified.target import MEASURED, NAMES, PARTLY, UNITS, digits, table
+from etude_arm.inputs import friction_speeds
 from etude_arm.loading.load import load_arm
 from etude_arm.physics.mean import RigidBodyMean
 from etude_arm.spec import ArmSpec
@@ -29,28 +32,35 @@ from etude_arm.spec import ArmSpec
 TERM_UNITS = ("{u} s^2/{x}", "{u} s/{x}", "{u}", "{u}", "1", "{u} s/{x}", "{u}")
 
 
-def report(spec: ArmSpec, physics: Physics | None, samples: Samples) -> Delivered:
-    """Tables, sentences and friction.h. UsageError: no model file with masses, and so no physics."""
+def report(spec: ArmSpec, physics: Physics | None, samples: Samples, data: ArmData) -> Delivered:
+    """Tables, sentences and friction.h; of a robot without a model file, or with one without masses,
+    friction alone.
+    """
     if physics is None:
-        raise UsageError(
-            f"robot '{spec.name}' has no model file with masses, which would tell links from friction",
-            next_step="Name a URDF or MJCF with masses as model_file in robot.toml.",
-        )
+        v0 = friction_speeds(spec, data.friction_fraction or ArmData.friction_fraction)
+        return _delivered(spec, [], friction_alone(spec, samples, v0, desired=data.desired), [WITHOUT])
     mean = physics(samples)
     assert isinstance(mean, RigidBodyMean)
     fit = parameter_fit(settled(samples, spec, mean))
-    inertial, friction = _inertial_rows(fit, spec), _friction_rows(fit, spec)
-    said = _said(fit, spec, inertial, friction)
+    inertial = _inertial_rows(fit, spec)
+    return _delivered(spec, inertial, fit.friction, _said(fit, spec, inertial))
+
+
+def _delivered(
+    spec: ArmSpec, inertial: list[dict[str, Any]], friction: Friction, said: Sequence[str]
+) -> Delivered:
+    rows = _friction_rows(friction, spec)
+    sentences = [*said, *_friction_sentences(friction, spec, rows)]
     files = {
         "parameters.csv": table([_flat(row) for row in inertial]) if inertial else "",
         "parameters.json": json.dumps(inertial, indent=1) + "\n",
-        "friction.csv": table(friction),
-        "friction.json": json.dumps(friction, indent=1) + "\n",
-        "friction.h": friction_c(fit, spec),
-        "README.md": _readme(spec, said, inertial, friction),
+        "friction.csv": table(rows),
+        "friction.json": json.dumps(rows, indent=1) + "\n",
+        "friction.h": friction_c(friction, spec),
+        "README.md": _readme(spec, sentences, inertial, rows),
     }
     encoded = {name: text.encode() for name, text in files.items() if text}
-    return Delivered(encoded, tuple(said), {"parameters": inertial, "friction": friction})
+    return Delivered(encoded, tuple(sentences), {"parameters": inertial, "friction": rows})
 
 
 def _names(spec: ArmSpec) -> list[tuple[str, str, str]]:
@@ -115,7 +125,7 @@ def _interval(value: float, deviation: float) -> dict[str, Any]:
     }
 
 
-def _friction_rows(fit: ParameterFit, spec: ArmSpec) -> list[dict[str, Any]]:
+def _friction_rows(fit: Friction, spec: ArmSpec) -> list[dict[str, Any]]:
     """The terms of each drive but its armature; one that the logs do not show is zero and has no interval."""
     rows = []
     for j, (axis, unit) in enumerate(zip(spec.axes, spec.command_units, strict=True)):
@@ -140,7 +150,7 @@ def _friction_rows(fit: ParameterFit, spec: ArmSpec) -> list[dict[str, Any]]:
     return rows
 
 
-def friction_c(fit: ParameterFit, spec: ArmSpec) -> str:
+def friction_c(fit: Friction, spec: ArmSpec) -> str:
     """A C function of the friction."""
     name, J = "".join(c if c.isalnum() else "_" for c in spec.name), spec.dof
     columns = [*fit.terms[:, 1:6].T, fit.stribeck_speed, fit.v0]
@@ -165,27 +175,32 @@ static void {name}_friction(const double qd[{J}], const double load[{J}], double
 """
 
 
-def _said(
-    fit: ParameterFit, spec: ArmSpec, inertial: list[dict[str, Any]], friction: list[dict[str, Any]]
-) -> list[str]:
-    if inertial:
-        counts = [sum(row["known"] == known for row in inertial) for known in KNOWN]
-        base = len(inertial) - counts[-1]
-        parts = ", ".join(f"{n} {known}" for n, known in zip(counts, KNOWN, strict=True) if n)
-        said = [f"Any motion could show {base} combinations of {len(fit.theta)} parameters: {parts}."]
-    else:
-        said = [f"Commands are in {spec.command_unit}: without the motors' constants no mass follows."]
-    if inertial and fit.own_scale.any():
+def _said(fit: ParameterFit, spec: ArmSpec, inertial: list[dict[str, Any]]) -> list[str]:
+    """Of the inertial parameters."""
+    if not inertial:
+        return [f"Commands are in {spec.command_unit}: without the motors' constants no mass follows."]
+    counts = [sum(row["known"] == known for row in inertial) for known in KNOWN]
+    base = len(inertial) - counts[-1]
+    parts = ", ".join(f"{n} {known}" for n, known in zip(counts, KNOWN, strict=True) if n)
+    said = [f"Any motion could show {base} combinations of {len(fit.theta)} parameters: {parts}."]
+    if fit.own_scale.any():
         others = [name for name, own in zip(spec.names, fit.own_scale, strict=True) if own]
         said.append(f"The commands of {', '.join(others)} are of another scale: no mass follows from them.")
-    shown = {(row["joint"], row["term"]) for row in friction if row["shown"]}
-    for name, unit, j in zip(spec.names, spec.command_units, range(spec.dof), strict=True):
-        said.append(
-            f"Friction of {name}: {_friction_words(fit.terms[j], fit.deviation[j], unit, name, shown)}."
-        )
     return said
 
 
+def _friction_sentences(fit: Friction, spec: ArmSpec, rows: list[dict[str, Any]]) -> list[str]:
+    shown = {(row["joint"], row["term"]) for row in rows if row["shown"]}
+    return [
+        f"Friction of {name}: {_friction_words(fit.terms[j], fit.deviation[j], unit, name, shown)}."
+        for j, (name, unit) in enumerate(zip(spec.names, spec.command_units, strict=True))
+    ]
+
+
+WITHOUT = (
+    "No model file says masses, so that friction alone follows, as what changes its sign with the speed. "
+    "Armature, friction by load and by direction, and offset are not told."
+)
 KNOWN = ("measured", "partly", "from the file", "not identifiable")
 
 

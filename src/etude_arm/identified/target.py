@@ -137,7 +137,7 @@ def _require_forces(spec: Any) -> None:
     if not isinstance(spec, ArmSpec) or not has_masses(spec):
         raise UsageError(
             f"robot '{spec.name}' has no model file with inertias to write back",
-            next_step="Export the model itself: --to c.",
+            next_step="Export its friction alone: --to parameters; or the model itself: --to c.",
         )
     if spec.command_unit not in FORCES:
         raise UsageError(

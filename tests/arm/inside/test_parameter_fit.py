@@ -18,7 +18,6 @@ from test_identified_files import FRICTION, NAMES, given, heavier, motion, spec_
 
 from compilers import STRICT, run, tool
 from etude import plugins
-from etude.errors import UsageError
 from etude.types import Log, Samples
 from etude_arm import KIND, ArmPhysics, ArmSpec
 from etude_arm.identified.parameter_fit import (
@@ -97,7 +96,9 @@ def test_intervals_hold_the_truth(robot: tuple[ArmSpec, Path]) -> None:
         tree = ArmPhysics(replace(spec, model_file=real)).geometry.tree
         truth = np.append(tree.nominal[1:].reshape(-1), np.zeros(spec.dof))
         deviation = np.sqrt(np.einsum("kp,pq,kq->k", weights, fit.after, weights))
-        own = (fit.terms[:, 1:3] - np.transpose([VISCOUS, FRICTION])) / fit.deviation[:, 1:3]
+        own = (fit.friction.terms[:, 1:3] - np.transpose([VISCOUS, FRICTION])) / fit.friction.deviation[
+            :, 1:3
+        ]
         z.append(np.concatenate([weights @ (fit.theta - truth) / deviation, own.ravel()]))
     inside = np.mean(np.abs(z) < 1.96)
     assert 0.88 <= inside <= 1.0
@@ -116,12 +117,12 @@ def test_a_term_that_is_there_is_shown_and_one_that_is_not_is_zero(
     robot: tuple[ArmSpec, Path], fit: ParameterFit, term: str, law: Law
 ) -> None:
     k = TERMS.index(term)
-    np.testing.assert_array_equal(fit.terms[:2, k], 0.0)
+    np.testing.assert_array_equal(fit.friction.terms[:2, k], 0.0)
     found = fitted(robot, law)
-    assert found.evidence[0, k] > 10.0
+    assert found.friction.evidence[0, k] > 10.0
     wanted = {"stribeck": 0.6, "load": 0.1, "asymmetry": 0.3}[term]
-    assert found.terms[0, k] == pytest.approx(wanted, abs=3.0 * found.deviation[0, k])
-    assert 0.0 < found.deviation[0, k] < 0.5 * wanted
+    assert found.friction.terms[0, k] == pytest.approx(wanted, abs=3.0 * found.friction.deviation[0, k])
+    assert 0.0 < found.friction.deviation[0, k] < 0.5 * wanted
 
 
 def test_no_drive_sticks_less_than_it_slides(robot: tuple[ArmSpec, Path], fit: ParameterFit) -> None:
@@ -130,10 +131,10 @@ def test_no_drive_sticks_less_than_it_slides(robot: tuple[ArmSpec, Path], fit: P
     found = fitted(
         robot, lambda qd, _: usual(qd, _) - 0.3 * np.exp(-((qd / (8 * V0)) ** 2)) * np.tanh(qd / V0)
     )
-    assert found.evidence[0, k] > 4.0, "the data would show it"
-    assert (found.terms[:, k] >= 0.0).all()
-    assert found.deviation[0, k] == 0.0
-    assert abs(found.terms[0, level] - FRICTION[0]) < 0.3
+    assert found.friction.evidence[0, k] > 4.0, "the data would show it"
+    assert (found.friction.terms[:, k] >= 0.0).all()
+    assert found.friction.deviation[0, k] == 0.0
+    assert abs(found.friction.terms[0, level] - FRICTION[0]) < 0.3
 
 
 def test_a_rotor_may_outweigh_its_link(tmp_path: Path) -> None:
@@ -148,7 +149,7 @@ def test_a_rotor_may_outweigh_its_link(tmp_path: Path) -> None:
     spec = spec_of(path)
     samples = samples_of(spec, path, usual, 0, rotor=0.3)
     found = parameter_fit(settled(samples, spec, ArmPhysics(spec)(samples)))
-    value, deviation = found.terms[-1, 0], found.deviation[-1, 0]
+    value, deviation = found.friction.terms[-1, 0], found.friction.deviation[-1, 0]
     assert abs(value - 0.3) < 3.0 * deviation
     assert deviation < 0.02
 
@@ -171,17 +172,17 @@ def test_time_to_a_reversal_stays_within_a_group() -> None:
 def test_the_c_function_is_the_friction(
     robot: tuple[ArmSpec, Path], fit: ParameterFit, tmp_path: Path
 ) -> None:
-    text = friction_c(fit, robot[0])
+    text = friction_c(fit.friction, robot[0])
     assert len(text.splitlines()) <= 25
     (tmp_path / "f.c").write_text(text.replace("static void", "void"))
     run([tool("gcc"), *STRICT, "-shared", "-fPIC", "f.c", "-o", "f.so", "-lm"], tmp_path)
     qd, load, out = np.array([0.3, -0.7, 0.01]), np.array([5.0, -2.0, 1.0]), np.zeros(3)
     pointers = [x.ctypes.data_as(ctypes.POINTER(ctypes.c_double)) for x in (qd, load, out)]
     ctypes.CDLL(str(tmp_path / "f.so")).arm_friction(*pointers)
-    viscous, coulomb, stribeck, by_load, asymmetry = fit.terms[:, 1:6].T
-    dip = np.exp(-((qd / fit.stribeck_speed) ** 2))
+    viscous, coulomb, stribeck, by_load, asymmetry = fit.friction.terms[:, 1:6].T
+    dip = np.exp(-((qd / fit.friction.stribeck_speed) ** 2))
     level = coulomb + stribeck * dip + by_load * np.abs(load)
-    wanted = viscous * qd + level * np.tanh(qd / fit.v0) + asymmetry * np.abs(qd)
+    wanted = viscous * qd + level * np.tanh(qd / fit.friction.v0) + asymmetry * np.abs(qd)
     np.testing.assert_allclose(out, wanted, rtol=1e-12)
 
 
@@ -216,5 +217,25 @@ def test_without_forces_there_is_friction_alone(robot: tuple[ArmSpec, Path]) -> 
     friction = {(row["joint"], row["term"]): row for row in json.loads(delivered.files["friction.json"])}
     assert friction[NAMES[0], "coulomb"]["unit"] == "V"
     assert friction[NAMES[0], "coulomb"]["value"] == pytest.approx(FRICTION[0], rel=0.1)
-    with pytest.raises(UsageError, match="no model file with masses"):
-        PARAMETERS(None, KIND, replace(spec, model_file=None), {**given(samples), "logs": ()})
+
+
+def test_without_a_model_file_there_is_friction_that_masses_would_not_change(
+    robot: tuple[ArmSpec, Path],
+) -> None:
+    spec = replace(robot[0], model_file=None)
+    samples = samples_of(robot[0], robot[1], usual, 2)
+    samples = samples.take(slice(None, None, len(samples) // 250))
+    delivered = PARAMETERS(None, KIND, spec, {**given(samples), "logs": ()})
+    assert "parameters.csv" not in delivered.files
+    assert "friction alone follows" in delivered.said[0]
+    rows = {(row["joint"], row["term"]): row for row in delivered.facts["friction"]}
+    for name, level in zip(NAMES, FRICTION, strict=True):
+        coulomb = rows[name, "coulomb"]
+        assert coulomb["value"] == pytest.approx(level, rel=0.1)
+        assert coulomb["lower"] < coulomb["value"] < coulomb["upper"]
+        assert coulomb["shown"]
+        assert rows[name, "load"]["lower"] is None
+    assert b"_friction(" in delivered.files["friction.h"]
+    still = replace(samples, moving=np.zeros_like(samples.moving))
+    rest = PARAMETERS(None, KIND, spec, {**given(still), "logs": ()})
+    assert all("no term is shown" in sentence for sentence in rest.said[1:])

@@ -4,6 +4,7 @@ whatever goes wrong leaves it at rest.
 
 from __future__ import annotations
 
+import base64
 import json
 import re
 import shlex
@@ -25,6 +26,7 @@ import etude
 from etude import cli, tell, untell
 from etude.campaign import Campaign, Trained, newest_model, open_campaign
 from etude.campaign.ingest.recordings import Evidence, file_gravity, log_of, planned_log
+from etude.campaign.ingest.robot_changed import answer
 from etude.campaign.record.events import Ingested, MotionEnded, MotionSent, RunEnded
 from etude.campaign.run.campaign_run import connected
 from etude.campaign.run.certified_motions import COMMAND_HZ, Learned, proposal_motion
@@ -32,7 +34,15 @@ from etude.campaign.run.next_proposal import NextProposal
 from etude.campaign.run.preconditions import open_points
 from etude.campaign.run.run_history import next_step, untold_recordings
 from etude.campaign.run.run_settings import read_settings
-from etude.drivers import About, Sample, Streamed, VelocityEnvelope, read_recording, write_recording
+from etude.drivers import (
+    About,
+    Sample,
+    Streamed,
+    VelocityEnvelope,
+    find_driver,
+    read_recording,
+    write_recording,
+)
 from etude.errors import DataError, EtudeError, RobotStopped, UnsafeTrajectoryError, UsageError
 from etude.logs import read_log_file
 from etude.types import Array
@@ -157,6 +167,10 @@ BLOCKS: dict[str, tuple[Callable[[], Robot], str]] = {
         "velocity 0.5 of hip, and robot.toml allows 1",
     ),
     "lower": (lambda: Robot(lower=np.array([-1.4, -1.0])), "lower -1.4 of knee, and robot.toml allows -1.5"),
+    "silence": (lambda: Robot(silence=0.5), "counts as lost after 0.5 s without a sample"),
+    "glitches": (lambda: Robot(silence=0.03), "counts as lost after 0.03 s without a sample"),
+    "rarely": (lambda: Robot(rate=4.0, silence=0.6), "is heard 4 times a second, too rarely to be stopped"),
+    "never": (lambda: Robot(rate=0.0), "is heard 0 times a second"),
     "nameless": (lambda: Robot(identity=""), "has no identity"),
 }
 
@@ -248,6 +262,26 @@ def test_a_dry_run_moves_nothing_and_says_what_would(tmp_path: Path) -> None:
     assert robot.sent == []
     assert facts(campaign, MotionSent) == []
     assert any("the beginning of motion 1 at 25 %" in own for own in said)
+
+
+def test_a_dry_run_draws_the_way_from_where_the_robot_stands(tmp_path: Path) -> None:
+    campaign = weighing(tmp_path)
+    (tmp_path / "bot.py").write_text(BOT)
+    text = f'[driver]\non = "{tmp_path}/bot.py:bot"\nrate = 50.0\nstart = [0.3, -0.2]\n'
+    (campaign.path / "run.toml").write_text(text)
+    assert cli.main(["run", str(campaign.path), "--dry-run"]) == 0
+    page = (campaign.path / "view.html").read_text()
+    assert "trajectory 1 with the way from where the robot stands" in page
+    shown = json.loads(page.split('type="application/json">')[1].partition("</script>")[0])
+    assert [own["label"] for own in shown["pieces"]][:2] == ["approach", "segment"]
+    q = np.frombuffer(base64.b64decode(shown["planned"]["q"]), "<f4").reshape(-1, 2)
+    t, began = shown["step"] * np.arange(shown["count"]), shown["pieces"][1]["start"]
+    np.testing.assert_allclose(q[0], [0.3, -0.2], atol=1e-4)
+    whole = proposal_motion(campaign, 1, "feedback").trajectory
+    exact = whole.motion(t[t >= began] - began, 1).orders[0]
+    np.testing.assert_allclose(q[t >= began], exact, atol=1e-6)
+    for moment in re.findall(r'data-time="([\d.]+)"', page):
+        assert float(moment) >= began, "times of the certificate are the motion's own"
 
 
 def test_a_person_agrees_to_where_the_whole_motion_goes(tmp_path: Path) -> None:
@@ -442,6 +476,46 @@ def test_another_identity_is_asked_about(tmp_path: Path) -> None:
     moved(campaign, Robot(identity="fake-2"), identity="fake-2", dry=True)
 
 
+def test_a_payload_that_the_robot_states_is_asked_about_when_it_changes(tmp_path: Path) -> None:
+    campaign = lab(tmp_path)
+    moved(campaign, Robot(payload=0.5))
+    moved(campaign, Robot(payload=0.5), dry=True)
+    loaded = Robot(payload=1.2)
+    with pytest.raises(UsageError, match=r"set to carry 0\.5 kg, .* fake-1, set to carry 1\.2 kg") as refused:
+        moved(campaign, loaded)
+    assert loaded.sent == []
+    _, named, *_ = shlex.split(refused.value.next_step.partition("go on with it: ")[2].partition(". Else")[0])
+    moved(campaign, loaded, identity=named)
+    moved(campaign, Robot(payload=1.2), dry=True)
+
+
+@pytest.mark.slow
+def test_a_load_that_nobody_states_is_noticed_and_asked_about(tmp_path: Path) -> None:
+    """In MuJoCo, whose masses the campaign does not know."""
+    pytest.importorskip("mujoco", reason="the driver mujoco needs MuJoCo")
+    campaign, on = weighing(tmp_path, 20.0), f"mujoco:{tmp_path / 'two.urdf'},virtual"
+
+    def run(payload: float, **options: Any) -> Any:
+        return moved(campaign, find_driver(on, campaign.axes, {"payload": payload}), **options)
+
+    run(0.0, rounds=2)
+    with pytest.raises(EtudeError, match="the robot has changed: log 3") as found:
+        run(1.0)
+    print(found.value.fact)
+    assert found.value.exit_code == 6
+    with pytest.raises(UsageError, match="Log 3 waits for the answer to whether the robot has changed"):
+        run(1.0)
+    answer(campaign, campaign.state(), "new", [3])
+    assert run(1.0).why == "1 rounds are done"
+
+
+def test_a_payload_that_changes_in_a_run_is_sent_nothing_more(tmp_path: Path) -> None:
+    robot = Robot(payload=0.5)
+    robot.at[20] = lambda: robot.says.update(payload=1.2)
+    with pytest.raises(UsageError, match=r"'fake-1, set to carry 1\.2 kg', not"):
+        moved(lab(tmp_path), robot)
+
+
 def test_one_campaign_and_one_robot_have_one_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
     campaign, other = lab(tmp_path / "a"), lab(tmp_path / "b")
@@ -540,7 +614,7 @@ def bot(joints, address, settings):
 """
 
 
-def weighing(folder: Path) -> Campaign:
+def weighing(folder: Path, duration: float = 4.0) -> Campaign:
     """A campaign of two joints in a row that carry weight, by a model file."""
     links = "".join(
         f'<link name="{n}"><inertial><origin xyz="0.2 0 0"/><mass value="2"/><inertia ixx="0.01" iyy="0.02"'
@@ -554,7 +628,8 @@ def weighing(folder: Path) -> Campaign:
     )
     (folder / "two.urdf").write_text(f'<robot name="two">{links}{joints}</robot>')
     path = etude.create_campaign(folder / "lab", str(folder / "two.urdf"), seed=3)[0].path
-    (path / "campaign.toml").write_text(f'kind = "arm"\nseed = 3\n{QUICK}')
+    text = QUICK.replace("duration = 4.0", f"duration = {duration}") + "[stop]\nconsecutive = 9\n"
+    (path / "campaign.toml").write_text(f'kind = "arm"\nseed = 3\n{text}')
     return open_campaign(path)
 
 

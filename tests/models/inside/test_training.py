@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from arm_kernel import structured_kernel
 
-from etude.errors import DataError, UsageError
+from etude.errors import DataError, NumericalError, UsageError
 from etude.models import ExactGP, Kernel, Prior, SquaredExponential, fit, initial_gp
-from etude.models.gp.hyperparameters import initial_theta, weak_prior
+from etude.models.gp.hyperparameters import RATE, initial_theta, optimise, weak_prior
 
 METHODS = pytest.mark.parametrize("method", ["lbfgs", "minimize"])
 KERNELS: list[Kernel] = [SquaredExponential(tuple(range(8))), structured_kernel(2, 0)]
@@ -116,6 +116,29 @@ def test_units_of_the_data_change_nothing() -> None:
     np.testing.assert_allclose(mean / 255.0, plain.predict(X[:9])[0], rtol=1e-3)
 
 
+def test_descent_goes_along_the_gradient_at_a_fixed_rate() -> None:
+    X, y = arm_like(40)
+    gp = initial_gp(KERNELS[0], X, y)
+    expected = gp.parameters
+    for steps in (1, 2, 3):
+        gradient = gp.with_parameters(expected).log_marginal_likelihood(X, y)[1]
+        expected = expected + RATE * gradient
+        found = fit(gp, X, y, method="descent", steps=steps, prior=None)
+        np.testing.assert_allclose(found.parameters, expected, rtol=1e-12)
+
+
+def test_descent_ends_where_nothing_can_be_computed() -> None:
+    wall = 1.0 - 2.5 * RATE
+
+    def objective(x: np.ndarray) -> tuple[float, np.ndarray]:
+        return (1.0, np.ones(1)) if x[0] > wall else (np.inf, np.zeros(1))
+
+    found = optimise(objective, np.ones(1), method="descent", steps=9)
+    np.testing.assert_allclose(found, 1.0 - 2.0 * RATE)
+    with pytest.raises(NumericalError, match="not finite at the start"):
+        optimise(objective, np.zeros(1), method="descent", steps=9)
+
+
 def test_start_is_the_half_range() -> None:
     X = np.array([[0.0, 5.0], [4.0, 5.0], [1.0, 5.0]])
     theta = initial_theta(SquaredExponential((0, 1)), X, np.array([-2.0, 0.0, 2.0]))
@@ -144,8 +167,9 @@ def test_refusals() -> None:
     gp = initial_gp(KERNELS[0], X, y)
     with pytest.raises(UsageError, match="unknown training method"):
         fit(gp, X, y, method="adam")  # type: ignore[arg-type]
-    with pytest.raises(UsageError, match="negative steps"):
-        fit(gp, X, y, steps=-5)
+    for method in ("lbfgs", "descent"):
+        with pytest.raises(UsageError, match="negative steps"):
+            fit(gp, X, y, method=method, steps=-5)  # type: ignore[arg-type]
     with pytest.raises(DataError, match="NaN"):
         fit(gp, X, np.full(10, np.nan))
     with pytest.raises(UsageError, match="the prior covers 2 parameters"):

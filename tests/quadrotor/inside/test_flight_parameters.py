@@ -49,7 +49,7 @@ def spec_of(count: int, **more: Any) -> Any:
     return replace(own, command_names=names, command_lower=(0.0,) * count, command_upper=(1.0,) * count)
 
 
-def flown(spec: Any, seed: int, *, seconds: float = 20.0, rate: float = 125.0) -> Log:
+def flown(spec: Any, seed: int, *, seconds: float = 20.0, rate: float = 125.0, quick: float = 1.0) -> Log:
     """A flight whose motors move the body by the laws of the module's head, with noise of the sensors."""
     rng, count, step = np.random.default_rng(seed), len(spec.command_names), 1.0 / rate
     t = step * np.arange(round(seconds * rate))
@@ -60,7 +60,7 @@ def flown(spec: Any, seed: int, *, seconds: float = 20.0, rate: float = 125.0) -
         return size * np.sin(t[:, None, None] * pace + phase).sum(axis=1) / 2.0
 
     held = np.repeat(rng.standard_normal((len(t) // 10 + 1, 1)), 10, axis=0)[: len(t)]
-    u = HOVER + waves(1, 0.05) + 0.02 * held + waves(count, 0.02)
+    u = HOVER + quick * (waves(1, 0.05) + 0.02 * held) + waves(count, 0.02)
     w, now = np.zeros_like(u), u[0]
     for k in range(len(t)):
         w[k] = now
@@ -135,6 +135,13 @@ def test_what_logs_contradict_each_other_in_is_not_told(monkeypatch: pytest.Monk
     assert "logs contradict each other" in other["motor time constant"]["known"]
     assert other["motor time constant"]["set"] == ""
     assert other["hover thrust"]["value"] == pytest.approx(HOVER, rel=0.02), "they agree in that"
+
+
+def test_slow_thrust_tells_no_lag_and_what_would() -> None:
+    spec = spec_of(4)
+    own = told(spec, [flown(spec, seed, quick=0.1) for seed in range(3)])["motor time constant"]
+    assert own["known"].startswith("cannot tell: the interval is 0.0")
+    assert "quick ups and downs: 3 m/s^2 at 0.5 to 1.5 Hz" in own["known"]
 
 
 def test_a_contradiction_is_what_chance_does_not_explain() -> None:

@@ -126,7 +126,7 @@ COMMENTS: dict[str, dict[str, str]] = {
         "steps": 'of the hyperparameter training; of "minimize" line searches (negative: evaluations)',
         "warm_from": "logs from which training goes on from the last model",
         "warm_steps": "of a training that goes on; 0: as many as steps",
-        "method": '"lbfgs", or "minimize": conjugate gradients, as the thesis',
+        "method": '"lbfgs", "minimize": conjugate gradients, as the thesis, or "descent": fixed steps',
         "starts": "of the training; the best end wins",
         "schedule": 'hyperparameters from log to log: "update", "constant", "reinitialise" or "first"',
         "prior": '"weak" priors on the hyperparameters, or "none"',

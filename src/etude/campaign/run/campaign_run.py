@@ -40,6 +40,7 @@ from etude.campaign.run.run_history import next_step, untold_recordings
 from etude.drivers import About, Person, Player, read_recording
 from etude.errors import DataError, EtudeError, LinkLost, RobotStopped, StopRuleReached, UsageError, typed
 from etude.models.learned_model import LearnedModel
+from etude.protocols import Trajectory
 
 WORD = "move"
 """What a person types before anything moves."""
@@ -97,6 +98,7 @@ class RunResult:
         confirmed: what `status` says of the motion that confirms; None without one.
         promotion: what became of the newest model; None where nobody asked. said: sentences beside.
         planned: number of the motion that a dry run would begin with; None: it would confirm, or it ran.
+        approach: the way to it from where the robot stands; None: it stands there.
     """
 
     rounds: tuple[RoundRun, ...] = ()
@@ -107,6 +109,7 @@ class RunResult:
     promotion: Promotion | None = None
     said: tuple[str, ...] = ()
     planned: int | None = None
+    approach: Trajectory | None = None
 
 
 def run_campaign(
@@ -203,7 +206,10 @@ def close_loop(session: RobotSession, options: RunOptions, say: Say = lambda _: 
         session.tell("planned", {"number": first.number, "speed": first.speed, "control": first.control})
     if options.dry:
         number = None if first is None else first.number
-        return RunResult(why="nothing was moved: --dry-run", said=tuple(sentences), planned=number)
+        said = tuple(sentences)
+        return RunResult(
+            why="nothing was moved: --dry-run", said=said, planned=number, approach=loop.approach
+        )
     _require_agreed(session.person, session.about, options, sentences)
     with _kept(session.campaign, session.about, options):
         return loop.closed(first, fired)
@@ -294,6 +300,7 @@ class _Loop:
     options: RunOptions
     say: Say
     rounds: list[RoundRun] = field(default_factory=list)
+    approach: Trajectory | None = None  # to the first motion
 
     def first(self) -> tuple[CertifiedMotion | None, str]:
         """The motion that is run first, proved and accepted; None where the stop rule has fired, and why.
@@ -307,8 +314,9 @@ class _Loop:
         except StopRuleReached as fired:
             return None, fired.fact
         pose = self.session.pose()
-        ways = ways_of(self.campaign, motion, pose)
-        for own in (ways.approach, motion):
+        way = ways_of(self.campaign, motion, pose).approach
+        self.approach = None if way is None else way.trajectory
+        for own in (way, motion):
             if own is not None:
                 planned = own.for_driver(self.campaign, self.session.about)
                 require_accepted(self.session.player.check(planned), own)

@@ -23,6 +23,10 @@ STATED = ("command_of", "gravity_in_command")
 """Fields of `About` that may be None, which blocks."""
 ENFORCED = ("lower", "upper", "velocity", "acceleration", "jerk", "torque_rate")
 """Fields of `About` and keys of the robot's file."""
+LONGEST_SILENCE = 0.4
+"""s within which a lost link has to be noticed."""
+FEWEST_SAMPLES = 2.0
+"""In that time, or in a shorter silence of the driver: one that is late is no lost link."""
 POSES = 1001
 """Of each joint at which velocities by position are compared."""
 SLACK = 1e-6
@@ -47,6 +51,7 @@ def open_points(campaign: Campaign, about: About, *, resume: bool, identity: str
     """
     return [
         *_unstated(about),
+        *_heard(about),
         *_joints(campaign, about),
         *_unit(campaign, about),
         *_limits(campaign, about),
@@ -73,6 +78,21 @@ def _unstated(about: About) -> list[Open]:
     own = [name for name in STATED if getattr(about, name) is None]
     step = "The driver's About has to say it; nothing of it is guessed."
     return [Open(f"The driver does not say {name} of {about.name}.", step) for name in own]
+
+
+def _heard(about: About) -> list[Open]:
+    """Where a lost link would be noticed late, or where a late sample would be one."""
+    least = FEWEST_SAMPLES / about.rate if about.rate > 0.0 else np.inf
+    if least <= about.silence <= LONGEST_SILENCE:
+        return []
+    if least > LONGEST_SILENCE:
+        step = (
+            f"It has to take set-points and give samples at {FEWEST_SAMPLES / LONGEST_SILENCE:g} Hz or more."
+        )
+        return [Open(f"{about.name} is heard {about.rate:g} times a second, too rarely to be stopped.", step)]
+    sentence = f"{about.name} counts as lost after {about.silence:g} s without a sample."
+    step = f"The driver's About has to say a silence from {least:g} to {LONGEST_SILENCE:g} s."
+    return [Open(sentence, step)]
 
 
 def _joints(campaign: Campaign, about: About) -> list[Open]:
@@ -174,10 +194,11 @@ def _identity(campaign: Campaign, about: About, stated: str) -> list[Open]:
     before = last_identity(campaign.events())
     if not about.identity:
         return [Open(f"{about.name} has no identity.", "The driver's About has to say it.")]
-    if before in ("", about.identity) or stated == about.identity:
+    now = about.answers_as
+    if before in ("", now) or stated == now:
         return []
-    sentence = f"Earlier recordings are of {before}, and this robot is {about.identity}."
-    step = f"If it is the same robot: --identity {typed(about.identity)}. Else start a campaign of its own."
+    sentence = f"Earlier recordings are of {before}, and this robot is {now}."
+    step = f"If the campaign is to go on with it: --identity {typed(now)}. Else start another campaign."
     return [Open(sentence, step)]
 
 

@@ -219,11 +219,11 @@ class RobotSession:
         return jsonable(np.abs(total[rows:] - total[:-rows]).max(axis=0) / rows)
 
     def _require_same_robot(self) -> None:
-        now = self.player.about().identity
-        if now != self.about.identity:
+        now, before = self.player.about().answers_as, self.about.answers_as
+        if now != before:
             raise UsageError(
-                f"another robot answers now: {now!r}, not {self.about.identity!r}",
-                next_step="Check the address; nothing was sent to it.",
+                f"another robot answers now: {now!r}, not {before!r}",
+                next_step="Check the address and the payload; nothing was sent to it.",
             )
 
     def _require_done(self, motion: CertifiedMotion, result: Result) -> None:

@@ -14,7 +14,7 @@ from etude.campaign.ingest.recordings import is_even
 from etude.campaign.record.controls import FEEDBACK, LEARNED
 from etude.campaign.record.events import Event, Figures, Ingested, MotionEnded, MotionSent, RunBegan
 from etude.campaign.record.folder import Campaign
-from etude.drivers import Ended, read_recording
+from etude.drivers import Ended, identity_with, read_recording
 from etude.limits.tracking_margins import LOGS_CONSIDERED, factor
 from etude.types import Array
 
@@ -72,8 +72,9 @@ def untold_recordings(campaign: Campaign) -> list[tuple[int, Path]]:
 
 
 def last_identity(events: Sequence[Event]) -> str:
-    """Of the robot that was run last; "" before any run."""
-    return next((e.fact.identity for e in reversed(events) if isinstance(e.fact, RunBegan)), "")
+    """Of the robot that was run last, with what it was set to carry; "" before any run."""
+    last = next((e.fact for e in reversed(events) if isinstance(e.fact, RunBegan)), None)
+    return "" if last is None else identity_with(last.identity, last.told.get("payload"))
 
 
 @dataclass(frozen=True, eq=False)

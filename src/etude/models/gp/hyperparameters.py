@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal, Protocol
+from typing import Literal, Protocol, get_args
 
 import numpy as np
 
@@ -15,10 +15,12 @@ from etude.models.gp.minimize import Objective, minimize
 from etude.threads import threads_for
 from etude.types import Array
 
-Method = Literal["lbfgs", "minimize"]
+Method = Literal["lbfgs", "minimize", "descent"]
 
 REACH = np.log(1e6)
 """Training moves no hyperparameter further than this factor (as a logarithm) from its start."""
+RATE = 3e-4
+"""Of "descent": what the gradient of the log posterior density, in all parameters, is multiplied by."""
 INITIAL_NOISE = 0.5
 """First noise deviation as a fraction of the outputs' (sn² = var / 4, as the SSGP reference code)."""
 
@@ -114,14 +116,14 @@ def fit(
     """Train from the hyperparameters of `gp` (a warm start) on X (n, D) and centred y (n,).
 
     Args:
-        method: "lbfgs" (SciPy, `steps` iterations) or "minimize" (GPML semantics: `steps` line searches,
-            or function evaluations if negative).
+        method: "lbfgs" (SciPy, `steps` iterations), "minimize" (GPML semantics: `steps` line searches,
+            or function evaluations if negative) or "descent" (`steps` steps of fixed rate).
         steps: 0 returns `gp` unchanged.
         prior: "weak" for `weak_prior` of these data, a Prior, or None for maximum likelihood.
 
     Raises:
         DataError: unusable X or y. UsageError: unknown method, a prior of the wrong length, negative steps
-            with "lbfgs". NumericalError: the likelihood is not finite at the start.
+            other than of "minimize". NumericalError: the likelihood is not finite at the start.
     """
     X, y = checked_data(X, y)
     check_method(method)
@@ -139,10 +141,15 @@ def optimise(objective: Objective, start: Array, *, method: Method, steps: int) 
     "lbfgs" moves no parameter by more than `REACH`, so each must be a logarithm or of order 1.
 
     Raises:
-        UsageError: unknown method, negative steps with "lbfgs". NumericalError: not finite at the start.
+        UsageError: unknown method, negative steps other than of "minimize". NumericalError: not finite at
+            the start.
     """
     check_method(method)
-    return minimize(objective, start, steps).x if method == "minimize" else _lbfgs(objective, start, steps)
+    if method == "minimize":
+        return minimize(objective, start, steps).x
+    if steps < 0:
+        raise UsageError("negative steps count function evaluations and need method 'minimize'")
+    return (_descent if method == "descent" else _lbfgs)(objective, start, steps)
 
 
 class Likely(Protocol):
@@ -162,8 +169,9 @@ def joint_likelihood(gp: Likely, X: Array, Y: Array) -> tuple[float, Array]:
 
 def check_method(method: str) -> None:
     """UsageError if there is no such training method."""
-    if method not in ("lbfgs", "minimize"):
-        raise UsageError(f"unknown training method {method!r}", next_step='Use "lbfgs" or "minimize".')
+    if method not in get_args(Method):
+        known = ", ".join(get_args(Method))
+        raise UsageError(f"unknown training method {method!r}", next_step=f"Use one of: {known}.")
 
 
 def negative_posterior(likelihood: Objective, prior: Prior | None) -> Objective:
@@ -182,12 +190,28 @@ def negative_posterior(likelihood: Objective, prior: Prior | None) -> Objective:
     return objective
 
 
-def _lbfgs(objective: Objective, start: Array, steps: int) -> Array:
-    if steps < 0:
-        raise UsageError("negative steps count function evaluations and need method 'minimize'")
-    value, _ = objective(start)
+def _descent(objective: Objective, start: Array, steps: int) -> Array:
+    """Where `steps` steps of RATE times the gradient lead; it ends where the objective cannot be computed."""
+    value, gradient = objective(start)
+    _require_finite(value)
+    here = start
+    for _ in range(steps):
+        there = here - RATE * gradient
+        value, gradient = objective(there)
+        if not (np.isfinite(value) and np.isfinite(gradient).all()):
+            break
+        here = there
+    return here
+
+
+def _require_finite(value: float) -> None:
     if not np.isfinite(value):
         raise NumericalError("the likelihood is not finite at the start", next_step="Choose another start.")
+
+
+def _lbfgs(objective: Objective, start: Array, steps: int) -> Array:
+    value, _ = objective(start)
+    _require_finite(value)
     best = (value, start)
 
     def remembered(parameters: Array) -> tuple[float, Array]:

@@ -29,10 +29,11 @@ from etude_studies.site.words import entry_name, plural, row_name, section_name
 from etude_studies.thesis.catalogue import catalogue
 from etude_studies.thesis.choosing import runs_of
 from etude_studies.thesis.contrasts import EACH
+from etude_studies.thesis.kept import price_s
 from etude_studies.thesis.ledger import Claim, Part
 from etude_studies.thesis.part_verdicts import NOT_RUN, UNTESTED, PartVerdict
-from etude_studies.thesis.parts import in_logs
-from etude_studies.thesis.readings import Reading
+from etude_studies.thesis.parts import in_logs, run_of
+from etude_studies.thesis.readings import ON_PLANT, Reading
 from etude_studies.thesis.verdict_file import Verdict, shown
 
 KINDS = {
@@ -63,6 +64,7 @@ def claim_page(study: Study, claim: Claim) -> Html:
         _why(study, claim, verdict),
         _told(claim),
         _command(study, claim, verdict),
+        _stability(study, claim, verdict),
         _readings(study, claim, verdict),
         _seeds(study, claim),
         _tests(own, verdict),
@@ -242,10 +244,35 @@ def _more_seeds(study: Study, claim: Claim, asks: int | None) -> list[Html]:
     return [paragraph(told), command(seeds), command("etude study report --folder results")]
 
 
+def _stability(study: Study, claim: Claim, verdict: Verdict) -> Html:
+    """On how many arms with other gains, friction or noise the word is the same."""
+    words = [shown(other) for own, other in study.readings_of(claim) if own.name.startswith(ON_PLANT)]
+    run = [word for word in words if word != NOT_RUN]
+    if not run:
+        return Html("")
+    same = sum(word == verdict.word for word in run)
+    lack = f"; {len(words) - len(run)} are not run yet" if len(run) < len(words) else ""
+    told = f"The same word on {same} of {len(run)} arms with other gains, friction or noise{lack}."
+    return paragraph(told)
+
+
+def _lacking(study: Study, claim: Claim, own: Reading) -> str:
+    """A reading not run, with the runs that it lacks, and their cost: that of the runs which they replace."""
+    asked = {run_of(source) for _, part in _parts(study, claim) for source in part.sources}
+    new = {old: own.replace[old] for old in sorted(asked) if old in own.replace}
+    if not new or not all(name in catalogue() for name in new.values()):
+        return own.name
+    lack = {old: name for old, name in new.items() if name not in study.numbers.results.runs}
+    cost = sum(price_s([old], catalogue()[name].seeds, study.numbers.results) for old, name in lack.items())
+    return (
+        f"{own.name} ({', '.join(lack.values())}: about {number(cost, 2)} CPU seconds)" if lack else own.name
+    )
+
+
 def _readings(study: Study, claim: Claim, verdict: Verdict) -> Html:
     every = study.readings_of(claim)
     found = [(own, other) for own, other in every if shown(other) != NOT_RUN]
-    rest = [own.name for own, other in every if shown(other) == NOT_RUN]
+    rest = [_lacking(study, claim, own) for own, other in every if shown(other) == NOT_RUN]
     lack = paragraph(f"Not run with every side: {'; '.join(rest)}.", class_="soft") if rest else ""
     if not found:
         return Html(lack)

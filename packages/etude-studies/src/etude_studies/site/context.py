@@ -34,10 +34,10 @@ class Study:
 
     @cached_property
     def runs(self) -> tuple[str, ...]:
-        """Runs that have a page: those that the ledger names, and their motions over time."""
-        named = self.ledger.runs()
-        traced = (run for run in self.numbers.results.runs if run.removesuffix("t") in named)
-        return tuple(sorted({*named, *traced}))
+        """Runs that have a page: those that the ledger names, their motions over time, those of readings."""
+        named = {*self.ledger.runs(), *(run for own in self.readings for run in own.replace.values())}
+        there = (run for run in self.numbers.results.runs if run.removesuffix("t") in named)
+        return tuple(sorted({*self.ledger.runs(), *there}))
 
     def readings_of(self, claim: Claim) -> list[tuple[Reading, Verdict]]:
         """Those that touch a claim."""

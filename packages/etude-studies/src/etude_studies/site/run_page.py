@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
+from statistics import stdev
 from typing import Any
 
 from etude.report import Html, element, join, number, paragraph, table
@@ -10,6 +12,8 @@ from etude_studies.site.context import Study
 from etude_studies.site.entry_more import settings_of
 from etude_studies.site.page import command, file_of, link, page
 from etude_studies.site.words import entry_name
+from etude_studies.thesis.arm import PRIMARY
+from etude_studies.thesis.arm_runs import ROUNDS
 
 
 def run_page(study: Study, run: str) -> Html:
@@ -20,6 +24,7 @@ def run_page(study: Study, run: str) -> Html:
         element("h1", f"Run {run}"),
         settings_of(study, run),
         _origin(made) if made else "",
+        _rounding(study, run),
         paragraph(f"The command that computes it again{_cost(made)}:"),
         command(f"etude study run {run}"),
         _shown_in(study, run),
@@ -44,6 +49,22 @@ def _origin(made: Mapping[str, Any]) -> Html:
         ["finished", str(made.get("date", ""))],
     ]
     return join([element("h2", "Where its results come from"), table(["", ""], rows)])
+
+
+def _rounding(study: Study, run: str) -> Html:
+    """How far other last digits of the logs move the error, beside how far seeds do."""
+    own, moved = (study.numbers.results.values(name, "error", ROUNDS, PRIMARY) for name in (run, f"U{run}"))
+    both = sorted({*own} & {*moved})
+    if len(both) < 2:
+        return Html("")
+    # each side of a pair has the deviation of rounding
+    rounding = stdev(math.log(moved[seed] / own[seed]) for seed in both) / math.sqrt(2.0)
+    seeds = stdev(math.log(own[seed]) for seed in both)
+    return paragraph(
+        f"Other last digits of the logs (run U{run}) move the error of a seed after {ROUNDS} trajectories by "
+        f"{rounding:.0%}, and seeds differ by {seeds:.0%}: deviations of logarithms over {len(both)} seeds. "
+        "Intervals over seeds contain both."
+    )
 
 
 def _shown_in(study: Study, run: str) -> Html:

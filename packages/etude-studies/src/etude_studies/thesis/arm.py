@@ -152,7 +152,7 @@ def tested(
 ) -> Log:
     """The log of a test, to its end; every controller meets the same noise."""
     place = tuple(tests_of(settings.robot, seed)).index(test)
-    return settings.world.robot.run(motion, controller, np.random.default_rng([seed, NOISE, place]))
+    return settings.simulated.run(motion, controller, np.random.default_rng([seed, NOISE, place]))
 
 
 def plan_of(world: World, model: LearnedModel, motion: Trajectory) -> Log:

@@ -6,6 +6,7 @@ Streams of random numbers are named by the seed and what they are for, so no run
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from functools import lru_cache
 from typing import Any
 
@@ -21,7 +22,7 @@ from etude.types import Array, Log
 from etude_studies.thesis.arm_settings import ArmSettings
 from etude_studies.thesis.own_omega0 import JointByJoint
 
-TRAIN, TEST, RUN, NOISE, DESIGN, LEARN = range(6)
+TRAIN, TEST, RUN, NOISE, DESIGN, LEARN, ROUND = range(7)
 """Streams of a seed's random numbers."""
 COMMON = 10_000
 """Seed of the test that all seeds share; no run may have it."""
@@ -90,8 +91,21 @@ def tests_of(robot: str, seed: int) -> Mapping[str, Trajectory]:
 
 
 def recorded(settings: ArmSettings, motion: Trajectory, seed: int, number: int) -> Log:
-    """The log of a motion under feedback alone."""
-    return settings.world.robot.run(motion, None, np.random.default_rng([seed, RUN, number]))
+    """The log of a motion under feedback alone, rounded as the settings say."""
+    log = settings.simulated.run(motion, None, np.random.default_rng([seed, RUN, number]))
+    if not settings.rounding:
+        return log
+    return _rounded(log, np.random.default_rng([seed, ROUND, settings.rounding, number]))
+
+
+def _rounded(log: Log, rng: np.random.Generator) -> Log:
+    """The log with every number, 0 apart, at the next one above or below, by chance."""
+
+    def beside(values: Array) -> Array:
+        other = np.nextafter(values, np.where(rng.random(values.shape) < 0.5, -np.inf, np.inf))
+        return np.where(values == 0.0, values, other)
+
+    return replace(log, values={name: beside(values) for name, values in log.values.items()})
 
 
 def designed(settings: ArmSettings, model: LearnedModel, seed: int, number: int) -> Trajectory:

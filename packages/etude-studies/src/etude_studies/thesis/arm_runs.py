@@ -149,6 +149,9 @@ MINIATURE: Mapping[str, tuple[str, Settings]] = {
     "mA7": ("A7 in miniature", _dictionary(motions="designed", rounds=2, model=_SMALL)),
     "mS1": ("S1 in miniature", _spectrum(1, rounds=2, model={"basis": 10, "fit_points": 60})),
     "mS5": ("S5 in miniature", _spectrum(1, learned=False, rounds=2, model={"basis": 10, "fit_points": 60})),
+    "mGA1": ("GA1 in miniature", _dictionary(rounds=2, model={**_SMALL, "method": "descent"})),
+    "mUA1": ("UA1 in miniature", _dictionary(rounds=2, model=_SMALL, rounding=1)),
+    "mVA1hg": ("VA1hg in miniature", _dictionary(rounds=2, model=_SMALL, plant={"gain": 2.0})),
     "mDP1": ("DP1 in miniature", _default("gp", rounds=2, model={"points": 60, "steps": 5})),
 }
 """A run of each family that takes seconds: does all of it work here?"""

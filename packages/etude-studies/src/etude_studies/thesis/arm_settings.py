@@ -7,9 +7,11 @@ from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from typing import Any, Literal
 
+import msgspec
+
 from etude.campaign import CampaignConfig
 from etude.models import ModelConfig
-from etude.protocols import Family
+from etude.protocols import Family, Robot
 from etude_studies.thesis.own_omega0 import JointByJointFamily
 from etude_studies.world import World
 
@@ -33,6 +35,8 @@ class ArmSettings:
         described: also what the thesis describes of single runs; see `arm_measures.description`.
         source: digest of the source of a method that is not Étude's, so that another version is another run.
         again: round at which members of the dictionary are kept and trained from the start values too.
+        plant: factors of the simulated arm's "gain", "friction" and "noise"; see `perturbed`.
+        rounding: which draw of last digits recorded logs get; 0: their own.
     """
 
     robot: str = "arm4"
@@ -49,6 +53,13 @@ class ArmSettings:
     described: bool = False
     again: int = 0
     source: str = ""
+    plant: Mapping[str, float] = field(default_factory=dict)
+    rounding: int = 0
+
+    @property
+    def simulated(self) -> Robot:
+        """What the motions are run on."""
+        return perturbed(self.world.robot, self.plant)
 
     @property
     def config(self) -> CampaignConfig:
@@ -79,6 +90,28 @@ class ArmSettings:
         world = self.world
         found = world.kind.family(world.spec, world.config)
         return JointByJointFamily.of(found) if self.own_omega0 else found  # type: ignore[arg-type]
+
+
+def perturbed(robot: Robot, plant: Mapping[str, float]) -> Robot:
+    """A simulated arm with feedback gains, friction and encoder noise times the factors of `plant`.
+
+    What its owner knows of it stays as it is: limits, and with them all motions.
+    """
+    if not plant:
+        return robot
+    gain, friction, noise = (plant.get(name, 1.0) for name in ("gain", "friction", "noise"))
+    changed: Any = robot.changed(friction=friction)
+    own = changed.parameters.controller
+    controller = msgspec.structs.replace(
+        own,
+        kp=tuple(gain * kp for kp in own.kp),
+        kd=tuple(gain * kd for kd in own.kd),
+        encoder_noise_degrees=noise * own.encoder_noise_degrees,
+    )
+    found: Robot = replace(
+        changed, parameters=msgspec.structs.replace(changed.parameters, controller=controller)
+    )
+    return found
 
 
 @lru_cache(maxsize=8)

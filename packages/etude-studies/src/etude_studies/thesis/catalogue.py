@@ -12,6 +12,7 @@ from etude.errors import UsageError
 from etude_studies.spec import Spec
 from etude_studies.thesis.arm_runs import ARM_RUNS, CONTROLLERS, MINIATURE, arm_spec, baseline_spec
 from etude_studies.thesis.beyond_runs import BEYOND_LINES, BEYOND_RUNS, ROUGH
+from etude_studies.thesis.varied_runs import DESCENT, ON_PLANTS, ROUNDED, SECOND_BLOCK
 
 ARM_SEEDS, FLIGHT_SEEDS, BEYOND_SEEDS = 20, 60, 20
 SMALL_SEEDS = 2
@@ -23,17 +24,18 @@ class Run:
 
     Attributes:
         name: as claims and tables call it. what: a sentence.
-        seeds: planned. spec: of a seed.
+        seeds: planned. spec: of a seed. first: seed of its block.
     """
 
     name: str
     what: str
     seeds: int
     spec: Callable[[int], Spec]
+    first: int = 0
 
-    def specs(self, seeds: Sequence[int]) -> list[Spec]:
-        """One for each seed."""
-        return [self.spec(seed) for seed in seeds]
+    def specs(self, places: Sequence[int]) -> list[Spec]:
+        """One for each place in its block."""
+        return [self.spec(self.first + place) for place in places]
 
 
 @cache
@@ -49,6 +51,10 @@ def catalogue() -> Mapping[str, Run]:
         runs.append(Run(name, what, ARM_SEEDS, partial(arm_spec, settings)))
     for name, (what, settings) in BEYOND_RUNS.items():
         runs.append(Run(name, what, BEYOND_SEEDS, partial(arm_spec, settings)))
+    for name, (what, settings) in {**DESCENT, **ROUNDED}.items():
+        runs.append(Run(name, what, ARM_SEEDS, partial(arm_spec, settings)))
+    for name, (what, settings) in ON_PLANTS.items():
+        runs.append(Run(name, what, ARM_SEEDS, partial(arm_spec, settings), SECOND_BLOCK))
     for name, (what, controller) in BEYOND_LINES.items():
         runs.append(Run(name, what, BEYOND_SEEDS, partial(baseline_spec, controller, robot=ROUGH)))
     for name, (what, settings) in MINIATURE.items():

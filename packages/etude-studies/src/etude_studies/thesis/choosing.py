@@ -17,9 +17,14 @@ GROUPS: Mapping[str, str] = {
     "sensitivity": "what the thesis leaves open, read otherwise",
     "default": "the same questions in Étude's default protocol",
     "beyond": "criteria, unmodelled physics and ablations in Étude's default protocol",
+    "descent": "steps of the training as steps of fixed rate along the gradient",
+    "rounding": "the runs of chapter 6.3 on logs with other last digits",
+    "plants": "the headline claims of chapter 6 on arms with other gains, friction and noise, new seeds",
     "miniature": "a run of each family that takes seconds",
     "all": "all but the miniature",
 }
+VARIED = {"G": "descent", "U": "rounding", "V": "plants"}
+"""Groups by the first letter of their runs."""
 SENSITIVITY = ("Q6u", "Q6d", "Q7u", "Q7d", "Q8u", "Q8d", "P5u", "P5d")
 
 
@@ -66,6 +71,8 @@ def group_of(name: str) -> str:
         return "default"
     if name.startswith(("D", "R")):
         return "beyond"
+    if name[0] in VARIED:
+        return VARIED[name[0]]
     return "thesis" if name[0] in PROTOCOL and name not in SENSITIVITY else "sensitivity"
 
 

@@ -22,6 +22,7 @@ from etude_studies.thesis.flights import FLIGHT_RUNS
 from etude_studies.thesis.ledger import Claim, Ledger, Part
 from etude_studies.thesis.part_verdicts import DEPENDS, NOT_RUN
 from etude_studies.thesis.parts import read_so
+from etude_studies.thesis.varied_runs import CHAOTIC, DESCENT, ON_PLANTS, PLANTS, ROUNDED
 from etude_studies.thesis.verdicts import Verdict, judge
 
 
@@ -74,7 +75,8 @@ def exchange(change: Change) -> dict[str, str]:
 @cache
 def _settings() -> dict[str, Settings]:
     """Of every run of chapters 5 and 6."""
-    arms = {name: asdict(ArmSettings(**own)) for name, (_, own) in ARM_RUNS.items()}
+    known = {**ARM_RUNS, **DESCENT, **ROUNDED, **ON_PLANTS}
+    arms = {name: asdict(ArmSettings(**own)) for name, (_, own) in known.items()}
     return arms | {name: asdict(own) for name, (_, own) in FLIGHT_RUNS.items()}
 
 
@@ -105,6 +107,15 @@ def _amplitude(own: Settings) -> Settings | None:
 def _evaluations(own: Settings) -> Settings:
     steps = own["model"].get("steps", STEPS)
     return {**own, "model": {**own["model"], "steps": -steps}} if steps > 0 else own
+
+
+def _descent(own: Settings) -> Settings:
+    stepped = own["model"].get("steps", STEPS) > 0
+    return {**own, "model": {**own["model"], "method": "descent"}} if stepped else own
+
+
+def _plant(factors: Mapping[str, float]) -> Change:
+    return lambda own: {**own, "plant": factors}
 
 
 def _grown(own: Settings) -> Settings:
@@ -138,6 +149,8 @@ def _ladder(own: Settings) -> Settings | None:
     return None if other is None else {**other, "model": {"rung": "auto"}}
 
 
+ON_PLANT = "an arm with "
+"""How the names of readings on other arms begin."""
 ON_EDGE, EXTREME = (dict.fromkeys(("uniform", "single", "fresh"), kind) for kind in ("boundary", "extreme"))
 SLOW = exchange(_flight(_key("speed", None, 3.0), "quadrotor"))
 HARMONICS = exchange(_flight(_key("harmonics", 2, 5), "quadrotor"))
@@ -153,11 +166,14 @@ WINDOWS = {"after_reversal": "reversal_share", "stuck_after": "stuck_share"}
 """Rows of runs over time, and of the runs that they are of."""
 READINGS: Sequence[Reading] = (
     Reading("random trajectories drawn again", "", exchange(_arm(_key("draw", 0, 1)))),
+    Reading("logs with other last digits", "", {run: f"U{run}" for run in CHAOTIC}),
+    *(Reading(f"{ON_PLANT}{what}", "", exchange(_arm(_plant(factors)))) for what, factors in PLANTS.values()),
     Reading("feedforward fades", "R1", {run: f"{run}:faded" for run in ARM_RUNS}),
     Reading("random amplitudes, flights of random size", "R2", RANDOM),
     Reading("random flights on the edge", "R2", exchange(_flight(_key("arm", "uniform", "boundary")))),
     Reading("a base frequency for each joint", "R3", exchange(_arm(_key("own_omega0", False, True)))),
     Reading("steps are evaluations of the likelihood", "R4", exchange(_arm(_evaluations))),
+    Reading("steps have a fixed rate along the gradient", "R4", exchange(_arm(_descent))),
     Reading("reinitialised with as many steps in all", "R4", exchange(_arm(_grown))),
     Reading("designs from one random start", "R5", ONE),
     Reading("spectrum on all samples", "R7", exchange(_arm(_all_samples))),

@@ -1,0 +1,158 @@
+"""Estimate of friction from logs of a robot whose masses nobody has given.
+
+Gravity, inertia and centrifugal forces are even in the speeds, friction is odd: a motion that passes a
+posture both ways tells them apart.
+
+    command_j = even_j(q, qd, qdd) + viscous qd_j + [coulomb + stribeck exp(-(qd_j / v_s)^2)] tanh(qd_j / v0)
+
+The even part is a Gaussian process. A chain's forces are sums of products of 1, sin q_i, cos q_i, and what
+accelerations and squares of speeds are multiplied with are such products squared; cogging returns with the
+joint's own position. Sizes of the parts are those of the largest marginal likelihood. Friction by load and by
+direction is even in part, so that it cannot be told.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from etude.models.scatter import scattered
+from etude.types import Array, Index, Mask, Samples
+from etude_arm.identified.parameter_fit import (
+    COULOMB,
+    LEAST_STRETCH,
+    SHOWN,
+    STRIBECK,
+    STRIBECK_SPEEDS,
+    TERMS,
+    VISCOUS,
+    Friction,
+    savage_dickey,
+)
+from etude_arm.physics.identification import steady
+from etude_arm.spec import FIRST_WAVE, PATH, PLAN, RIPPLES, ArmSpec
+
+LEAST, MOST = 30, 400
+"""Samples of a joint in which it moves: fewer tell nothing; evenly drawn, as the cost is their cube."""
+OWN = (VISCOUS, COULOMB, STRIBECK)
+TURNS = (1.0, 0.3, 0.1)
+"""Parts of v0 over which friction may turn."""
+LARGEST = 0.3
+"""Prior deviation of each term at full speed, as a part of the command limit."""
+LEAST_LEVEL = 1e-3
+"""Part of the command limit that a joint's friction has at least, for that of stiction."""
+STEPS = 40
+"""Of the search for the sizes."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Joint:
+    """Rows of one joint: t, group (n,), speed (n,), command (n,), and kernels of the even parts (K, n, n)."""
+
+    t: Array
+    group: Index
+    speed: Array
+    command: Array
+    kernels: Array
+
+
+def friction_alone(spec: ArmSpec, samples: Samples, v0: Array, *, desired: bool) -> Friction:
+    """Of all joints.
+
+    Args:
+        v0: (J,) rad/s (m/s) over which friction turns at most. desired: motion as planned, not as measured.
+    """
+    motion = tuple(samples.log[name] for name in (PLAN if desired else PATH))
+    rows = steady(samples, motion[1])
+    fits = [
+        _fitted(_joint(spec, samples, motion, rows[:, j], j), float(v0[j]), spec, j) for j in range(spec.dof)
+    ]
+    return Friction(*(np.array(part) for part in zip(*fits, strict=True)))
+
+
+def _joint(spec: ArmSpec, samples: Samples, motion: tuple[Array, ...], rows: Mask, j: int) -> _Joint:
+    kept = np.flatnonzero(rows)
+    kept = kept[np.unique(np.linspace(0, len(kept) - 1, min(len(kept), MOST)).astype(np.int64))]
+    q, qd, qdd = (part[kept] for part in motion)
+    hinge = np.array([axis.unit == "rad" for axis in spec.axes])
+    apart = q[:, None] - q[None]
+    near = np.where(hinge, 0.5 + 0.5 * np.cos(apart), np.exp(-0.5 * (apart / (spec.upper - spec.lower)) ** 2))
+    posture = near.prod(axis=2)
+    pull, speed = (part / scale for part, scale in ((qdd, spec.acceleration), (qd, spec.velocity)))
+    turns = [np.cos(k * apart[..., j]) for k in range(FIRST_WAVE, FIRST_WAVE + RIPPLES)]
+    kernels = [posture, (pull @ pull.T) * posture**2, (speed @ speed.T) ** 2 * posture**2]
+    kernels += [np.mean(turns, axis=0)] if hinge[j] else []
+    return _Joint(samples.t[kept], samples.group[kept], qd[:, j], samples.command[kept, j], np.array(kernels))
+
+
+def _fitted(own: _Joint, widest: float, spec: ArmSpec, j: int) -> tuple[Array, Array, Array, float, float]:
+    """Terms, deviations, evidence (E,), v_s and v0: those of the largest likelihood."""
+    found = np.zeros((3, len(TERMS)))
+    if len(own.t) < LEAST:
+        return found[0], found[1], found[2], widest, widest
+    size = float(spec.command[j])
+    prior = LARGEST * size / np.array([spec.velocity[j], 1.0, 1.0])
+    tried = [(s * t * widest, t * widest) for t in TURNS for s in STRIBECK_SPEEDS]
+    first = _columns(own.speed, *tried[0])
+    sizes = _sizes(own, first * prior, size)
+    # sticking holds about as much more as sliding holds at all
+    level, _ = _solved(first[:, :2], own, _covariance(sizes, own, size), prior[:2])
+    prior[2] = max(abs(float(level[1])), LEAST_LEVEL * size)
+    losses = [_loss(sizes, own, _columns(own.speed, *speeds) * prior, size)[0] for speeds in tried]
+    slow, v0 = tried[int(np.argmin(losses))]
+    H, V = _columns(own.speed, slow, v0), _covariance(sizes, own, size)
+    value, deviation = _solved(H, own, V, prior)
+    evidence = savage_dickey(value, deviation, prior)
+    if evidence[2] < SHOWN or value[2] < 0.0:
+        value, deviation = (np.append(part, 0.0) for part in _solved(H[:, :2], own, V, prior[:2]))
+    found[:, OWN] = value, deviation, evidence
+    return found[0], found[1], found[2], slow, v0
+
+
+def _columns(speed: Array, slow: float, v0: float) -> Array:
+    """(n, 3) of OWN."""
+    sign = np.tanh(speed / v0)
+    return np.column_stack([speed, sign, sign * np.exp(-((speed / slow) ** 2))])
+
+
+def _sizes(own: _Joint, H: Array, size: float) -> Array:
+    """(K + 1,) logarithms of the parts' deviations and the noise's, in parts of the command limit."""
+    from scipy.optimize import minimize
+
+    start = np.log(np.append(np.full(len(own.kernels), 0.1), 0.01))
+    bounds = [(-12.0, 2.0)] * len(start)
+    found = minimize(
+        _loss, start, (own, H, size), jac=True, method="L-BFGS-B", bounds=bounds, options={"maxiter": STEPS}
+    )
+    return np.asarray(found.x)
+
+
+def _covariance(sizes: Array, own: _Joint, size: float) -> Array:
+    parts = size**2 * np.exp(2.0 * sizes)
+    return np.asarray(np.tensordot(parts[:-1], own.kernels, 1) + parts[-1] * np.eye(len(own.command)))
+
+
+def _loss(sizes: Array, own: _Joint, H: Array, size: float) -> tuple[float, Array]:
+    """Minus the logarithm of the marginal likelihood, and its gradient; H (n, p) by its prior deviations."""
+    V = _covariance(sizes, own, size) + H @ H.T
+    inverse = np.linalg.inv(V)
+    weights = inverse @ own.command
+    value = 0.5 * (own.command @ weights + np.linalg.slogdet(V)[1])
+    change = 0.5 * (inverse - np.outer(weights, weights))
+    parts = 2.0 * size**2 * np.exp(2.0 * sizes)
+    slope = np.append(np.einsum("ij,kij->k", change, own.kernels), np.trace(change))
+    return float(value), parts * slope
+
+
+def _solved(H: Array, own: _Joint, V: Array, prior: Array) -> tuple[Array, Array]:
+    """(p,) generalised least squares, and deviations by the scatter of the score between stretches of log."""
+    # white one after another, so that stretches of them are independent
+    root = np.linalg.cholesky(V)
+    rows, left = np.linalg.solve(root, H), np.linalg.solve(root, own.command)
+    posterior = np.linalg.inv(rows.T @ rows + np.diag(prior**-2))
+    value = posterior @ rows.T @ left
+    _, stretch = np.unique(own.group * 10.0**6 + np.floor(own.t / LEAST_STRETCH), return_inverse=True)
+    scores = np.zeros((stretch.max() + 1, len(value)))
+    np.add.at(scores, stretch, (left - rows @ value)[:, None] * rows)
+    return value, np.sqrt(scattered(posterior, prior, scores, 1.0).diagonal())
