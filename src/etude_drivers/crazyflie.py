@@ -12,6 +12,7 @@ kill is a hover, too. cflib sends a thrust of zero when a link closes, so links 
 from __future__ import annotations
 
 import contextlib
+import logging
 import math
 import re
 import threading
@@ -137,10 +138,10 @@ class CrazyflieVehicle:
                 next_step="Name four commands of robot.toml, in the order m1 to m4.",
             )
         named = re.search(r"radio://[^/]*/[^/]*/[^/]*/([0-9A-Fa-f]{10})", self.address)
-        unnamed = self.address.startswith("radio:") and (named is None or named[1].upper() == FACTORY)
-        if unnamed and not self.serial:
+        alike = self.address.startswith(("radio:", "usb:")) and (named is None or named[1].upper() == FACTORY)
+        if alike and not self.serial:
             raise UsageError(
-                f"{self.address} is the address of every Crazyflie as it is sold, so it names no robot",
+                f"any Crazyflie may be at {self.address}, as it is sold, so that names no robot",
                 where="run.toml",
                 next_step='Write serial = "?" under [driver], and run once with --dry-run: '
                 "it says the right one.",
@@ -358,6 +359,7 @@ def connected(address: str) -> Any:
     crazyflie = needed("cflib.crazyflie", "the driver crazyflie")
     if not crtp.CLASSES:
         crtp.init_drivers()
+    logging.getLogger("cflib").setLevel(logging.CRITICAL)  # what fails is an exception here
     cf, over, why = crazyflie.Crazyflie(), threading.Event(), [f"nothing answered within {CONNECT_S:g} s"]
 
     def failed(_: str, words: str) -> None:

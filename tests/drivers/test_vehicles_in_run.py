@@ -96,3 +96,12 @@ def test_exit_codes(
     assert says in capsys.readouterr().err
     ended = json.loads((own / "journal.jsonl").read_text().splitlines()[-1])
     assert (ended["event"], ended["exit_code"]) == ("run_ended", code)
+
+
+def test_a_dry_run_draws_a_vehicles_way_too(lab: Path, tmp_path: Path) -> None:
+    pytest.importorskip("pymavlink", reason="the driver px4 needs pymavlink")
+    own = shutil.copytree(lab, tmp_path / "lab")
+    assert main(["run", str(own), "--on", f"{__file__}:px4:", "--dry-run"]) == 0
+    page = (own / "view.html").read_text()
+    assert "with the way from where the robot stands" in page
+    assert page.count('"label":"approach"') >= 1

@@ -265,19 +265,7 @@ UNSEEN = {
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "name",
-    [
-        "ur5",
-        pytest.param(
-            "human",
-            marks=pytest.mark.xfail(
-                reason="after 15 s of slow motion in a tenth of the ranges gravity is worse than the file's",
-                raises=AssertionError,
-            ),
-        ),
-    ],
-)
+@pytest.mark.parametrize("name", UNSEEN)
 def test_an_arm_with_meshes(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Python sums squares where C sums differences, here with lengths of a thousandth of a range: 1.5e-12."""
     share = Path(pin.__file__).resolve().parents[4] / "share"

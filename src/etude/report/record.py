@@ -107,8 +107,9 @@ class Record:
             from etude.trajectories import Chain
 
             alone = self.read(f"{own}/trajectory.json", _trajectory)
-            parts = () if alone is None else [(label, part) for _, label, part in alone.pieces()]
-            whole = Chain((("approach", approach), *parts)) if parts else None
+            before = [("approach", part) for _, _, part in approach.pieces()]
+            after = () if alone is None else [(label, part) for _, label, part in alone.pieces()]
+            whole = Chain((*before, *after)) if after else None
             return whole, self.read(f"{own}/certificate.json", _proof), own
         ways = [
             name.rpartition("/")[0]

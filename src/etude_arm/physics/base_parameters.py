@@ -18,6 +18,9 @@ Array = NDArray[np.float64]
 RANK_TOLERANCE = 1e-9
 """Relative to the largest singular value; rounding leaves the unrevealed ones near 1e-16."""
 
+MASSLESS = 0.1
+"""Of the mean mass, what a body without mass may weigh that carries others: a frame between two axes."""
+
 
 def spread_states(spec: ArmSpec, count: int) -> tuple[Array, Array, Array]:
     """q, qd, qdd (count, dof) that fill the robot's limits evenly: a Kronecker sequence, the same at every
@@ -44,13 +47,13 @@ def parameter_scale(tree: KinematicTree) -> Array:
     """(10 (B - 1),): how far each inertial parameter may be from its nominal value, in its own unit.
 
     A body's mass, times its reach once for first moments and twice for inertias. A massless body (a frame
-    that a URDF left without an inertial element) gets the mean mass, because only its owner knows whether it
-    is a placeholder.
+    that a URDF left without an inertial element) may have the mean mass, or a part of it between two axes.
     """
     mass = tree.nominal[1:, 0]
     typical = float(np.mean(mass[mass > 0])) if np.any(mass > 0) else 1.0
     # below a thousandth of the mean a mass is a placeholder, as that of a frame is
-    mass = np.where(mass > 1e-3 * typical, mass, typical)
+    frame = MASSLESS ** np.isin(np.arange(1, tree.bodies), tree.parent)
+    mass = np.where(mass > 1e-3 * typical, mass, frame * typical)
     reach = np.array([_reach(tree, body) for body in range(1, tree.bodies)])
     powers = np.array([0, 1, 1, 1, 2, 2, 2, 2, 2, 2])
     return np.asarray(mass[:, None] * reach[:, None] ** powers).reshape(-1)

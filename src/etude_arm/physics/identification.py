@@ -34,7 +34,7 @@ from etude_arm.physics.rigid_body import (
     turned,
 )
 from etude_arm.physics.transmission import Drive
-from etude_arm.spec import FRICTION, PRESLIDING_DISTANCES
+from etude_arm.spec import FORCES, FRICTION, PRESLIDING_DISTANCES
 
 if TYPE_CHECKING:
     from etude_arm.spec import ArmSpec
@@ -59,6 +59,7 @@ def fitted(
     names: Sequence[str],
     body: RigidBody,
     shared: Array | None = None,
+    ripple: bool = False,
 ) -> RigidBodyModel:
     """Masked maximum a posteriori least squares of every output's parameters.
 
@@ -70,6 +71,8 @@ def fitted(
         priors: of the outputs, as `output_priors`. names: of their axes.
         body: which all that is of.
         shared: (P, r) directions of one rigid body for all outputs, as `shared_directions`; None: none.
+        ripple: whether the model keeps what returns with a hinge's position. Else it is only kept out of the
+            masses.
 
     Raises:
         DataError: an axis never moved.
@@ -89,7 +92,7 @@ def fitted(
         fits.append(_fit_output(columns, samples.command[moving, j], prior, weight, by_speed))
     inertial, extras, deviation, rank, spreads, way = (np.array(part) for part in zip(*fits, strict=True))
     own = RigidBodyModel(*body, inertial, extras, rank, deviation, spreads, way)
-    return own if shared is None else _with_shared(own, samples, regressors, priors, shared)
+    return own if shared is None else _with_shared(own, samples, regressors, priors, shared, ripple)
 
 
 def _with_shared(
@@ -98,6 +101,7 @@ def _with_shared(
     regressors: Regressors,
     priors: Sequence[IdentificationPrior],
     directions: Array,
+    ripple: bool,
 ) -> RigidBodyModel:
     """The model with one rigid body for all outputs but those of another scale."""
     rigid, extra, turning, wave = regressors
@@ -108,14 +112,15 @@ def _with_shared(
         rows = samples.moving[:, j] & samples.usable[:, j]
         deviations = _near_level(prior.extra, own.extra[j], first=0)
         deviations[-1] = min(deviations[-1], OFFSET * prior.command)
-        deviations = np.append(deviations, np.full(extra.shape[2] - E, own.deviation[j]))
+        size = own.deviation[j] if ripple else WAVE * prior.command
+        deviations = np.append(deviations, np.full(extra.shape[2] - E, size))
         left = samples.command[rows, j] - rigid[rows, j] @ prior.nominal
         columns = np.concatenate([rigid[rows, j] @ directions, extra[rows, j]], axis=1)
         clock = Clock(samples.t[rows], samples.group[rows])
         outputs.append(OutputColumns(columns, left, deviations, own.deviation[j], clock))
     limits = np.array([prior.command for prior in priors])
     found = shared_fit(outputs, directions.shape[1], limits)
-    if wave is not None:
+    if ripple:
         found = _rippled(found, outputs, E, directions.shape[1], limits)
     take = (found.noise <= OTHER_SCALE * own.deviation)[:, None]
     return replace(
@@ -124,7 +129,7 @@ def _with_shared(
         extra=np.where(take, found.extra[:, :E], own.extra),
         extra_deviation=np.where(take, found.spread[:, :E], own.extra_deviation),
         deviation=np.where(take[:, 0], found.noise, own.deviation),
-        ripple=None if wave is None else np.where(take, found.extra[:, E:], 0.0),
+        ripple=np.where(take, found.extra[:, E:], 0.0) if ripple else None,
     )
 
 
@@ -202,18 +207,26 @@ class IdentificationPrior:
     command: float
 
     @staticmethod
-    def of_output(tree: KinematicTree, rigid: Array, extra: Array, command: float) -> IdentificationPrior:
-        """Deviations such that no single term exceeds the command limit over the robot's limits."""
+    def of_output(
+        tree: KinematicTree, rigid: Array, extra: Array, command: float, force: bool
+    ) -> IdentificationPrior:
+        """Deviations such that no single term exceeds the command limit over the robot's limits, and the
+        viscous friction of a force `VISCOUS` of it; a voltage answers the speed by as much as its limit.
+        """
         nominal = nominal_parameters(tree)
-        torque = float(np.sqrt(np.mean((rigid @ nominal) ** 2)))
-        largest = np.sqrt(np.mean(extra**2, axis=0))
+        directions = base_directions(rigid, parameter_scale(tree))
+        # the last link of a file may have no mass: then what it may weigh says how large a torque is
+        torque = max(_root(rigid @ nominal), NO_TORQUE * _root(rigid @ directions))
+        terms = command / np.sqrt(np.mean(extra**2, axis=0))
+        terms[SPEED] *= VISCOUS if force else 1.0
         return IdentificationPrior(
-            nominal,
-            base_directions(rigid, parameter_scale(tree)),
-            command / max(torque, np.finfo(float).tiny),
-            command / largest,
-            command,
+            nominal, directions, command / torque if torque else command, terms, command
         )
+
+
+def _root(torques: Array) -> float:
+    """Root mean square over samples of (n,), or of (n, r) independent parts."""
+    return float(np.sqrt(np.mean(np.sum(torques.reshape(len(torques), -1) ** 2, axis=1))))
 
 
 def output_priors(
@@ -223,8 +236,9 @@ def output_priors(
     # more than twice as many states as parameters (10 a body): the rank is the tree's, not the draw's
     spread = spread_states(spec, 64 + 24 * tree.bodies)
     rigid, extra = command_regressors(tree, drives, friction_velocity, *spread)
+    force = spec.command_unit in FORCES
     return tuple(
-        IdentificationPrior.of_output(tree, rigid[:, j], extra[:, j], float(spec.command[j]))
+        IdentificationPrior.of_output(tree, rigid[:, j], extra[:, j], float(spec.command[j]), force)
         for j in range(spec.dof)
     )
 
@@ -240,6 +254,14 @@ def shared_directions(
     return MASSES_OFF * base_directions(rows, parameter_scale(tree))
 
 
+VISCOUS = 0.1
+"""Prior deviation of viscous friction at top speed, as a part of the limit. A wider one continues the fall
+of friction after stiction (Stribeck), which is all that a slow motion shows, to the top speed."""
+WAVE = 0.001
+"""Prior deviation of each wave of a hinge's position, as a part of the limit: cables, bearings, cogging.
+Without them a narrow motion puts what returns with the position into the masses."""
+NO_TORQUE = 0.01
+"""Of the torque by masses as large as `parameter_scale`: a file that says less says nothing."""
 OFFSET = 0.005
 """Prior deviation of a force's offset, as a part of its limit: the zero of a torque sensor. A wider one
 takes up the gravity of a narrow motion, and is wrong by as much elsewhere."""

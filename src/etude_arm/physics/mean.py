@@ -254,10 +254,11 @@ class ArmPhysics:
         hinges = ~self._body.tree.joint_slides[:, None]
         wave = hinges * waves(samples.log[(PLAN if self.desired else PATH)[0]])
         found = command_regressors(*self._body, *motion)
-        return Regressors(*found, remembered_of(samples.log), wave if self.ripple else None)
+        return Regressors(*found, remembered_of(samples.log), wave)
 
     def _fitted(self, samples: Samples, regressors: Regressors) -> RigidBodyModel:
-        return fitted(samples, regressors, self._priors, self.spec.names, self._body, self._shared)
+        priors, names = self._priors, self.spec.names
+        return fitted(samples, regressors, priors, names, self._body, self._shared, self.ripple)
 
     def _mean(self, model: RigidBodyModel) -> RigidBodyMean:
         return RigidBodyMean(model, self.spec, self.desired)

@@ -180,7 +180,7 @@ def _beyond(model: LearnedModel, beyond: Mask) -> list[str]:
     shares = 100.0 * beyond.mean(axis=0)
     if not beyond.any():
         return []
-    own = [f"{name} {share:.2g} %" for name, share in zip(model.commands, shares, strict=True) if share > 0.0]
+    own = [f"{name} {share:.3g} %" for name, share in zip(model.commands, shares, strict=True) if share > 0.0]
     return [
         f"Outside of what was learned, of all rows: {', '.join(own)}. There the deviation is more than twice "
         "that of training, and where nothing is known the command is physics alone, or a level without."

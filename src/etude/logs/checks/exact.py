@@ -419,7 +419,7 @@ def _clipped(numbers: Numbers, limits: Limits) -> Iterator[Finding]:
     levels = ", ".join(f"{level:.4g}" for level in found.levels[found.joints])
     share = 100.0 * float(found.rows.mean())
     fact = f"The commands of {named(numbers.parts, found.joints)} stand at {levels} while the joints move, "
-    fact += f"{share:.2g} % of the log: they were clipped"
+    fact += f"{share:.3g} % of the log: they were clipped"
     step = "Log the whole range, if the recorder clips; a drive that gives no more has a smaller limit."
     spans = tuple((float(numbers.t[a]), float(numbers.t[b - 1] + numbers.step)) for a, b in runs(found.rows))
     for finding in _asked(CLIPPED, BEYOND_CHANCE, fact, step, mend="cut these stretches"):

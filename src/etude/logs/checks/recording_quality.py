@@ -194,7 +194,7 @@ def clock_findings(log: Log) -> tuple[Finding, ...]:
 
 def _rate(forward: Array, step: float) -> Finding:
     spread = float(np.quantile(np.abs(forward / step - 1.0), 0.95))
-    said = f"{1.0 / step:.4g} rows a second; 95 % of the steps within {100.0 * spread:.2g} % of {step:.4g} s."
+    said = f"{1.0 / step:.4g} rows a second; 95 % of the steps within {100.0 * spread:.3g} % of {step:.4g} s."
     if not SLOWEST < 1.0 / step < FASTEST:
         return Finding("rate", "yellow", said, "No robot is recorded so: are the times in another unit?")
     if spread < JITTER:
