@@ -2,8 +2,8 @@
 
     python tests/arm/inside/measure_mjcf.py three:5,three:6,ur5:1
 
-Of each joint, in parts of the physics' error on the campaign's logs: the file, that with the drives' terms, and
-least squares on the terms that each of them has, free of all that a body must obey.
+Of each joint, in parts of the physics' error on the campaign's logs: the file, that with the drives' terms,
+and least squares on the terms that each of them has, free of all that a body must obey.
 """
 
 from __future__ import annotations
