@@ -247,7 +247,8 @@ def _told(claim: Claim) -> Html:
 def _command(study: Study, claim: Claim, verdict: Verdict) -> Html:
     if claim.untestable:
         return Html("")
-    words, cost = f"etude study run {claim.id} --seeds {claim.seeds}", study.price(claim.id, claim.seeds)
+    words, cost = f"etude study run {claim.id}", study.price(claim.id, verdict.block)
+    words += f" --seeds {verdict.block}" if verdict.block else ""
     told = paragraph(f"The command that computes these numbers again, with as many seeds as planned{cost}:")
     again = [told, command(words), command(f"etude study show {claim.id}"), data_links(claim.id)]
     return join([*_more_seeds(study, claim, verdict.asks), *again])

@@ -36,6 +36,9 @@ WORDS: Mapping[str, Word] = {
 }
 
 LINES: Mapping[str, str] = {
+    "O1:none": "no learning on line",
+    "O1:variance": "learning on line, variance rule",
+    "O1:error": "learning on line, error rule",
     "T1:exact": "an exact process, with its samples n",
     "T1:exact_extrapolated": "an exact process, extrapolated",
     "T1:dictionary": "the dictionary",
@@ -100,6 +103,8 @@ MEASURES: Mapping[str, str] = {
     "length_change": "change of the length scales in logarithms",
 }
 TESTS: Mapping[str, str] = {
+    "friction": "friction grown by half after the first pass",
+    "payload": "0.5 kg carried after the first pass",
     "fourier": "each seed's own test motion",
     "common": "one test motion common to all seeds",
     "moves": "point-to-point moves",
