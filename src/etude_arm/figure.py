@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
@@ -10,11 +11,11 @@ import numpy as np
 from etude.types import CUBE, CUBE_FACES, FAR, Array, Figure, Thing
 from etude_arm.clearance.surroundings import Box, Column, Surroundings, Wall
 from etude_arm.loading.attachments import Mounting
-from etude_arm.loading.load import load_arm
+from etude_arm.loading.load import load_arm, of_file
 from etude_arm.loading.loaded_model import Loaded
 from etude_arm.loading.rotations import turn_of
 from etude_arm.physics.geometry import read_geometry
-from etude_arm.physics.kinematics import body_motion
+from etude_arm.physics.kinematics import KinematicTree, body_motion
 from etude_arm.rehearsal.body import tips
 from etude_arm.spec import ArmSpec
 
@@ -27,7 +28,7 @@ Faces = tuple[tuple[int, ...], ...]
 
 
 def standing_things(around: Surroundings, mounting: Mounting | None) -> tuple[Thing, ...]:
-    """Floor, walls, boxes, room and column, and the line from a mounted base down to the floor."""
+    """Floor, walls, boxes, room and column, and the line from a mounted base to the floor."""
     base = np.zeros(3) if mounting is None else np.array(mounting.position)
     found = (
         [_plane("floor", Wall("", (0.0, 0.0, around.floor.height), (0, 0, 1)), base)] if around.floor else []
@@ -47,7 +48,7 @@ def standing_things(around: Surroundings, mounting: Mounting | None) -> tuple[Th
 
 
 def carried_things(spec: ArmSpec, loaded: Loaded, q: Array) -> tuple[Thing, ...]:
-    """Tool and payload along the poses q (T, J), as far as they have shapes."""
+    """Tool and payload with shapes, along the poses q (T, J)."""
     named = [(name, one) for name, one in (("tool", spec.tool), ("payload", spec.payload)) if one]
     shaped = {name: one for name, one in named if one.shape != "none"}
     if not shaped:
@@ -61,7 +62,7 @@ def carried_things(spec: ArmSpec, loaded: Loaded, q: Array) -> tuple[Thing, ...]
 
 
 def _frames(loaded: Loaded, q: Array, names: list[str]) -> list[tuple[Array, Array]]:
-    """Centre (T, 3) and rotation (T, 3, 3) in the world of each shape that was added under these names."""
+    """Centre (T, 3) m and rotation (T, 3, 3), in the world, of each added shape with these names."""
     import mujoco
 
     model = loaded.model()
@@ -94,7 +95,7 @@ def _plane(name: str, wall: Wall, base: Array) -> Thing:
 
 
 def _column(column: Column) -> Thing:
-    """From the floor of the world up: it has no ends, a picture cuts it."""
+    """A column from the floor of the world up; pictures cut its open end."""
     points, faces = _solid("cylinder", (column.radius, 2.0 * FAR))
     return _still("column", "inside", points + np.array([*column.centre, 0.0]), faces[2:])
 
@@ -114,38 +115,76 @@ def _solid(shape: str, size: tuple[float, ...]) -> tuple[Array, Faces]:
     return np.concatenate([ring - up, ring + up]), (*ends, *sides)
 
 
-def figure(spec: ArmSpec, q: Array) -> Figure:
-    """Points: the base, the joints in the robot's order, then the tips of what carries no joint.
+@dataclass(frozen=True, eq=False)
+class _Sticks:
+    """Parts of the figure that do not depend on the pose.
 
-    Around it what the robot file says of the room, and what the arm carries.
-
-    Raises:
-        UsageError: the model file cannot be loaded.
+    Attributes:
+        loaded: the robot, without shapes. tree: its rigid bodies.
+        before: (J,) parent joint of each joint; -1: the base.
+        last: joints without a child. reaches: (3,) m to the tip of each, in the frame of its body.
     """
+
+    loaded: Loaded
+    tree: KinematicTree
+    before: tuple[int, ...]
+    last: tuple[int, ...]
+    reaches: tuple[Array, ...]
+
+
+_kept: dict[str, _Sticks] = {}
+
+
+def _sticks(spec: ArmSpec) -> _Sticks:
     geometry = read_geometry(spec)
     assert geometry is not None
-    tree, still = geometry.tree, np.zeros_like(q)
-    motion = body_motion(tree, q, still, still)
+    tree = geometry.tree
     bodies, carried_by = tree.joint_body.tolist(), tree.parent.tolist()
     before = [_joint_before(j, bodies, carried_by) for j in range(spec.dof)]
     last = sorted(set(range(spec.dof)) - set(before))
     loaded = load_arm(spec, shapes=False)
-    reaches = tips(loaded, [spec.names[j] for j in last])
+    return _Sticks(
+        loaded, tree, tuple(before), tuple(last), tuple(tips(loaded, [spec.names[j] for j in last]))
+    )
+
+
+def figure(spec: ArmSpec, q: Array) -> Figure:
+    """Points: the base, the joints in the robot's order, then the tips of joints without a child.
+
+    Around it are the surroundings in the robot file, and the arm's load. Limits of plug-ins ask for figures
+    hundreds of times in a search, so the model file is read once.
+
+    Args:
+        spec: of the robot. q: (T, J) poses, rad (m).
+
+    Raises:
+        UsageError: the model file cannot be loaded.
+    """
+    assert spec.model_file is not None
+    if not spec.model_file.is_file():
+        return _drawn(_sticks(spec), spec, q)  # which says so
+    return _drawn(of_file(_kept, spec, lambda: _sticks(spec)), spec, q)
+
+
+def _drawn(sticks: _Sticks, spec: ArmSpec, q: Array) -> Figure:
+    tree, still = sticks.tree, np.zeros_like(q)
+    motion = body_motion(tree, q, still, still)
+    bodies = tree.joint_body.tolist()
     hands = [
         motion.position[bodies[j]] + motion.rotation[bodies[j]] @ reach
-        for j, reach in zip(last, reaches, strict=True)
+        for j, reach in zip(sticks.last, sticks.reaches, strict=True)
     ]
     base = np.zeros(3) if spec.mounting is None else np.array(spec.mounting.position)
     points = np.stack([np.tile(base, (len(q), 1)), *motion.anchor, *hands], axis=1)
     ends = range(spec.dof + 1, spec.dof + 1 + len(hands))
-    sticks = [(before[j] + 1, j + 1) for j in range(spec.dof)]
-    sticks += [(j + 1, end) for j, end in zip(last, ends, strict=True)]
-    things = (*standing_things(spec.around, spec.mounting), *carried_things(spec, loaded, q))
-    return Figure(points, np.array(sticks), tuple(ends), things)
+    pairs = [(sticks.before[j] + 1, j + 1) for j in range(spec.dof)]
+    pairs += [(j + 1, end) for j, end in zip(sticks.last, ends, strict=True)]
+    things = (*standing_things(spec.around, spec.mounting), *carried_things(spec, sticks.loaded, q))
+    return Figure(points, np.array(pairs), tuple(ends), things)
 
 
 def _joint_before(j: int, bodies: list[int], carried_by: list[int]) -> int:
-    """The joint that carries joint j; -1: the base."""
+    """Parent joint of joint j; -1: the base."""
     same = [i for i in range(j) if bodies[i] == bodies[j]]
     if same:
         return same[-1]

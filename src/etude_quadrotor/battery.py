@@ -1,7 +1,7 @@
-"""Influence of the battery's voltage on commands: an empty one takes more of full scale.
+"""Battery voltage as an input: a discharged battery needs a larger fraction of full scale.
 
-Under load a battery's voltage falls at once, so a quick dip tells the command and not the other way round;
-only its slow part may be looked at. Of a single flight that is as good as the time.
+Under load the voltage falls at once, so a quick dip is caused by the command. Only its slow part may be an
+input. Within a single flight, this part is equivalent to time.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ SHRINKAGE = 1e-3
 
 
 def slow_voltage(log: Log) -> Log:
-    """The log with its voltage averaged over `SLOW_S` about each instant; as it is without one."""
+    """The log with its voltage averaged over `SLOW_S` about each instant; unchanged without a voltage."""
     if BATTERY.name not in log:
         return log
     total = np.concatenate([[0.0], np.cumsum(log[BATTERY.name][:, 0])])
@@ -31,11 +31,11 @@ def slow_voltage(log: Log) -> Log:
 
 
 def usual_voltage(samples: Samples) -> float | None:
-    """V that a plan may assume, the median; None where the voltage is to be no input.
+    """Median voltage for plans, V; None if the voltage is not an input.
 
-    That is where not every flight logs it, where it does not vary, and where it does not help: linear
-    regression on physical features must predict each flight from the others better with it than without, in
-    sum and on most flights. A single flight cannot tell.
+    It is not an input if a flight lacks it, if it does not vary, or if it does not help. It helps if linear
+    regression on physical features predicts each flight from the others better with it, in sum and on most
+    flights. A single flight cannot show this.
     """
     if BATTERY.name not in samples.log:
         return None
@@ -53,7 +53,7 @@ def usual_voltage(samples: Samples) -> float | None:
 
 
 def _errors(features: Array, samples: Samples) -> Array:
-    """(G,) squared error of each flight, predicted from the others, in variances of the commands."""
+    """Squared error (G,) of each flight, predicted from the others, in variances of the commands."""
     # a command that never changes stays as it is, instead of 0 / 0
     y = samples.command / np.maximum(samples.command.std(axis=0), 1e-300)
     spread = features.std(axis=0)

@@ -1,4 +1,4 @@
-"""A vehicle's inputs and its inverse models as C99."""
+"""C99 of a vehicle's inputs and of its inverse models."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ FORCE, RATES, TURNING = "specific_force", "rates", "angular_acceleration"
 
 
 def inputs_code(name: str, inputs: Any) -> Code:
-    """`QuadrotorInputs`: the states one after the other; nothing is remembered."""
+    """Code of `QuadrotorInputs`: the states in order, without memory."""
     reads = tuple(dict.fromkeys(channel for channel, *_ in inputs.columns))
     lines, place = [], 0
     for channel in reads:
@@ -27,7 +27,7 @@ def inputs_code(name: str, inputs: Any) -> Code:
 
 
 def vehicle_code(name: str, model: Any, heights: tuple[float, float]) -> Code:
-    """A `VehicleInverse`: voltages by Euler's equation, the allocation and steady motors."""
+    """Code of a `VehicleInverse`: voltages from Euler's equation, the allocation and steady motors."""
     vehicle, theta = model.vehicle, model.coefficients
     reads: tuple[str, ...] = (FORCE, RATES, TURNING)
     if theta[:2].any():
@@ -51,7 +51,7 @@ def vehicle_code(name: str, model: Any, heights: tuple[float, float]) -> Code:
 
 
 def drag_code(name: str, model: Any) -> Code:
-    """A `DragModel`: lines, and the processes of what they leave."""
+    """Code of a `DragModel`: lines, and the processes of their residuals."""
     parts, lines = [], []
     for j, (slope, posterior) in enumerate(zip(model.linear, model.residual, strict=True)):
         lines.append(f"    force[{j}] = {real(-float(slope))} * velocity[{j}];")
@@ -100,7 +100,7 @@ def _loads(model: Any, reads: Sequence[str], heights: tuple[float, float]) -> li
 
 
 def features_code(name: str, model: Any, least_lift: float) -> Code:
-    """A `LinearInverse`: least squares on physical features."""
+    """Code of a `LinearInverse`: least squares on physical features."""
     reads = (FORCE, RATES, TURNING, *model.uses)
     f, w, a = (f"c_{channel}" for channel in reads[:3])
     features = [
@@ -141,7 +141,7 @@ def features_code(name: str, model: Any, least_lift: float) -> Code:
 
 
 def _hovering(name: str, reads: Sequence[str], call: str) -> list[str]:
-    """Level and at rest, at the altitude that it is."""
+    """Code of the states level and at rest, at the present altitude."""
     from etude_quadrotor.channels import STILL
 
     nothing = "static const real still[3] = {R(0.0), R(0.0), R(0.0)}"

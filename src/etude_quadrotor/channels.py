@@ -62,7 +62,7 @@ PLANNED = (POSITION_DES, VELOCITY_DES, ACCELERATION_DES, ATTITUDE_DES, RATES_DES
 
 
 def command(spec: QuadrotorSpec) -> Channel:
-    """The commands, in the vehicle's unit."""
+    """Channel of the commands, in the vehicle's unit."""
     reach = tuple(max(abs(a), abs(b)) for a, b in zip(spec.command_lower, spec.command_upper, strict=True))
     return Channel(
         "command", spec.command_names, (spec.command_unit,) * len(reach), "command", True, reach=reach
@@ -70,7 +70,7 @@ def command(spec: QuadrotorSpec) -> Channel:
 
 
 def readable(spec: QuadrotorSpec) -> tuple[Channel, ...]:
-    """Every channel that a log of the vehicle may have; no log is usable without those required."""
+    """Every channel that a log of the vehicle may have; a log needs the required ones."""
     furthest = tuple(max(abs(a), abs(b)) for a, b in zip(spec.lower, spec.upper, strict=True))
     position = replace(POSITION, reach=furthest)
     asides = (position, VELOCITY, ORIENTATION, ATTITUDE)
@@ -82,7 +82,7 @@ USUAL_RATE = 200.0
 
 
 def expected(spec: QuadrotorSpec) -> Expected:
-    """What the log doctor may expect: the room, the speed, the commands."""
+    """Ranges for the checks of a log: workspace, speed, commands."""
     lower, upper = np.array(spec.lower), np.array(spec.upper)
     speed = np.full(3, spec.speed)
     limits = {
@@ -97,7 +97,7 @@ STILL = ("rates", "angular_acceleration", "body_velocity", "body_acceleration")
 
 
 def hovering(log: Log) -> Log:
-    """The log level and at rest at each altitude; what it lacks it still lacks."""
+    """The log level and at rest at each altitude; missing channels stay missing."""
     weight = np.tile([0.0, 0.0, GRAVITY], (len(log), 1))
     still = log.put(SPECIFIC_FORCE, weight)
     for name in STILL:

@@ -1,4 +1,4 @@
-"""The tables [trajectory] and [data] of a vehicle's campaign: flights, and how logs become samples."""
+"""Configuration tables [trajectory] and [data] of a vehicle's campaign: flights, and use of logs."""
 
 from __future__ import annotations
 
@@ -19,17 +19,17 @@ class FlightConfig:
         harmonics: N; at least 2 with `rest`.
         duration: s.
         omega0: rad/s; None for 2 pi/duration, one period.
-        start: how the vehicle begins: "hover", at rest at the first position, so that the plan's first
-            velocity is a step (the thesis); or "moving", with the plan's velocity. The plan is the same.
-        rest: whether the plan itself starts and ends at rest (two equalities per axis, whole periods).
-        free_centre: whether x and y have a constant term too, which the limits then bound.
-        centre: constant terms of x and y where they are not free, m.
-        tilt: largest angle of the planned thrust from the vertical, rad, if the vehicle's own limit is not
-            less; None: that alone.
-        lean: whether simulated flights lean against the drag that earlier ones taught.
+        start: state at the start. "hover": at rest at the first position, so that the plan's first velocity
+            is a step (the thesis). "moving": with the plan's velocity. The plan is the same.
+        rest: the plan itself starts and ends at rest (two equalities per axis, whole periods).
+        free_centre: x and y also have a constant term, which the limits bound.
+        centre: constant terms of x and y if they are not free, m.
+        tilt: largest angle of the planned thrust from the vertical, rad, besides the vehicle's own limit;
+            None: the vehicle's alone.
+        lean: simulated flights compensate the drag that earlier flights taught.
 
     Raises:
-        UsageError: values out of range, or rest without a whole number of periods.
+        UsageError: a value is out of range, or `rest` has no whole number of periods.
     """
 
     harmonics: int = 2
@@ -53,29 +53,29 @@ class FlightConfig:
 
     @property
     def described(self) -> FlightConfig:
-        """Without what is chosen beyond the description: what earlier plans are held against."""
+        """The configuration without choices beyond the description; earlier plans are checked against it."""
         return replace(self, tilt=None)
 
     @property
     def series(self) -> FourierConfig:
-        """The same as numbers of a Fourier family."""
+        """The configuration of the Fourier family."""
         rest: Literal["nullspace", "none"] = "nullspace" if self.rest else "none"
         return FourierConfig(self.harmonics, self.duration, self.omega0, rest)
 
 
 @dataclass(frozen=True)
 class FlightData:
-    """How a flight becomes samples, and what of them a model looks at.
+    """Preprocessing of a flight into samples, and inputs of the model.
 
     Attributes:
-        averaged: samples are means over their interval, so that noise does not fold in; False takes single
+        averaged: samples are means over their interval, which prevents aliasing of noise; False: single
             samples (the thesis).
-        lag_s: how far the motion lags behind the commands, s; "auto" measures it in logs at least
-            `FAST` times the model's rate or of `FAST_HZ`, and takes 0 where there is none.
+        lag_s: lag of the motion behind the commands, s. "auto" measures it in logs of at least `FAST` times
+            the model's rate, or of `FAST_HZ`, and is 0 without such logs.
         first_s, last_s: trimmed from both ends, s.
         altitude, acceleration, body_velocity, battery_voltage: the inputs, see `QuadrotorInputs`.
-        trims: whether the identified physics have a constant for each motor, beside drag, ground effect,
-            back-EMF and gains.
+        trims: the identified physics have a constant for each motor, besides drag, ground effect, back-EMF
+            and gains.
     """
 
     averaged: bool = True
@@ -98,7 +98,7 @@ class FlightData:
         self.inputs()
 
     def inputs(self) -> QuadrotorInputs:
-        """The inputs that are asked for, before any flight."""
+        """The configured inputs, before any flight."""
         return QuadrotorInputs(
             self.altitude, self.acceleration, self.body_velocity, battery_voltage=self.battery_voltage
         )

@@ -1,8 +1,8 @@
 """Feedforward of a flight, computed before take-off from the plan alone.
 
-Three parts, each optional: the reference's own acceleration; the drag, which the vehicle leans against; and
-the voltage that an inverse model plans. The feedback commands voltages itself, so the last is the planned
-voltage less the voltage that the controller's own map gives for the planned thrust.
+It has three optional parts: the reference's acceleration, a lean against the drag, and the voltage from an
+inverse model. The feedback itself commands voltages. So the last part is the planned voltage less the voltage
+of the controller's own map for the planned thrust.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ LARGEST_CORRECTION = 0.5
 
 
 class Voltages(Protocol):
-    """What a feedforward asks of an inverse model."""
+    """An inverse model for a feedforward."""
 
     def predict(self, log: Log) -> Array:
         """Commands (T, n)."""
@@ -55,7 +55,7 @@ class LateralDrag(Protocol):
 
 @dataclass(frozen=True)
 class LinearDrag:
-    """Known coefficients (dx, dy, dz), 1/s: the exact drag of a simulated vehicle, or none."""
+    """Known coefficients (dx, dy, dz), 1/s: exact drag of a simulated vehicle, or none."""
 
     coefficients: Drag = (0.0, 0.0, 0.0)
 
@@ -67,9 +67,7 @@ class LinearDrag:
 
 @runtime_checkable
 class Ranged(Protocol):
-    """A `Model` that knows what it was trained on: whether enough trajectories calibrated it, and the ranges
-    (2, D) of its inputs.
-    """
+    """A `Model` with the ranges (2, D) of its training inputs; also tells whether it is calibrated."""
 
     @property
     def calibrated(self) -> bool: ...
@@ -79,14 +77,15 @@ class Ranged(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class GatedVoltages:
-    """A learned model's voltages where it knows better, the analytic one's elsewhere, never far from those.
+    """Voltages of a learned model where it is certain, and of the analytic model elsewhere, with a bounded
+    difference.
 
-    The model's own deviation says how much it is trusted. One that says that too few flights have calibrated
-    it is trusted besides only within the ranges that it was trained on.
+    The learned model's deviation is its weight. A model that too few flights have calibrated counts only
+    within its training ranges.
 
     Attributes:
         model: learned.
-        analytic: what it is held against.
+        analytic: for comparison.
         limit: largest difference, V.
     """
 
@@ -108,10 +107,10 @@ class GatedVoltages:
 
 
 def prior_deviation(model: Model) -> Array:
-    """(n,) deviation of what processes learn of each command before any data, in its unit.
+    """Prior deviation (n,) of the learned part of each command, in its unit.
 
-    Of a command that is predicted by physics alone, that of a process beside them: it still says where the
-    vehicle has been. Infinite, so that nothing fades, where there is no process.
+    A command with physics alone has the deviation of an additional process, which still shows where the
+    vehicle has been. Without any process it is infinite, so that nothing fades.
     """
     count = 1 + max(c for candidate in model.candidates for c in candidate.commands)
     found, best = np.full(count, np.inf), np.full(count, -1.0)
@@ -137,11 +136,11 @@ def prior_deviation(model: Model) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class FlightFeedforward:
-    """What is fed forward. Implements `protocols.Controller`.
+    """The feedforward. Implements `protocols.Controller`.
 
     Attributes:
-        acceleration: whether the reference's acceleration is.
-        drag: of the lean, or None for the thesis's drag-free attitude.
+        acceleration: whether it contains the reference's acceleration.
+        drag: compensated by the lean; None for the thesis's drag-free attitude.
         voltages: planned, gated and clipped; or None.
     """
 
@@ -150,15 +149,15 @@ class FlightFeedforward:
     voltages: Voltages | None = None
 
     def flat(self, motion: Motion) -> FlatMotion:
-        """The motion as it is flown, leaning against the drag. UnsafeTrajectoryError where it is singular."""
+        """The motion as flown, with the lean against the drag. UnsafeTrajectoryError: it is singular."""
         return flat_motion(motion, (self.drag or LinearDrag()).coefficients)
 
     def planned(self, motion: Motion) -> Array | None:
-        """Voltages (T, n) of the plan; None where they are left to the feedback."""
+        """Voltages (T, n) of the plan; None if the feedback gives them alone."""
         return None if self.voltages is None else self.voltages.predict(states_of(self.flat(motion)))
 
     def accelerated(self, flat: FlatMotion) -> Array | None:
-        """(T, 3) added to the feedback's acceleration, world frame; None where nothing is."""
+        """Acceleration (T, 3) m/s^2 added to the feedback's, world frame; None without one."""
         if not self.acceleration:
             return None
         force, _ = (self.drag or LinearDrag()).predict(flat.states["body_velocity"])
@@ -166,8 +165,10 @@ class FlightFeedforward:
         return np.asarray(flat.motion.orders[2] + lean)
 
     def accelerations(self, motion: Motion) -> Array | None:
-        """What the feedback is to be told, (T, 3) m/s^2, world frame: the reference's own acceleration and
-        what holds against the drag. None where no drag is known. UnsafeTrajectoryError: a singular motion.
+        """Feedforward acceleration (T, 3) m/s^2, world frame: the reference's own and the compensation of the
+        drag.
+
+        None without a known drag. UnsafeTrajectoryError: the motion is singular.
         """
         return None if self.drag is None else self.accelerated(self.flat(motion))
 
@@ -175,7 +176,7 @@ class FlightFeedforward:
         """Voltages (n,) in a measured state, without their deviation.
 
         Raises:
-            DataError: nothing plans voltages here.
+            DataError: this feedforward has no voltages.
         """
         if self.voltages is None:
             raise DataError(
@@ -189,7 +190,7 @@ class FlightFeedforward:
         return found, np.full(len(found), np.nan)
 
     def observe(self, t: float, row: Row) -> None:
-        """Nothing is learned on the way."""
+        """Does nothing: this controller does not learn in flight."""
 
 
 PID_ALONE = FlightFeedforward(acceleration=False)
@@ -202,7 +203,7 @@ class PlannedBy:
     commands: Array
 
     def predict(self, log: Log) -> Array:  # noqa: ARG002
-        """What was planned, (T, n)."""
+        """The planned commands (T, n)."""
         return self.commands
 
 
@@ -213,9 +214,9 @@ def flight_plan(
 
     Args:
         trajectory: a Fourier flight.
-        controller: a feedforward, None for feedback alone; of another kind of controller what it plans is
-            taken for voltages, beside the reference's acceleration.
-        vehicle: the nominal body and motors that the controller's own map is made of.
+        controller: a feedforward; None for feedback alone. The plan of another kind of controller is used as
+            voltages, beside the reference's acceleration.
+        vehicle: nominal body and motors of the controller's own map.
         rate: of the control, Hz.
 
     Raises:
@@ -260,9 +261,10 @@ def thrust_voltage(vehicle: Vehicle, thrust: Array) -> Array:
 
 
 def learned(spec: QuadrotorSpec, model: Model) -> FlightFeedforward:
-    """Acceleration, learned drag, and the model's voltages, gated.
+    """Feedforward of acceleration, learned drag, and the model's gated voltages.
 
-    Of a vehicle that is commanded by attitude and thrust, or whose motors nobody described, the first two.
+    Without voltages for a vehicle that is commanded by attitude and thrust, or whose motors are not
+    described.
     """
     inputs = model.inputs
     drag = inputs.lateral if isinstance(inputs, QuadrotorInputs) else None
@@ -272,13 +274,15 @@ def learned(spec: QuadrotorSpec, model: Model) -> FlightFeedforward:
 
 
 def leaning(model: Model) -> FlightFeedforward:
-    """Acceleration and learned drag; the voltages stay the feedback's, so that they go on teaching."""
+    """Feedforward of acceleration and learned drag; the feedback gives the voltages, so that they stay
+    informative.
+    """
     inputs = model.inputs
     return FlightFeedforward(drag=inputs.lateral if isinstance(inputs, QuadrotorInputs) else None)
 
 
 def baselines(spec: QuadrotorSpec) -> Mapping[str, Controller | None]:
-    """What there is without learning, and the exact drag of a simulated vehicle."""
+    """Feedforwards without learning, and the exact drag of a simulated vehicle."""
     nominal = None if spec.body is None else nominal_inverse(spec.body)
     found: dict[str, Controller | None] = {"pid": None, "analytic": FlightFeedforward(voltages=nominal)}
     if spec.plant is not None:

@@ -1,10 +1,10 @@
-"""Differential flatness of a quadrotor: attitude, rates, angular acceleration and thrust from the
-motion of its centre.
+"""Differential flatness of a quadrotor: attitude, rates, angular acceleration and thrust from the motion of
+its centre.
 
-With rotor drag, Faessler, Franchi and Scaramuzza 2018: the body's acceleration is
-a = -g z + c z_B - R D R' v, D = diag(dx, dy, dz) in 1/s. The heading is zero.
+With rotor drag (Faessler, Franchi and Scaramuzza 2018), the body's acceleration is a = -g z + c z_B - R D R'
+v, D = diag(dx, dy, dz) in 1/s. The heading is zero.
 
-Jets have only what is complex-analytic: no moduli, so that a complex step through them is an exact
+Jets contain complex-analytic functions alone, without moduli, so that a complex step through them is an exact
 derivative.
 """
 
@@ -38,14 +38,14 @@ VECTORS = ("specific_force", "rates", "angular_acceleration", "body_velocity", "
 
 @dataclass(frozen=True, eq=False)
 class FlatMotion:
-    """What the vehicle must do to fly a motion.
+    """States and thrust with which a vehicle flies a motion.
 
     Attributes:
         motion: of its centre, orders (O, T, 3) with O >= 5.
         drag: (dx, dy, dz) 1/s, drag force per mass and speed along the body's axes.
         R_world_body: (T, 3, 3) columns x_B, y_B, z_B in the world frame.
         thrust: (T,) c, thrust per mass, m/s^2.
-        states: what a model looks at, by channel: (T, 3) each, the altitude (T, 1).
+        states: for a model, by channel: (T, 3) each, the altitude (T, 1).
     """
 
     motion: Motion
@@ -56,11 +56,11 @@ class FlatMotion:
 
     @cached_property
     def jacobian(self) -> Array:
-        """(12, 15, T): derivative of the 5 x 3 components of VECTORS in those of v, a, jerk and snap.
+        """Derivative (12, 15, T) of the 5 x 3 components of VECTORS in those of v, a, jerk and snap.
 
-        A sample depends on its own derivatives alone, so one complex step per component serves all samples,
-        and all components go through the formulas together. Rates are F(v, a) jerk + ..., so the angular
-        acceleration is F(v, a) snap + ...: the last three steps are already among the others.
+        A sample depends on its own derivatives alone, so one complex step per component serves all samples.
+        All components pass through the formulas together. Rates are F(v, a) jerk + ..., so the angular
+        acceleration is F(v, a) snap + ...: the other steps already contain the last three.
         """
         inputs = np.repeat(_stacked(self.motion)[:, None].astype(complex), 9, axis=1)
         inputs[np.arange(9), np.arange(9)] += 1j * STEP
@@ -70,10 +70,10 @@ class FlatMotion:
         return found
 
     def vjp(self, gradient: Mapping[str, Array]) -> Array:
-        """(O, T, 3) gradient in the motion of a function of the states.
+        """Gradient (O, T, 3), in the motion, of a function of the states.
 
         Args:
-            gradient: its derivative in the states by channel, shaped like them; one that is missing is 0.
+            gradient: its derivative in the states by channel, of their shapes; a missing channel is 0.
         """
         out = np.zeros(self.motion.orders.shape)
         if "altitude" in gradient:
@@ -214,7 +214,7 @@ def _pushed(a: tuple[Jet, ...], v: tuple[Jet, ...], drag: float) -> tuple[Jet, J
 
 
 def _check_direction(motion: Motion, drag: Drag) -> None:
-    """Refuses samples at which the attitude is not defined, or nearly so."""
+    """Raises UnsafeTrajectoryError at samples whose attitude is undefined, or nearly so."""
     least = LEAST_LIFT * GRAVITY
     up = np.array([0.0, 0.0, GRAVITY])
     for d in drag[:2]:

@@ -1,14 +1,15 @@
-"""Estimates of a vehicle's physical constants from flights, as an autopilot's parameters: `Kind.parameters`.
+"""Flight parameters: estimates of a vehicle's physical constants, as settings of an autopilot
+(`Kind.parameters`).
 
     f_z = k sum t(w) + b v_z sum w + c (v_x^2 + v_y^2),   t(w) = f w^2 + (1 - f) w
 
 with f_z the specific force along the body's z axis, w the motors' commands behind a lag and a delay, and f
-the thrust curve, PX4's THR_MDL_FAC. Moments say where the centre of mass is; drag is the force across.
+the thrust curve, PX4's THR_MDL_FAC. Moments give the centre of mass; drag is the lateral force.
 
-Errors of flights are correlated, so least squares' own deviations are too small. Intervals come from
-delete-one-block jackknife instead: everything is estimated again without each stretch of `BLOCK_S`. Logs
-that are long enough are estimated by themselves too: where they contradict each other, intervals are widened
-by how much (Birge, Phys. Rev. 40, 1932).
+Errors of flights are correlated, so the deviations of least squares are too small. Intervals are from a
+delete-one-block jackknife: all is estimated again without each block of `BLOCK_S`. Logs that are long enough
+are also estimated separately. If they contradict each other, their ratio widens the intervals (Birge, Phys.
+Rev. 40, 1932).
 """
 
 from __future__ import annotations
@@ -56,13 +57,13 @@ says; m by which 1/h^2 stays finite; part by which that varies in flights at one
 
 @dataclass(frozen=True, eq=False)
 class Flights:
-    """Rows of all flights one after another; commands as parts of their range, before their lag.
+    """Rows of all flights in sequence; commands as fractions of their range, before their lag.
 
     Attributes:
         commands: (N_i, n) of each flight, on an even grid of step (s). step: s of each flight.
-        force, rates, turning: (N, 3) specific force, rates, angular acceleration.
-        velocity: (N, 3) of the body, or None. height: (N,) m above ground, or None.
-        block: (N,) number of each row's stretch, -1 of rows that are not used. log: (N,) number of its log.
+        force: (N, 3) specific force, m/s^2. rates: (N, 3) rad/s. turning: (N, 3) rad/s^2.
+        velocity: (N, 3) of the body, m/s, or None. height: (N,) m above ground, or None.
+        block: (N,) number of each row's block, -1 for unused rows. log: (N,) number of its log.
     """
 
     commands: tuple[Array, ...]
@@ -77,22 +78,22 @@ class Flights:
 
     @property
     def used(self) -> Mask:
-        """(N,) rows that count."""
+        """Mask (N,) of the used rows."""
         return self.block >= 0
 
     @cached_property
     def blocks(self) -> list[int]:
-        """Numbers of the stretches that have rows."""
+        """Numbers of the blocks with rows."""
         return [int(number) for number in np.unique(self.block[self.used])]
 
     @cached_property
     def long(self) -> list[list[int]]:
-        """The stretches of each log that has enough of them."""
+        """The blocks of each log that has enough of them."""
         each = [np.unique(self.block[self.used & (self.log == i)]).tolist() for i in range(len(self.step))]
         return [own for own in each if len(own) >= LEAST_BLOCKS]
 
     def lagged(self, lag: float, delay: float) -> Array:
-        """(N, n) commands behind a first-order lag and a delay, s."""
+        """Commands (N, n) behind a first-order lag and a delay, s."""
         pairs = zip(self.commands, self.step, strict=True)
         return np.concatenate([_lagged(own, step, lag, delay) for own, step in pairs])
 
@@ -110,7 +111,7 @@ def _lagged(commands: Array, step: float, lag: float, delay: float) -> Array:
 
 
 def flights_of(spec: QuadrotorSpec, logs: Sequence[Log]) -> Flights:
-    """The rows of all logs; a state that one log lacks, all lack."""
+    """The rows of all logs; a state that one log lacks is left out for all."""
     told = [with_states(on_even_grid(log)) for log in logs]
     low, high = np.array(spec.command_lower), np.array(spec.command_upper)
     blocks, number = [], 0
@@ -142,13 +143,13 @@ def flights_of(spec: QuadrotorSpec, logs: Sequence[Log]) -> Flights:
 
 
 def near_ground(spec: QuadrotorSpec) -> float:
-    """m of height below which the ground lifts by more than what a power of the height tells."""
+    """Height below which the ground effect exceeds a power law of the height, m."""
     span = max((float(np.hypot(x, y)) for x, y, _ in spec.rotors), default=SPAN)
     return LOW * span
 
 
 def uncurved(command: Array, curve: float) -> Array:
-    """What an output driver makes of a command: u with curve u^2 + (1 - curve) u = command."""
+    """Output of a driver for a command: u with curve u^2 + (1 - curve) u = command."""
     if curve == 0.0:
         return command
     half = (1.0 - curve) / (2.0 * curve)
@@ -179,11 +180,11 @@ under that curve; lag, s; centre of mass, m; drag of rotors at hover, 1/s, and o
 
 @dataclass(frozen=True, eq=False)
 class Timed:
-    """The thrust's fit to all rows.
+    """The fit of the thrust to all rows.
 
     Attributes:
         lag, delay: s. w: (N, n) commands behind both.
-        slopes: (N, 2) of the specific force along z in lag and delay.
+        slopes: (N, 2) of the specific force along z in lag and delay, m/s^3.
     """
 
     lag: float
@@ -193,7 +194,7 @@ class Timed:
 
 
 def _thrust(flights: Flights, w: Array) -> Array:
-    """(N, p) columns of which the specific force along z is a sum."""
+    """Columns (N, p) whose sum is the specific force along z."""
     columns = [(w**2).sum(axis=1), w.sum(axis=1)]
     if flights.velocity is not None:
         v = flights.velocity
@@ -210,13 +211,13 @@ def _thrust(flights: Flights, w: Array) -> Array:
 
 
 def _solved(X: Array, y: Array) -> Array:
-    """Least squares (p,), columns of any size."""
+    """Least squares (p,) with columns of any size."""
     size = np.sqrt(np.mean(X**2, axis=0)) + 1e-300  # of a column of zeros
     return np.asarray(np.linalg.lstsq(X / size, y, rcond=None)[0] / size)
 
 
 def timed(flights: Flights) -> Timed:
-    """Lag and delay under which the commands explain the thrust best: from a grid, then Gauss-Newton."""
+    """Lag and delay with which the commands explain the thrust best: from a grid, then Gauss-Newton."""
     used, y = flights.used, flights.force[:, 2]
 
     def left(lag: float, delay: float) -> float:
@@ -248,7 +249,7 @@ def _at(flights: Flights, lag: float, delay: float) -> Timed:
 
 
 def estimates(spec: QuadrotorSpec, flights: Flights, fit: Timed, rows: Mask) -> Array:
-    """(P,) values of NAMES from some of the rows."""
+    """Values (P,) of NAMES from some of the rows."""
     found = dict.fromkeys(NAMES, np.nan)
     w, force = fit.w[rows], flights.force[rows]
     columns = _thrust(flights, fit.w)[rows]
@@ -278,7 +279,7 @@ def estimates(spec: QuadrotorSpec, flights: Flights, fit: Timed, rows: Mask) -> 
 def _centre(
     spec: QuadrotorSpec, thrusts: Array, rates: Array, turning: Array, velocity: Array | None, w: Array
 ) -> tuple[float, float]:
-    """Where the thrusts' moments are those of a turning body: the centre of mass, m."""
+    """Centre of mass (m) at which the moments of the thrusts are those of the measured rotation."""
     total, found = thrusts.sum(axis=1), []
     for axis in (0, 1):
         other = 1 - axis  # thrust at x turns the body about y
@@ -292,7 +293,9 @@ def _centre(
 
 
 def intervals(spec: QuadrotorSpec, flights: Flights) -> tuple[Array, Array]:
-    """(P, 3) value, lower and upper end of the 95 % interval of NAMES; (P,) by how much logs widen it."""
+    """Value, lower and upper end (P, 3) of the 95 % interval of NAMES, and (P,) the factor by which logs
+    widen it.
+    """
     from scipy.stats import t as student
 
     fit, K = timed(flights), len(flights.blocks)
@@ -308,7 +311,7 @@ def intervals(spec: QuadrotorSpec, flights: Flights) -> tuple[Array, Array]:
 def _jackknifed(
     spec: QuadrotorSpec, flights: Flights, fit: Timed, blocks: Sequence[int]
 ) -> tuple[Array, Array]:
-    """(P,) values from these stretches, and their deviations by leaving out each."""
+    """Values (P,) from these blocks, and their deviations when each block is left out."""
     rows, K = np.isin(flights.block, blocks), len(blocks)
     value = estimates(spec, flights, fit, rows)
     without = np.array([estimates(spec, flights, fit, rows & (flights.block != k)) for k in blocks])
@@ -316,7 +319,7 @@ def _jackknifed(
 
 
 def contradiction(values: Array, deviations: Array) -> Array:
-    """(P,) Birge's ratio of logs, values (L, P), where chance does not explain it; else 1."""
+    """Birge's ratio (P,) of logs with values (L, P), where it exceeds chance; else 1."""
     from scipy.stats import chi2
 
     weights = deviations**-2.0
@@ -328,11 +331,11 @@ def contradiction(values: Array, deviations: Array) -> Array:
 
 @dataclass(frozen=True)
 class _Row:
-    """How a value of NAMES is told.
+    """Text and bounds of a value of NAMES.
 
     Attributes:
-        label, unit: for people. widest: half an interval at most, of the value, or in its unit if `absolute`.
-        lacking: why flights may not have what it takes. step: what would tell it.
+        label, unit: for people. widest: largest half interval, relative, or in the unit if `absolute`.
+        lacking: reason why flights may not determine it. step: way to determine it.
     """
 
     label: str
@@ -369,8 +372,8 @@ class Parameter:
 
     Attributes:
         name, unit: such as "hover thrust", "1".
-        value, lower, upper: in that unit; None where flights do not tell it.
-        known: "measured", or "cannot tell" and why.
+        value, lower, upper: in that unit; None if flights do not determine it.
+        known: "measured", or "cannot tell" with the reason.
         settings: name of a parameter in an autopilot -> its value, as text.
     """
 
@@ -388,12 +391,12 @@ class Parameter:
         return "; ".join(f"{name} = {value}" for name, value in self.settings.items())
 
     def row(self) -> dict[str, Any]:
-        """For tables."""
+        """Values for tables."""
         own = {"parameter": self.name, "value": self.value, "lower": self.lower, "upper": self.upper}
         return own | {"unit": self.unit, "known": self.known, "set": self.set}
 
     def sentence(self) -> str:
-        """For people."""
+        """A sentence for people."""
         if self.value is None:
             return f"{self.name}: {self.known}."
         unit = "" if self.unit == "1" else f" {self.unit}"
@@ -418,7 +421,7 @@ def _cell(value: str | float | None) -> str:
 
 
 def parameters(spec: QuadrotorSpec, logs: Sequence[Log]) -> tuple[Parameter, ...]:
-    """Each of NAMES with its 95 % interval and what to set; or why flights cannot tell it."""
+    """Each of NAMES with its 95 % interval and settings, or the reason why flights do not determine it."""
     flights = None if min(spec.command_lower) < 0.0 else flights_of(spec, logs)
     if flights is None:
         why = "commands are no motors"

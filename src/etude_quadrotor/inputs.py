@@ -1,4 +1,4 @@
-"""Model inputs of a vehicle: one map from states to X, for planned and measured motion alike."""
+"""Inputs of a vehicle's models: one map from states to X, for planned and measured motion."""
 
 from __future__ import annotations
 
@@ -29,19 +29,19 @@ OPTIONAL = ("altitude", "body_velocity")
 class QuadrotorInputs:
     """x = [altitude, acceleration (3), rates (3), angular acceleration (3), body velocity (3), voltage].
 
-    Thesis 5 has (h, a, omega, alpha) with a of the motion alone, which does not tell the attitude. The
-    specific force does without it, and the velocity tells the drag. Implements `protocols.Inputs`.
+    Thesis 5 has (h, a, omega, alpha) with the acceleration a of the motion, which needs the attitude. The
+    specific force replaces both, and the velocity determines the drag. Implements `protocols.Inputs`.
 
     Attributes:
-        altitude: whether the altitude is an input.
-        acceleration: "specific_force", what an accelerometer reads; "kinematic", without gravity.
-        body_velocity: whether the velocity is an input.
-        drag: (dx, dy, dz) 1/s that plans lean against; learned by `fitted`.
-        left_out: inputs that were asked for and that not every flight tells, found by `fitted`.
-        battery_voltage: whether the battery's voltage may be an input, where flights show that it helps.
-        volts: V that plans assume, and logs that do not say it; learned by `fitted`. None: it is no input.
-        lateral: the drag in full, for feedforward; None where no flight tells the velocity.
-        commands: how many commands there are.
+        altitude: the altitude is an input.
+        acceleration: "specific_force", as an accelerometer reads; "kinematic", without gravity.
+        body_velocity: the velocity is an input.
+        drag: (dx, dy, dz) 1/s for the lean of plans; learned by `fitted`.
+        left_out: configured inputs that some flight lacks, found by `fitted`.
+        battery_voltage: the battery's voltage may be an input, if flights show that it helps.
+        volts: V for plans, and for logs without voltage; learned by `fitted`. None: no input.
+        lateral: full drag for feedforward; None if no flight has the velocity.
+        commands: number of commands.
     """
 
     altitude: bool = True
@@ -68,7 +68,7 @@ class QuadrotorInputs:
 
     @property
     def columns(self) -> Sequence[Column]:
-        """D inputs: 9, 10, 12 or 13, and the voltage."""
+        """The D inputs: 9, 10, 12 or 13, and the voltage."""
         channels = [CHANNELS[name] for name in self.parts]
         return [
             (c.name, part, unit, "") for c in channels for part, unit in zip(c.parts, c.units, strict=True)
@@ -76,24 +76,24 @@ class QuadrotorInputs:
 
     @property
     def orders(self) -> int:
-        """Up to snap."""
+        """Orders of the motion, up to snap."""
         return ORDERS
 
     @property
     def rate(self) -> float:
-        """0: nothing is remembered."""
+        """0, because the inputs have no memory."""
         return 0.0
 
     @property
     def notes(self) -> tuple[Notice, ...]:
-        """A notice if inputs that were asked for are missing."""
+        """A notice if configured inputs are missing."""
         names = tuple(name.replace("_", " ") for name in self.left_out)
         return (Notice(Warn.INPUTS_MISSING, {"inputs": names}),) if names else ()
 
     def states(self, motion: Motion) -> Log:
-        """What a perfect flight of the plan leaves: states, position, and what an autopilot is told.
+        """Log of a perfect flight of the plan: states, position, and the commands of an autopilot.
 
-        Attitude, rates and thrust are those of a vehicle with `drag`, heading 0.
+        Attitude, rates and thrust are those of a vehicle with `drag` and heading 0.
 
         Raises:
             UnsafeTrajectoryError: the plan is singular (see `flat_motion`).
@@ -109,13 +109,13 @@ class QuadrotorInputs:
         return log.put(replace(BATTERY, nominal=(self.volts,)), np.full((len(log), 1), self.volts))
 
     def _with_volts(self, states: Mapping[str, Array], count: int) -> Mapping[str, Array]:
-        """The states with the usual voltage where nobody measured it."""
+        """The states, with the usual voltage if it was not measured."""
         if self.volts is None or BATTERY.name in states:
             return states
         return {**states, BATTERY.name: np.full((count, 1), self.volts)}
 
     def of_log(self, log: Log) -> Array:
-        """X (T, D). DataError if the log lacks an input, with the option that does without it."""
+        """X (T, D). DataError: the log lacks an input; names the option that removes it."""
         for name in self.parts:
             if name not in log and name != BATTERY.name:
                 fact = f"the flight does not say its {name.replace('_', ' ')}"
@@ -126,9 +126,10 @@ class QuadrotorInputs:
         return np.concatenate([states[name] for name in self.parts], axis=1)
 
     def plan(self, motion: Motion, keep: Index | None = None) -> Planned:
-        """X (K, D) at the instants `keep`, gains of one, and the exact way back through flatness.
+        """X (K, D) at the instants `keep`, unit gains, and the exact vector-Jacobian product through
+        flatness.
 
-        Singular samples are not refused here: the limits of a search exclude them.
+        Singular samples are not refused here, because the limits of a search exclude them.
         """
         kept = motion if keep is None else Motion(motion.t[keep], motion.orders[:, keep])
         flat = flat_motion(kept, self.drag, check=False)
@@ -154,17 +155,17 @@ class QuadrotorInputs:
         return dict(zip(self.parts, np.split(in_X, np.cumsum(widths)[:-1], axis=1), strict=True))
 
     def step(self, row: Row, memory: Array | None) -> tuple[Array, Array]:  # noqa: ARG002
-        """x (D,) of one instant; there is nothing to remember."""
+        """x (D,) of one instant; the inputs have no memory."""
         known = row if self.volts is None else {BATTERY.name: np.array([self.volts]), **row}
         return np.concatenate([known[name] for name in self.parts]), np.zeros(0)
 
     def rates(self, motion: Motion) -> tuple[Array, Array] | None:  # noqa: ARG002
-        """None: not told."""
+        """None: unknown."""
         return None
 
     def fitted(self, samples: Samples) -> QuadrotorInputs:
-        """With the drag and the usual voltage that the flights show, and without the inputs that not every
-        flight tells.
+        """The inputs with the drag and usual voltage of the flights, and without inputs that some flight
+        lacks.
         """
         from etude_quadrotor.battery import usual_voltage
         from etude_quadrotor.physics.drag import train_drag
@@ -182,7 +183,7 @@ class QuadrotorInputs:
         )
 
     def arrays(self) -> Mapping[str, Array]:
-        """What `fitted` has set: inputs kept and left out as 0 or 1 for each of `OPTIONAL`, drag."""
+        """Values set by `fitted`: inputs kept and left out as 0 or 1 for each of `OPTIONAL`, drag."""
         found = {
             "inputs": np.array([float(getattr(self, option)) for option in OPTIONAL]),
             "left_out": np.array([float(name in self.left_out) for name in OPTIONAL]),
@@ -195,7 +196,7 @@ class QuadrotorInputs:
         return found
 
     def restore(self, arrays: Mapping[str, Array]) -> QuadrotorInputs:
-        """The same inputs with what `arrays` of tuned ones tell."""
+        """The same inputs with the values of `arrays`."""
         from etude_quadrotor.physics.drag import DragModel
 
         dx, dy, dz = arrays["drag"].tolist()
@@ -213,11 +214,11 @@ class QuadrotorInputs:
         )
 
     def drag_c(self, name: str) -> Code | None:
-        """C99 of the lateral force per mass (`abilities.SupportsDrag`); None where no flight told it."""
+        """C99 of the lateral force per mass (`abilities.SupportsDrag`); None without a velocity."""
         return None if self.lateral is None else self.lateral.c(name)
 
     def c(self, name: str) -> Code:
-        """C99 of it."""
+        """C99 of the inputs."""
         from etude_quadrotor.c99 import inputs_code
 
         return inputs_code(name, self)

@@ -1,4 +1,4 @@
-"""Kind "quadrotor": the parts of one multirotor, made from its description."""
+"""Kind "quadrotor": the parts of one multirotor, from its description."""
 
 from __future__ import annotations
 
@@ -94,7 +94,7 @@ class QuadrotorKind:
         return IN_WORDS
 
     def built_in(self) -> Mapping[str, Path]:
-        """The vehicles in `data/`, by name."""
+        """The vehicles in `data/` by name."""
         return {path.stem: path for path in sorted((HERE / "data").glob("*.toml"))}
 
     def recognises(self, path: Path) -> bool:
@@ -121,13 +121,13 @@ class QuadrotorKind:
         return read_spec(path)
 
     def home(self, spec: QuadrotorSpec) -> Array:
-        """(3,) the middle of the room, m."""
+        """Middle of the workspace (3,) m."""
         from etude_quadrotor.motions import home
 
         return home(spec)
 
     def limit(self, spec: QuadrotorSpec) -> Array:
-        """(n,) how far each command reaches from the middle of its range."""
+        """Half range (n,) of each command, in its unit."""
         return spec.reach
 
     def channels(self, spec: QuadrotorSpec) -> Sequence[Channel]:
@@ -136,7 +136,7 @@ class QuadrotorKind:
         return readable(spec)
 
     def expected(self, spec: QuadrotorSpec) -> Expected:
-        """Room, speed and commands; what is flown before and after the trajectory is cut away."""
+        """Workspace, speed and commands; flight before and after the trajectory is trimmed."""
         from etude_quadrotor.channels import expected
 
         return expected(spec)
@@ -148,7 +148,7 @@ class QuadrotorKind:
         return flight_family(centred(spec, config.trajectory))
 
     def body(self, spec: QuadrotorSpec) -> str:
-        """Of the vehicle that explains the commands; those of another payload are learned anew."""
+        """Hash of the vehicle that determines the commands; another payload needs a new model."""
         curve = (spec.thrust_curve,) if spec.thrust_curve else ()
         return sha256(
             repr((spec.vehicle, spec.command_unit, spec.command_names, *spec.rotors, *curve)).encode()
@@ -161,7 +161,7 @@ class QuadrotorKind:
         model: Model | None,
         margins: Margins,
     ) -> Sequence[Limit]:
-        """Box, cylinder, speed, lift, thrust and tilt, less what tracking was seen to overshoot."""
+        """Box, cylinder, speed, lift, thrust and tilt, less the tracking margins."""
         from etude_quadrotor.motions import limits
 
         return limits(spec, config.trajectory, margins, model)
@@ -172,22 +172,23 @@ class QuadrotorKind:
         motion: Trajectory,
         pose: Array,
     ) -> tuple[Trajectory, Trajectory] | None:
-        """From rest to where the plan begins, in motion or not, and back from where it ends; with take-off
-        and landing from a pose on the ground.
+        """From rest to the plan's start, moving or not, and back from its end; take-off and landing from the
+        ground.
         """
         from etude_quadrotor.motions import approaches
 
         return approaches(spec, motion, pose)
 
     def poses(self, spec: QuadrotorSpec) -> Mapping[str, Array]:
-        """On the ground, below the middle of the room."""
+        """The pose on the ground, below the middle of the workspace."""
         from etude_quadrotor.motions import home, standing
 
         return {"ground": standing(spec, home(spec))}
 
     def from_rest(self, spec: QuadrotorSpec) -> bool:
-        """Of a real vehicle: it hovers before its first set-point and after its last. The simulated ones that
-        come with Etude begin as the thesis has it.
+        """True for a real vehicle: it hovers before its first set-point and after its last.
+
+        Built-in simulated vehicles start as in the thesis.
         """
         return spec.plant is None
 
@@ -195,7 +196,7 @@ class QuadrotorKind:
         return replace(config.data.inputs(), commands=len(spec.command_names))  # type: ignore[no-any-return]
 
     def physics(self, spec: QuadrotorSpec, config: Any) -> Mapping[str, Physics]:
-        """ "nominal" only where the motors are described and commands are V."""
+        """ "nominal" only if the motors are described and commands are in V."""
         from etude_quadrotor.physics.flight_physics import Identified, Nominal
 
         found: dict[str, Physics] = {"identified": Identified(spec.body, config.data.trims)}
@@ -208,13 +209,13 @@ class QuadrotorKind:
         samples: Samples,  # noqa: ARG002
         logs: Sequence[Log],
     ) -> Delivered:
-        """Hover thrust, thrust curve, motors' lag, centre of mass and drag, from the logs as recorded."""
+        """Hover thrust, thrust curve, lag of the motors, centre of mass and drag, from the recorded logs."""
         from etude_quadrotor.flight_parameters import report
 
         return report(spec, logs)
 
     def checks(self, spec: QuadrotorSpec, log: Log) -> Sequence[Finding]:
-        """Time on the ground, commands of another scale."""
+        """Findings on time on the ground and on the scale of the commands."""
         from etude_quadrotor.log_checks import findings
 
         return findings(spec, log)
@@ -227,7 +228,7 @@ class QuadrotorKind:
         return flight_samples(spec, config.data, logs, groups)
 
     def robot(self, spec: QuadrotorSpec, config: Any) -> Robot | None:
-        """The simulated stand-in that the robot file names; None if it names none."""
+        """The simulated vehicle that the robot file names; None without one."""
         if spec.plant is None:
             return None
         from etude_quadrotor.plant.robot import simulated_robot
@@ -241,31 +242,31 @@ class QuadrotorKind:
         return solids(spec)
 
     def placed(self, spec: QuadrotorSpec, motion: Motion) -> Array:  # noqa: ARG002
-        """Where it is, and how it leans to accelerate so."""
+        """Frames (T, 1, 3, 4) of the vehicle, m, with the tilt that its acceleration requires."""
         from etude_quadrotor.solids import placed
 
         return placed(motion)
 
     def tests(self, spec: QuadrotorSpec, config: Any, rng: np.random.Generator) -> Mapping[str, Trajectory]:
-        """A flight uniform on the safe ones of the thesis's form, and one on their edge."""
+        """A flight drawn uniformly from the safe ones of the thesis's form, and one on their edge."""
         from etude_quadrotor.motions import trial_flights
 
         return trial_flights(spec, config.trajectory, rng)
 
     def baselines(self, spec: QuadrotorSpec, config: Any) -> Mapping[str, Controller | None]:  # noqa: ARG002
-        """What there is without learning, and the exact drag, which no model can know better."""
+        """Feedforwards without learning, and the exact drag, which no model can exceed."""
         from etude_quadrotor.controller import baselines
 
         return baselines(spec)
 
     def collecting(self, spec: QuadrotorSpec, config: Any, model: Model) -> Controller | None:  # noqa: ARG002
-        """What simulated flights are flown with once something was learned: the drag, leant against."""
+        """Feedforward of simulated flights once a model exists: the lean against the drag."""
         from etude_quadrotor.controller import leaning
 
         return leaning(model) if config.trajectory.lean else None
 
     def controller(self, spec: QuadrotorSpec, config: Any, model: Model) -> Controller:  # noqa: ARG002
-        """Acceleration, learned drag, and the model's voltages, gated."""
+        """Feedforward of acceleration, learned drag, and the model's gated voltages."""
         from etude_quadrotor.controller import learned
 
         return learned(spec, model)

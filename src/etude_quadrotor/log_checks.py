@@ -1,4 +1,4 @@
-"""Checks of a flight's log beside units and ranges: ground, leaps, scales, sensors that disagree."""
+"""Log checks of a flight besides units and ranges: ground, jumps, scales, contradicting sensors."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ HOVER = (0.5, 2.0)
 
 
 def findings(spec: QuadrotorSpec, log: Log) -> Sequence[Finding]:
-    """Of each check, what it says of the flight."""
+    """The findings of every check."""
     jump = jump_finding(log, PATH, np.full(3, spec.speed))
     return (_ground(spec, log), *_idle(log), jump, *agreement_findings(spec, log), _scale(spec, log))
 
 
 def _idle(log: Log) -> tuple[Finding, ...]:
-    """A vehicle that was never armed: its log teaches nothing."""
+    """A finding about a vehicle that was never armed: its log is not informative."""
     if np.ptp(log["command"], axis=0).any():
         return ()
     fact = "No motor's command ever changes: the vehicle was not armed, or they were not recorded."
@@ -48,7 +48,7 @@ SPARE_S = 0.5  # next to the ground: its effect, and contact
 
 @dataclass(frozen=True, eq=False)
 class Windows:
-    """Of each window: its start and end (w,) s, whether the vehicle rests and whether it is on the ground."""
+    """Start and end (w,) s of each window, and whether the vehicle is at rest or on the ground."""
 
     start: Array
     end: Array
@@ -57,15 +57,15 @@ class Windows:
 
 
 def windows(t: Array, gyro: Array | None, force: Array | None, throttle: Array) -> Windows:
-    """Rest and ground, window by window.
+    """Rest and ground in each window.
 
-    On the ground something else than the motors carries the weight: they idle, and yet it is felt. So it is
-    told although idling motors shake the sensors more than they do at rest.
+    On the ground, something other than the motors carries the weight: they idle, and yet the accelerometer
+    shows it. So ground is detected although idling motors shake the sensors.
 
     Args:
-        t: (T,) s. gyro, force: (T, 3) rad/s and m/s^2 of the body; None if nobody measured them: then the
-            command alone tells.
-        throttle: (T, m) motors' commands in parts of their range.
+        t: (T,) s. gyro: (T, 3) rad/s, force: (T, 3) m/s^2 of the body; None if not measured: then the command
+            alone decides.
+        throttle: (T, m) commands of the motors as fractions of their range.
     """
     count = max(int((t[-1] - t[0]) / WINDOW_S), 1)
     number = np.minimum(((t - t[0]) / WINDOW_S).astype(np.int64), count - 1)
@@ -98,7 +98,7 @@ def windows(t: Array, gyro: Array | None, force: Array | None, throttle: Array) 
 
 
 def _lasting(marked: Mask) -> Mask:
-    """What is marked in CARRIED windows in a row, and more."""
+    """Mask of marks that last for CARRIED windows or more."""
     kept = np.zeros_like(marked)
     for a, b in runs(marked):
         kept[a:b] = b - a >= CARRIED
@@ -106,17 +106,17 @@ def _lasting(marked: Mask) -> Mask:
 
 
 def spans_of(found: Windows, marked: Mask) -> tuple[tuple[float, float], ...]:
-    """Stretches (s) of neighbouring windows that are marked."""
+    """Intervals (s) of neighbouring marked windows."""
     return tuple((float(found.start[a]), float(found.end[b - 1])) for a, b in runs(marked))
 
 
 class Grounded(Excludable):
-    """Time on the ground, which teaches nothing at either end and between flights."""
+    """Removes time on the ground at both ends and between flights, which is not informative."""
 
     def cut(self, log: Log) -> Log:
-        """The log less the ground at its ends and between flights, and SPARE_S beside it.
+        """The log without the ground at its ends and between flights, and without SPARE_S beside it.
 
-        A log that is ground throughout stays as it is, and so do moments on the ground inside of a flight.
+        A log that is ground throughout stays unchanged, and so do moments on the ground inside a flight.
         """
         start, end = float(log.t[0]), float(log.t[-1])
         kept = np.ones(len(log), dtype=np.bool_)
@@ -135,7 +135,7 @@ class Grounded(Excludable):
 
 
 def ground_finding(found: Windows) -> Finding:
-    """Time on the ground, its spans to cut or to mark."""
+    """A finding about time on the ground, with the intervals to trim or mark."""
     spans = spans_of(found, found.ground)
     if not spans:
         return Finding(CHECK, "green", "The vehicle flies throughout.")
@@ -151,9 +151,7 @@ def ground_finding(found: Windows) -> Finding:
 
 
 def _ground(spec: QuadrotorSpec, log: Log) -> Finding:
-    """Motors that carry nothing while nothing moves: what a take-off or a landing leaves, which teaches
-    nothing.
-    """
+    """A finding about idle motors while nothing moves, before take-off or after landing."""
     low, high = np.array(spec.command_lower), np.array(spec.command_upper)
     motors = low >= 0.0  # other commands are angles and rates, whose middle is no thrust
     if not motors.any():
@@ -163,7 +161,7 @@ def _ground(spec: QuadrotorSpec, log: Log) -> Finding:
 
 
 def _scale(spec: QuadrotorSpec, log: Log) -> Finding:
-    """Of a vehicle whose motors are described: the voltage that it hovers at, against that of the flight."""
+    """A finding about a vehicle with described motors: its voltage in hover against that of the flight."""
     vehicle = spec.body
     if vehicle is None:
         return Finding("scale", "cannot tell", "The motors of the vehicle are not described in V.")

@@ -1,8 +1,8 @@
 """Motions of a vehicle: workspace, family, approach and return, and tests of a controller.
 
-Ways are septics: their jerk begins and ends as it must, so that attitudes do too. A plan may be in motion at
-its ends, and have no lead-in (`limits.lead_ins`); the way then leads from rest into that motion and out of
-it.
+Approaches are septics with given jerk at both ends, so that attitudes are continuous. A plan that moves at
+its ends may have no lead-in (`limits.lead_ins`). The approach then leads from rest into that motion, and the
+return out of it.
 """
 
 from __future__ import annotations
@@ -77,16 +77,16 @@ LASTING = (0.5, 0.75, 1.0, 1.5, 2.0, 3.0)
 
 @dataclass(frozen=True, eq=False)
 class RoomLimit(AxisLimit):
-    """The box less its margins; a way straight up from the ground, or down to it, may be below these.
+    """Limit: the box less its margins; a vertical take-off or landing may pass below.
 
     Attributes:
-        ground: m, of the vehicle's centre where it stands.
+        ground: height of the vehicle's centre on the ground, m.
     """
 
     ground: float = 0.0
 
     def prove(self, piece: Trajectory) -> Sequence[Proof]:
-        """One row for each axis; of a take-off or landing the one of z begins at the ground."""
+        """One row for each axis; for a take-off or landing, z begins at the ground."""
         rows = list(super().prove(piece))
         ends = piece.motion(np.array([0.0, piece.duration]), 3).orders
         sideways = max(row.proved_upper - row.proved_lower for row in rows[:2])
@@ -98,20 +98,20 @@ class RoomLimit(AxisLimit):
 
 
 def standing(spec: QuadrotorSpec, over: Array) -> Array:
-    """(3,) the vehicle on the ground, below a place (3,)."""
+    """Position (3,) m of the vehicle on the ground below a place (3,)."""
     return np.array([over[0], over[1], spec.floor])
 
 
 def approach_and_return(
     spec: QuadrotorSpec, motion: Trajectory, pose: Array, height: float, limits: Sequence[Limit]
 ) -> tuple[Trajectory, Trajectory]:
-    """From the pose to where the plan begins, and back from where it ends.
+    """Approach from the pose to the plan's start, and return from its end.
 
     Args:
         spec: the vehicle. motion: the plan.
-        pose: (3,) m, where it hovers; or stands, if that is lower than a flight may be.
-        height: m, to which it takes off.
-        limits: by which ways into a motion are chosen.
+        pose: (3,) m of hover; lower than a flight may be, it means the ground.
+        height: of the take-off, m.
+        limits: select the approach to a plan that moves at its start.
     """
     low = spec.lower[2] + spec.margins[2]
     hover = np.array(pose, dtype=float)
@@ -127,7 +127,7 @@ def approach_and_return(
 def _between(
     spec: QuadrotorSpec, motion: Trajectory, hover: Array, limits: Sequence[Limit]
 ) -> tuple[list[Part], list[Part]]:
-    """From hover to the plan and back."""
+    """From hover to the plan, and back."""
     first, last = np.moveaxis(motion.motion(np.array([0.0, motion.duration]), ORDERS).orders, 1, 0)
     there = _way(spec, at_rest(hover), first, limits)
     back = _way(spec, last, at_rest(hover), limits)
@@ -139,12 +139,12 @@ def _one(parts: list[Part]) -> Trajectory:
 
 
 def at_rest(place: Array) -> Array:
-    """(4, 3) position to jerk of hover."""
+    """Position to jerk (4, 3) of hover."""
     return np.concatenate([place[None], np.zeros((ORDERS - 1, 3))])
 
 
 def _way(spec: QuadrotorSpec, start: Array, end: Array, limits: Sequence[Limit]) -> Splined:
-    """From state to state (4, 3): straight between two of rest, else what leaves most of the limits."""
+    """From state to state (4, 3): straight between two states at rest, else the path with most slack."""
     straight = _straight(spec, start[0], end[0])
     if max(np.abs(start[1:]).max(), np.abs(end[1:]).max()) <= STILL:
         return straight
@@ -164,7 +164,7 @@ def _straight(spec: QuadrotorSpec, start: Array, end: Array) -> Splined:
 
 
 def _lifted(spec: QuadrotorSpec, ground: Array, hover: Array) -> Splined:
-    """Straight up, after a first rise for which thrust is ramped up."""
+    """A vertical rise, first with increasing thrust."""
     first = ground + LIFTED * (hover - ground) / np.linalg.norm(hover - ground)
     rest = _straight(spec, first, hover)
     points = np.concatenate([at_rest(ground)[:, None], rest.points], axis=1)
@@ -172,19 +172,19 @@ def _lifted(spec: QuadrotorSpec, ground: Array, hover: Array) -> Splined:
 
 
 def _whole(spec: QuadrotorSpec, seconds: float) -> float:
-    """At least so long, and a whole number of set-points."""
+    """At least that duration (s), in a whole number of set-points."""
     return whole_up(seconds * spec.table_rate) / spec.table_rate
 
 
 def limits(
     spec: QuadrotorSpec, config: FlightConfig, margins: Margins, model: Model | None = None
 ) -> tuple[Limit, ...]:
-    """Box, speed, cylinder, lift, thrust and tilt, then the owner's own; rest if the plan is to start and end
-    so.
+    """Box, speed, cylinder, lift, thrust and tilt, then the owner's own; rest if the plan starts and ends at
+    rest.
 
-    Room for the tracking error is kept off box and cylinder: the owner's, or what was learned of it. Thrust
-    and tilt are those of a + g z, without drag, which has to fit into their own reserve. The vertical part of
-    a + g z ("lift") is held within what flatness needs, limits or not.
+    Box and cylinder are reduced by a tracking margin, the owner's or the learned one. Thrust and tilt are
+    those of a + g z, without drag, which needs its own reserve. Flatness bounds the vertical part of a + g z
+    ("lift") in any case.
     """
     late = _late(spec, config, margins)
     lower, upper, kept = np.array(spec.lower), np.array(spec.upper), np.array(spec.margins)
@@ -222,9 +222,10 @@ def limits(
 
 
 def _late(spec: QuadrotorSpec, config: FlightConfig, margins: Margins) -> float:
-    """m/s by which a real vehicle's speed may exceed the plan's, until a log has told: its acceleration comes
-    late by the attitude's lag. That of a series is at most its speed, or half the room, times its highest
-    frequency, or that squared.
+    """Margin of a real vehicle's speed until a log gives it, m/s: the attitude's lag delays its acceleration.
+
+    The acceleration of a series is at most its speed times its highest frequency, or half the range times
+    that frequency squared.
     """
     if spec.plant is not None or any(np.any(np.asarray(sure) > 0.0) for _, sure in margins.values()):
         return 0.0
@@ -236,16 +237,17 @@ def _late(spec: QuadrotorSpec, config: FlightConfig, margins: Margins) -> float:
 
 
 def lift_room(spec: QuadrotorSpec) -> float:
-    """How far the vertical part of a + g z may be from g on either side, m/s^2.
+    """Largest deviation of the vertical part of a + g z from g, m/s^2.
 
-    Down to 0.3 g, where flatness ends, or to the least thrust; the same room upwards keeps the limit linear.
+    It may fall to 0.3 g, where flatness ends, or to the least thrust. The same deviation upwards keeps the
+    limit linear.
     """
     least = LEAST_LIFT * GRAVITY if spec.thrust is None else max(LEAST_LIFT * GRAVITY, spec.thrust[0])
     return GRAVITY - least
 
 
 def centred(spec: QuadrotorSpec, config: FlightConfig) -> FlightConfig:
-    """With flights about `home` where nobody said a centre and the world's own is outside of the room."""
+    """The configuration with flights about `home` if no centre is given and the origin is outside the box."""
     margins, own = np.array(spec.margins)[:2], np.array(config.centre)
     low, high = np.array(spec.lower)[:2] + margins, np.array(spec.upper)[:2] - margins
     if config.free_centre or own.any() or ((low < own) & (own < high)).all():
@@ -254,9 +256,7 @@ def centred(spec: QuadrotorSpec, config: FlightConfig) -> FlightConfig:
 
 
 def home(spec: QuadrotorSpec) -> Array:
-    """(3,) m the middle of the box less its margin; with a cylinder, where it leaves most room on the way
-    to its axis.
-    """
+    """Middle (3,) m of the box less its margin; with a cylinder, the roomiest place towards its axis."""
     margins = np.array(spec.margins)
     low, high = np.array(spec.lower) + margins, np.array(spec.upper) - margins
     place = 0.5 * (low + high)
@@ -271,14 +271,14 @@ def home(spec: QuadrotorSpec) -> Array:
 
 
 def approaches(spec: QuadrotorSpec, motion: Trajectory, pose: Array) -> tuple[Trajectory, Trajectory]:
-    """From the pose to where the plan begins and back, with take-off and landing from the ground."""
+    """From the pose to the plan's start and back, with take-off and landing from the ground."""
     return approach_and_return(spec, motion, pose, float(home(spec)[2]), limits(spec, FlightConfig(), {}))
 
 
 def trial_flights(
     spec: QuadrotorSpec, config: FlightConfig, rng: np.random.Generator
 ) -> Mapping[str, Trajectory]:
-    """A flight uniform on the safe ones of the thesis's form (N = 2), and one on their edge."""
+    """A flight drawn uniformly from the safe ones of the thesis's form (N = 2), and one on their edge."""
     own = FlightConfig(TEST_HARMONICS, TEST_DURATION, start=config.start)
     family = flight_family(centred(spec, own))
     feasible = FeasibleSet.of(limits(spec, own, {}), family, home(spec))

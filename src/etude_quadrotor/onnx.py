@@ -1,4 +1,4 @@
-"""A vehicle's inverse models in the operators of ONNX."""
+"""ONNX operators of a vehicle's inverse models."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ FORCE, RATES, TURNING = "specific_force", "rates", "angular_acceleration"
 
 
 def vehicle_piece(model: Any, heights: tuple[float, float]) -> Piece:
-    """A `VehicleInverse`: voltages by Euler's equation, the allocation and steady motors."""
+    """Operators of a `VehicleInverse`: voltages from Euler's equation, the allocation and steady motors."""
     vehicle, theta = model.vehicle, model.coefficients
     reads: tuple[str, ...] = (FORCE, RATES, TURNING)
     reads += ("body_velocity",) * bool(theta[:2].any()) + ("altitude",) * bool(theta[2:4].any())
@@ -50,7 +50,7 @@ def _load(model: Any, states: Mapping[str, Value], heights: tuple[float, float])
 
 
 def features_piece(model: Any, least_lift: float) -> Piece:
-    """A `LinearInverse`: least squares on physical features."""
+    """Operators of a `LinearInverse`: least squares on physical features."""
     reads = (FORCE, RATES, TURNING, *model.uses)
 
     def draw(states: Mapping[str, Value], _: Value | None) -> tuple[Value, None]:

@@ -30,16 +30,17 @@ def flight_samples(
 ) -> Samples:
     """The samples of flights at the vehicle's model rate, by group and time.
 
-    The commands are those of one lag earlier, which all flights measure together. A state that one flight
-    lacks, all lack.
+    The commands are those of one lag earlier; all flights give the lag together. A state that one flight
+    lacks is left out for all.
 
     Args:
+        spec: the vehicle. data: the configuration.
         logs: on uniform grids.
-        groups: of each log, (T,) the segment of each row.
+        groups: (T,) segment of each row, for each log.
 
     Raises:
-        DataError: no log or no sample left, NaN, commands in different units, saturated throughout, or never
-            changing.
+        DataError: no log or no sample remains, NaN, commands in different units, saturated throughout, or
+            constant.
     """
     _check_logs(logs)
     told = [slow_voltage(with_states(on_even_grid(log))) for log in logs]
@@ -61,7 +62,7 @@ def flight_samples(
 
 
 def common_lag(logs: Sequence[Log], spec: QuadrotorSpec, data: FlightData) -> float:
-    """Seconds by which the vehicle lags behind its commands, from all its flights (with states) together."""
+    """Lag of the vehicle behind its commands, s, from all its flights (with states) together."""
     if data.lag_s != "auto":
         return data.lag_s
     least = min(FAST * spec.rate, FAST_HZ)  # a robot file that states the log's own rate loses no lag
@@ -85,8 +86,8 @@ def _check_logs(logs: Sequence[Log]) -> None:
 def _flight(
     log: Log, recorded: Array, group: Index, spec: QuadrotorSpec, data: FlightData, lag: float
 ) -> Samples:
-    """One flight: lag, rate, trimming and checks; each sample in the segment of the recorded row at its
-    time, or next after it.
+    """One flight: lag, rate, trimming and checks; each sample in the segment of the recorded row at or after
+    its time.
     """
     names = [n for n, c in log.channels.items() if c.role not in KEPT and n != "position"]
     log = sampled(without_lag(log.without(*names), lag), spec.rate, averaged=data.averaged)

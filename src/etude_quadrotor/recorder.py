@@ -1,4 +1,4 @@
-"""Conversion of a flight recorder's columns to the states of a model; missing states stay out."""
+"""Recorder columns of a flight as states of a model; missing states are left out."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ EVEN = 1e-10
 
 
 def with_states(log: Log) -> Log:
-    """The log with every state that it tells; those that it has already stay as they are.
+    """The log with every state that its columns determine; existing states stay unchanged.
 
     Args:
         log: on a uniform grid, with specific force and rates.
@@ -44,7 +44,7 @@ def with_states(log: Log) -> Log:
 
 
 def on_even_grid(log: Log) -> Log:
-    """The log on a uniform grid: as it is if its times are one, else its longest stretch on one."""
+    """The log on a uniform grid: unchanged if its times are uniform, else its longest uniform part."""
     if len(log) < 2 or not np.isfinite(log.t).all():
         return log
     step = 1.0 / median_rate(log.t)
@@ -53,7 +53,7 @@ def on_even_grid(log: Log) -> Log:
 
 
 def rotation(log: Log) -> Array | None:
-    """R_world_body (T, 3, 3) of the orientation, or of roll, pitch, yaw; None if the log has neither."""
+    """R_world_body (T, 3, 3) from the orientation, or from roll, pitch, yaw; None without both."""
     from scipy.spatial.transform import Rotation
 
     if "orientation" in log:
@@ -64,7 +64,7 @@ def rotation(log: Log) -> Array | None:
 
 
 def _velocity(log: Log) -> Array | None:
-    """(T, 3) m/s in the world frame, measured or of the position."""
+    """Velocity (T, 3) m/s in the world frame, measured or from the position."""
     if "velocity" in log:
         return log["velocity"]
     return _slope(log, "position") if "position" in log else None

@@ -1,9 +1,9 @@
 """Sensor consistency of a flight log: gyroscope, accelerometer, attitude, position, motors.
 
-A rigid body's kinematics holds for any vehicle. Over a short time the attitude turns by the integral of the
-rates, and the second difference of the position is the specific force in the world, less gravity, under a
-triangular window. A log is doubted only where another reading of its columns (units, axes, order of the
-quaternion, frames) explains it much better than the one that its header states.
+A rigid body's kinematics holds for any vehicle. Over a short time, the attitude turns by the integral of the
+rates. The second difference of the position is the specific force in the world, less gravity, under a
+triangular window. A log is doubted only if another interpretation of its columns (units, axes, order of the
+quaternion, frames) explains it much better than its header.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ SMALLEST = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class Reading:
-    """Of some columns: what would be so, how many changes that takes, what it leaves unexplained."""
+    """An interpretation of some columns: its description, its number of changes, its unexplained part."""
 
     words: str
     changes: int
@@ -65,7 +65,9 @@ class Reading:
 
 @dataclass(frozen=True, eq=False)
 class Flight:
-    """On an even grid: rates, force (T, 3), quaternion (T, 4) w first and its rotation, position (T, 3)."""
+    """A flight on an even grid: rates, force (T, 3), quaternion (T, 4) w first and its rotation, position (T,
+    3).
+    """
 
     step: float
     rates: Array
@@ -76,7 +78,7 @@ class Flight:
 
 
 def agreement_findings(spec: QuadrotorSpec, log: Log) -> tuple[Finding, ...]:
-    """Of each pair of instruments that the log has, whether they agree."""
+    """A finding for each pair of instruments in the log, whether they agree."""
     found = [_delay(spec, log)]
     flight = _flight(log)
     if flight is not None:
@@ -85,7 +87,7 @@ def agreement_findings(spec: QuadrotorSpec, log: Log) -> tuple[Finding, ...]:
 
 
 def _flight(log: Log) -> Flight | None:
-    """None without an attitude, or of too short a log."""
+    """The flight; None without an attitude, or for a log that is too short."""
     R = rotation(log)
     if R is None or log.t[-1] - log.t[0] < LEAST_S or not np.isfinite(R).all():
         return None
@@ -106,7 +108,7 @@ def _flight(log: Log) -> Flight | None:
 
 
 def _between(t: Array, R: Array, wanted: Array) -> Array:
-    """Rotations (n, 3, 3) at other times, on the shortest way."""
+    """Rotations (n, 3, 3) at other times, on the shortest path."""
     from scipy.spatial.transform import Rotation, Slerp
 
     distinct = np.concatenate([[True], np.diff(t) > 0.0])
@@ -115,7 +117,7 @@ def _between(t: Array, R: Array, wanted: Array) -> Array:
 
 
 def _attitudes(flight: Flight) -> Iterator[tuple[str, int, Array]]:
-    """Readings of the attitude: what is stated first."""
+    """Interpretations of the attitude, the header's first."""
     from scipy.spatial.transform import Rotation
 
     yield "", 0, flight.R_world_body
@@ -136,7 +138,7 @@ SCALES = {
 
 
 def _turning(flight: Flight) -> Finding | None:
-    """Rates against the turns of the attitude."""
+    """A finding on rates against changes of the attitude."""
     span = round(TURN_S / flight.step)
     said = _windowed(flight.rates, span)
     found: list[Reading] = []
@@ -160,7 +162,7 @@ def _turning(flight: Flight) -> Finding | None:
 
 
 def _vectors(R: Array, span: int) -> Array:
-    """(n, 3) rotation vectors in the body, from each row to that `span` later."""
+    """Rotation vectors (n, 3) in the body, from each row to the row `span` later."""
     from scipy.spatial.transform import Rotation
 
     return np.asarray(Rotation.from_matrix(np.einsum("tji,tjk->tik", R[:-span], R[span:])).as_rotvec())
@@ -174,7 +176,7 @@ def _windowed(values: Array, span: int) -> Array:
 
 
 def _pushing(flight: Flight) -> Finding | None:
-    """Specific force in the world against the second difference of the position."""
+    """A finding on the specific force in the world against the second difference of the position."""
     if flight.position is None:
         return None
     span = round(MOVE_S / flight.step)
@@ -223,14 +225,14 @@ def _pushing(flight: Flight) -> Finding | None:
 
 
 def _triangle(values: Array, span: int) -> Array:
-    """Means under the triangle that a second difference has."""
+    """Means under the triangular window of a second difference."""
     weights = np.concatenate([np.arange(1, span + 1), np.arange(span - 1, 0, -1)]) / span**2
     made = [np.convolve(column, weights, "valid") for column in values.T]
     return np.column_stack(made)[: len(values) - 2 * span]
 
 
 def _signed() -> list[tuple[str, Array]]:
-    """The 48 ways to take axes for others, and their words, such as "y, x, -z"."""
+    """The 48 signed permutations of the axes with their names, such as "y, x, -z"."""
     found = []
     for order in itertools.permutations(range(3)):
         for signs in itertools.product((1.0, -1.0), repeat=3):
@@ -242,7 +244,7 @@ def _signed() -> list[tuple[str, Array]]:
 
 
 def _count(turn: Array) -> int:
-    """Changes that axes take: the frames that people have are one."""
+    """Number of changes of an interpretation; a common frame counts as one."""
     if np.array_equal(turn, np.eye(3)):
         return 0
     if any(np.array_equal(turn, known) for known in (FRD, NED)):
@@ -251,7 +253,7 @@ def _count(turn: Array) -> int:
 
 
 def _axes(whose: str, axes: str, turn: Array) -> str:
-    """In words; nothing where they are as stated."""
+    """The permutation in words; "" for unchanged axes."""
     if np.array_equal(turn, np.eye(3)):
         return ""
     names = {"x, -y, -z": "; x forward, y right, z down", "y, x, -z": "; north, east, down"}
@@ -259,7 +261,7 @@ def _axes(whose: str, axes: str, turn: Array) -> str:
 
 
 def _judged(check: str, found: Sequence[Reading], fact: str) -> Finding:
-    """Red where another reading explains what the stated one does not."""
+    """A finding, red if another interpretation explains what the header's does not."""
     stated, best = found[0], min(found, key=lambda one: one.left)
     alone = f"{fact} everywhere, and no other reading of the columns is better."
     if best.left > LIKE or stated.left < BETTER * best.left:
@@ -279,10 +281,10 @@ def _judged(check: str, found: Sequence[Reading], fact: str) -> Finding:
 
 
 def _delay(spec: QuadrotorSpec, log: Log) -> Finding | None:
-    """Time from the motors' commands to the thrust and the torques that they make.
+    """A finding on the delay from the motors' commands to their thrust and torques.
 
-    Whatever the frame and the numbers of the motors, force along the body's z and angular accelerations are
-    linear in four commands, and a controller moves these all the time, also where the vehicle hovers.
+    The force along the body's z axis and the angular accelerations are linear in four commands, for any frame
+    and order of the motors. A controller changes these commands all the time, also in hover.
     """
     motors = np.array(spec.command_lower) >= 0.0
     if not motors.all() or log.t[-1] - log.t[0] < 2.0 * LEAST_S:
@@ -312,25 +314,25 @@ def _delay(spec: QuadrotorSpec, log: Log) -> Finding | None:
 
 
 def _smooth(values: Array) -> Array:
-    """Means over `SMOOTH_S` of columns (T, n), as long."""
+    """Means over `SMOOTH_S` of columns (T, n), of the same length."""
     return _means(values, round(SMOOTH_S * GRID))
 
 
 def _slow_removed(values: Array) -> Array:
-    """Less their means over two seconds: weight and battery change slowly."""
+    """The columns less their means over two seconds, because weight and battery change slowly."""
     return np.asarray(values - _means(values, round(2.0 * GRID) + 1))
 
 
 def _means(values: Array, width: int) -> Array:
-    """(T, n) over so many rows about each, an odd number."""
+    """Means (T, n) over an odd number of rows about each row."""
     padded = np.pad(values, ((width // 2, width // 2), (0, 0)), mode="edge")
     weights = np.ones(width) / width
     return np.column_stack([np.convolve(column, weights, "valid") for column in padded.T])
 
 
 def _unexplained(asked: Array, made: Array, lags: Index) -> Array:
-    """(L, n) parts of the squares of made (T, n) that no combination of what was asked (T, m) so many steps
-    before explains.
+    """Unexplained fraction (L, n) of the squares of made (T, n), by linear combinations of earlier asked (T,
+    m).
     """
     found = []
     for lag in lags.tolist():

@@ -1,4 +1,4 @@
-"""A multirotor as a solid for pictures in space: arms, a disc for each rotor, and a nose along x."""
+"""Solid parts of a multirotor for pictures in space: arms, a disc for each rotor, and a nose along x."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ DISC = 16  # corners of a rotor's disc
 
 
 def solids(spec: QuadrotorSpec) -> tuple[Solid, ...]:
-    """One part: everything is fixed to the body but the rotors' turning, which nobody would see."""
+    """One part, because everything but the rotors is fixed to the body."""
     if spec.airframe is not None:
         rotors = spec.airframe.rotors
     else:
@@ -35,8 +35,9 @@ def solids(spec: QuadrotorSpec) -> tuple[Solid, ...]:
 
 
 def placed(motion: Motion) -> Array:
-    """(T, 1, 3, 4) of a vehicle whose thrust gives what the motion needs without drag, at heading zero; level
-    where accelerations are not known.
+    """Frames (T, 1, 3, 4) of a vehicle whose thrust gives the acceleration without drag, at heading zero.
+
+    Level where accelerations are unknown.
     """
     thrust = np.zeros_like(motion.orders[0])
     thrust[:, 2] = GRAVITY
@@ -57,7 +58,7 @@ def _bar(start: Array, end: Array, width: float) -> tuple[Array, Index]:
 
 
 def _disc(centre: Array, radius: float, height: float) -> tuple[Array, Index]:
-    """Of a rotor, on both sides, above the arms."""
+    """Disc of a rotor with both sides, above the arms."""
     angles = 2.0 * math.pi * np.arange(DISC) / DISC
     ring = centre + radius * np.column_stack([np.cos(angles), np.sin(angles)])
     points = np.column_stack([np.concatenate([centre[None], ring]), np.full(DISC + 1, height)])

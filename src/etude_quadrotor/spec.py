@@ -1,4 +1,4 @@
-"""QuadrotorSpec: description of a multirotor with flat dynamics, and of its workspace."""
+"""Specification of a multirotor with flat dynamics, and of its workspace: `QuadrotorSpec`."""
 
 from __future__ import annotations
 
@@ -22,21 +22,21 @@ class QuadrotorSpec:
         command_names: the n >= 4 learned outputs, for example the motors.
         command_unit: "V", or "1" for normalised set-points.
         command_lower, command_upper: limits of each command, in that unit.
-        rate: of the samples that a model learns from, Hz; logs may be faster.
+        rate: of the samples for a model, Hz; logs may be faster.
         radius: of a cylinder about the z axis inside the box, m; None without one.
         tilt: largest angle of the thrust from the vertical, rad; None without limit.
         thrust: least and largest thrust per mass, m/s^2; None without limits.
-        margin: room kept for the tracking error, off the side walls of box and cylinder, m.
-        vertical_margin: the same off floor and ceiling, m; None: as much.
-        ground: height of its centre where it stands, m; None: the bottom of the box.
-        climb, descent: fastest that its autopilot flies up and down, m/s: it cuts what is asked beyond, and
-            is left behind. The values are PX4's own, MPC_Z_VEL_MAX_UP and MPC_Z_VEL_MAX_DN. Without meaning
-            for the simulated vehicles.
+        margin: for the tracking error at the side walls of box and cylinder, m.
+        vertical_margin: for the tracking error at floor and ceiling, m; None: as `margin`.
+        ground: height of its centre on the ground, m; None: the bottom of the box.
+        climb, descent: largest vertical speeds of its autopilot, m/s, which clips faster set-points and lags.
+            The values are PX4's own, MPC_Z_VEL_MAX_UP and MPC_Z_VEL_MAX_DN. Without effect on simulated
+            vehicles.
         vehicle: nominal body and motors, for the analytic inverse model; None if unknown.
-        plant: name of the simulated vehicle that stands in for the real one, or None.
-        rotors: where each stands and its spin, in the order of the commands; (): four in an X, or unknown.
-        thrust_curve: THR_MDL_FAC of PX4 in the flights; commands in logs stand before it.
-        limits: of its owner's own.
+        plant: name of the simulated vehicle that replaces the real one, or None.
+        rotors: place and spin of each, in the order of the commands; (): four in an X, or unknown.
+        thrust_curve: THR_MDL_FAC of PX4 in the flights; commands in logs are before it.
+        limits: the owner's own.
     """
 
     name: str
@@ -64,23 +64,23 @@ class QuadrotorSpec:
 
     @property
     def margins(self) -> tuple[float, float, float]:
-        """Along x, y and z, m."""
+        """Tracking margins along x, y and z, m."""
         vertical = self.margin if self.vertical_margin is None else self.vertical_margin
         return self.margin, self.margin, vertical
 
     @property
     def floor(self) -> float:
-        """m, of its centre where it stands."""
+        """Height of its centre on the ground, m."""
         return self.lower[2] if self.ground is None else self.ground
 
     @property
     def table_rate(self) -> float:
-        """Hz of a table of set-points: what an autopilot takes them at."""
+        """Rate of a table of set-points, Hz: that of an autopilot's input."""
         return 50.0
 
     @property
     def reach(self) -> NDArray[np.float64]:
-        """(n,) how far each command reaches from the middle of its range, in its unit."""
+        """Half range (n,) of each command, in its unit."""
         return np.asarray(0.5 * (np.array(self.command_upper) - np.array(self.command_lower)))
 
     @property

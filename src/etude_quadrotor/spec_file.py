@@ -234,7 +234,11 @@ def _check_rotors(spec: QuadrotorSpec, where: str) -> None:
             )
         return
     if len(spec.rotors) != count:
-        raise UsageError(f"there are {len(spec.rotors)} rotors for {count} commands", where=place)
+        raise UsageError(
+            f"there are {len(spec.rotors)} rotors for {count} commands",
+            where=place,
+            next_step="Write one [x, y, spin] for each of the commands, in their order.",
+        )
     if any(spin not in SPINS or not math.isfinite(x + y) for x, y, spin in spec.rotors):
         raise UsageError(
             "a rotor is [x, y, spin]: two numbers in m, and 1 or -1",
@@ -308,6 +312,9 @@ def unit_suspicion(spec: QuadrotorSpec) -> str:
         return "the box or the speed looks like millimetres, not metres"
     if spec.command_unit == "V" and max(spec.command_upper) > 200.0:
         return f"a command of {max(spec.command_upper):g} looks like millivolts, not volts"
+    widest = max((math.hypot(x, y) for x, y, _ in spec.rotors), default=0.0)
+    if widest > 5.0:
+        return f"a rotor {widest:g} from the centre looks like millimetres, not metres"
     vehicle = spec.vehicle
     if vehicle is not None and vehicle.mass > 25.0:
         return f"a mass of {vehicle.mass:g} looks like grams, not kilograms"

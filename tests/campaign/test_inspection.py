@@ -196,7 +196,9 @@ def test_a_delay_is_told_however_long(rows: int, ms: int, right: Path, robot: Pa
     assert told == pytest.approx(ms, abs=10)
 
 
-@pytest.mark.parametrize("seconds", [-0.35, -0.2, 0.2, 0.3, 0.45])
+@pytest.mark.parametrize(
+    "seconds", [-0.35, 0.3, *(pytest.param(own, marks=pytest.mark.slow) for own in (-0.2, 0.2, 0.45))]
+)
 def test_commands_of_a_real_arm_may_be_far_behind_or_ahead(seconds: float, tmp_path: Path) -> None:
     """Six joints of UR10 tell half a second to 35 ms, whatever their friction does."""
     lines = (EXAMPLES / "ur10" / "ur10_exciting.csv").read_text().splitlines()

@@ -93,6 +93,7 @@ def test_the_effort_of_a_joint_trajectory(name: str, lab: Lab, feedback: np.ndar
     assert np.linalg.norm(run.tracking) < GAIN * np.linalg.norm(feedback)
 
 
+@pytest.mark.slow  # every day `test_exported_model` holds the C against `predict`
 def test_the_c_of_the_model(lab: Lab, feedback: np.ndarray) -> None:
     """Called once a millisecond along the motion, from the first row held to the last row held."""
     export(lab.campaign, "c", lab.folder / "c", name="arm")

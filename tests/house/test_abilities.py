@@ -8,6 +8,7 @@ from functools import cache
 from pathlib import Path
 
 import pytest
+from syntax_trees import imports_and_calls
 
 from etude import abilities, protocols
 from etude.abilities import ABILITIES
@@ -42,7 +43,7 @@ def all_calls() -> dict[str, tuple[tuple[str, ast.Call], ...]]:
     return {
         str(path.relative_to(SOURCE)): tuple(
             (node.func.id, node)
-            for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+            for node in imports_and_calls(path)
             if isinstance(node, ast.Call) and isinstance(node.func, ast.Name)
         )
         for path in paths

@@ -13,7 +13,7 @@ from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
 
-from syntax_trees import statements
+from syntax_trees import statements, tree
 
 import etude
 
@@ -64,7 +64,7 @@ def files() -> tuple[Path, ...]:
 def imports(path: Path) -> tuple[tuple[str, str], ...]:
     """(module, name) of each import; "" where the module itself is imported."""
     found: list[tuple[str, str]] = []
-    for node in statements(ast.parse(path.read_text(encoding="utf-8"))):
+    for node in statements(tree(path)):
         if isinstance(node, ast.ImportFrom):
             found += [(node.module or "", alias.name) for alias in node.names]
         elif isinstance(node, ast.Import):

@@ -7,7 +7,7 @@ from collections import defaultdict
 from functools import cache
 from pathlib import Path
 
-from syntax_trees import statements
+from syntax_trees import statements, tree
 
 SOURCE = Path(__file__).parents[2] / "src"
 FRAGMENT = 60
@@ -29,11 +29,6 @@ def modules() -> dict[str, Path]:
     paths = (path for path in sorted(SOURCE.rglob("*.py")) if path.parent.name != "players")
     names = {".".join(path.relative_to(SOURCE).with_suffix("").parts): path for path in paths}
     return {name: path for name, path in names.items() if path.stem not in ("__init__", "__main__")}
-
-
-@cache
-def tree(path: Path) -> ast.Module:
-    return ast.parse(path.read_text(encoding="utf-8"))
 
 
 def importers() -> dict[str, dict[str, bool]]:

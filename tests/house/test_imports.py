@@ -13,6 +13,7 @@ from pathlib import Path
 
 import polars as pl
 import pytest
+from syntax_trees import tree
 from test_ranks import SOURCE, module_name, modules
 
 FIXTURE = Path(__file__).parents[1] / "campaign" / "fixtures" / "one_round"
@@ -56,7 +57,7 @@ def graph() -> Mapping[str, frozenset[str]]:
     found = {}
     for name, path in known.items():
         own: set[str] = set()
-        for one in _statements(ast.parse(path.read_text(encoding="utf-8")).body):
+        for one in _statements(tree(path).body):
             if isinstance(one, ast.ImportFrom) and one.module:
                 full = {f"{one.module}.{alias.name}" for alias in one.names}
                 own |= (full & known.keys()) or {one.module}

@@ -8,11 +8,11 @@ import importlib.util
 import re
 import subprocess
 import sys
-from functools import cache
 from graphlib import TopologicalSorter
 from pathlib import Path
 
 import pytest
+from syntax_trees import imports_and_calls, tree
 
 import etude
 
@@ -98,17 +98,10 @@ def module_name(path: Path) -> str:
     return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
 
 
-@cache
-def nodes(path: Path) -> tuple[ast.AST, ...]:
-    """The imports and calls of a module, wherever they stand; most tests here ask for them."""
-    tree = ast.parse(path.read_text(encoding="utf-8"))
-    return tuple(own for own in ast.walk(tree) if isinstance(own, ast.Import | ast.ImportFrom | ast.Call))
-
-
 def all_imported(path: Path) -> set[str]:
     """Everything that `path` imports anywhere, inside functions too."""
     names: set[str] = set()
-    for node in nodes(path):
+    for node in imports_and_calls(path):
         if isinstance(node, ast.Import):
             names |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom):
@@ -199,7 +192,7 @@ def test_the_studies_use_what_an_outside_user_may() -> None:
     alone = {path.stem for path in SOURCE.glob("*.py")}
     found = []
     for path in studies():
-        for node in nodes(path):
+        for node in imports_and_calls(path):
             module = node.module or "" if isinstance(node, ast.ImportFrom) else ""
             first, _, rest = module.partition(".")
             if module == "etude" or first not in {"etude", *BESIDE} or rest in alone:
@@ -218,9 +211,7 @@ def faces() -> dict[str, Path]:
 
 def seen_by_type_checkers(face: str) -> dict[str, str]:
     """Name -> module, of what a face imports under TYPE_CHECKING."""
-    guarded = [
-        node for node in ast.parse(faces()[face].read_text(encoding="utf-8")).body if isinstance(node, ast.If)
-    ]
+    guarded = [node for node in tree(faces()[face]).body if isinstance(node, ast.If)]
     imports = [one for node in guarded for one in node.body if isinstance(one, ast.ImportFrom)]
     return {alias.name: str(one.module) for one in imports for alias in one.names}
 
@@ -291,7 +282,7 @@ def test_nothing_prints_below_the_reports() -> None:
             continue
         calls = [
             node.lineno
-            for node in nodes(path)
+            for node in imports_and_calls(path)
             if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "print"
         ]
         assert not calls, f"{name} prints at lines {calls}"

@@ -1,4 +1,4 @@
-"""BLAS and LAPACK routines and L-BFGS-B, as SciPy has them, under the names that the models use."""
+"""BLAS and LAPACK routines, Fourier transforms and L-BFGS-B of SciPy, under the names that models use."""
 
 from __future__ import annotations
 
@@ -21,11 +21,28 @@ __all__ = [
     "dtrsv",
     "dtrtri",
     "dtrtrs",
+    "irfft",
     "minimise",
+    "rfft",
 ]
 
 Array = NDArray[np.float64]
+Spectrum = NDArray[np.complex128]
 Function = Callable[[Array], tuple[float, Array]]
+
+
+def rfft(values: Array) -> Spectrum:
+    """(F, k) of columns (n, k): NumPy's bits, in half the time."""
+    from scipy import fft  # half a tenth of a second, for who filters logs
+
+    return np.asarray(fft.rfft(values, axis=0))
+
+
+def irfft(spectrum: Spectrum, n: int) -> Array:
+    """(n, k) of spectra (F, k)."""
+    from scipy import fft
+
+    return np.asarray(fft.irfft(spectrum, n, axis=0))
 
 
 def minimise(

@@ -25,6 +25,8 @@ class Payload(Common):
     """All angles and rates of the log are in degrees."""
     accept: tyro.conf.UseAppendAction[tuple[str, ...]] = ()
     """A check whose question is answered: the log is taken as it is. May be given again."""
+    repair: tyro.conf.UseAppendAction[tuple[str, ...]] = ()
+    """A check whose question is answered with: put it right. May be given again."""
 
     def run(self, say: Say) -> Outcome:
         from etude.campaign.deployment.payload import payload
@@ -35,6 +37,7 @@ class Payload(Common):
             write=self.write,
             degrees=self.degrees,
             accept=self.accept,
+            repair=self.repair,
             say=say,
         )
         load, lines = found.load, list(found.said)

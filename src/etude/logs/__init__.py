@@ -14,8 +14,9 @@ if TYPE_CHECKING:
     from etude.logs.cleaning.filters import duration, median_rate, smooth, without_lag
     from etude.logs.cleaning.read import clean_log, matched_log, read_log
     from etude.logs.columns.matching import match_columns
-    from etude.logs.evidence.decisions import Decision, judge
+    from etude.logs.evidence.decisions import judge
     from etude.logs.evidence.findings import finding_of
+    from etude.logs.evidence.joint_evidence import Decision
     from etude.logs.readers.cells import header_row, restored, text_cell
     from etude.logs.readers.extras import needed
     from etude.logs.readers.frames import parquet_frame, parquet_metadata, raw_log

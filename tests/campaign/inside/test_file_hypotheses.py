@@ -1,7 +1,10 @@
-"""With a model file: an encoder's zero that is off is asked about, and computed commands are said."""
+"""With a model file: an encoder's zero that is off is asked about, and computed commands are said. Logs of
+two robots contradict each other, with the file and without one.
+"""
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,7 +14,7 @@ from small_robot import random_motion
 from test_changed_load import ARM, TIMES, arm, saved, written
 
 from etude import tell
-from etude.campaign import Campaign, inspect
+from etude.campaign import Campaign, create_campaign, inspect
 from etude.campaign.ingest.questions import body_of
 from etude.campaign.ingest.tell import surveyed
 from etude.errors import DataError
@@ -131,3 +134,40 @@ def test_logs_of_one_robot_do_not_contradict(lab: Campaign, tmp_path: Path) -> N
     survey = surveyed(lab, logs, {"foreign": True})
     assert survey is not None
     assert [step for path in logs for step in survey.of(path)] == []
+
+
+@pytest.fixture
+def bare(tmp_path: Path) -> Campaign:
+    """The same joints in a file without masses."""
+    path = tmp_path / "bare.urdf"
+    path.write_text(re.sub("<inertial>.*?</inertial>", "", ARM, flags=re.DOTALL))
+    return create_campaign(tmp_path / "bare", str(path), seed=3)[0]
+
+
+def steps_of(campaign: Campaign, logs: list[Path]) -> list[list[tuple[str, str]]]:
+    """What is decided of each log, and how."""
+    survey = surveyed(campaign, logs, {"foreign": True})
+    assert survey is not None
+    return [[(step.finding.check, step.what) for step in survey.of(path)] for path in logs]
+
+
+def test_two_robots_without_a_model_file_contradict_each_other(
+    lab: Campaign, bare: Campaign, tmp_path: Path
+) -> None:
+    logs = [log_of(tmp_path / f"{k}.csv", lab, seed=k) for k in (7, 8)]
+    assert steps_of(bare, logs) == [[], []]
+    other = log_of(tmp_path / "other.csv", lab, masses=np.array([1.0, 0.3, 3.0]), friction=2.0, seed=9)
+    told = tell(bare, [*logs, other], foreign=True)
+    assert [file.ingested for file in told.files] == [None] * 3
+    assert "other.csv contradicts the other logs" in told.files[0].sentence
+
+
+def test_commands_that_are_late_in_one_log_alone_are_shifted(
+    lab: Campaign, bare: Campaign, tmp_path: Path
+) -> None:
+    logs = [log_of(tmp_path / f"{k}.csv", lab, seed=k) for k in (7, 8)]
+    late = tmp_path / "late.csv"
+    rows = np.loadtxt(log_of(late, lab, seed=9), delimiter=",", skiprows=1)
+    rows[:, 4:] = np.column_stack([np.interp(rows[:, 0] - 0.06, rows[:, 0], u) for u in rows[:, 4:].T])
+    np.savetxt(late, rows, delimiter=",", header=late.read_text().splitlines()[0], comments="")
+    assert steps_of(bare, [*logs, late]) == [[], [], [("delay", "note")]]

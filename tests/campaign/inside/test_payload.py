@@ -118,6 +118,24 @@ def test_the_motion_that_is_asked_for_shows_most(
     assert ask(own).number == asked.number + 1
 
 
+@pytest.mark.slow
+def test_a_log_of_another_robot_is_no_load(lab: Campaign, tmp_path: Path) -> None:
+    """Links and friction differ, which no load explains; inverted commands can be repaired as tell would."""
+    motion = random_motion(lab, 5)
+    log = carrying(tmp_path / "own.csv", lab, motion, 0.0)
+    assert not any("differs from the model" in sentence for sentence in payload(lab, log).said)
+    rows = np.genfromtxt(log, delimiter=",", names=True)
+    names = list(rows.dtype.names)
+    commands = [name for name in names if name.startswith(("tau", "command"))]
+    assert len(commands) == 3
+    for name, factor in zip(commands, (1.4, 0.7, 1.5), strict=True):
+        rows[name] *= factor
+    table = np.array([rows[name] for name in names]).T
+    other = tmp_path / "other.csv"
+    np.savetxt(other, table, "%.8g", ",", header=log.read_text().splitlines()[0], comments="")
+    assert "differs from the model" in payload(lab, other).said[-1]
+
+
 def test_a_motion_that_weighs_is_for_no_task_and_has_no_effort(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

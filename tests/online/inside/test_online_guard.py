@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -240,6 +241,21 @@ def test_measurements_that_are_not_believed_never_raise_a_weight(decisions) -> N
             within = np.clip(np.nan_to_num([offered]), -hedge.authority, hedge.authority)
             hedge.decide(np.array([error]), within, np.array([offered]), clean=False)
         assert hedge.weight <= before
+
+
+def test_a_decision_that_measurements_contradict_raises_no_weight(model) -> None:
+    online = started(model)
+    guard, seen = online.guard, []
+
+    def jolted(t: float, row: dict[str, np.ndarray]) -> tuple[float, dict[str, np.ndarray]]:
+        seen.append((guard.gate.bad, guard.hedge.L.copy()))
+        return t, {**row, "command": row["command"] + 20.0 * (t % 0.5 < 0.01)}
+
+    Loop(online, model, 1.5).run(5.0).run(3.0, 5.0, jolted)
+    contradicted = [(old, new) for (was, old), (bad, new) in pairwise(seen) if bad > was]
+    assert len(contradicted) >= 5
+    assert all((new <= old).all() for old, new in contradicted)
+    assert any((new > old).any() for (_, old), (_, new) in pairwise(seen))  # others do
 
 
 def test_a_learner_that_was_set_back_is_left_alone_for_a_while(model, monkeypatch) -> None:

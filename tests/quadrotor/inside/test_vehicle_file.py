@@ -79,6 +79,7 @@ def test_optional_limits_read_back():
         ({"rotors": [[0.1, y, s] for y, s in ((1, 2), (-1, 1), (2, -1), (-2, 1))]}, "1 or -1"),
         ({"rotors": [[0.0, y, s] for y, s in ((1, 1), (-1, 1), (2, -1), (-2, -1))]}, "any pitch moment"),
         ({"rotors": [[x, y, 1] for x in (1, -1) for y in (1, -1)]}, "thrust and yaw moment apart"),
+        ({"rotors": [[x, y, x * y / 1e4] for x in (100, -100) for y in (100, -100)]}, "rotor 141.421 from"),
     ],
 )
 def test_what_cannot_be_is_refused(table, change, message):

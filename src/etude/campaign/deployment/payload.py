@@ -55,6 +55,7 @@ def payload(
     write: bool = False,
     degrees: bool = False,
     accept: Sequence[str] = (),
+    repair: Sequence[str] = (),
     say: Say = lambda _: None,
 ) -> Weighed:
     """Mass and centre of the load that the robot carries in addition to that of the model in use.
@@ -63,7 +64,7 @@ def payload(
         campaign: the folder. log: a file of any motion.
         write: add the load to the payload of robot.toml if it is significant.
         degrees: the log's angles are degrees.
-        accept: checks whose findings are accepted: the log is used unchanged.
+        accept: checks whose findings are accepted: the log is used unchanged. repair: those that change it.
         say: receives one sentence per step.
 
     Raises:
@@ -74,7 +75,7 @@ def payload(
     say(used.sentence)
     body = weighable(campaign)
     # a load multiplies the torque of a wrist, which looks like another unit
-    answers = answers_of(campaign.state(), (*accept, SCALE), ())
+    answers = answers_of(campaign.state(), (*accept, SCALE), repair)
     asked = questions_of(campaign, campaign.state(), answers)
     rows = start_at_zero(read(campaign, Path(log), degrees=degrees, asked=asked))
     group = np.zeros(len(rows), dtype=np.int64)
@@ -117,12 +118,25 @@ def apparent_of(campaign: Campaign, model: LearnedModel, body: SupportsVariation
 
 
 def _sentences(load: Load, folder: Path) -> tuple[str, ...]:
+    """The load, and whether it explains the log."""
+    found = _load_sentences(load, folder)
+    if load.left <= MUCH_LEFT:
+        return found
+    other = (
+        f"Errors of {load.left:.2g} times their variance are left, so that more than a load differs from the "
+        "model, if the log is of this robot at all. etude watch names other causes."
+    )
+    return (*found, other)
+
+
+def _load_sentences(load: Load, folder: Path) -> tuple[str, ...]:
     low, high = load.interval
     motion = MOTION.format(typed(folder))
     if load.verdict == "cannot tell":
         return (f"The motion cannot tell a load: {low:.2g} to {high:.2g} kg. {motion}",)
     if load.verdict == "none":
-        return (f"No load shows: {low:.2g} to {high:.2g} kg.",)
+        shows = "No load shows" if low <= 0.0 <= high else "Less than four deviations, which is no load yet"
+        return (f"{shows}: {low:.2g} to {high:.2g} kg.",)
     less = " less than the model knows" if load.mass < 0.0 else ""
     found = [f"{abs(load.mass):.3g} kg +- {NORMAL_95 * load.deviation:.2g} kg (95 %){less}."]
     axes = zip("xyz", load.centre.tolist(), (NORMAL_95 * load.centre_deviation).tolist(), strict=True)
@@ -133,11 +147,6 @@ def _sentences(load: Load, folder: Path) -> tuple[str, ...]:
     found.append(f"Centre of mass, in the frame of the link that the last axis moves: {', '.join(told)}.")
     if (NORMAL_95 * load.centre_deviation > TOLD).any():
         found.append(motion)
-    if load.left > MUCH_LEFT:
-        found.append(
-            f"The load leaves errors of {load.left:.2g} times their variance: something else has changed "
-            "too. etude watch names other causes."
-        )
     return tuple(found)
 
 

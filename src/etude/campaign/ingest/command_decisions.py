@@ -24,7 +24,7 @@ from etude.protocols import Mean
 from etude.types import Finding, Log
 
 if TYPE_CHECKING:
-    from etude.logs.evidence.decisions import Decision
+    from etude.logs.evidence.joint_evidence import Decision
 
 MOST_TOLD, MOST_NEW = 12, 48  # logs that are judged together: the newest told ones, the first new ones
 ROUNDS = 8  # of repairs, each of which is judged again
@@ -128,14 +128,18 @@ class Survey:
         return [*steps, Step(what, odd, frozenset(range(len(self.logs))))]
 
     def _contradiction(self, steps: Sequence[Step]) -> Finding | None:
-        """Finding if the repaired logs are not of one robot; only with a model file that predicts forces."""
+        """Finding if the repaired logs are not of one robot."""
         logs = [self._put_right(i, log, steps) for i, log in enumerate(self.logs.values())]
         path = joints(logs[0]) if len(logs) > 1 else None
-        if path is None or self.body is None:
+        if path is None:
             return None
         from etude.logs.evidence.file_hypotheses import contradiction
+        from etude.logs.evidence.two_robots import contradiction_without_file
 
-        return contradiction(logs, path, self.body, [log.source for log in logs])
+        sources = [log.source for log in logs]
+        if self.body is None:
+            return contradiction_without_file(logs, path, sources)
+        return contradiction(logs, path, self.body, sources)
 
     @staticmethod
     def _put_right(number: int, log: Log, steps: Sequence[Step]) -> Log:

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from etude._runtime.rounding import MEASURED, whole_down
+from etude._runtime.scipy_parts import irfft, rfft
 from etude.types import Array
 
 BAND_ENERGY = 0.9  # share of the velocity's energy that defines the motion's band
@@ -62,7 +63,7 @@ class Smoothed:
         n = len(self.t)
         step = float(self.t[-1] - self.t[0]) / (n - 1)
         omega = 2 * np.pi * np.fft.rfftfreq(2 * (n - 1), step)[:, None]
-        return np.fft.irfft(self.spectrum * (1j * omega) ** order, 2 * (n - 1), axis=0)[:n]
+        return irfft(self.spectrum * (1j * omega) ** order, 2 * (n - 1))[:n]
 
 
 def median_rate(t: Array) -> float:
@@ -104,7 +105,7 @@ def smooth(t: Array, values: Array, cutoff_hz: float, order: int = 2) -> Smoothe
     rest = values - line
     odd = np.concatenate([rest[:-1], -rest[:0:-1]])
     frequency = np.fft.rfftfreq(len(odd), step)[:, None]
-    spectrum = np.fft.rfft(odd, axis=0) / (1.0 + (frequency / cutoff_hz) ** (2 * order))
+    spectrum = rfft(odd) / (1.0 + (frequency / cutoff_hz) ** (2 * order))
     return Smoothed(t, line, slope, spectrum)
 
 

@@ -7,118 +7,26 @@ logarithms against the logs as they are. What is decided is put right, and the l
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from math import comb, lgamma
-from typing import Literal
 
 import numpy as np
 
 from etude.logs.checks.exact import CERTAIN, LIKELY
 from etude.logs.checks.filtered_motion import measured_rates
-from etude.logs.checks.plausibility import DELAY, SIGN, SWAPPED
+from etude.logs.checks.plausibility import SIGN, SWAPPED
 from etude.logs.checks.velocities import DIRECTION
-from etude.logs.cleaning.smoothing import resample
+from etude.logs.evidence.delays import at_edge_of, far_delay, in_step, late, late_alone, shifted_log
 from etude.logs.evidence.file_hypotheses import weight_elsewhere
-from etude.logs.evidence.likelihood import NEITHER, ColumnEvidence, WhitenedMotion, least, log_sum
+from etude.logs.evidence.joint_evidence import CLEAR, MOST_GROUPS, Decision, JointEvidence
+from etude.logs.evidence.likelihood import NEITHER, WhitenedMotion, least, log_sum
 from etude.logs.evidence.rows import APART, AS_LOGGED, DELAYS, FLOOR, FilteredRows, commands_of, rows_of
 from etude.protocols import Mean
 from etude.types import Array, Channel, Index, Log, Mask
 
-Level = Literal["certain", "ask", "note", "silent"]
 GRAVITY = "gravity"
-CLEAR = 7.0  # log odds to the next best decision: signs stated at e^3 to e^7 are wrong 1 in 17 times
-LEAST_ROWS, LEAST_HALF = 40, 20  # fewer tell nothing; of half the rows
-
-
-@dataclass(frozen=True, eq=False)
-class Decision:
-    """What is believed of logs that were judged together; k joints.
-
-    Attributes:
-        level: certain: refused unless put right; ask: a question; note: put right and said; silent.
-        check: what it is about; "" of a silent one.
-        logs: which of the logs it is about; orders, directions and weights are judged of new ones.
-        by: of a sign: 1 or -1 (k,); of an order: the column of each joint's command (k,); of a delay: s.
-        odds: log odds against the logs as they are. ahead: against the next best decision.
-        told: (k,) log odds of the right sign to the inverted one, of the commands as they are.
-        moving, strange: (k,) joints that have a say, and those that no sign explains.
-        why: what tells a sign, or explains as well what is found: "weight" of the model file, "time" that
-            runs backwards, another "order". "late" of a silent one whose commands fit best with the longest
-            delay.
-    """
-
-    level: Level
-    told: Array
-    moving: Mask
-    strange: Mask
-    check: str = ""
-    logs: tuple[int, ...] = ()
-    by: tuple[float, ...] = ()
-    odds: float = 0.0
-    ahead: float = np.inf
-    why: str = ""
-
-    @property
-    def clear(self) -> bool:
-        """Whether it is far before every other decision: of a question that is not, nothing is repaired."""
-        return self.ahead >= CLEAR
-
-
-@dataclass(frozen=True, eq=False)
-class _Judged:
-    """The evidence of moving joints `own` (m,), computed where it is asked for."""
-
-    rows: FilteredRows
-    own: Index
-    motion: WhitenedMotion
-
-    @classmethod
-    def of(cls, rows: FilteredRows | None) -> _Judged | None:
-        """None of rows that are too few, or where nothing moves."""
-        if rows is None or len(rows.t) < LEAST_ROWS or not rows.moving.any():
-            return None
-        own = np.flatnonzero(rows.moving)
-        return cls(rows, own, WhitenedMotion(rows, own))
-
-    def with_command(self, command: Array) -> _Judged:
-        """The same motion with other commands (n, k, d) on it."""
-        return replace(self, rows=replace(self.rows, command=command))
-
-    @cached_property
-    def _evidence(self) -> ColumnEvidence:
-        (m,), d = self.own.shape, self.rows.command.shape[2]
-        joints = np.concatenate([np.repeat(np.arange(m), d), np.repeat(np.arange(m), m)])
-        columns = np.concatenate([np.repeat(np.arange(m), d), np.tile(np.arange(m), m)])
-        variants = np.concatenate([np.tile(np.arange(d), m), np.full(m * m, AS_LOGGED)])
-        return self.motion.evidence(self.rows.command, joints, columns, variants)
-
-    @property
-    def columns(self) -> ColumnEvidence:
-        """(m d) of joints with their own columns, in all variants."""
-        return self._evidence.take(slice(0, len(self.own) * self.rows.command.shape[2]))
-
-    @property
-    def crossed(self) -> ColumnEvidence:
-        """(m m) of joints with all columns, as they were logged."""
-        return self._evidence.take(slice(len(self.own) * self.rows.command.shape[2], None))
-
-    def variant(self, number: int) -> ColumnEvidence:
-        """Of each joint's own column in one variant."""
-        return self.columns.take(np.arange(len(self.own)) * self.rows.command.shape[2] + number)
-
-    def over(self, values: Array | Mask, fill: float) -> Array:
-        """(k,) of all joints, from those of the moving ones (m,)."""
-        found = np.full(len(self.rows.parts), fill, dtype=values.dtype)
-        found[self.own] = values
-        return np.asarray(found)
-
-    def decision(self, level: Level, variant: int = AS_LOGGED, **more: object) -> Decision:
-        """variant: of the commands, in which strange joints are looked for."""
-        right, inverted = self.variant(AS_LOGGED).signs()
-        told, strange = self.over(right - inverted, 0.0), self.over(self.variant(variant).strange(), False)
-        return Decision(level, told, self.rows.moving, strange, **more)  # type: ignore[arg-type]
+LEAST_HALF = 20  # rows of a half: fewer tell nothing
 
 
 def judge(
@@ -141,22 +49,22 @@ def judge(
     """
     fresh = tuple(range(len(logs)) if fresh is None else fresh)
     groups = groups_of(len(logs), fresh)
-    judged = _Judged.of(rows_of(logs, path, body, groups, fresh))
+    judged = JointEvidence.of(rows_of(logs, path, body, groups, fresh))
     if judged is None:
         none = np.zeros(len(path.parts))
         return Decision("silent", none, none > 0.0, none > 0.0)
 
-    def shifted(late: float) -> _Judged:
+    def shifted(late: float) -> JointEvidence:
         """The same rows with the commands of new logs from so much later."""
-        moved = [_shifted(log, late) if i in fresh else log for i, log in enumerate(logs)]
+        moved = [shifted_log(log, late) if i in fresh else log for i, log in enumerate(logs)]
         return judged.with_command(commands_of(moved, path, groups, fresh))
 
     # commands that are late, too little to be told so, look like another order or sign
-    by, at_edge = _in_step(judged), _at_edge(judged)
+    by, at_edge = in_step(judged), at_edge_of(judged)
     stepped = shifted(by) if by else judged
-    new = [_shifted(logs[i], by) if by else logs[i] for i in fresh]
+    new = [shifted_log(logs[i], by) if by else logs[i] for i in fresh]
     # what was told before has its order and its direction
-    alone = stepped if len(new) == len(logs) else _Judged.of(rows_of(new, path, body))
+    alone = stepped if len(new) == len(logs) else JointEvidence.of(rows_of(new, path, body))
     timed = all(measured_rates(log, path) for log in new)
 
     def hypotheses() -> Iterator[Decision | None]:
@@ -165,12 +73,13 @@ def judge(
         if alone is not None and order is not None and order.odds >= ORDER:
             exchanged = _exchanged(alone, new, path, body, order)
         turned = _signs(stepped, fresh, order, -np.inf if timed or alone is None else _backwards(alone))
-        far = _far(judged, shifted, fresh) if at_edge else None  # it makes an order doubtful
+        far = far_delay(judged, shifted, fresh) if at_edge else None  # it makes an order doubtful
         # of a periodic motion a delay of half a period looks like a sign
         yield None if far is None or (turned is not None and turned.odds >= far.odds) else far
         yield exchanged if len(new) == 1 else None
         yield turned if turned is not None and len(turned.logs) < len(logs) else None
-        yield _late(judged, fresh)
+        yield late(judged, fresh)
+        yield late_alone(judged, fresh)
         yield exchanged  # of several logs, one that is inverted looks like another order
         yield None if timed or alone is None else _reversed(alone)
         yield turned
@@ -195,7 +104,6 @@ def groups_of(count: int, fresh: Sequence[int]) -> list[tuple[int, ...]]:
 
 AS_IS, EACH = 0.9, 0.15  # prior of the logs as they are; of each joint's sign, where some are inverted
 ALL, SOME = 0.03, 0.07  # prior that all signs are inverted, or some, in all logs
-MOST_GROUPS = 12  # logs that may differ from the others, of the newest
 GROUP, OLD_GROUP = 0.02, 0.002  # in some logs alone; where those were judged before
 
 
@@ -270,7 +178,7 @@ def _others(apart: Array) -> float:
 
 
 def _signs(
-    judged: _Judged, fresh: Sequence[int], order: ColumnOrder | None, backwards: float
+    judged: JointEvidence, fresh: Sequence[int], order: ColumnOrder | None, backwards: float
 ) -> Decision | None:
     """The likeliest inverted signs and the logs that have them; None where the logs are right as they are.
 
@@ -328,82 +236,11 @@ def _signs(
     )
 
 
-# log odds from which commands are shifted: 15 in a right simulated log, 28 in real ones
-SHIFT = 3.0 * CERTAIN
-LEAST_DELAY = 0.03  # s: real sensors have less without harm
-DELAY_PRIOR = 100.0  # 1/s: log prior that falls with a delay
-
-
-def _delays(judged: _Judged, by: float = 0.0) -> Array:
-    """(d,) log evidence of each delay, of rows whose commands were shifted by s."""
-    whole = judged.columns.whole().reshape(len(judged.own), -1)[:, : len(DELAYS)]
-    return np.asarray(whole.sum(axis=0) - DELAY_PRIOR * np.abs(np.array(DELAYS) + by))
-
-
-def _at_edge(judged: _Judged) -> bool:
-    return int(_delays(judged).argmax()) in (0, len(DELAYS) - 1)
-
-
-def _in_step(judged: _Judged) -> float:
-    """s by which the commands of new logs fit the motion best; 0 where that is not certain, or at an end."""
-    total = _delays(judged)
-    certain = total.max() - total[AS_LOGGED] >= CERTAIN and not _at_edge(judged)
-    return DELAYS[int(total.argmax())] if certain else 0.0
-
-
-FAR, FARTHEST = (0.25, 0.45), 0.55  # s about which longer delays are looked for, and the longest
-# log odds from which a long delay is asked about: right logs of an arm that sticks had 74, late ones 430
-FAR_ODDS = 150.0
-MOST_KNOWN = 0.5  # of the joints, at least, whose signs are told with such a delay
-
-
-def _far(judged: _Judged, shifted: Callable[[float], _Judged], fresh: Sequence[int]) -> Decision | None:
-    """The same beyond the delays of the rows: first coarsely, then about the best of them. None at an end of
-    what is tried, and where signs are not right then: of a periodic motion many delays fit somehow. So this
-    is a question, and nothing is shifted unasked.
-    """
-    way = float(np.sign(DELAYS[int(_delays(judged).argmax())]))
-    best, own, at = 0.0, judged, AS_LOGGED
-    for centres in ([way * far for far in FAR], None):
-        tried = [(by, shifted(by)) for by in centres or [best]]
-        by, own = max(tried, key=lambda one: float(_delays(one[1], one[0]).max()))
-        at = int(_delays(own, by).argmax())
-        best = by + DELAYS[at]
-    odds = float(least(own.variant(at).by_class(), judged.variant(AS_LOGGED).by_class()).sum())
-    odds -= DELAY_PRIOR * abs(best)
-    right, inverted = own.variant(at).signs()
-    known = np.abs(right - inverted) >= LIKELY
-    clear = known.mean() >= MOST_KNOWN and (right > inverted)[known].all()
-    if odds < FAR_ODDS or not clear or abs(best) >= FARTHEST:
-        return None
-    return judged.decision("ask", check=DELAY, logs=tuple(fresh), by=(round(best, 3),), odds=odds)
-
-
-def _shifted(log: Log, late: float) -> Log:
-    """The log with the commands of so many s later; at the ends the last ones."""
-    command = next(c for c in log.channels.values() if c.role == "command" and c.acts_on in log)
-    return log.put(command, resample(log.t, log[command.name], log.t + late))
-
-
-def _late(judged: _Judged, fresh: Sequence[int]) -> Decision | None:
-    """Commands of the new logs before or behind the motion, alike in all joints."""
-    total = _delays(judged)
-    long = np.abs(DELAYS) >= LEAST_DELAY
-    best, near = int(total.argmax()), int(np.where(long, -np.inf, total).argmax())
-    if not long[best] or best in (0, len(DELAYS) - 1):  # beyond what is tried it may be any
-        return None
-    sizes = [judged.variant(i).by_class() for i in (best, near)]
-    odds = float(least(*sizes).sum() + DELAY_PRIOR * (abs(DELAYS[near]) - abs(DELAYS[best])))
-    if odds < SHIFT:
-        return None
-    return judged.decision("note", check=DELAY, logs=tuple(fresh), by=(DELAYS[best],), odds=odds)
-
-
 ORDER = CERTAIN  # log odds from which anything is said: of 430 right logs one had more, and its halves less
 PAIR, ANY_ORDER = 0.05, 0.005  # prior of one exchanged pair, of any other order
 
 
-def _gains(judged: _Judged) -> Array:
+def _gains(judged: JointEvidence) -> Array:
     """(m, m) how much better column k fits joint j than its own joint, by the least favourable class, and no
     more than the sign of k is known by under j: what depends on the place fits any joint by chance.
     """
@@ -439,7 +276,7 @@ class ColumnOrder:
         return int((self.columns != count).sum()) == 2 or bool((self.columns == count[::-1]).all())
 
 
-def order_of(judged: _Judged) -> ColumnOrder | None:
+def order_of(judged: JointEvidence) -> ColumnOrder | None:
     """None where the order given is the best one."""
     gains = _gains(judged)
     columns, odds = _assigned(gains)
@@ -464,7 +301,7 @@ def _assigned(gains: Array) -> tuple[Index, float]:
 
 
 def _exchanged(
-    judged: _Judged, logs: Sequence[Log], path: Channel, body: Mean | None, order: ColumnOrder
+    judged: JointEvidence, logs: Sequence[Log], path: Channel, body: Mean | None, order: ColumnOrder
 ) -> Decision | None:
     """Exchanged columns, if the halves of every log, judged by themselves, say so together."""
     m = len(order.columns)
@@ -492,14 +329,16 @@ def _half_gain(
     rows = rows_of(parts, path, body)
     if rows is None or len(rows.t) < LEAST_HALF:
         return 0.0
-    return float(_gains(_Judged(rows, own, WhitenedMotion(rows, own)))[np.arange(len(own)), order].sum())
+    return float(
+        _gains(JointEvidence(rows, own, WhitenedMotion.of(rows, own)))[np.arange(len(own)), order].sum()
+    )
 
 
 BACKWARDS = float(np.log(0.02))  # log prior of reversed rows
 EXPLAINED = 0.7  # of the joints, at least, that reversed rows explain
 
 
-def _backwards(judged: _Judged) -> float:
+def _backwards(judged: JointEvidence) -> float:
     """Log odds of rows that run backwards, their signs right or inverted, against the logs as they are."""
     given = judged.variant(AS_LOGGED)
     right, back, opposed = (log_sum(x, axis=1) for x in (given.right, given.reversed, given.opposed))
@@ -508,7 +347,7 @@ def _backwards(judged: _Judged) -> float:
     return float(BACKWARDS - np.log(AS_IS) + log_sum(signs) - right.sum())
 
 
-def _reversed(judged: _Judged) -> Decision | None:
+def _reversed(judged: JointEvidence) -> Decision | None:
     """Rows that run backwards: inertia and weight right, friction inverted. All signs inverted look alike
     but for these; where the two cannot be told apart, the question of signs names both.
     """
@@ -579,7 +418,7 @@ def weight_of(rows: FilteredRows, own: Index) -> Weight | None:
 FAINT = 1e-12  # squared N m: no weight
 
 
-def _weights(judged: _Judged, force: bool) -> Decision | None:
+def _weights(judged: JointEvidence, force: bool) -> Decision | None:
     """Weight upside down in a joint whose friction tells nothing, or none at all: taken out already."""
     weight = weight_of(judged.rows, judged.own)
     if weight is None:

@@ -258,12 +258,19 @@ def contradiction(
         more = "less" if kg < 0.0 and not two else "more"
         why = f"{abs(kg):.2g} kg {more} at the last link in {sources[loaded]} explains it"
     ratio = float(np.exp(np.median(apart[odd])))
+    fact = f"one model leaves {ratio:.2g} times as much of the commands as one for each"
+    return contradicting(sources, odd, told, fact, why)
+
+
+def contradicting(sources: Sequence[str], odd: int, told: Sequence[int], fact: str, why: str) -> Finding:
+    """The finding that the log `odd` contradicts the others of those told."""
     who = f"{sources[odd]} contradicts the other logs"
-    who = who if not two else f"{' and '.join(sources[i] for i in told)} contradict each other"
+    if len(told) == 2:
+        who = f"{' and '.join(sources[i] for i in told)} contradict each other"
     return Finding(
         CONTRADICTS,
         "yellow",
-        f"{who}: one model leaves {ratio:.2g} times as much of the commands as one for each. {why}.",
+        f"{who}: {fact}. {why}.",
         f"Tell the logs of one robot, with one load; another one is a campaign of its own. "
         f"{accepted(CONTRADICTS).capitalize()}.",
         flag=CONTRADICTS,

@@ -15,7 +15,7 @@ serves all joints and columns.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from typing import NamedTuple
@@ -69,6 +69,12 @@ NEAR_FILE = tuple(
     )
 )
 """With a model file that is right to 0.3, 3 or 15 %."""
+FEW = tuple(
+    point._replace(rough=0.1)
+    for point in GRID
+    if point.size == SIZES[2] and point.speeds == SPEEDS[0] and point.drift == DRIFTS[2][0]
+)
+"""Enough to compare models of some rows with one model of all; a right log is no odder than a tenth."""
 LEVEL = 4.0  # variance of a command's mean, at least
 SWAY = 0.7  # of the chain's kernel: how much of a weight turns with one joint
 SMALL_WAY = 0.3  # rad: a joint that goes less far is no angle to the springs' kernel
@@ -160,16 +166,22 @@ class _Whitened(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class WhitenedMotion:
-    """What explains any commands on n rows: k joints `own`, r regressors of each, at the points of a grid."""
+    """What explains any commands on n rows: k joints `own`, r regressors of each, at the points of a grid.
+
+    Attributes:
+        odd: (n,) rows that share no model with the others, but for the size of their noise; None: all do.
+    """
 
     rows: FilteredRows
     own: Index
+    grid: tuple[Point, ...]
+    odd: Mask | None = None
     known: list[_Whitened] = field(default_factory=list)
 
-    @cached_property
-    def grid(self) -> tuple[Point, ...]:
-        """Of as many points as there are sizes and memories."""
-        return GRID + (NEAR_FILE if self.rows.torque is not None else ())
+    @classmethod
+    def of(cls, rows: FilteredRows, own: Index) -> WhitenedMotion:
+        """At as many points as there are sizes and memories."""
+        return cls(rows, own, GRID + (NEAR_FILE if rows.torque is not None else ()))
 
     def _points(self) -> Iterator[tuple[Array, _Whitened]]:
         """Of each point, the lower Cholesky factor of the covariance, which serves all joints and columns."""
@@ -181,12 +193,18 @@ class WhitenedMotion:
 
     @cached_property
     def _covariance(self) -> Callable[[Point], Array]:
-        return _covariances(self.rows)
+        covariance, odd = _covariances(self.rows), self.odd
+        if odd is None:
+            return covariance
+        same = np.equal.outer(odd, odd)
+        return lambda point: covariance(point) * same
 
     @cached_property
     def _right(self) -> tuple[Array, list[tuple[int, slice]]]:
         """(n, k r + m) regressors and stands, and where those of each joint that stands are."""
         stands, X = [self.rows.stands[j] for j in self.own], _regressors(self.rows, self.own)
+        if self.odd is not None:
+            X = np.concatenate([X * self.odd[:, None, None], X * ~self.odd[:, None, None]], axis=2)
         flat = X.reshape(len(X), -1)
         ends = flat.shape[1] + np.cumsum([0, *(one.shape[1] for one in stands)])
         which = [(j, slice(a, b)) for j, (a, b) in enumerate(itertools.pairwise(ends)) if b > a]
@@ -226,6 +244,21 @@ class WhitenedMotion:
             unknown = idle[joints] if TORQUE in indices else np.zeros(len(joints), dtype=bool)
             fits.append((replace(fit, evidence=np.where(unknown, -np.inf, fit.evidence + prior)), indices))
         return _summed(fits, self.grid)
+
+    def free(self, command: Array, variants: Sequence[int] = (AS_LOGGED,)) -> Array:
+        """(k, v) log evidence of each joint's own column in v variants of the commands, of any coefficients.
+
+        Args:
+            command: (n, J, d) as that of the rows.
+        """
+        joints = np.repeat(np.arange(len(self.own)), len(variants))
+        target = joints * command.shape[2] + np.tile(variants, len(self.own))
+        square, across = self._products(_columns(command[:, self.own]), joints, target)
+        copies, found = 1 if self.odd is None else 2, []
+        for indices in TERMS:
+            each = [i + across.shape[2] // copies * copy for copy in range(copies) for i in indices]
+            found.append(self._fitted(square, across, tuple(each), joints).evidence)
+        return np.asarray(log_sum(np.concatenate(found), axis=0)).reshape(-1, len(variants))
 
     def _products(self, Y: Array, joints: Index, target: Index) -> tuple[Array, Array]:
         """Of each pair's column, whitened: (h, p) with itself, (h, p, r) with the joint's regressors."""

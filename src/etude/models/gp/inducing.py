@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 from typing import Literal
 
@@ -275,12 +275,14 @@ class FixedInducing:
     Attributes:
         gp: kernel, hyperparameters and noise.
         fold: (n,) what each sample is left out with; None: nothing is.
+        solved: by folds left out and inputs, what `_without` said: outputs may differ.
     """
 
     gp: ExactGP
     Z: Array
     X: Array
     fold: Index | None = None
+    solved: dict[tuple[tuple[int, ...], bytes], tuple[Array, Array]] = field(default_factory=dict)
 
     @cached_property
     def L_inverse(self) -> Array:
@@ -334,18 +336,26 @@ class FixedInducing:
 
     def held_out(self, Y: Array, folds: Iterable[int], at: Array) -> tuple[Array, Array]:
         """Means (k, m) and variances (k,) with noise at inputs (k, D), from outputs (n, m) of other folds."""
-        gp, left_out = self.gp, set(folds)
-        others = [number for number in self.places if number not in left_out]
+        left_out = tuple(sorted(set(folds)))
+        if (key := (left_out, at.tobytes())) not in self.solved:
+            self.solved[key] = self._without(left_out, at)
+        weights, variance = self.solved[key]
+        told = self._told(Y, [number for number in self.places if number not in left_out])
+        return weights.T @ told, variance
+
+    def _without(self, left_out: tuple[int, ...], at: Array) -> tuple[Array, Array]:
+        """Of inputs (k, D): weights (u, k) of what other folds tell, and variances (k,) with noise."""
+        gp = self.gp
         with threads_for(len(self.Z)):
             A = self.whole  # of all but a fold: less is rounded than jitter adds
-            for number in left_out & set(self.places):
+            for number in set(left_out) & set(self.places):
                 A = A - self.parts[number][1]
             root, V = factorise(A, 1.0, announce=False)[0], self._whitened(at)
             here = dtrtrs(root, V, lower=1)[0]
-            kept = dtrtrs(root, self._told(Y, others), lower=1)[0]
-        missing = gp.kernel.diagonal(gp.theta, at) - np.einsum("un,un->n", V, V)
-        spread = np.einsum("un,un->n", here, here)
-        return here.T @ kept, np.maximum(missing, 0.0) + spread + gp.noise_variance
+            missing = gp.kernel.diagonal(gp.theta, at) - np.einsum("un,un->n", V, V)
+            spread = np.einsum("un,un->n", here, here)
+            weights = dtrtrs(root, here, lower=1, trans=1)[0]
+        return np.asarray(weights), np.maximum(missing, 0.0) + spread + gp.noise_variance
 
     def _whitened(self, X: Array) -> Array:
         """(u, k) L^-1 k(Z, X) at X (k, D)."""

@@ -59,7 +59,7 @@ def own_columns(rows: FilteredRows, variants: int = 1) -> ColumnEvidence:
     own = np.arange(rows.q.shape[1])
     joints = np.repeat(own, variants)
     numbers = np.tile(np.arange(variants) if variants > 1 else [AS_LOGGED], len(own))
-    return WhitenedMotion(rows, own).evidence(rows.command, joints, joints, numbers)
+    return WhitenedMotion.of(rows, own).evidence(rows.command, joints, joints, numbers)
 
 
 def test_two_independent_halves_are_their_product() -> None:

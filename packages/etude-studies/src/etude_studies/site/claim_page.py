@@ -13,8 +13,10 @@ from etude_studies.site.claim_words import (
     compared,
     deciding,
     estimate,
+    level,
     printed_words,
     sentence,
+    shown_part,
 )
 from etude_studies.site.context import Study
 from etude_studies.site.dot_plot import Dot, dot_plot
@@ -25,15 +27,15 @@ from etude_studies.site.mathematics import prose
 from etude_studies.site.numbers import Summary
 from etude_studies.site.page import chip, command, file_of, folded, link, page, word_chip
 from etude_studies.site.seed_plot import Strip, seed_plot
-from etude_studies.site.words import entry_name, plural, row_name, section_name
+from etude_studies.site.words import entry_name, measure_name, plural, row_name, section_name
 from etude_studies.thesis.catalogue import catalogue
 from etude_studies.thesis.choosing import runs_of
 from etude_studies.thesis.contrasts import EACH
 from etude_studies.thesis.kept import price_s
 from etude_studies.thesis.ledger import Claim, Part
-from etude_studies.thesis.part_verdicts import NOT_RUN, UNTESTED, PartVerdict
+from etude_studies.thesis.part_verdicts import DEPENDS, NOT_RUN, UNTESTED, PartVerdict
 from etude_studies.thesis.parts import in_logs, run_of
-from etude_studies.thesis.readings import ON_PLANT, Reading
+from etude_studies.thesis.readings import EQUAL, ON_PLANT, Reading
 from etude_studies.thesis.verdict_file import Verdict, shown
 
 KINDS = {
@@ -58,6 +60,7 @@ def claim_page(study: Study, claim: Claim) -> Html:
         element("blockquote", prose(" … ".join(claim.quote))),
         element("p", chip(verdict), " ", sentence(verdict, _short(study, claim, own)), class_="lead verdict"),
         _again(verdict),
+        _steps(study, claim, verdict),
         _short_of_seeds(study, claim),
         _picture(own, verdict),
         _table(_names(study, claim), own, verdict),
@@ -80,14 +83,16 @@ def _names(study: Study, claim: Claim) -> Names:
 
 
 def _short(study: Study, claim: Claim, own: Sequence[tuple[str, Part]]) -> str:
-    """What the deciding number is of, where it is a plain ratio."""
+    """What the deciding number is of, where it is a plain ratio or a value against a bound."""
     verdict = study.verdicts[claim.id]
     first = deciding(verdict)
     part = next((asked for asked, found in _matched(own, verdict) if found is first), None)
-    if part is None or part.statistic not in ("ratio", "ratio_each"):
+    if part is None:
         return ""
     names = _names(study, claim)
-    return f"{names(part.a)} over {names(part.b)}"
+    if part.statistic == "value" and part.bound and not part.log:
+        return f"{measure_name(part.measure)}, less {number(part.bound)}"
+    return f"{names(part.a)} over {names(part.b)}" if part.statistic in ("ratio", EACH) else ""
 
 
 def _about(claim: Claim, verdict: Verdict) -> Html:
@@ -133,6 +138,17 @@ def _returns(study: Study, claim: Claim) -> str:
     if not found:
         return f"Settings under which the claim holds: none found among {plural(len(run), 'reading')}."
     return f"The claim holds under: {'; '.join(found)} ({len(found)} of {plural(len(run), 'reading')})."
+
+
+def _steps(study: Study, claim: Claim, verdict: Verdict) -> Html:
+    """The word under the other readings of a step; of one that depends on them the verdict tells."""
+    if verdict.word == DEPENDS:
+        return Html("")
+    words = [
+        f"{own.name}: {shown(other)}" for own, other in study.readings_of(claim) if own.ambiguity == EQUAL
+    ]
+    told = f"Here steps are line searches. Read otherwise: {'; '.join(words)}."
+    return paragraph(told, class_="soft") if words else Html("")
 
 
 def _short_of_seeds(study: Study, claim: Claim) -> Html:
@@ -201,9 +217,12 @@ def _item(names: Names, part: Part, found: PartVerdict) -> list[object]:
     said = compared(part, names, found.k)
     first = [element("b", _number(found)), f" {said[:1].upper()}{said[1:]}; {claimed(part)}."]
     if found.estimate is None:
-        word = NOT_RUN if found.reason.startswith(NOT_RUN) else found.word
-        return [*first, paragraph(word_chip(word), f" {found.reason.removeprefix(f'{NOT_RUN}: ')}.")]
-    facts = [estimate(found), f"{found.wins} of {plural(found.seeds, 'seed')} on the claimed side"]
+        return [
+            *first,
+            paragraph(word_chip(shown_part(found)), f" {found.reason.removeprefix(f'{NOT_RUN}: ')}."),
+        ]
+    facts = [estimate(found), *filter(None, [level(part, found)])]
+    facts += [f"{found.wins} of {plural(found.seeds, 'seed')} on the claimed side"]
     facts += [f"{plural(found.failed, 'seed')} without a number"] if found.failed else []
     facts += [printed_words(found)] if found.printed is not None else []
     facts += [f"power {number(found.power, 2)} for {_margin(found)}"] if found.power is not None else []
@@ -228,7 +247,8 @@ def _told(claim: Claim) -> Html:
 def _command(study: Study, claim: Claim, verdict: Verdict) -> Html:
     if claim.untestable:
         return Html("")
-    words, cost = f"etude study run {claim.id} --seeds {claim.seeds}", study.price(claim.id, claim.seeds)
+    words, cost = f"etude study run {claim.id}", study.price(claim.id, verdict.block)
+    words += f" --seeds {verdict.block}" if verdict.block else ""
     told = paragraph(f"The command that computes these numbers again, with as many seeds as planned{cost}:")
     again = [told, command(words), command(f"etude study show {claim.id}"), data_links(claim.id)]
     return join([*_more_seeds(study, claim, verdict.asks), *again])
@@ -264,24 +284,24 @@ def _lacking(study: Study, claim: Claim, own: Reading) -> str:
         return own.name
     lack = {old: name for old, name in new.items() if name not in study.numbers.results.runs}
     cost = sum(price_s([old], catalogue()[name].seeds, study.numbers.results) for old, name in lack.items())
-    return (
-        f"{own.name} ({', '.join(lack.values())}: about {number(cost, 2)} CPU seconds)" if lack else own.name
-    )
+    return f"{own.name} ({', '.join(lack.values())}, {number(cost, 2)} s)" if lack else own.name
 
 
 def _readings(study: Study, claim: Claim, verdict: Verdict) -> Html:
     every = study.readings_of(claim)
     found = [(own, other) for own, other in every if shown(other) != NOT_RUN]
     rest = [_lacking(study, claim, own) for own, other in every if shown(other) == NOT_RUN]
-    lack = paragraph(f"Not run with every side: {'; '.join(rest)}.", class_="soft") if rest else ""
+    told = "Not run with every side (missing runs, CPU time of those that they replace)"
+    lack = paragraph(f"{told}: {'; '.join(rest)}.", class_="soft") if rest else ""
     if not found:
         return Html(lack)
     sources = {source for _, part in _parts(study, claim) for source in part.sources}
     rows: list[list[object]] = [["as above", chip(verdict), ""]]
     for own, other in found:
-        estimates = [estimate(part) for part in other.parts[:1]]
-        rows.append([reading_name(own, sources), chip(other), *estimates])
-    header = ["read so", "verdict", "first comparison"]
+        part = deciding(other)
+        decided = f"{_number(part)}: {estimate(part)}" if part is not None and estimate(part) else ""
+        rows.append([reading_name(own, sources), chip(other), decided])
+    header = ["read so", "verdict", "what decides"]
     return folded(
         "The verdict under other readings", table(header, rows), lack, note=_turns(study, claim, found)
     )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Mapping
 
 from etude.report import number
@@ -99,6 +100,20 @@ def estimate(part: PartVerdict) -> str:
     return f"{number(part.estimate)} [{number(part.low)}, {number(part.high)}]"
 
 
+def shown_part(part: PartVerdict) -> str:
+    """Its word, or that its runs are missing."""
+    return NOT_RUN if part.reason.startswith(NOT_RUN) else part.word
+
+
+def level(part: Part, found: PartVerdict) -> str:
+    """ "measured 0.95 [0.92, 0.98]", of a value that is set against a bound; else empty."""
+    numbers = (found.estimate, found.low, found.high)
+    if part.statistic != "value" or not part.bound:
+        return ""
+    own = [v * part.bound if part.log else v + part.bound for v in numbers if v is not None]
+    return f"measured {number(own[0])} [{number(own[1])}, {number(own[2])}]" if len(own) == 3 else ""
+
+
 def evidence(part: PartVerdict) -> str:
     """Estimate, wins and seeds in a few words."""
     found = estimate(part)
@@ -117,8 +132,8 @@ def sentence(verdict: Verdict, said: str = "") -> str:
     facts = evidence(part) if part is not None else ""
     many = len(verdict.parts)
     if facts and many > 1:
-        alike = sum(own.word == verdict.word for own in verdict.parts)
-        facts = f"{facts} (the first of {alike} such of {many} comparisons)"
+        counts = Counter(shown_part(own) for own in verdict.parts)
+        facts = f"{facts}. Its {many} comparisons: {', '.join(f'{n} × {own}' for own, n in counts.items())}"
     if word == NOT_RUN or verdict.word == UNTESTED:
         return _capital(verdict.reason.rstrip(".")) + "."
     opening = {

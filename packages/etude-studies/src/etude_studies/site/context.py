@@ -8,6 +8,7 @@ from functools import cached_property
 
 from etude.report import number
 from etude_studies.site.numbers import Numbers
+from etude_studies.thesis.catalogue import catalogue
 from etude_studies.thesis.choosing import runs_of
 from etude_studies.thesis.contrasts import Contrast, contrasts
 from etude_studies.thesis.kept import planned_seeds, price_s
@@ -55,10 +56,15 @@ class Study:
         """Seeds by run that count."""
         return planned_seeds(self.numbers.results)
 
-    def price(self, id: str, seeds: int, *, more: bool = False) -> str:
-        """ "; 800 CPU seconds" for all those seeds, or for those not there yet; "" if unknown."""
+    def price(self, id: str, seeds: int = 0, *, more: bool = False) -> str:
+        """ "; 800 CPU seconds" for so many seeds of each run, 0 for as many as planned; "" if unknown.
+
+        Args:
+            more: for those not there yet.
+        """
         runs = [run for run in runs_of(id) if run in self.numbers.results.runs]
-        spent = price_s(runs, seeds, self.numbers.results, more=more)
+        counts = {run: seeds or catalogue()[run].seeds for run in runs}
+        spent = sum(price_s([run], n, self.numbers.results, more=more) for run, n in counts.items())
         return f"; {number(spent)} CPU seconds" if spent else ""
 
     def recorded(self, part: Part) -> PartVerdict:

@@ -81,7 +81,8 @@ def _told(study: Study, words: Counter[str]) -> Html:
         f"“{NOT_RUN.capitalize()}”: their runs are missing or not complete, so they cannot be tested yet. "
     )
     again = paragraph(
-        f"The command that computes everything again; {number(hours)} CPU hours:", class_="soft"
+        f"The command that computes everything again; {number(hours)} CPU hours, and what is not run yet:",
+        class_="soft",
     )
     rule = link(ABOUT, "What the words mean, and how they are decided.")
     return join([paragraph(said, rule), again, command("etude study run all")])

@@ -36,6 +36,14 @@ WORDS: Mapping[str, Word] = {
 }
 
 LINES: Mapping[str, str] = {
+    "O1:none": "no learning on line",
+    "O1:variance": "learning on line, variance rule",
+    "O1:error": "learning on line, error rule",
+    "T1:exact": "an exact process, with its samples n",
+    "T1:exact_extrapolated": "an exact process, extrapolated",
+    "T1:dictionary": "the dictionary",
+    "T1:spectrum": "a sparse spectrum, with its points m",
+    "T1:spectrum_n": "a sparse spectrum, with its samples n",
     "B0": "PD alone",
     "B1": "exact inverse",
     "B2": "exact inverse without friction",
@@ -85,9 +93,9 @@ MEASURES: Mapping[str, str] = {
     "cpu_predict": "processor time of prediction",
     "cpu_design": "processor time of design",
     "cpu_swap": "processor time of an exchange in the dictionary",
-    "cpu_slope_mean": "power of n or m by which the time of a mean grows",
-    "cpu_slope_variance": "power of n or m by which the time of a variance grows",
-    "cpu_slope_train": "power of n or m by which the time of training grows",
+    "cpu_slope_mean": "growth (as a power) of the time of a mean",
+    "cpu_slope_variance": "growth (as a power) of the time of a variance",
+    "cpu_slope_train": "growth (as a power) of the time of training",
     "cpu_train_hours": "hours of training",
     "effort": "effort of the command",
     "fill": "largest gap of the data",
@@ -95,6 +103,8 @@ MEASURES: Mapping[str, str] = {
     "length_change": "change of the length scales in logarithms",
 }
 TESTS: Mapping[str, str] = {
+    "friction": "friction grown by half after the first pass",
+    "payload": "0.5 kg carried after the first pass",
     "fourier": "each seed's own test motion",
     "common": "one test motion common to all seeds",
     "moves": "point-to-point moves",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import cache, partial
 from typing import Any
 
@@ -60,9 +60,9 @@ def catalogue() -> Mapping[str, Run]:
     for name, (what, settings) in MINIATURE.items():
         runs.append(Run(name, what, SMALL_SEEDS, partial(arm_spec, settings)))
     for name, (what, flight) in FLIGHT_RUNS.items():
-        runs.append(Run(name, what, FLIGHT_SEEDS, partial(flight_spec, asdict(flight))))
+        runs.append(Run(name, what, FLIGHT_SEEDS, partial(flight_spec, flight.told)))
     for name, (what, flight) in SMALL_FLIGHTS.items():
-        runs.append(Run(name, what, SMALL_SEEDS, partial(flight_spec, asdict(flight))))
+        runs.append(Run(name, what, SMALL_SEEDS, partial(flight_spec, flight.told)))
     runs += [Run(name, *own) for name, own in SMALL_RUNS.items()]
     return {run.name: run for run in runs}
 

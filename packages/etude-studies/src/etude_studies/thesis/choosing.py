@@ -25,7 +25,7 @@ GROUPS: Mapping[str, str] = {
 }
 VARIED = {"G": "descent", "U": "rounding", "V": "plants"}
 """Groups by the first letter of their runs."""
-SENSITIVITY = ("Q6u", "Q6d", "Q7u", "Q7d", "Q8u", "Q8d", "P5u", "P5d")
+SENSITIVITY = ("Q6u", "Q6d", "Q7u", "Q7d", "Q8u", "Q8d", "P5u", "P5d", "P6u", "P6d")
 
 
 @cache

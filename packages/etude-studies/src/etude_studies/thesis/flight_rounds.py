@@ -16,14 +16,17 @@ from scipy.linalg import LinAlgError, cholesky, solve_triangular
 
 from etude.design import DesignConfig, design
 from etude.models import ExactGP, ExactPosterior, LearnedModel
-from etude.protocols import Inputs
+from etude.protocols import Inputs, Trajectory
+from etude.trajectories import Chain
 from etude.types import Array, Log, Samples
 from etude_quadrotor import QuadrotorInputs
-from etude_studies.flight_world import SAMPLERS
+from etude_studies.flight_world import SAMPLERS, Flights
 from etude_studies.thesis.flight_settings import FlightSettings, Learning, flights_of
 
 FIRST, TEST, REFERENCE, NOISE, TRAIN, FRESH, ARM = 0, 1, 2, 3, 4, 5, 10
 """Streams of a seed's random numbers; arms count up from ARM, set of tests count within TEST."""
+CLEAR = 0.05
+"""m above the height of contact, at which a simulated flight from the ground begins and ends."""
 ARMS = ("uniform", "scaled", "boundary", "designed", "designed_one_start")
 
 
@@ -67,7 +70,7 @@ def first_round(learning: Learning, seed: int) -> Round:
     """After the uniform random flight that all arms of a seed begin with; it sets the hyperparameters."""
     flights = flights_of(learning.place)
     parameters = SAMPLERS["uniform"](np.random.default_rng([seed, FIRST]), flights.feasible)[0]
-    logs = _flown(learning, seed, parameters, 1)
+    logs = _flown(learning, seed, parameters, 1, from_ground=learning.from_ground)
     samples = learning.place.samples(*logs)
     began = time.process_time()
     world = replace(flights.world, config=learning.config)
@@ -84,10 +87,23 @@ def flown_round(learning: Learning, seed: int, last: Round, parameters: Array) -
     return Round(logs, (*last.parameters, parameters), samples, model, time.process_time() - began)
 
 
-def _flown(learning: Learning, seed: int, parameters: Array, number: int) -> tuple[Log, ...]:
+def _flown(
+    learning: Learning, seed: int, parameters: Array, number: int, *, from_ground: bool = False
+) -> tuple[Log, ...]:
     flights = flights_of(learning.place)
     rng = np.random.default_rng([seed, NOISE, number])
-    return tuple(flights.flown([flights.family.trajectory(parameters)], rng))
+    flight = flights.family.trajectory(parameters)
+    return tuple(flights.flown([between_ground(flights, flight) if from_ground else flight], rng))
+
+
+def between_ground(flights: Flights, flight: Trajectory) -> Trajectory:
+    """The flight from take-off to landing; both from and to just above the ground, which ends a flight."""
+    world, vehicle = flights.world, flights.robot.vehicle
+    pose = np.array([*flights.home[:2], vehicle.parameters.contact_height + CLEAR])
+    found = world.kind.approaches(world.spec, flight, pose)
+    assert found is not None
+    there, back = found
+    return Chain((*there.parts, ("segment", flight), *back.parts))  # type: ignore[attr-defined]
 
 
 def next_flight(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from functools import lru_cache
 from typing import Any
 
@@ -53,12 +53,13 @@ class Learning:
 
     Attributes:
         place: where. noise_floor: in place of the preset's. acceleration: the same, "kinematic" or
-            "specific_force".
+            "specific_force". from_ground: whether the first flight takes off and lands.
     """
 
     place: Place
     noise_floor: float | None = None
     acceleration: str | None = None
+    from_ground: bool = False
 
     @property
     def config(self) -> CampaignConfig:
@@ -86,6 +87,7 @@ class FlightSettings:
         candidates: random starts of a design. refine: how many of them are refined. steps: of each.
         points: planned samples of a design.
         tests: numbers of uniform, boundary and extreme test flights.
+        from_ground: whether the first flight is learned from take-off to landing.
     """
 
     vehicle: str = "quadrotor"
@@ -101,6 +103,7 @@ class FlightSettings:
     steps: int = 30
     points: int = 75
     tests: tuple[int, int, int] = (20, 12, 10)
+    from_ground: bool = False
 
     def __post_init__(self) -> None:
         uniform, boundary, extreme = self.tests  # a list, if it comes from JSON
@@ -112,7 +115,13 @@ class FlightSettings:
 
     @property
     def learning(self) -> Learning:
-        return Learning(self.place, self.noise_floor, self.acceleration)
+        return Learning(self.place, self.noise_floor, self.acceleration, self.from_ground)
+
+    @property
+    def told(self) -> dict[str, Any]:
+        """The settings; without what was added after runs had been made, where it changes nothing."""
+        own = asdict(self)
+        return own if self.from_ground else {name: own[name] for name in own if name != "from_ground"}
 
     @property
     def design(self) -> DesignConfig:

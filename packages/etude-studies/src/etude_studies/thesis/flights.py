@@ -3,7 +3,8 @@
 The protocol is that of the text: hyperparameters of the first flight, then constant; a process for each
 command; every sample of every flight; flights of (3.3), random or of largest mean variance (3.4). Departures:
 
-* The first flight of 5.3 was learned from take-off to landing; here every flight is its trajectory alone.
+* The first flight of 5.3 was learned from take-off to landing: P6u and P6d do so, from 5 cm above the ground;
+  in the others every flight is its trajectory alone.
 * `fmincon` had differences for derivatives and starts that are not told; here gradients are exact, with
   several starts or with one, and the processes are seen through 300 of their samples. Planned samples of a
   design are 75, whose mean variance agrees with that of 300 in three digits.
@@ -67,6 +68,11 @@ FLIGHT_RUNS: dict[str, tuple[str, FlightSettings]] = {
     "P4": (
         "simulated Pelican, flights of largest mean variance, one start",
         replace(_P, arm="designed_one_start", steps=60),
+    ),
+    "P6u": ("P1 with a first flight from take-off to landing", replace(_P, from_ground=True)),
+    "P6d": (
+        "P2 with a first flight from take-off to landing",
+        replace(_P, arm="designed", from_ground=True),
     ),
     "P5u": ("P1 with kinematic acceleration", replace(_P, acceleration="kinematic")),
     "P5d": ("P2 with kinematic acceleration", replace(_P, arm="designed", acceleration="kinematic")),

@@ -39,10 +39,10 @@ def verdicts_of(results: Results) -> dict[str, Verdict]:
     """Verdicts on every claim from as many seeds as there are, up to those that were planned or asked for."""
     from etude_studies.thesis.readings import EQUAL, READINGS, depending, readings
 
-    planned = planned_seeds(results)
-    found = judge(ledger(), results, planned=planned, blocks=blocks())
+    planned, asked = planned_seeds(results), blocks()
+    found = judge(ledger(), results, planned=planned, blocks=asked)
     equal = [own for own in READINGS if own.ambiguity == EQUAL]
-    return depending(found, readings(ledger(), results, planned=planned, among=equal))
+    return depending(found, readings(ledger(), results, planned=planned, blocks=asked, among=equal))
 
 
 def planned_seeds(results: Results) -> dict[str, int]:

@@ -21,9 +21,9 @@ from etude_studies.thesis.contrasts import Values
 from etude_studies.thesis.flights import FLIGHT_RUNS
 from etude_studies.thesis.ledger import Claim, Ledger, Part
 from etude_studies.thesis.part_verdicts import DEPENDS, NOT_RUN
-from etude_studies.thesis.parts import read_so
+from etude_studies.thesis.parts import read_so, run_of
 from etude_studies.thesis.varied_runs import CHAOTIC, DESCENT, ON_PLANTS, PLANTS, ROUNDED
-from etude_studies.thesis.verdicts import Verdict, judge
+from etude_studies.thesis.verdicts import Verdict, judge, weighed
 
 
 @dataclass(frozen=True)
@@ -149,12 +149,15 @@ def _ladder(own: Settings) -> Settings | None:
     return None if other is None else {**other, "model": {"rung": "auto"}}
 
 
+LEARN_THE_TEST = ("Y1",)
+"""Runs that repeat the test motion to learn it."""
 ON_PLANT = "an arm with "
 """How the names of readings on other arms begin."""
 ON_EDGE, EXTREME = (dict.fromkeys(("uniform", "single", "fresh"), kind) for kind in ("boundary", "extreme"))
 SLOW = exchange(_flight(_key("speed", None, 3.0), "quadrotor"))
 HARMONICS = exchange(_flight(_key("harmonics", 2, 5), "quadrotor"))
 KINEMATIC = exchange(_flight(lambda own: {**own, "acceleration": "kinematic"}, "pelican"))
+FROM_GROUND = exchange(_flight(_key("from_ground", False, True), "pelican"))
 FLOOR = exchange(_flight(_key("noise_floor", None, 0.2), "quadrotor"))
 RANDOM = exchange(_arm(_amplitude)) | exchange(_flight(_key("arm", "uniform", "scaled")))
 ONE = exchange(_arm(_search(ONE_START))) | exchange(_flight(_key("arm", "designed", "designed_one_start")))
@@ -178,6 +181,7 @@ READINGS: Sequence[Reading] = (
     Reading("designs from one random start", "R5", ONE),
     Reading("spectrum on all samples", "R7", exchange(_arm(_all_samples))),
     Reading("kinematic acceleration on the Pelican", "R12", KINEMATIC),
+    Reading("the Pelican's first flight from take-off to landing", "", FROM_GROUND),
     Reading("a noise floor of 0.2 deviations", "", FLOOR),
     Reading("flights up to 3 m/s", "", SLOW),
     Reading("five harmonics", "", HARMONICS),
@@ -201,14 +205,17 @@ def readings(
     results: Values,
     *,
     planned: Mapping[str, int] | None = None,
+    blocks: Mapping[str, int] | None = None,
     among: Sequence[Reading] = READINGS,
 ) -> list[Reading]:
-    """Each with the verdicts on the claims that it touches."""
+    """Each with the verdicts on the claims that it touches; `planned` and `blocks` as of `judge`."""
+    usual = weighed(ledger, results, planned=planned, blocks=blocks)
     out = []
     for own in among:
         read = {claim.id: tuple(_read(own, part) for part in claim.parts) for claim in ledger.claims}
         claims = tuple(msgspec.structs.replace(claim, parts=read[claim.id]) for claim in ledger.claims)
-        found = judge(Ledger(claims, ledger.entries, ledger.ambiguities), results, planned=planned)
+        whole = Ledger(claims, ledger.entries, ledger.ambiguities)
+        found = judge(whole, results, planned=planned, usual=usual)
         out.append(changed_copy(own, verdicts=_touched(ledger, found, read)))
     return out
 
@@ -229,7 +236,12 @@ def _depending(own: Verdict, others: Sequence[Reading]) -> Verdict:
 
 
 def _read(own: Reading, part: Part) -> Part:
-    """A part so read; where two conditions make a reading, it has to change both or it is another's."""
+    """A part so read; where two conditions make a reading, it has to change both or it is another's.
+
+    The test of what has learned that very motion is no other motion.
+    """
+    if own.tests and {run_of(source) for source in part.sources} & set(LEARN_THE_TEST):
+        return part
     other = read_so(part, own.replace, own.tests, own.measures)
     both = own.replace and own.tests
     alone = (read_so(part, own.replace), read_so(part, {}, own.tests))

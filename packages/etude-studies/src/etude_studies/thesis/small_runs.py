@@ -28,8 +28,8 @@ SMALL_RUNS: Mapping[str, tuple[str, int, Callable[[int], Spec]]] = {
     "Y1": ("iterative learning control on the test itself", 20, repeated_spec),
     "Y6": ("adaptive control: Slotine and Li, Craig", 20, adaptive_spec),
     "R1": ("robot seconds until an error is reached, by method", 20, reach_spec),
-    "O1": ("learning on line, also after the arm has changed", 12, partial(_plain, "other_runs:on_line")),
-    "L1": ("voltages of a process in the quadrotor's loop", 12, partial(_plain, "other_runs:in_the_loop")),
+    "O1": ("learning on line, also after the arm has changed", 20, partial(_plain, "other_runs:on_line")),
+    "L1": ("voltages of a process in the quadrotor's loop", 20, partial(_plain, "other_runs:in_the_loop")),
     "P2t": ("a path and a thrust command of P2 over time", 1, partial(_plain, "flight_trace_run:run")),
     **{name: (f"{run} over time", 20, partial(trace_spec, name)) for name, (run, _) in TRACED.items()},
 }

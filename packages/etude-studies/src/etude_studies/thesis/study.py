@@ -19,6 +19,7 @@ from etude_studies.thesis.catalogue import Run, run_named
 from etude_studies.thesis.choosing import GROUPS, entries_of, ids, ledger, runs_of, unknown
 from etude_studies.thesis.computing import Chosen, Say
 from etude_studies.thesis.kept import (
+    blocks,
     kept_results,
     kept_verdicts,
     planned_seeds,
@@ -154,7 +155,7 @@ class ThesisStudy:
         if options["update"]:
             _renewed(store)
         results = so_far(_all_runs(), store, more=True)
-        other = readings(ledger(), results, planned=planned_seeds(results))
+        other = readings(ledger(), results, planned=planned_seeds(results), blocks=blocks())
         verdicts = verdicts_of(results)
         page = build_site(ledger(), verdicts, results, folder, sensitivity=other)
         written = _printed(verdicts, results, Path(options["paper"])) if options["paper"] else []

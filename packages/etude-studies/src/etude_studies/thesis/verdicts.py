@@ -47,6 +47,7 @@ def judge(
     *,
     planned: Mapping[str, int] | None = None,
     blocks: Mapping[str, int] | None = None,
+    usual: Mapping[str, Sequence[Weighed]] | None = None,
 ) -> dict[str, Verdict]:
     """A verdict on every claim, by id, in the ledger's order.
 
@@ -55,19 +56,48 @@ def judge(
         results: what was measured.
         planned: seeds by run, where that is not the claim's own number; those beyond do not count.
         blocks: by claim the seeds that it has asked for; they count where all its runs have them.
+        usual: of another reading what `weighed` finds in the usual one. Parts that are the same keep it;
+            those that have not been run so keep its p in the correction of the others.
 
     Raises:
         UsageError: a part that its statistic can do nothing with, an alias of no claim or of itself, or a
             claim with neither parts nor alias nor reason.
     """
-    read = partial(_weighed, results=results, planned=planned)
-    found = {claim.id: _block(claim, read, (blocks or {}).get(claim.id, 0)) for claim in ledger.claims}
-    corrected = _corrected(ledger.claims, found)
+    corrected = weighed(ledger, results, planned=planned, blocks=blocks, usual=usual)
     by_id = {claim.id: claim for claim in ledger.claims}
     verdicts: dict[str, Verdict] = {}
     for claim in ledger.claims:
         _settle(claim.id, by_id, corrected, verdicts, ())
     return {claim.id: verdicts[claim.id] for claim in ledger.claims}
+
+
+def weighed(
+    ledger: Ledger,
+    results: Values,
+    *,
+    planned: Mapping[str, int] | None = None,
+    blocks: Mapping[str, int] | None = None,
+    usual: Mapping[str, Sequence[Weighed]] | None = None,
+) -> dict[str, list[Weighed]]:
+    """The parts of every claim with adjusted p; see `judge`."""
+    read = partial(_weighed, results=results, planned=planned)
+    found = {claim.id: _block(claim, read, (blocks or {}).get(claim.id, 0)) for claim in ledger.claims}
+    if usual is None:
+        return _corrected(ledger.claims, found)
+    pairs = {id: list(zip(own, usual[id], strict=True)) for id, own in found.items()}
+    known = {id: [_known(one, old) for one, old in own] for id, own in pairs.items()}
+    corrected = _corrected(ledger.claims, known)
+    return {
+        id: [old if old.part == one.part else new for (one, old), new in zip(own, corrected[id], strict=True)]
+        for id, own in pairs.items()
+    }
+
+
+def _known(one: Weighed, old: Weighed) -> Weighed:
+    """A part for the correction of others: with the p of the usual reading where this one has none."""
+    if one.part == old.part:
+        return old
+    return changed_copy(one, p=old.p, p_permutation=old.p_permutation) if one.reason else one
 
 
 def _block(claim: Claim, read: Callable[..., list[Weighed]], seeds: int) -> list[Weighed]:

@@ -16,6 +16,7 @@ from etude.campaign import CampaignConfig, preset_config
 from etude.models import ExactGP, SquaredExponential
 from etude.types import Array
 from etude_quadrotor import KIND, QuadrotorInputs
+from etude_studies.flight_world import SAMPLERS
 from etude_studies.measured import comparable, measured_table
 from etude_studies.thesis import flight_tests
 from etude_studies.thesis.flight_measures import (
@@ -26,7 +27,7 @@ from etude_studies.thesis.flight_measures import (
     own_figures,
     variances_at,
 )
-from etude_studies.thesis.flight_rounds import Round, extended, first_round, rounds
+from etude_studies.thesis.flight_rounds import FIRST, Round, between_ground, extended, first_round, rounds
 from etude_studies.thesis.flight_settings import FlightSettings, Learning, Place, flights_of
 from etude_studies.thesis.flight_tests import FlightSet, flown_tests
 from etude_studies.thesis.flights import FLIGHT_RUNS, flight_traces, run_flights
@@ -35,7 +36,7 @@ SEED = 3
 STEPS = 5
 """Of the training, which is not what is tested."""
 IDS = ["Q1", "Q2", "Q3", "Q4", "Q5", "Q6u", "Q6d", "Q7u", "Q7d", "Q8u", "Q8d"]
-IDS += ["P1", "P2", "P3", "P4", "P5u", "P5d"]
+IDS += ["P1", "P2", "P3", "P4", "P6u", "P6d", "P5u", "P5d"]
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -313,3 +314,33 @@ def test_extreme_flights_are_those_designed_for_other_seeds(monkeypatch: pytest.
     given = flown_tests(replace(small("Q1"), tests=(1, 0, 2)), SEED)
     assert set(given.sets) == {"uniform", "extreme", "single"}
     assert len(np.unique(given.sets["extreme"].samples.group)) == 2
+
+
+def test_a_first_flight_from_the_ground_is_the_same_flight_between_take_off_and_landing() -> None:
+    flights = flights_of(FLIGHT_RUNS["P6u"][1].place)
+    parameters = SAMPLERS["uniform"](np.random.default_rng([SEED, FIRST]), flights.feasible)[0]
+    alone = flights.family.trajectory(parameters)
+    whole = between_ground(flights, alone)
+    labels = [label for _, label, _ in whole.pieces()]
+    assert labels == ["take-off", "approach", "segment", "return", "landing"]
+    began = next(start for start, label, _ in whole.pieces() if label == "segment")
+    t = np.linspace(0.0, alone.duration, 50)[1:-1]
+    np.testing.assert_allclose(whole.motion(began + t).orders, alone.motion(t).orders, atol=1e-9)
+    (log,) = flights.flown([whole], np.random.default_rng(0))
+    height = log["position"][:, 2]
+    contact = flights.robot.vehicle.parameters.contact_height
+    assert max(height[0], height[-1]) < contact + 0.2 < alone.motion(t).orders[0, :, 2].min()
+
+
+def test_settings_without_take_off_are_what_they_were() -> None:
+    ground, other = FLIGHT_RUNS["P6d"][1], FLIGHT_RUNS["P2"][1]
+    assert replace(ground, from_ground=False) == other
+    assert ground.told == {**other.told, "from_ground": True}
+    assert "from_ground" not in other.told
+
+
+@pytest.mark.slow
+def test_later_flights_stay_in_the_air() -> None:
+    first, second = played("P6u")
+    assert first.logs[0].t[-1] > second.logs[1].t[-1] + 10.0
+    np.testing.assert_array_equal(second.logs[1]["position_des"], played("P1")[1].logs[1]["position_des"])

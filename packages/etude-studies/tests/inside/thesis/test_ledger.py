@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 
 from etude.errors import UsageError
+from etude_studies.thesis.catalogue import catalogue
+from etude_studies.thesis.choosing import runs_of
 from etude_studies.thesis.ledger import HERE, Ledger, Part, load_ledger
 
 PLANNED = {
@@ -251,3 +253,9 @@ def _printed_ratios(ledger: Ledger, entries: tuple[str, ...], part: Part) -> lis
                     numbers["mean"] = float(np.mean(row.printed))
                     printed[row.run].append(numbers[part.part])
     return [a / b for a in printed[part.a] for b in printed[part.b]]
+
+
+def test_claims_plan_as_many_seeds_as_the_run_with_the_fewest(ledger: Ledger) -> None:
+    for claim in ledger.claims:
+        if not claim.untestable:
+            assert claim.seeds == min(catalogue()[run].seeds for run in runs_of(claim.id)), claim.id

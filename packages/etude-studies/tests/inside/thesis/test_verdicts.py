@@ -13,6 +13,7 @@ from etude.errors import DataError, UsageError
 from etude_studies.thesis import statistics
 from etude_studies.thesis.ledger import Claim, Ledger, Part
 from etude_studies.thesis.part_verdicts import WORDS
+from etude_studies.thesis.readings import Reading, readings
 from etude_studies.thesis.verdicts import Verdict, changed, from_json, judge, to_json
 
 MARGIN = math.log(1.15)
@@ -534,3 +535,43 @@ def test_the_rule_keeps_the_family_error(monkeypatch: pytest.MonkeyPatch) -> Non
         results = arms(**{f"S{i}": rng.normal(0.0, 0.8, 8) for i in range(6)})
         errors += any(one.word in ("holds", "reversed") for one in judge(own, results).values())
     assert errors / trials < 0.05 + 3.0 * math.sqrt(0.05 * 0.95 / trials)
+
+
+def read_so(**replace: str) -> tuple[Verdict, Verdict]:
+    """Of two claims of one table, about P and Q: the second is clear of chance by little."""
+    x = {"P": drawn(20, -0.3, 0.25), "Q": drawn(20, -0.135, 0.26), "Q2": drawn(20, -0.135, 0.26)}
+    own, found = ledger(claim("first", part("P")), claim("second", part("Q"))), arms(**x)
+    usual = judge(own, found)
+    assert [usual[id].word for id in ("first", "second")] == ["holds", "holds"]
+    alone = judge(ledger(claim("first", part("NONE")), claim("second", part("Q"))), found)
+    assert alone["second"].word == "not decided", "the other's p matters"
+    (reading,) = readings(own, found, among=[Reading("so", "", replace)])
+    return reading.verdicts.get("first", usual["first"]), reading.verdicts.get("second", usual["second"])
+
+
+def test_what_has_not_been_run_so_costs_the_others_nothing() -> None:
+    """The second claim's numbers are the same under the reading, whatever the first one lacks."""
+    first, second = read_so(P="P (so read)", Q="Q2")
+    assert first.reason.startswith("not run yet")
+    assert second.word == "holds"
+
+
+def test_a_part_without_what_is_read_otherwise_keeps_its_word() -> None:
+    x = {"P": drawn(20, -0.3, 0.25), "Q": drawn(20, -0.135, 0.26), "P2": drawn(20, 0.0, 0.25)}
+    own = ledger(claim("both", part("P"), part("Q")))
+    found = arms(**x)
+    usual = judge(own, found)["both"]
+    (reading,) = readings(own, found, among=[Reading("so", "", {"P": "P2"})])
+    moved, kept = reading.verdicts["both"].parts
+    assert [own.word for own in usual.parts] == ["holds", "holds"]
+    assert moved.word != "holds"
+    assert kept == usual.parts[1]
+
+
+def test_the_test_of_what_has_learned_it_is_no_other_motion() -> None:
+    own = ledger(claim("C", part("Y1"), part("A7")))
+    results = MadeUp()
+    (reading,) = readings(own, results, among=[Reading("so", "", {}, {"fourier": "common"})])
+    assert "C" in reading.verdicts
+    alone = ledger(claim("C", part("Y1")))
+    assert not readings(alone, results, among=[Reading("so", "", {}, {"fourier": "common"})])[0].verdicts

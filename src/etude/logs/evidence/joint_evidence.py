@@ -1,0 +1,108 @@
+"""A decision on logs that were judged together, and the evidence of their moving joints behind it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Literal
+
+import numpy as np
+
+from etude.logs.evidence.likelihood import ColumnEvidence, WhitenedMotion
+from etude.logs.evidence.rows import AS_LOGGED, FilteredRows
+from etude.types import Array, Index, Mask
+
+Level = Literal["certain", "ask", "note", "silent"]
+
+CLEAR = 7.0  # log odds to the next best decision: signs stated at e^3 to e^7 are wrong 1 in 17 times
+LEAST_ROWS = 40  # fewer tell nothing
+MOST_GROUPS = 12  # logs that may differ from the others, of the newest
+
+
+@dataclass(frozen=True, eq=False)
+class Decision:
+    """What is believed of logs that were judged together; k joints.
+
+    Attributes:
+        level: certain: refused unless put right; ask: a question; note: put right and said; silent.
+        check: what it is about; "" of a silent one.
+        logs: which of the logs it is about; orders, directions and weights are judged of new ones.
+        by: of a sign: 1 or -1 (k,); of an order: the column of each joint's command (k,); of a delay: s.
+        odds: log odds against the logs as they are. ahead: against the next best decision.
+        told: (k,) log odds of the right sign to the inverted one, of the commands as they are.
+        moving, strange: (k,) joints that have a say, and those that no sign explains.
+        why: what tells a sign, or explains as well what is found: "weight" of the model file, "time" that
+            runs backwards, another "order". "late" of a silent one whose commands fit best with the longest
+            delay.
+    """
+
+    level: Level
+    told: Array
+    moving: Mask
+    strange: Mask
+    check: str = ""
+    logs: tuple[int, ...] = ()
+    by: tuple[float, ...] = ()
+    odds: float = 0.0
+    ahead: float = np.inf
+    why: str = ""
+
+    @property
+    def clear(self) -> bool:
+        """Whether it is far before every other decision: of a question that is not, nothing is repaired."""
+        return self.ahead >= CLEAR
+
+
+@dataclass(frozen=True, eq=False)
+class JointEvidence:
+    """The evidence of moving joints `own` (m,), computed where it is asked for."""
+
+    rows: FilteredRows
+    own: Index
+    motion: WhitenedMotion
+
+    @classmethod
+    def of(cls, rows: FilteredRows | None) -> JointEvidence | None:
+        """None of rows that are too few, or where nothing moves."""
+        if rows is None or len(rows.t) < LEAST_ROWS or not rows.moving.any():
+            return None
+        own = np.flatnonzero(rows.moving)
+        return cls(rows, own, WhitenedMotion.of(rows, own))
+
+    def with_command(self, command: Array) -> JointEvidence:
+        """The same motion with other commands (n, k, d) on it."""
+        return replace(self, rows=replace(self.rows, command=command))
+
+    @cached_property
+    def _evidence(self) -> ColumnEvidence:
+        (m,), d = self.own.shape, self.rows.command.shape[2]
+        joints = np.concatenate([np.repeat(np.arange(m), d), np.repeat(np.arange(m), m)])
+        columns = np.concatenate([np.repeat(np.arange(m), d), np.tile(np.arange(m), m)])
+        variants = np.concatenate([np.tile(np.arange(d), m), np.full(m * m, AS_LOGGED)])
+        return self.motion.evidence(self.rows.command, joints, columns, variants)
+
+    @property
+    def columns(self) -> ColumnEvidence:
+        """(m d) of joints with their own columns, in all variants."""
+        return self._evidence.take(slice(0, len(self.own) * self.rows.command.shape[2]))
+
+    @property
+    def crossed(self) -> ColumnEvidence:
+        """(m m) of joints with all columns, as they were logged."""
+        return self._evidence.take(slice(len(self.own) * self.rows.command.shape[2], None))
+
+    def variant(self, number: int) -> ColumnEvidence:
+        """Of each joint's own column in one variant."""
+        return self.columns.take(np.arange(len(self.own)) * self.rows.command.shape[2] + number)
+
+    def over(self, values: Array | Mask, fill: float) -> Array:
+        """(k,) of all joints, from those of the moving ones (m,)."""
+        found = np.full(len(self.rows.parts), fill, dtype=values.dtype)
+        found[self.own] = values
+        return np.asarray(found)
+
+    def decision(self, level: Level, variant: int = AS_LOGGED, **more: object) -> Decision:
+        """variant: of the commands, in which strange joints are looked for."""
+        right, inverted = self.variant(AS_LOGGED).signs()
+        told, strange = self.over(right - inverted, 0.0), self.over(self.variant(variant).strange(), False)
+        return Decision(level, told, self.rows.moving, strange, **more)  # type: ignore[arg-type]
