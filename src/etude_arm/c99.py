@@ -1,4 +1,4 @@
-"""An arm's inputs and its rigid body as C99."""
+"""C99 of an arm's inputs and of its rigid body."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ PARAMETERS = 10  # of a body: mass, first moments, inertia
 
 
 def inputs_code(name: str, inputs: Any) -> Code:
-    """`ArmInputs`; memory of each joint: what friction remembers, the position behind the play, begun."""
+    """Code of `ArmInputs`; memory of each joint: friction state, position behind the play, start."""
     J, reads = len(inputs.stick_velocity), inputs.names
     q, qd, _ = reads
     data: dict[str, Any] = {}
@@ -74,7 +74,7 @@ _REMEMBERED = """\
 
 
 def rigid_body_code(name: str, mean: Any, friction_scales: Sequence[float]) -> Code:
-    """A `RigidBodyMean`: Newton-Euler with each output's own parameters, in the coordinates of the drives."""
+    """Code of a `RigidBodyMean`: Newton-Euler with parameters of each output, in the drives' coordinates."""
     from importlib import resources
 
     model, reads = mean.model, PLAN if mean.desired else PATH
@@ -139,7 +139,7 @@ def rigid_body_code(name: str, mean: Any, friction_scales: Sequence[float]) -> C
 
 
 def _remembering(name: str, reads: Sequence[str], J: int, remembers: bool) -> str:
-    """The mean's two functions; memory of each joint: friction, the position before, begun."""
+    """The mean's two functions; memory of each joint: friction, previous position, start."""
     call = f"    {name}_commands({', '.join(f'c_{channel}' for channel in reads)}, {{}}, command);"
     turned = _TURNED.replace("NAME", name).replace("JOINTS_", str(J)).replace("Q_", f"c_{reads[0]}")
     lines = [*turned.splitlines(), call.format("memory")] if remembers else [call.format("0")]

@@ -1,4 +1,4 @@
-"""Limits of an arm's commands: by the learned model, or by the model file before any log."""
+"""Command limits of an arm: by the learned model, or by the model file before any log."""
 
 from __future__ import annotations
 
@@ -31,11 +31,11 @@ _known: dict[str, CommandLimit | OpenCommands] = {}
 
 
 def commands_of(spec: ArmSpec, model: Model | None, home: Array) -> CommandLimit | OpenCommands | None:
-    """The limit; None where there is neither a model nor physics for commands that are forces.
+    """The limit; None without a model and without physics for commands that are forces.
 
     Args:
-        spec: of the robot. model: what was learned, or None.
-        home: (J,) a pose inside every limit.
+        spec: of the robot. model: learned, or None.
+        home: (J,) a pose inside every limit, rad (m).
     """
     if model is not None:
         own = by_model(model, _quantity(spec), spec.command_units, spec.names, _ends(spec), spec.torque_rate)
@@ -48,7 +48,7 @@ def commands_of(spec: ArmSpec, model: Model | None, home: Array) -> CommandLimit
 def _unless_confirmed(
     found: CommandLimit | OpenCommands, spec: ArmSpec, home: Array
 ) -> CommandLimit | OpenCommands:
-    """Open commands refuse every motion until a person has taken the line about them out of `confirm`."""
+    """Open commands, which refuse every motion until a person confirms the line about them; else `found`."""
     waits = any(line.startswith(NO_MOTION) for line in spec.confirm)
     if not (waits and isinstance(found, OpenCommands) and found.limit is not None):
         return found
@@ -64,7 +64,7 @@ def _unless_confirmed(
 
 
 def _nominal(spec: ArmSpec) -> CommandLimit:
-    """By the rigid body of the model file."""
+    """The limit by the rigid body of the model file."""
     geometry = ArmPhysics(spec, nominal=True).geometry
 
     def mean(motion: Motion) -> Array:

@@ -1,4 +1,4 @@
-"""The [data] table of an arm's campaign: preprocessing of its logs into samples."""
+"""Configuration table [data] of an arm's campaign: preprocessing of its logs into samples."""
 
 from __future__ import annotations
 
@@ -13,34 +13,34 @@ _COUNTS = ("least_samples", "stick_fraction", "reversal", "plenty", "friction_fr
 
 @dataclass(frozen=True)
 class ArmData:
-    """How logs become samples, and what their inputs are; the [data] table of a campaign.
+    """Preprocessing of logs into samples, and the inputs: the [data] table of a campaign.
 
     Attributes:
         inputs: "measured" differentiates the filtered measured position; "desired" takes the desired motion
-            (thesis). A logged velocity is not used: its filter, and so its phase, are unknown.
-        cutoff_hz: zero-phase low-pass of position and command alike, Hz; "auto" by `logs.steps.auto_cutoff`,
-            or 5 or 10 Hz where that takes away what the log's commands show; "none" leaves both as measured.
-        rate_hz: samples kept per second at least, evenly spaced. Thesis 6.2: all 100 Hz for a dictionary to
-            choose from, and 100/12 for downsampling.
-        least_samples: of a log so short that fewer than these would be left, more are kept per second, up to
-            all: a fast robot's motion of some seconds has as much to tell as a slow one's of a minute. With
-            fewer it is chance which instants were kept, and the error is too. Training takes no nearer ones.
-        stick_fraction: a joint slower than this part of its top speed in the log, or of its limit if that is
-            less, counts as stuck; 0 masks nothing. Around a stick-slip the filter smears the motion, so the
-            speed below which samples lie about the friction is far above the encoder's noise.
-        presliding: way over which a joint's friction turns round, rad (a tenth of it in m for a slide); what
-            friction remembers of the motion before is then a state of every sample. 0: nothing is remembered,
-            and only `stick_fraction` says when a joint stands, not the encoder's resolution too.
-        reversal: periods of the cutoff before and after a fast reversal of a joint in which its samples are
-            left out, since the filter smears the step of friction over them; 0 leaves none out. One that
-            takes longer than a period is not fast: the joint stands, and `stick_fraction` masks it.
-        plenty: samples that a joint has to have left for that; with fewer all of them teach.
-        trim_s: seconds cut from both ends of every stretch of log; "auto" = one period of the cutoff.
-            Samples before t = 0 (lead-in) are always cut, but the filter may look at them.
-        friction_fraction: v0 of the friction inputs as a part of the velocity limit, of 3 rad/s at most; 0
-            for no such inputs.
-        offset: where the thinning of a log begins: "spread" elsewhere in each, so that repeated motions add
-            samples; "first" at its first sample (thesis 6.2).
+            (thesis). A logged velocity is not used, because its filter and phase are unknown.
+        cutoff_hz: zero-phase low-pass of position and command, Hz. "auto" is `logs.steps.auto_cutoff`, or 5
+            or 10 Hz if that removes visible parts of the commands; "none" leaves both as measured.
+        rate_hz: least number of samples per second, evenly spaced. Thesis 6.2: all 100 Hz for a dictionary,
+            and 100/12 for downsampling.
+        least_samples: a short log keeps more samples per second to reach this number. A fast motion of some
+            seconds is as informative as a slow one of a minute. With fewer samples, the error depends on
+            which instants are kept. Training takes no nearer ones.
+        stick_fraction: a joint below this fraction of its top speed in the log, or of a smaller limit, is at
+            rest; 0 masks nothing. Around a stick-slip the filter smears the motion. So the speed below which
+            samples misrepresent friction is far above the encoder's noise.
+        presliding: presliding distance, rad (a tenth of it in m for a slide). Every sample then has a
+            friction state. 0: no state, and only `stick_fraction` decides when a joint is at rest, without
+            the encoder's resolution.
+        reversal: periods of the cutoff around a fast reversal of a joint whose samples are left out, because
+            the filter smears the friction step over them; 0 leaves none out. A reversal of more than a period
+            is not fast: the joint rests, and `stick_fraction` masks it.
+        plenty: samples that a joint must keep for `reversal`; with fewer, all of them are learned.
+        trim_s: trimmed from both ends of every part of a log, s; "auto" = one period of the cutoff. Samples
+            before t = 0 (lead-in) are always trimmed, but the filter uses them.
+        friction_fraction: v0 of the friction inputs as a fraction of the velocity limit, of 3 rad/s at most;
+            0 for no such inputs.
+        offset: start of the thinning. "spread": different in each log, so that repeated motions add samples;
+            "first": at its first sample (thesis 6.2).
     """
 
     inputs: Literal["measured", "desired"] = "measured"
@@ -70,7 +70,7 @@ class ArmData:
 
     @property
     def desired(self) -> bool:
-        """Whether models look at the plan."""
+        """Whether models use the plan."""
         return self.inputs == "desired"
 
 

@@ -15,7 +15,7 @@ from etude_arm.spec import MEMORY, TURNING, ArmSpec
 
 
 class Fading(Protocol):
-    """A model whose command fades where it knows nothing, or does not (`LearnedModel`)."""
+    """A model whose command fades to its physics without information, or does not (`LearnedModel`)."""
 
     @property
     def inputs(self) -> Inputs: ...
@@ -24,13 +24,14 @@ class Fading(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class ModelController:
-    """The model's mean command, clipped, and faded out where the model knows no better than before any data.
+    """A model's mean command, clipped, and faded where the model has no more information than before any
+    data.
 
-    It fades to the physics that the model stands on, or to a level (implements `protocols.Controller`).
+    It fades to the model's physics, or to a constant (implements `protocols.Controller`).
 
     Attributes:
         model: predicts the command's mean and variance from states.
-        spec: its command limits clip.
+        spec: gives the command limits.
         fade: False applies the mean everywhere.
     """
 
@@ -39,7 +40,7 @@ class ModelController:
     fade: bool = True
 
     def planned(self, motion: Motion) -> Array | None:
-        """Commands (T, J) of a perfect run. NumericalError if the model predicts what is not finite."""
+        """Commands (T, J) of a perfect run. NumericalError: a prediction is not finite."""
         return self._commands(self.model.inputs.states(motion))[0]
 
     def command(self, t: float, row: Row) -> tuple[Array, Array]:
@@ -52,7 +53,7 @@ class ModelController:
         return command[0], deviation[0]
 
     def observe(self, t: float, row: Row) -> None:
-        """Nothing is learned on the way."""
+        """Does nothing: this controller does not learn during a motion."""
 
     def _commands(self, log: Log) -> tuple[Array, Array]:
         mean, variance = self.model.predict(log, fade=self.fade)
@@ -77,7 +78,7 @@ class ModelController:
 
 @dataclass(frozen=True, eq=False)
 class PerfectController:
-    """The simulated robot's exact inverse, clipped to its commands: what no model can do better."""
+    """The simulated robot's exact inverse, clipped to its commands; no model can exceed it."""
 
     robot: Following
 
@@ -91,4 +92,4 @@ class PerfectController:
         return np.clip(steady, -limit, limit), np.zeros_like(steady)
 
     def observe(self, t: float, row: Row) -> None:
-        """Nothing is learned on the way."""
+        """Does nothing: this controller does not learn during a motion."""

@@ -1,9 +1,8 @@
-"""Brings a robot of joints into a campaign folder, so that the folder needs nothing outside itself.
+"""Description of a robot of joints as a self-contained campaign folder.
 
-Command limits are held against the robot's weight. Files state placeholders: 0, 1 or 1000 N m on every joint,
-numbers of another robot, or in another unit. One that is too small for the arm to stand still would leave no
-motion; one that is far too large lets every motion pass. Both are said when the robot is read, for a person
-to put right.
+Command limits are compared with the robot's weight. Files contain placeholders: 0, 1 or 1000 N m on every
+joint, numbers of another robot, or another unit. A limit too small for the arm at rest leaves no motion; one
+far too large permits every motion. Both are reported when the robot is read, for a person to correct.
 """
 
 from __future__ import annotations
@@ -40,10 +39,13 @@ def read(
     limits: Mapping[str, Mapping[str, float]] | None = None,
     joint_limits: Path | None = None,
 ) -> tuple[ArmSpec, tuple[str, ...]]:
-    """The robot of a robot file, a URDF or an MJCF; and what a person should confirm of it.
+    """The robot of a robot file, a URDF or an MJCF, and sentences for a person to confirm.
 
-    `joints` and `held` choose an arm of a model file, see `loading.load.load`; `limits` count in
-    place of the file's; `joint_limits` is MoveIt's file of them, which counts where it is tighter.
+    Args:
+        path: of the file.
+        joints, held: select an arm of a model file, see `loading.load.load`.
+        limits: replace the file's.
+        joint_limits: MoveIt's file, used where it is tighter.
     """
     if path.suffix.lower() == ".toml":
         if joints or held or limits or joint_limits:
@@ -77,11 +79,11 @@ MOST_JOINTS = 0.75
 
 @dataclass(frozen=True, eq=False)
 class Weight:
-    """What the masses ask of the drives, in command units.
+    """Demand of the masses on the drives, in command units.
 
     Attributes:
         home: (J,) |command| at rest at home.
-        most: (J,) the largest at rest that was found within the position limits, and `at` (J, J): the pose.
+        most: (J,) largest |command| found at rest within the position limits, and `at` (J, J): its pose.
         moving: (J,) at the limits of speed and acceleration, which few poses exceed.
     """
 
@@ -92,7 +94,7 @@ class Weight:
 
 
 def weight_of(spec: ArmSpec, home: Array) -> Weight | None:
-    """At home (J,) and elsewhere; None where no model file says masses, or commands are no forces."""
+    """The demand; None without masses in a model file, or with commands that are not forces."""
     if not has_masses(spec) or spec.command_unit not in FORCES:
         return None
     geometry = read_geometry(spec)
@@ -106,7 +108,7 @@ def weight_of(spec: ArmSpec, home: Array) -> Weight | None:
 
 
 def sentences(spec: ArmSpec, home: Array) -> tuple[str, ...]:
-    """What a person should confirm: joints that cannot hold the arm, or limits that hold nothing back."""
+    """Sentences to confirm: joints that cannot hold the arm, or limits that permit everything."""
     weight = weight_of(spec, home)
     if weight is None:
         return ()
@@ -121,7 +123,7 @@ def sentences(spec: ArmSpec, home: Array) -> tuple[str, ...]:
 
 
 def _weak(spec: ArmSpec, limit: Array, weight: Weight) -> str:
-    """At home no motion is left; where the arm is held at home, some are."""
+    """A sentence on joints whose limit cannot hold the arm: at home, or elsewhere in its range."""
     pose = ", ".join(f"{value:.2g}" for value in weight.at[int(np.argmax(weight.most / limit))].tolist())
     ever = _joints(spec, weight.most, limit, f" (at [{pose}])")
     if np.all(weight.home <= limit):
@@ -138,7 +140,7 @@ def _weak(spec: ArmSpec, limit: Array, weight: Weight) -> str:
 
 
 def _joints(spec: ArmSpec, asked: Array, limit: Array, of_first: str = "") -> str:
-    """Those that are asked for more than their limit, the worst of them first, and more of that one."""
+    """Joints with a demand above their limit, the worst first, with its details."""
     order = np.argsort(-asked / limit, kind="stable")
     words = [
         f"{spec.names[j]} takes {asked[j]:.4g} {spec.command_units[j]} of {limit[j]:.4g}"
@@ -157,7 +159,7 @@ def _strong(factor: float) -> str:
 
 
 def _same(spec: ArmSpec, factors: Array) -> list[str]:
-    """One number for joints of all sizes, far above what most of them ask for."""
+    """One number for joints of all sizes, far above the demand of most."""
     same = spec.dof > 2 and np.ptp(spec.command) == 0.0 and np.quantile(factors, 1.0 - MOST_JOINTS) > STRONG
     return [
         f"All joints state the same command limit, {limit:.4g}, of which most ask for less than a tenth at "
@@ -168,7 +170,7 @@ def _same(spec: ArmSpec, factors: Array) -> list[str]:
 
 
 def _odd(spec: ArmSpec, factors: Array, weak: Mask) -> list[str]:
-    """Limits that lie apart from those of the other joints, and do not fit what the arm asks for either."""
+    """Limits that differ from those of the other joints, and do not fit the arm's demand either."""
     said = []
     for unit in dict.fromkeys(axis.unit for axis in spec.axes):
         own = np.array([j for j, axis in enumerate(spec.axes) if axis.unit == unit])
@@ -186,7 +188,7 @@ def _odd(spec: ArmSpec, factors: Array, weak: Mask) -> list[str]:
 
 
 def _slides(spec: ArmSpec, factors: Array) -> list[str]:
-    """Of slides that have no others to compare with: what one is asked for follows from the mass it moves."""
+    """Slides without others for comparison: the moved mass gives the demand."""
     slides = [j for j, axis in enumerate(spec.axes) if axis.unit == "m"]
     far = [j for j in slides if len(slides) <= TOO_FEW_JOINTS and FAR < factors[j] < np.inf]
     if not far:
@@ -199,7 +201,7 @@ def _slides(spec: ArmSpec, factors: Array) -> list[str]:
 
 
 def _unfit(times: float, factor: float, factors: Array) -> bool:
-    """Whether a limit that is `times` the others' does not fit what the arm asks of that joint either."""
+    """Whether a limit `times` the others' does not fit the demand on that joint either."""
     return factor > STRONG if times > 1.0 else factor < min(1.0, float(np.median(factors)) / APART)
 
 
@@ -226,7 +228,7 @@ def _at_rest(geometry: Geometry, q: Array) -> Array:
 
 
 def _heaviest(geometry: Geometry, spec: ArmSpec, poses: Array) -> tuple[Array, Array]:
-    """(J,) the largest |command| at rest of each joint, and its pose (J, J): joints are moved in turn."""
+    """Largest |command| (J,) at rest of each joint, and its pose (J, J); joints are moved in turn."""
     dof = spec.dof
     held = _at_rest(geometry, poses)
     at = poses[held.argmax(axis=0)]
@@ -251,12 +253,12 @@ def describe(
     floor: float | None = None,
     joint_limits: Path | None = None,
 ) -> Described:
-    """robot.toml and a whole copy of the model file that it points to, with its meshes.
+    """robot.toml and a whole copy of its model file with the meshes.
 
     Args:
-        path, joints, held, limits, joint_limits: as of `read`.
-        mesh_roots: folders to look for meshes in first.
-        floor: its height, m, which the owner knows; else the model file's, or one at 0 is assumed.
+        path, joints, held, limits, joint_limits: as in `read`.
+        mesh_roots: folders to search for meshes first.
+        floor: its height, m; None: the model file's, or an assumed one at 0.
 
     Raises:
         UsageError: no robot, or a model file that cannot be read or completed.
@@ -301,7 +303,7 @@ def describe(
 
 
 def _floor(path: Path, height: float) -> Floor:
-    """UsageError: a robot file says where its own is, or it is no number."""
+    """The floor. UsageError: a robot file has its own, or the height is not a number."""
     from etude_arm.clearance.surroundings import Floor
 
     if path.suffix.lower() == ".toml":
@@ -314,7 +316,7 @@ def _floor(path: Path, height: float) -> Floor:
 
 
 def _loaded_from(spec: ArmSpec, files: Mapping[str, bytes]) -> Loaded:
-    """The model as the campaign will load it: its shapes are those that were packed."""
+    """The model as the campaign will load it, with the packed shapes."""
     from etude_arm.loading.load import load_arm
 
     assert spec.model_file is not None

@@ -1,4 +1,4 @@
-"""Checks of a robot description: every limit present, possible, and believable as SI."""
+"""Description checks of a robot: every limit is present, possible, and plausible in SI units."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ RADIANS = "Limits are in radians: multiply degrees by pi/180 (0.01745)."
 
 
 def check_spec(spec: ArmSpec, *, where: str = "", units_checked: bool = False) -> ArmSpec:
-    """The same spec, or UsageError naming the joint and the limit.
+    """The same spec. UsageError: names the joint and the limit.
 
     Args:
-        spec: the description to check.
-        where: the file it came from, for messages.
-        units_checked: the owner vouches for the units, so that large figures are not suspected to be degrees.
+        spec: to be checked.
+        where: its file, for messages.
+        units_checked: the owner confirms the units, so that large figures are not suspected to be degrees.
     """
     if not spec.axes:
         raise UsageError("a robot needs at least one axis", where=where, next_step="Add an [[axis]] table.")
@@ -112,12 +112,12 @@ def _check_axis(axis: Axis, where: str) -> None:
 
 @dataclass(frozen=True)
 class Suspected:
-    """Limits that look like another unit's.
+    """Limits that look like another unit.
 
     Attributes:
-        joints: whose they are. turns: whether these turn, or slide.
-        sentence: what is suspected.
-        option: of `etude init` that gives another: "range" or "velocity".
+        joints: with such limits. turns: whether these are hinges.
+        sentence: the suspicion.
+        option: of `etude init` that corrects them: "range" or "velocity".
     """
 
     joints: tuple[str, ...]
@@ -136,7 +136,7 @@ SUSPECTED = {
 
 
 def suspected(spec: ArmSpec) -> Suspected | None:
-    """The first kind of limit that looks like degrees or mm, and all joints of which it does."""
+    """The first kind of limit that looks like degrees or mm, with all its joints; None without one."""
     for (option, turns), (limit, most, units) in SUSPECTED.items():
         own = {axis.name: _size(axis, option) for axis in spec.axes if (axis.unit == "rad") == turns}
         large = {name: size for name, size in own.items() if size > most}

@@ -28,7 +28,7 @@ Faces = tuple[tuple[int, ...], ...]
 
 
 def standing_things(around: Surroundings, mounting: Mounting | None) -> tuple[Thing, ...]:
-    """Floor, walls, boxes, room and column, and the line from a mounted base down to the floor."""
+    """Floor, walls, boxes, room and column, and the line from a mounted base to the floor."""
     base = np.zeros(3) if mounting is None else np.array(mounting.position)
     found = (
         [_plane("floor", Wall("", (0.0, 0.0, around.floor.height), (0, 0, 1)), base)] if around.floor else []
@@ -48,7 +48,7 @@ def standing_things(around: Surroundings, mounting: Mounting | None) -> tuple[Th
 
 
 def carried_things(spec: ArmSpec, loaded: Loaded, q: Array) -> tuple[Thing, ...]:
-    """Tool and payload along the poses q (T, J), as far as they have shapes."""
+    """Tool and payload with shapes, along the poses q (T, J)."""
     named = [(name, one) for name, one in (("tool", spec.tool), ("payload", spec.payload)) if one]
     shaped = {name: one for name, one in named if one.shape != "none"}
     if not shaped:
@@ -62,7 +62,7 @@ def carried_things(spec: ArmSpec, loaded: Loaded, q: Array) -> tuple[Thing, ...]
 
 
 def _frames(loaded: Loaded, q: Array, names: list[str]) -> list[tuple[Array, Array]]:
-    """Centre (T, 3) and rotation (T, 3, 3) in the world of each shape that was added under these names."""
+    """Centre (T, 3) m and rotation (T, 3, 3), in the world, of each added shape with these names."""
     import mujoco
 
     model = loaded.model()
@@ -95,7 +95,7 @@ def _plane(name: str, wall: Wall, base: Array) -> Thing:
 
 
 def _column(column: Column) -> Thing:
-    """From the floor of the world up: it has no ends, a picture cuts it."""
+    """A column from the floor of the world up; pictures cut its open end."""
     points, faces = _solid("cylinder", (column.radius, 2.0 * FAR))
     return _still("column", "inside", points + np.array([*column.centre, 0.0]), faces[2:])
 
@@ -117,12 +117,12 @@ def _solid(shape: str, size: tuple[float, ...]) -> tuple[Array, Faces]:
 
 @dataclass(frozen=True, eq=False)
 class _Sticks:
-    """What of the figure is the same in all poses.
+    """Parts of the figure that do not depend on the pose.
 
     Attributes:
         loaded: the robot, without shapes. tree: its rigid bodies.
-        before: (J,) the joint that carries each joint; -1: the base.
-        last: joints that carry no other. reaches: (3,) m to the tip of each, in the frame of its body.
+        before: (J,) parent joint of each joint; -1: the base.
+        last: joints without a child. reaches: (3,) m to the tip of each, in the frame of its body.
     """
 
     loaded: Loaded
@@ -149,7 +149,7 @@ def _sticks(spec: ArmSpec) -> _Sticks:
 
 
 def figure(spec: ArmSpec, q: Array) -> Figure:
-    """Points: the base, the joints in the robot's order, then the tips of what carries no joint.
+    """Points: the base, the joints in the robot's order, then the tips of joints without a child.
 
     Around it are the surroundings in the robot file, and the arm's load. Limits of plug-ins ask for figures
     hundreds of times in a search, so the model file is read once.
@@ -184,7 +184,7 @@ def _drawn(sticks: _Sticks, spec: ArmSpec, q: Array) -> Figure:
 
 
 def _joint_before(j: int, bodies: list[int], carried_by: list[int]) -> int:
-    """The joint that carries joint j; -1: the base."""
+    """Parent joint of joint j; -1: the base."""
     same = [i for i in range(j) if bodies[i] == bodies[j]]
     if same:
         return same[-1]

@@ -1,9 +1,9 @@
 """Inputs of an arm's model: x = [q, qd, qdd, tanh(qd / (s v0)) ...] (thesis 6.1 and friction).
 
-A smooth kernel spends its data on the Coulomb step at qd = 0; the tanh columns hand it the step. Samples of a
-joint that stands still will be masked, which a plan knows as a smooth weight. Where friction is remembered,
-two more columns for each joint say what holds it at rest, and how much it rests: sigma e and e = exp(-|qd| /
-v0), for kernels that look at them.
+A smooth kernel spends its data on the Coulomb step at qd = 0; the tanh columns provide the step. Samples of a
+joint at rest are masked; for a plan, the mask is a smooth weight. With a friction state, each joint has two
+more columns: sigma e and e = exp(-|qd| / v0), for kernels that use them. They give the force at rest, and the
+degree of rest.
 """
 
 from __future__ import annotations
@@ -34,25 +34,24 @@ sample tells, slow ones being masked, and reversals would be smeared over second
 
 
 def friction_speeds(spec: ArmSpec, fraction: float) -> Array:
-    """(J,) v0 over which friction turns over, a part of the velocity limits."""
+    """Friction velocities v0 (J,), a fraction of the velocity limits."""
     return np.asarray(fraction * np.minimum(spec.velocity, FASTEST))
 
 
 @dataclass(frozen=True, eq=False)
 class ArmInputs:
-    """Implements `protocols.Inputs`; without a memory any times will do.
+    """Implements `protocols.Inputs`; without a friction state, the times are arbitrary.
 
     Attributes:
         channels: by name, of q, qd, qdd and their plans.
         stick_velocity: (J,) vm >= 0, speed below which a sample is masked, rad/s; 0 for no mask.
         friction_velocity: (J,) v0 > 0 in rad/s, or None for the thesis's plain inputs.
         friction_scales: multiples s of v0, one column for each and each axis.
-        desired: look at the plan (thesis) instead of at what was measured.
-        presliding: (J,) way over which friction turns round, rad or m; None: nothing is remembered.
-        play: (J,) half width that a position has to leave to count as motion. slow: (J,) v0 of e, rad/s.
-        presliding_distances: (W, J) over which friction may turn round in physics, rad or m: perfect runs
-            carry what it
-            remembers then; None: they do not.
+        desired: use the plan (thesis) instead of the measured motion.
+        presliding: (J,) presliding distance, rad or m; None: no friction state.
+        play: (J,) half width that a position must leave to count as motion. slow: (J,) v0 of e, rad/s.
+        presliding_distances: (W, J) possible presliding distances of the physics, rad or m; perfect runs have
+            their friction states. None: they have none.
     """
 
     channels: Mapping[str, Channel]
@@ -85,11 +84,14 @@ class ArmInputs:
         stick_fraction: float = 0.0,
         physics: bool = False,
     ) -> ArmInputs:
-        """v0 of the friction columns is a part of the velocity limits (`friction_speeds`); 0 for no columns.
+        """Inputs whose v0 is a fraction of the velocity limits (`friction_speeds`); 0 for no friction
+        columns.
 
-        presliding: of hinges, rad; that of slides is a tenth of it, in m. 0 for no memory.
-        stick_fraction: part of the velocity limit below which samples are masked, until logs tell (`fitted`).
-        physics: whether perfect runs carry what friction remembers for identified physics.
+        Args:
+            spec: of the robot. friction_fraction: v0 over the velocity limit. desired: use the plan.
+            presliding: of hinges, rad; that of slides is a tenth of it, in m. 0 for no friction state.
+            stick_fraction: fraction of the velocity limit below which samples are masked, until `fitted`.
+            physics: perfect runs have the friction states of identified physics.
         """
         channels = {
             c.name: c for c in (*spec.channels(), spec.turning()) if c.name in (*PATH, *PLAN, TURNING)
@@ -106,7 +108,7 @@ class ArmInputs:
 
     @property
     def names(self) -> tuple[str, str, str]:
-        """The channels that are looked at: position, velocity, acceleration."""
+        """The channels in use: position, velocity, acceleration."""
         return PLAN if self.desired else PATH
 
     @property
@@ -118,8 +120,7 @@ class ArmInputs:
 
     @property
     def columns(self) -> tuple[Column, ...]:
-        """One block of J columns after another: q, qd, qdd, then friction from the narrowest step on, and
-        what it remembers."""
+        """Blocks of J columns: q, qd, qdd, friction from the narrowest step on, and the friction state."""
         found: list[Column] = []
         for name in self.names:
             channel = self.channels[name]
@@ -129,7 +130,7 @@ class ArmInputs:
         return (*found, *((speed.name, part, "1", op) for op in ops for part in speed.parts))
 
     def scales(self) -> Array:
-        """(D,) velocities that tanh and rest are of, 1 of plain columns, NaN of what remembers."""
+        """Velocities (D,) of tanh and rest; 1 for plain columns, NaN for friction states."""
         plain = np.ones(ORDERS * len(self.stick_velocity))
         held = [] if self.slow is None else [np.full(len(self.slow), np.nan), self.slow]
         return np.concatenate([plain, *self.thresholds, *held])
@@ -143,23 +144,21 @@ class ArmInputs:
         return 0.0 if self.presliding is None else MEMORY_RATE
 
     def states(self, motion: Motion) -> Log:
-        """Measured as planned: what a perfect run leaves."""
+        """The log of a perfect run, measured as planned."""
         names = (*PATH, *PLAN)
         values = dict(zip(names, (*motion.orders[:ORDERS], *motion.orders[:ORDERS]), strict=True))
         found = Log(motion.t, {name: self.channels[name] for name in names}, values, source="plan")
         return found if len(found) < 2 else self.followed(found)
 
     def followed(self, log: Log) -> Log:
-        """The log with what friction remembers, for rows that follow one another as in a run from rest; as
-        it is where it carries that.
-        """
+        """The log with friction states, for successive rows of a run from rest; unchanged if it has them."""
         if self.presliding_distances is None or TURNING in log:
             return log
         q = log[self.names[0]]
         return log.put(self.channels[TURNING], turning(q, np.zeros(q.shape[1]), self.presliding_distances))
 
     def apart(self, log: Log) -> Log:
-        """The log for rows that do not follow one another: friction remembers nothing of a way."""
+        """The log for independent rows, with friction states of zero."""
         if TURNING in log:
             log = log.without(TURNING)
         if self.presliding is None:
@@ -167,8 +166,8 @@ class ArmInputs:
         return log.put(self._memory, np.zeros(log[self.names[0]].shape))
 
     def carried(self, row: Log, before: Array | None) -> tuple[Log, Array | None]:
-        """The same of one row (2, W J + J) after another: friction by each way and by that of the inputs,
-        and the positions before.
+        """One row after another with its friction states, and the memory (2, W J + J): states and positions
+        before.
         """
         lengths = [] if self.presliding_distances is None else [*self.presliding_distances]
         plays = [np.zeros(len(each)) for each in lengths]
@@ -189,13 +188,13 @@ class ArmInputs:
         return row, found
 
     def of_log(self, log: Log) -> Array:
-        """X (T, D). KeyError where the log lacks a channel."""
+        """X (T, D). KeyError: the log lacks a channel."""
         q, qd, qdd = (log[name] for name in self.names)
         known = log.get(MEMORY)
         return self._columns(q, qd, qdd, self._sigma(q) if known is None else known)
 
     def plan(self, motion: Motion, keep: Index | None = None) -> Planned:
-        """X (T, D), signed stick gains (T, J), and the way back to q, qd and qdd."""
+        """X (T, D), signed stick gains (T, J), and the vector-Jacobian product to q, qd and qdd."""
         rows = slice(None) if keep is None else keep
         whole = motion.orders[0]
         q, qd, qdd = motion.orders[:ORDERS, rows]
@@ -223,7 +222,7 @@ class ArmInputs:
         return self._columns(q, qd, qdd, found[:1])[0], found
 
     def rates(self, motion: Motion) -> tuple[Array, Array] | None:
-        """dX/dt and d2X/dt2 (T, D); the motion needs five orders. UsageError if it has fewer."""
+        """dX/dt and d2X/dt2 (T, D) along a motion of five orders. UsageError: it has fewer."""
         if len(motion.orders) < ORDERS + 2:
             raise UsageError(f"rates of inputs take {ORDERS + 2} orders, not {len(motion.orders)}")
         qd, qdd, qddd = motion.orders[1:4]
@@ -239,9 +238,10 @@ class ArmInputs:
         return np.concatenate(first, axis=1), np.concatenate(second, axis=1)
 
     def fitted(self, samples: Samples) -> ArmInputs:
-        """With the top speed of the samples that were masked as standing: slower ones will be masked too.
+        """The inputs with the top speed of the samples that were masked at rest; slower ones will be masked
+        too.
 
-        With a memory also the play that the log's positions ask for, and v0 of e.
+        With a friction state, also the play of the log's positions, and v0 of e.
         """
         speed = np.abs(samples.log[self.names[1]])
         found = replace(self, stick_velocity=np.where(samples.moving, 0.0, speed).max(axis=0, initial=0.0))
@@ -253,14 +253,14 @@ class ArmInputs:
         return replace(found, slow=SLOW * top, play=np.array(quantum) if quantum else self.play)
 
     def arrays(self) -> dict[str, Array]:
-        """What `fitted` has set, to be stored with a model."""
+        """Values set by `fitted`, to be stored with a model."""
         found = {"stick_velocity": self.stick_velocity}
         if self.presliding is not None and self.play is not None and self.slow is not None:
             found |= {"presliding": self.presliding, "play": self.play, "slow": self.slow}
         return found
 
     def restore(self, arrays: Mapping[str, Array]) -> ArmInputs:
-        """The same inputs with what `arrays` holds; a model without a memory has none."""
+        """The same inputs with the values of `arrays`; a model without a friction state has none."""
         found = replace(self, stick_velocity=np.asarray(arrays["stick_velocity"], dtype=float))
         if "friction_velocity" in arrays:  # of models of an earlier version
             v0 = np.asarray(arrays["friction_velocity"], dtype=float)
@@ -271,13 +271,13 @@ class ArmInputs:
         return replace(found, presliding=length, play=play, slow=slow)
 
     def c(self, name: str) -> Code:
-        """C99 of the map, its memory with it."""
+        """C99 of the map, with its memory."""
         from etude_arm.c99 import inputs_code
 
         return inputs_code(name, self)
 
     def onnx(self) -> Piece:
-        """The map in operators of ONNX, its memory with it."""
+        """ONNX operators of the map, with its memory."""
         from etude_arm.onnx import inputs_piece
 
         return inputs_piece(self)
@@ -288,7 +288,7 @@ class ArmInputs:
         return Channel(MEMORY, parts, ("1",) * len(parts))
 
     def _sigma(self, q: Array) -> Array:
-        """(T, J) what friction remembers along positions q (T, J) from an unknown past; zeros without."""
+        """Friction state (T, J) along positions q (T, J) from an unknown past; zeros without one."""
         if self.presliding is None or self.play is None:
             return np.zeros(q.shape)
         return remembered(q, self.play, self.presliding)[:, 0]

@@ -1,7 +1,8 @@
-"""MoveIt's joint_limits.yaml: limits that `etude init` reads, and `etude export --to joint_limits` writes.
+"""Joint limits in MoveIt's joint_limits.yaml: `etude init` reads them, `etude export --to joint_limits`
+writes them.
 
-MoveIt takes a limit that a file gives unless its `has_..._limits` is false. Units are those of ROS (REP 103):
-rad and m. The file is two levels of names, so that no reader of all of YAML is needed.
+MoveIt uses a limit in the file unless its `has_..._limits` is false. Units are those of ROS (REP 103): rad
+and m. The file has two levels of names, so that a full YAML reader is not needed.
 """
 
 from __future__ import annotations
@@ -47,11 +48,11 @@ LEAST_START_S = 0.01
 
 @dataclass(frozen=True)
 class Read:
-    """What a file says.
+    """Contents of a file.
 
     Attributes:
-        limits: joint -> those of `KEYS` that count.
-        scaling: the defaults of MoveIt's planner that are below one, by name.
+        limits: joint -> the limits of `KEYS` in force.
+        scaling: defaults of MoveIt's planner below one, by name.
     """
 
     limits: Mapping[str, Mapping[str, float]]
@@ -62,7 +63,7 @@ def read(path: Path) -> Read:
     """The limits of a joint_limits.yaml.
 
     Raises:
-        UsageError: no such file, no `joint_limits` in it, or a line that is none of this format.
+        UsageError: the file is missing, has no `joint_limits`, or a line has another format.
     """
     levels = _levels(path)
     found = [table for name, table in _tables(levels) if name == TABLE]
@@ -79,7 +80,7 @@ def read(path: Path) -> Read:
 
 
 def _levels(path: Path) -> dict[str, Any]:
-    """Names within names, of texts."""
+    """Nested names with texts."""
     top: dict[str, Any] = {}
     stack: list[tuple[int, dict[str, Any]]] = [(-1, top)]
     for count, line in enumerate(read_text(path, FILE).splitlines(), 1):
@@ -105,7 +106,7 @@ def _levels(path: Path) -> dict[str, Any]:
 
 
 def _tables(table: Mapping[str, Any]) -> Iterator[tuple[str, dict[str, Any]]]:
-    """All of them by their names, outer ones first."""
+    """All tables by name, outer ones first."""
     for name, own in table.items():
         if isinstance(own, dict):
             yield name, own
@@ -145,18 +146,18 @@ def tightened(
     arm: Sequence[str],
     moving: Mapping[str, Moving],
 ) -> tuple[dict[str, dict[str, float]], tuple[str, ...]]:
-    """A model file's limits with those of a joint_limits.yaml that are tighter, or that it lacks.
+    """A model file's limits, with the limits of a joint_limits.yaml that are tighter or missing.
 
     Args:
         stated: joint -> limit -> value, of the model file.
         path: of joint_limits.yaml.
-        arm: joints that are learned. moving: all that move, by name.
+        arm: learned joints. moving: all moving joints, by name.
 
     Returns:
-        the limits, and sentences of what does not count or is missing.
+        the limits, and sentences on what is ignored or missing.
 
     Raises:
-        UsageError: as `read`; joints that the model does not have; limits that look like degrees or mm.
+        UsageError: as `read`; the model lacks a joint; a limit looks like degrees or mm.
     """
     found = read(path)
     _require_known(found, arm, moving, path)
@@ -188,7 +189,7 @@ def _require_known(found: Read, arm: Sequence[str], moving: Mapping[str, Moving]
 
 
 def _require_alike(value: float, model: float | None, joint: str, kind: Moving, path: Path) -> None:
-    """UsageError for a velocity far above the model file's."""
+    """Raises UsageError for a velocity far above the model file's."""
     if model is not None and model > 0.0 and value > UNLIKELY_TIMES * model:
         units = "mm/s, not m/s" if kind.slides else "degrees/s, not rad/s"
         raise UsageError(
@@ -199,7 +200,7 @@ def _require_alike(value: float, model: float | None, joint: str, kind: Moving, 
 
 
 def _require_possible(own: Mapping[str, float], fastest: float, joint: str, kind: Moving, path: Path) -> None:
-    """UsageError for ranges that leave nothing, and accelerations that no drive has."""
+    """Raises UsageError for an empty range, or an acceleration beyond any drive."""
     if own.get("lower", -math.inf) >= own.get("upper", math.inf):
         raise UsageError(
             f"positions {own['lower']:g}..{own['upper']:g} leave nothing of the range of joint '{joint}'",
@@ -233,16 +234,16 @@ def _said(found: Read, loose: Sequence[str], missing: Sequence[str]) -> tuple[st
 
 @dataclass(frozen=True)
 class JointLimitsOptions:
-    """What every target is told."""
+    """Options of every target."""
 
     model_hash: str = ""
 
 
 class JointLimits:
-    """The target (`protocols.Target`): the limits that motions of this campaign are certified within."""
+    """A target (`protocols.Target`): the limits with which this campaign's motions are certified."""
 
     def __call__(self, model: Any, kind: Kind, spec: Any, options: Mapping[str, Any]) -> Delivered:  # noqa: ARG002
-        """joint_limits.yaml. UsageError: no robot of joints, or unknown options."""
+        """joint_limits.yaml. UsageError: the robot has no joints, or an option is unknown."""
         taken(options, JointLimitsOptions, TABLE)
         if not isinstance(spec, ArmSpec):
             raise UsageError(
@@ -255,7 +256,7 @@ class JointLimits:
 
 
 def written(spec: ArmSpec) -> str:
-    """The text of joint_limits.yaml, which `read` reads back; MoveIt has no envelope of velocity.
+    """The text of joint_limits.yaml, which `read` reads; MoveIt has no velocity envelope.
 
     Raises:
         UsageError: an envelope leaves no positions for the other limits.
@@ -289,7 +290,7 @@ def _lines(axis: Axis) -> list[str]:
 
 
 def _shortened(axis: Axis) -> str:
-    """What stands in the place of the axis' envelope."""
+    """Comment on the limits that replace the axis's envelope."""
     lower, upper = braked_range(axis)
     return (
         f"positions {lower:.5g} to {upper:.5g} {axis.unit} of {axis.lower:.5g} to {axis.upper:.5g}: there "

@@ -1,4 +1,4 @@
-"""Kind "arm": the parts of one robot of joints, made from its description."""
+"""Kind "arm": the parts of one robot of joints, from its description."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ WORLD = "world"
 
 
 def lost_mounting(spec: ArmSpec) -> bool:
-    """Whether generation 1 lost the mounting of this robot: its URDF's root link is called world."""
+    """Whether generation 1 lost this robot's mounting, because its URDF's root link is named world."""
     if spec.model_file is None or spec.mounting is None:
         return False
     if not any((*spec.mounting.position, *spec.mounting.rotation)):
@@ -115,7 +115,7 @@ class ArmKind:
         return COMMENTS
 
     def built_in(self) -> Mapping[str, Path]:
-        """The robots in `data/`, by name."""
+        """The robots in `data/` by name."""
         return {path.stem: path for path in sorted((HERE / "data").glob("*.toml"))}
 
     def recognises(self, path: Path) -> bool:
@@ -132,7 +132,7 @@ class ArmKind:
             return False
 
     def described(self, path: Path) -> Described:
-        """robot.toml and, if there is one, the model file beside it, whole."""
+        """robot.toml and, if it names one, a whole copy of the model file."""
         from etude_arm.description import describe
 
         return describe(path)
@@ -147,7 +147,7 @@ class ArmKind:
         floor: float | None = None,
         joint_limits: Path | None = None,
     ) -> Described:
-        """The same of a part of a larger robot, meshes of these folders, these limits and floor."""
+        """The same for a part of a larger robot, with these mesh folders, limits and floor."""
         from etude_arm.description import describe
 
         return describe(path, joints or None, held, mesh_roots, limits, floor, joint_limits)
@@ -163,26 +163,26 @@ class ArmKind:
         return read(path)[0]
 
     def home(self, spec: ArmSpec) -> Array:
-        """(J,) a pose clear of everything, or without shapes the middle of the position limits."""
+        """A pose (J,) clear of everything, rad (m); without shapes, the middle of the position limits."""
         from etude_arm.clearance.robot_clearance import search_of
 
         return search_of(spec)[0]
 
     def reachable(self, spec: ArmSpec) -> Reachable:
-        """Ranges, a turn at most, and of an arm with shapes clear poses in them."""
+        """Ranges, within one turn, and clear poses for an arm with shapes."""
         from etude_arm.clearance.robot_clearance import reachable_of
 
         return reachable_of(spec)
 
     def limit(self, spec: ArmSpec) -> Array:
-        """(J,) the largest commands."""
+        """Largest commands (J,)."""
         return spec.command
 
     def channels(self, spec: ArmSpec) -> Sequence[Channel]:
         return spec.channels()
 
     def expected(self, spec: ArmSpec) -> Expected:
-        """Positions, velocities and commands within the limits; rest before and after is kept."""
+        """Ranges of positions, velocities and commands; rest before and after a motion is kept."""
         limits = {
             "q": (spec.lower, spec.upper),
             "qd": (-spec.velocity, spec.velocity),
@@ -192,26 +192,28 @@ class ArmKind:
         return Expected(spec.rate, spec.upper - spec.lower, limits)
 
     def family(self, spec: ArmSpec, config: Any) -> Family:
-        """Fourier series of every joint; if omega0 was left open, one period of what suits the robot."""
+        """Fourier series of every joint; without omega0, one period that suits the robot."""
         from etude_arm.motions import family
 
         return family(spec, config.trajectory)
 
     def limits(self, spec: ArmSpec, config: Any, model: Model | None, margins: Margins) -> Sequence[Limit]:  # noqa: ARG002
-        """Position, velocity, acceleration and clearance, less what tracking was seen to overshoot; commands
-        by the model, or by the model file's masses.
+        """Position, velocity, acceleration and clearance less the tracking margins, and limits of the
+        commands.
+
+        The model predicts the commands; without one, the masses in the model file do.
         """
         from etude_arm.motions import limits
 
         return limits(spec, margins, model)
 
     def mended(self, spec: ArmSpec) -> tuple[str, ...]:
-        """Robots whose mounting was lost: see `mended.lost_mounting`."""
+        """Robots that lost their mounting, see `lost_mounting`."""
 
         return ("mounting",) if lost_mounting(spec) else ()
 
     def largest_error(self, spec: ArmSpec) -> Array:
-        """(J,) rad (m) that the largest command holds against its own proportional gain."""
+        """Position errors (J,), rad (m), at which the proportional gain gives the largest command."""
         from etude_arm.motions import largest_error
 
         return largest_error(spec)
@@ -219,7 +221,7 @@ class ArmKind:
     def approaches(
         self, spec: ArmSpec, motion: Trajectory, pose: Array
     ) -> tuple[Trajectory, Trajectory] | None:
-        """Straight moves in joint space, from the pose to the start and from the end back."""
+        """Straight moves in joint space from the pose to the start, and from the end to the pose."""
         from etude_arm.motions import approaches
 
         return approaches(spec, motion, pose)
@@ -236,7 +238,7 @@ class ArmKind:
         )
 
     def physics(self, spec: ArmSpec, config: Any) -> Mapping[str, ArmPhysics]:
-        """None without a model file; "nominal" only where commands are forces."""
+        """Physics by name; empty without a model file. "nominal" requires commands that are forces."""
         if spec.model_file is None:
             return {}
         from etude_arm.physics.mean import physics_of
@@ -245,7 +247,7 @@ class ArmKind:
         return physics_of(spec, data.friction_fraction, data.desired, data.stick_fraction)
 
     def with_payload(self, spec: ArmSpec, text: str, mass: float, centre: Array) -> str:
-        """The robot file with a load added."""
+        """The robot file with an additional load."""
         from etude_arm.payload_table import with_payload
 
         return with_payload(text, spec, mass, centre)
@@ -257,13 +259,13 @@ class ArmKind:
         samples: Samples,
         logs: Sequence[Log],  # noqa: ARG002
     ) -> Delivered:
-        """Base parameters and friction; friction alone without masses."""
+        """Base parameters and friction."""
         from etude_arm.identified.parameter_report import report
 
         return report(spec, self.physics(spec, config).get("identified"), samples, config.data)
 
     def checks(self, spec: ArmSpec, log: Log) -> Sequence[Finding]:
-        """Another rate than the robot file's, which may be another clock."""
+        """Findings of the arm's own log checks, such as another rate than that of the robot file."""
         from etude_arm.log_checks import findings
 
         return findings(spec, log)
@@ -274,7 +276,9 @@ class ArmKind:
         return samples_of(spec, config.data, logs, groups)
 
     def robot(self, spec: ArmSpec, config: Any) -> Following | None:  # noqa: ARG002
-        """The stand-in that the robot file names, else one made from its model file's masses; or None."""
+        """The simulated robot that the robot file names, else one from its model file's masses; None without
+        both.
+        """
         if spec.plant is None:
             from etude_arm.physics.geometry import has_masses
 
@@ -288,14 +292,14 @@ class ArmKind:
         return simulated_robot(spec.plant, spec)
 
     def body(self, spec: ArmSpec) -> str:
-        """Of the model file and of what robot.toml adds to it."""
+        """Hash of the model file and of the additions in robot.toml."""
         file = spec.model_file
         linked = sha256_of(file) if file is not None and file.is_file() else ""
         carried = (spec.mounting, spec.tool, spec.payload, sorted(spec.held.items()))
         return sha256(repr((spec.names, spec.command_unit, linked, *carried)).encode()).hexdigest()
 
     def figure(self, spec: ArmSpec, q: Array) -> Figure | None:
-        """The joints and the tips along q (T, J); None without a model file."""
+        """Joints and tips along q (T, J), rad (m); None without a model file."""
         if spec.model_file is None:
             return None
         from etude_arm.figure import figure
@@ -303,13 +307,13 @@ class ArmKind:
         return figure(spec, q)
 
     def solids(self, spec: ArmSpec) -> Sequence[Solid]:
-        """The shapes that distances are taken of, by rigid part; none without a model file or shapes."""
+        """Shapes of the distance checks, by rigid part; empty without a model file or shapes."""
         from etude_arm.solids import solids
 
         return solids(spec)
 
     def placed(self, spec: ArmSpec, motion: Motion) -> Array:
-        """By the kinematics of the model that distances are taken with."""
+        """Frames (T, B, 3, 4) of the parts, m, by the kinematics of the distance checks."""
         from etude_arm.solids import placed
 
         return placed(spec, motion.orders[0])
@@ -320,7 +324,7 @@ class ArmKind:
         return tests(spec, rng)
 
     def baselines(self, spec: ArmSpec, config: Any) -> Mapping[str, Controller | None]:
-        """Feedback alone, and the simulated robot's exact inverse: what no model can do better."""
+        """Feedback alone, and the simulated robot's exact inverse, which no model can exceed."""
         robot = self.robot(spec, config)
         if robot is None:
             return {"pd": None}
@@ -329,7 +333,7 @@ class ArmKind:
         return {"pd": None, "perfect": PerfectController(robot)}
 
     def controller(self, spec: ArmSpec, config: Any, model: Model) -> Controller:  # noqa: ARG002
-        """The learned command, faded out where the model knows no better than before any data."""
+        """The learned command, faded where the model has no more information than before any data."""
         from etude_arm.controller import ModelController
 
         return ModelController(cast("Fading", model), spec)

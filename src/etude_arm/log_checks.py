@@ -1,9 +1,9 @@
-"""Checks of an arm's log: a rate that is not the robot's, brakes, and a base that is mounted otherwise
-than the model file states.
+"""Log checks of an arm: another rate than the robot's, brakes, and another mounting of the base than in the
+model file.
 
-What a model file says of a pose is linear in gravity: command = inertial part + G(q) g + friction. So g
-follows by least squares, and is held against the file's, whose size is left free: masses may be off, not the
-way down. A centre of mass that is off looks like it in one joint, and not alike in two.
+A model file's command at a pose is linear in gravity: command = inertial part + G(q) g + friction. So least
+squares give g for comparison with the file's, whose size is free: masses may be wrong, but not the direction.
+A wrong centre of mass has the same effect in one joint, but not in two.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ ALIKE = 1.4
 
 
 def findings(spec: ArmSpec, log: Log) -> Sequence[Finding]:
-    """Of each check, what it says of the log."""
+    """The findings of every check."""
     limit = np.array([axis.command for axis in spec.axes])
     return (_rate(spec, log), brake_finding(log, log.channels[COMMAND], limit), *_mounting(spec, log))
 
@@ -47,13 +47,14 @@ OPPOSITE = 150.0  # degrees: signs that are all inverted look alike
 def mounting_finding(
     seen: Seen, inertial: Array, pulls: Array, gravity: Array, base: Array | None = None
 ) -> Finding | None:
-    """Another direction of gravity, if the commands leave no doubt; else None, since they rarely tell.
+    """Another direction of gravity, if the commands leave no doubt; else None.
 
     Args:
-        inertial: (n, k) what the model file says of the commands without any gravity.
-        pulls: (n, k, 3) what it says of 1 m/s^2 along each axis of the world.
-        gravity: (3,) m/s^2 of the file.
-        base: (3, 3) its rotation as described; None: none.
+        seen: the recorded motion.
+        inertial: (n, k) commands of the model file without gravity.
+        pulls: (n, k, 3) commands of the model file for 1 m/s^2 along each axis of the world.
+        gravity: (3,) m/s^2 in the file.
+        base: (3, 3) described rotation of the base; None: none.
     """
     base = np.eye(3) if base is None else base
     own = np.flatnonzero(seen.moves & (seen.moving.sum(axis=0) >= LEAST_ROWS)).tolist()
@@ -80,7 +81,7 @@ def mounting_finding(
 
 
 def _without_friction(seen: Seen, j: int, command: Array, pull: Array) -> tuple[Array, Array]:
-    """Command (m,) and pull (m, 3) of a joint's moving samples less what a constant and friction explain."""
+    """Command (m,) and pull (m, 3) of a joint's moving samples, less what a constant and friction explain."""
     rows = seen.moving[:, j]
     speed = seen.qd[rows, j]
     friction = [np.ones_like(speed), speed, np.tanh(speed / (MOVING * np.abs(speed).max()))]
@@ -90,7 +91,7 @@ def _without_friction(seen: Seen, j: int, command: Array, pull: Array) -> tuple[
 
 
 def _fitted(parts: list[tuple[Array, Array]]) -> tuple[Array, Array]:
-    """Gravity (3,) that fits all joints, each weighed (k,) by what is left of it: maximum likelihood."""
+    """Gravity (3,) that fits all joints by maximum likelihood, with the residual of each as weight (k,)."""
     tiny = np.finfo(float).tiny
     weights = np.array([1.0 / max(float((y * y).mean()), tiny) for y, _ in parts])
     for _ in range(ROUNDS):
@@ -105,7 +106,7 @@ def _fitted(parts: list[tuple[Array, Array]]) -> tuple[Array, Array]:
 
 
 def _scaled(parts: list[tuple[Array, Array]], weights: Array, gravity: Array) -> Array:
-    """The file's gravity in the size that fits best, not turned round."""
+    """The file's gravity with the best size, without a change of sign."""
     square = product = 0.0
     for w, (y, G) in zip(weights.tolist(), parts, strict=True):
         pull = G @ gravity
@@ -114,7 +115,7 @@ def _scaled(parts: list[tuple[Array, Array]], weights: Array, gravity: Array) ->
 
 
 def _left(parts: list[tuple[Array, Array]], gravity: Array) -> Array:
-    """(k,) mean square of each joint's command that this gravity leaves."""
+    """Residual mean square (k,) of each joint's command with this gravity."""
     return np.array([float(((y - G @ gravity) ** 2).mean()) for y, G in parts])
 
 
@@ -122,7 +123,7 @@ NEAR_QUARTER = 0.15  # rad: bases are mounted at quarter turns, and masses are k
 
 
 def _told(found: Array, gravity: Array, base: Array) -> Finding:
-    """What to write: roll and pitch that bring gravity of (3,) in the base's present frame `base` down."""
+    """The finding, with roll and pitch that turn gravity (3,) down in the base's present frame `base`."""
     fits, file = (", ".join(f"{x:.3g}" for x in np.round(g, 1) + 0.0) for g in (found, gravity))
     angle = angle_between(found, gravity)
     sign = " If it is not, the signs of all commands may be inverted." if angle > OPPOSITE else ""
@@ -139,7 +140,7 @@ def _told(found: Array, gravity: Array, base: Array) -> Finding:
 
 
 def angle_between(a: Array, b: Array) -> float:
-    """Degrees."""
+    """Angle, degrees."""
     cosine = float(a @ b / (np.linalg.norm(a) * np.linalg.norm(b)))
     return float(np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0))))
 
@@ -156,7 +157,7 @@ def _quarter(angle: float) -> float:
 
 
 def _mounting(spec: ArmSpec, log: Log) -> tuple[Finding, ...]:
-    """By the model file, where there is one and commands are forces."""
+    """A finding by the model file, if there is one and commands are forces."""
     from etude_arm.physics.mean import physics_of
 
     nominal = physics_of(spec, 0.0, False).get("nominal")

@@ -1,11 +1,11 @@
 """Memory of a joint's friction: Dahl's law in displacement, behind a play.
 
-A joint at rest is held by whatever friction its last motion left. The way counts and not the time, so plan
-and log remember alike at any rate that sees where the motion turns. Source: Dahl 1968.
+The friction of its last motion holds a joint at rest. The law depends on the distance and not on time, so
+plan and log give the same state at any rate that resolves the reversals. Source: Dahl 1968.
 
-Both laws go from row to row. Steps of each kind make another of their kind when one follows another, so the
-rows are joined in pairs, fours, eights: whole arrays at a time. A compiled loop would cost who only asks for
-the next motion more than all else that is computed for it, as the compiler has to be loaded.
+Both laws advance from row to row. Two successive steps of each kind combine to one step of that kind, so the
+rows are joined in pairs, fours, eights: whole arrays at a time. A compiled loop would cost the next proposal
+more than all other computations, because the compiler must be loaded.
 """
 
 from __future__ import annotations
@@ -20,14 +20,15 @@ most ways that friction turns round in."""
 
 
 def remembered(q: Array, play: Array, length: Array, start: Array | None = None) -> Array:
-    """(T, 2, J) friction sigma in [-1, 1] and position p behind the play, row by row of positions q (T, J).
+    """Friction sigma in [-1, 1] and position p behind the play, (T, 2, J), along positions q (T, J).
 
     sigma <- s + (sigma - s) exp(-|dp| / length), s the sign of dp, and p <- min(max(p, q - play), q + play).
 
     Args:
-        play: (J,) half width, rad or m, that noise does not leave.
-        length: (J,) way over which friction turns round, rad or m.
-        start: (2, J) sigma and p before the first row; without, 0 and the first position.
+        q: (T, J) rad or m.
+        play: (J,) half width, rad or m, larger than noise.
+        length: (J,) presliding distance, rad or m.
+        start: (2, J) sigma and p before the first row; by default 0 and the first position.
     """
     if not len(q):
         return np.empty((0, 2, len(play)))
@@ -41,10 +42,11 @@ def remembered(q: Array, play: Array, length: Array, start: Array | None = None)
 
 
 def turning(q: Array, play: Array, lengths: Array) -> Array:
-    """(T, W J) friction in [-1, 1] along q (T, J) by ways (W, J) over which it may turn round, from rest.
+    """Friction in [-1, 1], (T, W J), along q (T, J) for presliding distances (W, J), from rest.
 
     Args:
-        play: (J,) as for `remembered`; at most half of a way, so that noise is less than what it hides.
+        q: (T, J) rad or m. lengths: (W, J) rad or m.
+        play: (J,) as in `remembered`; at most half of a distance, so that noise is smaller than the effect.
     """
     count = len(lengths)
     plays = np.minimum(np.tile(play, count), 0.5 * lengths.ravel())
@@ -52,14 +54,14 @@ def turning(q: Array, play: Array, lengths: Array) -> Array:
 
 
 def bristles_along(q: Array, bend: Array) -> Array:
-    """(T, J) how far bristles bend along q (T, J), straight at first; bent by `bend` (T, J) they slip."""
+    """Deflection (T, J) of bristles along q (T, J), initially zero; they slip at `bend` (T, J)."""
     ways = np.diff(q, axis=0, prepend=q[:1])
     faded = np.exp(-np.abs(ways) / bend)
     return _followed(faded, np.sign(ways) * bend * (1.0 - faded))
 
 
 def pulled(q: Array, play: Array, length: Array, on_sigma: Array) -> Array:
-    """Gradient (T, J) in q of sum(on_sigma * sigma), for a memory that began with the first row."""
+    """Gradient (T, J) in q of sum(on_sigma * sigma), for a memory that starts at the first row."""
     found = remembered(q, play, length)
     sigma, ways = found[:, 0], np.diff(found[:, 1], axis=0, prepend=q[:1])
     faded = np.exp(-np.abs(ways) / length)

@@ -1,4 +1,4 @@
-"""A robot's description from its URDF or MJCF: joints, limits, and what a person should confirm."""
+"""Model file (URDF or MJCF) as a description: joints, limits, and sentences for a person to confirm."""
 
 from __future__ import annotations
 
@@ -31,11 +31,11 @@ WANTED = ("lower", "upper", "velocity", "acceleration", "command")
 
 @dataclass(frozen=True)
 class ModelDescription:
-    """A robot read from its model file, and what a person should confirm of it.
+    """A robot from its model file, and sentences for a person to confirm.
 
     Attributes:
         spec: the robot, with every limit.
-        confirm: one sentence for each limit that the file does not state, and for each joint left out.
+        confirm: one sentence for each limit that the file lacks, and for each joint left out.
     """
 
     spec: ArmSpec
@@ -53,18 +53,18 @@ def spec_from_model(
     given: Mapping[str, Mapping[str, float]] | None = None,
     joint_limits: Path | None = None,
 ) -> ModelDescription:
-    """A ArmSpec from the joints of a URDF or MJCF file.
+    """The robot of the joints in a URDF or MJCF file.
 
     Args:
-        path: the model file; it becomes the robot's `model_file`.
-        name: the robot's name; by default the one in the file, or its stem where it has none.
+        path: of the model file, which becomes the robot's `model_file`.
+        name: of the robot; by default the one in the file, or the file's stem.
         joints, held: see `loading.load.load`.
-        command_unit, rate: not in the file; see ArmSpec.
-        given: joint or pattern (of those that move; a name goes before a pattern) -> limit -> value, for
-            limits that the file lacks or that should replace its own. Few files know accelerations:
-            those not stated are velocity limit / STOPPING_TIME, to be confirmed; a joint that turns without
-            end is given half a turn to either side, to be confirmed too.
-        joint_limits: MoveIt's file; its limits count where they are tighter, see `joint_limits.tightened`.
+        command_unit, rate: see ArmSpec; the file lacks them.
+        given: joint or pattern (of moving joints; a name precedes a pattern) -> limit -> value, for limits
+            that the file lacks or that replace its own. Few files give accelerations. The default is velocity
+            limit / STOPPING_TIME, to be confirmed. A joint without end stops gets half a turn to either side,
+            to be confirmed.
+        joint_limits: MoveIt's file; its limits apply where they are tighter, see `joint_limits.tightened`.
 
     Raises:
         UsageError: as `load`; or an unknown joint, missing limits (all are listed), impossible limits.
@@ -97,7 +97,7 @@ def _axis(joint: str, own: dict[str, float], slides: bool) -> Axis:
 
 
 def _name_in(root: ET.Element) -> str:
-    """What the file calls the robot; "" if nothing."""
+    """Name of the robot in the file; "" without one."""
     return root.get("name" if root.tag == "robot" else "model", "").strip()
 
 
@@ -106,9 +106,9 @@ Limits = Mapping[str, dict[str, float]]
 
 
 def urdf_limits(tree: UrdfTree) -> Limits:
-    """Of the moving joints: <limit>, within the soft limits of <safety_controller>.
+    """Limits of the moving joints: <limit>, within the soft limits of <safety_controller>.
 
-    Zero velocity or effort means "not stated" in many files.
+    In many files, zero velocity or effort means "not stated".
     """
     found = {}
     for joint in tree.joints:
@@ -147,7 +147,7 @@ def _soft_range(joint: ET.Element, hard: tuple[float, float], place: str) -> tup
 
 
 def mjcf_limits(model: mujoco.MjModel) -> Limits:
-    """Of hinges and slides: ranges, and from force ranges the command. MJCF knows no velocity limits."""
+    """Limits of hinges and slides: ranges, and commands from force ranges. MJCF has no velocity limits."""
     import mujoco
 
     found = {}
@@ -183,7 +183,7 @@ def _mjcf_command(model: mujoco.MjModel, joint: int) -> float:
 
 
 def _smaller(ends: Array) -> float:
-    """What a drive gives to both sides, of a range (2,); of a range to one side alone, its end."""
+    """Force of a drive in both directions, from a range (2,); for a one-sided range, its end."""
     low, high = float(ends[0]), float(ends[1])
     return min(-low, high) if low < 0.0 < high else max(abs(low), abs(high))
 
@@ -210,7 +210,7 @@ def _read(
 def _by_joint(
     given: Mapping[str, Mapping[str, float]], arm: Sequence[str], moving: Sequence[str], path: Path
 ) -> dict[str, dict[str, float]]:
-    """The same by joint, what names one before what a pattern says. UsageError for what fits none."""
+    """The limits by joint; a name precedes a pattern. UsageError: an entry fits no joint."""
     found: dict[str, dict[str, float]] = {}
     unknown = []
     for pattern, values in sorted(given.items(), key=lambda own: own[0] in moving):
@@ -228,7 +228,7 @@ def _by_joint(
 
 
 def _require_within(given: Mapping[str, Mapping[str, float]], stated: Limits, path: Path) -> None:
-    """UsageError for a range beyond the one that the file states."""
+    """Raises UsageError for a range beyond that of the file."""
     for joint, own in given.items():
         low, high = stated[joint].get("lower", -math.inf), stated[joint].get("upper", math.inf)
         if own.get("lower", low) < low or own.get("upper", high) > high:
@@ -241,7 +241,7 @@ def _require_within(given: Mapping[str, Mapping[str, float]], stated: Limits, pa
 
 
 def _assume_ranges(limits: dict[str, dict[str, float]], moving: Mapping[str, Moving]) -> tuple[str, ...]:
-    """Half a turn to either side for joints that turn without end; one sentence for all of them."""
+    """Sets half a turn to either side for joints without end stops; one sentence for all of them."""
     endless = [joint for joint, values in limits.items() if moving[joint].endless and "lower" not in values]
     for joint in endless:
         limits[joint] = {"lower": -math.pi, "upper": math.pi, **limits[joint]}
@@ -259,7 +259,7 @@ def _shown(joint: str) -> str:
 
 
 def _assume_accelerations(limits: Limits) -> tuple[str, ...]:
-    """velocity limit / STOPPING_TIME where none is given; one sentence for all of them."""
+    """Sets velocity limit / STOPPING_TIME for missing accelerations; one sentence for all of them."""
     assumed = []
     for joint, values in limits.items():
         if "acceleration" not in values and values.get("velocity", 0) > 0:
@@ -274,7 +274,7 @@ def _assume_accelerations(limits: Limits) -> tuple[str, ...]:
 
 
 def _require_positive(limits: Limits, path: Path) -> None:
-    """UsageError for a velocity or command that the file states and that is none."""
+    """Raises UsageError for a velocity or command in the file that is not positive."""
     for joint, values in limits.items():
         for limit, most in (("velocity", math.inf), ("command", LARGEST_COMMAND)):
             if not (0.0 < values[limit] <= most and math.isfinite(values[limit])):
@@ -287,7 +287,7 @@ def _require_positive(limits: Limits, path: Path) -> None:
 
 
 def _require_believable(spec: ArmSpec, path: Path) -> None:
-    """UsageError, with the option that mends it, for a limit that looks like another unit's."""
+    """Raises UsageError for a limit that looks like another unit, with the option that corrects it."""
     if found := suspected(spec):
         example = "lower:upper" if found.option == "range" else "limit"
         units = RADIANS if found.turns else METRES
@@ -307,7 +307,7 @@ def _option(joint: str, value: str) -> str:
 
 
 def _require_all(limits: Limits, path: Path) -> None:
-    """UsageError for what is neither stated nor given; accelerations follow from velocities."""
+    """Raises UsageError for missing limits; accelerations follow from velocities."""
     joints = {limit: [j for j, values in limits.items() if limit not in values] for limit in WANTED}
     lacking = {limit: own for limit, own in joints.items() if own and limit != "acceleration"}
     if lacking:

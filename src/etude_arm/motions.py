@@ -32,17 +32,17 @@ UNHURRIED = 0.5
 
 
 def family(spec: ArmSpec, config: FourierConfig) -> FourierFamily:
-    """Fourier series of every joint; if omega0 was left open, one period of what suits the way that it is
-    likely to go.
-    """
+    """Fourier series of every joint; without omega0, one period that suits the likely path."""
     lower, upper = usual_excursion(spec)
     suited = suited_to(config, lower, upper, spec.velocity, spec.acceleration)
     return FourierFamily.of(suited, axes=spec.dof)
 
 
 def limits(spec: ArmSpec, margins: Margins, model: Model | None = None) -> tuple[Limit, ...]:
-    """Position, velocity and acceleration of every joint, rest at both ends; jerk, envelopes of velocity,
-    commands, clearance and limits in space if any; those of its owner's own last.
+    """Limits of the joints: position, velocity, acceleration, rest at both ends, and optional ones.
+
+    The optional ones are jerk, velocity envelopes, commands, clearance and limits in space; the owner's own
+    are last.
     """
     clearance = clearance_of(spec, margins)
     space = space_of(spec)
@@ -65,8 +65,8 @@ def limits(spec: ArmSpec, margins: Margins, model: Model | None = None) -> tuple
 
 
 def usual_excursion(spec: ArmSpec) -> tuple[Array, Array]:
-    """(k,) ends of the way of each joint in a motion: of an arm that keeps clear of something, a part of its
-    range; else the whole.
+    """Ends (k,) of each joint's usual path in a motion, rad (m): a part of the range for an arm with
+    obstacles, else all of it.
     """
     home, lower, upper = search_of(spec)
     if clearance_of(spec, {}) is None:
@@ -77,8 +77,10 @@ def usual_excursion(spec: ArmSpec) -> tuple[Array, Array]:
 
 
 def largest_error(spec: ArmSpec) -> Array:
-    """(J,) rad (m): at an extremum of the error its rate is zero, so all of the command is kp e; NaN where
-    the gains are not known. A simulated arm's are.
+    """Largest position errors (J,), rad (m), that the feedback gains allow; NaN for unknown gains.
+
+    At an extremum of the error its rate is zero, so the whole command is kp e. A simulated arm's gains are
+    known.
     """
     gains = None if spec.gains is None else spec.gains.kp
     if gains is None and spec.plant is not None:
@@ -89,7 +91,7 @@ def largest_error(spec: ArmSpec) -> Array:
 
 
 def approaches(spec: ArmSpec, motion: Trajectory, pose: Array) -> tuple[PointToPoint, PointToPoint]:
-    """Straight moves in joint space, from the pose to the start and from the end back."""
+    """Straight moves in joint space from the pose to the start, and from the end to the pose."""
     first, last = motion.motion(np.array([0.0, motion.duration]), 1).orders[0]
     speeds = UNHURRIED * spec.velocity, UNHURRIED * spec.acceleration
     return tuple(  # type: ignore[return-value]
@@ -101,11 +103,11 @@ def approaches(spec: ArmSpec, motion: Trajectory, pose: Array) -> tuple[PointToP
 
 
 def tests(spec: ArmSpec, rng: np.random.Generator) -> dict[str, Trajectory]:
-    """Motions that are never trained on.
+    """Motions that are never learned.
 
-    They do not depend on which family a campaign trains on, so that settings can be compared: the thesis's
-    own form (3.5) with N = 2, one to two periods long, and point-to-point moves. Where a robot may touch
-    something they stay in the box that is nearly all clear of it.
+    They do not depend on the campaign's family, so that settings can be compared. They are the thesis's form
+    (3.5) with N = 2, one to two periods long, and point-to-point moves. For a robot with obstacles, they stay
+    in the box of nearly clear poses.
     """
     from etude.limits.feasible import FeasibleSet
     from etude.limits.samplers import scaled

@@ -1,4 +1,4 @@
-"""An arm's inputs in operators of ONNX, and the state of friction from one instant to the next."""
+"""ONNX operators of an arm's inputs, and of the friction state between instants."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from etude_arm.memory import MEMORY_RATE
 
 
 def inputs_piece(inputs: Any) -> Piece:
-    """`ArmInputs`; memory of each joint: what friction remembers, the position behind the play, begun."""
+    """Operators of `ArmInputs`; memory of each joint: friction state, position behind the play, start."""
     reads, J = inputs.names, len(inputs.stick_velocity)
     remembers = inputs.presliding is not None
 
@@ -31,7 +31,7 @@ def inputs_piece(inputs: Any) -> Piece:
 
 
 def followed(q: Value, memory: Value, play: Array, length: Array) -> tuple[Value, Value]:
-    """What friction remembers (n, J) at q (n, J), and the memory after (n, 2 J + 1): Dahl's law, as
+    """Friction state (n, J) at q (n, J), and the memory after (n, 2 J + 1): Dahl's law, as
     `memory.remembered`.
     """
     J = len(length)

@@ -1,4 +1,4 @@
-"""The table [payload] of a robot file, with a load that was identified."""
+"""Payload table of a robot file, with an identified load."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def with_payload(text: str, spec: ArmSpec, mass: float, centre: Array) -> str:
     """The robot file with a load (kg, m in the frame of the last axis's link) added to its payload.
 
     Raises:
-        UsageError: more was put down than it says that the robot carries, or that hangs at another link.
+        UsageError: the removed mass exceeds the robot's payload, or that payload is at another link.
     """
     old = spec.payload
     parts = [(mass, centre, np.eye(3) * 0.4 * mass * BALL**2)]

@@ -2,12 +2,12 @@
 
 This step decides the error.
 
-A joint that sticks before it turns is masked for long enough. One that is led through its reversal, by a
-feedforward or by a good controller, is slow for some hundredths of a second, and the step of its friction is
-spread by the filter over samples whose speed looks innocent: the exact model is wrong there.
+A joint that sticks at a reversal is masked long enough. A good feedforward or controller leads a joint
+through its reversal in some hundredths of a second. The filter then spreads the friction step over samples of
+higher speed, for which the exact model is wrong.
 
-A speed relative to the log's own top one makes every sample of a joint that is only
-held a moving one: its command then teaches what friction held, as if it were dynamics.
+A speed relative to the log's own top speed would count every sample of a joint that is only held as moving.
+The model would then learn static friction as dynamics.
 """
 
 from __future__ import annotations
@@ -47,14 +47,14 @@ TARGET_HZ = 10.0
 
 
 def near_reversals(speed: Array, slow: Mask, reach: int, longest: int) -> Mask:
-    """(T, J) rows from which a fast reversal is less than `reach` rows away.
+    """Mask (T, J) of rows less than `reach` rows from a fast reversal.
 
     Args:
         speed: (T, J) of each joint, on a uniform grid.
-        slow: (T, J) where it counts as standing.
-        reach: rows on either side; of a zero-phase filter of second order, the answer to a step has fallen
-            to a hundredth after one period of the cutoff.
-        longest: rows that a joint may be slow between two ways for its reversal to be fast.
+        slow: (T, J) mask of rest.
+        reach: rows on either side. The step response of a zero-phase filter of second order falls to a
+            hundredth after one period of the cutoff.
+        longest: largest number of slow rows in a fast reversal.
     """
     near = np.zeros(speed.shape, dtype=bool)
     for j in range(speed.shape[1]):
@@ -67,27 +67,27 @@ def near_reversals(speed: Array, slow: Mask, reach: int, longest: int) -> Mask:
 
 
 def spared(samples: Samples, plenty: int) -> Samples:
-    """The same, with every sample usable again of joints that have fewer than `plenty` left.
+    """The samples, with every sample usable again for joints that have fewer than `plenty` left.
 
-    While samples are few, what a smeared one says of inertia is worth more than its error about friction:
-    on real logs of half a minute leaving them out cost up to a half.
+    With few samples, the information of a smeared one about inertia outweighs its error about friction. On
+    real logs of half a minute, leaving them out raised the error by up to a half.
     """
     few = np.sum(samples.usable & samples.moving, axis=0) < plenty
     return replace(samples, usable=samples.usable | few)
 
 
 def samples_of(spec: ArmSpec, config: ArmData, logs: Sequence[Log], groups: Sequence[Index]) -> Samples:
-    """The samples a model learns from: filtered, trimmed, thinned, with the stick mask of every command.
+    """The samples for a model: filtered, trimmed, thinned, with the stick mask of every command.
 
     Args:
         spec: gives the velocity limits, the scale of the stick mask.
-        config: the protocol.
-        logs: cleaned logs whose axes are those of `spec`, in its order; pauses split them.
-        groups: per log (T,), the segment of each row; it also shifts the thinning, so that repeated motions
-            add samples. Rows of a group below 0 belong to no segment: the filter sees them, samples do not.
+        config: of the preprocessing.
+        logs: cleaned logs with the axes of `spec`, in its order; pauses split them.
+        groups: (T,) segment of each row, for each log; it also shifts the thinning, so that repeated motions
+            add samples. Rows of a group below 0 are in no segment: the filter uses them, samples do not.
 
     Raises:
-        DataError: the axes differ, desired inputs are asked of a log without them, or nothing is left.
+        DataError: the axes differ, a log lacks the desired inputs, or nothing is left.
     """
     if not logs:
         raise DataError("there is no log to learn from", next_step="Tell one first.")
@@ -116,10 +116,10 @@ def _of_log(spec: ArmSpec, config: ArmData, log: Log, group: Index) -> Samples:
 
 
 def _without_return(log: Log, group: Index) -> Index:
-    """Groups (T,), -1 from where a robot leaves the place at which its plan has ended.
+    """Groups (T,), -1 from the row at which the robot leaves the end of its plan.
 
-    A plan rests after its end, and what the robot does then is not in it: the way back would be learned as
-    rest. It is left where it is `LEFT` times as far from the plan as ever before.
+    A plan rests after its end, so the return would be learned as rest. The robot leaves when it is `LEFT`
+    times as far from the plan as ever before.
     """
     if PLAN[1] not in log or PATH[0] not in log:
         return group
@@ -139,10 +139,10 @@ the acceleration of a fast robot that is seen, and not the noise."""
 
 
 def resolution(q: Array, quantum: tuple[float, ...] = ()) -> Array:
-    """(J,) r: the half width that noise and steps of a recorded position q (T, J) do not leave, rad or m.
+    """Half width r (J,), rad or m, of the noise and steps of a recorded position q (T, J).
 
-    The encoder's step is `quantum` where it is known, else the least difference between two positions that
-    were recorded. Noise of less than that is none.
+    The encoder's step is `quantum` if known, else the least difference between two recorded positions.
+    Smaller noise is ignored.
     """
     # a fourth difference takes five rows
     if len(q) < 5:
@@ -153,7 +153,7 @@ def resolution(q: Array, quantum: tuple[float, ...] = ()) -> Array:
 
 
 def _step(q: Array) -> Array:
-    """(J,) least difference of neighbouring rows that is not rounding; 0 if a joint never changes."""
+    """Least difference (J,) between neighbouring rows above rounding; 0 for a constant joint."""
     size = np.abs(np.diff(q, axis=0))
     # of a position, or of 1 rad (m): decimals of a text file come back with less
     rounding = 1e-9 * np.maximum(np.abs(q).max(axis=0), 1.0)
@@ -161,10 +161,10 @@ def _step(q: Array) -> Array:
 
 
 def standing(speed: Array, spec: ArmSpec, fraction: float, play: Array, cutoff_hz: float) -> Mask:
-    """(T, J) where a joint stands: slower than a part of its top speed, or than what its encoder resolves.
+    """Mask (T, J) of rest: below a fraction of the joint's top speed, or below the encoder's resolution.
 
-    Motion of amplitude `play` (J,) at the filter's cutoff cannot be told from none, so its speed is the least
-    that is motion, however slow the log is as a whole; it is never more than that part of the velocity limit.
+    Motion of amplitude `play` (J,) at the filter's cutoff is indistinguishable from rest. So its speed is the
+    least speed of motion, for a slow log too; it never exceeds that fraction of the velocity limit.
     """
     relative = slower(speed, spec.velocity, fraction)
     if not math.isfinite(cutoff_hz):
@@ -174,7 +174,7 @@ def standing(speed: Array, spec: ArmSpec, fraction: float, play: Array, cutoff_h
 
 
 def _with_memory(spec: ArmSpec, config: ArmData, log: Log) -> Log:
-    """The log with what friction remembers, from its first row on, and with what its positions resolve."""
+    """The log with friction states from its first row on, and with the resolution of its positions."""
     name = (PLAN if config.desired and PLAN[0] in log else PATH)[0]
     length, channel = spec.presliding(config.presliding), log.channels[name]
     resolved = resolution(log[name], channel.quantum)
@@ -199,7 +199,7 @@ def _check(log: Log, spec: ArmSpec, config: ArmData) -> None:
 
 
 def filter_cutoff(log: Log, config: ArmData) -> float:
-    """The cutoff in Hz with which the log is filtered; infinite without a filter."""
+    """Cutoff of the log's filter, Hz; infinite without a filter."""
     if config.cutoff_hz == "none":
         return math.inf
     if config.cutoff_hz != "auto":
@@ -225,10 +225,11 @@ of a cutoff, at least."""
 
 
 def _wide_enough(grid: Array, q: Array, command: Array, cutoff: float) -> float:
-    """The cutoff of the positions, or the first wider one with which linear regression predicts the target
-    clearly better.
+    """The positions' cutoff, or the first wider one at which linear regression predicts the target clearly
+    better.
 
-    Lower ones are not tried: regression then errs less where its model is wrong, and processes err more.
+    Lower ones are not tried: regression would then err less where its model is wrong, and processes would err
+    more.
     """
     wider = [hz for hz in WIDER if cutoff < hz <= median_rate(grid) / ROWS_EACH]
     rows = np.flatnonzero((grid - grid[0] > 1.0 / cutoff) & (grid[-1] - grid > 1.0 / cutoff))
@@ -242,7 +243,7 @@ def _wide_enough(grid: Array, q: Array, command: Array, cutoff: float) -> float:
 
 
 def _errors(grid: Array, q: Array, command: Array, cutoff: float, rows: Index, target: Array) -> Array:
-    """(2, J) mean squared errors of both parts, each predicted by ridge regression on the other."""
+    """Mean squared errors (2, J) of both halves, each predicted by ridge regression on the other."""
     motion, taught = smooth(grid, q, cutoff), smooth(grid, command, cutoff).value[rows]
     position, speed, acceleration = (x[rows] for x in (motion.value, motion.first, motion.second))
     steps = np.tanh(speed / np.maximum(STEP * np.abs(speed).max(axis=0), np.finfo(float).tiny))
@@ -260,7 +261,7 @@ def _errors(grid: Array, q: Array, command: Array, cutoff: float, rows: Index, t
 def _stretch(
     log: Log, group: Index, rate: float, cutoff: float, spec: ArmSpec, config: ArmData
 ) -> list[Samples]:
-    """Samples of one stretch between pauses, a part for each segment in it."""
+    """Samples of one part between pauses, separate for each segment in it."""
     trim = 1.0 / cutoff if config.trim_s == "auto" else config.trim_s
     if len(log) < LEAST_ROWS or log.t[-1] - log.t[0] <= 2 * trim:
         return []
@@ -290,7 +291,7 @@ def _stretch(
 
 
 def _near_reversals(log: Log, rate: float, cutoff: float, spec: ArmSpec, config: ArmData) -> Mask:
-    """(T, J) where the filter smears a fast reversal; nowhere without a filter, or where none stands."""
+    """Mask (T, J) of smeared fast reversals; empty without a filter or without a mask of rest."""
     speed = log[(PLAN if config.desired else PATH)[1]]
     if not (config.reversal and config.stick_fraction and math.isfinite(cutoff)):
         return np.zeros(speed.shape, dtype=bool)
@@ -301,7 +302,7 @@ def _near_reversals(log: Log, rate: float, cutoff: float, spec: ArmSpec, config:
 def _segment(
     log: Log, near: Mask, group: int, rate: float, cutoff: float, spec: ArmSpec, config: ArmData
 ) -> Samples:
-    """Every so many of the rows, with the mask of joints that stand, and of those that turn round."""
+    """Thinned rows, with the masks of joints at rest and of reversals."""
     names = PLAN if config.desired else PATH
     play = np.array(log.channels[names[0]].quantum) if MEMORY in log else np.zeros(spec.dof)
     moving = ~standing(log[names[1]], spec, config.stick_fraction, play, cutoff)
@@ -312,7 +313,7 @@ def _segment(
 
 
 def _motion(log: Log, grid: Array, cutoff: float, config: ArmData) -> tuple[Array, Array, Array]:
-    """Position, velocity and acceleration on the grid, as models look at them."""
+    """Position, velocity and acceleration on the grid, as inputs of models."""
     if config.desired and all(name in log for name in PLAN):
         q, qd, qdd = (resample(log.t, log[name], grid) for name in PLAN)
         return q, qd, qdd

@@ -70,7 +70,7 @@ KINDS = (KIND, "joints", "")
 
 @dataclass(frozen=True, kw_only=True)
 class RobotTable:
-    """The whole file. `units_checked` vouches for limits that would otherwise be suspected to be degrees."""
+    """The whole file. `units_checked` confirms limits that look like degrees."""
 
     kind: str = ""
     name: str
@@ -103,7 +103,7 @@ def read_robot(path: Path) -> ArmSpec:
     """The robot of a TOML file.
 
     Raises:
-        UsageError: no such file, unknown key, missing or impossible limit, limits in degrees.
+        UsageError: the file is missing, a key is unknown, or a limit is missing, invalid or in degrees.
     """
     return parse_robot(read_text(path, "robot file"), where=path.name, folder=path.parent)
 
@@ -138,12 +138,12 @@ def parse_robot(text: str, *, where: str, folder: Path) -> ArmSpec:
 
 
 def _open(table: RobotTable) -> tuple[str, ...]:
-    """What is still to be confirmed: a floor that was added since answers the line that asks for one."""
+    """Lines still to be confirmed; a floor that was added since answers its line."""
     return tuple(line for line in table.confirm if table.floor is None or not line.endswith(ADD_FLOOR))
 
 
 def _check_search(spec: ArmSpec, where: str) -> None:
-    """UsageError unless home and box have a number for each joint, and home is inside its limits."""
+    """Raises UsageError unless home and box have a number for each joint, and home is inside its limits."""
     search = spec.around.search
     if search is None:
         return
@@ -200,6 +200,6 @@ def robot_to_toml(spec: ArmSpec, *, folder: Path | None = None) -> str:
 
 
 def _tables(around: Surroundings) -> dict[str, Any]:
-    """What stands around, by the names of its tables; None for what is as it is without one."""
+    """The surroundings by the names of their tables; None for a default."""
     found = {one.name: getattr(around, one.name) for one in fields(Surroundings)}
     return found | {"collision": None if around.collision == Collision() else around.collision}

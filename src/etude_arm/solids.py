@@ -1,7 +1,6 @@
 """Solid parts of a robot of joints for pictures in space: the shapes of its distance checks.
 
-What is drawn is what was proved, not what looks best: a certificate says nothing of the meshes that hulls
-stand for.
+Pictures show what was proved: a certificate does not cover the meshes behind the hulls.
 """
 
 from __future__ import annotations
@@ -25,14 +24,14 @@ _skeletons: dict[str, Skeleton] = {}
 
 
 def solids(spec: ArmSpec) -> tuple[Solid, ...]:
-    """By rigid part, in the frame of its body; none without shapes."""
+    """The rigid parts, in the frames of their bodies; empty without shapes."""
     if spec.model_file is None:
         return ()
     return of_file(_known, spec, lambda: _made(_skeleton(spec)))
 
 
 def placed(spec: ArmSpec, q: Array) -> Array:
-    """(T, B, 3, 4) rotation and place of those parts in the world at poses q (T, k)."""
+    """Frames (T, B, 3, 4) m of those parts in the world at poses q (T, k)."""
     import mujoco
 
     skeleton = _skeleton(spec)
@@ -52,7 +51,7 @@ def _skeleton(spec: ArmSpec) -> Skeleton:
 
 
 def _bodies(skeleton: Skeleton) -> Index:
-    """(parts,) the model's body in whose frame each part is."""
+    """Body in the model (parts,) whose frame each part has."""
     return np.unique(np.asarray(skeleton.model.body_weldid, dtype=np.int64))
 
 
@@ -69,7 +68,7 @@ def _made(skeleton: Skeleton) -> tuple[Solid, ...]:
 
 
 def _drawn(skeleton: Skeleton) -> list[Shape]:
-    """Shapes of a model in which nothing collides: they are there to be seen."""
+    """Shapes of a model without collisions, for drawing alone."""
     model, bodies = skeleton.model, _bodies(skeleton)
     found = []
     for geom in range(model.ngeom):
@@ -94,7 +93,7 @@ def _in_part(skeleton: Skeleton, shape: Shape) -> tuple[Array, Index]:
 
 
 def _mesh(size: Array, shape: Shape) -> tuple[Array, Index]:
-    """Points (V, 3) m in the geom's frame and triangles of what is within its radius of its points."""
+    """Points (V, 3) m in the geom's frame, and triangles, of all within its radius of its points."""
     radius = (
         shape.radius - shape.grown
     )  # a hull that stands for a finer one is drawn without what it is grown
@@ -107,7 +106,7 @@ def _mesh(size: Array, shape: Shape) -> tuple[Array, Index]:
 
 
 def _ball() -> Array:
-    """(n, 3) directions all around."""
+    """Directions (n, 3) all around."""
     up, turn = np.meshgrid(np.linspace(0.0, np.pi, ROUND + 1), np.arange(2 * ROUND) * np.pi / ROUND)
     found = np.stack([np.sin(up) * np.cos(turn), np.sin(up) * np.sin(turn), np.cos(up)], axis=-1)
     return np.unique(found.reshape(-1, 3).round(12), axis=0)

@@ -1,4 +1,4 @@
-"""ArmSpec: description of a robot of joints. Axes by name, SI units, limits, rate."""
+"""Specification of a robot of joints: `ArmSpec`. Axes by name, SI units, limits, rate."""
 
 from __future__ import annotations
 
@@ -39,12 +39,13 @@ ORDERS = 3
 
 @dataclass(frozen=True)
 class Envelope:
-    """Of one joint: towards `upper`, |qd| <= offset + sqrt(slope (upper - q)); alike towards `lower`.
+    """Velocity envelope of one joint: towards `upper`, |qd| <= offset + sqrt(slope (upper - q)); alike
+    towards `lower`.
 
     Attributes:
-        offset: rad/s (m/s), less than 0 where the joint has to stand before the end.
-        slope: rad/s^2 (m/s^2), twice the deceleration that is left.
-        lower, upper: rad (m), the ends in these formulas, which may lie beyond the joint's limits.
+        offset: rad/s (m/s), negative if the joint must stop before the end.
+        slope: rad/s^2 (m/s^2), twice the available deceleration.
+        lower, upper: rad (m), ends in these formulas; they may lie beyond the joint's limits.
     """
 
     offset: float
@@ -58,16 +59,16 @@ class Axis:
     """One actuated joint and its limits.
 
     Attributes:
-        name: the joint's name, as in logs and in the URDF or MJCF.
-        lower, upper: position limits, rad (m for a sliding joint).
+        name: as in logs and in the URDF or MJCF.
+        lower, upper: position limits, rad (m for a slide).
         velocity: largest |qd|, rad/s (m/s).
         acceleration: largest |qdd|, rad/s^2 (m/s^2).
         command: largest |command| in the robot's command unit.
-        unit: of the position: "rad", or "m" for a sliding joint.
-        jerk: largest |qddd|, rad/s^3 (m/s^3); None where the robot has no such limit.
-        torque: largest |command| that a motion may ask, where that is less than the drive can give.
-        torque_rate: the same of its rate, in command units per s; None without such a limit.
-        envelope: how the velocity limit shrinks towards the ends; None: it does not.
+        unit: of the position: "rad", or "m" for a slide.
+        jerk: largest |qddd|, rad/s^3 (m/s^3); None without such a limit.
+        torque: largest |command| of a planned motion, if smaller than that of the drive.
+        torque_rate: largest rate of a planned command, command units per s; None without such a limit.
+        envelope: velocity limit near the ends of the range; None: constant.
     """
 
     name: str
@@ -85,10 +86,10 @@ class Axis:
 
 @dataclass(frozen=True)
 class Gains:
-    """Of the robot's own feedback, where they are known.
+    """Gains of the robot's own feedback, if known.
 
     Attributes:
-        kp: command units per rad (m), one for each joint: at rest of the error all of the command is kp e.
+        kp: (J,) command units per rad (m). At a constant error e, the whole command is kp e.
     """
 
     kp: tuple[float, ...]
@@ -100,20 +101,20 @@ class ArmSpec:
 
     Attributes:
         name: short name.
-        axes: the actuated joints, in the order of every array's columns.
-        command_unit: unit of the learned output: "N m", "N", "A", "V" or "pwm"; see `command_units`.
-        rate: logging and control rate, Hz.
+        axes: actuated joints, in the order of every array's columns.
+        command_unit: of the learned output: "N m", "N", "A", "V" or "pwm"; see `command_units`.
+        rate: of logs and control, Hz.
         model_file: URDF or MJCF with the rigid-body model, or None.
-        plant: name of the simulated plant that stands in for the robot, or None.
-        held: joints of the model file that are no axes, and where they stand, rad or m.
-        mounting: of the model file's base in the room; None: as in the file.
-        tool, payload: what it carries beyond the model file, or None.
-        around: what stands around it, and how far it keeps from that and from itself.
-        cartesian: how fast it may move through space, and where its tool stays; None: anyhow.
-        simulate, motors: of the stand-in made from the model file, where there is no such plant.
-        gains: of its feedback, or None where they are not known.
-        confirm: what was assumed of it, a sentence each, until a person has confirmed it.
-        limits: of its owner's own.
+        plant: name of the simulated plant that replaces the robot, or None.
+        held: positions of the model file's other joints, rad or m.
+        mounting: of the model file's base in the world; None: as in the file.
+        tool, payload: load beyond the model file, or None.
+        around: surroundings, and distances to keep from them and from the robot itself.
+        cartesian: limits of speed and place in space; None without them.
+        simulate, motors: of the simulated robot from the model file, without a plant.
+        gains: of its feedback; None if unknown.
+        confirm: assumptions, one sentence each, until a person confirms them.
+        limits: the owner's own.
     """
 
     name: str
@@ -144,7 +145,7 @@ class ArmSpec:
 
     @property
     def joint_tables(self) -> tuple[dict[str, Any], ...]:
-        """What the file says of each joint, by key."""
+        """The file's values of each joint, by key."""
         return tuple(asdict(axis) for axis in self.axes)
 
     @property
@@ -165,7 +166,7 @@ class ArmSpec:
 
     @property
     def jerk(self) -> Array:
-        """(J,) infinite where there is no limit."""
+        """Jerk limits (J,); infinite without a limit."""
         return np.array([math.inf if axis.jerk is None else axis.jerk for axis in self.axes])
 
     @property
@@ -175,38 +176,38 @@ class ArmSpec:
 
     @property
     def torque(self) -> Array:
-        """(J,) that motions may ask of each joint, infinite where it is all that the drive can give."""
+        """Largest planned commands (J,); infinite if only the drive limits them."""
         return np.array([math.inf if axis.torque is None else axis.torque for axis in self.axes])
 
     @property
     def torque_rate(self) -> Array:
-        """(J,) per s, infinite where there is no limit."""
+        """Largest rates of planned commands (J,), per s; infinite without a limit."""
         return np.array([math.inf if axis.torque_rate is None else axis.torque_rate for axis in self.axes])
 
     @property
     def command_units(self) -> tuple[str, ...]:
-        """(J,) of the commands: forces of slides are in N, torques of hinges in N m."""
+        """Units (J,) of the commands: forces of slides in N, torques of hinges in N m."""
         forces = {"rad": "N m", "m": "N"}
         return tuple(forces[a.unit] if self.command_unit in FORCES else self.command_unit for a in self.axes)
 
     def presliding(self, hinge: float) -> Array:
-        """Way over which friction turns round: `hinge` rad, a tenth of it in m for a slide."""
+        """Presliding distance: `hinge` rad, a tenth of it in m for a slide."""
         return np.array([hinge if axis.unit == "rad" else 0.1 * hinge for axis in self.axes])
 
     def presliding_distances(self) -> Array:
-        """(W, J) `PRESLIDING_DISTANCES` of each joint, rad or m."""
+        """`PRESLIDING_DISTANCES` (W, J) of each joint, rad or m."""
         return np.array([self.presliding(distance) for distance in PRESLIDING_DISTANCES])
 
     def memory(self) -> Channel:
-        """The channel of what friction remembers."""
+        """Channel of the friction state."""
         return Channel(MEMORY, self.names, ("1",) * self.dof)
 
     def friction(self) -> Channel:
-        """The channel of v0 over which friction turns, where logs tell it."""
+        """Channel of the friction velocity v0, if logs give it."""
         return Channel(FRICTION, self.names, tuple(f"{axis.unit}/s" for axis in self.axes))
 
     def turning(self) -> Channel:
-        """The channel of what friction remembers, by `PRESLIDING_DISTANCES`: all joints by the first, then by
+        """Channel of the friction states for `PRESLIDING_DISTANCES`: all joints for the first distance, then
         the next.
         """
         parts = tuple(
@@ -215,11 +216,11 @@ class ArmSpec:
         return Channel(TURNING, parts, ("1",) * len(parts))
 
     def channels(self) -> tuple[Channel, ...]:
-        """What a log of this robot may hold; only positions and commands must be in it."""
+        """Channels that a log of this robot may have; only positions and commands are required."""
         return (*self.motion(PATH, "state"), *self.motion(PLAN, "plan"), *self._commands(), self._truth())
 
     def motion(self, names: tuple[str, ...], role: Literal["state", "plan"]) -> tuple[Channel, ...]:
-        """Position, velocity and acceleration of the joints under these names."""
+        """Channels of the joints' position, velocity and acceleration under these names."""
         reach = (np.maximum(np.abs(self.lower), np.abs(self.upper)), self.velocity, self.acceleration)
         return tuple(
             Channel(

@@ -1,8 +1,8 @@
-"""Velocity limits that shrink towards the ends of a joint's range, as the controllers of some arms enforce.
+"""Velocity envelope: limits that shrink towards the ends of a joint's range, as some controllers enforce.
 
-Franka's FR3 stops where |qd| exceeds min(velocity, offset + sqrt(slope (end - q))) on the way to an end; see
-"Robot and interface specifications" in the documentation of libfranka. A motion inside the constant limits is
-aborted there.
+Franka's FR3 stops if |qd| exceeds min(velocity, offset + sqrt(slope (end - q))) on the way to an end; see
+"Robot and interface specifications" in the documentation of libfranka. It aborts such a motion even inside
+the constant limits.
 """
 
 from __future__ import annotations
@@ -26,11 +26,11 @@ QUANTITY = "velocity left before the end"
 
 @dataclass(frozen=True, eq=False)
 class EnvelopeLimit:
-    """A `Limit`: all joints with an envelope keep it, tracking errors of position and velocity included.
+    """A `Limit`: all joints keep their envelopes under tracking errors of position and velocity.
 
     Attributes:
         names: of these joints. axes: their places in the motion. envelopes: of them.
-        velocity: (n,) rad/s (m/s), the constant limits, above which no envelope allows more.
+        velocity: (n,) rad/s (m/s), constant limits, which no envelope exceeds.
         margins: of tracking, by form of motion.
     """
 
@@ -46,11 +46,11 @@ class EnvelopeLimit:
         return QUANTITY
 
     def cones(self, family: Family) -> Sequence[Cone]:  # noqa: ARG002
-        """None: position and velocity are bounded together."""
+        """None, because position and velocity are bounded together."""
         return ()
 
     def penalty(self, motion: Motion) -> tuple[float, Array]:
-        """Mean square of what exceeds, in parts of the constant limit."""
+        """Mean square of the excess, relative to the constant limit."""
         gradient = np.zeros_like(motion.orders)
         value, size = 0.0, len(motion.t) * len(self.axes)
         for sign in (1.0, -1.0):
@@ -64,7 +64,7 @@ class EnvelopeLimit:
         return value, gradient
 
     def keeps(self, piece: Trajectory) -> bool:
-        """Whether samples keep it: for searches, whose result is then proved."""
+        """Whether samples keep the limit; for searches, whose result is proved later."""
         count = max(2, math.ceil(piece.duration / SEARCH_STEP)) + 1
         motion = piece.motion(np.linspace(0.0, piece.duration, count), 2)
         return bool(np.all(self._left(motion, piece.form) >= 0.0))
@@ -74,7 +74,7 @@ class EnvelopeLimit:
         return memoized(self._proofs, piece.to_json(), lambda: self._rows(piece))
 
     def of_motion(self, motion: Motion) -> Array:
-        """(T, n) rad/s (m/s) left, less no margin."""
+        """Slack (T, n), rad/s (m/s), without tracking margins."""
         return self._left(motion, "")
 
     def _rows(self, piece: Trajectory) -> tuple[Proof, ...]:
@@ -97,7 +97,7 @@ class EnvelopeLimit:
         return tuple(rows)
 
     def _rates(self, piece: Trajectory) -> Array:
-        """(n,) bound of the rate at which what is left changes: |qdd| and |qd| times the envelope's slope."""
+        """Bound (n,) of the slack's rate: |qdd| and |qd| times the envelope's slope."""
         none = np.zeros(len(self.axes))
         q, qd, qdd = (bound_of(piece, order, 1, list(self.axes), none).range() for order in range(3))
         error = self._kept(piece.form)[0]
@@ -106,7 +106,7 @@ class EnvelopeLimit:
         return np.asarray(change + steepest * speed)
 
     def _left(self, motion: Motion, form: str) -> Array:
-        """(T, n) the lesser of what is left in both directions."""
+        """Slack (T, n) in the tighter of both directions."""
         error, speed, _ = self._kept(form)
         found = []
         for sign in (1.0, -1.0):
@@ -115,13 +115,13 @@ class EnvelopeLimit:
         return np.minimum(*found)
 
     def _kept(self, form: str) -> tuple[Array, Array, Array]:
-        """(n,) tracking errors of position and velocity that are kept, and their confidence."""
+        """Tracking margins (n,) of position and velocity, and their confidence."""
         places = list(self.axes)
         (error, sure), (speed, quick) = (tracked(0.0, self.margins, form, order, places) for order in (0, 1))
         return error, speed, np.minimum(sure, quick)
 
     def _towards(self, motion: Motion, sign: float) -> tuple[Array, Array]:
-        """(T, n) positions and velocities, mirrored for the lower end."""
+        """Positions and velocities (T, n), mirrored for the lower end."""
         q, qd = (motion.orders[order][:, self.axes] for order in (0, 1))
         return sign * q, sign * qd
 
@@ -136,7 +136,7 @@ class EnvelopeLimit:
 def envelope_of(
     names: Sequence[str], envelopes: Sequence[Envelope | None], velocity: Array, margins: Margins
 ) -> EnvelopeLimit | None:
-    """The limit of the joints that have an envelope; None where none has. All in the order of the axes."""
+    """The limit of the joints with an envelope; None without any. Arguments in the order of the axes."""
     places = tuple(j for j, own in enumerate(envelopes) if own is not None)
     if not places:
         return None
@@ -145,10 +145,10 @@ def envelope_of(
 
 
 def braked_range(axis: Axis) -> tuple[float, float]:
-    """Ends, rad (m), between which every motion within the constant limits keeps the axis' envelope.
+    """Ends, rad (m), between which every motion within the constant limits keeps the axis's envelope.
 
-    A motion that stays below an end can stop before it: |qd| <= min(velocity, sqrt(2 acceleration left)). The
-    envelope allows that from a distance of (|qd| - offset)^2 / slope to its own end on.
+    A motion that stays before an end can stop before it: |qd| <= min(velocity, sqrt(2 acceleration left)).
+    The envelope allows this at a distance of (|qd| - offset)^2 / slope from its own end.
     """
     own = axis.envelope
     if own is None:

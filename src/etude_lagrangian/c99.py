@@ -12,7 +12,6 @@ from etude.types import Array, Code
 from etude_lagrangian.joints import Joints
 
 LANE = 16  # columns that a compiler adds side by side
-_ADDED = "    {{\n        real added;\n        {}(x, &added, 0);\n        mean[{}] += added;\n    }}"
 FUNCTION = 40  # operations that one sine or exponential counts as
 
 

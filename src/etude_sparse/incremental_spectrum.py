@@ -157,17 +157,11 @@ class IncrementalSpectrum:
         """Mean at one input x (D,): O(m), after O(m²) if there was an update since."""
         return float(self._feature(x) @ self.weights)
 
-    def predict_one(self, x: Array) -> tuple[float, float]:
-        """Mean and latent variance sn² |R^-ᵀ φ|² at one input x (D,), O(m²)."""
-        phi = self._feature(x)
-        # the transpose of a C-ordered R is a Fortran-ordered lower triangle, without a copy
-        half = dtrsv(self.R.T, phi, lower=1)
-        return float(phi @ self.weights), self.gp.noise_variance * float(half @ half)
-
     @property
     def weights(self) -> Array:
         """(2m,) A^-1 b, by two triangular solves after an update."""
         if self._weights is None:
+            # the transpose of a C-ordered R is a Fortran-ordered lower triangle, without a copy
             half = dtrsv(self.R.T, self.b, lower=1)
             self._weights = np.asarray(dtrsv(self.R.T, half, lower=1, trans=1))
         return self._weights

@@ -13,7 +13,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from etude._runtime.operators import Piece
 from etude.types import Array, Code, Log, Mask
@@ -120,12 +119,6 @@ class VehicleInverse:
 def nominal_inverse(vehicle: Vehicle) -> VehicleInverse:
     """The model without drag and ground effect: thesis 5's analytic baseline."""
     return VehicleInverse(vehicle, np.zeros(len(coefficient_names(vehicle))))
-
-
-def unreachable(vehicle: Vehicle, log: Log) -> NDArray[np.bool_]:
-    """(T,) samples whose thrust and moments ask a negative W² of some rotor; its voltage is then set to 0."""
-    load, _ = load_terms(vehicle, log)
-    return np.asarray((load @ vehicle.mixer().T < 0.0).any(axis=1))
 
 
 def identify_vehicle(

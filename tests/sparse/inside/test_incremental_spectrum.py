@@ -47,8 +47,6 @@ def test_equals_learning_at_once(seed: int, n: int, split: int) -> None:
     np.testing.assert_allclose(posterior.predict(Z)[0], mean, rtol=1e-9, atol=1e-11)
     np.testing.assert_allclose(posterior.predict(Z)[1], variance, rtol=1e-9, atol=1e-12)
     np.testing.assert_allclose(posterior.covariance(Z, X), batch.covariance(Z, X), atol=1e-11)
-    one = np.array([model.predict_one(z) for z in Z])
-    np.testing.assert_allclose(one, np.column_stack([mean, variance]), rtol=1e-9, atol=1e-11)
     np.testing.assert_allclose([model.mean(z) for z in Z], mean, rtol=1e-9, atol=1e-11)
 
 
