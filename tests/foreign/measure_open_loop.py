@@ -2,7 +2,7 @@
 
     python tests/foreign/measure_open_loop.py three:5,three:6
 
-MuJoCo plays the file as it came, the file that `etude export --to mjcf` wrote, and that which adds cogging.
+MuJoCo plays the file as it came, what `etude export --to mjcf` wrote, and that with the drives' terms.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ def played(model: mujoco.MjModel, names: tuple[str, ...], log: Array) -> Array:
 
 
 def main() -> None:
-    print("| robot | joint | file as it came, mrad | written | with cogging | count of the encoder |")
+    print("| robot | joint | file as it came, mrad | written | with drives | count of the encoder |")
     for name in sys.argv[1].split(","):
         arm, text = robot(name)
         with tempfile.TemporaryDirectory() as folder:

@@ -84,7 +84,7 @@ def test_with_the_cogging_that_was_found_the_file_errs_less_than_the_physics(
     """Gravity takes up cogging in physics that do not know it; of the file it is told apart, and written."""
     written = etude.export(first, "mjcf")
     played = {one: np.array(list(own.values())) for one, own in written.facts["played"].items()}
-    assert np.all(played["cogged"] < 0.5 * played["physics"]), "1.02 was asked for"
+    assert np.all(played["drives"] < 0.5 * played["physics"]), "1.02 was asked for"
     rows = np.genfromtxt(written.folder / "cogging.csv", delimiter=",", names=True, dtype=None, encoding=None)
     q = np.linspace(0.8 * arm.lower, 0.8 * arm.upper, 200)
     true, found = arm.drives.ripple(q), np.zeros_like(q)

@@ -25,8 +25,8 @@ import numpy as np
 
 from etude.errors import NumericalError
 from etude.types import Array, Index, Mask, Samples
-from etude_arm.identified.model_file_writer import APART, FUSED, JointTerms
-from etude_arm.identified.parameter_fit import FRICTION, OFFSET_TERM, Settled, settled
+from etude_arm.identified.model_file_writer import APART, FUSED, Dip, JointTerms
+from etude_arm.identified.parameter_fit import FRICTION, OFFSET_TERM, STRIBECK, Settled, settled
 from etude_arm.identified.pseudo_inertia import SIZE, basis, coordinates
 from etude_arm.loading.inertia import NO_MASS
 from etude_arm.loading.load import load_arm
@@ -288,7 +288,7 @@ def _barrier(x: Array, only_value: bool = False) -> tuple[float, Array, Array]:
 class Identified:
     """Attributes:
     links: the bodies of the file. result: their parameters. own: (J, E) terms of the drives.
-    joints: armature, damping, friction and cogging of each joint with a drive of its own.
+    joints: armature, friction and cogging of each joint with a drive of its own.
     ripple: (J,) rms of what returns with each hinge's position, as cogging, command units.
     errors: on segments left out. used: (n, J) samples in which a joint moves and has not just turned.
     """
@@ -303,25 +303,36 @@ class Identified:
 
 
 def _joint_terms(
-    spec: ArmSpec, links: Links, evidence: WhitenedRows, own: Array, cogs: Mask
-) -> dict[str, JointTerms]:
+    spec: ArmSpec, links: Links, evidence: WhitenedRows, own: Array, found: Settled
+) -> Mapping[str, JointTerms]:
     """Of drives that are one joint's; none below zero. Friction c sign(v) + d v is the nearest to what was
     identified over the logs' own speeds.
     """
-    from scipy.optimize import nnls
-
-    found, first = {}, len(links.nominal)
+    terms, first = {}, len(links.nominal)
     for j, (name, drive) in enumerate(zip(spec.names, links.drives, strict=True)):
         if not drive.side(j):
             continue
         turn = abs(drive.gear * float(drive.coefficients[j]))
         columns = evidence.rows[j][0][:, first:] * evidence.deviation[j]
-        speed, force = columns[:, SPEED], columns[:, FRICTION] @ own[j, FRICTION]
-        friction, damping = nnls(np.column_stack([np.sign(speed), speed]), force)[0].tolist()
+        friction, damping = _nearest(columns, own[j])
+        dip = None
+        if found.outputs[j].deviations[STRIBECK] > 0.0 and own[j, STRIBECK] > 0.0:
+            slid, rubbed = _nearest(columns, np.where(np.arange(own.shape[1]) == STRIBECK, 0.0, own[j]))
+            slow = float(found.stribeck[j]) * found.problem.turns_over(j) / turn
+            dip = Dip(rubbed * turn**2, slid * turn, float(own[j, STRIBECK]) * turn, slow)
         armature = max(0.0, float(own[j, 0])) * turn**2
-        waves = _driving(drive.side(j) * turn * own[j, OFFSET_TERM + 1 :]) if cogs[j] else ()
-        found[name] = JointTerms(armature, damping * turn**2, friction * turn, waves)
-    return found
+        waves = _driving(drive.side(j) * turn * own[j, OFFSET_TERM + 1 :]) if found.cogs[j] else ()
+        terms[name] = JointTerms(armature, damping * turn**2, friction * turn, waves, dip)
+    return terms
+
+
+def _nearest(columns: Array, own: Array) -> tuple[float, float]:
+    """c and d of the drive's friction, its terms (E,) on the columns (n, E)."""
+    from scipy.optimize import nnls
+
+    speed, force = columns[:, SPEED], columns[:, FRICTION] @ own[FRICTION]
+    friction, damping = nnls(np.column_stack([np.sign(speed), speed]), force)[0].tolist()
+    return friction, damping
 
 
 def _driving(taken: Array) -> tuple[tuple[int, float, float], ...]:
@@ -347,7 +358,7 @@ def identified(samples: Samples, spec: ArmSpec, mean: RigidBodyMean) -> Identifi
     whole = evidence.normal()
     result = consistent(*evidence.reduced(whole), links.nominal)
     own = evidence.own_terms(whole, result.phi)
-    joints = _joint_terms(spec, links, evidence, own, found.cogs)
+    joints = _joint_terms(spec, links, evidence, own, found)
     waves = len(links.nominal) + OFFSET_TERM + 1
     pairs = zip(evidence.rows, own[:, OFFSET_TERM + 1 :], strict=True)
     ripple = np.array([np.sqrt(np.mean((rows[:, waves:] @ size) ** 2)) for (rows, _), size in pairs])

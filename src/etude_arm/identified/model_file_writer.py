@@ -23,8 +23,12 @@ FUSED, APART = 'fusestatic="true"', 'fusestatic="false"'
 """Of what a loaded model says: links that move as one are one body, or each its own."""
 
 
-COGGING = "cogging"
-"""Name of its files and of its default class."""
+DRIVES = "drives"
+"""Name of the file with the drives' own terms, and of its default class."""
+BRISTLE = 1e-3
+"""rad (m) over which stiction turns round, LuGre's deflection: no log shows less."""
+FALLEN = 1e-4
+"""Part of stiction that is left at speed: MuJoCo wants some."""
 NOTHING_ELSE = {"gear": "1", "armature": "0", "damping": "0", "nsample": "0", "delay": "0"} | {
     "forcelimited": "false",
     "forcerange": "0 0",
@@ -33,17 +37,29 @@ NOTHING_ELSE = {"gear": "1", "armature": "0", "damping": "0", "nsample": "0", "d
 
 
 @dataclass(frozen=True)
+class Dip:
+    """Friction d v + [c + s exp(-(v / v_s)^2)] sign(v) of one joint: d, c, s, v_s, as of `JointTerms`."""
+
+    damping: float
+    friction: float
+    stribeck: float
+    speed: float
+
+
+@dataclass(frozen=True)
 class JointTerms:
     """Of one joint, in N m (N) per rad/s^2, per rad/s, and N m (N).
 
     Attributes:
         cogging: periods a turn, amplitude and phase of waves; the joint is driven by their sum.
+        dip: the law that damping and friction are the nearest to; None: they are the law.
     """
 
     armature: float
     damping: float
     friction: float
     cogging: tuple[tuple[int, float, float], ...] = ()
+    dip: Dip | None = None
 
 
 def central(phi: Array) -> tuple[float, Array, Array]:
@@ -99,7 +115,8 @@ def mjcf(spec: ArmSpec, bodies: Mapping[str, Array], joints: Mapping[str, JointT
     """What MuJoCo reads, and the meshes beside it, by name: an MJCF with all that it holds, a URDF's chosen
     joints with hulls and a motor for each. Tool and payload are bodies of it. Arguments as of `written`.
 
-    The first includes no cogging, since older readers know no actuator of it; the one that includes it has.
+    The first has no cogging and no dip of friction, since older readers know no actuator of them; the second
+    has, if there are any.
     """
     assert spec.model_file is not None
     model, files = _of_urdf(spec) if parsed(spec.model_file).tag == "robot" else _of_mjcf(spec)
@@ -115,34 +132,42 @@ def mjcf(spec: ArmSpec, bodies: Mapping[str, Array], joints: Mapping[str, JointT
             joint.frictionloss = terms.friction
     try:
         model.compile()
-        name = f"{spec.model_file.stem}.xml"
-        return {name: str(model.to_xml()).encode(), **_with_cogging(name, joints), **files}
+        name, text = f"{spec.model_file.stem}.xml", str(model.to_xml())
+        return {name: text.encode(), **_with_drives(name, text, joints), **files}
     except ValueError as problem:
         raise UsageError(
             f"MuJoCo cannot write the model anew: {str(problem).strip()}", where=str(spec.model_file)
         ) from None
 
 
-def cogged(name: str) -> str:
-    """Name of the file that adds cogging to that one."""
-    return f"{name.removesuffix('.xml')}_{COGGING}.xml"
+def with_drives(name: str) -> str:
+    """Name of the second file of that one."""
+    return f"{name.removesuffix('.xml')}_{DRIVES}.xml"
 
 
-def _with_cogging(name: str, joints: Mapping[str, JointTerms]) -> dict[str, bytes]:
-    """A file that includes that one and adds an actuator without input for each wave; none without waves."""
-    root = ET.Element("mujoco")
-    ET.SubElement(root, "include", file=name)
-    default = ET.SubElement(ET.SubElement(root, "default"), "default", {"class": COGGING})
+def _with_drives(name: str, text: str, joints: Mapping[str, JointTerms]) -> dict[str, bytes]:
+    """The file with an actuator without input for each wave of cogging and each dip; none without any."""
+    root = ET.fromstring(text)
+    default = ET.SubElement(ET.SubElement(root, "default"), "default", {"class": DRIVES})
     ET.SubElement(default, "general", NOTHING_ELSE)
     actuators = ET.SubElement(root, "actuator")
-    # a motor without a constant has no other force; MuJoCo wants a resistance
-    still = {"class": COGGING, "input": "none", "motorconst": "0 0", "resistance": "1"}
-    for joint, terms in joints.items():
+
+    def add(joint: str, what: str, **terms: str) -> None:
+        # a motor without a constant has no other force; MuJoCo wants a resistance
+        still = {"class": DRIVES, "input": "none", "motorconst": "0 0", "resistance": "1"}
+        ET.SubElement(actuators, "dcmotor", {"name": f"{joint} {what}", "joint": joint} | still | terms)
+
+    for element in (one for world in root.findall("worldbody") for one in world.iter("joint")):
+        terms = joints.get(joint := element.get("name", ""), JointTerms(0.0, 0.0, 0.0))
         for periods, size, phase in terms.cogging:
-            own = {"name": f"{joint} cogging {periods}", "joint": joint} | still
-            ET.SubElement(actuators, "dcmotor", own | {"cogging": _text((size, periods, phase))})
+            add(joint, f"cogging {periods}", cogging=_text((size, periods, phase)))
+        if (dip := terms.dip) is not None:
+            element.set("damping", repr(dip.damping))
+            element.set("frictionloss", repr(dip.friction))
+            law = dip.stribeck / BRISTLE, 0.0, FALLEN * dip.stribeck, dip.stribeck, dip.speed
+            add(joint, "stiction", lugre=_text(law))
     ET.indent(root)
-    return {cogged(name): ET.tostring(root) + b"\n"} if len(actuators) else {}
+    return {with_drives(name): ET.tostring(root) + b"\n"} if len(actuators) else {}
 
 
 def _of_mjcf(spec: ArmSpec) -> tuple[Any, dict[str, bytes]]:

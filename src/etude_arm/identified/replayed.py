@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from etude.types import Array, Samples
+from etude.types import Array, Index, Samples
 from etude_arm.identified.consistent_parameters import Identified
-from etude_arm.identified.model_file_writer import cogged
+from etude_arm.identified.model_file_writer import with_drives
 from etude_arm.identified.parameter_fit import OFFSET_TERM
 from etude_arm.physics.kinematics import body_motion
 from etude_arm.physics.mean import RigidBodyMean
@@ -20,6 +20,9 @@ from etude_arm.spec import PATH, PLAN, ArmSpec
 if TYPE_CHECKING:
     import mujoco
 
+STIFFNESS, LEVELS = 5, slice(3, 6)
+"""Where MuJoCo keeps LuGre's terms of a dcmotor: in dynprm, and levels and speed in biasprm."""
+
 
 @dataclass(frozen=True, eq=False)
 class Replayed:
@@ -28,12 +31,12 @@ class Replayed:
 
     Attributes:
         file: of MuJoCo's inverse dynamics with the written file.
-        cogged: of the same with the file that adds cogging.
+        drives: of the same with the file that has cogging and dips of friction.
         physics: of the identified physics that the model uses.
     """
 
     file: Array
-    cogged: Array
+    drives: Array
     physics: Array
 
 
@@ -61,7 +64,7 @@ def replayed(
     file = played(plain)
     return Replayed(
         file,
-        played(cogged(plain)) if cogged(plain) in files else file,
+        played(with_drives(plain)) if with_drives(plain) in files else file,
         error(mean.predict(samples.log)),
     )
 
@@ -89,8 +92,20 @@ def inverse(model: mujoco.MjModel, spec: ArmSpec, q: Array, qd: Array, qdd: Arra
     for i in range(len(q)):
         data.qpos[at], data.qvel[dofs], data.qacc[dofs] = q[i], qd[i], qdd[i]
         mujoco.mj_inverse(model, data)
+        _settle(model, data, free, driven)
         mujoco.mj_fwdActuation(model, data)
         force = data.qfrc_inverse.copy()
         np.subtract.at(force, driven, model.actuator_gear[free, 0] * data.actuator_force[free])
         found[i] = force[dofs]
     return found
+
+
+def _settle(model: mujoco.MjModel, data: mujoco.MjData, free: Index, driven: Index) -> None:
+    """Bristles of LuGre's friction as they are at steady speed: what an instant does not say."""
+    for k, dof in zip(free, driven, strict=True):
+        stiffness = float(model.actuator_dynprm[k, STIFFNESS])
+        if stiffness > 0.0:
+            least, most, slow = model.actuator_biasprm[k, LEVELS]
+            speed = float(model.actuator_gear[k, 0] * data.qvel[dof])
+            level = least + (most - least) * np.exp(-((speed / slow) ** 2))
+            data.act[model.actuator_actadr[k]] = np.sign(speed) * level / stiffness

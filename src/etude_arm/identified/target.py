@@ -15,7 +15,7 @@ from etude.logs.readers.cells import text_cell
 from etude.protocols import Kind
 from etude.types import Array, Delivered, Samples
 from etude_arm.identified.consistent_parameters import Identified, identified
-from etude_arm.identified.model_file_writer import JointTerms, cogged, mjcf, written
+from etude_arm.identified.model_file_writer import JointTerms, mjcf, with_drives, written
 from etude_arm.identified.pseudo_inertia import is_possible
 from etude_arm.identified.replayed import Replayed, replayed
 from etude_arm.physics.geometry import has_masses
@@ -70,7 +70,7 @@ class ModelFile:
         ]
         facts: dict[str, Any] = {"told": found.result.told, "segments": found.errors.segments}
         if played is not None:
-            names = ("file", "cogged", "physics")
+            names = ("file", "drives", "physics")
             facts["played"] = {
                 one: dict(zip(spec.names, getattr(played, one).tolist(), strict=True)) for one in names
             }
@@ -103,7 +103,7 @@ def _played(
 def _played_sentences(name: str, played: Replayed | None, found: Identified, spec: ArmSpec) -> list[str]:
     if played is None:
         return []
-    errors = played.file, played.cogged, played.physics
+    errors = played.file, played.drives, played.physics
     pairs = zip(spec.names, spec.command_units, *errors, strict=True)
     parts = ", ".join(
         f"{joint} {digits(file)}, {digits(full)} ({digits(own)}) {unit}"
@@ -112,15 +112,18 @@ def _played_sentences(name: str, played: Replayed | None, found: Identified, spe
     waves = zip(spec.names, spec.command_units, found.ripple.tolist(), strict=True)
     cogs = [name for name, terms in found.joints.items() if terms.cogging]
     ripple = ", ".join(f"{joint} {digits(size)} {unit}" for joint, unit, size in waves if joint in cogs)
+    dips = ", ".join(name for name, terms in found.joints.items() if terms.dip is not None)
+    second = [f"cogging, which was told from gravity (rms: {ripple})"] * bool(ripple)
+    second += [f"Stribeck's dip ({dips})"] * bool(dips)
     return [
-        "MuJoCo's inverse dynamics of the file errs on the logs by, with cogging by (the model's physics "
-        f"by): {parts}.",
-        f"The file has no cogging, which was told from gravity (rms): {ripple}. {cogged(name)} adds it, for "
-        "MuJoCo 4; cogging.csv has its waves, for other simulators."
-        if ripple
-        else "The logs show no cogging.",
-        "frictionloss and damping are the nearest c sign(v) + d v: the file has no Stribeck's dip, no "
-        "friction that turns round over a way or differs by direction, and no offset.",
+        "MuJoCo's inverse dynamics of the file errs on the logs by, with the drives' terms by (the model's "
+        f"physics by): {parts}.",
+        f"{with_drives(name)}, for MuJoCo 4, has these terms: {' and '.join(second)}."
+        if second
+        else "The logs show no cogging and no Stribeck's dip.",
+        *(["cogging.csv has the waves of cogging, for other simulators."] * bool(ripple)),
+        "frictionloss and damping are the nearest c sign(v) + d v: neither file has friction that turns "
+        "round over a way or differs by direction, or an offset.",
     ]
 
 

@@ -15,7 +15,7 @@ from test_identified_files import MJCF as TWO
 from etude.errors import UsageError
 from etude_arm import KIND, ArmSpec
 from etude_arm.identified.consistent_parameters import links_of
-from etude_arm.identified.model_file_writer import JointTerms, mjcf
+from etude_arm.identified.model_file_writer import Dip, JointTerms, mjcf
 from etude_arm.identified.replayed import inverse
 from etude_arm.identified.target import MJCF
 from etude_arm.loading.attachments import Attached, Mounting
@@ -71,7 +71,7 @@ def test_friction_brakes_a_joint_that_turns_fast(spec: ArmSpec) -> None:
     np.testing.assert_allclose(more[fast], wanted[fast], atol=0.03)
 
 
-def test_a_second_file_drives_joints_by_their_cogging(tmp_path: Path) -> None:
+def test_a_second_file_has_cogging_and_dips_of_friction(tmp_path: Path) -> None:
     """Whatever a file's defaults say of actuators; its own take the same controls."""
     path = tmp_path / "two.xml"
     default = '<general gear="50" forcerange="-.1 .1" forcelimited="true" damping="9"/></default>'
@@ -79,13 +79,22 @@ def test_a_second_file_drives_joints_by_their_cogging(tmp_path: Path) -> None:
     path.write_text(TWO.replace("<mujoco>", "<mujoco><default>" + default).replace("</mujoco>", motor))
     spec = spec_of(path, ("a", "b"))
     waves = ((2, 0.3, 0.5), (5, 0.2, -2.0))
-    files = mjcf(spec, {}, {"a": JointTerms(0.1, 0.2, 0.3, waves), "b": JointTerms(0.1, 0.2, 0.3)})
-    plain, cogging = compiled(files), compiled(files, "two_cogging.xml")
-    assert (cogging.nu, cogging.na) == (plain.nu, plain.na) == (1, 0)
-    states = motion(np.random.default_rng(3), 60, spec.dof)
-    driven = inverse(plain, spec, *states) - inverse(cogging, spec, *states)
+    terms = {
+        "a": JointTerms(0.1, 0.2, 0.3, waves),
+        "b": JointTerms(0.1, 0.2, 0.3, (), Dip(0.15, 0.25, 0.4, 0.9)),
+    }
+    files = mjcf(spec, {}, terms)
+    plain, drives = compiled(files), compiled(files, "two_drives.xml")
+    assert plain.nu == drives.nu == 1
+    states = [4.0 * part for part in motion(np.random.default_rng(3), 60, spec.dof)]
+    more = inverse(drives, spec, *states) - inverse(plain, spec, *states)
     wanted = sum(size * np.sin(periods * states[0][:, 0] + phase) for periods, size, phase in waves)
-    np.testing.assert_allclose(driven, np.column_stack([wanted, 0.0 * wanted]), atol=1e-9)
+    np.testing.assert_allclose(more[:, 0], -wanted, atol=1e-9)
+    v = states[1][:, 1]
+    law = (0.15 - 0.2) * v + (0.25 - 0.3 + 0.4 * np.exp(-((v / 0.9) ** 2))) * np.sign(v)
+    fast = np.abs(v) > 0.3
+    assert fast.sum() > 20
+    np.testing.assert_allclose(more[fast, 1], law[fast], atol=2e-3)
     assert list(mjcf(spec, {}, {})) == ["two.xml"]
 
 
@@ -143,9 +152,9 @@ def test_the_target_says_how_the_file_predicts_the_logs(tmp_path: Path) -> None:
         assert played["physics"][name] == pytest.approx(0.3, rel=0.1)
         beside = played["file"][name] ** 2 - played["physics"][name] ** 2
         assert beside < (0.2 * friction) ** 2, "friction that turns over with speed is all that it lacks"
-        assert played["cogged"][name] == played["file"][name]
-    assert "The logs show no cogging." in delivered.said
-    assert not [file for file in delivered.files if "cogging" in file]
+        assert played["drives"][name] == played["file"][name]
+    assert "The logs show no cogging and no Stribeck's dip." in delivered.said
+    assert not [file for file in delivered.files if "cogging" in file or "drives" in file]
     assert any("MuJoCo's inverse dynamics of the file" in sentence for sentence in delivered.said)
     assert any("no Stribeck's dip" in sentence for sentence in delivered.said)
     assert "no Stribeck's dip" in delivered.files["README.md"].decode()
