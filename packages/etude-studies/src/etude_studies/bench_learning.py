@@ -47,9 +47,9 @@ class Curve(msgspec.Struct, frozen=True):
     seconds: float
 
 
-def run(*, json: bool = False, quick: bool = False, seed: int = FIRST) -> list[Row]:
+def run(*, json: bool = False, quick: bool = False, seed: int = 0) -> list[Row]:
     """Simulates the campaigns of `SEEDS` seeds and prints the rows; `quick`: two seeds, two motions."""
-    seeds, motions = range(seed, seed + (2 if quick else SEEDS)), 2 if quick else MOTIONS
+    seeds, motions = range(FIRST + seed, FIRST + seed + (2 if quick else SEEDS)), 2 if quick else MOTIONS
     cells = [(name, own) for own in seeds for name in VARIANTS]
     folder = FOLDER / f"{motions}_motions"
     found: dict[str, list[Curve]] = {name: [] for name in VARIANTS}

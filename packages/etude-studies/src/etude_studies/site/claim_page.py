@@ -75,10 +75,16 @@ def claim_page(study: Study, claim: Claim) -> Html:
 
 
 def _names(study: Study, claim: Claim) -> Names:
-    """Sources by the labels of the tables behind the claim, and behind those that it says again."""
+    """Sources by the labels of the tables behind the claim, and behind those that it says again.
+
+    Where two have the same label, each is named by what its run is.
+    """
     names: dict[str, str] = {}
     for one in (claim, *(study.ledger.claim(id) for id in claim.alias_of)):
         names = study.names(one) | names
+    read = {source for _, part in _parts(study, claim) for source in part.sources}
+    labels = Counter(label for source, label in names.items() if source in read)
+    names = {source: label for source, label in names.items() if labels[label] <= 1}
     return lambda source: row_name(source, names, study.what)
 
 

@@ -42,6 +42,8 @@ REST: Mapping[str, str] = {
 """Added where a second source is given."""
 
 
+ROUNDING = 1e-12
+"""A difference below it is the rounding of a sum that is 0."""
 Names = Callable[[str], str]
 """A source in words."""
 
@@ -97,7 +99,8 @@ def estimate(part: PartVerdict) -> str:
     """ "0.88 [0.81, 0.95]"; empty without numbers."""
     if part.estimate is None or part.low is None or part.high is None:
         return ""
-    return f"{number(part.estimate)} [{number(part.low)}, {number(part.high)}]"
+    estimate, low, high = (0.0 if abs(v) < ROUNDING else v for v in (part.estimate, part.low, part.high))
+    return f"{number(estimate)} [{number(low)}, {number(high)}]"
 
 
 def shown_part(part: PartVerdict) -> str:
@@ -108,7 +111,7 @@ def shown_part(part: PartVerdict) -> str:
 def level(part: Part, found: PartVerdict) -> str:
     """ "measured 0.95 [0.92, 0.98]", of a value that is set against a bound; else empty."""
     numbers = (found.estimate, found.low, found.high)
-    if part.statistic != "value" or not part.bound:
+    if part.statistic not in ("value", "rank") or not part.bound:
         return ""
     own = [v * part.bound if part.log else v + part.bound for v in numbers if v is not None]
     return f"measured {number(own[0])} [{number(own[1])}, {number(own[2])}]" if len(own) == 3 else ""

@@ -24,6 +24,7 @@ from etude.errors import EtudeError
 from etude_studies.collected import Results
 from etude_studies.site import facets
 from etude_studies.site.build import build_site, pages
+from etude_studies.site.claim_words import estimate, level
 from etude_studies.site.context import Study
 from etude_studies.site.dot_plot import Dot, Rule, dot_plot
 from etude_studies.site.entry_table import table_of
@@ -32,8 +33,8 @@ from etude_studies.site.mathematics import plain, prose
 from etude_studies.site.numbers import Numbers, Summary, summary
 from etude_studies.site.words import WORDS, listed
 from etude_studies.thesis.kept import kept_results, planned_seeds
-from etude_studies.thesis.ledger import Ledger, load_ledger
-from etude_studies.thesis.part_verdicts import NOT_RUN, UNTESTED
+from etude_studies.thesis.ledger import Ledger, Part, load_ledger
+from etude_studies.thesis.part_verdicts import NOT_RUN, UNTESTED, PartVerdict
 from etude_studies.thesis.readings import READINGS, Reading, readings
 from etude_studies.thesis.verdict_file import shown
 from etude_studies.thesis.verdicts import Verdict, judge
@@ -447,3 +448,16 @@ def test_what_no_seed_reached_is_not_called_not_run() -> None:
     assert "not run" not in text
     assert Dot("slow", None, None, style_of(0), asked=2).words == "none of 2 seeds"
     assert Dot("slow", summary(never["0.5"]), None, style_of(0), asked=2).words.endswith(", 1 of 2")
+
+
+def test_a_sum_that_is_zero_but_for_rounding_is_written_as_zero() -> None:
+    found = PartVerdict(part=0, word="not decided", log=False, estimate=5.5e-18, low=-0.1, high=0.1)
+    assert estimate(found) == "0 [−0.100, 0.100]"
+
+
+def test_values_and_ranks_are_given_beside_their_distance_from_a_bound() -> None:
+    found = PartVerdict(part=0, word="holds", log=False, estimate=-0.35, low=-0.4, high=-0.3)
+    for statistic in ("value", "rank"):
+        part = Part(statistic=statistic, claim="less", measure="error", a="T1", bound=1.3)
+        assert level(part, found) == "measured 0.950 [0.900, 1.00]"
+    assert not level(Part(statistic="ratio", claim="less", measure="error", a="A1", b="A5"), found)
