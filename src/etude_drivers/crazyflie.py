@@ -27,8 +27,8 @@ from etude.drivers import About, Control, Sample, require_known
 from etude.errors import UsageError
 from etude.logs.readers.extras import needed
 from etude.types import Array
+from etude_drivers.vehicles import AXES, require_axes, require_charge, require_heading, yaw_of
 
-AXES = ("x", "y", "z")
 KEYS = ("rate", "motors", "serial", "battery")
 """Of the table [driver]."""
 MOST = 32.767
@@ -73,8 +73,8 @@ BRAKE_S = 1.0
 """In which the high-level commander comes to rest."""
 SHORTEST_LANDING_S, LANDING_SPEED = 2.0, 0.3
 """s, m/s"""
-HEADING, UNCERTAIN = 0.3, 0.1
-"""rad by which it may look away from the x axis; m of standard deviation of its own estimate."""
+UNCERTAIN = 0.1
+"""m of standard deviation of its own estimate."""
 
 
 def driver(joints: tuple[str, ...], address: str, settings: Mapping[str, Any]) -> CrazyflieVehicle:
@@ -103,11 +103,7 @@ class CrazyflieVehicle:
         self, joints: Sequence[str], address: str, settings: Mapping[str, Any], virtual: bool = False
     ) -> None:
         require_known(settings, KEYS, "crazyflie")
-        if tuple(joints) != AXES:
-            raise UsageError(
-                f"crazyflie flies along x, y and z, not {', '.join(joints)}",
-                next_step="Give it a vehicle's campaign.",
-            )
+        require_axes(joints, "crazyflie")
         self.address, self.virtual = address, virtual
         self.rate = float(settings.get("rate", 50.0))
         self.motors = tuple(settings.get("motors", ("m1", "m2", "m3", "m4")))
@@ -205,8 +201,7 @@ class CrazyflieVehicle:
         """Armed where that is asked for, and able to fly. ConnectionError: it is not, and why."""
         own = self._newest
         here = self.state().q if self._held is None else self._held
-        if (why := self._unfit(own)) != "":
-            raise ConnectionError(why)
+        self._require_fit(own)
         flew = self._bit(own, FLIES)
         if not self._bit(own, ARMED):
             self._cf.supervisor.send_arming_request(True)
@@ -252,11 +247,7 @@ class CrazyflieVehicle:
         self._ground = None
 
     def _close(self) -> None:
-        """cflib's `close_link` would first send a thrust of zero."""
-        link, self._cf.link = self._cf.link, None
-        if link is not None:
-            link.close()
-        self._cf.close_link()
+        close(self._cf)
         self._newest, self._stamp, self._held, self._ground = {}, None, None, None
 
     def _require_serial(self) -> None:
@@ -316,19 +307,16 @@ class CrazyflieVehicle:
         place, speed, force = ((np.rint(1e3 * rows) + 0.25 * np.sign(rows)) / 1e3).tolist()
         self._cf.commander.send_full_state_setpoint(place, speed, force, LEVEL, 0.0, 0.0, 0.0)
 
-    def _unfit(self, own: Mapping[str, float]) -> str:
-        """Why no motion may begin."""
+    def _require_fit(self, own: Mapping[str, float]) -> None:
+        """ConnectionError: no motion may begin, and why."""
         if fallen := self._fallen(own):
-            return f"it is {fallen}"
-        if (left := own["pm.batteryLevel"] / 100.0) < self.battery:
-            return f"the battery has {left:.0%} left, and {self.battery:.0%} are asked for"
+            raise ConnectionError(f"it is {fallen}")
+        require_charge(own["pm.batteryLevel"] / 100.0, self.battery)
         if (off := math.sqrt(max(own[f"kalman.varP{axis}"] for axis in "XYZ"))) > UNCERTAIN:
-            return f"it knows its position to {off:.2g} m only: wait, or see to its positioning"
-        w, x, y, z = (own[f"{STATE}q{part}"] for part in "wxyz")
-        yaw = math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
-        if abs(yaw) > HEADING:
-            return f"it looks {math.degrees(abs(yaw)):.0f} degrees away from the x axis: turn it"
-        return ""
+            raise ConnectionError(
+                f"it knows its position to {off:.2g} m only: wait, or see to its positioning"
+            )
+        require_heading(yaw_of(*(own[f"{STATE}q{part}"] for part in "wxyz")))
 
     def _fault(self, own: Mapping[str, float]) -> str:
         """Why it does not follow any more, once it should."""
@@ -372,8 +360,13 @@ def connected(address: str) -> Any:
     cf.open_link(address)
     if over.wait(CONNECT_S) and cf.link is not None:
         return cf
+    close(cf)
+    raise ConnectionError(f"no Crazyflie at {address}: {why[0]}")
+
+
+def close(cf: Any) -> None:
+    """Closes the link of a Crazyflie. cflib's `close_link` alone would first send a thrust of zero."""
     link, cf.link = cf.link, None
     if link is not None:
         link.close()
     cf.close_link()
-    raise ConnectionError(f"no Crazyflie at {address}: {why[0]}")

@@ -25,10 +25,10 @@ from etude.drivers import About, Control, Sample, require_known
 from etude.errors import UsageError
 from etude.logs.readers.extras import needed
 from etude.types import Array
+from etude_drivers.vehicles import AXES, require_axes, require_charge, require_heading, yaw_of
 from etude_quadrotor.export.offboard import NED, YAW
 from etude_quadrotor.logs.ulog import turned
 
-AXES = ("x", "y", "z")
 KEYS = ("rate", "motors", "pulse", "on_loss", "battery")
 """Of the table [driver]."""
 FLU = np.array([1.0, -1.0, -1.0])
@@ -55,8 +55,6 @@ BEFORE_S = 1.2
 """Of set-points before offboard mode."""
 ANSWER_S = 3.0
 """For an answer of the autopilot."""
-HEADING = 0.3
-"""rad by which the vehicle may look away from the heading that it will be asked for."""
 
 
 def driver(joints: tuple[str, ...], address: str, settings: Mapping[str, Any]) -> Px4Vehicle:
@@ -90,11 +88,7 @@ class Px4Vehicle:
         virtual: bool = False,
     ) -> None:
         require_known(settings, KEYS, "px4")
-        if tuple(joints) != AXES:
-            raise UsageError(
-                f"px4 flies along x, y and z, not {', '.join(joints)}",
-                next_step="Give it a vehicle's campaign.",
-            )
+        require_axes(joints, "px4")
         self.address, self.virtual = address, virtual
         self.rate = float(settings.get("rate", 50.0))
         self.motors = tuple(settings.get("motors", ("m1", "m2", "m3", "m4")))
@@ -170,12 +164,8 @@ class Px4Vehicle:
     def ready(self, control: Control) -> None:
         """Set-points where it stands, offboard mode, armed. ConnectionError: PX4 refuses, and why."""
         self.state()
-        if (left := self._charge()) < self.battery:
-            raise ConnectionError(f"the battery has {left:.0%} left, and {self.battery:.0%} are asked for")
-        if (off := self._looks_away()) > HEADING:
-            raise ConnectionError(
-                f"it looks {math.degrees(off):.0f} degrees away from the x axis, which is east: turn it"
-            )
+        require_charge(self._charge(), self.battery)
+        require_heading(self._looks_away(), "the x axis, which is east")
         here = self.state().q if self._held is None else self._held
         for _ in range(round(BEFORE_S * self.rate)):
             self._send(here, np.zeros(3), np.zeros(3))
@@ -248,9 +238,7 @@ class Px4Vehicle:
         own = self._newest.get("ATTITUDE_QUATERNION")
         if own is None:
             return 0.0
-        w, x, y, z = own.q1, own.q2, own.q3, own.q4
-        off = math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)) - YAW
-        return abs(math.remainder(off, 2 * math.pi))
+        return math.remainder(yaw_of(own.q1, own.q2, own.q3, own.q4) - YAW, 2 * math.pi)
 
     def _beside(self) -> dict[str, float]:
         """What a vehicle learns from, by the columns of a log, of what was heard."""

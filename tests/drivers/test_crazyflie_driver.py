@@ -8,6 +8,7 @@ import pytest
 pytest.importorskip("cflib", reason="the driver crazyflie needs cflib")
 
 from crazyflie_stand_in import FLYING, HIGH, IDLE, SERIAL, OverUdp, StandIn, address_of
+from vehicle_flights import AXES, go, through
 
 from etude.drivers import (
     Bounds,
@@ -19,16 +20,13 @@ from etude.drivers import (
     Streamed,
     Supervisor,
     find_driver,
-    planned,
     read_recording,
     write_recording,
 )
 from etude.errors import UsageError
 from etude.testing import DriverSuite
-from etude.trajectories import PointToPoint
 from etude_drivers import CrazyflieVehicle
 
-AXES = ("x", "y", "z")
 START = np.array([0.4, 0.2, 0.0])
 """Of the stand-in: on the ground."""
 OWN = "".join(f"{part:08X}" for part in SERIAL)
@@ -39,14 +37,7 @@ def vehicle(own: StandIn, **settings: object) -> CrazyflieVehicle:
 
 
 def motion(start: np.ndarray = START) -> PlannedMotion:
-    points = np.array([start, start + np.array([0.3, -0.2, 0.4])])
-    path = PointToPoint(points, 0.5, dwell=0.1, peak_acceleration=2.0, peak_jerk=50.0)
-    text = path.to_json().encode()
-    return planned(text, number=1, part="motion", speed=100, names=AXES, joints=AXES, rate=50.0)
-
-
-def go(sample: Sample) -> Reaction:
-    return Reaction.GO
+    return through(start, start + np.array([0.3, -0.2, 0.4]))
 
 
 def flown(own: StandIn, watch=go, **settings: object) -> Recording:

@@ -11,6 +11,7 @@ import pytest
 pytest.importorskip("pymavlink", reason="the driver px4 needs pymavlink")
 
 from px4_stand_in import HOLD, LAND, POSITION, OverUdp, StandIn, Wire
+from vehicle_flights import AXES, go, through
 
 from etude.drivers import (
     Bounds,
@@ -22,16 +23,13 @@ from etude.drivers import (
     Streamed,
     Supervisor,
     find_driver,
-    planned,
     read_recording,
     write_recording,
 )
 from etude.errors import UsageError
 from etude.testing import DriverSuite
-from etude.trajectories import PointToPoint
 from etude_drivers import Px4Vehicle
 
-AXES = ("x", "y", "z")
 START = np.array([0.4, 0.2, 1.1])
 """Of the stand-in: east, north, up."""
 
@@ -41,14 +39,7 @@ def vehicle(own: StandIn, **settings: object) -> Px4Vehicle:
 
 
 def motion(start: np.ndarray = START) -> PlannedMotion:
-    points = np.array([start, start + np.array([0.3, -0.2, 0.1]), start])
-    path = PointToPoint(points, 0.5, dwell=0.1, peak_acceleration=2.0, peak_jerk=50.0)
-    text = path.to_json().encode()
-    return planned(text, number=1, part="motion", speed=100, names=AXES, joints=AXES, rate=50.0)
-
-
-def go(sample: Sample) -> Reaction:
-    return Reaction.GO
+    return through(start, start + np.array([0.3, -0.2, 0.1]), start)
 
 
 def flown(own: StandIn, watch=go, **settings: object) -> Recording:

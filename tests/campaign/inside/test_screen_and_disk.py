@@ -422,6 +422,30 @@ def test_another_command_leaves_an_edit_to_ask_and_tell(copy: Path) -> None:
     assert len(status(open_campaign(copy))["edited"]) == 1
 
 
+def _exchanged(text: str) -> str:
+    """robot.toml with its two [[axis]] tables the other way round, without [search], which goes by place."""
+    tables = re.split(r"(?m)^(?=\[)", re.sub(r"(?ms)^\[search\].*?(?=^\[|\Z)", "", text))
+    places = [i for i, table in enumerate(tables) if table.startswith("[[axis]]")]
+    first, second = places
+    tables[first], tables[second] = tables[second], tables[first]
+    return "".join(table.rstrip() + "\n\n" for table in tables)
+
+
+def test_joints_in_another_order_than_the_logs_are_refused_until_they_are_put_back(
+    copy: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Logs and models go by place: a command of one joint would go to the other."""
+    robot = copy / "robot.toml"
+    before = robot.read_text()
+    robot.write_text(_exchanged(before))
+    log = str(copy.parent / "log2.csv")
+    for words in (["predict", str(copy), log], ["export", str(copy), "--to", "c"], ["status", str(copy)]):
+        assert cli.main([*words]) == 2, words
+        assert "lift, turn" in capsys.readouterr().err
+    robot.write_text(before)
+    assert cli.main(["status", str(copy)]) == 0
+
+
 def test_a_robot_toml_that_is_gone_is_a_problem(copy: Path) -> None:
     (copy / "robot.toml").unlink()
     assert damaged_files(copy, read_events(copy)) == [Notice(OfFile.MISSING, {"file": "robot.toml"})]

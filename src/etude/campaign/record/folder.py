@@ -14,7 +14,7 @@ from etude._runtime.trusted_folders import folder_id
 from etude.abilities import SupportsStatedLimits
 from etude.campaign.record.config import CampaignConfig
 from etude.campaign.record.config_file import CONFIG, load_config, trusting
-from etude.campaign.record.events import Created, Event, Fact
+from etude.campaign.record.events import Created, Event, Fact, Ingested
 from etude.campaign.record.journal import JOURNAL, commit, read_events
 from etude.campaign.record.state import Round, State, replay
 from etude.errors import UsageError
@@ -218,11 +218,11 @@ def open_campaign(path: Path) -> Campaign:
 
     Raises:
         UsageError: the folder holds no campaign, its `init` was interrupted, or robot.toml or campaign.toml
-            is invalid.
+            is invalid, or robot.toml has its axes in another order than the logs.
     """
     path = Path(path)
-    found = load_config(path)
-    created = next((event.fact for event in read_events(path) if isinstance(event.fact, Created)), None)
+    found, facts = load_config(path), [event.fact for event in read_events(path)]
+    created = next((fact for fact in facts if isinstance(fact, Created)), None)
     if created is None:
         require_no_remains(path)
         raise UsageError(
@@ -239,7 +239,21 @@ def open_campaign(path: Path) -> Campaign:
     spec = _spec(path, found.kind)
     parts = [part for channel in found.kind.channels(spec) for part in channel.parts]
     require_plain((part for part in parts if part), str(path / ROBOT))
-    return Campaign(path, found.config, found.sha256, found.kind, spec, sha256_of(path / ROBOT))
+    campaign = Campaign(path, found.config, found.sha256, found.kind, spec, sha256_of(path / ROBOT))
+    if created.axes and any(isinstance(fact, Ingested) for fact in facts):
+        require_same_names(created.axes, campaign.axes, path)
+    return campaign
+
+
+def require_same_names(told: Sequence[str], now: Sequence[str], folder: Path) -> None:
+    """UsageError: robot.toml has other names than the logs, or another order, which logs and models keep."""
+    if tuple(told) != tuple(now):
+        raise UsageError(
+            f"robot.toml has {', '.join(now)}, in this order, and the logs of this campaign are of "
+            f"{', '.join(told)}",
+            where=str(folder / ROBOT),
+            next_step="Put them back in that order. Another robot needs a campaign of its own.",
+        )
 
 
 REMAINS = ("runs", "models", "proposals", "promoted", "simulated")

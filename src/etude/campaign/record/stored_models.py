@@ -12,7 +12,7 @@ from etude._runtime.trusted_folders import folder_id
 from etude.abilities import SupportsBody, SupportsPlant
 from etude.campaign.record.config_file import trusting
 from etude.campaign.record.events import Trained
-from etude.campaign.record.folder import Campaign, open_campaign
+from etude.campaign.record.folder import Campaign, open_campaign, require_same_names
 from etude.campaign.record.journal import JOURNAL, MODEL, recorded, require_intact, superseded
 from etude.campaign.record.state import Round, State
 from etude.campaign.record.stored_files import name_of, require_runs
@@ -123,12 +123,17 @@ def stored_model(campaign: Campaign, number: int) -> LearnedModel:
 
 
 def read_stored(campaign: Campaign, path: Path) -> LearnedModel:
-    """The model in a file of the campaign; code that it names runs only in a trusted folder."""
+    """The model in a file of the campaign; code that it names runs only in a trusted folder.
+
+    UsageError: its commands have other names now, or another order.
+    """
     from etude.models.store import load_model as read_model
 
     kind, spec, config, folder = campaign.kind, campaign.spec, campaign.config, campaign.path
     with named_in(path, folder, folder_id(folder / JOURNAL), trusting(folder)):
-        return read_model(path, kind.inputs(spec, config).restore, kind.physics(spec, config))
+        model = read_model(path, kind.inputs(spec, config).restore, kind.physics(spec, config))
+    require_same_names(model.commands, campaign.command.parts, folder)
+    return model
 
 
 def only_structure(model: LearnedModel, structure: str) -> LearnedModel | None:

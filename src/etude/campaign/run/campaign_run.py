@@ -35,7 +35,15 @@ from etude.campaign.run.certified_motions import (
 )
 from etude.campaign.run.next_proposal import NextProposal
 from etude.campaign.run.preconditions import open_points, require_none
-from etude.campaign.run.robot_session import Result, RobotSession, Seen, Tell, held_on_signals, only_one
+from etude.campaign.run.robot_session import (
+    Result,
+    RobotSession,
+    Seen,
+    Tell,
+    after_loss,
+    held_on_signals,
+    only_one,
+)
 from etude.campaign.run.run_history import next_step, untold_recordings
 from etude.drivers import About, Person, Player, read_recording
 from etude.errors import DataError, EtudeError, LinkLost, RobotStopped, StopRuleReached, UsageError, typed
@@ -249,17 +257,10 @@ def what_will_happen(session: RobotSession, options: RunOptions, first: Certifie
     rounds = f"{options.rounds} motions" if options.rounds else "as many motions as the stop rule asks for"
     rounds = rounds if first is not None else "the motion that confirms alone, since the stop rule has fired"
     real = "It is real: keep a hand on its emergency stop." if about.real else "It is a simulation."
-    does = {
-        "stops": "it stops",
-        "holds": "it holds where it is",
-        "goes on": "it GOES ON",
-        "falls": "it FALLS",
-    }
-    dies = does.get(about.on_loss, "what it does is not known")
     return [
         f"{about.name} ({about.identity}) will move: {rounds}, with ways between them. {real}",
         f"It stands at {where}.",
-        f"If this program dies, {dies}.",
+        f"If this program dies, {after_loss(about)}.",
         *([] if first is None else _of_first(campaign, first)),
         *session.waived,
     ]

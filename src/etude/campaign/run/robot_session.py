@@ -239,18 +239,24 @@ class RobotSession:
         if fact.ended == Ended.REFUSED.value:
             raise UnsafeTrajectoryError(f"the robot would not start: {why}", where=where, next_step=again)
         if fact.ended == Ended.LOST.value:
-            does = {
-                "stops": "It stops by itself",
-                "holds": "It holds by itself",
-                "goes on": "It GOES ON",
-                "falls": "It FALLS",
-            }
+            does = after_loss(self.about)
             raise LinkLost(
                 f"nothing was heard of {self.about.name}: {why}",
                 where=where,
-                next_step=f"{does.get(self.about.on_loss, 'What it does now is not known')}. {again}",
+                next_step=f"{does[0].upper()}{does[1:]}. {again}",
             )
         raise RobotStopped(f"stopped: {why}", where=where, next_step=again)
+
+
+def after_loss(about: About) -> str:
+    """What the robot does once nothing is sent to it, as a clause."""
+    does = {
+        "stops": "it stops by itself",
+        "holds": "it holds where it is",
+        "goes on": "it GOES ON",
+        "falls": "it FALLS",
+    }
+    return does.get(about.on_loss, "what it does is not known")
 
 
 class _Watching:
