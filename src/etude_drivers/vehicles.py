@@ -1,4 +1,4 @@
-"""What drivers of vehicles have in common: axes, and what has to be so before a motion begins."""
+"""Refusals that drivers of vehicles share: axes, charge and heading before a motion begins."""
 
 from __future__ import annotations
 

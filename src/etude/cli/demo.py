@@ -15,7 +15,7 @@ Kind = Annotated[Literal["arm", "quadrotor"], tyro.conf.Positional, tyro.conf.ar
 
 @dataclass(frozen=True, kw_only=True)
 class Demo(Common):
-    """The whole loop on a simulated arm or quadrotor that no simple model describes, in about a minute."""
+    """The whole loop on a simulated arm or quadrotor that no simple model describes, in about two minutes."""
 
     kind: Kind = "arm"
     """Which demo: an arm that learns its commands, or a quadrotor that learns its voltages and drag."""
