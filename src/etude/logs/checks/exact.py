@@ -446,8 +446,8 @@ def _beside_late(numbers: Numbers) -> Mask:
 
 
 def _told_steps(way: Array, dt: Array, by_velocity: Array | None) -> Array:
-    """The best predictor of a joint's steps `way` (T-1,): its velocity, or the mean speed of steps around, over
-    the time `dt` (T-1,) that the stamps give: where they show a gap, nothing is lost.
+    """The best predictor of a joint's steps `way` (T-1,) over the times `dt` (T-1,) of the stamps: its
+    velocity, or the mean speed around. Where stamps show a gap nothing is lost.
     """
     told = [] if by_velocity is None else [by_velocity]
     for count in AROUND:
