@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 from made_motion import CHANNELS, COMMAND, NAMES, QD, RATE, Q, moved
 
-from etude.logs import Mendable, judge_numbers
+from etude.logs import Mendable, clean_log, judge_numbers
 from etude.logs.checks.plausibility import repaired
-from etude.logs.cleaning.read import clean_log
 from etude.types import Array, Channel, Finding, Log
 
 Change = Callable[[Log], Log]
