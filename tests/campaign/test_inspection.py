@@ -280,7 +280,7 @@ def test_a_campaign_s_table_of_names_holds(campaign: Campaign, right: Path) -> N
     assert inspect(other, campaign.path / "robot.toml").refused
     found = inspect(other, campaign.path)
     assert not found.refused
-    assert "By [log] columns" in found.findings[0].sentence
+    assert "By [log.columns]" in found.findings[0].sentence
 
 
 def one_wild_time(rows: Rows) -> Rows:

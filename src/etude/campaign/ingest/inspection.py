@@ -104,7 +104,7 @@ def inspect(
 
 
 def mapping_of(path: Path, robot: str, topics: Sequence[str] = ()) -> str:
-    """The table [log] that assigns the file's columns to channels; see `logs.mapping`. Errors as there."""
+    """The table [log.columns] that assigns the file's columns to channels. Errors as of `mapping_text`."""
     known = _described(robot)
     return mapping_text(list(read_raw(path, topics).values), known.channels, path.name)
 
