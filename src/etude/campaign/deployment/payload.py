@@ -89,10 +89,10 @@ def payload(
 
 
 def weighable(campaign: Campaign) -> SupportsVariations:
-    """The physics of the model file. UsageError: there are none, or the robot has no hand."""
+    """The physics of the model file. UsageError: there are none, or the kind of robot has no payload."""
     if not isinstance(campaign.kind, SupportsPayload):
         raise UsageError(
-            f"robots of the kind '{campaign.kind.name}' have no hand that something hangs at",
+            f"robots of the kind '{campaign.kind.name}' have no payload that can be weighed",
             where=str(campaign.path / ROBOT),
             next_step=f"What logs say of its body: etude export {typed(campaign.path)} --to parameters.",
         )
@@ -100,8 +100,8 @@ def weighable(campaign: Campaign) -> SupportsVariations:
     if isinstance(body, SupportsVariations):
         return body
     raise UsageError(
-        f"what hangs at '{campaign.spec.name}' cannot be weighed: that takes a model file with masses "
-        "and commands that are forces",
+        f"the payload of '{campaign.spec.name}' cannot be estimated: the estimate needs a model file with "
+        "masses and commands that are forces",
         where=str(campaign.path / ROBOT),
         next_step="Name a URDF or MJCF as model_file, and record torques in N m.",
     )
