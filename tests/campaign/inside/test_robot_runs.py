@@ -271,7 +271,7 @@ def test_a_dry_run_draws_the_way_from_where_the_robot_stands(tmp_path: Path) -> 
     (campaign.path / "run.toml").write_text(text)
     assert cli.main(["run", str(campaign.path), "--dry-run"]) == 0
     page = (campaign.path / "view.html").read_text()
-    assert "trajectory 1 with the approach from the robot's current pose" in page
+    assert "trajectory 1 with the approach from the current pose" in page
     shown = json.loads(page.split('type="application/json">')[1].partition("</script>")[0])
     assert [own["label"] for own in shown["pieces"]][:2] == ["approach", "segment"]
     q = np.frombuffer(base64.b64decode(shown["planned"]["q"]), "<f4").reshape(-1, 2)
