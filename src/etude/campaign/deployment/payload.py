@@ -17,7 +17,7 @@ from etude.campaign.record.stored_models import ingested_samples, of_another_bod
 from etude.errors import DataError, UsageError, typed
 from etude.logs.columns.units import start_at_zero
 from etude.models.accuracy import NORMAL_95
-from etude.models.change.load import Load, apparent_loads, load_of
+from etude.models.change.payload_estimate import Load, apparent_loads, load_of
 from etude.models.learned_model import LearnedModel
 from etude.storage import write_atomic
 from etude.types import Array
