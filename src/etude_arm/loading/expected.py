@@ -135,7 +135,8 @@ GRAVITY = (0.0, 0.0, -9.81)
 
 @dataclass(frozen=True, eq=False)
 class _Links:
-    """Poses (4, 4) of links in the room, and the index of the chosen joint that moves each; -1 for the base.
+    """Poses (4, 4) of links in the room, and the index of the chosen joint that moves each; -1 for the
+    base.
     """
 
     pose: Mapping[str, Array]

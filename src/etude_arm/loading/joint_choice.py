@@ -181,7 +181,8 @@ def _leader(found: Sequence[Moving], name: str) -> str:
 
 
 def _named(found: Sequence[Moving], wanted: Sequence[str], where: str) -> tuple[str, ...]:
-    """The joints that names and patterns select, in their order; those of a pattern from the base outwards.
+    """The joints that names and patterns select, in their order; those of a pattern from the base
+    outwards.
     """
     known = [joint.name for joint in found]
     chosen: list[str] = []

@@ -157,7 +157,8 @@ class MeshPaths:
     _several: dict[str, list[Path]] = field(default_factory=dict)
 
     def find(self, name: str) -> Path | None:
-        """The file of the mesh `name`, or its converted copy; None if there is none or several are possible.
+        """The file of the mesh `name`, or its converted copy; None if there is none or several are
+        possible.
         """
         found = self._named(name) or self._guess(name)
         return None if found is None else _readable(found)

@@ -72,7 +72,8 @@ def _is_mesh(suffix: str, data: bytes) -> bool:
 
 
 def stl_triangles(data: bytes) -> Array:
-    """A file is binary if its length matches: many binary files begin with "solid", as the text format does.
+    """A file is binary if its length matches: many binary files begin with "solid", as the text format
+    does.
     """
     if len(data) >= STL_HEAD:
         count = int.from_bytes(data[80:84], "little")

@@ -194,7 +194,8 @@ def _idle(model: mujoco.MjModel, choice: Choice) -> list[str]:
 
 
 def unverified_of(model: mujoco.MjModel, choice: Choice) -> tuple[str, ...]:
-    """Sentences on what a certificate does not verify: stops over several joints, and couplings between them.
+    """Sentences on what a certificate does not verify: stops over several joints, and couplings between
+    them.
     """
     tied = {int(end) for k in np.flatnonzero(model.eq_active0) if model.eq_type[k] == TENDON for end in
             (model.eq_obj1id[k], model.eq_obj2id[k])}  # fmt: skip

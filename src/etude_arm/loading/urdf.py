@@ -379,7 +379,8 @@ def _base(tree: UrdfTree) -> tuple[str, ...]:
 
 
 def rewritten(joint: ET.Element, choice: Choice, bodies: Mapping[str, str]) -> ET.Element:
-    """A chosen joint unchanged; any other one fixed at its held position. `bodies`: the new names of links.
+    """A chosen joint unchanged; any other one fixed at its held position. `bodies`: the new names of
+    links.
     """
     name = joint.get("name", "")
     if name in choice.joints:
