@@ -105,7 +105,9 @@ def refuse_unknown(table: Mapping[str, Any], valid: list[str], where: str) -> No
             near = difflib.get_close_matches(key, valid, 1)
             hint = f"Did you mean {near[0]}? " if near else ""
             raise UsageError(
-                f"unknown key {key!r}", where=where, next_step=f"{hint}Valid keys: {', '.join(valid)}."
+                f"unknown key {key!r}",
+                where=where,
+                next_step=f"{hint}Valid keys: {', '.join(valid) or 'none'}.",
             )
 
 

@@ -160,7 +160,7 @@ def test_without_a_robot_no_column_is_needed(tmp_path: Path) -> None:
     assert found["empty"].light == "yellow"
     assert "mode: 100 %" in found["empty"].sentence
     assert "mode" not in found["dead"].sentence
-    assert found["motion"].sentence == "Without --robot nobody knows which columns move."
+    assert found["motion"].sentence == "Without --robot it is unknown which columns move."
     assert "units" not in found
 
 
@@ -280,7 +280,7 @@ def test_a_campaign_s_table_of_names_holds(campaign: Campaign, right: Path) -> N
     assert inspect(other, campaign.path / "robot.toml").refused
     found = inspect(other, campaign.path)
     assert not found.refused
-    assert "By [log] columns" in found.findings[0].sentence
+    assert "By [log.columns]" in found.findings[0].sentence
 
 
 def one_wild_time(rows: Rows) -> Rows:

@@ -244,7 +244,10 @@ def test_a_joint_whose_name_ends_like_a_unit_keeps_it() -> None:
             ["q_pan", "q_lift", "tau_pan", "tau_lift", "tau_elbow"],
             ("'q' of elbow_joint", "pan_joint, lift"),
         ),
-        (["q_pan", "q_lift", "q_elbwo", "tau_pan"], ("of elbow_joint", "Did you mean q_elbwo", "Rename")),
+        (
+            ["q_pan", "q_lift", "q_elbwo", "tau_pan"],
+            ("of elbow_joint", "Is q_elbwo meant as q_elbow_joint?", "Rename"),
+        ),
         (["q_pan", "q_lift", "q_elbow"], ("channel 'command'", "pan_joint, lift_joint, elbow_joint")),
         (["q_pan", "position_pan", "q_lift", "q_elbow"], ("q_pan and position_pan mean the same", "Remove")),
         (["q0", "q1", "q2", "q3", "tau0", "tau1", "tau2"], ("numbered 0, 1, 2, 3", "3 parts pan_joint")),

@@ -38,7 +38,7 @@ class Inspect(Common):
     picture: Path | None = None
     """Write positions, commands and marked spans as SVG to this file."""
     write_mapping: bool = False
-    """Print the table [log] for campaign.toml, which says what each column is; takes --robot."""
+    """Print the table [log.columns] for campaign.toml, which says what each column is; takes --robot."""
 
     def run(self, _: Say) -> Outcome:
         from etude.campaign.ingest.inspection import inspect, mapping_of

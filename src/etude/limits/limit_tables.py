@@ -23,6 +23,7 @@ from etude.types import Margins
 
 GROUP = "etude.limits"
 KIND = "kind"
+GIVEN = 3  # arguments that every function gets: spec, model, margins
 
 
 @dataclass(frozen=True)
@@ -72,7 +73,9 @@ def _read(table: Mapping[str, Any], where: str) -> LimitTable:
         )
     make: LimitFactory = plugins.load(GROUP, name)
     given = {key: value for key, value in table.items() if key != KIND}
-    own = [p for p in inspect.signature(make).parameters.values() if p.kind is p.KEYWORD_ONLY]
+    takes = list(inspect.signature(make).parameters.values())
+    own = [p for p in takes if p.kind is p.KEYWORD_ONLY]
+    _check_named(takes[GIVEN:], name, where)
     refuse_unknown(given, [p.name for p in own], where)
     missing = [p.name for p in own if p.default is p.empty and p.name not in given]
     if missing:
@@ -82,6 +85,18 @@ def _read(table: Mapping[str, Any], where: str) -> LimitTable:
     types = typing.get_type_hints(make)
     values = {key: converted(types.get(key, Any), value, key, where) for key, value in given.items()}
     return LimitTable(name, values, make)
+
+
+def _check_named(rest: Sequence[inspect.Parameter], name: str, where: str) -> None:
+    """UsageError: parameters that a table should give stand before the `*` of the function."""
+    unnamed = [p.name for p in rest if p.kind is p.POSITIONAL_OR_KEYWORD and p.default is p.empty]
+    if unnamed:
+        raise UsageError(
+            f"{name} takes {', '.join(unnamed)} without a * before them",
+            where=where,
+            next_step="Keys of a table are the arguments after *: "
+            f"def limit(spec, model, margins, *, {', '.join(unnamed)}).",
+        )
 
 
 def _made(

@@ -36,6 +36,10 @@ def wall(spec, model, margins, *, normal: tuple[float, float, float], distance: 
     return LipschitzLimit("wall", "vehicle", lambda p: p @ unit, np.abs(unit), *ends, margins, shown)
 
 
+def bare(spec, model, margins, height: float):
+    return object()
+
+
 def broken(spec, model, margins):
     return object()
 
@@ -191,6 +195,14 @@ def test_a_table_is_read_strictly(place, line: str, said: str) -> None:
     with pytest.raises(UsageError, match=re.escape(said)) as caught:
         etude.load_robot(path, trust=True)
     assert "limit 1" in caught.value.where
+
+
+def test_keys_without_a_star_are_named_with_the_signature(place) -> None:
+    path = place / "arm.toml"
+    path.write_text(path.read_text().split("[[limit]]")[0] + '[[limit]]\nkind = "my_limits:bare"\n')
+    with pytest.raises(UsageError, match=r"my_limits:bare takes height without a \* before") as caught:
+        etude.load_robot(path, trust=True)
+    assert "def limit(spec, model, margins, *, height)" in caught.value.next_step
 
 
 def test_a_kind_that_is_not_there_is_refused(place) -> None:

@@ -95,7 +95,7 @@ def test_a_mapping_states_signs_and_scales(source: str, factor: float, whole: bo
     each = {f"tau_{joint}": source.format(j + 1) for j, joint in enumerate(JOINTS)}
     log = read(path, {"command": source.format("")} if whole else each)
     np.testing.assert_allclose(log["command"], LOG["command"], rtol=1e-9, atol=1e-9)
-    said = next(sentence for sentence in log.repairs if "[log] columns" in sentence)
+    said = next(sentence for sentence in log.repairs if "[log.columns]" in sentence)
     assert (f"{factor:g} * Raw1" in said) is (factor != 1.0)
 
 

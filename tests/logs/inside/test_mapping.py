@@ -14,6 +14,7 @@ from etude.errors import DataError
 from etude.logs import raw_log, read_log, read_raw
 from etude.logs.columns.mapping import LogConfig, mapped, mapping_text
 from etude.logs.columns.units import read_time
+from etude.toml_tables import write_table
 
 LOG = make_log()
 DEGREES = {f"q_{joint} [deg]": f"ActPos{k}" for k, joint in enumerate(JOINTS, 1)}
@@ -55,7 +56,23 @@ def test_a_mapping_fits_whole_or_not_at_all() -> None:
     raw = raw_log({"ActPos1": np.ones(3), "ActPos2": np.ones(3)}, "x")
     with pytest.raises(DataError, match=r"no column 'ActPost2'.*Did you mean ActPos2"):
         mapped(raw, LogConfig({"q_a": "ActPos1", "q_b": "ActPost2"}))
-    assert mapped(raw, LogConfig({"q_a": "other"})).repairs == ()
+    with pytest.raises(DataError, match=r"no column 'other', which \[log.columns\] names"):
+        mapped(raw, LogConfig({"q_a": "other"}))
+    with pytest.raises(DataError, match=r"no column 'Curr1'"):
+        mapped(raw, LogConfig({"tau_a": "-0.061 * Curr1"}))
+
+
+def test_a_log_in_the_names_on_the_left_is_read_as_it_is_and_says_so() -> None:
+    names = LogConfig({"t": "Zeit", "q_a [deg]": "ActPos1", "command": "Moment"})
+    raw = raw_log({"time": np.arange(3.0), "q_a": np.ones(3), "command_a": np.ones(3)}, "x")
+    found = mapped(raw, names)
+    assert list(found.values) == list(raw.values)
+    (said,) = found.repairs
+    assert "none of the headers of [log.columns]" in said
+    assert mapped(raw, LogConfig()).repairs == ()
+    fewer = raw_log({"time": np.arange(3.0), "q_a": np.ones(3)}, "x")
+    with pytest.raises(DataError, match="no column 'Zeit'"):
+        mapped(fewer, names)
 
 
 def test_what_is_written_for_a_log_reads_it() -> None:
@@ -77,7 +94,16 @@ def test_what_is_missing_is_a_blank_with_the_nearest_headers() -> None:
     assert '# Not understood: "clock", "Zeit", ' in text
     near = mapping_text(["elbow_joint_q_raw", "gear"], CHANNELS)
     assert '# "q_elbow_joint" = ""  # "elbow_joint_q_raw"?' in near
-    assert '"qd_' not in text, "what no log needs is asked for"
+    assert '# "qd_elbow_joint" = ""  # optional' in text
+    assert '"qd_des_' not in text, "what no log needs is asked for"
+
+
+def test_what_is_written_goes_to_the_end_of_a_campaign_s_file() -> None:
+    """campaign.toml has a table [log] of its own: it stands once."""
+    own = write_table("log", LogConfig(), {})
+    read = tomllib.loads(own + "\n" + mapping_text([f"q{k}" for k in range(3)], CHANNELS))["log"]
+    assert read["ignored"] == []
+    assert read["columns"]["q_elbow_joint"] == "q2"
 
 
 HEADERLESS = {f"q_{joint}": f"column {k}" for k, joint in enumerate(JOINTS, 1)} | {

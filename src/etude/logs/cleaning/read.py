@@ -181,8 +181,9 @@ def _recorded(
     del raw  # of a long log there is no room for both
     for name, columns in matching.channels.items():
         values[name] = _taken(left, columns)
-        if any(column.factor != 1.0 for column in columns):
-            repairs.append(f"Channel {name} was converted from the unit in its headers.")
+        units = dict.fromkeys(column.written_unit for column in columns if column.factor != 1.0)
+        if units:
+            repairs.append(f"Channel {name} was converted from {', '.join(units)}, as its headers state.")
     log = Log(
         t=t,
         channels={c.name: c for c in channels if c.name in values},

@@ -49,6 +49,12 @@ class Column:
     word: int = 0
 
     @property
+    def written_unit(self) -> str:
+        """The unit as its header spells it: mNm, where `unit` is in small letters."""
+        at = self.name.lower().rfind(self.unit)
+        return self.name[at : at + len(self.unit)] if at >= 0 else self.unit
+
+    @property
     def stated(self) -> bool:
         """Whether its header states a unit."""
         return self.unit != ""

@@ -1,4 +1,4 @@
-"""Column mapping: the table [log] of campaign.toml, applied to a log or written for one.
+"""Column mapping: the table [log.columns] of campaign.toml, applied to a log or written for one.
 
     [log.columns]
     "q_shoulder [deg]" = "ActPos1"
@@ -26,27 +26,29 @@ from etude.errors import DataError
 from etude.logs.columns.families import members
 from etude.logs.columns.header_units import NUMBER, unit_in
 from etude.logs.columns.headers import Found, read_headers
-from etude.logs.columns.vocabulary import NUMBERED, is_time, split_unit, unit_of
+from etude.logs.columns.vocabulary import NUMBERED, is_time, normal, split_unit, unit_of
 from etude.logs.config import LogConfig
 from etude.types import Channel, Log
 
 NEAR, ALIKE = 3, 0.5
 """Headers that are offered for a part that has none, and how much they must resemble it."""
+OPTIONAL = "optional"
 HEAD = """\
-# In place of the table [log] in campaign.toml. Left: what the column is to be read as, with its unit in
-# brackets if the file does not state it; right: its header in the file.
-[log]
-
+# For the end of campaign.toml, in place of a table [log.columns] that it has. Left: what the column is read
+# as, with its unit in brackets if the file does not state it. Right: its header in the file.
 [log.columns]
 """
 
 
 def mapped(raw: Log, config: LogConfig) -> Log:
-    """The raw columns under the names that the mapping gives; as they are if it names none of them.
+    """The raw columns under the names that the mapping gives.
+
+    A log that has none of the mapping's headers, and all of the names that they are to be read as, stays as
+    it is: a simulated log of the same campaign, for example. A sentence says so.
 
     Raises:
-        DataError: some of the mapping's headers are in the file and another is not, or the file has no header
-            and the mapping names none of its columns.
+        DataError: another header of the mapping is not in the file, or the file has no header and the
+            mapping names none of its columns.
     """
     return _timed(_renamed(raw, config), config.rate)
 
@@ -66,13 +68,14 @@ def _renamed(raw: Log, config: LogConfig) -> Log:
     used = {to: source for to, source in named.items() if source.header in left}
     if not used:
         _check_header(raw)
-        return _with(raw, left)
+        if all(_has(left, to) for to in named):
+            return _with(raw, left).repaired(*([AS_NAMED] if named else []))
     missing = [source.header for source in named.values() if source.header not in left]
     if missing:
         near = difflib.get_close_matches(missing[0], list(left), 1)
         hint = f"Did you mean {near[0]}? " if near else ""
         raise DataError(
-            f"there is no column {missing[0]!r}, which [log] columns names",
+            f"there is no column {missing[0]!r}, which [log.columns] names",
             where=raw.source,
             next_step=f"{hint}Correct it in campaign.toml; the file has {', '.join(list(left)[:40])}.",
         )
@@ -80,7 +83,18 @@ def _renamed(raw: Log, config: LogConfig) -> Log:
     taken = {source.header for source in used.values()}
     rest = {name: values for name, values in left.items() if name not in taken and name not in read}
     said = ", ".join(f"{source.said} as {to}" for to, source in used.items())
-    return _with(raw, {**read, **rest}).repaired(f"By [log] columns, {said} were read.")
+    return _with(raw, {**read, **rest}).repaired(f"By [log.columns], {said} were read.")
+
+
+AS_NAMED = "The log has none of the headers of [log.columns], and was read by its own."
+
+
+def _has(headers: Collection[str], to: str) -> bool:
+    """Whether a file has a column that is named as a column is to be read, in any unit."""
+    if is_time(to):
+        return any(is_time(header) for header in headers)
+    name = normal(split_unit(to)[0])
+    return any(normal(split_unit(header)[0]) == name for header in headers) or bool(members(headers, name))
 
 
 class _Source(NamedTuple):
@@ -152,19 +166,20 @@ def mapping_text(headers: Sequence[str], channels: Sequence[Channel], where: str
 
 
 def _lines(channel: Channel, found: Found) -> list[str]:
-    """A line for each part of a channel that the log has, or that no log may lack."""
+    """A line for each part of a channel that the log has, must have, or that may be a model input."""
     named = found.named.get(channel.name, {})
     numbered = found.numbered.get(channel.name, {})
     if not named and len(numbered) == len(channel.parts):
         numbers = sorted(numbered, key=int)
         named = {part: numbered[n] for part, n in zip(channel.parts, numbers, strict=True)}
     whole = all(part in named for part in channel.parts)
-    if not (whole or channel.required):
+    if not (whole or channel.required or channel.role == "state"):
         return []
+    note = "" if channel.required else OPTIONAL
     return [
         _entry(f"{channel.name}_{part}", named[part][0].name)
         if part in named
-        else _blank(f"{channel.name}_{part}", found.ignored)
+        else _blank(f"{channel.name}_{part}", found.ignored, note)
         for part in channel.parts
     ]
 
@@ -173,10 +188,11 @@ def _entry(to: str, header: str) -> str:
     return f"{_quoted(to)} = {_quoted(header)}"
 
 
-def _blank(to: str, headers: Sequence[str]) -> str:
+def _blank(to: str, headers: Sequence[str], note: str = "") -> str:
     near = difflib.get_close_matches(to, headers, NEAR, cutoff=ALIKE)
-    hint = f"  # {' or '.join(_quoted(header) for header in headers if header in near)}?" if near else ""
-    return f"# {_quoted(to)} = {_quoted('')}{hint}"
+    hint = f"{' or '.join(_quoted(header) for header in headers if header in near)}?" if near else ""
+    comment = ", ".join(part for part in (note, hint) if part)
+    return f"# {_quoted(to)} = {_quoted('')}" + (f"  # {comment}" if comment else "")
 
 
 def _quoted(text: str) -> str:

@@ -222,13 +222,13 @@ def _advice(channel: Channel, part: str, ignored: list[str]) -> str:
     near = difflib.get_close_matches(f"{channel.name}_{part}", ignored, n=3, cutoff=0.5)
     more = f" and {len(ignored) - LISTED} more" if len(ignored) > LISTED else ""
     known = f" Not understood: {', '.join(ignored[:LISTED])}{more}." if ignored else ""
-    hint = f" Did you mean {' or '.join(near)}?" if near else ""
+    hint = f" Is {' or '.join(near)} meant as {channel.name}_{part}?" if near else ""
     unit = other_unit(channel, ignored)
     said = (
         f' {unit[0]} and the like are read if the robot file says command_unit = "{unit[1]}".' if unit else ""
     )
     return (
         f"Expected {', '.join(channel.parts)}, in headers such as {', '.join(examples)}.{known}{said}{hint} "
-        "Rename the columns, correct the names in the robot file, or say in [log] columns what they are: "
+        "Rename the columns, correct the names in the robot file, or say in [log.columns] what they are: "
         "etude inspect LOG --robot ROBOT --write-mapping."
     )
