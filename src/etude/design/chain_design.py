@@ -83,7 +83,7 @@ def design_chain(
     Segment i is designed given the planned samples of the segments before it. Their measured values are not
     needed, since a variance does not depend on them.
     """
-    source: Source | Roamed = Source(family, tuple(limits), home, config.sampler)
+    source: Source | ClearPoseSource = Source(family, tuple(limits), home, config.sampler)
     if roam is not None:
         source = ClearPoseSource.of(family, tuple(limits), roam, config.sampler)
     if not standing_in or roam is not None:  # the given ones are about home

@@ -367,7 +367,7 @@ def design(
         if axes != len(home):
             raise UsageError(f"a task has {axes} coordinates, the robot has {len(home)}")
     with threads_for(0):
-        source: Source | Roamed = Source(family, tuple(limits), home, config.sampler)
+        source: Source | ClearPoseSource = Source(family, tuple(limits), home, config.sampler)
         if roam is not None:
             source = ClearPoseSource.of(family, tuple(limits), roam, config.sampler)
         others = standing_in or [drawn.trajectory for drawn in source.typical(rng, MOTIONS)]

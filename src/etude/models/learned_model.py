@@ -23,10 +23,10 @@ from etude.models.process_abilities import HasInputs, SupportsBound, name_of, sh
 from etude.models.selection.linear import at_rest
 from etude.models.selection.member_prediction import (
     Means,
+    fallback_physics,
     level_of,
     noise_of,
     outputs,
-    physics_behind,
     rests_of,
 )
 from etude.models.student_t import StudentT
@@ -101,7 +101,7 @@ def _known(own: list[tuple[Candidate, int]], X: Array) -> float:
     )
 
 
-def leading(candidates: Sequence[Candidate], commands: int) -> tuple[str, ...]:
+def leading_structures(candidates: Sequence[Candidate], commands: int) -> tuple[str, ...]:
     """The structure with most weight in each of that many commands, the first of equal ones; "" of none."""
     found: list[dict[str, float]] = [{} for _ in range(commands)]
     for candidate in candidates:
@@ -182,7 +182,7 @@ class LearnedModel:
     @property
     def chosen(self) -> tuple[str, ...]:
         """The structure of each command, of several that with most weight."""
-        return leading(self.candidates, len(self.commands))
+        return leading_structures(self.candidates, len(self.commands))
 
     @property
     def in_use(self) -> tuple[str, ...]:
@@ -453,7 +453,7 @@ class LearnedModel:
     def behind(self, candidate: Candidate) -> Mean | None:
         """The physics that a candidate's commands fade to; None: `level_of`."""
         doubted = self.least is not None and bool((self.least[list(candidate.commands)] > 0.0).any())
-        return physics_behind(candidate, self.candidates, not doubted)
+        return fallback_physics(candidate, self.candidates, not doubted)
 
     @cached_property
     def _behind(self) -> tuple[Mean | None, ...]:

@@ -22,7 +22,7 @@ from etude.abilities import SupportsRipple, SupportsSlow
 from etude.codes import stated
 from etude.errors import DataError, UsageError
 from etude.models.accuracy import PredictionScore, figures, prediction_score, trivial_prediction
-from etude.models.change.change_detection import independence, tails
+from etude.models.change.change_detection import independence, student_freedom
 from etude.models.config import ModelConfig
 from etude.models.data.cross_validation import Base, HeldOut, fitted_base, fold_mean, fold_numbers
 from etude.models.data.fit_data import Folds, Rows, in_order, judged_samples, rows_of
@@ -35,7 +35,7 @@ from etude.models.selection.ensemble import (
     averages,
     beside_default,
     candidate_errors,
-    wanted_of,
+    compared_samples,
 )
 from etude.models.selection.linear import LinearPhysics
 from etude.models.selection.selection_rule import TRAJECTORIES, choices, least_variance, notes, warnings_of
@@ -241,7 +241,7 @@ def _train_group(
         base = bases.get(base_of(structure))
         start = earlier_of(previous, structure, group, folds)
         single = len(group) == 1 and len(folds.numbers) > 1
-        wanted = wanted_of(folds, group[0]) if single and folds.config.weighs else None
+        wanted = compared_samples(folds, group[0]) if single and folds.config.weighs else None
         return with_process(folds, group, rows, structure, base, start, rng, wanted)
 
     late = ["linear+gp"] if auto else []
@@ -320,7 +320,7 @@ def _assembled(
     spread = spread * width
     use = samples.usable & samples.moving
     z = np.where(use, (error - (folds.judge - samples.command)) / np.sqrt(spread), np.nan)
-    freedom = tails(z)
+    freedom = student_freedom(z)
     model = LearnedModel(
         inputs=folds.inputs,
         candidates=tuple(candidates),
