@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from etude.models import LearnedModel, change_test, drift_onset
+from etude.models import ChangeTest, LearnedModel, change_test, drift_onset
 from etude.storage import write_atomic
 from etude.types import Log, Samples
 from etude_studies.broken_sensors import FAULTS, broken
