@@ -55,7 +55,7 @@ STEP = 1e-5
 @dataclass(frozen=True, eq=False)
 class Weighs:
     """Information of a motion on a load: minus half the log determinant of the posterior covariance of mass
-    and first moments. Implements `solve.Sought`.
+    and first moments. Implements `objective.SearchFunction`.
 
     Attributes:
         model, body, apparent, mass: see `load_forecast`.
