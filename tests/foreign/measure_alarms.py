@@ -62,7 +62,7 @@ def judgements(lab: Path) -> Iterator[tuple[int, ChangeTest, ChangeTest, ChangeT
     campaign = open_campaign(lab)
     for number in range(FIRST + 1, LAST + 1):
         model, samples = stored_model(campaign, number - 1), ingested_samples(campaign, [number])
-        with patch("etude.models.change.evidence.doubted", lambda variance, _: variance):
+        with patch("etude.models.change.evidence.detection_variances", lambda variance, _: variance):
             trusted = change_test(model, samples)
         yield number - 1, change_test(model, samples), trusted, change_test(model, scaled(samples))
 
