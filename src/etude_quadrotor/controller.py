@@ -180,7 +180,7 @@ class FlightFeedforward:
         """
         if self.voltages is None:
             raise DataError(
-                "this feedforward has no command of the motors: of a vehicle that nobody described, only "
+                "this feedforward has no command of the motors: of a vehicle without description, only "
                 "accelerations are planned",
                 next_step="Describe it under [vehicle] in robot.toml, or export the model itself: --to c.",
             )

@@ -122,8 +122,8 @@ def _played_sentences(name: str, played: Replayed | None, found: Identified, spe
         if second
         else "The logs show no cogging and no Stribeck's dip.",
         *(["cogging.csv has the waves of cogging, for other simulators."] * bool(ripple)),
-        "frictionloss and damping are the nearest c sign(v) + d v: neither file has friction that turns "
-        "round over a way or differs by direction, or an offset.",
+        "frictionloss and damping are the nearest c sign(v) + d v: neither file has friction that depends "
+        "on the path or differs by direction, or an offset.",
     ]
 
 

@@ -80,7 +80,7 @@ def masses_of(tree: UrdfTree, joints: Sequence[str]) -> Masses:
         return Masses({}, (NO_MASSES,))
     notes = []
     if empty:
-        notes.append(f"No mass is given for what hangs on {', '.join(empty)}: is that so?")
+        notes.append(f"No mass is given for what {', '.join(empty)} carries: is that so?")
     if repaired:
         notes.append(f"Inertias that no body can have were repaired: {'; '.join(repaired)}.")
     return Masses(elements, tuple(notes))

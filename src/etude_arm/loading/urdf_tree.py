@@ -86,7 +86,7 @@ def read_tree(root: ET.Element, where: str) -> UrdfTree:
                 )
         if child(joint) in carried:
             raise UsageError(
-                f"link '{child(joint)}' hangs on two joints: {carried[child(joint)].get('name')}, "
+                f"link '{child(joint)}' is the child of two joints: {carried[child(joint)].get('name')}, "
                 f"{joint.get('name')}",
                 where=where,
                 next_step="URDF knows trees only: cut the loop.",
@@ -99,7 +99,7 @@ def read_tree(root: ET.Element, where: str) -> UrdfTree:
         raise UsageError(
             f"the file has {len(bases)} base links{': ' if bases else ''}{', '.join(bases)}",
             where=where,
-            next_step="One link, and one alone, hangs on no joint.",
+            next_step="Exactly one link must be the child of no joint.",
         )
     ordered = list(_outwards(bases[0], root.findall("joint")))
     if len(ordered) < len(carried):

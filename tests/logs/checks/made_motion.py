@@ -20,17 +20,18 @@ INERTIA, VISCOUS, DRY, GRAVITY = np.array(
 )
 
 
-def moved(seconds: float = 20.0, *, velocities: bool = True, seed: int = 0) -> Log:
-    """Whole periods of sums of sines: a closed motion."""
+def moved(seconds: float = 20.0, *, velocities: bool = True, seed: int = 0, pace: float = 1.0) -> Log:
+    """Whole periods of sums of sines: a closed motion. pace: of its speed."""
     rng = np.random.default_rng(seed)
     t = np.arange(int(seconds * RATE)) / RATE
     q, qd, qdd = np.zeros((3, len(t), 3))
     for k in (1, 2, 3):
         phase, size = rng.uniform(0.0, 2.0 * np.pi, 3), rng.uniform(0.3, 0.6, 3) / k
-        angle = k * SPEED * t[:, None] + phase
+        rate = k * SPEED * pace
+        angle = rate * t[:, None] + phase
         q += size * np.sin(angle)
-        qd += size * k * SPEED * np.cos(angle)
-        qdd -= size * (k * SPEED) ** 2 * np.sin(angle)
+        qd += size * rate * np.cos(angle)
+        qdd -= size * rate**2 * np.sin(angle)
     log = Log(t, {}, {}, "made").put(Q, q).put(COMMAND, command_of(q, qd, qdd))
     return log.put(QD, qd) if velocities else log
 

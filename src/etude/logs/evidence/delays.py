@@ -1,8 +1,13 @@
-"""Commands before or behind the motion: in all new logs alike, in one of them, or by a long time."""
+"""Commands before or behind the motion, in all new logs alike or in some of them.
+
+A delay is of a log, and not of a robot: the rows of a log tell it by themselves. One model of slow and fast
+logs together does not: what it lacks of friction at either speed outweighs a delay.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -10,9 +15,10 @@ from etude.logs.checks.exact import CERTAIN, LIKELY
 from etude.logs.checks.plausibility import DELAY
 from etude.logs.cleaning.smoothing import resample
 from etude.logs.evidence.joint_evidence import MOST_GROUPS, Decision, JointEvidence
-from etude.logs.evidence.likelihood import FEW, WhitenedMotion, least
-from etude.logs.evidence.rows import AS_LOGGED, DELAYS
-from etude.types import Array, Log
+from etude.logs.evidence.likelihood import FEW, LENGTHS, WhitenedMotion, least
+from etude.logs.evidence.rows import AS_LOGGED, DELAYS, commands_of, rows_of
+from etude.protocols import Mean
+from etude.types import Array, Channel, Log
 
 # log odds from which commands are shifted: 15 in a right simulated log, 28 in real ones
 SHIFT = 3.0 * CERTAIN
@@ -35,6 +41,83 @@ def in_step(judged: JointEvidence) -> float:
     total = delays(judged)
     certain = total.max() - total[AS_LOGGED] >= CERTAIN and not at_edge_of(judged)
     return DELAYS[int(total.argmax())] if certain else 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class Clock:
+    """The delay of some of the logs, and the evidence of these by themselves. logs: all; which: those."""
+
+    logs: Sequence[Log]
+    path: Channel
+    which: tuple[int, ...]
+    judged: JointEvidence
+
+    @classmethod
+    def of(
+        cls,
+        logs: Sequence[Log],
+        path: Channel,
+        body: Mean | None,
+        fresh: Sequence[int],
+        alone: JointEvidence | None,
+    ) -> Clock | None:
+        """Of all new logs, whose evidence is `alone`, or of those that are late while others are not."""
+        which = out_of_step(logs, path, fresh)
+        if len(which) < len(fresh):
+            alone = JointEvidence.of(rows_of([logs[i] for i in which], path, body))
+        return None if alone is None else cls(logs, path, which, alone)
+
+    @property
+    def at_edge(self) -> bool:
+        """Whether the likeliest delay may be longer."""
+        return at_edge_of(self.judged)
+
+    def in_step(self) -> list[Log]:
+        """All logs, with the commands of these shifted where that is certain."""
+        by = in_step(self.judged)
+        return [shifted_log(log, by) if by and i in self.which else log for i, log in enumerate(self.logs)]
+
+    def decision(self) -> Decision | None:
+        """A question on a long delay, or a note on one that is tried."""
+        far = far_delay(self.judged, self._shifted, self.which) if self.at_edge else None
+        return far or late(self.judged, self.which)
+
+    def _shifted(self, late: float) -> JointEvidence:
+        moved = [shifted_log(self.logs[i], late) for i in self.which]
+        return self.judged.with_command(commands_of(moved, self.path, ()))
+
+
+def out_of_step(logs: Sequence[Log], path: Channel, fresh: Sequence[int]) -> tuple[int, ...]:
+    """The new logs whose delay is judged together: all, or those few that are late while others are not."""
+    told = {i: _own_delay(logs[i], path) for i in fresh[-MOST_GROUPS:] if len(fresh) > 1}
+    late = {i: best for i, (best, odds) in told.items() if odds >= SHIFT}
+    if not late:
+        return tuple(fresh)
+    most = late[max(late, key=lambda i: told[i][1])]
+    # neighbours among the delays that are tried are one delay
+    alike = [i for i, best in late.items() if abs(best - most) <= 1]
+    return tuple(alike) if len(alike) < len(told) else tuple(fresh)
+
+
+def _own_delay(log: Log, path: Channel) -> tuple[int, float]:
+    """Of one log: which of DELAYS is likeliest, and its log odds to the likeliest short one."""
+    rows = rows_of([log], path)
+    if rows is None or not rows.moving.any():
+        return AS_LOGGED, 0.0
+    own, each = np.flatnonzero(rows.moving), []
+    for length in LENGTHS:
+        motion = WhitenedMotion(rows, own, tuple(point for point in FEW if point.length == length))
+        each.append(motion.free(rows.command, range(len(DELAYS))))
+    return _likeliest(np.array(each))
+
+
+def _likeliest(each: Array) -> tuple[int, float]:
+    """Of log evidences (c, m, d) by class and joint; the odds are those of the least favourable class."""
+    total = np.logaddexp.reduce(each, axis=0).sum(axis=0) - DELAY_PRIOR * np.abs(DELAYS)
+    long = np.abs(DELAYS) >= LEAST_DELAY
+    best, near = int(total.argmax()), int(np.where(long, -np.inf, total).argmax())
+    odds = float(least(each[..., best].T, each[..., near].T).sum())
+    return best, odds + DELAY_PRIOR * (abs(DELAYS[near]) - abs(DELAYS[best]))
 
 
 FAR, FARTHEST = (0.25, 0.45), 0.55  # s about which longer delays are looked for, and the longest
@@ -85,20 +168,3 @@ def late(judged: JointEvidence, fresh: Sequence[int]) -> Decision | None:
     if odds < SHIFT:
         return None
     return judged.decision("note", check=DELAY, logs=tuple(fresh), by=(DELAYS[best],), odds=odds)
-
-
-def late_alone(judged: JointEvidence, fresh: Sequence[int]) -> Decision | None:
-    """Commands of one of several new logs before or behind the motion, unlike those of the others."""
-    rows, found = judged.rows, []
-    motion = WhitenedMotion(rows, judged.own, FEW)
-    for i in fresh[-MOST_GROUPS:] if len(fresh) > 1 else ():
-        own = (rows.log == i)[:, None, None]
-        command = np.where(own, rows.command, rows.command[..., AS_LOGGED, None])
-        total = motion.free(command, range(len(DELAYS))).sum(axis=0) - DELAY_PRIOR * np.abs(DELAYS)
-        best = int(total.argmax())
-        if abs(DELAYS[best]) >= LEAST_DELAY and 0 < best < len(DELAYS) - 1:
-            found.append((float(total[best] - total[AS_LOGGED]), i, DELAYS[best]))
-    odds, log, late = max(found, default=(0.0, -1, 0.0))
-    if odds < SHIFT:
-        return None
-    return judged.decision("note", check=DELAY, logs=(log,), by=(late,), odds=odds)

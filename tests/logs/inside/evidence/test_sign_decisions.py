@@ -12,7 +12,7 @@ from made_motion import COMMAND, GRAVITY, INERTIA, NAMES, RATE, Q, command_of, m
 
 from etude.logs import Decision, finding_of, judge
 from etude.logs.checks.plausibility import repaired
-from etude.logs.evidence.decisions import AS_IS, EACH, signs_of
+from etude.logs.evidence.command_signs import AS_IS, EACH, signs_of
 from etude.logs.evidence.findings import green
 from etude.types import Array, Log
 
@@ -213,8 +213,31 @@ def test_signs_and_order_are_judged_in_step_with_the_motion(lag: float) -> None:
     assert right.level == "silent"
     np.testing.assert_allclose(right.told, decided(log).told, rtol=0.01)
     told, crossed = moved(seed=1), with_command(log, log["command"][:, [1, 0, 2]])
-    odds = [decided(told, one, fresh=[1]).odds for one in (crossed, late(crossed, lag))]
-    assert odds[1] == pytest.approx(odds[0], rel=0.01)
+    # exchanged columns do not tell a delay of 20 ms by themselves, so the odds differ
+    found = decided(told, late(crossed, lag), fresh=[1])
+    assert (found.level, found.check, found.by) == ("certain", "swapped", (1.0, 0.0, 2.0))
+
+
+@pytest.mark.parametrize("seconds", [0.06, pytest.param(-0.06, marks=pytest.mark.slow)])
+def test_a_slow_log_before_it_hides_no_delay(seconds: float) -> None:
+    """One model of both lacks more of friction than a delay takes."""
+    slow, fast = moved(100.0, seed=1, pace=0.1), late(moved(seed=2), seconds)
+    found = decided(slow, fast, fresh=[1])
+    assert (found.level, found.check, found.logs) == ("note", "delay", (1,))
+    assert found.by == (seconds,)
+    assert decided(slow, moved(seed=2), fresh=[1]).level == "silent"
+
+
+@pytest.mark.slow
+def test_logs_told_together_have_each_its_own_delay() -> None:
+    slow, late_ones = moved(100.0, seed=1, pace=0.1), [late(moved(seed=seed), 0.06) for seed in (2, 3)]
+    found = decided(late_ones[0], slow, late_ones[1])
+    assert (found.level, found.check, found.logs, found.by) == ("note", "delay", (0, 2), (0.06,))
+    far = decided(slow, late(moved(seed=2), 0.2))
+    assert (far.level, far.check, far.logs) == ("ask", "delay", (1,))
+    assert far.by[0] == pytest.approx(0.2, abs=0.01)
+    every = decided(*(late(moved(seed=seed), 0.06) for seed in (2, 3)))
+    assert (every.check, every.logs) == ("delay", (0, 1))
 
 
 def test_a_delay_beyond_all_that_is_tried_is_not_called_none() -> None:

@@ -1,4 +1,4 @@
-"""One decision on all joints and logs of a robot, with its odds.
+"""Signs and order of the commands in logs: one decision on all joints and logs of a robot, with its odds.
 
 Hypotheses are weighed in the order in which one spoils the next: signs of some logs against the others,
 commands late, columns exchanged, rows reversed, signs of all logs, gravity taken out. Odds are natural
@@ -17,7 +17,7 @@ from etude.logs.checks.exact import CERTAIN, LIKELY
 from etude.logs.checks.filtered_motion import measured_rates
 from etude.logs.checks.plausibility import SIGN, SWAPPED
 from etude.logs.checks.velocities import DIRECTION
-from etude.logs.evidence.delays import at_edge_of, far_delay, in_step, late, late_alone, shifted_log
+from etude.logs.evidence.delays import Clock
 from etude.logs.evidence.file_hypotheses import weight_elsewhere
 from etude.logs.evidence.joint_evidence import CLEAR, MOST_GROUPS, Decision, JointEvidence
 from etude.logs.evidence.likelihood import NEITHER, WhitenedMotion, least, log_sum
@@ -49,22 +49,22 @@ def judge(
     """
     fresh = tuple(range(len(logs)) if fresh is None else fresh)
     groups = groups_of(len(logs), fresh)
-    judged = JointEvidence.of(rows_of(logs, path, body, groups, fresh))
+    judged = JointEvidence.of(rows_of(logs, path, body, groups))
     if judged is None:
         none = np.zeros(len(path.parts))
         return Decision("silent", none, none > 0.0, none > 0.0)
 
-    def shifted(late: float) -> JointEvidence:
-        """The same rows with the commands of new logs from so much later."""
-        moved = [shifted_log(log, late) if i in fresh else log for i, log in enumerate(logs)]
-        return judged.with_command(commands_of(moved, path, groups, fresh))
-
+    # what was told before has its order, its direction and its clock
+    new, whole = [logs[i] for i in fresh], len(fresh) == len(logs)
+    alone = judged if whole else JointEvidence.of(rows_of(new, path, body))
+    clock = Clock.of(logs, path, body, fresh, alone)
     # commands that are late, too little to be told so, look like another order or sign
-    by, at_edge = in_step(judged), at_edge_of(judged)
-    stepped = shifted(by) if by else judged
-    new = [shifted_log(logs[i], by) if by else logs[i] for i in fresh]
-    # what was told before has its order and its direction
-    alone = stepped if len(new) == len(logs) else JointEvidence.of(rows_of(new, path, body))
+    stepped, right = judged, logs if clock is None else clock.in_step()
+    if any(log is not own for log, own in zip(logs, right, strict=True)):
+        new = [right[i] for i in fresh]
+        stepped = judged.with_command(commands_of(right, path, groups))
+        if alone is not None:
+            alone = stepped if whole else alone.with_command(commands_of(new, path, ()))
     timed = all(measured_rates(log, path) for log in new)
 
     def hypotheses() -> Iterator[Decision | None]:
@@ -73,13 +73,14 @@ def judge(
         if alone is not None and order is not None and order.odds >= ORDER:
             exchanged = _exchanged(alone, new, path, body, order)
         turned = _signs(stepped, fresh, order, -np.inf if timed or alone is None else _backwards(alone))
-        far = far_delay(judged, shifted, fresh) if at_edge else None  # it makes an order doubtful
+        late = None if clock is None else clock.decision()  # it makes an order doubtful
+        far = late is not None and late.level == "ask"
         # of a periodic motion a delay of half a period looks like a sign
-        yield None if far is None or (turned is not None and turned.odds >= far.odds) else far
+        late = None if late is None or (turned is not None and turned.odds >= late.odds) else late
+        yield late if far else None
         yield exchanged if len(new) == 1 else None
+        yield late
         yield turned if turned is not None and len(turned.logs) < len(logs) else None
-        yield late(judged, fresh)
-        yield late_alone(judged, fresh)
         yield exchanged  # of several logs, one that is inverted looks like another order
         yield None if timed or alone is None else _reversed(alone)
         yield turned
@@ -89,7 +90,7 @@ def judge(
     told = (found for found in hypotheses() if found is not None and found.check not in accepted)
     found = next(told, None)
     if found is None:
-        return stepped.decision("silent", why="late" if at_edge else "")
+        return stepped.decision("silent", why="late" if clock is not None and clock.at_edge else "")
     return found if found.logs else replace(found, logs=fresh)
 
 
