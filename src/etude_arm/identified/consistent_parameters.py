@@ -26,7 +26,7 @@ import numpy as np
 from etude.errors import NumericalError
 from etude.types import Array, Index, Mask, Samples
 from etude_arm.identified.model_file_writer import APART, FUSED, Dip, JointTerms
-from etude_arm.identified.parameter_fit import FRICTION, OFFSET_TERM, STRIBECK, Settled, settled
+from etude_arm.identified.parameter_fit import FRICTION, OFFSET_TERM, SHOWN, STRIBECK, Settled, settled
 from etude_arm.identified.pseudo_inertia import SIZE, basis, coordinates
 from etude_arm.loading.inertia import NO_MASS
 from etude_arm.loading.load import load_arm
@@ -316,9 +316,9 @@ def _joint_terms(
         columns = evidence.rows[j][0][:, first:] * evidence.deviation[j]
         friction, damping = _nearest(columns, own[j])
         dip = None
-        if found.outputs[j].deviations[STRIBECK] > 0.0 and own[j, STRIBECK] > 0.0:
+        if found.evidence[j, STRIBECK] > SHOWN and own[j, STRIBECK] > 0.0:
             slid, rubbed = _nearest(columns, np.where(np.arange(own.shape[1]) == STRIBECK, 0.0, own[j]))
-            slow = float(found.stribeck[j]) * found.problem.turns_over(j) / turn
+            slow = float(found.speeds[0, j]) / turn
             dip = Dip(rubbed * turn**2, slid * turn, float(own[j, STRIBECK]) * turn, slow)
         armature = max(0.0, float(own[j, 0])) * turn**2
         waves = _driving(drive.side(j) * turn * own[j, OFFSET_TERM + 1 :]) if found.cogs[j] else ()

@@ -21,14 +21,20 @@ from etude.models.scatter import scattered
 from etude.types import Array, Index, Mask, Samples
 from etude_arm.identified.parameter_fit import (
     COULOMB,
+    FASTEST_SHAPE,
     LEAST_STRETCH,
-    SHOWN,
+    LONGEST_STEP,
+    SHAPE,
+    SHAPE_ROUNDS,
+    SLOWEST_SHAPE,
     STRIBECK,
     STRIBECK_SPEEDS,
     TERMS,
+    TURNS,
     VISCOUS,
     Friction,
     savage_dickey,
+    slopes_of_shape,
 )
 from etude_arm.physics.identification import steady
 from etude_arm.spec import FIRST_WAVE, PATH, PLAN, RIPPLES, ArmSpec
@@ -36,8 +42,6 @@ from etude_arm.spec import FIRST_WAVE, PATH, PLAN, RIPPLES, ArmSpec
 LEAST, MOST = 30, 400
 """Samples of a joint in which it moves: fewer tell nothing; evenly drawn, as the cost is their cube."""
 OWN = (VISCOUS, COULOMB, STRIBECK)
-TURNS = (1.0, 0.3, 0.1)
-"""Parts of v0 over which friction may turn."""
 LARGEST = 0.3
 """Prior deviation of each term at full speed, as a part of the command limit."""
 LEAST_LEVEL = 1e-3
@@ -93,21 +97,44 @@ def _fitted(own: _Joint, widest: float, spec: ArmSpec, j: int) -> tuple[Array, A
         return found[0], found[1], found[2], widest, widest
     size = float(spec.command[j])
     prior = LARGEST * size / np.array([spec.velocity[j], 1.0, 1.0])
-    tried = [(s * t * widest, t * widest) for t in TURNS for s in STRIBECK_SPEEDS]
+    tried = [(s * widest, t * widest) for t in TURNS for s in STRIBECK_SPEEDS]
     first = _columns(own.speed, *tried[0])
     sizes = _sizes(own, first * prior, size)
     # sticking holds about as much more as sliding holds at all
     level, _ = _solved(first[:, :2], own, _covariance(sizes, own, size), prior[:2])
     prior[2] = max(abs(float(level[1])), LEAST_LEVEL * size)
-    losses = [_loss(sizes, own, _columns(own.speed, *speeds) * prior, size)[0] for speeds in tried]
-    slow, v0 = tried[int(np.argmin(losses))]
-    H, V = _columns(own.speed, slow, v0), _covariance(sizes, own, size)
-    value, deviation = _solved(H, own, V, prior)
-    evidence = savage_dickey(value, deviation, prior)
-    if evidence[2] < SHOWN or value[2] < 0.0:
-        value, deviation = (np.append(part, 0.0) for part in _solved(H[:, :2], own, V, prior[:2]))
-    found[:, OWN] = value, deviation, evidence
-    return found[0], found[1], found[2], slow, v0
+    V = _covariance(sizes, own, size)
+    evidence = np.zeros(3)
+    for terms in (3, 2):
+        columns = [(_columns(own.speed, *speeds) * prior)[:, :terms] for speeds in tried]
+        losses = [_loss(sizes, own, H, size)[0] for H in columns]
+        start = np.array(tried[int(np.argmin(losses))])
+        value, deviation, speeds = _with_shape(own, V, prior[:terms], start, widest)
+        evidence[:terms] = savage_dickey(value, deviation, prior[:terms])
+        # a dip below zero would stand for a wider v0
+        if value[-1] > 0.0:
+            break
+    found[0, OWN[:terms]], found[1, OWN[:terms]], found[2, OWN] = value, deviation, evidence
+    return found[0], found[1], found[2], float(speeds[0]), float(speeds[1])
+
+
+def _with_shape(
+    own: _Joint, V: Array, prior: Array, start: Array, widest: float
+) -> tuple[Array, Array, Array]:
+    """The first terms of OWN, as many as `prior` has, their deviations, and (2,) v_s and v0."""
+    terms, speeds = len(prior), start
+    value, deviation = _solved(_columns(own.speed, *start)[:, :terms], own, V, prior)
+    for _ in range(SHAPE_ROUNDS):
+        slow, v0 = speeds
+        dip = np.asarray(value[2] if terms == 3 else 0.0)
+        level = value[1] + dip * np.exp(-((own.speed / slow) ** 2))
+        slopes = slopes_of_shape(own.speed, slow, v0, level, dip)
+        H = np.column_stack([_columns(own.speed, slow, v0)[:, :terms], slopes])
+        value, deviation = _solved(H, own, V, np.append(prior, [SHAPE, SHAPE]))
+        step = np.clip(value[-2:], -LONGEST_STEP, LONGEST_STEP)
+        bounds = widest * np.array([SLOWEST_SHAPE, FASTEST_SHAPE])
+        speeds = np.clip(speeds * np.exp(step), *bounds)
+    return value[:terms], deviation[:terms], speeds
 
 
 def _columns(speed: Array, slow: float, v0: float) -> Array:

@@ -15,6 +15,7 @@ from etude_arm.config import ArmData
 from etude_arm.identified.friction_alone import friction_alone
 from etude_arm.identified.parameter_fit import (
     SHOWN,
+    STRIBECK,
     TERMS,
     Combination,
     Friction,
@@ -126,12 +127,14 @@ def _interval(value: float, deviation: float) -> dict[str, Any]:
 
 
 def _friction_rows(fit: Friction, spec: ArmSpec) -> list[dict[str, Any]]:
-    """The terms of each drive but its armature; one that the logs do not show is zero and has no interval."""
+    """The terms of each drive but its armature; one that the logs do not show has no interval."""
     rows = []
     for j, (axis, unit) in enumerate(zip(spec.axes, spec.command_units, strict=True)):
         for k, term in enumerate(TERMS[1:], start=1):
             value, deviation = float(fit.terms[j, k]), float(fit.deviation[j, k])
-            kept = deviation > 0.0
+            shown = deviation > 0.0 and bool(fit.evidence[j, k] > SHOWN)
+            # where no dip is shown, its size goes with v_s and v0, and no interval says that
+            kept = shown if k == STRIBECK else deviation > 0.0
             rows.append(
                 {
                     "joint": axis.name,
@@ -144,7 +147,7 @@ def _friction_rows(fit: Friction, spec: ArmSpec) -> list[dict[str, Any]]:
                     ),
                     "unit": TERM_UNITS[k].format(u=unit, x=axis.unit),
                     "evidence_nats": float(fit.evidence[j, k]),
-                    "shown": kept and bool(fit.evidence[j, k] > SHOWN),
+                    "shown": shown,
                 }
             )
     return rows
