@@ -1,7 +1,7 @@
 """Estimates of a robot's parameters from logs: base parameters and each drive's terms, with intervals.
 
-The estimate is that of the model's own physics (`physics.identification`), with textbook terms of friction in
-the place of the model's, and with waves of each hinge's position for cogging, which gravity would take up:
+The estimate is that of `physics.identification`, with textbook friction terms instead of the model's. Waves
+of each hinge's position describe cogging, which gravity would otherwise absorb:
 
     command_j = rigid_j(phi) + armature l'' + viscous l' + asymmetry |l'| + offset + ripple(q_j)
               + [coulomb + stribeck exp(-(l'/v_s)^2) + load |rigid_j|] s
@@ -12,8 +12,8 @@ the logs show it: the density of the value 0 before the logs and after them says
 Dickey). Stribeck's dip is kept unless it is below zero. Where a joint turned round a moment ago the filter
 has smeared the step of its friction, and samples are left out.
 
-Deviations are no model's: they take the scatter of the score between stretches of log, longer than what the
-residual remembers (`models.scatter`), and are at least half of the posterior's.
+Deviations do not rely on the noise model: they use the scatter of the score between stretches of log longer
+than the correlation time (`models.scatter`), and are at least half of the posterior deviations.
 """
 
 from __future__ import annotations
@@ -48,13 +48,15 @@ from etude_arm.spec import FORCES, PATH, PLAN, RIPPLES, ArmSpec
 TERMS = ("armature", "viscous", "coulomb", "stribeck", "load", "asymmetry", "offset")
 E = len(TERMS)
 VISCOUS, COULOMB, STRIBECK, LOAD = 1, 2, 3, 4
-"""Places of those terms."""
+"""Indices of these terms."""
 FRICTION, OFFSET_TERM = slice(1, 6), 6
 WAVES = slice(E, E + 2 * RIPPLES)
 OPTIONAL = slice(4, 6)
-"""Terms that are left out where the logs do not show them."""
+"""Terms that are dropped if the logs do not support them."""
 POSITIVE = slice(3, 5)
-"""Terms that no drive has below zero: sticking holds more than sliding, and a load presses on the gear."""
+"""Terms that cannot be negative: stiction exceeds sliding friction, and a load increases friction of the
+gear.
+"""
 SHOWN = 3.0
 """Nats from which a term is kept: 20 to 1."""
 STRIBECK_SPEEDS = (2.0, 4.0, 8.0, 16.0)
@@ -70,16 +72,18 @@ LONGEST_STEP = 0.7
 SLOWEST_SHAPE, FASTEST_SHAPE = (1.0, 0.05), (32.0, 4.0)
 """Bounds of v_s and v0, in v0 of the model's friction: just outside the values to begin with."""
 ROTOR = 0.03
-"""Of what all of the command accelerates at the robot's limits: a wrist's rotor outweighs its link by far."""
+"""Prior armature as a part of the inertia that the command limit accelerates at the robot's limits: the rotor
+of a wrist far exceeds its link.
+"""
 LOAD_FRICTION = 0.3
-"""Prior deviation of friction by load, a part of the load: gears lose some ten per cent."""
+"""Prior deviation of load-dependent friction, as a part of the load: gears lose some ten per cent."""
 STRETCHES = 2.0
-"""Memories of the residual in one stretch of log, whose scores are then nearly independent."""
+"""Correlation times of the residual in one stretch of log, so that scores are nearly independent."""
 LEAST_STRETCH = 1.0  # s
 LEAST_SCATTER = 0.25
 """Of the posterior's variance."""
 LEAST_PART = 1e-6
-"""Of a regrouped parameter, each in its scale: less is rounding."""
+"""Relative factor of a regrouped parameter: smaller ones are rounding errors."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,15 +104,15 @@ class Friction:
 
 @dataclass(frozen=True, eq=False)
 class ParameterFit:
-    """Parameters theta are the inertial ones, body after body, and then each drive's armature.
+    """The parameters theta: inertial parameters body after body, then the armature of each drive.
 
     Attributes:
-        theta, nominal: (P + J,) found, and the file's. before, after: (P + J, P + J) covariance without the
-            logs and with them.
-        shown: (N, P + J) commands of theta over the robot's limits: what any motion could show.
-        scale: (P + J,) how far each may be from the file's.
+        theta, nominal: (P + J,) estimates, and the file's values. before, after: (P + J, P + J) prior and
+            posterior covariance.
+        shown: (N, P + J) regressor of theta over the robot's limits: what any motion could identify.
+        scale: (P + J,) prior scale of each about the file's value.
         friction: of the drives.
-        own_scale: (J,) commands that no shared rigid body explains, so that no mass follows from them.
+        own_scale: (J,) commands that the shared rigid body does not explain, so they identify no mass.
     """
 
     theta: Array
@@ -143,7 +147,7 @@ class Settled:
 
 
 def settled(samples: Samples, spec: ArmSpec, mean: RigidBodyMean) -> Settled:
-    """Of all samples; mean: the identified physics of the same samples, for friction, noise and scale."""
+    """Fits all samples; mean: the identified physics of the same samples, for friction, noise and scale."""
     problem = Problem.of(samples, spec, mean).with_ripple()
     speeds = _shape(problem, ())
     fit, _ = problem.fitted(speeds)
@@ -200,7 +204,7 @@ def _without_rise(
 
 
 def _nats_of_waves(fit: SharedFit, j: int, prior: float) -> float:
-    """As `savage_dickey`, of all waves of one output together; none without a prior."""
+    """As `savage_dickey`, for all waves of one output together; 0 without a prior."""
     if prior == 0.0:
         return 0.0
     value, (r, width) = fit.extra[j, WAVES], (len(fit.z), fit.extra.shape[1])
@@ -211,7 +215,7 @@ def _nats_of_waves(fit: SharedFit, j: int, prior: float) -> float:
 
 
 def savage_dickey(value: Array, deviation: Array, prior: Array) -> Array:
-    """Nats for a term against none: the density of 0 before the logs over that after them."""
+    """Evidence for a term in nats: the log ratio of prior to posterior density at 0."""
     return np.asarray(0.5 * (value / deviation) ** 2 - np.log(prior / deviation))
 
 
@@ -229,14 +233,14 @@ def slopes_of_shape(speed: Array, slow: Array, turns: Array, level: Array, dip: 
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """Samples and robot, as regressors.
+    """Regressors of samples and robot.
 
     Attributes:
         rigid: (n, J, P); drive: (n, J, E + waves), zero where the shape of friction decides. speed, load:
             (n, J) of the drive, and size of what the rigid body takes.
-        directions: (P, r) of the shared rigid body; shared: (J,) commands that it makes.
-        armature: (J,) prior deviation: the inertia that the links have, as the drive feels it, or `ROTOR`.
-        ripple: (J,) prior deviation of each wave of what returns with a joint's position.
+        directions: (P, r) of the shared rigid body. shared: (J,) commands that it explains.
+        armature: (J,) prior deviation: the inertia of the links at the drive, or `ROTOR`.
+        ripple: (J,) prior deviation of each wave of a joint's position.
     """
 
     samples: Samples
@@ -275,7 +279,7 @@ class Problem:
         return Problem(samples, spec, mean, *parts)
 
     def with_ripple(self) -> Problem:
-        """With the size of what returns with each position, by expectation maximisation."""
+        """The regression with the amplitude of the waves, by expectation maximisation."""
         found = self
         for _ in range(RIPPLE_ROUNDS):
             fit, _ = found.fitted(self.speeds_of(STRIBECK_SPEEDS[0], 1.0))
@@ -311,7 +315,7 @@ class Problem:
 
     @cached_property
     def used(self) -> Mask:
-        """(n, J) samples in which the joint moves, and has not just turned round."""
+        """(n, J) samples in which the joint moves away from reversals."""
         return steady(self.samples, self.speed)
 
     def speeds_of(self, slow: float, turns: float) -> Array:
@@ -362,7 +366,7 @@ def _scores(fit: SharedFit, outputs: Sequence[OutputColumns]) -> Array:
     lefts = [o.left - o.columns @ np.append(fit.z, e) for o, e in zip(outputs, fit.extra, strict=True)]
     memory = max(o.clock.correlation_time(left) for o, left in zip(outputs, lefts, strict=True))
     stretch = max(LEAST_STRETCH, STRETCHES * memory)
-    # no log is a million stretches long
+    # more stretches than any log has
     places = [o.clock.group * 10.0**6 + np.floor(o.clock.t / stretch) for o in outputs]
     known = np.unique(np.concatenate(places))
     scores = np.zeros((len(known), r + len(outputs) * width))
@@ -387,7 +391,7 @@ def parameter_fit(found: Settled) -> ParameterFit:
     back[:P, :r] = D
     back[P + np.arange(J), r + np.arange(J) * width] = 1.0
     nominal = np.append(problem.priors[0].nominal, np.zeros(J))
-    # by the file alone: two campaigns of a robot name the same combinations
+    # by the file alone, so that two campaigns of a robot name the same combinations
     armature = _inertia(problem.spec, problem.mean, np.tile(nominal[:P], (J, 1)))
     theta = nominal + back @ np.concatenate([fit.z, fit.extra.ravel()])
     every = np.zeros(fit.extra.shape)
@@ -407,8 +411,8 @@ def parameter_fit(found: Settled) -> ParameterFit:
 
 
 def _inertia(spec: ArmSpec, mean: RigidBodyMean, inertial: Array) -> Array:
-    """(J,) command of links with these parameters (J, P) for each rad/s^2 (m/s^2) of a drive, over the
-    robot's limits.
+    """(J,) command per rad/s^2 (m/s^2) of a drive, for links with these parameters (J, P), over the robot's
+    limits.
     """
     model = mean.model
     body = (model.tree, model.drives, model.friction_velocity)
@@ -431,12 +435,14 @@ def _shown(problem: Problem) -> Array:
 
 @dataclass(frozen=True)
 class Combination:
-    """A base parameter: (place in theta, factor) of what no motion tells apart, the first factor 1."""
+    """A base parameter: (index in theta, factor) of its members, which no motion separates; the first factor
+    is 1.
+    """
 
     parts: tuple[tuple[int, float], ...]
 
     def row(self, size: int) -> Array:
-        """(size,) so that row @ theta is its value."""
+        """(size,) row such that row @ theta is the value."""
         found = np.zeros(size)
         for place, factor in self.parts:
             found[place] = factor
@@ -444,7 +450,9 @@ class Combination:
 
 
 def combinations(fit: ParameterFit) -> tuple[list[Combination], list[int]]:
-    """The base parameters (Gautier 1991: QR with pivots), and places of what shows in no command."""
+    """The base parameters (Gautier 1991: QR with pivots), and indices of parameters that affect no
+    command.
+    """
     from scipy.linalg import qr
 
     rows = fit.shown * fit.scale

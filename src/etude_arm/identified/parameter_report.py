@@ -34,9 +34,7 @@ TERM_UNITS = ("{u} s^2/{x}", "{u} s/{x}", "{u}", "{u}", "1", "{u} s/{x}", "{u}")
 
 
 def report(spec: ArmSpec, physics: Physics | None, samples: Samples, data: ArmData) -> Delivered:
-    """Tables, sentences and friction.h; of a robot without a model file, or with one without masses,
-    friction alone.
-    """
+    """Tables, sentences and friction.h; only friction for a robot without masses in a model file."""
     if physics is None:
         v0 = friction_speeds(spec, data.friction_fraction or ArmData.friction_fraction)
         return _delivered(spec, [], friction_alone(spec, samples, v0, desired=data.desired), [WITHOUT])
@@ -75,7 +73,7 @@ def _names(spec: ArmSpec) -> list[tuple[str, str, str]]:
 
 
 def _inertial_rows(fit: ParameterFit, spec: ArmSpec) -> list[dict[str, Any]]:
-    """Base parameters, then what shows in no command; none where no command is a force."""
+    """Base parameters, then parameters that affect no command; empty if no command is a force."""
     if fit.own_scale.all():
         return []
     names = _names(spec)
@@ -114,7 +112,7 @@ def _part(of: str, name: str, factor: float, *, first: bool) -> str:
 
 
 def _flat(row: Mapping[str, Any]) -> dict[str, Any]:
-    """Without the parts, which the text of a combination holds."""
+    """The row without its members, which are in the text of the combination."""
     return {key: value for key, value in row.items() if key != "parts"}
 
 
