@@ -153,7 +153,7 @@ SENTENCES: Mapping[Code | NextStep, str] = {
     Warn.TEACHES_LITTLE: "A model learns almost nothing from this motion: no joint sweeps more than "
     "{part:.0f %} of its range",
     Warn.TEACHES_LITTLE_HELD: "A model learns almost nothing from this motion: no joint sweeps more than "
-    "{part:.0f %} of its range. In the way: {held}",
+    "{part:.0f %} of its range. Blocked by: {held}",
     Warn.STATED: "{sentence}",
     OfFile.MISSING: "{file} is missing",
     OfFile.CHANGED: "{file} was changed after it was committed",

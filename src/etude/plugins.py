@@ -156,7 +156,7 @@ SHAPES: Mapping[str, Shape] = {
     "etude.readers": Shape("a reader of logs", ("path", "topics"), ("recognises",), part="Reader"),
     "etude.exporters": Shape("an exporter", ("trajectory", "kind", "spec"), ("back",), part="Exporter"),
     "etude.drivers": Shape("a driver's factory", ("joints", "address", "settings")),
-    "etude.adaptations": Shape("a way to go on learning", ("method",)),
+    "etude.adaptations": Shape("a method of adaptation", ("method",)),
     "etude.targets": Shape("a target of models", ("model", "kind", "spec", "options")),
 }
 """Requirements by group. Groups without a row (studies) are checked when they are used."""

@@ -15,11 +15,12 @@ from etude_arm.spec import MEMORY, TURNING, ArmSpec
 
 
 class Fading(Protocol):
-    """A model whose command fades to its physics without information, or does not (`LearnedModel`)."""
+    """A model whose command fades to its physics without information (`LearnedModel`)."""
 
     @property
     def inputs(self) -> Inputs: ...
-    def predict(self, log: Log, *, fade: bool = True) -> tuple[Array, Array]: ...
+    def predict(self, log: Log) -> tuple[Array, Array]: ...
+    def faded(self, log: Log) -> Array: ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,16 +33,14 @@ class ModelController:
     Attributes:
         model: predicts the command's mean and variance from states.
         spec: gives the command limits.
-        fade: False applies the mean everywhere.
     """
 
     model: Fading
     spec: ArmSpec
-    fade: bool = True
 
     def planned(self, motion: Motion) -> Array | None:
         """Commands (T, J) of a perfect run. NumericalError: a prediction is not finite."""
-        return self._commands(self.model.inputs.states(motion))[0]
+        return self._checked(self.model.faded(self.model.inputs.states(motion)))
 
     def command(self, t: float, row: Row) -> tuple[Array, Array]:
         """The command at one instant, and its standard deviation."""
@@ -49,23 +48,19 @@ class ModelController:
         channels = {**states.channels, TURNING: self.spec.turning(), MEMORY: self.spec.memory()}
         values = {name: row[name][None] for name in channels if name in row}
         log = Log(np.array([t]), {name: channels[name] for name in values}, values)
-        command, deviation = self._commands(log)
-        return command[0], deviation[0]
+        mean, variance = self.model.predict(log)
+        return self._checked(mean, variance)[0], np.sqrt(variance[0])
 
     def observe(self, t: float, row: Row) -> None:
         """Does nothing: this controller does not learn during a motion."""
 
-    def _commands(self, log: Log) -> tuple[Array, Array]:
-        mean, variance = self.model.predict(log, fade=self.fade)
+    def _checked(self, mean: Array, variance: Array | float = 0.0) -> Array:
+        """The commands (T, J) within the limits. NumericalError: they or their variances are not finite."""
         if mean.shape[1] != self.spec.dof:
             raise UsageError(
                 f"the model has {mean.shape[1]} commands, the robot {self.spec.name} {self.spec.dof} joints",
                 next_step="Use the model that was trained for this robot.",
             )
-        self._require_finite(mean, variance)
-        return np.clip(mean, -self.spec.command, self.spec.command), np.sqrt(variance)
-
-    def _require_finite(self, mean: Array, variance: Array) -> None:
         bad = ~np.logical_and.reduce(np.isfinite(mean) & np.isfinite(variance), axis=0)
         if bad.any():
             joints = ", ".join(name for name, is_bad in zip(self.spec.names, bad, strict=True) if is_bad)
@@ -74,6 +69,7 @@ class ModelController:
                 where=joints,
                 next_step="Train it again; do not run this feedforward.",
             )
+        return np.clip(mean, -self.spec.command, self.spec.command)
 
 
 @dataclass(frozen=True, eq=False)

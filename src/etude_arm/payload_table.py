@@ -31,7 +31,7 @@ def with_payload(text: str, spec: ArmSpec, mass: float, centre: Array) -> str:
     if old is not None:
         if old.link:
             raise UsageError(
-                f"the payload hangs at link '{old.link}', and the load was found at the last axis's",
+                f"the payload is at link '{old.link}', and the load was found at the last axis's",
                 where="[payload]",
                 next_step="Correct mass and centre by hand.",
             )

@@ -160,7 +160,7 @@ def test_without_a_robot_no_column_is_needed(tmp_path: Path) -> None:
     assert found["empty"].light == "yellow"
     assert "mode: 100 %" in found["empty"].sentence
     assert "mode" not in found["dead"].sentence
-    assert found["motion"].sentence == "Without --robot nobody knows which columns move."
+    assert found["motion"].sentence == "Without --robot it is unknown which columns move."
     assert "units" not in found
 
 

@@ -103,5 +103,5 @@ def test_a_dry_run_draws_a_vehicles_way_too(lab: Path, tmp_path: Path) -> None:
     own = shutil.copytree(lab, tmp_path / "lab")
     assert main(["run", str(own), "--on", f"{__file__}:px4:", "--dry-run"]) == 0
     page = (own / "view.html").read_text()
-    assert "with the way from where the robot stands" in page
+    assert "with the approach from the current pose" in page
     assert page.count('"label":"approach"') >= 1

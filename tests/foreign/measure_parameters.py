@@ -2,8 +2,9 @@
 
     python tests/foreign/measure_parameters.py same.jsonl three:5,three:6,ur5:1,z1:1 10 [bare]
 
-Each campaign asks twice, and pinocchio's arm, whose masses are not the file's, runs it. A robot is a file and
-the seed that draws its masses and drives. Campaigns that the file has are not made again; the table is of
+Each campaign asks twice, and pinocchio's arm, whose masses are not the file's, runs it. A robot is a file,
+the seed that draws its masses and drives, and, as in three:5:0.05, the part of the top speed over which its
+friction turns its sign. Campaigns that the file has are not made again; the table is of
 all. With `bare` another campaign, without a model file, is told the logs, and friction is all that it prints.
 """
 
@@ -14,7 +15,7 @@ import re
 import sys
 import tempfile
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -129,13 +130,16 @@ def coverage(rows: list[dict[str, tuple[float, float, float]]]) -> Coverage:
 
 def robot(name: str) -> tuple[plant.Arm, str]:
     """The plant of a file and a seed, and the text that Étude gets ("" of the small arm)."""
-    file, _, seed = name.partition(":")
-    if file == "three":
-        return plant.arm_of_urdf(URDF, seed=int(seed)), ""
-    from measure_arms import share
+    file, seed, *turns = name.split(":")
+    text = ""
+    if file != "three":
+        from measure_arms import share
 
-    text = plant.one_turn(SHAPES.sub("", (share() / FILES[file]).read_text()))
-    return plant.arm_of_urdf(text, seed=int(seed)), text
+        text = plant.one_turn(SHAPES.sub("", (share() / FILES[file]).read_text()))
+    arm = plant.arm_of_urdf(text or URDF, seed=int(seed))
+    for part in turns:
+        arm = replace(arm, drives=replace(arm.drives, smooth=float(part) * arm.speed))
+    return arm, text
 
 
 def measured(name: str, seeds: Iterator[int], without_masses: bool) -> Iterator[dict[str, Any]]:

@@ -61,7 +61,7 @@ class Ask(Common):
     """A motion that no model ever learns from, to be run without and with the learned feedforward; then tell
     both logs with --confirm."""
     payload: bool = False
-    """A motion of about 10 s that shows what hangs at the hand, for etude payload; nothing learns from it."""
+    """A motion of about 10 s that shows the payload, for etude payload; no model learns from it."""
     new: bool = False
     """Ask for another trajectory although one is open."""
     go_on: Annotated[bool, tyro.conf.arg(name="continue")] = False
@@ -160,7 +160,7 @@ def _swept(rows: Sequence[Swept]) -> list[str]:
 def _then(asked: Ask) -> list[str]:
     folder = typed(asked.folder)
     if asked.payload:
-        return [f"Run it with what hangs at the hand, then: etude payload {folder} --log LOG"]
+        return [f"Run it with the payload, then: etude payload {folder} --log LOG"]
     if not asked.confirm:
         return [f"Run it, then: etude tell {folder} LOG"]
     return [

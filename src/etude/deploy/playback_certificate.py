@@ -101,7 +101,7 @@ def certify_played(
                 f"the motion is not at rest where its receiver holds it ({row.where}): "
                 f"{row.proved_upper:.3g} per s or s^2",
                 where=row.axis,
-                next_step="Export it with its way from rest and back: "
+                next_step="Export it with its approach and return: "
                 "etude ask FOLDER --from home --format NAME.",
             )
         if not slack(row) >= -EXCESS * (row.upper - row.lower):

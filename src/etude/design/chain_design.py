@@ -180,7 +180,9 @@ def linked(
 
 def cut_short(dropped: int) -> str:
     """Sentence on the number of segments that were left out."""
-    return f" Segments left out, since no motion or no way there is proved: {dropped}." if dropped else ""
+    return (
+        f" Segments left out, since no motion or no approach to it is proved: {dropped}." if dropped else ""
+    )
 
 
 def _link(

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from etude.models.change.change_detection import first_alarm
     from etude.models.change.diagnosis import SENSOR, Cause
     from etude.models.change.evidence import Judged, drift_onset, judged
-    from etude.models.change.load import (
+    from etude.models.change.payload_estimate import (
         Load,
         about_origin,
         apparent_loads,

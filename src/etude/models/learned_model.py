@@ -30,7 +30,7 @@ from etude.models.selection.member_prediction import (
     rests_of,
 )
 from etude.models.student_t import StudentT
-from etude.models.trust import known_in_training, outside, trusted
+from etude.models.trust import known_in_training, outside, thresholds, trusted
 from etude.progress import counted
 from etude.protocols import Candidate, Inputs, Mean, Posterior, Process, Trajectory
 from etude.types import Array, Channel, Column, Log, Mask
@@ -276,6 +276,32 @@ class LearnedModel:
         """
         run = as_run(log, self.columns, self.inputs)
         return self._told(run, iter, fade=fade)
+
+    def faded(self, log: Any) -> Array:
+        """The commands (n, J) of `predict` alone, to rounding, for less.
+
+        Variances cost most, and only decide how far a command fades. Where an upper bound of what is unknown
+        leaves full trust, nothing fades; processes are asked again at the other rows alone.
+        """
+        means = Means(as_run(log, self.columns, self.inputs).log)
+        told: dict[int, tuple[Array, Array]] = {}
+
+        def bound(process: Process, X: Array) -> tuple[Array, Array]:
+            return told.setdefault(id(process), _at_most(process, X))
+
+        average, variance, noise = self._predicted(means, iter, bound)
+        full, _ = thresholds(self.signal_deviation, self.known)
+        doubtful = ~(variance - noise <= full).all(axis=1)  # what is no number too
+        if not doubtful.any():
+            return average
+
+        def exact(process: Process, X: Array) -> tuple[Array, Array]:
+            mean, least = told[id(process)]
+            least[doubtful] = process.predict(X[doubtful])[1]
+            return mean, least
+
+        average, variance, noise = self._predicted(means, iter, exact)
+        return self._faded(average, variance - noise, means)
 
     def at_most(self, log: Any) -> tuple[Array, Array]:
         """As `predict`, with variances that are never below its own: for less, where processes know how."""

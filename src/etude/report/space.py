@@ -23,7 +23,7 @@ from etude.storage import write_atomic
 OPEN_ROWS = 6
 """Rows of the certificate that are seen at once, the narrowest first."""
 TEXT = (
-    "Solid is the robot along {title} as it was planned; the blue line is the way of {tips}. The pale skin "
+    "Solid is the robot along {title} as it was planned; the blue line is the path of {tips}. The pale skin "
     "holds all that the robot sweeps. {colour}"
 )
 COLOUR = (
@@ -34,11 +34,11 @@ HULLS = "Drawn are the shapes that distances are taken of: convex hulls, not the
 STICKS = "The description has no shapes, so bars stand for links."
 MEASURED = "Blue is where its log measured the robot."
 LIVE = (
-    "Solid is the robot where it is asked to be now, blue where it is measured. The blue line is the way of "
+    "Solid is the robot where it is asked to be now, blue where it is measured. The blue line is the path of "
     "{tips} along {title}, and the pale skin holds all that it sweeps. {colour}"
 )
 ENLARGED = "It is drawn {times} times as large as it is."
-NO_DISTANCES = "No distance is looked at for this robot: what it would hit is not known."
+NO_DISTANCES = "No distance is computed for this robot: collisions are not checked."
 AROUND = "Around it is what the robot's file names: {names}."
 NOTHING = "The robot's file names nothing that stands around it."
 NEAREST = "Nearest as planned, but for neighbours: {pair}, {apart} at {time:.1f} s, where {kept} are kept."
@@ -212,7 +212,7 @@ def _controls(seen: MotionInSpace) -> list[Html]:
     ends = f'min="0" max="{seen.t[-1]:.6g}" step="any" value="0"'
     slider = Html(f'<input type="range" name="time" {ends} aria-label="time"/>')
     strip = Html('<canvas class="strip" height="8" aria-hidden="true"></canvas>') if seen.nearby else Html("")
-    ticked = [("swept", "what is swept"), ("path", "way of the tip")]
+    ticked = [("swept", "what is swept"), ("path", "path of the tip")]
     ticked += [("distances", "distances")] if seen.nearby else []
     boxes = [Html(f'<label><input type="checkbox" name="{n}" checked/> {w}</label>') for n, w in ticked]
     joints = element(

@@ -61,7 +61,7 @@ class DriverSuite:
         assert about.joints == self.joints, f"joints are {about.joints}"
         assert about.rate > 0.0, "no rate"
         assert about.identity, "a robot without an identity may be any other one"
-        assert about.command_of is not None, "command_of is not stated: nobody knows what is learned"
+        assert about.command_of is not None, "command_of is not stated: it is unknown what is learned"
         assert about.gravity_in_command is not None, "gravity_in_command is not stated"
         assert "feedback" in about.controls, "every robot follows set-points by its feedback"
         for name in ("lower", "upper", "velocity", "acceleration", "jerk", "torque_rate", "encoder_step"):

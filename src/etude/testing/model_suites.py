@@ -178,7 +178,7 @@ class KernelSuite:
         close(kernel.diagonal(theta, X), K.diagonal(), 1e-11, "diagonal")
         close(K.T, K, 1e-11, "symmetry")
         Z = self.inputs(4, 1)
-        close(kernel.value(theta, X, Z), kernel.value(theta, Z, X).T, 1e-11, "cross, both ways")
+        close(kernel.value(theta, X, Z), kernel.value(theta, Z, X).T, 1e-11, "cross, in both directions")
 
     def test_positive_semidefinite(self) -> None:
         K = self.kernel.gram(self.theta, self.inputs(40, 2))[0]

@@ -170,5 +170,5 @@ def said(skeleton: Skeleton) -> tuple[str, ...]:
     most = np.ceil(1e4 * max(shape.grown for shape in skeleton.shapes)) / 10.0
     return (
         f"The shapes themselves of {', '.join(grown)}, of more than {MANY:,} points: hulls of fewer points "
-        f"that hold them, up to {most:.1f} mm larger, are looked at in their place.",
+        f"that hold them, up to {most:.1f} mm larger, are used in their place.",
     )

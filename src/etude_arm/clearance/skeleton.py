@@ -214,7 +214,7 @@ def skeleton_of(
     numbers = [mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, name) for name in names]
     if -1 in numbers or model.nq != len(names) or model.nv != len(names):
         raise UsageError(
-            f"the model moves {model.nv} ways, the robot file names {len(names)} joints: {', '.join(names)}",
+            f"the model has {model.nv} degrees of freedom, the file {len(names)} joints: {', '.join(names)}",
             next_step="Distances need the same joints in both; others must be held.",
         )
     welds = sorted({int(body) for body in model.body_weldid})

@@ -1,19 +1,18 @@
 """Physically consistent parameters from samples, with their error on segments left out of the fit.
 
-What logs say of the inertial parameters is a quadratic form for each segment. Beside them each drive has
-terms of its own (armature, friction, offset), which are taken out of the form with their prior, as
-`physics.rigid_body` has it.
+The log likelihood of the inertial parameters is a quadratic form for each segment. Each drive also has own
+terms (armature, friction, offset), which are marginalised with the prior of `physics.rigid_body`.
 
-Models fuse what moves as one. Here each link keeps the parameters that the file gives it; what the logs
-cannot tell apart is shared out as near to the file as it can be.
+Simulation models merge links of one rigid part. Here each link keeps its own parameters; combinations that
+logs cannot identify stay as near to the file as possible.
 
     minimise over phi   1/2 phi' H phi - g' phi + weight * sum_b D(P_b | P_b0)
     D(P | P0) = tr(P0^-1 P) - log det(P0^-1 P) - 4
 
-H and g are what the logs say, P_b the matrix of body b (`pseudo_inertia`), P_b0 that of the file. The second
-term is the divergence of Lee, Wensing and Park 2020: it does not depend on units or frames and is infinite at
-the edge of what a body can have, so a convex problem without constraints gives a possible robot. Newton's
-method with the exact derivatives, in coordinates in which every P_b0 is the unit matrix.
+H and g come from the logs, P_b is the pseudo-inertia of body b (`pseudo_inertia`), P_b0 that of the file. The
+second term is the divergence of Lee, Wensing and Park 2020. It does not depend on units or frames, and is
+infinite at the limit of physical consistency, so an unconstrained convex problem gives a possible robot. The
+solver is Newton's method with exact derivatives, in coordinates in which every P_b0 is the unit matrix.
 """
 
 from __future__ import annotations
@@ -26,7 +25,7 @@ import numpy as np
 from etude.errors import NumericalError
 from etude.types import Array, Index, Mask, Samples
 from etude_arm.identified.model_file_writer import APART, FUSED, Dip, JointTerms
-from etude_arm.identified.parameter_fit import FRICTION, OFFSET_TERM, STRIBECK, Settled, settled
+from etude_arm.identified.parameter_fit import FRICTION, OFFSET_TERM, SHOWN, STRIBECK, Settled, settled
 from etude_arm.identified.pseudo_inertia import SIZE, basis, coordinates
 from etude_arm.loading.inertia import NO_MASS
 from etude_arm.loading.load import load_arm
@@ -37,7 +36,7 @@ from etude_arm.physics.rigid_tree import drives_from_mujoco, tree_from_mujoco
 from etude_arm.physics.transmission import Drive
 from etude_arm.spec import FIRST_WAVE, PATH, PLAN, ArmSpec
 
-MOST_FOLDS = 10  # of segments held out in turn
+MOST_FOLDS = 10  # number of cross-validation folds over segments
 DROPPED = 1e-9  # prior deviation, command units
 
 
@@ -46,9 +45,9 @@ class Errors:
     """Root mean square errors on segments left out, (J,) each, command units.
 
     Attributes:
-        file: of the model file's inertias; found: of the possible ones; both with each drive's friction,
-            armature and offset fitted to the other segments.
-        segments: how many there are; 0: one alone, so nothing could be left out.
+        file: with the model file's inertias. found: with the identified ones. In both, friction, armature and
+            offset of each drive are fitted to the other segments.
+        segments: their number; 0: a single one, so cross-validation is impossible.
     """
 
     file: Array
@@ -58,7 +57,7 @@ class Errors:
 
 @dataclass(frozen=True, eq=False)
 class Normal:
-    """Information A (J, n, n) and b (J, n) of each command on [phi, its own terms], n = P + E."""
+    """Information matrix A (J, n, n) and vector b (J, n) of each command on [phi, own terms], n = P + E."""
 
     A: Array
     b: Array
@@ -82,14 +81,14 @@ class Links:
 
     @property
     def told_of(self) -> tuple[tuple[str, slice], ...]:
-        """Names and places in phi of the bodies that logs can say something of."""
+        """Names and places in phi of the bodies with identifiable parameters."""
         places = [slice(10 * b, 10 * b + 10) for b in range(len(self.names))]
         pairs = zip(self.names, places, strict=True)
         return tuple((name, place) for name, place in pairs if self.nominal[place.start] > 0.0)
 
 
 def links_of(spec: ArmSpec) -> Links:
-    """Of the robot's model file. Errors as `load_arm`."""
+    """The links of the robot's model file. Errors as `load_arm`."""
     loaded = load_arm(spec, shapes=False, drives=True)
     model = replace(loaded, xml=loaded.xml.replace(FUSED, APART)).model()
     tree = tree_from_mujoco(model, spec.names)
@@ -103,12 +102,12 @@ def links_of(spec: ArmSpec) -> Links:
 
 @dataclass(frozen=True, eq=False)
 class WhitenedRows:
-    """Samples, as rows of regressors in units of the noise.
+    """Samples as rows of regressors, divided by the noise deviation.
 
     Attributes:
-        rows: of each command (n, P + E) and its commands (n,), both divided by the noise's deviation.
+        rows: for each command its regressors (n, P + E) and values (n,), both divided by the noise deviation.
         group: of each command (n,), which segment a row is of.
-        weights: (J,) of one sample, since what a model leaves of neighbours is alike.
+        weights: (J,) of one sample, since residuals of neighbours are correlated.
         own: (J, E) prior deviations of each drive's own terms, as of `parameter_fit`.
         deviation: (J,) the noise's, command units.
     """
@@ -121,7 +120,9 @@ class WhitenedRows:
 
     @staticmethod
     def of(links: Links, found: Settled) -> WhitenedRows:
-        """Of the samples, drives' terms, noise and its memory of the base parameters' fit."""
+        """The data from samples, with the drives' terms, noise and correlation time of the base parameters'
+        fit.
+        """
         problem, fit, samples = found.problem, found.fit, found.problem.samples
         model, first = problem.mean.model, len(fit.z)
         motion = tuple(samples.log[name] for name in (PLAN if problem.mean.desired else PATH))
@@ -137,7 +138,7 @@ class WhitenedRows:
         return WhitenedRows(rows, groups, tuple(fit.weight.tolist()), own, fit.noise)
 
     def normal(self, groups: Sequence[int] | None = None) -> Normal:
-        """Of those groups, or of all."""
+        """The information of those groups; None: of all."""
         found = []
         for (rows, y), group, weight in zip(self.rows, self.group, self.weights, strict=True):
             used = slice(None) if groups is None else np.isin(group, groups)
@@ -146,7 +147,7 @@ class WhitenedRows:
         return Normal(np.array(A), np.array(b))
 
     def reduced(self, normal: Normal) -> tuple[Array, Array]:
-        """H (P, P) and g (P,) of phi alone, the drives' own terms at their best."""
+        """H (P, P) and g (P,) of phi alone, with the drives' own terms eliminated."""
         P = normal.A.shape[1] - self.own.shape[1]
         H, g = np.zeros((P, P)), np.zeros(P)
         for A, b, own in zip(normal.A, normal.b, self.own, strict=True):
@@ -156,7 +157,7 @@ class WhitenedRows:
         return 0.5 * (H + H.T), g
 
     def own_terms(self, normal: Normal, phi: Array) -> Array:
-        """(J, E) the drives' own terms beside phi."""
+        """(J, E) the drives' best own terms given phi."""
         P = len(phi)
         return np.array(
             [
@@ -176,10 +177,11 @@ class WhitenedRows:
 
 
 WEIGHT = 1.0
-"""At the file's values D is half the squared length of the coordinates: before any data every one of them has
-a deviation of one, a mass, for example, of itself."""
+"""Weight of D. At the file's values D is half the squared length of the coordinates, so each coordinate has a
+prior deviation of 1: a mass deviates by itself, for example.
+"""
 CONTINUATION = tuple(10.0**k for k in range(8, -1, -1))
-"""Factors on the weight, each from the minimum before."""
+"""Factors of the weight; each minimisation starts from the last minimum."""
 MOST_STEPS = 100  # a bound: the problem is convex
 TOLERANCE = 1e-10  # part of the objective: rounding of its sums
 E = basis()
@@ -187,12 +189,12 @@ E = basis()
 
 @dataclass(frozen=True, eq=False)
 class Consistent:
-    """What was found.
+    """The minimum.
 
     Attributes:
         phi: (P,) parameters, body after body; those of bodies without mass in the file stay zero.
         covariance: (P, P) of phi given the logs, prior: (P, P) before them.
-        told: how many independent combinations the logs tell better than ten times as well as the file does.
+        told: number of independent combinations with less than a tenth of their prior deviation.
     """
 
     phi: Array
@@ -202,7 +204,7 @@ class Consistent:
 
 
 def consistent(H: Array, g: Array, nominal: Array, weight: float = WEIGHT) -> Consistent:
-    """The minimum above.
+    """Minimises the objective of the module.
 
     Args:
         H: (P, P) and g: (P,) of the logs, in units of phi.
@@ -215,14 +217,14 @@ def consistent(H: Array, g: Array, nominal: Array, weight: float = WEIGHT) -> Co
     T, start = _whole(nominal)
     Q, b = T.T @ H @ T, T.T @ g
     x = start
-    # from the file's values to the logs' by values between them: straight there Newton takes many steps
+    # continuation from the file's values to those of the logs: a direct start takes many Newton steps
     for stiffer in CONTINUATION:
         x = _newton(Q, b, x, stiffer * weight)
     curvature = Q + weight * _barrier(x)[2]
     covariance = T @ np.linalg.inv(curvature) @ T.T
     prior = T @ np.linalg.inv(weight * _barrier(start)[2]) @ T.T
     ratios = np.linalg.eigvalsh(np.linalg.solve(_barrier(start)[2] * weight, Q))
-    # determined: the logs tell 99 times what the file does, so the prior moves it by 1 %
+    # identified: the logs have 99 times the information of the prior, which moves it by 1 %
     return Consistent(T @ x, covariance, prior, int(np.sum(ratios > 99.0)))
 
 
@@ -240,7 +242,7 @@ def _newton(Q: Array, b: Array, x: Array, weight: float) -> Array:
         value, slope, bend = _barrier(x)
         slope = Q @ x - b + weight * slope
         step = np.asarray(np.linalg.solve(Q + weight * bend, -slope), dtype=np.float64)
-        decrease = -float(slope @ step)  # twice what a full step gains
+        decrease = -float(slope @ step)  # Newton decrement: twice the gain of a full step
         if decrease < TOLERANCE * (1.0 + abs(float(b @ x))):
             return np.asarray(x + step) if np.isfinite(_barrier(x + step)[0]) else x
         x = x + _length(Q, b, x, step, weight, value, decrease) * step
@@ -251,7 +253,7 @@ def _newton(Q: Array, b: Array, x: Array, weight: float) -> Array:
 
 
 def _length(Q: Array, b: Array, x: Array, step: Array, weight: float, value: float, decrease: float) -> float:
-    """The largest of 1, 1/2, ... that stays possible and gains a tenth of what the slope promises."""
+    """The largest step of 1, 1/2, ... that stays feasible and gains a tenth of the linear prediction."""
     before = 0.5 * float(x @ Q @ x) - float(b @ x) + weight * value
     length = 1.0
     # shorter steps change no digit of x
@@ -266,7 +268,7 @@ def _length(Q: Array, b: Array, x: Array, step: Array, weight: float, value: flo
 
 
 def _barrier(x: Array, only_value: bool = False) -> tuple[float, Array, Array]:
-    """sum_b tr(X) - log det X - 4, its gradient and Hessian in the coordinates; infinite outside."""
+    """sum_b tr(X) - log det X - 4, its gradient and Hessian in the coordinates; infinite if infeasible."""
     slope, bend = np.zeros(len(x)), np.zeros((len(x), len(x)))
     value = 0.0
     for k in range(0, len(x), SIZE):
@@ -289,8 +291,8 @@ class Identified:
     """Attributes:
     links: the bodies of the file. result: their parameters. own: (J, E) terms of the drives.
     joints: armature, friction and cogging of each joint with a drive of its own.
-    ripple: (J,) rms of what returns with each hinge's position, as cogging, command units.
-    errors: on segments left out. used: (n, J) samples in which a joint moves and has not just turned.
+    ripple: (J,) rms of the periodic term of each hinge's position (cogging), command units. errors: of
+    cross-validation. used: (n, J) samples in which a joint moves away from reversals.
     """
 
     links: Links
@@ -305,8 +307,8 @@ class Identified:
 def _joint_terms(
     spec: ArmSpec, links: Links, evidence: WhitenedRows, own: Array, found: Settled
 ) -> Mapping[str, JointTerms]:
-    """Of drives that are one joint's; none below zero. Friction c sign(v) + d v is the nearest to what was
-    identified over the logs' own speeds.
+    """Terms of drives of a single joint; none is negative. Friction c sign(v) + d v is the best fit to the
+    identified friction over the speeds of the logs.
     """
     terms, first = {}, len(links.nominal)
     for j, (name, drive) in enumerate(zip(spec.names, links.drives, strict=True)):
@@ -316,9 +318,9 @@ def _joint_terms(
         columns = evidence.rows[j][0][:, first:] * evidence.deviation[j]
         friction, damping = _nearest(columns, own[j])
         dip = None
-        if found.outputs[j].deviations[STRIBECK] > 0.0 and own[j, STRIBECK] > 0.0:
+        if found.evidence[j, STRIBECK] > SHOWN and own[j, STRIBECK] > 0.0:
             slid, rubbed = _nearest(columns, np.where(np.arange(own.shape[1]) == STRIBECK, 0.0, own[j]))
-            slow = float(found.stribeck[j]) * found.problem.turns_over(j) / turn
+            slow = float(found.speeds[0, j]) / turn
             dip = Dip(rubbed * turn**2, slid * turn, float(own[j, STRIBECK]) * turn, slow)
         armature = max(0.0, float(own[j, 0])) * turn**2
         waves = _driving(drive.side(j) * turn * own[j, OFFSET_TERM + 1 :]) if found.cogs[j] else ()
@@ -327,7 +329,7 @@ def _joint_terms(
 
 
 def _nearest(columns: Array, own: Array) -> tuple[float, float]:
-    """c and d of the drive's friction, its terms (E,) on the columns (n, E)."""
+    """c and d of the drive's friction, given its terms (E,) and their columns (n, E)."""
     from scipy.optimize import nnls
 
     speed, force = columns[:, SPEED], columns[:, FRICTION] @ own[FRICTION]
@@ -336,7 +338,7 @@ def _nearest(columns: Array, own: Array) -> tuple[float, float]:
 
 
 def _driving(taken: Array) -> tuple[tuple[int, float, float], ...]:
-    """Periods, amplitude and phase of what drives a joint whose command holds these `waves` (2 R,) more."""
+    """Periods, amplitude and phase of the force on a joint whose command contains these `waves` (2 R,)."""
     return tuple(
         (FIRST_WAVE + k, float(np.hypot(sine, cosine)), float(np.arctan2(-cosine, -sine)))
         for k, (sine, cosine) in enumerate(taken.reshape(-1, 2))
@@ -344,7 +346,7 @@ def _driving(taken: Array) -> tuple[tuple[int, float, float], ...]:
 
 
 def identified(samples: Samples, spec: ArmSpec, mean: RigidBodyMean) -> Identified:
-    """The possible robot nearest to the file that explains the samples' commands.
+    """Identifies physically consistent parameters from samples, near those of the file.
 
     Args:
         samples: of all logs. mean: the identified model of the same samples, for the noise.

@@ -1,14 +1,14 @@
-"""Estimate of friction from logs of a robot whose masses nobody has given.
+"""Estimate of friction from logs of a robot without known masses.
 
-Gravity, inertia and centrifugal forces are even in the speeds, friction is odd: a motion that passes a
-posture both ways tells them apart.
+Gravity, inertia and centrifugal forces are even in the speeds, friction is odd. A motion that passes a pose
+in both directions separates them.
 
     command_j = even_j(q, qd, qdd) + viscous qd_j + [coulomb + stribeck exp(-(qd_j / v_s)^2)] tanh(qd_j / v0)
 
-The even part is a Gaussian process. A chain's forces are sums of products of 1, sin q_i, cos q_i, and what
-accelerations and squares of speeds are multiplied with are such products squared; cogging returns with the
-joint's own position. Sizes of the parts are those of the largest marginal likelihood. Friction by load and by
-direction is even in part, so that it cannot be told.
+The even part is a Gaussian process. The forces of a chain are sums of products of 1, sin q_i, cos q_i;
+accelerations and squared speeds are multiplied by products of second degree. Cogging is periodic in the
+joint's position. The scales of the parts maximise the marginal likelihood. Friction by load and by direction
+is partly even, so it cannot be identified.
 """
 
 from __future__ import annotations
@@ -21,34 +21,38 @@ from etude.models.scatter import scattered
 from etude.types import Array, Index, Mask, Samples
 from etude_arm.identified.parameter_fit import (
     COULOMB,
+    FASTEST_SHAPE,
     LEAST_STRETCH,
-    SHOWN,
+    LONGEST_STEP,
+    SHAPE,
+    SHAPE_ROUNDS,
+    SLOWEST_SHAPE,
     STRIBECK,
     STRIBECK_SPEEDS,
     TERMS,
+    TURNS,
     VISCOUS,
     Friction,
     savage_dickey,
+    slopes_of_shape,
 )
 from etude_arm.physics.identification import steady
 from etude_arm.spec import FIRST_WAVE, PATH, PLAN, RIPPLES, ArmSpec
 
 LEAST, MOST = 30, 400
-"""Samples of a joint in which it moves: fewer tell nothing; evenly drawn, as the cost is their cube."""
+"""Least and largest number of moving samples of a joint; evenly drawn, since the cost is cubic."""
 OWN = (VISCOUS, COULOMB, STRIBECK)
-TURNS = (1.0, 0.3, 0.1)
-"""Parts of v0 over which friction may turn."""
 LARGEST = 0.3
 """Prior deviation of each term at full speed, as a part of the command limit."""
 LEAST_LEVEL = 1e-3
-"""Part of the command limit that a joint's friction has at least, for that of stiction."""
+"""Least friction of a joint as a part of the command limit, for the prior of stiction."""
 STEPS = 40
-"""Of the search for the sizes."""
+"""Iterations of the search for the scales."""
 
 
 @dataclass(frozen=True, eq=False)
 class _Joint:
-    """Rows of one joint: t, group (n,), speed (n,), command (n,), and kernels of the even parts (K, n, n)."""
+    """Data of one joint: t, group (n,), speed (n,), command (n,), and kernels of the even parts (K, n, n)."""
 
     t: Array
     group: Index
@@ -61,7 +65,8 @@ def friction_alone(spec: ArmSpec, samples: Samples, v0: Array, *, desired: bool)
     """Of all joints.
 
     Args:
-        v0: (J,) rad/s (m/s) over which friction turns at most. desired: motion as planned, not as measured.
+        v0: (J,) largest transition speed of friction, rad/s (m/s). desired: use the planned motion, not the
+            measured one.
     """
     motion = tuple(samples.log[name] for name in (PLAN if desired else PATH))
     rows = steady(samples, motion[1])
@@ -87,27 +92,50 @@ def _joint(spec: ArmSpec, samples: Samples, motion: tuple[Array, ...], rows: Mas
 
 
 def _fitted(own: _Joint, widest: float, spec: ArmSpec, j: int) -> tuple[Array, Array, Array, float, float]:
-    """Terms, deviations, evidence (E,), v_s and v0: those of the largest likelihood."""
+    """Terms, deviations, evidence (E,), v_s and v0 of maximum likelihood."""
     found = np.zeros((3, len(TERMS)))
     if len(own.t) < LEAST:
         return found[0], found[1], found[2], widest, widest
     size = float(spec.command[j])
     prior = LARGEST * size / np.array([spec.velocity[j], 1.0, 1.0])
-    tried = [(s * t * widest, t * widest) for t in TURNS for s in STRIBECK_SPEEDS]
+    tried = [(s * widest, t * widest) for t in TURNS for s in STRIBECK_SPEEDS]
     first = _columns(own.speed, *tried[0])
     sizes = _sizes(own, first * prior, size)
-    # sticking holds about as much more as sliding holds at all
+    # prior: stiction exceeds sliding friction by about as much as sliding friction itself
     level, _ = _solved(first[:, :2], own, _covariance(sizes, own, size), prior[:2])
     prior[2] = max(abs(float(level[1])), LEAST_LEVEL * size)
-    losses = [_loss(sizes, own, _columns(own.speed, *speeds) * prior, size)[0] for speeds in tried]
-    slow, v0 = tried[int(np.argmin(losses))]
-    H, V = _columns(own.speed, slow, v0), _covariance(sizes, own, size)
-    value, deviation = _solved(H, own, V, prior)
-    evidence = savage_dickey(value, deviation, prior)
-    if evidence[2] < SHOWN or value[2] < 0.0:
-        value, deviation = (np.append(part, 0.0) for part in _solved(H[:, :2], own, V, prior[:2]))
-    found[:, OWN] = value, deviation, evidence
-    return found[0], found[1], found[2], slow, v0
+    V = _covariance(sizes, own, size)
+    evidence = np.zeros(3)
+    for terms in (3, 2):
+        columns = [(_columns(own.speed, *speeds) * prior)[:, :terms] for speeds in tried]
+        losses = [_loss(sizes, own, H, size)[0] for H in columns]
+        start = np.array(tried[int(np.argmin(losses))])
+        value, deviation, speeds = _with_shape(own, V, prior[:terms], start, widest)
+        evidence[:terms] = savage_dickey(value, deviation, prior[:terms])
+        # a dip below zero would stand for a wider v0
+        if value[-1] > 0.0:
+            break
+    found[0, OWN[:terms]], found[1, OWN[:terms]], found[2, OWN] = value, deviation, evidence
+    return found[0], found[1], found[2], float(speeds[0]), float(speeds[1])
+
+
+def _with_shape(
+    own: _Joint, V: Array, prior: Array, start: Array, widest: float
+) -> tuple[Array, Array, Array]:
+    """The first terms of OWN, as many as `prior` has, their deviations, and (2,) v_s and v0."""
+    terms, speeds = len(prior), start
+    value, deviation = _solved(_columns(own.speed, *start)[:, :terms], own, V, prior)
+    for _ in range(SHAPE_ROUNDS):
+        slow, v0 = speeds
+        dip = np.asarray(value[2] if terms == 3 else 0.0)
+        level = value[1] + dip * np.exp(-((own.speed / slow) ** 2))
+        slopes = slopes_of_shape(own.speed, slow, v0, level, dip)
+        H = np.column_stack([_columns(own.speed, slow, v0)[:, :terms], slopes])
+        value, deviation = _solved(H, own, V, np.append(prior, [SHAPE, SHAPE]))
+        step = np.clip(value[-2:], -LONGEST_STEP, LONGEST_STEP)
+        bounds = widest * np.array([SLOWEST_SHAPE, FASTEST_SHAPE])
+        speeds = np.clip(speeds * np.exp(step), *bounds)
+    return value[:terms], deviation[:terms], speeds
 
 
 def _columns(speed: Array, slow: float, v0: float) -> Array:
@@ -117,7 +145,7 @@ def _columns(speed: Array, slow: float, v0: float) -> Array:
 
 
 def _sizes(own: _Joint, H: Array, size: float) -> Array:
-    """(K + 1,) logarithms of the parts' deviations and the noise's, in parts of the command limit."""
+    """(K + 1,) logarithms of the deviations of the parts and of the noise, in parts of the command limit."""
     from scipy.optimize import minimize
 
     start = np.log(np.append(np.full(len(own.kernels), 0.1), 0.01))
@@ -147,7 +175,7 @@ def _loss(sizes: Array, own: _Joint, H: Array, size: float) -> tuple[float, Arra
 
 def _solved(H: Array, own: _Joint, V: Array, prior: Array) -> tuple[Array, Array]:
     """(p,) generalised least squares, and deviations by the scatter of the score between stretches of log."""
-    # white one after another, so that stretches of them are independent
+    # whitened in time order, so that stretches are independent
     root = np.linalg.cholesky(V)
     rows, left = np.linalg.solve(root, H), np.linalg.solve(root, own.command)
     posterior = np.linalg.inv(rows.T @ rows + np.diag(prior**-2))

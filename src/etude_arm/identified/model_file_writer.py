@@ -1,4 +1,4 @@
-"""Writer of a model file with identified inertias: otherwise unchanged, or as MuJoCo reads it."""
+"""Writer of a model file with identified inertias: otherwise unchanged, or as MJCF."""
 
 from __future__ import annotations
 
@@ -20,20 +20,20 @@ from etude_arm.loading.parsing import WORLD, declared, parsed
 from etude_arm.spec import ArmSpec
 
 FUSED, APART = 'fusestatic="true"', 'fusestatic="false"'
-"""Of what a loaded model says: links that move as one are one body, or each its own."""
+"""MJCF attributes that merge links of one rigid part into one body, or keep them separate."""
 
 
 DRIVES = "drives"
 """Name of the file with the drives' own terms, and of its default class."""
 BRISTLE = 1e-3
-"""rad (m) over which stiction turns round, LuGre's deflection: no log shows less."""
+"""rad (m): presliding distance, LuGre's deflection: logs cannot resolve less."""
 FALLEN = 1e-4
-"""Part of stiction that is left at speed: MuJoCo wants some."""
+"""Part of stiction that remains at speed: MuJoCo requires a positive value."""
 NOTHING_ELSE = {"gear": "1", "armature": "0", "damping": "0", "nsample": "0", "delay": "0"} | {
     "forcelimited": "false",
     "forcerange": "0 0",
 }
-"""Of an actuator, in the place of what a file's defaults say."""
+"""Attributes of an actuator that override the file's defaults."""
 
 
 @dataclass(frozen=True)
@@ -52,7 +52,7 @@ class JointTerms:
 
     Attributes:
         cogging: periods a turn, amplitude and phase of waves; the joint is driven by their sum.
-        dip: the law that damping and friction are the nearest to; None: they are the law.
+        dip: the friction law that damping and friction approximate; None: they are exact.
     """
 
     armature: float
@@ -69,7 +69,7 @@ def central(phi: Array) -> tuple[float, Array, Array]:
 
 
 def written(spec: ArmSpec, bodies: Mapping[str, Array], joints: Mapping[str, JointTerms]) -> dict[str, bytes]:
-    """The model file in its own form, by name.
+    """The model file in its own format, by name.
 
     Args:
         spec: the robot; it has a model file.
@@ -112,11 +112,11 @@ def _inertial(phi: Array) -> ET.Element:
 
 
 def mjcf(spec: ArmSpec, bodies: Mapping[str, Array], joints: Mapping[str, JointTerms]) -> dict[str, bytes]:
-    """What MuJoCo reads, and the meshes beside it, by name: an MJCF with all that it holds, a URDF's chosen
-    joints with hulls and a motor for each. Tool and payload are bodies of it. Arguments as of `written`.
+    """MJCF files and their meshes, by name: all of an MJCF; of a URDF the chosen joints with hulls and a
+    motor each. Tool and payload are separate bodies. Arguments as of `written`.
 
-    The first has no cogging and no dip of friction, since older readers know no actuator of them; the second
-    has, if there are any.
+    The first file has no cogging and no Stribeck dip, since older versions of MuJoCo have no such actuator.
+    The second has them, if there are any.
     """
     assert spec.model_file is not None
     model, files = _of_urdf(spec) if parsed(spec.model_file).tag == "robot" else _of_mjcf(spec)
@@ -141,19 +141,19 @@ def mjcf(spec: ArmSpec, bodies: Mapping[str, Array], joints: Mapping[str, JointT
 
 
 def with_drives(name: str) -> str:
-    """Name of the second file of that one."""
+    """Name of the second file, derived from the first."""
     return f"{name.removesuffix('.xml')}_{DRIVES}.xml"
 
 
 def _with_drives(name: str, text: str, joints: Mapping[str, JointTerms]) -> dict[str, bytes]:
-    """The file with an actuator without input for each wave of cogging and each dip; none without any."""
+    """The file with an actuator without input for each wave of cogging and each dip; None without any."""
     root = ET.fromstring(text)
     default = ET.SubElement(ET.SubElement(root, "default"), "default", {"class": DRIVES})
     ET.SubElement(default, "general", NOTHING_ELSE)
     actuators = ET.SubElement(root, "actuator")
 
     def add(joint: str, what: str, **terms: str) -> None:
-        # a motor without a constant has no other force; MuJoCo wants a resistance
+        # a motor constant of 0 gives no other force; MuJoCo requires a resistance
         still = {"class": DRIVES, "input": "none", "motorconst": "0 0", "resistance": "1"}
         ET.SubElement(actuators, "dcmotor", {"name": f"{joint} {what}", "joint": joint} | still | terms)
 
@@ -171,7 +171,7 @@ def _with_drives(name: str, text: str, joints: Mapping[str, JointTerms]) -> dict
 
 
 def _of_mjcf(spec: ArmSpec) -> tuple[Any, dict[str, bytes]]:
-    """The file, its gravity as the robot is mounted, and the files that it names."""
+    """The file with gravity by the robot's mounting, and the files that it names."""
     import mujoco
 
     from etude_arm.loading.mjcf_compiled import name_joints
@@ -188,7 +188,7 @@ def _of_mjcf(spec: ArmSpec) -> tuple[Any, dict[str, bytes]]:
 
 
 def _of_urdf(spec: ArmSpec) -> tuple[Any, dict[str, bytes]]:
-    """Every link a body of its own, and a motor for each axis, or a servo where its gain is known."""
+    """Makes every link a separate body, with a motor for each axis, or a servo if its gain is known."""
     import mujoco
 
     loaded = load_arm(spec)
@@ -196,7 +196,7 @@ def _of_urdf(spec: ArmSpec) -> tuple[Any, dict[str, bytes]]:
     model.modelname = spec.name
     for body in model.bodies:
         link = loaded.links.get(body.name, body.name)
-        body.name = body.name if link == WORLD else link  # that is MuJoCo's own
+        body.name = body.name if link == WORLD else link  # MuJoCo's default
     for j, axis in enumerate(spec.axes):
         actuator = model.add_actuator(name=axis.name, target=axis.name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
         actuator.forcelimited, actuator.forcerange = 1, [-axis.command, axis.command]
@@ -210,7 +210,7 @@ def _of_urdf(spec: ArmSpec) -> tuple[Any, dict[str, bytes]]:
 
 
 def _add_carried(model: Any, spec: ArmSpec, bodies: Mapping[str, Array]) -> None:
-    """Bodies for tool and payload, where the model has none yet."""
+    """Adds bodies for tool and payload, if the model has none."""
     from etude_arm.loading.mjcf_compiled import moving
 
     for what, one in (("tool", spec.tool), ("payload", spec.payload)):
@@ -230,7 +230,7 @@ def _set_inertia(body: Any, phi: Array) -> None:
 
 
 def _like(old: Any, value: float) -> Any:
-    """One damping, or a polynomial's coefficients: MuJoCo has had both."""
+    """Damping as a number, or as coefficients of a polynomial, which newer versions of MuJoCo use."""
     return value if np.ndim(old) == 0 else [value, *np.zeros(np.size(old) - 1)]
 
 

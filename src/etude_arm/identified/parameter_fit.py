@@ -1,17 +1,19 @@
 """Estimates of a robot's parameters from logs: base parameters and each drive's terms, with intervals.
 
-The estimate is that of the model's own physics (`physics.identification`), with textbook terms of friction in
-the place of the model's, and with waves of each hinge's position for cogging, which gravity would take up:
+The estimate is that of `physics.identification`, with textbook friction terms instead of the model's. Waves
+of each hinge's position describe cogging, which gravity would otherwise absorb:
 
     command_j = rigid_j(phi) + armature l'' + viscous l' + asymmetry |l'| + offset + ripple(q_j)
               + [coulomb + stribeck exp(-(l'/v_s)^2) + load |rigid_j|] s
 
-with s the sign of the speed as the model turns it over. Some terms are kept only where the logs show them:
-the density of the value 0 before the logs and after them says by how much (Savage and Dickey). Where a joint
-turned round a moment ago the filter has smeared the step of its friction, and samples are left out.
+with s = tanh(l'/v0). v_s and v0 are estimated with all else by Gauss and Newton: a shape taken as known makes
+intervals of Coulomb and viscous friction far too narrow. Friction by load and by direction is kept only where
+the logs show it: the density of the value 0 before the logs and after them says by how much (Savage and
+Dickey). Stribeck's dip is kept unless it is below zero. Where a joint turned round a moment ago the filter
+has smeared the step of its friction, and samples are left out.
 
-Deviations are no model's: they take the scatter of the score between stretches of log, longer than what the
-residual remembers (`models.scatter`), and are at least half of the posterior's.
+Deviations do not rely on the noise model: they use the scatter of the score between stretches of log longer
+than the correlation time (`models.scatter`), and are at least half of the posterior deviations.
 """
 
 from __future__ import annotations
@@ -39,34 +41,49 @@ from etude_arm.physics.identification import (
     shared_fit,
     steady,
 )
-from etude_arm.physics.mean import RigidBodyMean, remembered_of
+from etude_arm.physics.mean import RigidBodyMean
 from etude_arm.physics.rigid_body import NARROW, SPEED, command_regressors, waves
 from etude_arm.spec import FORCES, PATH, PLAN, RIPPLES, ArmSpec
 
 TERMS = ("armature", "viscous", "coulomb", "stribeck", "load", "asymmetry", "offset")
 E = len(TERMS)
-VISCOUS, COULOMB, STRIBECK = 1, 2, 3
-"""Places of those terms."""
+VISCOUS, COULOMB, STRIBECK, LOAD = 1, 2, 3, 4
+"""Indices of these terms."""
 FRICTION, OFFSET_TERM = slice(1, 6), 6
-OPTIONAL = slice(3, 6)
-"""Terms that are left out where the logs do not show them."""
+WAVES = slice(E, E + 2 * RIPPLES)
+OPTIONAL = slice(4, 6)
+"""Terms that are dropped if the logs do not support them."""
 POSITIVE = slice(3, 5)
-"""Terms that no drive has below zero: sticking holds more than sliding, and a load presses on the gear."""
+"""Terms that cannot be negative: stiction exceeds sliding friction, and a load increases friction of the
+gear.
+"""
 SHOWN = 3.0
 """Nats from which a term is kept: 20 to 1."""
 STRIBECK_SPEEDS = (2.0, 4.0, 8.0, 16.0)
-"""v_s, in v0 of the friction."""
+"""v_s to begin with, in v0 of the model's friction."""
+TURNS = (0.1, 0.3, 1.0, 3.0)
+"""v0 to begin with, in that of the model's friction."""
+SHAPE = 1.0
+"""Prior deviation of log v_s and log v0: drives differ by a factor of e."""
+SHAPE_ROUNDS = 3
+"""Of Gauss and Newton; after two the speeds change by some per cent."""
+LONGEST_STEP = 0.7
+"""Of log v_s and log v0 in one round: farther the columns are no derivatives any more."""
+SLOWEST_SHAPE, FASTEST_SHAPE = (1.0, 0.05), (32.0, 4.0)
+"""Bounds of v_s and v0, in v0 of the model's friction: just outside the values to begin with."""
 ROTOR = 0.03
-"""Of what all of the command accelerates at the robot's limits: a wrist's rotor outweighs its link by far."""
+"""Prior armature as a part of the inertia that the command limit accelerates at the robot's limits: the rotor
+of a wrist far exceeds its link.
+"""
 LOAD_FRICTION = 0.3
-"""Prior deviation of friction by load, a part of the load: gears lose some ten per cent."""
+"""Prior deviation of load-dependent friction, as a part of the load: gears lose some ten per cent."""
 STRETCHES = 2.0
-"""Memories of the residual in one stretch of log, whose scores are then nearly independent."""
+"""Correlation times of the residual in one stretch of log, so that scores are nearly independent."""
 LEAST_STRETCH = 1.0  # s
 LEAST_SCATTER = 0.25
 """Of the posterior's variance."""
 LEAST_PART = 1e-6
-"""Of a regrouped parameter, each in its scale: less is rounding."""
+"""Relative factor of a regrouped parameter: smaller ones are rounding errors."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,15 +104,15 @@ class Friction:
 
 @dataclass(frozen=True, eq=False)
 class ParameterFit:
-    """Parameters theta are the inertial ones, body after body, and then each drive's armature.
+    """The parameters theta: inertial parameters body after body, then the armature of each drive.
 
     Attributes:
-        theta, nominal: (P + J,) found, and the file's. before, after: (P + J, P + J) covariance without the
-            logs and with them.
-        shown: (N, P + J) commands of theta over the robot's limits: what any motion could show.
-        scale: (P + J,) how far each may be from the file's.
+        theta, nominal: (P + J,) estimates, and the file's values. before, after: (P + J, P + J) prior and
+            posterior covariance.
+        shown: (N, P + J) regressor of theta over the robot's limits: what any motion could identify.
+        scale: (P + J,) prior scale of each about the file's value.
         friction: of the drives.
-        own_scale: (J,) commands that no shared rigid body explains, so that no mass follows from them.
+        own_scale: (J,) commands that the shared rigid body does not explain, so they identify no mass.
     """
 
     theta: Array
@@ -110,63 +127,120 @@ class ParameterFit:
 
 @dataclass(frozen=True, eq=False)
 class Settled:
-    """The regression as it was settled: with these v_s (J,), in v0, and the terms that the logs show.
+    """The regression as it was settled.
 
     Attributes:
         outputs: of each command, its columns [r of the rigid body, `TERMS`, ripple].
+        speeds: (2, J) v_s and v0, rad/s (m/s).
         evidence, prior: (J, E) nats for each term, and its deviation before any data.
-        cogs: (J,) whether the logs show cogging.
+        cogs: (J,) whether the logs show cogging. dropped: (J, E) terms that are left out.
     """
 
     problem: Problem
     fit: SharedFit
     outputs: list[OutputColumns]
-    stribeck: Array
+    speeds: Array
     evidence: Array
     prior: Array
     cogs: Mask
+    dropped: Mask
 
 
 def settled(samples: Samples, spec: ArmSpec, mean: RigidBodyMean) -> Settled:
-    """Of all samples; mean: the identified physics of the same samples, for friction, noise and scale."""
+    """Fits all samples; mean: the identified physics of the same samples, for friction, noise and scale."""
     problem = Problem.of(samples, spec, mean).with_ripple()
-    tried = [problem.fitted(np.full(spec.dof, speed))[0] for speed in STRIBECK_SPEEDS]
-    speeds = np.array(STRIBECK_SPEEDS)[np.argmin([fit.noise for fit in tried], axis=0)]
-    fit, outputs = problem.fitted(speeds)
+    speeds = _shape(problem, ())
+    fit, _ = problem.fitted(speeds)
+    fit, outputs = problem.fitted(speeds, None, fit.extra[:, :E])
     prior = np.array([o.deviations[:E] for o in outputs])
     evidence = savage_dickey(fit.extra[:, :E], fit.spread[:, :E], prior)
+    evidence[:, STRIBECK] = _nats_of_dip(problem, speeds, fit)
     dropped = np.zeros(prior.shape, dtype=bool)
     dropped[:, OPTIONAL] = evidence[:, OPTIONAL] < SHOWN
     dropped[:, POSITIVE] |= fit.extra[:, POSITIVE] < 0.0
     nats = np.array([_nats_of_waves(fit, j, float(size)) for j, size in enumerate(problem.ripple)])
-    return Settled(problem, *problem.fitted(speeds, dropped), speeds, evidence, prior, nats > SHOWN)
+    fit, outputs, dropped = _without_rise(problem, speeds, dropped)
+    return Settled(problem, fit, outputs, speeds, evidence, prior, nats > SHOWN, dropped)
+
+
+def _shape(problem: Problem, without: Sequence[int]) -> Array:
+    """(2, J) v_s and v0, without some terms: those of the least noise, then those where all is fitted."""
+    J = problem.spec.dof
+    none = np.zeros((J, E), dtype=bool)
+    none[:, list(without)] = True
+    grid = np.array([problem.speeds_of(slow, part) for part in TURNS for slow in STRIBECK_SPEEDS])
+    noises = [_without_rise(problem, speeds, none)[0].noise for speeds in grid]
+    speeds = grid[np.argmin(noises, axis=0), :, np.arange(J)].T
+    bounds = problem.speeds_of(*SLOWEST_SHAPE), problem.speeds_of(*FASTEST_SHAPE)
+    for _ in range(SHAPE_ROUNDS):
+        fit, _, dropped = _without_rise(problem, speeds, none)
+        fit, _ = problem.fitted(speeds, dropped, fit.extra[:, :E])
+        step = np.clip(fit.extra[:, -2:].T, -LONGEST_STEP, LONGEST_STEP)
+        speeds = np.clip(speeds * np.exp(step), *bounds)
+    return np.asarray(speeds)
+
+
+def _nats_of_dip(problem: Problem, speeds: Array, fit: SharedFit) -> Array:
+    """(J,) for a dip against a friction that may turn at any speed instead (Schwarz 1978: two parameters)."""
+    without = np.zeros((problem.spec.dof, E), dtype=bool)
+    without[:, STRIBECK] = True
+    other, _ = problem.fitted(_shape(problem, (STRIBECK,)), without)
+    least, _, _ = _without_rise(problem, speeds, np.zeros_like(without))
+    count = fit.weight * problem.used.sum(axis=0)
+    return np.asarray(count * np.log(other.noise / least.noise) - np.log(np.maximum(count, 1.0)))
+
+
+def _without_rise(
+    problem: Problem, speeds: Array, dropped: Mask, bent: Array | None = None
+) -> tuple[SharedFit, list[OutputColumns], Mask]:
+    """The fit in which no drive sticks less than it slides: a dip below zero would stand for a wider v0."""
+    fit, outputs = problem.fitted(speeds, dropped, bent)
+    rises = fit.extra[:, STRIBECK] < 0.0
+    if not rises.any():
+        return fit, outputs, dropped
+    without = dropped.copy()
+    without[:, STRIBECK] |= rises
+    return *problem.fitted(speeds, without, bent), without
 
 
 def _nats_of_waves(fit: SharedFit, j: int, prior: float) -> float:
-    """As `savage_dickey`, of all waves of one output together; none without a prior."""
+    """As `savage_dickey`, for all waves of one output together; 0 without a prior."""
     if prior == 0.0:
         return 0.0
-    value, (r, width) = fit.extra[j, E:], (len(fit.z), fit.extra.shape[1])
-    own = slice(r + j * width + E, r + (j + 1) * width)
+    value, (r, width) = fit.extra[j, WAVES], (len(fit.z), fit.extra.shape[1])
+    own = slice(r + j * width + WAVES.start, r + j * width + WAVES.stop)
     covariance = fit.covariance[own, own]
     change = 2.0 * len(value) * np.log(prior) - np.linalg.slogdet(covariance)[1]
     return float(0.5 * (value @ np.linalg.solve(covariance, value) - change))
 
 
 def savage_dickey(value: Array, deviation: Array, prior: Array) -> Array:
-    """Nats for a term against none: the density of 0 before the logs over that after them."""
+    """Evidence for a term in nats: the log ratio of prior to posterior density at 0."""
     return np.asarray(0.5 * (value / deviation) ** 2 - np.log(prior / deviation))
+
+
+def slopes_of_shape(speed: Array, slow: Array, turns: Array, level: Array, dip: Array) -> Array:
+    """(..., 2) derivatives of the friction [level(speed)] tanh(speed / turns) by log slow and log turns.
+
+    Args:
+        level: of friction at that speed, with what is left of the dip; dip: what Stribeck's adds at rest.
+    """
+    sign, part = np.tanh(speed / turns), (speed / slow) ** 2
+    longer = dip * np.exp(-part) * 2.0 * part * sign
+    steeper = -level * speed / turns * (1.0 - sign**2)
+    return np.stack([longer, steeper], axis=-1)
 
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """Samples and robot, as regressors.
+    """Regressors of samples and robot.
 
     Attributes:
-        rigid: (n, J, P); drive: (n, J, E) with 1 in the place of Stribeck's dip; all that `TERMS` name.
-        directions: (P, r) of the shared rigid body; shared: (J,) commands that it makes.
-        armature: (J,) prior deviation: the inertia that the links have, as the drive feels it, or `ROTOR`.
-        ripple: (J,) prior deviation of each wave of what returns with a joint's position.
+        rigid: (n, J, P); drive: (n, J, E + waves), zero where the shape of friction decides. speed, load:
+            (n, J) of the drive, and size of what the rigid body takes.
+        directions: (P, r) of the shared rigid body. shared: (J,) commands that it explains.
+        armature: (J,) prior deviation: the inertia of the links at the drive, or `ROTOR`.
+        ripple: (J,) prior deviation of each wave of a joint's position.
     """
 
     samples: Samples
@@ -175,6 +249,7 @@ class Problem:
     rigid: Array
     drive: Array
     speed: Array
+    load: Array
     priors: tuple[IdentificationPrior, ...]
     directions: Array
     shared: Mask
@@ -186,11 +261,10 @@ class Problem:
         model = mean.model
         body = (model.tree, model.drives, model.friction_velocity)
         rigid, extra = command_regressors(*body, *(samples.log[n] for n in (PLAN if mean.desired else PATH)))
-        turning = remembered_of(samples.log)
-        extra = extra if turning is None else model.turned(extra, turning)
-        speed, sign = extra[..., SPEED], extra[..., NARROW]
+        speed = extra[..., SPEED]
         load = np.abs(np.einsum("njp,jp->nj", rigid, model.inertial))
-        drive = [extra[..., 0], speed, sign, sign, load * sign, np.abs(speed), np.ones_like(speed)]
+        by_shape = [np.zeros_like(speed)] * 3
+        drive = [extra[..., 0], speed, *by_shape, np.abs(speed), np.ones_like(speed)]
         q, hinges = samples.log[(PLAN if mean.desired else PATH)[0]], ~model.tree.joint_slides
         drive += [hinges * wave for wave in np.moveaxis(waves(q), 2, 0)]
         same = np.isclose(model.inertial[:, None], model.inertial[None], rtol=1e-9).all(axis=2)
@@ -201,26 +275,39 @@ class Problem:
         ripple = model.deviation * hinges
         rotor = ROTOR * np.array([prior.extra[0] for prior in priors])
         armature = np.maximum(_inertia(spec, mean, model.inertial), rotor)
-        parts = rigid, np.stack(drive, 2), speed, priors, directions, shared, armature, ripple
+        parts = rigid, np.stack(drive, 2), speed, load, priors, directions, shared, armature, ripple
         return Problem(samples, spec, mean, *parts)
 
     def with_ripple(self) -> Problem:
-        """With the size of what returns with each position, by expectation maximisation."""
+        """The regression with the amplitude of the waves, by expectation maximisation."""
         found = self
         for _ in range(RIPPLE_ROUNDS):
-            fit, _ = found.fitted(np.full(self.spec.dof, STRIBECK_SPEEDS[0]))
+            fit, _ = found.fitted(self.speeds_of(STRIBECK_SPEEDS[0], 1.0))
             squares = fit.extra[:, E:] ** 2 + fit.spread[:, E:] ** 2
             found = replace(found, ripple=np.sqrt(squares.mean(axis=1)))
         return found
 
-    def fitted(self, stribeck: Array, dropped: Mask | None = None) -> tuple[SharedFit, list[OutputColumns]]:
-        """With these v_s (J,), in v0, and without the terms (J, E) that are dropped."""
+    def fitted(
+        self, speeds: Array, dropped: Mask | None = None, bent: Array | None = None
+    ) -> tuple[SharedFit, list[OutputColumns]]:
+        """With friction of this shape, and without the terms (J, E) that are dropped.
+
+        Args:
+            speeds: (2, J) v_s and v0, rad/s (m/s).
+            bent: (J, E) terms at which changes of log v_s and log v0 are estimated too, as columns behind all
+                others. None: the shape is known.
+        """
+        slow, turns = speeds
+        sign, dip, load = np.tanh(self.speed / turns), np.exp(-((self.speed / slow) ** 2)), self.load
         drive = self.drive.copy()
-        v0 = np.array([self.turns_over(j) for j in range(self.spec.dof)])
-        drive[..., 3] *= np.exp(-((self.speed / (stribeck * v0)) ** 2))
+        drive[..., COULOMB : LOAD + 1] = np.stack([sign, dip * sign, load * sign], axis=2)
+        if bent is not None:
+            level = bent[:, COULOMB] + bent[:, STRIBECK] * dip + bent[:, LOAD] * load
+            slopes = slopes_of_shape(self.speed, slow, turns, level, bent[:, STRIBECK])
+            drive = np.concatenate([drive, slopes], axis=2)
         outputs = [self._output(j, drive[:, j]) for j in range(self.spec.dof)]
         if dropped is not None:
-            kept = np.pad(~dropped, ((0, 0), (0, 2 * RIPPLES)), constant_values=True)
+            kept = np.pad(~dropped, ((0, 0), (0, drive.shape[2] - E)), constant_values=True)
             pairs = zip(outputs, kept, strict=True)
             outputs = [replace(o, deviations=np.where(keep, o.deviations, 0.0)) for o, keep in pairs]
         limits = np.array([prior.command for prior in self.priors])
@@ -228,8 +315,13 @@ class Problem:
 
     @cached_property
     def used(self) -> Mask:
-        """(n, J) samples in which the joint moves, and has not just turned round."""
+        """(n, J) samples in which the joint moves away from reversals."""
         return steady(self.samples, self.speed)
+
+    def speeds_of(self, slow: float, turns: float) -> Array:
+        """(2, J) v_s and v0, as parts of the v0 of the model's friction."""
+        v0 = np.array([self.turns_over(j) for j in range(self.spec.dof)])
+        return np.array([slow * v0, turns * v0])
 
     def turns_over(self, j: int) -> float:
         """v0 of the drive."""
@@ -250,6 +342,7 @@ class Problem:
             [self.armature[j], viscous, coulomb, level, LOAD_FRICTION, LEVEL_CHANGE * viscous, offset]
         )
         deviations = np.append(deviations, np.full(2 * RIPPLES, self.ripple[j]))
+        deviations = np.append(deviations, np.full(drive.shape[1] - len(deviations), SHAPE))
         clock = Clock(samples.t[rows], samples.group[rows])
         left = samples.command[rows, j] - self.rigid[rows, j] @ known
         return OutputColumns(
@@ -273,7 +366,7 @@ def _scores(fit: SharedFit, outputs: Sequence[OutputColumns]) -> Array:
     lefts = [o.left - o.columns @ np.append(fit.z, e) for o, e in zip(outputs, fit.extra, strict=True)]
     memory = max(o.clock.correlation_time(left) for o, left in zip(outputs, lefts, strict=True))
     stretch = max(LEAST_STRETCH, STRETCHES * memory)
-    # no log is a million stretches long
+    # more stretches than any log has
     places = [o.clock.group * 10.0**6 + np.floor(o.clock.t / stretch) for o in outputs]
     known = np.unique(np.concatenate(places))
     scores = np.zeros((len(known), r + len(outputs) * width))
@@ -287,21 +380,23 @@ def _scores(fit: SharedFit, outputs: Sequence[OutputColumns]) -> Array:
 
 def parameter_fit(found: Settled) -> ParameterFit:
     """The drives' terms, and theta with its covariances."""
-    problem, fit, prior = found.problem, found.fit, found.prior
-    covariance = widened(fit, found.outputs)
+    problem, prior = found.problem, found.prior
+    # with the shape's own uncertainty
+    terms = found.fit.extra[:, :E]
+    fit, outputs, _ = _without_rise(problem, found.speeds, found.dropped, terms)
+    covariance = widened(fit, outputs)
     D, (J, width) = problem.directions, fit.extra.shape
     P, r = D.shape
     back = np.zeros((P + J, len(covariance)))
     back[:P, :r] = D
     back[P + np.arange(J), r + np.arange(J) * width] = 1.0
     nominal = np.append(problem.priors[0].nominal, np.zeros(J))
-    # by the file alone: two campaigns of a robot name the same combinations
+    # by the file alone, so that two campaigns of a robot name the same combinations
     armature = _inertia(problem.spec, problem.mean, np.tile(nominal[:P], (J, 1)))
     theta = nominal + back @ np.concatenate([fit.z, fit.extra.ravel()])
     every = np.zeros(fit.extra.shape)
     every[:, :E] = prior
     before = np.concatenate([np.ones(r), every.ravel()]) ** 2
-    v0 = np.array([problem.turns_over(j) for j in range(J)])
     deviation = np.sqrt(np.maximum(covariance.diagonal()[r:], 0.0)).reshape(J, width)
     return ParameterFit(
         theta,
@@ -310,14 +405,14 @@ def parameter_fit(found: Settled) -> ParameterFit:
         back @ covariance @ back.T,
         _shown(problem),
         np.append(MASSES_OFF * parameter_scale(problem.mean.model.tree), armature),
-        Friction(fit.extra[:, :E], deviation[:, :E], found.evidence, found.stribeck * v0, v0),
+        Friction(fit.extra[:, :E], deviation[:, :E], found.evidence, *found.speeds),
         ~problem.shared,
     )
 
 
 def _inertia(spec: ArmSpec, mean: RigidBodyMean, inertial: Array) -> Array:
-    """(J,) command of links with these parameters (J, P) for each rad/s^2 (m/s^2) of a drive, over the
-    robot's limits.
+    """(J,) command per rad/s^2 (m/s^2) of a drive, for links with these parameters (J, P), over the robot's
+    limits.
     """
     model = mean.model
     body = (model.tree, model.drives, model.friction_velocity)
@@ -340,12 +435,14 @@ def _shown(problem: Problem) -> Array:
 
 @dataclass(frozen=True)
 class Combination:
-    """A base parameter: (place in theta, factor) of what no motion tells apart, the first factor 1."""
+    """A base parameter: (index in theta, factor) of its members, which no motion separates; the first factor
+    is 1.
+    """
 
     parts: tuple[tuple[int, float], ...]
 
     def row(self, size: int) -> Array:
-        """(size,) so that row @ theta is its value."""
+        """(size,) row such that row @ theta is the value."""
         found = np.zeros(size)
         for place, factor in self.parts:
             found[place] = factor
@@ -353,7 +450,9 @@ class Combination:
 
 
 def combinations(fit: ParameterFit) -> tuple[list[Combination], list[int]]:
-    """The base parameters (Gautier 1991: QR with pivots), and places of what shows in no command."""
+    """The base parameters (Gautier 1991: QR with pivots), and indices of parameters that affect no
+    command.
+    """
     from scipy.linalg import qr
 
     rows = fit.shown * fit.scale

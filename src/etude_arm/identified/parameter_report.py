@@ -15,6 +15,7 @@ from etude_arm.config import ArmData
 from etude_arm.identified.friction_alone import friction_alone
 from etude_arm.identified.parameter_fit import (
     SHOWN,
+    STRIBECK,
     TERMS,
     Combination,
     Friction,
@@ -33,9 +34,7 @@ TERM_UNITS = ("{u} s^2/{x}", "{u} s/{x}", "{u}", "{u}", "1", "{u} s/{x}", "{u}")
 
 
 def report(spec: ArmSpec, physics: Physics | None, samples: Samples, data: ArmData) -> Delivered:
-    """Tables, sentences and friction.h; of a robot without a model file, or with one without masses,
-    friction alone.
-    """
+    """Tables, sentences and friction.h; only friction for a robot without masses in a model file."""
     if physics is None:
         v0 = friction_speeds(spec, data.friction_fraction or ArmData.friction_fraction)
         return _delivered(spec, [], friction_alone(spec, samples, v0, desired=data.desired), [WITHOUT])
@@ -74,7 +73,7 @@ def _names(spec: ArmSpec) -> list[tuple[str, str, str]]:
 
 
 def _inertial_rows(fit: ParameterFit, spec: ArmSpec) -> list[dict[str, Any]]:
-    """Base parameters, then what shows in no command; none where no command is a force."""
+    """Base parameters, then parameters that affect no command; empty if no command is a force."""
     if fit.own_scale.all():
         return []
     names = _names(spec)
@@ -113,7 +112,7 @@ def _part(of: str, name: str, factor: float, *, first: bool) -> str:
 
 
 def _flat(row: Mapping[str, Any]) -> dict[str, Any]:
-    """Without the parts, which the text of a combination holds."""
+    """The row without its members, which are in the text of the combination."""
     return {key: value for key, value in row.items() if key != "parts"}
 
 
@@ -126,12 +125,14 @@ def _interval(value: float, deviation: float) -> dict[str, Any]:
 
 
 def _friction_rows(fit: Friction, spec: ArmSpec) -> list[dict[str, Any]]:
-    """The terms of each drive but its armature; one that the logs do not show is zero and has no interval."""
+    """The terms of each drive but its armature; one that the logs do not show has no interval."""
     rows = []
     for j, (axis, unit) in enumerate(zip(spec.axes, spec.command_units, strict=True)):
         for k, term in enumerate(TERMS[1:], start=1):
             value, deviation = float(fit.terms[j, k]), float(fit.deviation[j, k])
-            kept = deviation > 0.0
+            shown = deviation > 0.0 and bool(fit.evidence[j, k] > SHOWN)
+            # where no dip is shown, its size goes with v_s and v0, and no interval says that
+            kept = shown if k == STRIBECK else deviation > 0.0
             rows.append(
                 {
                     "joint": axis.name,
@@ -144,7 +145,7 @@ def _friction_rows(fit: Friction, spec: ArmSpec) -> list[dict[str, Any]]:
                     ),
                     "unit": TERM_UNITS[k].format(u=unit, x=axis.unit),
                     "evidence_nats": float(fit.evidence[j, k]),
-                    "shown": kept and bool(fit.evidence[j, k] > SHOWN),
+                    "shown": shown,
                 }
             )
     return rows

@@ -1,4 +1,5 @@
-"""A body's ten inertial parameters as one symmetric 4 x 4 matrix, which is positive for every possible body.
+"""Pseudo-inertia: the ten inertial parameters of a body as a symmetric 4 x 4 matrix, positive definite if
+possible.
 
 P = [[S, h], [h', m]] with h = m c and S = tr(I) / 2 - I, I about the body's origin: the second moments of its
 mass. A mass distribution with these parameters exists if and only if P is positive definite (Wensing, Kim and
@@ -14,7 +15,9 @@ from etude_arm.loading.inertia import ENTRIES
 
 SIZE = 10  # parameters of a body
 FLATTEST = 1e-3
-"""Of the mean second moment: a body as flat as a plate may fill out by so much, or it could not change."""
+"""Least second moment as a part of the mean: a flat plate needs some thickness, or its parameters could not
+change.
+"""
 PAIRS = tuple((i, j) for _, i, j in ENTRIES)
 """Places of [xx yy zz xy xz yz]."""
 
@@ -50,9 +53,9 @@ def is_possible(phi: Array) -> bool:
 
 
 def root_of(phi: Array) -> Array:
-    """L (4, 4) with P = L L', of parameters that may lie at the edge of what is possible.
+    """L (4, 4) with P = L L'; the parameters may be at the limit of physical consistency.
 
-    Principal second moments about the centre of mass are lifted to `FLATTEST` of their mean.
+    Principal second moments about the centre of mass are raised to `FLATTEST` of their mean.
     """
     mass, centre = phi[0], phi[1:4] / phi[0]
     about_centre = matrix_of(phi)[:3, :3] - mass * np.outer(centre, centre)

@@ -1,4 +1,4 @@
-"""Check of written files against the logs: MuJoCo's inverse dynamics of them, and the model's physics."""
+"""Check of written files against the logs: MuJoCo's inverse dynamics with them, and the model's physics."""
 
 from __future__ import annotations
 
@@ -21,17 +21,17 @@ if TYPE_CHECKING:
     import mujoco
 
 STIFFNESS, LEVELS = 5, slice(3, 6)
-"""Where MuJoCo keeps LuGre's terms of a dcmotor: in dynprm, and levels and speed in biasprm."""
+"""Indices of LuGre's terms of a dcmotor in MuJoCo: in dynprm, and levels and speed in biasprm."""
 
 
 @dataclass(frozen=True, eq=False)
 class Replayed:
-    """Root mean square errors of commands, (J,), command units, over the samples in which a joint moves and
-    has not just turned round, with the offset that was identified, which no model file can hold.
+    """Root mean square errors of commands, (J,), command units, over samples in which a joint moves away from
+    reversals. The identified offset is added, since no model file can state one.
 
     Attributes:
         file: of MuJoCo's inverse dynamics with the written file.
-        drives: of the same with the file that has cogging and dips of friction.
+        drives: the same with the file that has cogging and Stribeck dips.
         physics: of the identified physics that the model uses.
     """
 
@@ -44,7 +44,7 @@ def replayed(
     files: Mapping[str, bytes], samples: Samples, spec: ArmSpec, found: Identified, mean: RigidBodyMean
 ) -> Replayed:
     """Args:
-    files: as `mjcf` gives them. found: what they were written of.
+    files: as of `mjcf`. found: the parameters in them.
     """
     import mujoco
 
@@ -70,8 +70,8 @@ def replayed(
 
 
 def inverse(model: mujoco.MjModel, spec: ArmSpec, q: Array, qd: Array, qdd: Array) -> Array:
-    """(n, J) forces at the joints, with friction and armature, without contacts and stops, less what drives
-    joints without a control.
+    """(n, J) forces at the joints, with friction and armature, without contacts and stops, minus forces of
+    actuators without control.
     """
     import mujoco
 
@@ -82,7 +82,7 @@ def inverse(model: mujoco.MjModel, spec: ArmSpec, q: Array, qd: Array, qdd: Arra
     at, dofs = (np.array([int(getattr(p, name)[0]) for p in places]) for name in ("qposadr", "dofadr"))
     for name, place in spec.held.items():
         joint = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, name)
-        if joint >= 0:  # of a URDF what is held is one body with the link above
+        if joint >= 0:  # in a URDF a held link is merged into its parent
             data.qpos[model.jnt_qposadr[joint]] = place
     free = np.flatnonzero(
         (model.actuator_ctrlnum == 0) & (model.actuator_trntype == mujoco.mjtTrn.mjTRN_JOINT)
@@ -101,7 +101,7 @@ def inverse(model: mujoco.MjModel, spec: ArmSpec, q: Array, qd: Array, qdd: Arra
 
 
 def _settle(model: mujoco.MjModel, data: mujoco.MjData, free: Index, driven: Index) -> None:
-    """Bristles of LuGre's friction as they are at steady speed: what an instant does not say."""
+    """LuGre's bristle deflection at steady speed, since a single instant does not determine it."""
     for k, dof in zip(free, driven, strict=True):
         stiffness = float(model.actuator_dynprm[k, STIFFNESS])
         if stiffness > 0.0:

@@ -25,15 +25,16 @@ from etude_arm.spec import FORCES, ArmSpec
 NAMES = ("mass", "m cx", "m cy", "m cz", "Ixx", "Iyy", "Izz", "Ixy", "Ixz", "Iyz")
 UNITS = ("kg", *["kg m"] * 3, *["kg m^2"] * 6)
 MEASURED, PARTLY = 0.99, 0.75
-"""Shares of the variance before the logs that they took away, from which a parameter is called so: a
-tenth, or half, of its deviation is left."""
+"""Reduction of the prior variance from which a parameter counts as identified or partly identified: a tenth,
+or half, of its deviation remains.
+"""
 NOTHING = 0.05
-"""Of an error: a smaller change is none."""
+"""Relative change of an error; smaller changes do not count."""
 
 
 @dataclass(frozen=True)
 class FileOptions:
-    """What the campaign supplies."""
+    """Inputs from the campaign."""
 
     samples: Samples
     config: Any
@@ -45,14 +46,16 @@ Writer = Callable[[ArmSpec, Mapping[str, Array], Mapping[str, JointTerms]], dict
 
 @dataclass(frozen=True)
 class ModelFile:
-    """A target (`protocols.Target`): the model file in its own form, or for MuJoCo."""
+    """A target (`protocols.Target`): the model file in its own format, or as MJCF."""
 
     name: str
     write: Writer
     needs = ("samples", "config")
 
     def __call__(self, model: Any, kind: Kind, spec: Any, options: Mapping[str, Any]) -> Delivered:  # noqa: ARG002
-        """Errors: UsageError: not an arm, no model file, or commands that are no forces."""
+        """Raises a UsageError for another kind than arm, without a model file, or if commands are not
+        forces.
+        """
         _require_forces(spec)
         given = taken(options, FileOptions, self.name)
         mean = kind.physics(spec, given.config)["identified"](given.samples)
@@ -96,7 +99,7 @@ def _played(
     found: Identified,
     mean: RigidBodyMean,
 ) -> Replayed | None:
-    """Beside the logs, where MuJoCo reads the file as it is."""
+    """Errors on the logs, if MuJoCo can read the file."""
     return None if name.endswith(".urdf") else replayed(files, samples, spec, found, mean)
 
 
@@ -122,13 +125,13 @@ def _played_sentences(name: str, played: Replayed | None, found: Identified, spe
         if second
         else "The logs show no cogging and no Stribeck's dip.",
         *(["cogging.csv has the waves of cogging, for other simulators."] * bool(ripple)),
-        "frictionloss and damping are the nearest c sign(v) + d v: neither file has friction that turns "
-        "round over a way or differs by direction, or an offset.",
+        "frictionloss and damping are the nearest c sign(v) + d v: neither file has friction that depends "
+        "on the path or differs by direction, or an offset.",
     ]
 
 
 def _cogging(found: Identified) -> list[dict[str, Any]]:
-    """A row for each wave of the joints that have some, which drives the joint."""
+    """A row for each wave of cogging, as a force on the joint."""
     return [
         {"joint": name, "periods": periods, "amplitude": size, "phase": phase, "unit": "N m"}
         for name, terms in found.joints.items()
@@ -173,7 +176,7 @@ def _rows(found: Identified) -> list[dict[str, Any]]:
 
 
 def table(rows: list[dict[str, Any]]) -> str:
-    """CSV; what is None is empty."""
+    """CSV text; None is an empty cell."""
     lines = [",".join(rows[0])]
     lines += [",".join(map(_cell, row.values())) for row in rows]
     return "\n".join(lines) + "\n"
@@ -221,7 +224,7 @@ def _carried(name: str, spec: ArmSpec) -> list[str]:
 
 
 def digits(value: float) -> str:
-    """As people read it: three digits."""
+    """A number with three significant digits."""
     return f"{value:#.3g}".removesuffix(".")
 
 

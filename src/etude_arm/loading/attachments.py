@@ -118,7 +118,7 @@ def _homogeneous(shape: str, size: tuple[float, ...]) -> Array:
 
 
 def tip(found: Sequence[Moving], joints: Sequence[str], what: str) -> str:
-    """The chosen joint that carries no other chosen one.
+    """The last chosen joint: the one that carries no other chosen joint.
 
     Raises:
         UsageError: there are several, so that the link has to be named.
@@ -140,12 +140,12 @@ def tip(found: Sequence[Moving], joints: Sequence[str], what: str) -> str:
 
 @dataclass(frozen=True)
 class Additions:
-    """All of them; `carried` by name, tool or payload."""
+    """What is added to the model of a file: the mounting, and tool and payload by name in `carried`."""
 
     mounting: Mounting | None = None
     carried: tuple[tuple[str, Attached], ...] = ()
 
     def unverified(self) -> tuple[str, ...]:
-        """What a certificate does not look at."""
+        """Sentences on what a certificate does not verify."""
         none = [name for name, one in self.carried if one.shape == "none"]
         return tuple(f"the shape of the {name}: none is given" for name in none)

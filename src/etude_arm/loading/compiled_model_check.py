@@ -1,8 +1,8 @@
 """Check of the compiled model against the description (`expected`), whenever a robot is loaded.
 
-A name that means something to MuJoCo, or a part that a writer forgets, gives a model of another robot: one
-that stands upright although it hangs on a wall, or carries nothing. Whatever is learned, designed and proved
-with it is wrong, and nothing else would show it.
+A name that MuJoCo reserves, or an element that the writer omits, gives the model of another robot: without
+its mounting on a wall, or without its payload. Motions designed and proved with that model are wrong, and no
+other check detects it.
 """
 
 from __future__ import annotations
@@ -20,32 +20,32 @@ if TYPE_CHECKING:
     import mujoco
 
 LENGTH = 1e-6
-"""m: both evaluations are in double precision, but a mesh's own frame comes of single precision."""
+"""m: both evaluations use double precision, but MuJoCo computes the frame of a mesh in single precision."""
 TURN = 1e-6
-"""Of the entries of rotations, and of unit vectors."""
+"""Tolerance of the entries of rotations and of unit vectors."""
 SHARE = 1e-6
-"""Of masses, moments of inertia and torques."""
+"""Relative tolerance of masses, moments of inertia and torques."""
 NEGLIGIBLE = 1e-6
 """kg, kg m^2, N m and N: lighter frames are left out (`inertia.NO_MASS`)."""
 SHOWN = 3
-"""Differences that a message names."""
+"""Largest number of differences in a message."""
 HINGE, SLIDE, MESH = 3, 2, 7  # mjtJoint, mjtGeom
 KINDS = {2: "sphere", 3: "capsule", 4: "ellipsoid", 5: "cylinder", 6: "box", 7: "mesh"}  # mjtGeom
 GUESSED = "capsule"
-"""What stands in for a mesh that is missing has no place in the description."""
+"""Shapes that replace a missing mesh: the description has no pose for them."""
 
 
 def check_agreement(
     model: mujoco.MjModel, expected: Expected, where: str, *, shapes: bool, whole: bool = True
 ) -> None:
-    """Compares them at one pose.
+    """Compares the compiled model with the description at one pose.
 
     Args:
-        model: compiled. expected: of the description. where: the file, for messages.
-        shapes: whether the model was to have any. whole: whether it was to have all of them.
+        model: the compiled model. expected: facts of the description. where: the file, for messages.
+        shapes: whether the model must have shapes. whole: whether it must have all of them.
 
     Raises:
-        UnsafeModelError: they differ; it names what, by how much, and where.
+        UnsafeModelError: they differ; the message names the quantity, the difference and the joint or link.
     """
     found = list(_joints(model, expected))
     if not found:
@@ -54,7 +54,7 @@ def check_agreement(
 
 
 def refuse(found: list[str], where: str) -> None:
-    """UnsafeModelError that names the first differences; nothing if there are none."""
+    """Raises an UnsafeModelError that names the first differences, if there are any."""
     if found:
         more = f"; and {len(found) - SHOWN} more" if len(found) > SHOWN else ""
         raise UnsafeModelError(
@@ -66,7 +66,7 @@ def refuse(found: list[str], where: str) -> None:
 
 
 def _joints(model: mujoco.MjModel, expected: Expected) -> Iterator[str]:
-    """Number, names and types."""
+    """Compares number, names and types of the joints."""
     names = [model.joint(j).name for j in range(model.njnt)]
     if sorted(names) != sorted(expected.joints):
         yield f"its joints are {', '.join(names) or 'none'}, to be {', '.join(expected.joints)}"
@@ -87,7 +87,7 @@ def _at_pose(model: mujoco.MjModel, expected: Expected, shapes: bool, whole: boo
     bodies = model.jnt_bodyid[joints]
     frame[:, :3, :3], frame[:, :3, 3] = data.xmat[bodies].reshape(-1, 3, 3), data.xpos[bodies]
     found = list(_base(model, frame, expected))
-    if found:  # all that follows would only say so again, link by link
+    if found:  # with a wrong base every link below would differ, too
         return found + list(_masses(model, data, joints, expected, placed=False))
     found += _frames(frame, data.xanchor[joints], data.xaxis[joints], expected)
     found += _masses(model, data, joints, expected, placed=True)
@@ -96,7 +96,7 @@ def _at_pose(model: mujoco.MjModel, expected: Expected, shapes: bool, whole: boo
 
 
 def _base(model: mujoco.MjModel, frame: Array, expected: Expected) -> Iterator[str]:
-    """Where the base is by the joint next to it, and how gravity pulls at it."""
+    """Compares the pose of the base, from the joint next to it, and the direction of gravity."""
     first = int(np.flatnonzero(expected.moves.sum(axis=1) == 1)[0])
     base = frame[first] @ np.linalg.inv(expected.frame[first]) @ expected.base
     if not alike(base, expected.base):
@@ -128,7 +128,7 @@ def _off_axis(away: Array, axis: Array) -> float:
 
 
 def _parts(model: mujoco.MjModel, joints: Index) -> Array:
-    """(B,) of each body the place of the last joint that moves it, -1 of the world's."""
+    """(B,) for each body the index of the last joint that moves it; -1 for bodies fixed to the world."""
     place = {int(j): k for k, j in enumerate(joints)}
     part = np.full(model.nbody, -1)
     for b in range(1, model.nbody):
@@ -140,7 +140,7 @@ def _parts(model: mujoco.MjModel, joints: Index) -> Array:
 def _masses(
     model: mujoco.MjModel, data: mujoco.MjData, joints: Index, expected: Expected, *, placed: bool
 ) -> Iterator[str]:
-    """Mass of what each joint moves as one; if `placed`, its centre and inertia too."""
+    """Compares the mass of the rigid part that each joint moves; if `placed`, also its centre and inertia."""
     part = _parts(model, joints)
     for j, name in enumerate(expected.joints):
         own = part == j
@@ -158,7 +158,7 @@ def _masses(
             yield f"the centre of mass of what joint '{name}' moves is off by {away:.3g} m"
             continue
         inertia = _inertia(model, data, np.flatnonzero(own), centre)
-        off = float(np.abs(inertia - expected.inertia[j]).max())  # NaN where the file's is none
+        off = float(np.abs(inertia - expected.inertia[j]).max())  # NaN: no possible inertia
         # a negligible mass at 0.1 m
         if off > NEGLIGIBLE * 1e-2 + SHARE * float(np.trace(expected.inertia[j])):
             yield f"the inertia of what joint '{name}' moves is off by {off:.3g} kg m^2"
@@ -174,7 +174,7 @@ def _inertia(model: mujoco.MjModel, data: mujoco.MjData, bodies: Index, centre: 
 
 
 def _lost(less: float, expected: Expected) -> str:
-    """What of tool and payload weighs as much as is missing."""
+    """Names of the tool or payload whose mass equals the missing mass."""
     for what, mass in expected.carried.items():
         # masses in files have three digits or more
         if abs(less - mass) < NEGLIGIBLE + 1e-3 * mass:
@@ -183,7 +183,7 @@ def _lost(less: float, expected: Expected) -> str:
 
 
 def _weights(model: mujoco.MjModel, data: mujoco.MjData, joints: Index, expected: Expected) -> Iterator[str]:
-    """Torques of gravity, by MuJoCo's recursion and by masses and levers."""
+    """Compares torques of gravity: from MuJoCo's recursion, and from masses and lever arms."""
     import mujoco
 
     held = np.zeros(model.nv)
@@ -192,9 +192,9 @@ def _weights(model: mujoco.MjModel, data: mujoco.MjData, joints: Index, expected
 
 
 def weight_differences(own: Array, expected: Expected) -> Iterator[str]:
-    """A sentence for each torque of gravity (J,) that is not the expected one."""
+    """A sentence for each torque of gravity (J,) that differs from the expected one."""
     wanted = expected.weight
-    # the weight of all, N, at 1 m: torques that cancel are rounded by as much
+    # total weight, N, at 1 m: sums of torques that cancel have rounding errors of this size
     scale = float(np.abs(wanted).max(initial=0.0)) + 9.81 * float(expected.mass.sum())
     for j, name in enumerate(expected.joints):
         if abs(own[j] - wanted[j]) > NEGLIGIBLE + SHARE * scale:
@@ -203,7 +203,9 @@ def weight_differences(own: Array, expected: Expected) -> Iterator[str]:
 
 
 def _shapes(model: mujoco.MjModel, data: mujoco.MjData, expected: Expected, whole: bool) -> Iterator[str]:
-    """Every shape, called "link#k", is where its link has one, and none that must be is missing."""
+    """Checks that every shape, called "link#k", has a pose of its link's shapes, and that no required shape
+    is missing.
+    """
     left: dict[str, list[Place]] = {link: list(own) for link, own in expected.shapes.items()}
     seen: set[int] = set()
     for g in range(model.ngeom):
@@ -214,7 +216,7 @@ def _shapes(model: mujoco.MjModel, data: mujoco.MjData, expected: Expected, whol
         same = [place for place in left[link] if _alike(place, own)]
         if same:
             best = min(same, key=lambda place: not place.needed)
-            if own.kind == "mesh":  # a bent mesh has several, of one place
+            if own.kind == "mesh":  # a bent mesh has several hulls at one pose
                 seen.add(id(best))
             else:
                 left[link].remove(best)
@@ -228,7 +230,9 @@ def _shapes(model: mujoco.MjModel, data: mujoco.MjData, expected: Expected, whol
 
 
 def _place(model: mujoco.MjModel, data: mujoco.MjData, g: int) -> Place:
-    """Of a geom; of a mesh in the frame of its file, which MuJoCo turns into that of its own moments."""
+    """Pose of a geom. Of a mesh: in the frame of its file, which MuJoCo rotates to the principal axes of the
+    mesh.
+    """
     import mujoco
 
     kind, turn, centre = int(model.geom_type[g]), data.geom_xmat[g].reshape(3, 3), data.geom_xpos[g]
@@ -241,7 +245,7 @@ def _place(model: mujoco.MjModel, data: mujoco.MjData, g: int) -> Place:
 
 
 def _alike(place: Place, own: Place) -> bool:
-    """Whether a geom is that shape; a sphere has no directions."""
+    """Whether a geom equals the shape; the rotation of a sphere does not matter."""
     size = np.array(own.size[: len(place.size)]) - place.size
     return (
         place.kind == own.kind
@@ -253,7 +257,7 @@ def _alike(place: Place, own: Place) -> bool:
 
 
 def alike(one: Array, other: Array) -> bool:
-    """Whether two poses (4, 4) are one."""
+    """Whether two poses (4, 4) are equal within the tolerances."""
     far = max(1.0, float(np.abs(other[:3, 3]).max()))
     turned = float(np.abs(one[:3, :3] - other[:3, :3]).max())
     return turned < TURN and float(np.abs(one[:3, 3] - other[:3, 3]).max()) < LENGTH * far

@@ -1,8 +1,9 @@
 """Facts of a description at one pose, evaluated apart from the compiled model.
 
-`urdf_expected` here and `mjcf.mjcf_expected` make it, `agreement` holds the compiled model against it.
+`urdf_expected` here and `mjcf.mjcf_expected` compute them; `compiled_model_check` compares the compiled model
+with them.
 
-It shares nothing with what is written for MuJoCo (`urdf`), so that a fault of one of the two shows.
+It shares no code with the writer for MuJoCo (`urdf`), so that an error in one of the two is detected.
 """
 
 from __future__ import annotations
@@ -25,9 +26,9 @@ if TYPE_CHECKING:
     pass
 
 SEED = 29
-"""Of the pose: the same in every run, and no pose that a file was made for."""
+"""Seed of the pose: the same pose in every run, and no special pose of a file."""
 ANGLE, STROKE = 2.0, 0.2
-"""rad and m to both sides of 0; the joints' limits do not matter to a comparison."""
+"""rad and m on both sides of 0; joint limits do not matter to the comparison."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,8 +37,9 @@ class Place:
 
     Attributes:
         kind: "mesh" or MuJoCo's word. centre: (3,) m, of a mesh its file's origin. turn: (3, 3).
-        size: half of a box's sides; radius, of a cylinder or capsule then half its length; m; () of others.
-        needed: whether a model without it lacks something.
+        size: m. Box: half of each side. Cylinder and capsule: radius and half the length. Sphere: radius. ():
+            other shapes.
+        needed: whether the compiled model must have this shape.
     """
 
     kind: str
@@ -49,17 +51,17 @@ class Place:
 
 @dataclass(frozen=True, eq=False)
 class Expected:
-    """At the pose q (J,); everything in the frame of the room, whose z points up, in SI.
+    """Facts of a description at the pose q (J,), in SI and in the frame of the room, whose z points up.
 
     Attributes:
-        q: the pose, rad (m). joints: names; slides: (J,) which of them slide.
+        q: the pose, rad (m). joints: names. slides: (J,) True for sliding joints.
         gravity: (3,). base: (4, 4) pose of the description's base.
         anchor, axis: (J, 3) of each joint. frame: (J, 4, 4) of the link or body that it moves.
         moves: (J, J) whether joint j moves what joint i moves, at [i, j].
         mass, centre: (J,) and (J, 3) of what moves as one with each joint, with tool and payload.
-        inertia: (J, 3, 3) about the centre; NaN where the file's own is none that a body can have.
-        carried: what -> kg: tool and payload, which `mass` contains.
-        shapes: link or body, tool or payload -> the places that its shapes may have.
+        inertia: (J, 3, 3) about the centre of mass; NaN where the file states an impossible inertia.
+        carried: tool, payload -> kg, which `mass` includes.
+        shapes: link or body, tool or payload -> the possible poses of its shapes.
     """
 
     q: Array
@@ -79,7 +81,9 @@ class Expected:
 
     @property
     def weight(self) -> Array:
-        """(J,) torques and forces that hold the robot up at q, N m (N): from masses and levers alone."""
+        """(J,) torques and forces that hold the robot at rest at q, N m (N), from masses and lever arms
+        alone.
+        """
         found = np.zeros(len(self.joints))
         for j, (axis, anchor) in enumerate(zip(self.axis, self.anchor, strict=True)):
             for i in np.flatnonzero(self.moves[:, j]):
@@ -126,19 +130,21 @@ def chain_matrix(before: Index) -> Mask:
 
 
 GRAVITY = (0.0, 0.0, -9.81)
-"""m/s^2: URDF has no place for it, and MuJoCo's default is the same."""
+"""m/s^2: URDF cannot state gravity; this is MuJoCo's default, too."""
 
 
 @dataclass(frozen=True, eq=False)
 class _Links:
-    """Poses (4, 4) of links in the room, and the chosen joint that moves each, -1 of the base."""
+    """Poses (4, 4) of links in the room, and the index of the chosen joint that moves each; -1 for the
+    base.
+    """
 
     pose: Mapping[str, Array]
     joint: Mapping[str, int]
 
 
 def urdf_expected(root: ET.Element, choice: Choice, added: Additions) -> Expected:
-    """Of a parsed <robot>, its chosen joints, and what is added to it."""
+    """The facts of a parsed <robot> with its chosen joints and additions."""
     elements = {one.get("name", ""): one for one in root.findall("joint")}
     names = {name: j for j, name in enumerate(choice.joints)}
     slides = np.array([elements[name].get("type") == "prismatic" for name in choice.joints])
@@ -199,7 +205,7 @@ def _placed(
 
 
 def _motion(joint: ET.Element, value: float) -> Array:
-    """(4, 4) of a joint at that position; joints that are no hinge and no slide do not move."""
+    """(4, 4) transformation of a joint at that position; the unit matrix unless it is a hinge or a slide."""
     found = np.eye(4)
     if joint.get("type") == "prismatic":
         found[:3, 3] = _axis(joint) * value
@@ -267,7 +273,7 @@ def _parts(root: ET.Element, links: _Links) -> list[tuple[int, float, Array, Arr
             own[i, j] = own[j, i] = _numbers(given, f"i{'xyz'[i]}{'xyz'[j]}", (0.0,))[0]
         low, middle, high = np.linalg.eigvalsh(own)
         if low < SMALLEST or high > low + middle:
-            own = np.full((3, 3), np.nan)  # no body's: another one stands for it, which is said elsewhere
+            own = np.full((3, 3), np.nan)  # an impossible inertia: `inertia` replaces it, and a note says so
         found += _weighing(links, name, mass, _origin(inertial), own)
     return found
 
@@ -275,7 +281,7 @@ def _parts(root: ET.Element, links: _Links) -> list[tuple[int, float, Array, Arr
 def _weighing(
     links: _Links, link: str, mass: float, place: Array, inertia: Array
 ) -> list[tuple[int, float, Array, Array]]:
-    """A mass on a link, in the room; none on the base, which nothing moves."""
+    """A mass on a link, in the frame of the room; none for the base, which no joint moves."""
     joint = links.joint.get(link, -1)
     if joint < 0:
         return []
@@ -284,7 +290,7 @@ def _weighing(
 
 
 def _places(link: ET.Element, links: _Links) -> tuple[Place, ...]:
-    """Of all that a link has of shapes, for collisions or drawn; boxes and the like of the former must be."""
+    """The possible shapes of a link, collision and visual; primitive collision shapes are required."""
     found = []
     for shape in (*link.findall("collision"), *link.findall("visual")):
         geometry = shape.find("geometry")
@@ -303,7 +309,7 @@ def _size(shape: ET.Element) -> tuple[float, ...]:
 
 
 def carried_place(one: Attached, carrier: Array) -> tuple[Place, ...]:
-    """Of a tool or payload on a link at the pose `carrier` (4, 4); () if it has no shape."""
+    """Shape of a tool or payload on a link at the pose `carrier` (4, 4); () if it has none."""
     if one.shape == "none":
         return ()
     pose = carrier @ pose_matrix(one.shape_centre or one.centre, one.rotation)

@@ -1,7 +1,7 @@
 """Convex hulls of meshes, as OBJ text: MuJoCo collides meshes by their hulls.
 
-A bent link's hull holds much air, the hulls of its slabs less: the triangles are clipped at planes across the
-longest side, so that the hulls of the slabs together contain the mesh.
+The hull of a bent link encloses much empty space. Hulls of slabs enclose less: the triangles are clipped at
+planes across the longest side, and the hulls of the slabs together contain the mesh.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from scipy.spatial import ConvexHull, QhullError
 from etude.types import Array, Index
 
 THINNEST = 1e-4
-"""m: thinner parts are made that thick, since a flat hull has no inside."""
+"""m: thinner meshes are thickened to this size, since a flat hull has no volume."""
 MADE = b"# the convex hull of a mesh\n"
 """Begins the files that `obj_text` writes."""
 
@@ -27,7 +27,7 @@ def hull(points: Array) -> tuple[Array, Index]:
     points = _thickened(points)
     try:
         found = ConvexHull(points)
-    except QhullError:  # nearly flat: let it move points by rounding errors
+    except QhullError:  # nearly flat: QJ moves points by rounding errors
         found = ConvexHull(points, qhull_options="QJ")
     kept, faces = np.unique(found.simplices, return_inverse=True)
     faces = faces.reshape(-1, 3)
@@ -39,7 +39,7 @@ def hull(points: Array) -> tuple[Array, Index]:
 
 
 def _thickened(points: Array) -> Array:
-    """The points, doubled to both sides in directions in which they have no extent."""
+    """The points, with copies on both sides along directions in which they have no extent."""
     centred = points - points.mean(axis=0)
     _, _, axes = np.linalg.svd(centred, full_matrices=True) if len(points) < 4 else _principal(centred)
     for axis in axes:
@@ -65,7 +65,7 @@ def obj_text(vertices: Array, faces: Index) -> bytes:
 
 
 SLABS = 4
-"""More gain nothing."""
+"""Number of slabs of a bent mesh; more do not reduce the volume."""
 WORTH = 0.8
 """Slabs are taken if their hulls have less than this part of the whole hull's volume."""
 

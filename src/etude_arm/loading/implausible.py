@@ -1,7 +1,7 @@
 """Implausible values in a model file: placeholder inertias, lengths in millimetres.
 
-Inertias that somebody made up are alike on all links, or larger than the link. They are used as they are, and
-one line asks: forces before the first log, and what a rehearsal shows, are as good as they are.
+Placeholder inertias are equal on all links, or too large for the link. Étude uses them unchanged and prints
+one question: torques before the first log, and the simulation, depend on them.
 """
 
 from __future__ import annotations
@@ -19,15 +19,16 @@ if TYPE_CHECKING:
 from etude_arm.loading.inertia import NO_MASS
 
 LEAST_ALIKE, ALIKE_SHARE = 3, 0.5
-"""Parts that are alike, and more than this share of all: pairs of links of one size are no wonder."""
+"""Least number of parts with equal inertia, and least share of all parts: two links of one size are common.
+"""
 DIGITS = 9
-"""Of kg m^2: figures that a file repeats agree to the last."""
+"""Decimals of kg m^2 to which equal inertias agree."""
 SHOWN = 5
-"""Names in a sentence."""
+"""Largest number of names in a sentence."""
 
 
 def made_up(loaded: Loaded) -> tuple[str, ...]:
-    """A sentence, if there is reason for one, of what moves in the model."""
+    """A sentence on placeholder inertias of the moving parts; () if there are none."""
     model = loaded.model()
     parts = [b for b in range(1, model.nbody) if model.body_weldid[b] and model.body_mass[b] > NO_MASS]
     alike, large = _alike(model, parts), _large(model, parts)
@@ -42,7 +43,7 @@ def made_up(loaded: Loaded) -> tuple[str, ...]:
 
 
 def _alike(model: mujoco.MjModel, parts: list[int]) -> list[str]:
-    """Parts that share one inertia, if they are most of all."""
+    """Parts that share one inertia, if they are the majority."""
     figures = {b: tuple(np.round(model.body_inertia[b], DIGITS).tolist()) for b in parts}
     if not figures:
         return []
@@ -53,10 +54,10 @@ def _alike(model: mujoco.MjModel, parts: list[int]) -> list[str]:
 
 
 def _large(model: mujoco.MjModel, parts: list[int]) -> list[str]:
-    """Parts whose radius of gyration is beyond all of the part that the file shows: shapes and joints.
+    """Parts whose radius of gyration exceeds the extent of their shapes and joints.
 
-    A body's mass lies inside it, so no radius of gyration about its centre is larger than the way from there
-    to its farthest point. Parts of which the file shows nothing are not judged.
+    The mass of a body lies inside it. So its radius of gyration about the centre of mass is at most the
+    distance from there to its farthest point. Parts without shapes are skipped.
     """
     found = []
     for b in parts:
@@ -79,11 +80,12 @@ def _few(names: list[str]) -> str:
 
 
 LARGEST = 20.0
-"""m, across one shape that moves or from one joint to the next: no robot's, but a part of 2 cm in mm."""
+"""m: largest plausible size of a moving shape, and distance between joints. A part of 2 cm in mm reaches it.
+"""
 
 
 def check_lengths(loaded: Loaded) -> None:
-    """Raises a UsageError that names the first part that moves and is too large to be true."""
+    """Raises a UsageError that names the first moving part with an implausible length."""
     model = loaded.model()
     for body in range(1, model.nbody):
         away = float(np.linalg.norm(model.body_pos[body]))

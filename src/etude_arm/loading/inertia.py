@@ -1,7 +1,7 @@
 """Repair of physically impossible inertias, each named in a message.
 
-A body's principal moments are positive and none is larger than the sum of the other two. Files break both:
-zeros for frames that carry nothing, figures that were rounded or typed. MuJoCo refuses such a file.
+The principal moments of a body are positive, and none exceeds the sum of the other two. Files violate both
+rules: zeros for empty frames, rounded figures, typing errors. MuJoCo refuses such a file.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     pass
 
 SMALLEST = 1e-9
-"""kg m^2: a principal moment below is lifted to it."""
+"""kg m^2: least principal moment; smaller ones are raised to it."""
 NO_MASS = 1e-6  # kg
 NO_MASSES = (
     "The model file gives no masses (<inertial>): joints and shapes count, forces are learned from logs "
@@ -32,23 +32,23 @@ ENTRIES = (("ixx", 0, 0), ("iyy", 1, 1), ("izz", 2, 2), ("ixy", 0, 1), ("ixz", 0
 
 @dataclass(frozen=True)
 class Masses:
-    """<inertial> elements of the links that move, sound; and a sentence for what was repaired or is odd."""
+    """Valid <inertial> elements of the moving links, and a sentence for each repair or doubt."""
 
     elements: Mapping[str, ET.Element]
     notes: tuple[str, ...]
 
 
 def possible(inertia: Array) -> Array:
-    """The inertia (3, 3) itself if a body can have it, else the repaired one.
+    """The inertia (3, 3) itself if it is physically possible, else the repaired one.
 
-    Eigenvalues are lifted to SMALLEST, then all three by the same amount until the largest is no more than
-    the sum of the others: what would be added by a small mass all around.
+    Eigenvalues are raised to SMALLEST. Then all three are raised by one amount until the largest is at most
+    the sum of the others, as a small spherical shell of mass would do.
     """
     moments, axes = np.linalg.eigh(inertia)
     lifted = np.maximum(moments, SMALLEST)
     excess = float(lifted[2] - lifted[0] - lifted[1])
     if excess > 0:
-        # a billionth more, since MuJoCo refuses what rounding leaves above the sum
+        # 1e-9 more, since MuJoCo refuses a moment that rounding leaves above the sum
         lifted = lifted + excess + 1e-9 * lifted[2]
     if np.array_equal(lifted, moments):
         return inertia
@@ -56,10 +56,10 @@ def possible(inertia: Array) -> Array:
 
 
 def masses_of(tree: UrdfTree, joints: Sequence[str]) -> Masses:
-    """The masses of everything that moves, which may be none; those of the base do not matter.
+    """The masses of all moving links; empty if the file has none. Those of the base do not matter.
 
     Raises:
-        UsageError: a mass is negative, or no number.
+        UsageError: a mass is negative or not a number.
     """
     elements: dict[str, ET.Element] = {}
     repaired, empty = [], []
@@ -70,7 +70,7 @@ def masses_of(tree: UrdfTree, joints: Sequence[str]) -> Masses:
             inertial = tree.links[name].find("inertial")
             if inertial is not None:
                 element, mass, old = _sound(inertial, f"{tree.where}, link '{name}'")
-                if mass < NO_MASS:  # a frame that somebody gave an empty <inertial>
+                if mass < NO_MASS:  # a frame with an empty <inertial>
                     continue
                 elements[name] = element
                 carried += mass
@@ -80,7 +80,7 @@ def masses_of(tree: UrdfTree, joints: Sequence[str]) -> Masses:
         return Masses({}, (NO_MASSES,))
     notes = []
     if empty:
-        notes.append(f"No mass is given for what hangs on {', '.join(empty)}: is that so?")
+        notes.append(f"No mass is given for what {', '.join(empty)} carries: is that so?")
     if repaired:
         notes.append(f"Inertias that no body can have were repaired: {'; '.join(repaired)}.")
     return Masses(elements, tuple(notes))

@@ -1,7 +1,7 @@
-"""Choice of the arm's joints: those that the user names, or the one limb that a file has.
+"""Choice of the arm's joints: those that the user names, or those of the only limb in the file.
 
-A file does not say whether its base is bolted. So it is taken to be one arm only where there is one: a single
-chain of two or more moving joints begins at the base. Everything else is refused with what was found.
+A file does not state whether its base is fixed. So it counts as an arm only if a single chain of two or more
+moving joints begins at the base. All other files are refused, with the joints that were found.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ FINGER = re.compile("grip|finger|jaw|knuckle|thumb", re.IGNORECASE)
 
 @dataclass(frozen=True)
 class Choice:
-    """The joints that move, where the others are held, and why. Attributes as of `loaded.Loaded`."""
+    """The joints that move, and the held positions of the others. Attributes as of `loaded_model.Loaded`."""
 
     joints: tuple[str, ...]
     held: Mapping[str, float]
@@ -29,9 +29,9 @@ class Choice:
 
 
 SHORTEST_STROKE = 0.1
-"""m: a sliding joint at the very end with less way than this is a finger, not an axis."""
+"""m: a sliding joint at the tip with less travel is a finger, not an axis."""
 LEG = ("hip", "leg", "thigh")
-"""In the name of a limb's first joint: another limb is rather what a person wants to move."""
+"""Words in the name of a limb's first joint that mark a leg: other limbs are preferred."""
 
 
 @dataclass(frozen=True)
@@ -66,7 +66,7 @@ def length(joint: Moving, after: Mapping[str, list[Moving]]) -> int:
 
 
 def without_tip(path: list[Moving], found: Sequence[Moving]) -> list[Moving]:
-    """The limb, without a finger at its end: one that has a short way, or that others do as."""
+    """The limb without the finger at its end: a joint of short travel, or one that other joints follow."""
     tip = path[-1]
     short = tip.slides and tip.upper - tip.lower <= SHORTEST_STROKE
     is_finger = short or any(joint.leader == tip.name for joint in found)
@@ -74,8 +74,8 @@ def without_tip(path: list[Moving], found: Sequence[Moving]) -> list[Moving]:
 
 
 def option(limbs: Sequence[Moving], after: Mapping[str, list[Moving]], found: Sequence[Moving]) -> str:
-    """What chooses the longest limb that is no leg, without a hand at its end: a pattern, if it means these
-    joints and no others, else their names.
+    """The option that chooses the longest limb that is no leg, without its hand: a pattern if it matches
+    exactly these joints, else their names.
     """
     path = [
         max(limbs, key=lambda limb: (not any(part in limb.name.lower() for part in LEG), length(limb, after)))
@@ -91,12 +91,14 @@ def option(limbs: Sequence[Moving], after: Mapping[str, list[Moving]], found: Se
 def ends_in_hand(
     path: Sequence[Moving], following: Sequence[Moving], after: Mapping[str, list[Moving]]
 ) -> bool:
-    """Whether a limb branches into several that are all shorter: fingers, whatever they are called."""
+    """Whether a limb branches into several shorter ones: fingers, whatever their names."""
     return len(following) > 1 and all(length(one, after) < len(path) for one in following)
 
 
 def example(found: Sequence[Moving]) -> str:
-    """The option that chooses the longest limb, to end a sentence; "" where nothing moves by itself."""
+    """The end of a sentence with the option that chooses the longest limb; "" if no joint moves
+    independently.
+    """
     own = [joint for joint in found if not joint.leader]
     after = {joint.name: [j for j in own if j.before == joint.name] for joint in own}
     starts = [joint for joint in own if joint.before not in after]
@@ -108,7 +110,7 @@ def described(limbs: Sequence[Moving], after: Mapping[str, list[Moving]]) -> str
 
 
 def no_arm(found: Sequence[Moving], where: str) -> UsageError:
-    """Says what moves, what of it was not verified, and how to choose it all the same."""
+    """The error for a file without an arm: what moves, what is not verified, and how to choose joints."""
     if not found:
         return UsageError(
             "no arm: nothing in the file moves",
@@ -136,7 +138,7 @@ def choose(
         where: the file, for messages.
 
     Raises:
-        UsageError: no arm or several, a name that is no moving joint, a position outside its joint's range.
+        UsageError: no arm or several, an unknown moving joint, or a position outside its joint's range.
     """
     joints = _only_arm(found, where) if wanted is None else _named(found, wanted, where)
     held, unverified = _held(found, joints, given, where)
@@ -153,7 +155,7 @@ def choose(
 
 
 def _left(found: Sequence[Moving], held: Mapping[str, float]) -> list[str]:
-    """One sentence for all joints that were not taken for the arm's, though they move by themselves."""
+    """One sentence on all independent joints that are not part of the arm."""
     joints = _by_name(found)
     units = {name: "m" if joints[name].slides else "rad" for name in held}
     stand = [f"'{name}' at {at:.4g} {units[name]}" for name, at in held.items() if not joints[name].leader]
@@ -161,7 +163,7 @@ def _left(found: Sequence[Moving], held: Mapping[str, float]) -> list[str]:
 
 
 def _perhaps_finger(found: Sequence[Moving], joints: Sequence[str]) -> list[str]:
-    """A sentence for an arm whose last joint moves a gripper by name, and nothing that moves itself."""
+    """A sentence for an arm whose last joint moves a link named as a gripper, without moving fingers."""
     tip = _by_name(found)[joints[-1]]
     carrying = any(joint.before == tip.name for joint in found)
     if len(joints) < 3 or carrying or not FINGER.search(tip.carries):
@@ -179,7 +181,9 @@ def _leader(found: Sequence[Moving], name: str) -> str:
 
 
 def _named(found: Sequence[Moving], wanted: Sequence[str], where: str) -> tuple[str, ...]:
-    """The joints that names and patterns mean, in their order; those of a pattern from the base outwards."""
+    """The joints that names and patterns select, in their order; those of a pattern from the base
+    outwards.
+    """
     known = [joint.name for joint in found]
     chosen: list[str] = []
     for word in wanted:
@@ -231,7 +235,7 @@ def _only_arm(found: Sequence[Moving], where: str) -> tuple[str, ...]:
 
 
 def _carries_all(one: Moving, found: Sequence[Moving]) -> bool:
-    """Whether all other joints that move by themselves hang on this one: else it is a finger of a hand."""
+    """Whether this joint carries all other independent joints; otherwise it is a finger."""
     carried = {one.name}
     for joint in found:  # each after the one that carries it
         if joint.before in carried:
@@ -240,7 +244,9 @@ def _carries_all(one: Moving, found: Sequence[Moving]) -> bool:
 
 
 def _without_fingers(found: Sequence[Moving]) -> list[Moving]:
-    """Joints that follow no other and are no finger; nor is what fingers carry. A finger alone is the arm."""
+    """Independent joints without fingers and without joints that fingers carry. A single finger alone is the
+    arm.
+    """
     left: list[Moving] = []
     dropped: set[str] = set()
     for joint in found:
@@ -254,7 +260,7 @@ def _without_fingers(found: Sequence[Moving]) -> list[Moving]:
 def _next(
     path: Sequence[Moving], after: Mapping[str, list[Moving]], found: Sequence[Moving], where: str
 ) -> Moving | None:
-    """The joint that carries the arm on; None at its tip, where several single joints are a hand."""
+    """The next joint of the arm; None at its tip, where several single joints are a hand."""
     branches = after[path[-1].name]
     if len(branches) == 1:
         return branches[0]
@@ -274,9 +280,9 @@ def _next(
 def _held(
     found: Sequence[Moving], chosen: Sequence[str], given: Mapping[str, float], where: str
 ) -> tuple[dict[str, float], list[str]]:
-    """Positions of all joints that are not chosen, and followers that stand still although they should move.
+    """Positions of all joints that are not chosen, and the followers that are held although they should move.
 
-    Without a given one: 0 if that is in range, else the limit next to it.
+    A joint without a given position is held at 0 if that is in its range, else at the nearest limit.
     """
     joints = _by_name(found)
     _require_joints([name for name in given if name not in joints], list(joints), where)

@@ -1,4 +1,4 @@
-"""Loading of a robot: path in, `Loaded` out; repeated when its file changes."""
+"""Loading of a robot: from a path to a `Loaded`, repeated when the file changes."""
 
 from __future__ import annotations
 
@@ -32,16 +32,16 @@ def load(
         path: the file.
         joints: the joints that move, names or patterns such as "arm_*"; None: those of the one arm that the
             file has.
-        held: positions of others, rad or m; the rest are held at 0, or at their limit next to it.
-        mesh_roots: folders to look for meshes in first; of a URDF.
-        shapes: False: masses alone, without reading any mesh of a URDF.
-        drives: keep an MJCF's actuators, and the tendons that they pull.
+        held: positions of other joints, rad or m; the rest are held at 0, or at the limit nearest to 0.
+        mesh_roots: folders that are searched first for the meshes of a URDF.
+        shapes: False: only masses; no mesh of a URDF is read.
+        drives: keep the actuators of an MJCF and their tendons.
         added: mounting of the base, tool and payload.
 
     Raises:
         UsageError: no such file, not loadable, no arm or several, a floating base, a joint that does not
             exist, a held position outside its limits.
-        UnsafeModelError: the compiled model is not what the file and the additions say (`agreement`).
+        UnsafeModelError: the compiled model differs from the file and the additions (`compiled_model_check`).
     """
     root = parsed(path)
     given = dict(held or {})
@@ -53,14 +53,14 @@ def load(
         from etude_arm.loading.mjcf import load_mjcf
 
         loaded = load_mjcf(path, joints, given, drives, added)
-    loaded.model()  # is held against the description now, whatever is made of it later
+    loaded.model()  # compiles once, which checks the model against the description
     return loaded
 
 
 def load_arm(
     spec: ArmSpec, *, shapes: bool = True, drives: bool = False, mesh_roots: Sequence[Path] = ()
 ) -> Loaded:
-    """The robot's own model, of its `model_file`: its axes move, the others are held where it says.
+    """The model of the robot's `model_file`: its axes move, other joints are held at the positions in `held`.
 
     Raises:
         UsageError: as `load`; or the robot has no model file.
@@ -78,11 +78,11 @@ def load_arm(
 
 T = TypeVar("T")
 ROBOTS_KEPT = 8
-"""Robots."""
+"""Number of robots whose values are kept."""
 
 
 def of_file(store: dict[str, T], spec: ArmSpec, make: Callable[[], T]) -> T:
-    """The value for a robot that has a model file, made anew when the robot or the file is another."""
+    """A value computed from a robot's model file; computed again when the robot or the file changes."""
     assert spec.model_file is not None
     stamp = spec.model_file.stat()
     return memoized(store, repr((spec, stamp.st_mtime_ns, stamp.st_size)), make, ROBOTS_KEPT)

@@ -22,27 +22,27 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Loaded:
-    """A model of exactly the chosen joints; every other joint is welded where it is held.
+    """A model of exactly the chosen joints; every other joint is welded at its held position.
 
-    Static bodies are fused into the ones that carry them, masses and inertias are repaired. Every collision
-    shape is a geom named "link#k", after the link of the file that it belongs to; those of the base are geoms
-    of the world. Meshes are convex hulls.
+    Static bodies are merged into their parents, and invalid inertias are repaired. Every collision shape is a
+    geom named "link#k", after the link of the file that it belongs to; those of the base are geoms of the
+    world. Meshes are convex hulls.
 
     Attributes:
         xml: URDF or MJCF text without actuators, for `mujoco.MjSpec.from_string(xml, assets=assets)`.
         assets: the meshes that it names.
-        joints: the chosen joints, in the order that was asked for; see `columns`.
+        joints: the chosen joints in the requested order; see `columns`.
         held: the file's other moving joints and the position each is held at, rad or m.
-        notes: one sentence for each repair or assumption, to be confirmed by a person once.
-        unseen: one sentence for each thing that a certificate did not look at: shapes guessed, a base taken
-            to be fixed, joints taken to be held.
+        notes: one sentence for each repair or assumption, which the user confirms once.
+        unseen: one sentence for each thing that a certificate does not verify: guessed shapes, a base assumed
+            fixed, joints assumed held.
         excluded: pairs of geoms that an MJCF excludes from contact, by name.
-        planes: of an MJCF's world, in the frame of the file; they are no shapes of the model.
-        beside: shape -> a name for it, of what an MJCF's world holds apart from the robot.
+        planes: planes of an MJCF's world, in the frame of the file; they are not shapes of the model.
+        beside: shape -> name, for objects in an MJCF's world beside the robot.
         source: the file, for messages.
-        links: body -> link of the file, where the body could not be called so.
+        links: body -> link of the file, where the body has another name.
         added: "tool" and "payload" -> name of what the model calls "name#0", where they have shapes.
-        expected: what the file and the additions say at one pose; every model is held against it.
+        expected: facts of file and additions at one pose; every compiled model is checked against them.
         shapes: whether the model has any.
     """
 
@@ -71,12 +71,14 @@ class Loaded:
 
         Raises:
             UsageError: MuJoCo cannot read the model.
-            UnsafeModelError: it is not what the description says.
+            UnsafeModelError: it differs from the description.
         """
         return copy.copy(self._checked)
 
     def check(self, model: mujoco.MjModel) -> None:
-        """UnsafeModelError if a model made of `spec` is not what the description says; it may lack shapes."""
+        """Raises an UnsafeModelError if the model compiled from `spec` differs from the description; shapes
+        may be absent.
+        """
         if self.expected is not None:
             check_agreement(model, self.expected, self.source, shapes=self.shapes, whole=False)
 
@@ -104,7 +106,7 @@ class Loaded:
 
 
 def refused(problem: ValueError, where: str = "") -> UsageError:
-    """What MuJoCo says of a model that it cannot load."""
+    """The error for a model that MuJoCo cannot load, with MuJoCo's message."""
     said = "; ".join(line.strip() for line in str(problem).splitlines() if line.strip())
     of_masses = "mass" in said or "inertia" in said
     return UsageError(

@@ -1,13 +1,13 @@
 """Paths of the meshes that a model file names, found without ROS.
 
-`package://arm_description/meshes/a.stl` names a package, which is looked for by its name. Where
-there is none, a file of the same path on the way up from the model file may be what is meant: a folder that
-was renamed. Or it is another package's mesh, of which many are called meshes/base.stl. So it is taken only if
-there is one, which no other name means, and it is said which. `meshes/a.stl` without a package is meant from
-the model file; where it is not there, the same holds of files of that path on the way up.
+`package://arm_description/meshes/a.stl` names a package, which is searched by name. If it is not found, a
+file of the same path in a folder above the model file may be meant, since folders get renamed. It may also be
+the mesh of another package, since names like meshes/base.stl are common. So the file is used only if it is
+unique and no other name refers to it, and a note names it. `meshes/a.stl` without a package is relative to
+the model file; if it is not there, the same rule applies.
 
-A folder is the package that its package.xml names, and the one of its own name: files that are installed
-without ROS are often named by their folder, whatever its package.xml says.
+A folder is the package that its package.xml names, and also the package of its folder name: files installed
+without ROS are often referred to by folder.
 """
 
 from __future__ import annotations
@@ -24,26 +24,27 @@ from etude.errors import UsageError
 from etude_arm.loading.mesh_readers import READERS
 
 NAMES_SHOWN = 5
-"""Names that are written out."""
+"""Largest number of names in a sentence."""
 
 
 MANIFEST = "package.xml"
 FOLDERS_ABOVE = 4
-"""Folders above the model file whose other folders are looked through, those of a workspace's src deeper."""
+"""Number of folders above the model file whose subfolders are searched; a workspace's src is searched deeper.
+"""
 SOURCES, REPOSITORY = "src", 2
 DEEPEST = 4
 """Levels below an entry of ROS_PACKAGE_PATH."""
 IGNORED = ("COLCON_IGNORE", "AMENT_IGNORE", "CATKIN_IGNORE")
-"""Files that keep a folder out of a workspace; colcon lays the first into what it builds and installs."""
+"""Files that exclude a folder from a workspace; colcon puts the first into build and install folders."""
 BUILT, INSTALLED = ("build", "log"), ("install", "devel")
-"""Beside `src`: what a build leaves, and what it installs."""
+"""Folders beside `src`: those of the build, and those of the installation."""
 
 
 def folders_of(package: str, model: Path, roots: Sequence[Path] = ()) -> Iterator[Path]:
-    """Folders of that package, those that count more first.
+    """Folders of the package, in order of precedence.
 
-    They are looked for at any depth of `roots`, then on the way up from the model file, then where
-    AMENT_PREFIX_PATH and ROS_PACKAGE_PATH say that packages are installed.
+    The search order is: any depth of `roots`, the folders above the model file, then AMENT_PREFIX_PATH and
+    ROS_PACKAGE_PATH.
     """
     above = model.resolve().parents
     for root in roots:
@@ -60,10 +61,10 @@ def folders_of(package: str, model: Path, roots: Sequence[Path] = ()) -> Iterato
 
 
 def folders_below(package: str, root: Path) -> list[Path]:
-    """Folders of that package at any depth of a folder; each once, however many links lead to it.
+    """Folders of the package at any depth of a folder, each once even if several links lead to it.
 
-    The folder itself, if it is the package; else those of the sources, else those that are installed; of both
-    those whose package.xml says so, else those of its name.
+    The folder itself if it is the package; else source folders, else installed ones. A match of package.xml
+    precedes a match of the folder name.
     """
     if is_package(root, package):
         return [root]
@@ -78,9 +79,9 @@ def folders_below(package: str, root: Path) -> list[Path]:
 
 @cache
 def _workspace(root: Path, installed: bool) -> tuple[Path, ...]:
-    """Every folder below one that colcon would look at, with or without those of what is installed.
+    """Every folder below `root` that colcon would search, with or without installed ones.
 
-    What lies in a package is none of them, and a folder that two paths or a circle of links lead to is one.
+    Folders inside a package do not count, and a folder with several paths or in a loop of links counts once.
     """
     seen: set[Path] = set()
     found: list[Path] = []
@@ -114,7 +115,7 @@ def is_package(folder: Path, package: str) -> bool:
 
 @cache
 def declared(folder: Path) -> str:
-    """The name in a folder's package.xml; "" if there is none that can be read."""
+    """The name in a folder's package.xml; "" if there is no readable one."""
     try:
         return (ET.parse(folder / MANIFEST).getroot().findtext("name") or "").strip()
     except (OSError, ET.ParseError):
@@ -126,7 +127,7 @@ def _listed(variable: str) -> list[Path]:
 
 
 def _below(folder: Path, levels: int) -> Iterator[Path]:
-    """The folder and those below it, but for what lies in a package."""
+    """The folder and the folders below it, except those inside a package."""
     yield folder
     if levels and not declared(folder):
         for child in _children(folder):
@@ -145,8 +146,8 @@ class MeshPaths:
     """The meshes of one model file.
 
     Attributes:
-        model: the file. roots: folders that a person named, which come first.
-        names: of all its meshes: a file that one of them names is not guessed to be another.
+        model: the file. roots: folders named by the user, which are searched first.
+        names: of all its meshes. A file that one of them names is never guessed for another name.
     """
 
     model: Path
@@ -156,13 +157,15 @@ class MeshPaths:
     _several: dict[str, list[Path]] = field(default_factory=dict)
 
     def find(self, name: str) -> Path | None:
-        """The file that `name` means, or its converted copy; None if there is none, or several may be."""
+        """The file of the mesh `name`, or its converted copy; None if there is none or several are
+        possible.
+        """
         found = self._named(name) or self._guess(name)
         return None if found is None else _readable(found)
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Which files were taken though their package was not found, a sentence for each folder."""
+        """A sentence for each folder whose files are used although their package was not found."""
         by_folder: dict[tuple[str, Path], list[str]] = {}
         for name, path in self._guessed.items():
             scheme, package, inside = _parts(name)
@@ -175,12 +178,12 @@ class MeshPaths:
         )
 
     def in_words(self, name: str) -> str:
-        """The name of a mesh that was not found, with the files that it could be if there are several."""
+        """The name of a missing mesh, with the possible files if there are several."""
         several = self._several.get(name, [])
         return f"{name} ({' or '.join(map(str, several))})" if several else name
 
     def _named(self, name: str) -> Path | None:
-        """By the package's name; a path without one beside the model file, or above it."""
+        """The file by its package's name; a path without package is relative to the model file."""
         scheme, package, inside = _parts(name)
         absolute = Path(name.partition("://")[2] or name)
         if absolute.is_absolute() and absolute.is_file():
@@ -195,7 +198,7 @@ class MeshPaths:
 
     @staticmethod
     def _require_one(package: str, inside: str, root: Path) -> None:
-        """UsageError if several packages of one name below a root have the mesh: either may be meant."""
+        """Raises a UsageError if several packages of one name below a root have the mesh."""
         found = [one for one in folders_below(package, root) if (one / inside).is_file()]
         if len(found) > 1:
             raise UsageError(
@@ -205,10 +208,12 @@ class MeshPaths:
             )
 
     def _guess(self, name: str) -> Path | None:
-        """The one file of that path, with its package or without, below a root or on the way up."""
+        """The only file of that path, with or without its package, below a root or in a folder above the
+        model file.
+        """
         scheme, package, inside = _parts(name)
         if scheme and any(declared(one) == package for one in folders_of(package, self.model, self.roots)):
-            return None  # the package is there, and such a mesh is not in it
+            return None  # the package exists and does not have this mesh
         tails = dict.fromkeys((f"{package}/{inside}" if package else inside, inside))
         for starts in (self.roots, self.model.resolve().parents):
             places = [start / tail for start in starts for tail in tails if tail]
@@ -225,12 +230,12 @@ class MeshPaths:
 
     @cached_property
     def _meant(self) -> set[Path]:
-        """Files that a name of the model file means, and no guess may take."""
+        """Files that a name of the model file refers to, which no guess may use."""
         return {path.resolve() for name in self.names if (path := self._named(name)) is not None}
 
 
 def _lacking(package: str, model: Path) -> str:
-    """What is not where a name says, as the beginning of a sentence."""
+    """The beginning of a sentence that names the missing package or path."""
     return f"{package} is not found: for its" if package else f"Not found from {model.name} itself: for"
 
 
@@ -249,12 +254,12 @@ def _parts(name: str) -> tuple[str, str, str]:
 
 
 def _holder(path: Path, inside: str) -> Path:
-    """The folder that the path `inside` begins in."""
+    """The folder that the path `inside` is relative to."""
     return Path(str(path).removesuffix(str(Path(inside))))
 
 
 def _readable(path: Path) -> Path:
-    """The file, or where its form is not read one that lies beside it, converted."""
+    """The file; if its format is not supported, a converted copy beside it."""
     if path.suffix.lower() in READERS:
         return path
     return next((one for form in READERS if (one := path.with_suffix(form)).is_file()), path)

@@ -1,10 +1,10 @@
 """Triangles of STL, OBJ, COLLADA, glTF and PLY files.
 
-COLLADA files carry vertices that no primitive uses, and units other than the metre. The axis that the file
-calls up is left as it is: so does ROS, and descriptions are written for it.
+COLLADA files have vertices that no primitive uses, and units other than the metre. The up axis of the file is
+ignored, as ROS does, since descriptions are written for ROS.
 
-Coordinates of glTF are taken as they stand in the file, as RViz and three.js take them: glTF calls y upwards,
-but what stands in a URDF is in the frame of its link.
+Coordinates of glTF are used unchanged, as RViz and three.js do: glTF has y up, but a mesh of a URDF is in the
+frame of its link.
 """
 
 from __future__ import annotations
@@ -32,10 +32,10 @@ FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute"
 def read_triangles(path: Path) -> Array:
     """(n, 3, 3) corners of a mesh file's triangles, in m; an OBJ without faces gives its vertices thrice.
 
-    A file without any is a mesh all the same, an empty one: makers leave them where a link shows nothing.
+    A file without triangles is an empty mesh: manufacturers use them for links without a visible shape.
 
     Raises:
-        UsageError: the format is not known, or the file is not of it.
+        UsageError: the format is unknown, or the file does not have its format.
     """
     read = READERS.get(path.suffix.lower())
     if read is None:
@@ -62,7 +62,7 @@ def read_triangles(path: Path) -> Array:
 
 
 def _is_mesh(suffix: str, data: bytes) -> bool:
-    """Whether a file without triangles is of its form: other readers than these two refuse what is not."""
+    """Whether a file without triangles has its format: the other readers refuse invalid files themselves."""
     if suffix == ".stl":
         return (len(data) == STL_HEAD and not any(data[80:84])) or data.lstrip().startswith(b"solid")
     if suffix == ".obj":
@@ -72,7 +72,9 @@ def _is_mesh(suffix: str, data: bytes) -> bool:
 
 
 def stl_triangles(data: bytes) -> Array:
-    """Binary if its length says so: many binary files begin with "solid", the word of the other form."""
+    """A file is binary if its length matches: many binary files begin with "solid", as the text format
+    does.
+    """
     if len(data) >= STL_HEAD:
         count = int.from_bytes(data[80:84], "little")
         if len(data) == STL_HEAD + STL_FACET * count:
@@ -84,7 +86,7 @@ PRIMITIVES = ("triangles", "polylist", "polygons", "tristrips", "trifans")
 
 
 def collada_triangles(data: bytes) -> Array:
-    """(n, 3, 3) corners in m. ValueError or LookupError if the file is no COLLADA."""
+    """(n, 3, 3) corners in m. ValueError or LookupError if the file is not COLLADA."""
     root = ET.fromstring(data)
     for element in root.iter():
         element.tag = element.tag.rpartition("}")[2]
@@ -106,7 +108,7 @@ def _meant(instance: ET.Element, named: dict[str, ET.Element]) -> ET.Element:
 
 
 def _placed(node: ET.Element, pose: Array, named: dict[str, ET.Element]) -> Iterator[Array]:
-    """Triangles of what a node holds, in the scene's frame."""
+    """Triangles of a node, in the scene's frame."""
     for part in node:
         pose = pose @ _step(part)
     for part in node:
@@ -121,7 +123,7 @@ def _placed(node: ET.Element, pose: Array, named: dict[str, ET.Element]) -> Iter
 
 
 def _skinned(controller: ET.Element, pose: Array, named: dict[str, ET.Element]) -> Iterator[Array]:
-    """A skin as it is bound, without its bones."""
+    """A skin in its bind pose, without its bones."""
     skin = controller.find("skin")
     if skin is not None:
         bind = skin.find("bind_shape_matrix")
@@ -153,7 +155,7 @@ def _floats(element: ET.Element) -> Array:
 
 
 def _used(geometry: ET.Element, named: dict[str, ET.Element]) -> Array:
-    """Triangles of a geometry; vertices that no primitive uses are none of it."""
+    """Triangles of a geometry, without vertices that no primitive uses."""
     parts = [np.zeros((0, 3, 3))]
     for primitive in geometry.iter():
         if primitive.tag in PRIMITIVES:
@@ -181,7 +183,7 @@ def _triangles(kind: str, corners: Index, counts: ET.Element | None) -> Index:
 
 
 def fans(corners: Index, counts: Sequence[int]) -> Index:
-    """(n, 3) corners of the triangles of polygons, whose corners stand one after another."""
+    """(n, 3) corners of the triangles of polygons, given as a sequence of corners."""
     many = np.array(counts)
     first = np.cumsum(many) - many
     found = [np.zeros((0, 3), dtype=np.int64)]
@@ -245,7 +247,7 @@ def ply_triangles(data: bytes) -> Array:
     """(n, 3, 3) corners; a file without faces gives its vertices thrice.
 
     Raises:
-        ValueError, LookupError: the file is no PLY, or shorter than it says.
+        ValueError, LookupError: the file is not PLY, or shorter than its header states.
     """
     head, end, body = data.partition(b"end_header")
     lines = [line.split() for line in head.decode("ascii", "replace").splitlines()]
@@ -280,7 +282,7 @@ def _elements(lines: Sequence[Sequence[str]]) -> list[_Element]:
 
 
 class _Ascii:
-    """Numbers as words, one row after the other; a property that is no list is a list of one."""
+    """Numbers of a text file row by row; a scalar property counts as a list of one."""
 
     def __init__(self, body: bytes) -> None:
         self.words = iter(body.split())
@@ -297,7 +299,7 @@ class _Ascii:
 
 
 class _Binary:
-    """Numbers as bytes, one row after the other."""
+    """Numbers of a binary file row by row."""
 
     def __init__(self, body: bytes, order: str) -> None:
         self.body, self.order, self.at = body, order, 0
@@ -316,14 +318,14 @@ MAGIC, HEAD = b"glTF", 12
 TYPES = {5121: "u1", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 SIZES = {"SCALAR": 1, "VEC3": 3}
 TRIANGLES = 4  # glTF: the mode of a primitive made of triangles
-DEEPEST = 100  # nodes above each other: deeper ones are a loop
+DEEPEST = 100  # levels of nodes: deeper ones are a loop
 
 
 def glb_triangles(data: bytes) -> Array:
     """(n, 3, 3) corners of all triangles that the scene shows, m.
 
     Raises:
-        ValueError: no binary glTF 2.0, or one that is compressed or keeps its numbers in other files.
+        ValueError: not a binary glTF 2.0, or compressed, or with numbers in other files.
     """
     content, numbers = _chunks(data)
     scenes = content.get("scenes", [])
@@ -361,7 +363,9 @@ def _shown(content: dict[str, Any], numbers: bytes, at: int, above: Array, depth
 
 
 def _frame(node: dict[str, Any]) -> Array:
-    """(4, 4) of a node in the one above: its matrix, or its shift, turn (x, y, z, w) and scale."""
+    """(4, 4) transformation of a node in its parent: its matrix, or translation, rotation (x, y, z, w) and
+    scale.
+    """
     if "matrix" in node:
         return np.array(node["matrix"], dtype=float).reshape(4, 4).T
     x, y, z, w = node.get("rotation", (0.0, 0.0, 0.0, 1.0))

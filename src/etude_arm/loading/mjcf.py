@@ -1,13 +1,12 @@
-"""MJCF loading: compiled by MuJoCo as it is, and written again with the chosen joints alone.
+"""MJCF loading: MuJoCo compiles the file, which is then rewritten with only the chosen joints.
 
-A loop that the chosen joints move against is refused, since an open chain would tear it apart. The rest is
-said: gravity that the file switches off, springs and stops of tendons.
+A closed loop that contains chosen joints is refused, since the model is an open chain. Notes name other
+losses: gravity that the file switches off, springs and stops of tendons.
 
-MuJoCo defines what an MJCF means: defaults by class, includes, attached models, masses from shapes, orders of
-Euler angles. A second reader of all that would err more often than what it is to find. So the second
-evaluation (`mjcf_expected`) is MuJoCo's of the whole file, before anything is written of it: all bodies and
-joints, held ones at their positions. The mounting is a product with it, tool and payload are added to its
-bodies.
+MuJoCo defines the meaning of an MJCF: default classes, includes, attached models, masses from shapes, orders
+of Euler angles. A second parser would have more errors than it would detect. So the second evaluation
+(`mjcf_expected`) uses MuJoCo's model of the whole file, with held joints at their positions. The mounting
+multiplies its poses, and tool and payload are added to its bodies.
 """
 
 from __future__ import annotations
@@ -56,11 +55,11 @@ if TYPE_CHECKING:
 
 
 DIGITS = 6
-"""Of places in m, and of directions."""
+"""Tolerance of positions, m, and of directions."""
 
 
 def planes_of(model: mujoco.MjModel) -> tuple[Wall, ...]:
-    """The planes of what never moves, in the frame of the file, named after their geoms."""
+    """The planes of fixed bodies, in the frame of the file, named after their geoms."""
     import mujoco
 
     data = mujoco.MjData(model)
@@ -69,14 +68,14 @@ def planes_of(model: mujoco.MjModel) -> tuple[Wall, ...]:
     for g in range(model.ngeom):
         if int(model.geom_type[g]) == PLANE and not model.body_weldid[model.geom_bodyid[g]]:
             name = numbered(model.geom(g).name or "plane", [wall.name for wall in found], " ")
-            # people read them, and -0.0 is none of their business
+            # people read them: -0.0 becomes 0.0
             at, normal = (v.round(DIGITS) + 0.0 for v in (data.geom_xpos[g], data.geom_xmat[g][2::3]))
             found.append(Wall(name, tuple(at.tolist()), tuple(normal.tolist())))
     return tuple(found)
 
 
 def beside(model: mujoco.MjModel, choice: Choice, shapes: Mapping[str, int]) -> dict[str, str]:
-    """Shape -> a name for it, of bodies that hang on the world apart from the robot.
+    """Shape -> name, for bodies of the world beside the robot.
 
     Args:
         model: of the file. choice: of joints.
@@ -98,11 +97,11 @@ SITE = 6  # mjtObj
 NO_GRAVITY = 1 << 7  # mjtDisableBit.mjDSBL_GRAVITY
 DOWN = np.array([0.0, 0.0, -9.81])
 CLOSE = 0.1
-"""m/s^2 by which the earth's gravity differs from place to place, and a little more."""
+"""m/s^2: variation of gravity over the earth, with a margin."""
 
 
 def check_loops(model: mujoco.MjModel, choice: Choice, where: str) -> None:
-    """Raises a UsageError if an equality holds parts together that the chosen joints move, or locks one."""
+    """Raises a UsageError if an equality constrains parts that the chosen joints move, or locks a joint."""
     for k in np.flatnonzero(model.eq_active0):
         first, second = int(model.eq_obj1id[k]), int(model.eq_obj2id[k])
         if model.eq_type[k] in (CONNECT, WELD):
@@ -148,14 +147,14 @@ def _zero(model: mujoco.MjModel, joint: int) -> float:
 
 
 def _led(model: mujoco.MjModel, bodies: tuple[int, int]) -> bool:
-    """Whether one of them is what a simulation leads the robot by (mocap), or an object that lies free."""
+    """Whether one of the bodies is a mocap body, which guides a simulation, or a free object."""
     roots = [int(model.body_rootid[b]) for b in bodies]
     free = any(model.jnt_type[j] == FREE for root in roots for j in joints_of(model, root))
     return any(model.body_mocapid[b] >= 0 for b in bodies) or (free and roots[0] != roots[1])
 
 
 def notes_of(model: mujoco.MjModel, choice: Choice) -> tuple[str, ...]:
-    """What a person should know before torques of this file are believed."""
+    """Notes for the user on torques of this file."""
     off = bool(model.opt.disableflags & NO_GRAVITY) or not model.opt.gravity.any()
     notes = []
     if off:
@@ -195,7 +194,9 @@ def _idle(model: mujoco.MjModel, choice: Choice) -> list[str]:
 
 
 def unverified_of(model: mujoco.MjModel, choice: Choice) -> tuple[str, ...]:
-    """What a certificate does not look at: stops over several joints, and ties between them."""
+    """Sentences on what a certificate does not verify: stops over several joints, and couplings between
+    them.
+    """
     tied = {int(end) for k in np.flatnonzero(model.eq_active0) if model.eq_type[k] == TENDON for end in
             (model.eq_obj1id[k], model.eq_obj2id[k])}  # fmt: skip
     held = [name for name, t in _tendons(model, choice) if model.tendon_limited[t] or t in tied]
@@ -258,10 +259,10 @@ def load_mjcf(
 def chosen_in(
     model: mujoco.MjModel, wanted: Sequence[str] | None, given: Mapping[str, float], where: str
 ) -> Choice:
-    """The choice of joints in an MJCF; a base that the file leaves free is fixed only if joints are named.
+    """The choice of joints in an MJCF; a floating base is fixed only if the user names joints.
 
     Raises:
-        UsageError: as `choice.choose`; a base that is free, or a loop that is closed.
+        UsageError: as `joint_choice.choose`; a floating base, or a closed loop.
     """
     floating = _floating(model)
     if floating and wanted is None:
@@ -280,14 +281,14 @@ def chosen_in(
 
 
 def _floating(model: mujoco.MjModel) -> list[str]:
-    """Names of ball joints, and of those that leave free what carries a hinge or a slide."""
+    """Names of ball joints, and of free joints of bodies that carry a hinge or a slide."""
     lying = {joint for joint, _ in _lying(model)}
     loose = [model.joint(j).name for j in range(model.njnt) if model.jnt_type[j] not in (HINGE, SLIDE)]
     return [name for name in loose if name not in lying]
 
 
 def _lying(model: mujoco.MjModel) -> list[tuple[str, str]]:
-    """Free joints and bodies of what a scene holds beside the robot: objects without joints of their own."""
+    """Free joints and bodies of objects beside the robot, which have no other joints."""
     carried = [int(model.body_rootid[body]) for body in model.jnt_bodyid]
     return [
         (model.joint(j).name, name_of(model, int(model.jnt_bodyid[j])))
@@ -300,7 +301,7 @@ SIZES = {"sphere": 1, "capsule": 2, "cylinder": 2, "box": 3, "ellipsoid": 3, "me
 
 
 def mjcf_expected(model: mujoco.MjModel, choice: Choice, added: Additions) -> Expected:
-    """Of the model of a whole MJCF, its chosen joints, and what is added to it."""
+    """The facts of the model of a whole MJCF, with its chosen joints and additions."""
     import mujoco
 
     joints = [model.joint(name).id for name in choice.joints]
@@ -352,7 +353,9 @@ def _matrix(place: Array, turn: Array) -> Array:
 
 
 def _moved(model: mujoco.MjModel, joints: list[int]) -> tuple[list[int], list[int]]:
-    """Of each body the last chosen joint that moves it, of each such joint the one that carries it; or -1."""
+    """For each body the index of the last chosen joint that moves it; for each chosen joint that of its
+    parent; or -1.
+    """
     moved, before = [-1] * model.nbody, [-1] * len(joints)
     for b in range(1, model.nbody):
         last = moved[int(model.body_parentid[b])]
@@ -378,7 +381,7 @@ def _weighing(joint: int, one: Attached, place: Array) -> list[tuple[int, float,
 
 
 def _places(model: mujoco.MjModel, data: mujoco.MjData, base: Array) -> dict[str, tuple[Place, ...]]:
-    """Of all shapes; those that collide must be."""
+    """The possible shapes of all bodies; collision shapes are required."""
     found: dict[str, tuple[Place, ...]] = {}
     for g in range(model.ngeom):
         kind = SHAPES.get(int(model.geom_type[g]))

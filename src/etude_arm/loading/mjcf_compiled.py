@@ -20,12 +20,12 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Compiled:
-    """The model, and what became of the file.
+    """The compiled model, and notes on its file.
 
     Attributes:
         model: of the whole file.
         shapeless: bodies that lack a mesh, as "body 'name'".
-        notes: a sentence for meshes that are missing, and one for joints that got a name here.
+        notes: a sentence on missing meshes, and one on joints that were given a name.
     """
 
     model: mujoco.MjModel
@@ -64,7 +64,7 @@ def _missing(gone: list[str]) -> str:
 
 
 def _without_pictures(spec: Any, path: Path) -> tuple[list[str], list[str]]:
-    """Deletes what would have to be loaded from files but has no mass or shape.
+    """Deletes elements that need other files but have no mass or shape.
 
     Returns the bodies that lack their mesh, and the files that are missing.
     """
@@ -138,14 +138,14 @@ def _leaders(model: mujoco.MjModel) -> dict[str, tuple[str, float, float]]:
 SHAPES = {2: "sphere", 3: "capsule", 4: "ellipsoid", 5: "cylinder", 6: "box", 7: "mesh"}  # mjtGeom
 PLANE, MESH = 0, 7  # MuJoCo's numbers of geom types (mjtGeom)
 BESIDE = -1
-"""A part of its own: bodies that hang on the world apart from the robot."""
+"""An object beside the robot: bodies of the world that are not part of the arm."""
 
 
 def shapes_of_bodies(
     model: mujoco.MjModel, choice: Choice, unverified: list[str]
 ) -> tuple[dict[int, list[int]], tuple[str, ...]]:
-    """Geoms to keep by body: those that collide; of a part without any, all. Of bodies beside the robot only
-    those that collide, but where nothing in the file does.
+    """Geoms to keep by body: collision geoms, or all geoms of a part without any. Of bodies beside the robot
+    only collision geoms, unless the file has none.
     """
     parts: dict[int, list[int]] = {}
     roots = {0, *(int(model.body_rootid[model.jnt_bodyid[model.joint(j).id]]) for j in choice.joints)}
@@ -166,23 +166,23 @@ def shapes_of_bodies(
             drawn.append(name_of(model, part))
         if part > 0 and not geoms:
             unverified.append(f"the shape of body '{name_of(model, part)}': the file has none")
-        moving = [b for b in bodies if model.body_weldid[b]]  # what never moves is the room's: mjcf_beside
+        moving = [b for b in bodies if model.body_weldid[b]]  # fixed bodies: see mjcf_beside
         if any(int(model.geom_type[g]) == PLANE for b in moving for g in geoms_of(model, b)):
             notes.append(f"A plane that body '{name_of(model, part)}' carries is left out: it has no end.")
-    if drawn and some:  # a file in which nothing collides means nothing by it
+    if drawn and some:  # a file without collision geoms does not exclude collisions on purpose
         notes.append(f"What is drawn of {', '.join(drawn)} is taken as shape: nothing of it collides.")
     return kept, tuple(notes)
 
 
 def _only_drawn(model: mujoco.MjModel, geoms: Sequence[int], solid: Sequence[int]) -> list[str]:
-    """A sentence for bodies beside the robot of which nothing collides: marks, and targets to reach."""
+    """A sentence on bodies beside the robot without collision geoms, such as marks and targets."""
     own, hard = ([int(model.geom_bodyid[g]) for g in some] for some in (geoms, solid))
     names = dict.fromkeys(name_of(model, b) for b in own if b not in hard)
     return [f"What is only drawn beside the robot is left out: {', '.join(names)}."] if names else []
 
 
 def part_of(model: mujoco.MjModel, choice: Choice, b: int) -> int:
-    """The first body of what moves as one with body b."""
+    """The first body of the rigid part that contains body b."""
     while b and not any(model.joint(j).name in choice.joints for j in joints_of(model, b)):
         b = int(model.body_parentid[b])
     return b
@@ -197,7 +197,7 @@ def geoms_of(model: mujoco.MjModel, b: int) -> range:
 
 
 def name_of(model: mujoco.MjModel, b: int) -> str:
-    """Of a body; one that has none is called after its number."""
+    """The name of a body; its number if it has no name."""
     name = str(model.body(b).name)
     return name or free_name(f"body{b}", {model.body(k).name for k in range(model.nbody)})
 

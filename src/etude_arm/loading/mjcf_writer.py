@@ -1,4 +1,4 @@
-"""MJCF text of a compiled model: bodies, masses, chosen joints and collision shapes, in full precision."""
+"""MJCF text of a compiled model: bodies, masses, chosen joints and collision shapes in full precision."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class Written:
 
 @dataclass
 class _Writer:
-    """Goes through the bodies of a model once."""
+    """A writer that visits the bodies of a model once."""
 
     model: mujoco.MjModel
     choice: Choice
@@ -71,7 +71,7 @@ class _Writer:
         return new
 
     def _pose(self, b: int) -> tuple[Array, Array]:
-        """Position and quaternion in the parent's frame, with the joints that are held where they are."""
+        """Position and quaternion in the parent's frame, with held joints at their positions."""
         m, moves = self.model, False
         at, quat = np.array(m.body_pos[b]), np.array(m.body_quat[b])
         for j in joints_of(m, b):
@@ -133,7 +133,9 @@ class _Writer:
 
 
 def _displaced(m: mujoco.MjModel, j: int, away: float, at: Array, quat: Array) -> tuple[Array, Array]:
-    """The pose of a body after its joint j, `away` from its reference; a hinge turns about its anchor."""
+    """The pose of a body after its joint j, displaced by `away` from its reference; a hinge rotates about its
+    anchor.
+    """
     import mujoco
 
     if m.jnt_type[j] == SLIDE:
@@ -177,7 +179,7 @@ def _tendon(
     tendons: ET.Element,
     bodies: Mapping[int, ET.Element],
 ) -> bool:
-    """Writes a tendon over joints or through sites; False for one over pulleys or round geoms."""
+    """Writes a tendon over joints or through sites; returns False for one with pulleys or wrapping geoms."""
     first = int(model.tendon_adr[t])
     wraps = range(first, first + int(model.tendon_num[t]))
     kinds, objects = {int(model.wrap_type[w]) for w in wraps}, [int(model.wrap_objid[w]) for w in wraps]
@@ -205,12 +207,12 @@ def _tendon(
 
 
 def mounted(world: ET.Element, mounting: Mounting) -> ET.Element:
-    """The frame in the world that everything of the robot belongs into."""
+    """The frame in the world that contains the robot."""
     return ET.SubElement(world, "frame", pos=_text(mounting.position), quat=_text(_quaternion(mounting.turn)))
 
 
 def add_carried(body: ET.Element, name: str, one: Attached) -> None:
-    """Adds a tool or payload, under a name that no body has, to the body that carries it."""
+    """Adds a tool or payload under an unused name to the body that carries it."""
     new, moments = ET.SubElement(body, "body", name=name), one.moments()
     full = _text(moments[i, j] for _, i, j in ENTRIES)
     ET.SubElement(new, "inertial", pos=_text(one.centre), mass=repr(one.mass), fullinertia=full)

@@ -1,4 +1,4 @@
-"""Overlapping links: links whose shapes often touch others, which get finer shapes."""
+"""Overlapping links: links whose shapes overlap others in many poses, which get finer shapes."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ from etude_arm.loading.loaded_model import Loaded
 if TYPE_CHECKING:
     import mujoco
 
-POSES = 100  # a pair is judged by the share of them in which it overlaps
+POSES = 100  # number of poses, over which the share with an overlap is computed
 OFTEN = 0.05
-"""Share of poses: pairs that overlap more often are looked at."""
+"""Share of poses from which a pair gets finer shapes."""
 REACH = 1.0
-"""m: distances beyond do not matter."""
+"""m: larger distances are not computed."""
 
 
 OVERLAP_SHARE = 0.5
-"""Share from which a pair leaves motions little room."""
+"""Share of poses from which a pair restricts motions strongly."""
 Crowds = Mapping[tuple[str, str], float]
-"""Pairs of links -> share of poses in which shapes of theirs overlap."""
+"""Pairs of links -> share of poses in which their shapes overlap."""
 
 
 def crowds(loaded: Loaded, lower: Array, upper: Array) -> Crowds:
@@ -56,7 +56,7 @@ def links_that_overlap(found: Crowds) -> set[str]:
 
 
 def hemmed_in(found: Crowds, ignored: Collection[tuple[str, str]]) -> tuple[str, ...]:
-    """A sentence for pairs that overlap in more than MOST of the poses and are looked at all the same."""
+    """A sentence on pairs that overlap in more than MOST of the poses and are still checked."""
     left = {
         pair: share
         for pair, share in found.items()

@@ -1,7 +1,7 @@
-"""Packing of a model file with its meshes, so that it needs no other file.
+"""Packing of a model file with its meshes into files that need no others.
 
-Where a link collides as a hull that somebody made before, the slabs are of what is drawn of it, if that fills
-the hull.
+If the collision mesh of a link is already a hull, the slabs are made from its visual mesh, provided that this
+fills the hull.
 """
 
 from __future__ import annotations
@@ -46,10 +46,10 @@ def packed(
 ) -> tuple[bytes, dict[str, bytes]]:
     """The model file's bytes, and the mesh files that they name, by their path relative to it.
 
-    A URDF keeps everything but its pictures; its meshes become their convex hulls, bent ones of the links in
-    `overlapping` several; see `slabs`. An MJCF keeps everything, includes in their places, and gets slabs
-    beside the bent ones. What is missing stays missing. A file without meshes and includes is copied byte
-    by byte. What a person should confirm of that is added to `notes`.
+    A URDF keeps all but its textures. Its meshes become convex hulls, and bent meshes of links in
+    `overlapping` become several; see `slabs`. An MJCF keeps everything, with includes inserted, and gets
+    slabs beside its bent meshes. Missing files stay missing. A file without meshes and includes is copied
+    unchanged. Sentences for the user to confirm are added to `notes`.
 
     Raises:
         UsageError: unreadable XML or mesh, a missing include, or includes in a circle.
@@ -73,7 +73,7 @@ def packed(
 def _packed_urdf(
     root: ET.Element, path: Path, mesh_roots: Sequence[Path], overlapping: Collection[str]
 ) -> dict[str, bytes]:
-    """Replaces meshes by hulls; pictures stay where no collision shape does."""
+    """Replaces meshes by hulls; visual shapes stay where a link has no collision shape."""
     meshes: dict[str, bytes] = {}
     named = tuple(mesh.get("filename", "") for link in root.findall("link") for mesh in link.iter("mesh"))
     paths = MeshPaths(path, mesh_roots, named)
@@ -96,7 +96,9 @@ def _pack_shape(
     meshes: dict[str, bytes],
     cut: bool,
 ) -> bool:
-    """Gives a shape the hull of its mesh, or several of a bent one; False if it is missing or empty."""
+    """Gives a shape the hull of its mesh, or several for a bent mesh; returns False if the mesh is missing or
+    empty.
+    """
     mesh = shape.find("geometry/mesh")
     if mesh is None:
         return True
@@ -106,7 +108,7 @@ def _pack_shape(
     scale = scale_of(mesh, str(paths.model))
     mesh.attrib.pop("scale", None)
     triangles = read_triangles(found) * scale
-    if not len(triangles):  # stays an empty one, so that it is not said to be missing
+    if not len(triangles):  # stays empty, so that it is not reported as missing
         name = f"{MESHES}/{len(meshes)}_{found.stem}.obj"
         meshes[name] = EMPTY
         mesh.set("filename", name)
@@ -131,7 +133,7 @@ def _name_mesh(shape: ET.Element, name: str) -> None:
 
 
 def _with_attached(path: Path) -> ET.Element:
-    """The file as MuJoCo writes it: with other models that it attaches, which would stay behind."""
+    """The file as MuJoCo writes it, with the models that it attaches."""
     import mujoco
 
     try:
@@ -145,7 +147,7 @@ def _with_attached(path: Path) -> ET.Element:
 def _packed_mjcf(
     root: ET.Element, path: Path, overlapping: Collection[str], notes: list[str]
 ) -> dict[str, bytes]:
-    """Meshes under names of their own, beside the file, and slabs of bent ones."""
+    """Copies meshes under unique names beside the file, and adds slabs of bent ones."""
     meshes: dict[str, bytes] = {}
     compiler = {key: value for one in root.findall("compiler") for key, value in one.attrib.items()}
     folder = path.parent / compiler.get("meshdir", compiler.get("assetdir", ""))
@@ -170,12 +172,12 @@ FRAME = {"pos": "0 0 0", "quat": "1 0 0 0"}
 AS_IT_IS = {"scale": "1 1 1", "refpos": "0 0 0", "refquat": "1 0 0 0"}
 """Of a mesh, whatever the file's default is."""
 FILLED = 0.005
-"""m: what is drawn fills a hull that reaches no farther beyond its own."""
+"""m: a visual mesh fills a hull that extends beyond it by at most this length."""
 
 
 @dataclass
 class Slabs:
-    """What is added: meshes by the names of their files, and the links of which what is drawn was taken."""
+    """Additions: meshes by file name, and the links whose visual mesh was used."""
 
     root: ET.Element
     model: mujoco.MjModel
@@ -186,8 +188,8 @@ class Slabs:
     def add(self, overlapping: Collection[str]) -> None:
         """Slabs of the bodies in `overlapping`.
 
-        The whole mesh stays for what it weighs, and collides no more. A body whose geoms are not those of the
-        file (copied by <replicate>, or without their mesh) stays as it is.
+        The whole mesh stays for its mass but no longer collides. A body whose geoms differ from those of the
+        file (copied by <replicate>, or without their mesh) stays unchanged.
         """
         for body in [one for one in self.root.iter("body") if one.get("name") in overlapping]:
             written, name = list(_geoms(body)), body.get("name", "")
@@ -243,7 +245,7 @@ def _triangles(model: mujoco.MjModel, geom: int) -> Array:
 
 
 def _filling(model: mujoco.MjModel, solid: list[int], meshes: list[int]) -> list[Array]:
-    """Points of the slabs of what is drawn, if it fills what collides and is bent; else nothing."""
+    """Points of the slabs of the visual mesh, if it fills the collision mesh and is bent; else none."""
     drawn = [_triangles(model, g) for g in meshes if g not in solid]
     if not solid or not drawn:
         return []
@@ -254,7 +256,7 @@ def _filling(model: mujoco.MjModel, solid: list[int], meshes: list[int]) -> list
 
 
 def _beyond(points: Array, others: Array) -> float:
-    """How far points (n, 3) reach beyond the planes of the others' hull, m."""
+    """Largest distance of points (n, 3) beyond the planes of the hull of the others, m."""
     vertices, faces = hull(others)
     a, b, c = (vertices[faces[:, i]] for i in range(3))
     normals = np.cross(b - a, c - a)
@@ -276,7 +278,7 @@ def _slabs(root: ET.Element, path: Path, overlapping: Collection[str], notes: li
 def _expand(element: ET.Element, folder: Path, depth: int) -> None:
     """Replaces each <include file="..."> below `element` by the children of that file's root.
 
-    `folder` is the main file's: MuJoCo means every path from there, in included files too.
+    `folder` is the main file's: MuJoCo resolves every path from there, in included files too.
     """
     if depth > DEEPEST:
         raise UsageError("the model's files include each other in a circle", where=str(folder))

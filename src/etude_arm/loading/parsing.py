@@ -1,7 +1,7 @@
 """XML parsing of a model file: no xacro, one root, unique names.
 
-No name of a description may mean anything to MuJoCo. MuJoCo calls its own fixed body "world", and takes a
-link of that name for it: what hangs the robot's root into the room would be lost.
+No name of a description may be reserved in MuJoCo. MuJoCo's fixed body is called "world", and a link of that
+name would be merged into it: the joint between the room and the robot's root would be lost.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ def parsed(path: Path) -> ET.Element:
 
 
 def declared(text: bytes) -> bytes:
-    """XML with every prefix declared: most readers of robots, and so their files, know no namespaces."""
+    """XML with every prefix declared: most readers of robot files, and so the files, ignore namespaces."""
     used = set(re.findall(rb"[<\s]([A-Za-z_][\w.-]*):[A-Za-z_]", text))
     known = set(re.findall(rb"xmlns:([\w.-]+)\s*=", text)) | {b"xml", b"xmlns"}
     more = b"".join(b' xmlns:%s="%s"' % (prefix, prefix) for prefix in sorted(used - known))
@@ -63,7 +63,7 @@ def declared(text: bytes) -> bytes:
 
 
 def _to_be_expanded(root: ET.Element) -> bool:
-    """Whether xacro would change anything: values that nothing refers to, as many URDFs keep, do not."""
+    """Whether xacro would change anything. Unused definitions, which many URDFs keep, change nothing."""
     own = [element for element in root.iter() if "xacro" in element.tag]
     if any(not element.tag.endswith(("}property", "}arg")) for element in own):
         return True
@@ -73,7 +73,7 @@ def _to_be_expanded(root: ET.Element) -> bool:
 
 
 def _expanded(path: Path) -> str:
-    """A name for the expanded file that no file has yet: what the user is told must overwrite nothing."""
+    """An unused name for the expanded file: the printed command must not overwrite a file."""
     stem = path.name.split(".")[0]
     names = (f"{stem}.urdf", f"{stem}_expanded.urdf", f"{stem}_expanded_anew.urdf")
     return next((name for name in names if not (path.parent / name).exists()), names[-1])
@@ -88,17 +88,17 @@ def _refuse_repeated(root: ET.Element, path: Path) -> None:
 
 
 WORLD = "world"
-"""MuJoCo's own body, and a link that Drake's files weld their base to without describing it."""
+"""MuJoCo's fixed body, and the undeclared link to which Drake's files weld their base."""
 
 
 def free_name(name: str, taken: Collection[str]) -> str:
-    """The name, or one made of it that is not taken."""
+    """The name, or an unused one derived from it."""
     while name in taken:
         name = f"own_{name}"
     return name
 
 
 def body_names(links: Iterable[str]) -> dict[str, str]:
-    """Link -> name of its body: its own, but for one that MuJoCo keeps for itself."""
+    """Link -> name of its body: the name of the link, unless MuJoCo reserves it."""
     links = list(links)
     return {link: free_name(link, {WORLD, *links}) if link == WORLD else link for link in links}

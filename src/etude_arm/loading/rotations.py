@@ -22,7 +22,7 @@ def turn_of(roll: float, pitch: float, yaw: float) -> Array:
 
 
 def angles_of(turn: Array) -> tuple[float, float, float]:
-    """Roll, pitch and yaw of a rotation; at a pitch of 90 degrees roll is taken as 0."""
+    """Roll, pitch and yaw of a rotation; at a pitch of 90 degrees roll is set to 0."""
     pitch = math.atan2(-turn[2, 0], math.hypot(turn[0, 0], turn[1, 0]))
     # 1.4 µrad from 90 degrees: there only the difference of roll and yaw is known
     if abs(turn[2, 0]) > 1 - 1e-12:

@@ -1,10 +1,10 @@
-"""URDF conversion for MuJoCo: chosen joints, convex hulls, sound inertias.
+"""URDF conversion for MuJoCo: chosen joints, convex hulls, valid inertias.
 
-MuJoCo reads URDF, but none of those that name their meshes as ROS does, and none with an inertia of zero. So
-a new file is written of what matters, and nothing of the old one is patched.
+MuJoCo reads URDF, but not mesh names of ROS and no zero inertia. So a new file is written from the relevant
+elements, instead of patching the old one.
 
-Where a part that moves as one has no collision shape at all, what is drawn of it is taken; where a mesh is
-missing, the one that is drawn, and at last a guess, which is said.
+A rigid part without collision shapes uses its visual shapes. A missing collision mesh is replaced by the
+visual one, and at last by a guessed shape, with a note.
 """
 
 from __future__ import annotations
@@ -46,21 +46,21 @@ from etude_arm.loading.urdf_tree import (
 COMPILER = {
     "fusestatic": "true",
     "discardvisual": "false",
-    "inertiafromgeom": "false",  # or a link without inertia would weigh as much as water of its shape
+    "inertiafromgeom": "false",  # otherwise MuJoCo gives a link without inertia the density of water
     "boundmass": "1e-9",
     "boundinertia": "1e-12",
 }
 KEPT = ("origin", "axis", "limit", "dynamics")
-"""Of a joint that moves, beside its ends."""
+"""Elements of a moving joint that are kept, besides its links."""
 
 
 SLENDER = 0.25
-"""Radius of a guessed shape by the distance to the next joint."""
+"""Radius of a guessed shape as a part of the distance to the next joint."""
 
 
 @dataclass(frozen=True)
 class Shapes:
-    """<collision> elements by link, and the meshes they name. Other attributes as of `loaded.Loaded`."""
+    """<collision> elements by link, and their meshes. Other attributes as of `loaded_model.Loaded`."""
 
     elements: Mapping[str, Sequence[ET.Element]]
     assets: Mapping[str, bytes]
@@ -73,7 +73,7 @@ NO_SHAPES = Shapes({}, {})
 
 @dataclass
 class _Meshes:
-    """The meshes of one model file, each read once; `missing` were not found, `empty` show nothing."""
+    """The meshes of one model file, each read once; `missing` were not found, `empty` have no triangles."""
 
     model: Path
     paths: MeshPaths
@@ -83,7 +83,7 @@ class _Meshes:
     _read: dict[Path, Array] = field(default_factory=dict)
 
     def add(self, mesh: ET.Element, link: str) -> str:
-        """The name of an asset with the hull of a <mesh>; "" if there is no such file, or nothing in it."""
+        """The name of an asset with the hull of a <mesh>; "" if the file is missing or empty."""
         name = mesh.get("filename", "")
         path = self.paths.find(name)
         if path is None:
@@ -111,7 +111,7 @@ def shapes_of(tree: UrdfTree, joints: Sequence[str], path: Path, mesh_roots: Seq
     """The collision shapes of every link, named "link#k".
 
     Raises:
-        UsageError: a mesh that is there cannot be read.
+        UsageError: a mesh file exists but cannot be read.
     """
     links = tree.links.values()
     named = tuple(mesh.get("filename", "") for link in links for mesh in link.iter("mesh"))
@@ -145,7 +145,7 @@ def shapes_of(tree: UrdfTree, joints: Sequence[str], path: Path, mesh_roots: Seq
 def _of_link(
     tree: UrdfTree, link: str, kind: str, meshes: _Meshes, unverified: list[str]
 ) -> list[ET.Element]:
-    """The new <collision> elements of one link, of its <collision> or <visual> elements."""
+    """The new <collision> elements of one link, made from its <collision> or <visual> elements."""
     found: list[ET.Element] = []
     for shape in tree.links[link].findall(kind):
         found += _of_shape(shape, link, meshes) or _stand_in(tree, link, kind, meshes, unverified)
@@ -160,11 +160,11 @@ SIZES = {
     "capsule": {"radius": 1, "length": 1},
     "sphere": {"radius": 1},
 }
-"""Attributes of each, and how many numbers each has, m."""
+"""Attributes of each shape and their number of values, m."""
 
 
 def check_primitive(shape: ET.Element, place: str) -> None:
-    """Raises a UsageError if a <geometry>'s child is no known shape, or a size of it is none."""
+    """Raises a UsageError if the child of a <geometry> is an unknown shape or has an invalid size."""
     if shape.tag not in SIZES:
         raise UsageError(
             f"a shape <{shape.tag}> is not known",
@@ -182,7 +182,7 @@ def check_primitive(shape: ET.Element, place: str) -> None:
 
 
 def _of_shape(shape: ET.Element, link: str, meshes: _Meshes) -> list[ET.Element]:
-    """The new element of a shape; none if its mesh is missing or empty."""
+    """The new element of a shape; None if its mesh is missing or empty."""
     mesh, geometry = shape.find("geometry/mesh"), shape.find("geometry")
     new, place = ET.Element("collision"), f"{meshes.model}, link '{link}'"
     for origin in shape.findall("origin"):
@@ -204,8 +204,8 @@ def _of_shape(shape: ET.Element, link: str, meshes: _Meshes) -> list[ET.Element]
 def _stand_in(
     tree: UrdfTree, link: str, kind: str, meshes: _Meshes, unverified: list[str]
 ) -> list[ET.Element]:
-    """What is drawn of a link whose collision mesh is missing or empty; else a capsule to the next joint, a
-    guess.
+    """The visual shape of a link whose collision mesh is missing or empty; else a guessed capsule to the next
+    joint.
     """
     lack = _lack(tree.links[link], kind, meshes)
     if kind == "collision":
@@ -217,7 +217,7 @@ def _stand_in(
             return drawn
     ends = [_offset(joint) for joint in tree.joints if parent(joint) == link]
     end = max(ends, key=lambda at: float(at @ at), default=np.zeros(3))
-    if not end.any():  # the last link: nothing says how far it reaches
+    if not end.any():  # the last link: the file does not state its length
         unverified.append(f"the shape of link '{link}': {lack}, and nothing was taken in its place")
         return []
     unverified.append(f"the shape of link '{link}': {lack}, a capsule was guessed")
@@ -225,7 +225,7 @@ def _stand_in(
 
 
 def _lack(link: ET.Element, kind: str, meshes: _Meshes) -> str:
-    """Why a link lacks a shape."""
+    """The reason why a link lacks a shape."""
     names = [mesh.get("filename", "") for shape in link.findall(kind) for mesh in shape.iter("mesh")]
     return f"its mesh is {'missing' if any(name in meshes.missing for name in names) else 'empty'}"
 
@@ -254,10 +254,10 @@ PAYLOAD_SIZES = {"box": ("size",), "cylinder": ("radius", "length"), "sphere": (
 def add_to_urdf(
     new: ET.Element, tree: UrdfTree, joints: Sequence[str], added: Additions, bodies: Mapping[str, str]
 ) -> dict[str, str]:
-    """Adds them to the new file, which calls links as `bodies` says; returns the names of tool and payload.
+    """Adds tool and payload to the new file, whose links have the names in `bodies`; returns their names.
 
     Raises:
-        UsageError: a link that is not there, or none is named and the arm has several ends.
+        UsageError: an unknown link, or no link is named and the arm has several ends.
     """
     taken = {*tree.links, *bodies.values()}
     if added.mounting is not None:
@@ -360,7 +360,7 @@ def load_urdf(
 
 
 def chosen_of(tree: UrdfTree, wanted: Sequence[str] | None, given: Mapping[str, float]) -> Choice:
-    """The choice of joints in a URDF; a base that the file leaves free is fixed only if joints are named."""
+    """The choice of joints in a URDF; a floating base is fixed only if the user names joints."""
     floating = tree.floating()
     if floating and wanted is None:
         raise UsageError(
@@ -379,14 +379,16 @@ def _base(tree: UrdfTree) -> tuple[str, ...]:
 
 
 def rewritten(joint: ET.Element, choice: Choice, bodies: Mapping[str, str]) -> ET.Element:
-    """A chosen joint as it is; any other one fixed where it is held. `bodies`: the new names of links."""
+    """A chosen joint unchanged; any other one fixed at its held position. `bodies`: the new names of
+    links.
+    """
     name = joint.get("name", "")
     if name in choice.joints:
         return _moving(joint, bodies)
     fixed = _between(joint, bodies, name=name, type="fixed")
     turn, at = pose_of(joint)
     axis = axis_of(joint)
-    # an axis of length zero turns nothing, and is not divided by zero
+    # an axis of length zero rotates nothing, and must not be a divisor
     axis = axis / max(float(np.linalg.norm(axis)), 1e-12)
     value = choice.held.get(name, 0.0)
     if joint.get("type") == "prismatic":
@@ -409,9 +411,9 @@ def _between(joint: ET.Element, bodies: Mapping[str, str], **attributes: str) ->
 
 
 def _moving(joint: ET.Element, bodies: Mapping[str, str]) -> ET.Element:
-    """The joint without what does not matter; a hinge without a range turns without end.
+    """The joint with its relevant elements; a hinge without a range becomes continuous.
 
-    MuJoCo leaves such a range out too, but says so in a file that it writes wherever it runs.
+    MuJoCo ignores such a range too, but writes a log file into the working directory.
     """
     new = _between(joint, bodies, **joint.attrib)
     new.extend(part for part in joint if part.tag in KEPT)

@@ -1,6 +1,6 @@
-"""A URDF's links and joints as a tree, with the errors that such files have.
+"""A URDF's links and joints as a tree, and the common errors of such files.
 
-A joint of a type that nobody knows would else be taken for one that does not move, and its motion for none.
+A joint of unknown type is an error: it must not count as fixed.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ class UrdfTree:
         return tuple(found)
 
     def floating(self) -> list[str]:
-        """Names of joints that leave a base free."""
+        """Names of joints with a floating or planar base."""
         return [joint.get("name", "") for joint in self.joints if joint.get("type") in FLOATING]
 
     def clusters(self, chosen: Sequence[str]) -> list[list[str]]:
@@ -69,8 +69,8 @@ def read_tree(root: ET.Element, where: str) -> UrdfTree:
     """The tree of a <robot>.
 
     Raises:
-        UsageError: a link that is not there, a link with two parents, several bases, joints in a circle, or
-            a joint that is none (`urdf_checks`).
+        UsageError: an unknown link, a link with two parents, several bases, a loop of joints, or an invalid
+            joint.
     """
     links = {link.get("name", ""): link for link in root.findall("link")}
     if WORLD not in links and any(parent(joint) == WORLD for joint in root.findall("joint")):
@@ -86,7 +86,7 @@ def read_tree(root: ET.Element, where: str) -> UrdfTree:
                 )
         if child(joint) in carried:
             raise UsageError(
-                f"link '{child(joint)}' hangs on two joints: {carried[child(joint)].get('name')}, "
+                f"link '{child(joint)}' is the child of two joints: {carried[child(joint)].get('name')}, "
                 f"{joint.get('name')}",
                 where=where,
                 next_step="URDF knows trees only: cut the loop.",
@@ -99,7 +99,7 @@ def read_tree(root: ET.Element, where: str) -> UrdfTree:
         raise UsageError(
             f"the file has {len(bases)} base links{': ' if bases else ''}{', '.join(bases)}",
             where=where,
-            next_step="One link, and one alone, hangs on no joint.",
+            next_step="Exactly one link must be the child of no joint.",
         )
     ordered = list(_outwards(bases[0], root.findall("joint")))
     if len(ordered) < len(carried):
@@ -146,7 +146,7 @@ _MIMIC = (("multiplier", "1"), ("offset", "0"))
 
 
 def hard_range(joint: ET.Element, place: str) -> tuple[float, float]:
-    """The positions of a joint's <limit>; infinite if it has none, or turns without end."""
+    """The positions of a joint's <limit>; infinite if it has none or is continuous."""
     limit = joint.find("limit")
     if limit is None or joint.get("type") == "continuous":
         return -math.inf, math.inf
@@ -171,7 +171,7 @@ TYPES = (*MOVING, "fixed", *FLOATING)
 
 
 def check_joints(joints: Sequence[ET.Element], where: str) -> None:
-    """Raises a UsageError that names the first joint that is none."""
+    """Raises a UsageError that names the first invalid joint."""
     for joint in joints:
         _check_type(joint, where)
         place = f"{where}, joint '{joint.get('name')}'"
@@ -195,7 +195,7 @@ def _check_type(joint: ET.Element, where: str) -> None:
 
 
 def _check_leaders(joints: Mapping[str, ET.Element], where: str) -> None:
-    """Those that follow (<mimic>) follow in the end one that moves by itself."""
+    """Checks that each chain of followers (<mimic>) ends at an independent joint."""
     for name in joints:
         seen, at = [name], name
         while (mimic := joints[at].find("mimic")) is not None:
@@ -221,7 +221,7 @@ def _attribute(joint: ET.Element, tag: str, key: str) -> str | None:
 
 
 def number(text: str, place: str) -> float:
-    """A number of the file; infinity is one, NaN is none."""
+    """A number of the file; infinity is accepted, NaN is not."""
     try:
         value = float(text)
     except ValueError as problem:
@@ -248,7 +248,7 @@ def vector(text: str | None, default: str, place: str = "") -> Array:
 
 
 def scale_of(mesh: ET.Element, place: str) -> Array:
-    """(3,) factors of a <mesh>, which may state one for all; none is 0."""
+    """(3,) factors of a <mesh>, which may state one for all axes; 0 is refused."""
     found = numbers(mesh.get("scale"), "1 1 1", place)
     if len(found) not in (1, 3) or not (np.all(np.isfinite(found)) and found.all()):
         raise UsageError(

@@ -1,8 +1,8 @@
 """Base parameters: the combinations of inertial parameters that motion reveals, found numerically.
 
-Gautier 1991 does it by rank-revealing QR on the regressor at random states; here the singular value
-decomposition of the regressor whitened by a physical prior, so that every direction that is kept has the
-same prior, N(0, 1).
+Gautier 1991 uses a rank-revealing QR of the regressor at random states. Here it is the singular value
+decomposition of the regressor, whitened by a physical prior, so that every kept direction has the same prior,
+N(0, 1).
 """
 
 from __future__ import annotations
@@ -16,10 +16,10 @@ from etude_arm.spec import ArmSpec
 Array = NDArray[np.float64]
 
 RANK_TOLERANCE = 1e-9
-"""Relative to the largest singular value; rounding leaves the unrevealed ones near 1e-16."""
+"""Relative to the largest singular value; rounding leaves unidentifiable ones near 1e-16."""
 
 MASSLESS = 0.1
-"""Of the mean mass, what a body without mass may weigh that carries others: a frame between two axes."""
+"""Part of the mean mass: prior mass of a massless body that carries others, a frame between two axes."""
 
 
 def spread_states(spec: ArmSpec, count: int) -> tuple[Array, Array, Array]:
@@ -44,14 +44,15 @@ def _primes(count: int) -> Array:
 
 
 def parameter_scale(tree: KinematicTree) -> Array:
-    """(10 (B - 1),): how far each inertial parameter may be from its nominal value, in its own unit.
+    """(10 (B - 1),) prior scale of each inertial parameter about its nominal value, in its own unit.
 
-    A body's mass, times its reach once for first moments and twice for inertias. A massless body (a frame
-    that a URDF left without an inertial element) may have the mean mass, or a part of it between two axes.
+    The scale is the body's mass, times its reach for first moments and its squared reach for inertias. A
+    massless body (a URDF link without an inertial element) gets the mean mass, or a part of it between two
+    axes.
     """
     mass = tree.nominal[1:, 0]
     typical = float(np.mean(mass[mass > 0])) if np.any(mass > 0) else 1.0
-    # below a thousandth of the mean a mass is a placeholder, as that of a frame is
+    # below a thousandth of the mean a mass is a placeholder, such as that of a frame
     frame = MASSLESS ** np.isin(np.arange(1, tree.bodies), tree.parent)
     mass = np.where(mass > 1e-3 * typical, mass, frame * typical)
     reach = np.array([_reach(tree, body) for body in range(1, tree.bodies)])
@@ -60,23 +61,23 @@ def parameter_scale(tree: KinematicTree) -> Array:
 
 
 def _reach(tree: KinematicTree, body: int) -> float:
-    """Distance over which a body's mass may lie: to its centre of mass, its radius of gyration and its
-    children.
+    """Extent of a body, m: the largest of the distances to its centre of mass and its children, and its
+    radius of gyration.
     """
     mass = tree.nominal[body, 0]
     gyration = np.sqrt(np.sum(tree.nominal[body, 4:7]) / mass) if mass > 0 else 0.0
     children = [
         np.linalg.norm(tree.position[child]) for child in range(tree.bodies) if tree.parent[child] == body
     ]
-    # 1 cm: without a reach first moments and inertias would have no prior at all
+    # 1 cm: with a reach of 0, first moments and inertias would be fixed
     return float(max([gyration, *children, 1e-2]))
 
 
 def base_directions(rows: Array, scale: Array) -> Array:
-    """Directions (P, r) in parameter space, phi = phi_0 + D z with z ~ N(0, I), that `rows` (N, P) can tell
-    apart.
+    """Identifiable directions D (P, r) in parameter space by the regressor `rows` (N, P): phi = phi_0 + D z
+    with z ~ N(0, I).
 
-    The columns of D are orthonormal in the metric of `scale` (P,); what they leave out changes no torque.
+    The columns of D are orthonormal in the metric of `scale` (P,); all other directions change no torque.
     """
     _, singular, right = np.linalg.svd(rows * scale, full_matrices=False)
     rank = int(np.sum(singular > RANK_TOLERANCE * max(float(singular[0]), np.finfo(float).tiny)))

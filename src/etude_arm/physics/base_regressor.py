@@ -27,7 +27,7 @@ STENCIL = ((1.0, 8.0 / 12.0), (-1.0, -8.0 / 12.0), (2.0, -1.0 / 12.0), (-2.0, 1.
 class MotionRegressor:
     """Regressors of all outputs at rows [q, qd, qdd, ...] and their derivatives.
 
-    The last answers are kept: the outputs of a robot ask one after another for the same inputs.
+    The last results are cached, since the outputs of a robot use the same inputs one after another.
 
     Attributes:
         tree, drives: the robot's geometry.
@@ -46,8 +46,8 @@ class MotionRegressor:
     def slopes(self, X: Array) -> Pair:
         """Derivatives (3 J, n, J, P) and (3 J, n, J, E) in the columns of q, qd and qdd.
 
-        By differences of fourth order, good to about 1e-9: the regressor is a polynomial of second degree in
-        qd, linear in qdd and smooth in q, so only q and the friction terms leave an error at all.
+        Computed by differences of fourth order, with an error of about 1e-9. The regressor is quadratic in
+        qd, linear in qdd and smooth in q, so only q and the friction terms have an error.
         """
         return self._kept("slopes", X)
 
@@ -85,7 +85,7 @@ class MotionRegressor:
 class BaseRegressor:
     """Features (n, 1 + r + E) of output `joint`: nominal model, base parameters, drive and friction terms.
 
-    Inputs are rows [q, qd, qdd, ...]; further columns, as a feature map may append, are not read.
+    Inputs are rows [q, qd, qdd, ...]; further columns of a feature map are ignored.
 
     Attributes:
         motion: the regressors of all outputs.
@@ -118,7 +118,7 @@ class BaseRegressor:
 def base_regressors(
     spec: ArmSpec, tree: KinematicTree, drives: tuple[Drive, ...], friction_velocity: Array
 ) -> tuple[BaseRegressor, ...]:
-    """One per output, scaled by what identification assumes of its parameters before any data."""
+    """One regressor per output, scaled by the prior deviations of identification."""
     motion = MotionRegressor(tree, drives, friction_velocity)
     made = []
     for j, prior in enumerate(output_priors(spec, tree, drives, friction_velocity)):

@@ -16,7 +16,7 @@ def read_geometry(spec: ArmSpec) -> Geometry | None:
 
     Raises:
         UsageError: the file cannot be read, or lacks a joint of the robot.
-        UnsafeModelError: what is compiled is another robot than the file's (`loading.agreement`).
+        UnsafeModelError: the compiled model differs from the file (`loading.compiled_model_check`).
     """
     if spec.model_file is None:
         return None
@@ -40,9 +40,10 @@ def _read(spec: ArmSpec) -> Geometry:
 
 
 def has_masses(spec: ArmSpec) -> bool:
-    """Whether the robot has a model file that says what its links weigh; without, nothing is known of forces.
+    """Whether the robot has a model file with masses; without masses, no torque can be computed.
 
-    MuJoCo is not asked: a saved model predicts without it, and without the file, which then had masses.
+    This does not use MuJoCo: a saved model predicts without MuJoCo and without the file, which then had
+    masses.
     """
     if spec.model_file is None or not spec.model_file.is_file():
         return spec.model_file is not None
@@ -53,7 +54,7 @@ def has_masses(spec: ArmSpec) -> bool:
         from etude_arm.loading.parsing import parsed
         from etude_arm.loading.urdf_tree import read_tree
 
-        root = parsed(file)  # an MJCF's bodies weigh what they state, or their shapes as water
+        root = parsed(file)  # bodies of an MJCF have a stated mass, or shapes with the density of water
         return root.tag != "robot" or bool(masses_of(read_tree(root, str(file)), spec.names).elements)
 
     return of_file(_known, spec, made)

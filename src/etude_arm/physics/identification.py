@@ -1,12 +1,12 @@
-"""Identification: maximum a posteriori least squares of each output, and its friction's transition speed.
+"""Identification: maximum a posteriori least squares of each output, and the transition of its friction.
 
 Where commands are forces, one rigid body makes them all:
 
     command_j = [M(q)^-T Y(q, qd, qdd)]_j (phi_0 + D z) + X_j e_j,    z ~ N(0, 1),  e_j ~ N(0, extra prior)
 
-phi_0 are the model file's parameters, D the directions that motion reveals, X_j the drive's own terms. All
-commands are one least squares problem in z and e_1 .. e_J, each weighted by its noise. What a joint's own
-torque hardly shows, the torques of the joints before it do.
+phi_0 are the model file's parameters, D the identifiable directions, X_j the drive's own terms. All commands
+form one least squares problem in z and e_1 .. e_J, each weighted by its noise. So the torques of proximal
+joints identify parameters that a joint's own torque hardly shows.
 """
 
 from __future__ import annotations
@@ -63,15 +63,15 @@ def fitted(
 ) -> RigidBodyModel:
     """Masked maximum a posteriori least squares of every output's parameters.
 
-    An output has parameters of its own where commands are no forces, or this one is of another scale.
+    An output has separate parameters if commands are not forces, or if this command has another scale.
 
     Args:
         samples: commands and masks.
         regressors: of the samples.
         priors: of the outputs, as `output_priors`. names: of their axes.
-        body: which all that is of.
-        shared: (P, r) directions of one rigid body for all outputs, as `shared_directions`; None: none.
-        ripple: whether the model keeps what returns with a hinge's position. Else it is only kept out of the
+        body: geometry of the robot.
+        shared: (P, r) directions of one rigid body for all outputs, as of `shared_directions`; None: none.
+        ripple: whether the model keeps the periodic terms of hinge positions. Otherwise they only protect the
             masses.
 
     Raises:
@@ -103,7 +103,7 @@ def _with_shared(
     directions: Array,
     ripple: bool,
 ) -> RigidBodyModel:
-    """The model with one rigid body for all outputs but those of another scale."""
+    """The model with one rigid body for all outputs except those of another scale."""
     rigid, extra, turning, wave = regressors
     extra = extra if turning is None else own.turned(extra, turning)
     extra = extra if wave is None else np.concatenate([extra, wave], axis=2)
@@ -134,7 +134,9 @@ def _with_shared(
 
 
 def _rippled(found: SharedFit, outputs: Sequence[OutputColumns], E: int, r: int, limits: Array) -> SharedFit:
-    """With the size of each drive's ripple, all columns behind the first E, by expectation maximisation."""
+    """The problem with the amplitude of each drive's ripple (the columns after the first E), found by
+    expectation maximisation.
+    """
     for _ in range(RIPPLE_ROUNDS):
         squares = found.extra[:, E:] ** 2 + found.spread[:, E:] ** 2
         sizes = np.sqrt(squares.mean(axis=1, keepdims=True)) * np.ones_like(squares)
@@ -151,24 +153,24 @@ LEAST_CORRELATION = 0.5  # s; smoothed commands closer than this repeat each oth
 
 @dataclass(frozen=True, eq=False)
 class Clock:
-    """When samples were taken: t (n,) in s, and group (n,) of those that were recorded in one go."""
+    """Times t (n,) of samples in s, and group (n,) of the recording that each belongs to."""
 
     t: Array
     group: Index
 
     def information(self, left: Array | None = None) -> float:
-        """Weight of one sample against the prior: those nearer than the correlation time share one vote.
+        """Weight of one sample against the prior: samples within the correlation time count as one.
 
         Args:
-            left: (n,) of a command, beside a model. None: not known yet.
+            left: (n,) residual of a command. None: not known yet.
         """
         time = LEAST_CORRELATION if left is None else max(self.correlation_time(left), LEAST_CORRELATION)
-        # what is left correlated over more than 1000 samples is an offset, not less information
+        # a residual correlated over more than 1000 samples is an offset, not less information
         return float(np.clip(self.step / time, 1e-3, 1.0))
 
     @property
     def step(self) -> float:
-        """Between neighbours, in s."""
+        """Time between neighbouring samples, s."""
         steps = np.diff(self.t)[np.diff(self.group) == 0]
         return float(np.median(steps)) if len(steps) else LEAST_CORRELATION
 
@@ -176,7 +178,7 @@ class Clock:
         """Integrated autocorrelation time of a residual (n,), in s.
 
         (1 + 2 rho_1 + 2 rho_2 + ..) steps, up to the first rho that is not positive (Geyer, Stat. Sci. 7,
-        1992). What a model cannot say, as cogging, lasts longer than noise.
+        1992). Errors of the model, such as cogging, are correlated longer than noise.
         """
         power, step, total = float(np.mean(left**2)), self.step, 1.0
         for lag in range(1, len(left)):
@@ -191,7 +193,7 @@ class Clock:
 
 @dataclass(frozen=True)
 class IdentificationPrior:
-    """What is known of one output before any data, from its physical scales.
+    """Prior of one output, from its physical scales.
 
     Attributes:
         nominal: (P,) the model file's parameters; directions: (P, r) base directions, z ~ N(0, 1) per unit
@@ -210,12 +212,13 @@ class IdentificationPrior:
     def of_output(
         tree: KinematicTree, rigid: Array, extra: Array, command: float, force: bool
     ) -> IdentificationPrior:
-        """Deviations such that no single term exceeds the command limit over the robot's limits, and the
-        viscous friction of a force `VISCOUS` of it; a voltage answers the speed by as much as its limit.
+        """Prior deviations such that no single term exceeds the command limit within the robot's limits.
+        Viscous friction of a force is at most `VISCOUS` of that limit; that of a voltage may equal it
+        (back-EMF).
         """
         nominal = nominal_parameters(tree)
         directions = base_directions(rigid, parameter_scale(tree))
-        # the last link of a file may have no mass: then what it may weigh says how large a torque is
+        # the last link of a file may have no mass: then its prior mass gives the scale of torques
         torque = max(_root(rigid @ nominal), NO_TORQUE * _root(rigid @ directions))
         terms = command / np.sqrt(np.mean(extra**2, axis=0))
         terms[SPEED] *= VISCOUS if force else 1.0
@@ -232,7 +235,7 @@ def _root(torques: Array) -> float:
 def output_priors(
     spec: ArmSpec, tree: KinematicTree, drives: tuple[Drive, ...], friction_velocity: Array
 ) -> tuple[IdentificationPrior, ...]:
-    """What is known of each output before any data, over states spread within the robot's limits."""
+    """Prior of each output, over states spread within the robot's limits."""
     # more than twice as many states as parameters (10 a body): the rank is the tree's, not the draw's
     spread = spread_states(spec, 64 + 24 * tree.bodies)
     rigid, extra = command_regressors(tree, drives, friction_velocity, *spread)
@@ -246,7 +249,7 @@ def output_priors(
 def shared_directions(
     spec: ArmSpec, tree: KinematicTree, drives: tuple[Drive, ...], friction_velocity: Array
 ) -> Array:
-    """(P, r) base directions of one rigid body that makes all outputs, z ~ N(0, 1) along each."""
+    """(P, r) base directions of one rigid body for all outputs, z ~ N(0, 1) along each."""
     # more than twice as many states as parameters (10 a body): the rank is the tree's, not the draw's
     spread = spread_states(spec, 64 + 24 * tree.bodies)
     rigid, _ = command_regressors(tree, drives, friction_velocity, *spread)
@@ -255,26 +258,32 @@ def shared_directions(
 
 
 VISCOUS = 0.1
-"""Prior deviation of viscous friction at top speed, as a part of the limit. A wider one continues the fall
-of friction after stiction (Stribeck), which is all that a slow motion shows, to the top speed."""
+"""Prior deviation of viscous friction at top speed, as a part of the limit. A wider prior extrapolates the
+Stribeck decrease of friction, which dominates slow motions, to the top speed.
+"""
 WAVE = 0.001
 """Prior deviation of each wave of a hinge's position, as a part of the limit: cables, bearings, cogging.
-Without them a narrow motion puts what returns with the position into the masses."""
+Without them a motion of small range attributes periodic torques to the masses.
+"""
 NO_TORQUE = 0.01
-"""Of the torque by masses as large as `parameter_scale`: a file that says less says nothing."""
+"""Part of the torque of masses as large as `parameter_scale`: a file with smaller masses counts as one
+without.
+"""
 OFFSET = 0.005
-"""Prior deviation of a force's offset, as a part of its limit: the zero of a torque sensor. A wider one
-takes up the gravity of a narrow motion, and is wrong by as much elsewhere."""
+"""Prior deviation of a force's offset, as a part of its limit: the zero of a torque sensor. A wider prior
+absorbs the gravity of a motion of small range, and errs by as much elsewhere.
+"""
 MASSES_OFF = 0.3
-"""Prior deviation of inertial parameters from the file's, as a part of `parameter_scale`: links are seldom
-off by more, and a narrow motion says little of their masses."""
+"""Prior deviation of inertial parameters from the file's, as a part of `parameter_scale`: links seldom differ
+by more, and a motion of small range hardly identifies masses.
+"""
 
 
 def _columns(
     regressors: Regressors, rows: Mask, prior: IdentificationPrior, body: RigidBody, j: int
 ) -> Array:
-    """(n, 1 + E + r + W) of output j: nominal, extra, base directions, friction by the ways it may turn in;
-    without the last where no way is known.
+    """(n, 1 + E + r + W) columns of output j: nominal, extra, base directions, and friction for each
+    presliding distance; without the last where the log carries no friction memory.
     """
     rigid, extra, turning, _ = regressors
     drive, v0 = body.drives[j], float(body.friction_velocity[j])
@@ -288,11 +297,12 @@ def _columns(
 def _fit_output(
     columns: Array, y: Array, prior: IdentificationPrior, weight: float, by_speed: float
 ) -> tuple[Array, Array, float, int, Array, float]:
-    """phi (P,), extra (E,), residual deviation, rank, deviations (E,) of extra and way of one output.
+    """phi (P,), extra (E,), residual deviation, rank, deviations (E,) of extra, and presliding distance of
+    one output.
 
-    First the nominal model with a free gain; then every base parameter, as far from the nominal one as
-    `prior` allows. All of it once by speed and once by each way; the least noise wins, that beside friction
-    by speed times `by_speed`.
+    First fits the nominal model with a free gain, then every base parameter with its prior about the nominal
+    one. Both are repeated with friction by speed and with friction by each presliding distance. The least
+    noise wins, where the noise with friction by speed is multiplied by `by_speed`.
     """
     moments, last = Moments.of(columns, y, weight), 1 + len(prior.extra)
     rank = prior.directions.shape[1]
@@ -317,10 +327,10 @@ def _fit_turning(moments: Moments, prior: IdentificationPrior) -> tuple[Array, A
 
 
 def _near_level(deviations: Array, coarse: Array, first: int) -> Array:
-    """Prior deviations with those of the wider friction terms near the level that `coarse` coefficients have;
-    both have the drive's terms from `first` on.
+    """Prior deviations in which those of the wider friction terms match the level of the `coarse`
+    coefficients; both have the drive's terms from `first` on.
 
-    A wider term is what the level of friction changes from one scale of speed to the next.
+    A wider term is the change of the friction level from one scale of speed to the next.
     """
     narrowest, end = first + NARROW, first + NARROW + len(FRICTION_SCALES)
     level, found = abs(float(np.sum(coarse[narrowest:end]))), deviations.copy()
@@ -329,24 +339,27 @@ def _near_level(deviations: Array, coarse: Array, first: int) -> Array:
 
 
 RIPPLE_ROUNDS = 8
-"""Of the ripple's size and all else in turn."""
+"""Number of alternations between the ripple's amplitude and the other parameters."""
 OTHER_SCALE = 2.0
-"""Noise of a command beside the shared rigid body over that beside parameters of its own, above which it is
-of another scale or sign than the others. Own parameters take up errors of the friction law too: on a Kinova
-the ratio was 1.2 to 1.8 where the shared ones erred half as much on new motion."""
+"""Largest ratio of a command's noise with the shared rigid body to that with separate parameters. Above it,
+the command has another scale or sign than the others. Separate parameters also absorb errors of the friction
+law: on a Kinova the ratio was 1.2 to 1.8, while the shared parameters had half the error on new motion.
+"""
 LEVEL_CHANGE = 0.25
-"""Prior deviation of a change of level, as a part of it. Where few samples are slow, terms of opposite
-sign fit them as well as one level does, and are wrong by the whole level at rest. Stiction exceeds Coulomb
-friction by some ten per cent (Armstrong-Helouvry et al., Automatica 30, 1994)."""
+"""Prior deviation of a change of the friction level, as a part of it. With few slow samples, terms of
+opposite sign fit as well as one level, but err by the whole level at rest. Stiction exceeds Coulomb friction
+by some ten per cent (Armstrong-Helouvry et al., Automatica 30, 1994).
+"""
 CLEARLY = 1.05
-"""Ratio of noise above which one law of friction is clearly the worse. Below it friction follows the way
-where slow samples are masked, since gears slide before they slip. It follows the speed where slow samples
-teach, since they were found to do so."""
+"""Ratio of noise above which one friction law is clearly worse. Below it, friction depends on presliding
+distance if slow samples are masked, since gears deform before they slip. It depends on speed if slow samples
+are used, since cross-validation chose them.
+"""
 
 
 @dataclass(frozen=True)
 class Moments:
-    """Of weighted columns C (n, P) and commands y (n,).
+    """Normal equations of weighted columns C (n, P) and commands y (n,).
 
     Attributes:
         square: (P, P) C^T C. target: (P,) C^T y. power: y^T y. count: n, weighted.
@@ -359,12 +372,12 @@ class Moments:
 
     @staticmethod
     def of(columns: Array, y: Array, weight: float) -> Moments:
-        """Each sample counts `weight`."""
+        """The normal equations with each sample multiplied by `weight`."""
         square, target = weight * columns.T @ columns, weight * columns.T @ y
         return Moments(square, target, weight * float(y @ y), weight * len(y))
 
     def at(self, places: NDArray[np.int64]) -> Moments:
-        """Of those columns alone."""
+        """The normal equations of those columns alone."""
         return Moments(self.square[np.ix_(places, places)], self.target[places], self.power, self.count)
 
     def estimate(self, deviations: Array, command: float) -> tuple[Array, Array, float]:
@@ -372,40 +385,40 @@ class Moments:
         deviation.
 
         The noise is found by fixed-point iteration on the residual (MacKay 1992), between 0.01 % and 10 % of
-        the command.
+        the command limit.
         """
         moment, target = self.square * np.outer(deviations, deviations), self.target * deviations
         eigenvalues, vectors = np.linalg.eigh(moment)
         eigenvalues = np.maximum(eigenvalues, 0.0)
         rotated = vectors.T @ target
-        # a fixed point from 1 % of the command's limit; its steps shrink so fast that a dozen are enough
+        # fixed-point iteration from 1 % of the command limit; it converges within a dozen steps
         noise = (0.01 * command) ** 2
         for _ in range(12):
             z = rotated / (eigenvalues + noise)
             determined = float(np.sum(eigenvalues / (eigenvalues + noise)))
             freedom = max(self.count - determined, 1.0)
             left = self.power - 2.0 * float(z @ rotated) + float(z @ (eigenvalues * z))
-            # between what no drive repeats better than and what is no noise but another law
+            # no drive repeats better than the lower bound; above the upper one the law is wrong
             noise = float(np.clip(left / freedom, (1e-4 * command) ** 2, (0.1 * command) ** 2))
         variance = (vectors**2) @ (noise / (eigenvalues + noise))
         return deviations * (vectors @ z), deviations * np.sqrt(variance), float(np.sqrt(noise))
 
 
 NOISE_ROUNDS = 6
-"""Of noise and parameters in turn; the noise changes by less than a part in a thousand after four."""
+"""Number of alternations between noise and parameters; after four the noise changes by less than 0.1 %."""
 LEAST_NOISE, MOST_NOISE = 1e-4, 0.1
-"""Of the command limit: between them the noise deviation is looked for."""
+"""Parts of the command limit: bounds of the noise deviation."""
 
 
 @dataclass(frozen=True)
 class OutputColumns:
-    """What one command says, at the n samples in which its joint moves.
+    """The data of one command at the n samples in which its joint moves.
 
     Attributes:
         columns: (n, r + E) regressors of the rigid body along the directions D, and of the drive.
-        left: (n,) command less what phi_0 explains.
+        left: (n,) command minus the torque of phi_0.
         deviations: (E,) prior deviations of the drive's terms.
-        noise: deviation to begin with, command units.
+        noise: initial deviation, command units.
         clock: of the samples.
     """
 
@@ -436,7 +449,7 @@ class SharedFit:
 
 
 def shared_fit(outputs: Sequence[OutputColumns], r: int, limits: Array) -> SharedFit:
-    """Maximum a posteriori z and e; noise of each command and how long it lasts, from its own residual.
+    """Maximum a posteriori z and e; noise of each command and its correlation time, from its residual.
 
     Args:
         r: directions of the rigid body. limits: (J,) command limits.
@@ -469,14 +482,14 @@ def _solved(
 
 
 TURNED = 0.3
-"""s after and before a reversal in which friction is smeared: a period of the filters of such logs."""
+"""s before and after a reversal, in which filters smear the step of friction: a period of their cutoff."""
 ENOUGH = 0.3
-"""Least share of a joint's samples that has to be left for that."""
+"""Least share of a joint's samples that must remain; otherwise reversals are not excluded."""
 
 
 def steady(samples: Samples, speed: Array) -> Mask:
-    """(n, J) samples in which a joint moves and has not just turned round, by speeds (n, J); all in which it
-    moves where too few are left.
+    """(n, J) samples in which a joint moves away from reversals, by speeds (n, J); all moving samples if too
+    few remain.
     """
     moving = samples.moving & samples.usable
     found = moving & (since_reversal(samples.t, samples.group, speed) > TURNED)
@@ -485,7 +498,7 @@ def steady(samples: Samples, speed: Array) -> Mask:
 
 def since_reversal(t: Array, group: Index, speed: Array) -> Array:
     """(n, J) s to the nearest change of the sign of a joint's speed (n, J) within the same group."""
-    clock = t + 10.0**6 * group  # no log lasts so long
+    clock = t + 10.0**6 * group  # longer than any log
     found = np.full(speed.shape, np.inf)
     for j, sign in enumerate(np.sign(speed).T):
         turns = np.flatnonzero((sign[1:] != sign[:-1]) & (group[1:] == group[:-1]))

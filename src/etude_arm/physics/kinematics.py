@@ -1,7 +1,7 @@
 """Rigid-body kinematics of a fixed-base tree, vectorised over samples, in NumPy or in the values of a graph.
 
-MuJoCo reads the robot's URDF or MJCF once (`rigid_tree.tree_from_mujoco`); afterwards nothing here needs it,
-so that a saved model predicts without it.
+MuJoCo reads the robot's URDF or MJCF once (`rigid_tree.tree_from_mujoco`). This module does not need MuJoCo,
+so a saved model predicts without it.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ class KinematicTree:
         gravity: (3,) m/s^2.
         nominal: (B, 10) inertial parameters [m, m c, I about the body's origin: xx yy zz xy xz yz].
 
-    Joint j belongs to column j of q: joints that are no axis of the robot have been locked at their zero.
+    Joint j belongs to column j of q: joints that are not axes of the robot are locked at their zero.
     """
 
     parent: Ints
@@ -55,7 +55,7 @@ class KinematicTree:
         return len(self.joint_body)
 
     def path(self, body: int) -> list[int]:
-        """The joints that move `body`, i.e. its own and its ancestors'."""
+        """The joints that move `body`: its own and those of its ancestors."""
         on_path: list[int] = []
         while body > 0:
             on_path += [j for j in range(self.joints) if self.joint_body[j] == body]
@@ -102,7 +102,7 @@ class _Frame(NamedTuple):
     alpha: Operand
 
     def moved(self, point: Operand) -> _Frame:
-        """The frame of the same body at the point (n, 3) that is there now."""
+        """The frame of the same body at another point (n, 3), given in the world."""
         rotation, position, velocity, acceleration, omega, alpha = self
         arm = point - position
         swing = cross(omega, arm)

@@ -1,4 +1,4 @@
-"""The structures of physics: the rigid body of the model file, nominal or identified, as means over logs."""
+"""Structures of physics: the rigid body of the model file, nominal or identified, as mean functions."""
 
 from __future__ import annotations
 
@@ -39,11 +39,11 @@ from etude_arm.physics.transmission import Drive, Geometry
 from etude_arm.spec import FORCES, FRICTION, PATH, PLAN, PRESLIDING_DISTANCES, TURNING, ArmSpec
 
 FRICTION_FRACTION = 0.02
-"""v0 of the friction terms as a part of the velocity limit, where the inputs have none."""
+"""v0 of the friction terms as a part of the velocity limit, if the inputs state none."""
 FINER = 0.1
-"""Of v0, over which friction turns where slow samples teach, and of the speed below which a joint stands."""
+"""Parts of v0 and of the speed below which a joint is at rest, used if slow samples are kept."""
 LEAST_SLOW = 20
-"""Slow samples of which fewer teach nothing."""
+"""Least number of slow samples that are informative."""
 TREE = tuple(KinematicTree.__dataclass_fields__)
 DRIVE = tuple(Drive.__dataclass_fields__)
 OWN = tuple(name for name in RigidBodyModel.__dataclass_fields__ if name not in ("tree", "drives"))
@@ -67,9 +67,9 @@ class RigidBodyMean:
         }
 
     def predict(self, log: Log) -> Array:
-        """Commands (T, J); friction turns with speed where the log does not carry what it remembers.
+        """Commands (T, J); friction depends on speed if the log has no friction memory.
 
-        KeyError where the log lacks a state.
+        Raises a KeyError if the log lacks a state.
         """
         q, qd, qdd = (log[name] for name in (PLAN if self.desired else PATH))
         return self.model.predict(q, qd, qdd, remembered_of(log))
@@ -103,7 +103,7 @@ class RigidBodyMean:
         return rigid.reshape(*rigid.shape[:2], -1, 10)[:, :, tree.joint_body - 1]
 
     def arrays(self) -> dict[str, Array]:
-        """All that `restore` of the physics takes to make it again, bit for bit."""
+        """Arrays from which `restore` makes the same mean, bit for bit."""
         model = self.model
         own = {name: getattr(model, name) for name in OWN}
         found = {f"rigid.{name}": np.asarray(values) for name, values in own.items() if values is not None}
@@ -113,13 +113,13 @@ class RigidBodyMean:
         return {**found, "desired": np.array(self.desired)}
 
     def c(self, name: str) -> Code:
-        """C99 of it: Newton-Euler in the drives' coordinates."""
+        """C99 code of the mean: Newton-Euler in the drives' coordinates."""
         from etude_arm.c99 import rigid_body_code
 
         return rigid_body_code(name, self, FRICTION_SCALES)
 
     def onnx(self) -> Piece:
-        """In operators of ONNX."""
+        """The mean in ONNX operators."""
         from etude_arm.physics.rigid_body_graph import rigid_body_piece
 
         return rigid_body_piece(self)
@@ -127,15 +127,15 @@ class RigidBodyMean:
 
 @dataclass(frozen=True, eq=False)
 class ArmPhysics:
-    """Implements `protocols.Physics`: samples in, a mean out. The model file is read at the first call.
+    """Implements `protocols.Physics`: computes a mean from samples. The model file is read at the first call.
 
     Attributes:
         spec: the robot; it has a model file.
         friction_fraction: v0 of the friction terms as a part of the velocity limits, above 0.
         desired: whether states are the planned ones.
-        nominal: what the model file alone says, for commands that are forces.
+        nominal: the model file alone, for commands that are forces.
         stick_fraction: part of the top speed below which joints count as standing in samples; 0: of none.
-        ripple: whether what returns with a hinge's position is looked for.
+        ripple: whether periodic terms of hinge positions (cogging) are identified.
     """
 
     spec: ArmSpec
@@ -161,7 +161,7 @@ class ArmPhysics:
         return friction_speeds(self.spec, self.friction_fraction)
 
     def __call__(self, samples: Samples | None) -> RigidBodyMean:
-        """The mean. DataError: an axis never moved; UsageError: nothing to identify from."""
+        """The mean. DataError: an axis never moved. UsageError: there are no samples to identify from."""
         if self.nominal:
             return self._mean(nominal_model(*self._body))
         if samples is None:
@@ -170,7 +170,7 @@ class ArmPhysics:
         return own._mean(own._fitted(samples, own._regressors(samples)))
 
     def without(self, samples: Samples, fold: Index) -> Mapping[int, Array]:
-        """Capability `abilities.SupportsWithout`: samples are looked at once, not once for each fold."""
+        """Capability `abilities.SupportsWithout`: regressors are computed once, not once for each fold."""
         if self.nominal:
             return dict.fromkeys(np.unique(fold).tolist(), self(None).predict(samples.log))
         own = self._told(samples)
@@ -183,11 +183,11 @@ class ArmPhysics:
         return found
 
     def slow(self, samples: Samples) -> Samples | None:
-        """The samples with slow ones taken as moving, and friction that turns over ten times faster.
+        """The physics with slow samples counted as moving, and a ten times steeper friction transition.
 
-        Around a stick-slip a slow sample says nothing of friction at its speed, so slow joints are masked.
-        Where friction only turns over with the speed, slow samples tell it best. Logs left out say which it
-        is. Capability `abilities.SupportsSlow`.
+        With stick-slip, a slow sample has no information on friction at its speed, so slow joints are masked.
+        If friction depends on speed alone, slow samples are the most informative. Cross-validation over logs
+        decides. Capability `abilities.SupportsSlow`.
         """
         speed = samples.log[(PLAN if self.desired else PATH)[1]]
         moving = np.asarray(samples.moving | ~slower(speed, self.spec.velocity, FINER * self.stick_fraction))
@@ -198,9 +198,10 @@ class ArmPhysics:
         return replace(samples, log=samples.log.put(self.spec.friction(), v0.copy()), moving=moving)
 
     def rippled(self, samples: Samples) -> tuple[Samples, ArmPhysics] | None:
-        """With waves of each hinge's position, where commands are forces, and the samples that tell them.
+        """The physics with waves of each hinge's position, if commands are forces, and the informative
+        samples.
 
-        Slow ones are among these, but none near a reversal, where filters smear the step of friction.
+        These include slow samples, but none near a reversal, where filters smear the step of friction.
         Capability `abilities.SupportsRipple`.
         """
         tree = self.geometry.tree
@@ -211,23 +212,23 @@ class ArmPhysics:
         return replace(told, moving=moving), replace(self, ripple=True)
 
     def restore(self, arrays: Mapping[str, Any]) -> RigidBodyMean:
-        """The mean whose `arrays` these are; no model file is read."""
+        """The mean with these `arrays`; no model file is read."""
         tree = KinematicTree(**{name: arrays[f"tree.{name}"] for name in TREE})
         drives = tuple(
             Drive(float(arrays[f"drive{j}.gear"]), *(arrays[f"drive{j}.{name}"] for name in DRIVE[1:]))
             for j in range(tree.joints)
         )
-        # older models know no way
+        # older models have no presliding distance
         known = {"rigid.way": np.zeros(tree.joints), "rigid.ripple": None, **arrays}
         model = RigidBodyModel(tree, drives, **{name: known[f"rigid.{name}"] for name in OWN})
         return RigidBodyMean(model, self.spec, bool(arrays["desired"]))
 
     def regressors(self) -> tuple[BaseRegressor, ...]:
-        """One per command: features of the inputs in which it is linear, weights N(0, 1) before any data."""
+        """One map per command: features in which the command is linear, with prior weights N(0, 1)."""
         return base_regressors(self.spec, *self._body)
 
     def _told(self, samples: Samples) -> ArmPhysics:
-        """Itself, or with the friction velocities that the samples carry."""
+        """This physics, or a copy with the friction velocities of the samples."""
         v0 = samples.log.get(FRICTION)
         if v0 is None:
             return self
@@ -244,11 +245,11 @@ class ArmPhysics:
 
     @cached_property
     def _shared(self) -> Array | None:
-        """Where commands are forces, one rigid body makes them all."""
+        """Directions of one rigid body for all commands, if commands are forces."""
         return shared_directions(self.spec, *self._body) if self.spec.command_unit in FORCES else None
 
     def _regressors(self, samples: Samples) -> Regressors:
-        """At the states of the samples, as models look at them."""
+        """Regressors at the states of the samples, as models use them."""
         require_axes(samples, self.spec, self._body.tree, self._body.drives)
         motion = (samples.log[name] for name in (PLAN if self.desired else PATH))
         hinges = ~self._body.tree.joint_slides[:, None]
@@ -265,7 +266,7 @@ class ArmPhysics:
 
 
 def remembered_of(log: Log) -> Array | None:
-    """(T, W, J) what friction remembers by each way, if the log carries it."""
+    """(T, W, J) friction memory for each presliding distance, if the log carries it."""
     found = log.get(TURNING)
     return None if found is None else found.reshape(len(log), len(PRESLIDING_DISTANCES), -1)
 
@@ -273,7 +274,7 @@ def remembered_of(log: Log) -> Array | None:
 def physics_of(
     spec: ArmSpec, friction_fraction: float, desired: bool, stick_fraction: float = 0.0
 ) -> dict[str, ArmPhysics]:
-    """The structures that the robot allows: none without a file with masses, "nominal" only for forces."""
+    """The possible structures of a robot: none without a file with masses, "nominal" only for forces."""
     if not has_masses(spec):
         return {}
     fraction = friction_fraction or FRICTION_FRACTION

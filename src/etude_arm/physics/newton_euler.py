@@ -1,7 +1,7 @@
 """Forces at the joints for given inertial parameters: the backward half of recursive Newton-Euler.
 
-The regressor gives the same numbers with a column for each parameter; this is several times cheaper where
-the parameters are known.
+The regressor gives the same torques with a column for each parameter; with known parameters this is several
+times cheaper.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ _PLACES = np.array([[0, 3, 4], [3, 1, 5], [4, 5, 2]])
 
 
 def nominal_commands(geometry: Geometry, q: Array, qd: Array, qdd: Array) -> Array:
-    """Commands (n, J) that the model file's masses ask at q, qd, qdd (n, J), in N m or N of the drives."""
+    """Commands (n, J) by the model file's masses at q, qd, qdd (n, J), in N m or N of the drives."""
     motion = body_motion(geometry.tree, q, qd, qdd)
     drive = drive_motion(geometry.tree, geometry.drives, motion, qd, qdd)
     return drive.to_drive(joint_forces(geometry.tree, motion))

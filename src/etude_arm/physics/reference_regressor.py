@@ -1,9 +1,9 @@
 """Regressor of the identified model along a reference, for adaptive control: Y(q, qd, qd_r, qdd_r).
 
-Coriolis and centrifugal terms are bilinear in the measured rate and the reference's, by the Christoffel
-symbols: with h(v) the terms that are quadratic in v, half of what they mix is (h(a + b) - h(a - b)) / 4. Only
-so is H' - 2 C skew-symmetric, on which the proof of Slotine and Li (1987) rests. The same polarisation holds
-for levers that turn, and leaves what is linear in the rate at the reference's.
+Coriolis and centrifugal terms are bilinear in the measured and the reference rate, by the Christoffel
+symbols. With h(v) the terms quadratic in v, the symmetric bilinear form is (h(a + b) - h(a - b)) / 4. This
+makes H' - 2 C skew-symmetric, which the proof of Slotine and Li (1987) needs. The same polarisation holds for
+moment arms that change with the pose; terms linear in the rate use the reference rate.
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ from etude_arm.physics.rigid_body import EXTRA_TERMS, RigidBodyModel, command_re
 ARMATURE = EXTRA_TERMS.index("armature")
 FRICTION = [i for i, term in enumerate(EXTRA_TERMS) if term.startswith("friction")]
 AT_REFERENCE, AT_DIFFERENCE, AT_REST, RUBBING, UNITS = 0, 1, 2, 3, 4
-"""Rows of the states that one regressor is put together from; unit accelerations come last."""
+"""States from which one regressor is composed; unit accelerations come last."""
 
 
 @dataclass(frozen=True, eq=False)
 class Reference:
-    """What is known at one instant; J joints, n features, each in command units.
+    """Regressor at one instant; J joints, n features, in command units.
 
     Attributes:
         features: (J, n), the command is (features * weights).sum(1).
@@ -40,7 +40,7 @@ class Reference:
 
 @dataclass(frozen=True, eq=False)
 class ReferenceRegressor:
-    """Every command's own parameters, in its own unit, since the gains of the motors are unknown.
+    """Separate parameters for every command, in its unit, since the gains of the motors are unknown.
 
     Attributes:
         physics: the robot's tree, drives and friction velocity.
@@ -53,7 +53,7 @@ class ReferenceRegressor:
 
     @staticmethod
     def of(physics: ArmPhysics) -> ReferenceRegressor:
-        """Of the robot's own regressors. UsageError if it has no model file."""
+        """The regressor of a robot. UsageError if it has no model file."""
         own = physics.regressors()
         rigid, extra = own[0].rigid.shape[0], len(EXTRA_TERMS)
         most = max(r.rigid.shape[1] for r in own) + extra
@@ -66,7 +66,7 @@ class ReferenceRegressor:
 
     @property
     def zero(self) -> Array:
-        """(J, n) weights of a robot of which nothing is known."""
+        """(J, n) prior mean of the weights: zeros."""
         return np.zeros((len(self.combinations), self.combinations.shape[2]))
 
     @property
@@ -75,7 +75,9 @@ class ReferenceRegressor:
         return np.asarray(np.any(self.combinations != 0.0, axis=1).sum(axis=1), dtype=np.float64)
 
     def weights(self, model: RigidBodyModel) -> Array:
-        """(J, n), the least ones with the commands of `model`. UsageError: of other joints or bodies."""
+        """(J, n) least-norm weights with the commands of `model`. UsageError: it has other joints or
+        bodies.
+        """
         parameters = np.concatenate([model.inertial, model.extra], axis=1)
         if parameters.shape != self.combinations.shape[:2]:
             raise UsageError(

@@ -3,13 +3,13 @@
     command_j = [M(q)^-T Y(q, qd, qdd)]_j phi_j
               + armature_j l''_j + viscous_j l'_j + sum_s friction_js tanh(l'_j / (s v0)) + offset_j
 
-with l the drive's own coordinate (the joint itself where no transmission is known). The unit of the command
-and the gain of the motor are unknown, so each output has parameters of its own, in command units.
+with l the drive's coordinate (that of the joint without a known transmission). The unit of the command and
+the gain of the motor are unknown, so each output has separate parameters, in command units.
 
-What returns with a hinge's position, as cogging does, is a sum of waves where it was looked for.
+Periodic torques of a hinge's position, such as cogging, are a sum of waves if `ripple` is identified.
 
-The narrowest friction turns over with speed, or round over a way (Dahl 1968), whichever samples say: then
-what a joint's friction remembers stands in the place of tanh(l'_j / v0), where a log carries it.
+The steepest friction term depends on speed, or on presliding distance (Dahl 1968), whichever fits the samples
+better. In the second case the friction memory of the log replaces tanh(l'_j / v0).
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from etude_arm.spec import FIRST_WAVE, PRESLIDING_DISTANCES, RIPPLES
 Array = NDArray[np.float64]
 EXTRA_TERMS = ("armature", "viscous", *(f"friction {scale:g} v0" for scale in FRICTION_SCALES), "offset")
 SPEED, NARROW = 1, 2
-"""The terms of the drive's speed, and of its narrowest friction."""
+"""Places of the terms of the drive's speed, and of its steepest friction term."""
 
 
 class RigidBody(NamedTuple):
@@ -43,8 +43,8 @@ class RigidBody(NamedTuple):
 
 
 class Regressors(NamedTuple):
-    """Of the commands: rigid (n, dof, P), extra (n, dof, E), what friction remembers (n, W, dof) by each of
-    `PRESLIDING_DISTANCES`, or None where a log carries none, and `waves` (n, dof, 2 R), or None.
+    """Regressors of the commands: rigid (n, dof, P), extra (n, dof, E), friction memory (n, W, dof) for each
+    of `PRESLIDING_DISTANCES` (None if the log has none), and `waves` (n, dof, 2 R) or None.
     """
 
     rigid: Array
@@ -68,10 +68,10 @@ class RigidBodyModel:
         extra: (dof, E) armature, viscous, friction (one for each scale) and offset terms of each output.
         rank: (dof,) number of base parameters of each output.
         deviation: (dof,) standard deviation of the residual on the samples used, command units.
-        extra_deviation: (dof, E) posterior deviation of the extra terms; inf where data said nothing.
-        way: (dof,) that of `PRESLIDING_DISTANCES` over which the narrowest friction turns round; 0 where it
-            does with speed. The name is that of its array in a stored model.
-        ripple: (dof, 2 R) weights of `waves`, command units; None: it was not looked for.
+        extra_deviation: (dof, E) posterior deviation of the extra terms; inf if the data had no information.
+        way: (dof,) presliding distance of the steepest friction term, of `PRESLIDING_DISTANCES`; 0: friction
+            by speed. The name is that of its array in a stored model.
+        ripple: (dof, 2 R) weights of `waves`, command units; None: not identified.
     """
 
     tree: KinematicTree
@@ -86,7 +86,9 @@ class RigidBodyModel:
     ripple: Array | None = None
 
     def predict(self, q: Array, qd: Array, qdd: Array, turning: Array | None = None) -> Array:
-        """Command (n, dof) at q, qd, qdd (n, dof); turning as in `Regressors`, None: by speed."""
+        """Command (n, dof) at q, qd, qdd (n, dof); turning: friction memory as in `Regressors`, None:
+        friction by speed.
+        """
         found = command_regressors(self.tree, self.drives, self.friction_velocity, q, qd, qdd)
         return self.of(Regressors(*found, turning, None if self.ripple is None else waves(q)))
 
@@ -101,7 +103,9 @@ class RigidBodyModel:
         return np.asarray(command)
 
     def turned(self, extra: Array, turning: Array) -> Array:
-        """`extra` with what is remembered in the place of the narrowest friction, where it turns in a way."""
+        """`extra` with the friction memory in place of the steepest friction term, where friction depends on
+        distance.
+        """
         found = extra.copy()
         for j in np.flatnonzero(self.way).tolist():
             number = int(np.argmin(np.abs(np.array(PRESLIDING_DISTANCES) - self.way[j])))
@@ -111,27 +115,26 @@ class RigidBodyModel:
 
 
 def turned(turning: Array, speed: Array, drive: Drive, joint: int, v0: float) -> Array:
-    """(n, W) friction of a drive that is that joint's alone, by each way; none at rest.
+    """(n, W) friction of a drive of that joint alone, for each presliding distance; 0 at rest.
 
-    The friction of a joint at rest answers what force is left, up to its level. A command that stays at that
-    level is at the edge of slipping: a joint whose friction is less than was learned creeps for as long as it
-    is held.
+    At rest, friction balances the remaining force up to its level. A command that stays at that level is at
+    the limit of slipping: a joint with less friction than learned creeps while it is held.
 
     Args:
-        turning: (n, W) what friction remembers of the joint. speed: (n,) of the drive.
+        turning: (n, W) friction memory of the joint. speed: (n,) of the drive.
     """
     slides = 1.0 - np.exp(-np.abs(speed) / drive.resting(joint, v0))
     return np.asarray(drive.side(joint) * turning * slides[:, None])
 
 
 def waves(q: Array) -> Array:
-    """(n, dof, 2 R) sine and cosine of each wave of what returns with positions q (n, dof)."""
+    """(n, dof, 2 R) sine and cosine of each wave at positions q (n, dof)."""
     counts = range(FIRST_WAVE, FIRST_WAVE + RIPPLES)
     return np.stack([wave(k * q) for k in counts for wave in (np.sin, np.cos)], axis=2)
 
 
 def nominal_model(tree: KinematicTree, drives: tuple[Drive, ...], friction_velocity: Array) -> RigidBodyModel:
-    """What the model file alone says, for commands in N m or N: its inertial parameters, no friction."""
+    """The model of the file alone, for commands in N m or N: its inertial parameters, no friction."""
     inertial = np.tile(nominal_parameters(tree), (tree.joints, 1))
     extra = np.zeros((tree.joints, 3 + len(FRICTION_SCALES)))
     rank, unknown = np.zeros(tree.joints, dtype=np.int64), np.full_like(extra, np.inf)

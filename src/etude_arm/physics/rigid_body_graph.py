@@ -38,7 +38,7 @@ def rigid_body_piece(mean: Any) -> Piece:
 
 
 def commands(model: RigidBodyModel, q: Value, qd: Value, qdd: Value, turned: Value | None) -> Value:
-    """(n, J); turned (n, J): what the narrowest friction remembers, None: it turns with speed."""
+    """(n, J) commands; turned (n, J): friction memory, None: friction by speed."""
     tree, extra = model.tree, model.extra
     motion = body_motion(tree, q, qd, qdd)
     drive = drive_motion(tree, model.drives, motion, qd, qdd)
@@ -56,7 +56,7 @@ def commands(model: RigidBodyModel, q: Value, qd: Value, qdd: Value, turned: Val
 
 
 def _turning(model: RigidBodyModel, friction: Value, speed: Value, turned: Value) -> Value:
-    """Friction, what is remembered in its place where it turns round over a way (`rigid_body.turned`)."""
+    """Friction; the friction memory replaces it where it depends on distance (`rigid_body.turned`)."""
     pairs = list(enumerate(model.drives))
     side = np.array([drive.side(j) * (model.way[j] > 0.0) for j, drive in pairs])
     resting = np.array([drive.resting(j, float(model.friction_velocity[j])) for j, drive in pairs])

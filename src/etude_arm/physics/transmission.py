@@ -1,8 +1,8 @@
 """Transmissions from commands to joints: gears, coupled tendons, linear actuators between two bodies.
 
-The moment matrix M (actuators x joints) holds d length / d q; joint torques are M^T f and actuator speeds M
-qd. A linear actuator's moment changes with the configuration, and identification in its own coordinate
-leaves that known geometry out of what has to be learned. One formula serves NumPy and the values of a graph.
+The moment matrix M (actuators x joints) is d length / d q; joint torques are M^T f and actuator speeds M qd.
+The moment of a linear actuator depends on the pose. Identification in the actuator's coordinate therefore
+need not learn this known geometry. One formula serves NumPy and the values of a graph.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from etude_arm.physics.kinematics import BodyMotion, KinematicTree
 Array = NDArray[np.float64]
 
 RESTING = 0.1
-"""Part of v0 below which a joint rests: .2 % of its velocity limit."""
+"""Part of v0 below which a joint is at rest: 0.2 % of its velocity limit."""
 
 
 @dataclass(frozen=True)
@@ -53,26 +53,28 @@ class Drive:
     points: Array
 
     def side(self, joint: int) -> float:
-        """1 or -1: how a drive that is that joint's alone turns with it; 0 of all others."""
+        """1 or -1: direction of a drive of that joint alone; 0 for other drives."""
         turns = self.gear * self.coefficients
         alone = not len(self.bodies) and np.count_nonzero(turns) == 1
         return float(np.sign(turns[joint])) if alone else 0.0
 
     def resting(self, joint: int, v0: float) -> float:
-        """Speed of the drive, lone or not, below which that joint rests; v0 is that of its friction."""
+        """Speed of the drive below which that joint is at rest; v0 is that of its friction."""
         return RESTING * v0 * abs(self.gear * float(self.coefficients[joint]))
 
 
 @dataclass(frozen=True)
 class DriveMotion:
-    """Moment M (n, A, J) of every drive, n = 1 where it stands; its speed and acceleration (n, A); A = J."""
+    """Moment M (n, A, J) of every drive, n = 1 if it is constant; its speed and acceleration (n, A); A =
+    J.
+    """
 
     moment: Operand
     speed: Operand
     acceleration: Operand
 
     def inverse(self, size: int) -> Operand:
-        """M^-1 (n, J, A) of so many drives."""
+        """M^-1 (n, J, A) of the drives."""
         return (
             _eliminated(self.moment, size) if isinstance(self.moment, Value) else np.linalg.inv(self.moment)
         )
@@ -84,7 +86,7 @@ class DriveMotion:
         columns = torque if torque.ndim == 3 else torque[..., None]
         turned = np.swapaxes(self.moment, 1, 2)
         try:
-            # where moments stand one inverse serves all instants, in half of the time
+            # constant moments: one inverse for all instants takes half of the time
             stands = len(turned) < len(columns)
             force = np.linalg.inv(turned) @ columns if stands else np.linalg.solve(turned, columns)
         except np.linalg.LinAlgError as error:
@@ -98,7 +100,7 @@ class DriveMotion:
 
 @dataclass(frozen=True)
 class Geometry:
-    """What a model file says of a robot without any data.
+    """The geometry and the nominal parameters of a robot, from its model file.
 
     Attributes:
         tree: bodies and joints, with the file's inertial parameters as the nominal ones.
@@ -110,7 +112,7 @@ class Geometry:
 
 
 def joint_drives(joints: int) -> tuple[Drive, ...]:
-    """The transmission of a robot whose commands act on its joints directly."""
+    """The geometry of a robot whose commands act on its joints directly."""
     none = np.zeros((0, 3))
     return tuple(Drive(1.0, row, np.zeros(0, dtype=np.int64), none) for row in np.eye(joints))
 
@@ -180,9 +182,10 @@ def _segment(first: _Site, second: _Site) -> tuple[Operand, Operand, Operand]:
 
 
 def _eliminated(moment: Value, size: int) -> Value:
-    """M^-1 (n, J, A) = M' (M M')^-1: elimination needs no pivots where a matrix is positive definite.
+    """M^-1 (n, J, A) = M' (M M')^-1: elimination of a positive definite matrix needs no pivots.
 
-    Sums of products, as onnxruntime joins Transpose and MatMul to an operator that it has not for double.
+    Written as sums of products, since onnxruntime fuses Transpose and MatMul to an operator without double
+    precision.
     """
     square = (moment.widened(2) * moment.widened(1)).sum(3)
     left = [square.at([i], 1).sum(1) for i in range(size)]

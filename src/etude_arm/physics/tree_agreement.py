@@ -13,13 +13,13 @@ from etude_arm.physics.newton_euler import joint_forces
 
 
 def check_tree(tree: KinematicTree, expected: Expected, where: str) -> None:
-    """Frames that joints move, and torques of gravity, at the pose of `expected`.
+    """Compares frames of joints and torques of gravity with the description, at the pose of `expected`.
 
     Args:
         tree: joints in the order of `expected`. where: the file, for messages.
 
     Raises:
-        UnsafeModelError: they differ; it names the joint, and by how much.
+        UnsafeModelError: they differ; the message has the joint and the difference.
     """
     q, still = expected.q[None], np.zeros((1, len(expected.q)))
     motion = body_motion(tree, q, still, still)

@@ -30,13 +30,16 @@ class Constant:
     signal_deviation: np.ndarray = field(default_factory=lambda: np.array([10.0, 2.0]))
     inputs: ArmInputs = field(default_factory=lambda: ArmInputs.of(SPEC, 0.02))
 
-    def predict(self, log: Log, *, fade: bool = True) -> tuple[np.ndarray, np.ndarray]:
+    def predict(self, log: Log) -> tuple[np.ndarray, np.ndarray]:
         mean, variance, safe = (np.tile(v, (len(log), 1)) for v in (self.mean, self.variance, self.fallback))
-        return (trusted(mean, variance, self.signal_deviation, safe) if fade else mean), variance
+        return trusted(mean, variance, self.signal_deviation, safe), variance
+
+    def faded(self, log: Log) -> np.ndarray:
+        return self.predict(log)[0]
 
 
-def planned(model: Constant, fade: bool = True) -> np.ndarray:
-    return ModelController(model, SPEC, fade).planned(STILL)
+def planned(model: Constant) -> np.ndarray:
+    return ModelController(model, SPEC).planned(STILL)
 
 
 def test_a_sure_model_is_taken_as_it_is_within_the_command_limits() -> None:
@@ -47,7 +50,6 @@ def test_a_model_that_knows_nothing_leaves_it_to_what_is_safe() -> None:
     lost = Constant((-30.0, 3.0), variance=(100.0, 4.0))
     np.testing.assert_array_equal(planned(lost), 0.0)
     np.testing.assert_array_equal(planned(replace(lost, fallback=(7.0, -1.0))), np.tile([7.0, -1.0], (3, 1)))
-    np.testing.assert_array_equal(planned(lost, fade=False), np.tile([-30.0, 3.0], (3, 1)))
 
 
 def test_each_joint_fades_by_its_own_uncertainty() -> None:
@@ -56,9 +58,12 @@ def test_each_joint_fades_by_its_own_uncertainty() -> None:
 
 
 def test_predictions_that_are_not_finite_are_refused_with_the_joint() -> None:
+    row = {name: rows[0] for name, rows in Constant((0.0, 0.0)).inputs.states(STILL).values.items()}
+    with pytest.raises(NumericalError, match=r"not finite \[b\]"):
+        planned(Constant((1.0, np.nan)))
     for bad in (Constant((1.0, np.nan)), Constant((1.0, 1.0), variance=(0.0, np.inf))):
         with pytest.raises(NumericalError, match=r"not finite \[b\]"):
-            planned(bad)
+            ModelController(bad, SPEC).command(0.0, row)
 
 
 def test_another_robots_model_is_refused() -> None:
@@ -89,3 +94,9 @@ def test_a_learned_model_halves_the_error_of_feedback_alone_and_the_exact_invers
     pd, with_model, exact = (robot.error(run)[0].mean() for run in runs)
     assert with_model < 0.5 * pd
     assert exact < with_model
+    plan = robot.planned(swing)  # grows to ten times as far, where commands fade
+    grown = replace(plan, orders=plan.orders * np.linspace(1.0, 10.0, len(plan.t))[:, None])
+    told = model.predict(inputs.states(grown))
+    part = np.abs(told.mean - model.predict(inputs.states(grown), fade=False).mean) > 1e-6
+    assert 0.1 < part.mean() < 0.9
+    np.testing.assert_allclose(model.faded(inputs.states(grown)), told.mean, rtol=0, atol=1e-9)

@@ -94,7 +94,11 @@ def test_soft_limits_narrow_hard_ones_and_the_rest_is_said(urdf: Path) -> None:
         ('name="elbow"', 'name="shoulder"', "joint 'shoulder' is described 2 times"),
         ('<link name="hand">', '<link name="">', "a link has no name"),
         ('<child link="hand"/>', '<child link="hnd"/>', "names a link 'hnd' that is not there"),
-        ('<child link="hand"/>', '<child link="upper"/>', "'upper' hangs on two joints: shoulder, wrist"),
+        (
+            '<child link="hand"/>',
+            '<child link="upper"/>',
+            "'upper' is the child of two joints: shoulder, wrist",
+        ),
         (
             '<parent link="base"/>',
             '<parent link="hand"/>',
@@ -172,7 +176,7 @@ def test_without_any_mass_joints_and_shapes_count_and_what_lacks_one_is_asked(ur
     assert loaded.model().ngeom == load(write(urdf.parents[2] / "whole")).model().ngeom
     urdf.write_text(robot().replace(INERTIAL.format(mass=3.0), ""))
     loaded = load(urdf)
-    assert any("No mass is given for what hangs on upper" in note for note in loaded.notes)
+    assert any("No mass is given for what upper carries" in note for note in loaded.notes)
     assert loaded.model().body("upper").mass < 1e-6  # not what its shape would weigh
 
 

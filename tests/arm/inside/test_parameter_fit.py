@@ -105,22 +105,38 @@ def test_intervals_hold_the_truth(robot: tuple[ArmSpec, Path]) -> None:
     assert 0.5 < np.std(z) < 1.4, "neither far too wide nor far too narrow"
 
 
+@pytest.mark.slow
+def test_intervals_hold_friction_that_turns_at_an_unknown_speed(robot: tuple[ArmSpec, Path]) -> None:
+    """With v0 taken as known none of them did."""
+    law = lambda qd, _: FRICTION * np.tanh(qd / (2.5 * V0)) + VISCOUS * qd  # noqa: E731
+    inside = []
+    for seed in range(4):
+        own = fitted(robot, law, seed).friction
+        z = (own.terms[:, 1:3] - np.transpose([VISCOUS, FRICTION])) / own.deviation[:, 1:3]
+        inside.append(np.abs(z) < 1.96)
+    assert np.mean(inside) >= 0.85
+
+
 @pytest.mark.parametrize(
     ("term", "law"),
     [
-        ("stribeck", lambda qd, _: usual(qd, _) + 0.6 * np.exp(-((qd / (4 * V0)) ** 2)) * np.tanh(qd / V0)),
+        ("stribeck", lambda qd, _: usual(qd, _) + 1.2 * np.exp(-((qd / (4 * V0)) ** 2)) * np.tanh(qd / V0)),
         ("load", lambda qd, rigid: usual(qd, rigid) + 0.1 * np.abs(rigid) * np.tanh(qd / V0)),
         ("asymmetry", lambda qd, _: usual(qd, _) + 0.3 * np.abs(qd)),
     ],
 )
-def test_a_term_that_is_there_is_shown_and_one_that_is_not_is_zero(
+def test_a_term_is_shown_where_it_is_there_alone(
     robot: tuple[ArmSpec, Path], fit: ParameterFit, term: str, law: Law
 ) -> None:
     k = TERMS.index(term)
-    np.testing.assert_array_equal(fit.friction.terms[:2, k], 0.0)
+    none = fit.friction
+    assert (none.evidence[:2, k] < 3.0).all()
+    assert (np.abs(none.terms[:2, k]) <= 2.0 * none.deviation[:2, k]).all(), (
+        "zero, or an interval that has it"
+    )
     found = fitted(robot, law)
     assert found.friction.evidence[0, k] > 10.0
-    wanted = {"stribeck": 0.6, "load": 0.1, "asymmetry": 0.3}[term]
+    wanted = {"stribeck": 1.2, "load": 0.1, "asymmetry": 0.3}[term]
     assert found.friction.terms[0, k] == pytest.approx(wanted, abs=3.0 * found.friction.deviation[0, k])
     assert 0.0 < found.friction.deviation[0, k] < 0.5 * wanted
 
@@ -131,10 +147,10 @@ def test_no_drive_sticks_less_than_it_slides(robot: tuple[ArmSpec, Path], fit: P
     found = fitted(
         robot, lambda qd, _: usual(qd, _) - 0.3 * np.exp(-((qd / (8 * V0)) ** 2)) * np.tanh(qd / V0)
     )
-    assert found.friction.evidence[0, k] > 4.0, "the data would show it"
     assert (found.friction.terms[:, k] >= 0.0).all()
-    assert found.friction.deviation[0, k] == 0.0
-    assert abs(found.friction.terms[0, level] - FRICTION[0]) < 0.3
+    assert found.friction.v0[0] > 1.2 * V0, "friction that turns more slowly explains it"
+    wide = found.friction.deviation[0, level]
+    assert abs(found.friction.terms[0, level] - FRICTION[0]) < 2.5 * wide < 0.5 * FRICTION[0]
 
 
 def test_a_rotor_may_outweigh_its_link(tmp_path: Path) -> None:

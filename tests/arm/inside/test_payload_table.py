@@ -58,5 +58,5 @@ def test_what_is_put_down_goes_out_of_the_file(tmp_path: Path) -> None:
     assert half.mass == 0.5
     with pytest.raises(UsageError, match=r"2 kg were put down, and the robot file knows of 1 kg"):
         added(path, OLD, -2.0, (0.0, 0.0, 0.1))
-    with pytest.raises(UsageError, match="hangs at link 'fore'"):
+    with pytest.raises(UsageError, match="the payload is at link 'fore'"):
         added(path, replace(OLD, link="fore"), 0.5, (0.0, 0.0, 0.1))

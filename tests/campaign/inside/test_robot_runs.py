@@ -250,7 +250,7 @@ def test_nobody_agrees_for_a_real_robot(tmp_path: Path) -> None:
     campaign, robot = lab(tmp_path), Robot(real=True)
     with pytest.raises(UsageError, match="real"):
         moved(campaign, robot, yes=True)
-    with pytest.raises(UsageError, match="nobody agreed"):
+    with pytest.raises(UsageError, match="the motion was not confirmed"):
         moved(campaign, robot, Somebody(word="yes"))
     assert robot.sent == []
     assert facts(campaign, MotionSent) == []
@@ -271,7 +271,7 @@ def test_a_dry_run_draws_the_way_from_where_the_robot_stands(tmp_path: Path) -> 
     (campaign.path / "run.toml").write_text(text)
     assert cli.main(["run", str(campaign.path), "--dry-run"]) == 0
     page = (campaign.path / "view.html").read_text()
-    assert "trajectory 1 with the way from where the robot stands" in page
+    assert "trajectory 1 with the approach from the current pose" in page
     shown = json.loads(page.split('type="application/json">')[1].partition("</script>")[0])
     assert [own["label"] for own in shown["pieces"]][:2] == ["approach", "segment"]
     q = np.frombuffer(base64.b64decode(shown["planned"]["q"]), "<f4").reshape(-1, 2)
@@ -599,7 +599,7 @@ def test_joints_are_matched_by_name(tmp_path: Path) -> None:
 
 def test_about_is_read(tmp_path: Path) -> None:
     campaign, person = lab(tmp_path), Somebody(word="no")
-    with pytest.raises(UsageError, match="nobody agreed"):
+    with pytest.raises(UsageError, match="the motion was not confirmed"):
         moved(campaign, Robot(real=True, on_loss="goes on"), person)
     text = " ".join(person.read)
     assert "keep a hand on its emergency stop" in text
@@ -680,7 +680,9 @@ def test_each_line_for_machines_is_of_the_schema(
 
 def test_nobody_is_asked_in_a_script(driven: Campaign, capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.main(["run", str(driven.path), "--json"]) == 2
-    assert json.loads(capsys.readouterr().out)["error"]["fact"] == "nobody agreed; nothing moved"
+    assert (
+        json.loads(capsys.readouterr().out)["error"]["fact"] == "the motion was not confirmed; nothing moved"
+    )
     assert cli.main(["run", str(driven.path), "--yes", "--heartbeat", str(driven.path / "none")]) == 2
 
 
@@ -689,7 +691,7 @@ def test_a_wrong_run_toml_is_named(driven: Campaign) -> None:
     with pytest.raises(UsageError, match="unknown key 'round'"):
         read_settings(driven, "bot")
     (driven.path / "run.toml").write_text("")
-    with pytest.raises(UsageError, match="nobody names the driver"):
+    with pytest.raises(UsageError, match="the driver of the robot is not named"):
         read_settings(driven)
 
 

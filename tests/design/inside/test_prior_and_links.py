@@ -114,7 +114,7 @@ def test_where_the_straight_way_is_refused_it_goes_by_home_and_else_ends() -> No
     alone, kept = linked(own, approaches, (*arm_limits(), Keep(lambda p: p.form == "moves")), arm_home())
     assert kept == 1
     assert alone is own[0]
-    assert cut_short(1) == " Segments left out, since no motion or no way there is proved: 1."
+    assert cut_short(1) == " Segments left out, since no motion or no approach to it is proved: 1."
     assert linked(own, lambda *_: None, arm_limits(), arm_home())[1] == 1
 
 

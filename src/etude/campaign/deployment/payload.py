@@ -17,7 +17,7 @@ from etude.campaign.record.stored_models import ingested_samples, of_another_bod
 from etude.errors import DataError, UsageError, typed
 from etude.logs.columns.units import start_at_zero
 from etude.models.accuracy import NORMAL_95
-from etude.models.change.load import Load, apparent_loads, load_of
+from etude.models.change.payload_estimate import Load, apparent_loads, load_of
 from etude.models.learned_model import LearnedModel
 from etude.storage import write_atomic
 from etude.types import Array
@@ -89,10 +89,10 @@ def payload(
 
 
 def weighable(campaign: Campaign) -> SupportsVariations:
-    """The physics of the model file. UsageError: there are none, or the robot has no hand."""
+    """The physics of the model file. UsageError: there are none, or the kind of robot has no payload."""
     if not isinstance(campaign.kind, SupportsPayload):
         raise UsageError(
-            f"robots of the kind '{campaign.kind.name}' have no hand that something hangs at",
+            f"robots of the kind '{campaign.kind.name}' have no payload that can be weighed",
             where=str(campaign.path / ROBOT),
             next_step=f"What logs say of its body: etude export {typed(campaign.path)} --to parameters.",
         )
@@ -100,8 +100,8 @@ def weighable(campaign: Campaign) -> SupportsVariations:
     if isinstance(body, SupportsVariations):
         return body
     raise UsageError(
-        f"what hangs at '{campaign.spec.name}' cannot be weighed: that takes a model file with masses "
-        "and commands that are forces",
+        f"the payload of '{campaign.spec.name}' cannot be estimated: the estimate needs a model file with "
+        "masses and commands that are forces",
         where=str(campaign.path / ROBOT),
         next_step="Name a URDF or MJCF as model_file, and record torques in N m.",
     )

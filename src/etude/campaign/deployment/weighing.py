@@ -154,7 +154,7 @@ def _propose(
     mass = SHARE * _whole(campaign, log, body)
     apparent = apparent_of(campaign, used.model, body)
     aim = Weighs(used.model, body, apparent, mass, family, used.model.inputs)
-    say("Designing a motion that shows what hangs at the hand.")
+    say("Designing a motion that shows the payload.")
     found = search(aim, candidates, replace(config.design, refine=REFINED, steps=STEPS), limits)
     motion = from_rest(campaign, found.best.trajectory, limits)
     own = constraints.of(motion)
@@ -191,7 +191,7 @@ def _whole(campaign: Campaign, log: Log, body: SupportsVariations) -> float:
     whole = whole_mass(log, body, np.asarray(campaign.kind.limit(campaign.spec)))
     if whole == 0.0:
         raise UsageError(
-            f"no command of '{campaign.spec.name}' holds a load: all axes meet where it hangs",
+            f"no command of '{campaign.spec.name}' holds a load: all axes meet at the payload",
             where=str(campaign.path),
             next_step="Choose more joints with --joints, or weigh it on a scale.",
         )
@@ -206,6 +206,6 @@ def forecast(covariance: Array, mass: float) -> str:
         for name, own in zip("xyz", wide[1:].tolist(), strict=True)
     ]
     return (
-        f"to weigh what hangs at the hand. Forecast for {mass:.2g} kg: mass +- {wide[0]:.2g} kg, centre "
+        f"to weigh the payload. Forecast for {mass:.2g} kg: mass +- {wide[0]:.2g} kg, centre "
         f"{', '.join(axes)}"
     )

@@ -54,7 +54,7 @@ def decided(
     path = joints(new[0]) if new else None
     if path is None:
         return [], None
-    from etude.logs.evidence.decisions import judge
+    from etude.logs.evidence.command_signs import judge
     from etude.logs.evidence.findings import finding_of
 
     numbers = [number for number, log in told.items() if joints(log) is not None]

@@ -244,7 +244,7 @@ def _judged(log: Log, known: _KnownRobot, stated: set[str]) -> Inspected:
     if not any(f.light == "red" for f in found):
         found += _tried("motion", lambda: _motion(rows, known, motion))
     if any(f.light == "red" for f in found):
-        later = "Ranges and commands are looked at when the motion is right."
+        later = "Ranges and commands are checked when the motion is right."
         return Inspected(rows, (*found, Finding("commands", "cannot tell", later)))
     found = _one_delay(found, _tried("commands", lambda: _commands(rows, known, motion)))
     clean, ranges = _ranges(rows, known, stated)
@@ -267,7 +267,7 @@ def _one_delay(motion: Sequence[Finding], commands: Sequence[Finding]) -> list[F
 def _columns(log: Log, known: _KnownRobot) -> Finding:
     """Which columns were matched, and how."""
     if not known.channels:
-        fact = f"{known.why}: columns are looked at one by one."
+        fact = f"{known.why}: columns are checked one by one."
         return Finding("columns", "yellow", fact, "Name the robot with --robot, or see docs/inspect.md.")
     matched = ", ".join(f"{n} ({', '.join(c.parts)})" for n, c in log.channels.items())
     guessed = "" if known.kind else "guessed from the headers, "
@@ -277,7 +277,7 @@ def _columns(log: Log, known: _KnownRobot) -> Finding:
 
 def _motion(log: Log, known: _KnownRobot, motion: Seen | None) -> tuple[Finding, ...]:
     if not known.channels:
-        return (Finding("motion", "cannot tell", "Without --robot nobody knows which columns move."),)
+        return (Finding("motion", "cannot tell", "Without --robot it is unknown which columns move."),)
     if motion is None:
         what = "joint positions" if known.path == "q" else known.path
         fact = f"The log has no {what} to look at, or is too short."

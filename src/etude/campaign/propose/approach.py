@@ -80,7 +80,7 @@ def approached(
     except UnsafeTrajectoryError as problem:
         require_pose(campaign, start, constraints, problem, f"; proposal {number} stays open")
         raise UnsafeTrajectoryError(
-            f"no way from there to proposal {number} is proved, which stays open: {problem.fact}",
+            f"no approach from there to proposal {number} is proved, which stays open: {problem.fact}",
             where=problem.where,
             next_step="Bring the robot to its start by its own controller, or ask for another: "
             f"etude abandon {typed(campaign.path)} {number}, "
@@ -202,7 +202,7 @@ def _proved(tried: Sequence[tuple[Trajectory, ...]], limits: Sequence[Limit]) ->
                 return slowed
     for part in tried[0]:
         require_certified(part.slowed(SLOWER[-1]) if _rests(part) else part, limits)
-    raise AssertionError("a way that is proved was refused")
+    raise AssertionError("an approach that is proved was refused")
 
 
 def _labelled(label: str, parts: tuple[Trajectory, ...]) -> tuple[Part, ...]:
@@ -300,7 +300,7 @@ def prepared(
     )
     if found is None:
         raise UsageError(
-            f"robots of the kind '{kind.name}' know no way to a motion's start",
+            f"robots of the kind '{kind.name}' have no approach to a motion's start",
             where="--from",
             next_step="Bring the robot there by its own controller.",
         )

@@ -209,7 +209,7 @@ def _approach_check(campaign: Campaign, start: str, speed: int) -> Callable[[Tra
             prepared(campaign, motion if speed == FULL else at_speed(motion, speed), start, constraints)
         except UnsafeTrajectoryError as problem:
             raise UnsafeTrajectoryError(
-                f"no way from there to the motion that would be asked is proved: {problem.fact}",
+                f"no approach from there to the proposed motion is proved: {problem.fact}",
                 where=problem.where,
                 next_step="Nothing was asked. Name another pose, or ask without --from and bring the robot "
                 "to the start by its own controller.",

@@ -155,7 +155,7 @@ COMMENTS: dict[str, dict[str, str]] = {
         "margin": 'kept of the limits for tracking errors: "learned" from logs, "assumed", or "none"',
         "position": "assumed before any log where gains are not known: part of each range",
         "velocity": "the same of each velocity limit",
-        "most": "part of the way from home to a position limit that a margin may take at most",
+        "most": "part of the distance from home to a position limit that a margin may take at most",
         "control": 'of motions that teach in simulate and run, from the second on: "learned" or "feedback"',
     },
     "stop": {

@@ -86,7 +86,7 @@ def affected(campaign: Campaign, state: State) -> list[Affected]:
     of_robot = tuple(kind.mended(campaign.spec)) if isinstance(kind, SupportsKnownFaults) else ()
     if unknown := [code for code in of_robot if code not in FAULTS]:
         raise UsageError(
-            f"the kind of robot {kind.name} names a fault that nobody knows: {unknown[0]}",
+            f"the kind of robot {kind.name} names an unknown fault: {unknown[0]}",
             where=f"{type(kind).__name__}.mended",
             next_step=f"Correct the plug-in: known are {', '.join(FAULTS)}.",
         )

@@ -258,7 +258,7 @@ def what_will_happen(session: RobotSession, options: RunOptions, first: Certifie
     rounds = rounds if first is not None else "the motion that confirms alone, since the stop rule has fired"
     real = "It is real: keep a hand on its emergency stop." if about.real else "It is a simulation."
     return [
-        f"{about.name} ({about.identity}) will move: {rounds}, with ways between them. {real}",
+        f"{about.name} ({about.identity}) will move: {rounds}, with approaches and returns. {real}",
         f"It stands at {where}.",
         f"If this program dies, {after_loss(about)}.",
         *([] if first is None else _of_first(campaign, first)),
@@ -289,7 +289,9 @@ def _require_agreed(person: Person, about: About, options: RunOptions, sentences
             )
         return
     if not person.agrees(sentences, WORD):
-        raise UsageError("nobody agreed; nothing moved", next_step=f"Run it again, and type {WORD} in full.")
+        raise UsageError(
+            "the motion was not confirmed; nothing moved", next_step=f"Run it again, and type {WORD} in full."
+        )
 
 
 @dataclass(eq=False)

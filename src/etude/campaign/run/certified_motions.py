@@ -219,11 +219,11 @@ def ways_of(campaign: Campaign, motion: CertifiedMotion, pose: Array) -> Ways:
     """Proved ways from a pose (k,) to the motion's start, and from its end back, at the motion's speed.
 
     Raises:
-        UsageError: the pose is outside the limits, or the kind knows no ways, or the motion does not begin
-            and end at rest. UnsafeTrajectoryError: no way is proved.
+        UsageError: the pose is outside the limits, or the kind has no approaches, or the motion does not
+            begin and end at rest. UnsafeTrajectoryError: no approach is proved.
     """
     lower, upper = campaign.kind.expected(campaign.spec).limits[campaign.kind.path]
-    require_inside(pose, lower, upper, campaign.axes, f"motion {motion.number}, the way to it")
+    require_inside(pose, lower, upper, campaign.axes, f"motion {motion.number}, the approach to it")
     limits = motion.constraints.limits(campaign)
     home, clear = np.asarray(campaign.kind.home(campaign.spec), dtype=float), clear_poses(campaign)
     try:
@@ -232,7 +232,7 @@ def ways_of(campaign: Campaign, motion: CertifiedMotion, pose: Array) -> Ways:
         raise _no_way(campaign, motion, pose, home, problem) from None
     if found is None or found.whole is None:
         raise UsageError(
-            f"robots of the kind '{campaign.kind.name}' know no way to a motion that begins and ends at rest",
+            f"robots of the kind '{campaign.kind.name}' have no approach to a motion from rest to rest",
             where=str(campaign.path),
             next_step="Play the files of etude ask by the robot's own controller, then tell its log.",
         )
@@ -248,7 +248,7 @@ def _no_way(
 ) -> UnsafeTrajectoryError:
     """Whether the pose is the fault, or what is between; a pose from which there is a way, to be typed."""
     stands = certify(_still(pose), motion.constraints.limits(campaign)).ok
-    fact = f"no way to motion {motion.number} is proved" if stands else "where it stands is the fault"
+    fact = f"no approach to motion {motion.number} is proved" if stands else "where it stands is the fault"
     named = ", ".join(f"{a} = {x:.3g}" for a, x in zip(campaign.axes, home.tolist(), strict=True))
     return UnsafeTrajectoryError(
         f"{fact}: {problem.fact}",

@@ -231,7 +231,9 @@ class RobotSession:
         fact, where = result.fact, f"{motion.part} {motion.number}, {result.fact.reached:.2f} s"
         why = fact.reason.rstrip(".") or fact.ended
         on = f" --on {typed(self.on)}" if self.on else ""
-        again = f"See to it, then: etude run {typed(self.campaign.path)}{on}. It plans a new way from there."
+        again = (
+            f"See to it, then: etude run {typed(self.campaign.path)}{on}. It plans a new approach from there."
+        )
         if result.done:
             return
         if fact.ended == Ended.INTERRUPTED.value:

@@ -64,7 +64,7 @@ def read_settings(campaign: Campaign, on: str = "") -> RunSettings:
     named = str(own.pop("on", ""))
     if not on and not named:
         raise UsageError(
-            "nobody names the driver of the robot",
+            "the driver of the robot is not named",
             where=str(path),
             next_step=f'etude run {typed(campaign.path)} --on DRIVER, or write on = "DRIVER" in [driver].',
         )

@@ -182,7 +182,7 @@ def planned(model: LearnedModel, kind: Kind, spec: Any, name: str) -> Plan:
 
 def _written(code: Code | None, what: str, next_step: str) -> Code:
     if code is None:
-        raise UsageError(f"{what} cannot be exported to C: nobody wrote its C code", next_step=next_step)
+        raise UsageError(f"{what} cannot be exported to C: it has no C code", next_step=next_step)
     return code
 
 
@@ -203,7 +203,7 @@ def _process(candidate: Candidate, prefix: str, processes: dict[str, Code], know
             code = process.c(name)
         except UnwritableError as error:
             raise UsageError(
-                f"{error} cannot be exported to C: nobody wrote its C code",
+                f"{error} cannot be exported to C: it has no C code",
                 where=f"structure {candidate.structure} of {', '.join(map(str, candidate.commands))}",
                 next_step=LEARN_OTHERWISE,
             ) from error

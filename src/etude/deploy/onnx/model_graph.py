@@ -163,9 +163,7 @@ Moments = tuple[str, str]
 
 def unwritable(what: str, next_step: str = LEARN_OTHERWISE) -> UsageError:
     """The error of something that has no operators."""
-    return UsageError(
-        f"{what} cannot be exported to ONNX: nobody wrote it in its operators", next_step=next_step
-    )
+    return UsageError(f"{what} cannot be exported to ONNX: it has no ONNX operators", next_step=next_step)
 
 
 def parts(kernel: Kernel, theta: Array) -> list[tuple[Kernel, Array]]:

@@ -436,7 +436,7 @@ LATE_ROWS = 5  # after a row that repeats, within which the sensor has caught up
 LEAST_STEPS = 100  # fast ones, whose spread tells what a lost row is against
 
 
-AROUND = (1, 2, 4)  # steps to either side whose mean may tell a step
+AROUND = (1, 2, 4)  # steps to either side whose mean speed may tell a step
 
 
 def _beside_late(numbers: Numbers) -> Mask:
@@ -445,13 +445,15 @@ def _beside_late(numbers: Numbers) -> Mask:
     return np.convolve(late, np.ones(LATE_ROWS + 1), "full")[: len(late)] > 0.0
 
 
-def _told_steps(way: Array, by_velocity: Array | None) -> Array:
-    """The best predictor of a joint's steps `way` (T-1,): its velocity, or the mean of neighbouring steps."""
+def _told_steps(way: Array, dt: Array, by_velocity: Array | None) -> Array:
+    """The best predictor of a joint's steps `way` (T-1,) over the times `dt` (T-1,) of the stamps: its
+    velocity, or the mean speed around. Where stamps show a gap nothing is lost.
+    """
     told = [] if by_velocity is None else [by_velocity]
     for count in AROUND:
         window = np.full(2 * count + 1, 1.0 / (2 * count))
         window[count] = 0.0
-        told.append(np.convolve(way, window, "same"))
+        told.append(np.convolve(way / dt, window, "same") * dt)
     return min(told, key=lambda steps: float(np.median(np.abs(way - steps))))
 
 
@@ -478,7 +480,7 @@ class Steps:
         for j, q in enumerate(numbers.q.T):
             v = None if numbers.v is None else numbers.v[:, j]
             way = np.diff(q)
-            said = _told_steps(way, None if v is None else 0.5 * (v[1:] + v[:-1]) * dt)
+            said = _told_steps(way, dt, None if v is None else 0.5 * (v[1:] + v[:-1]) * dt)
             goes = np.abs(said) > SLOW * np.abs(said).max()
             noise = max(float(np.abs(way - said)[goes].mean()), 1e-12) if goes.any() else np.inf
             size += np.where(goes, said / noise, 0.0) ** 2

@@ -17,7 +17,7 @@ COARSE = 1e-3  # of a part's range: a step of the sensor that a filter cannot ma
 DISTINCT = 0.5  # of the rows hold values of their own: finer than the file can tell
 SATURATED = 0.01  # of the rows at an extreme
 AT_EDGE = 1e-3  # of the range
-NOT_FILLED = "Was it recorded? Leave it out of the log if nobody filled it."
+NOT_FILLED = "Was it recorded? Leave it out of the log if it was never filled."
 EMPTY = 0.2  # of the rows: a log that lacks more of what is needed is refused
 LEAPS = 30.0  # times the step that 99 % of the rows stay below
 

@@ -12,7 +12,7 @@ from etude.logs.checks.exact import LIKELY
 from etude.logs.checks.finding_texts import Doubt, Mendable, accepted, both, named
 from etude.logs.checks.plausibility import DELAY, SIGN, SWAPPED
 from etude.logs.checks.velocities import DIRECTION
-from etude.logs.evidence.decisions import GRAVITY
+from etude.logs.evidence.command_signs import GRAVITY
 from etude.logs.evidence.delays import LEAST_DELAY
 from etude.logs.evidence.joint_evidence import Decision
 from etude.types import Finding, Log

@@ -455,7 +455,7 @@ def _unreadable(path: Path, problem: Exception) -> DataError:
     return DataError(
         f"the bag cannot be read ({_first_line(problem)})",
         where=str(path),
-        next_step="It is cut, damaged or another kind of file. A folder may be mended by `ros2 bag reindex`.",
+        next_step="It is cut, damaged or another kind of file. `ros2 bag reindex` may repair a folder.",
     )
 
 

@@ -396,7 +396,7 @@ class Hdf5:
         properties = dataset.id.get_create_plist()
         filters = [properties.get_filter(i)[0] for i in range(properties.get_nfilters())]
         if not set(filters) <= set(FILTERS_73) or len(set(filters)) < len(filters):
-            raise ValueError("a variable is packed in a way that is not read")
+            raise ValueError("a variable has an encoding that is not read")
         blocks: list[Any] = []
         dataset.id.chunk_iter(blocks.append)
         for block in blocks if DEFLATE in filters else ():

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
 
 from etude.errors import UsageError
-from etude.models.gp.covariance_factors import CovarianceFactors
+from etude.models.gp.covariance_factors import CovarianceFactors, blocks, moments
+from etude.models.gp.kernel_algebra import Of
 from etude.models.gp.kernels import Kernel
 from etude.threads import threads_for
 from etude.types import Array
@@ -50,13 +52,20 @@ class BasisPosterior:
 
     def predict(self, X: Array) -> tuple[Array, Array]:
         """Mean (T,) and latent variance (T,) at X (T, D)."""
+        X = self._inputs(X)
         with threads_for(len(self.basis)):
-            factors = self.factors(X)
-            return factors.K @ self.weights, factors.variance()
+            prior = self.kernel.diagonal(self.theta, X)
+            return moments(self._values, self.weights, self.half, X, prior)
 
     def mean(self, X: Array) -> Array:
         """Mean (T,) alone."""
-        return np.asarray(self.kernel.value(self.theta, self._inputs(X), self.basis) @ self.weights)
+        X = self._inputs(X)
+        # one product, as in `predict`: weights are large and cancel, and kernels' sums by parts would round
+        return np.concatenate([self._values(X[rows]) @ self.weights for rows in blocks(len(X))] or [X[:, 0]])
+
+    @cached_property
+    def _values(self) -> Of:
+        return self.kernel.values(self.theta, self.basis)
 
     def covariance(self, X: Array, Z: Array) -> Array:
         """Posterior covariance (T, r) of the latent function between X (T, D) and Z (r, D)."""

@@ -9,11 +9,33 @@ from functools import cached_property
 import numpy as np
 
 from etude._runtime.scipy_parts import dgemm, dtrmm
-from etude.models.gp.kernel_algebra import Against
+from etude.models.gp.kernel_algebra import Against, Of
 from etude.models.gp.kernels import Kernel
 from etude.types import Array
 
 VJP = Callable[[Array], Array]
+BLOCK = 256
+"""Inputs predicted at once: their covariances stay in the processor's cache."""
+
+
+def blocks(count: int) -> list[slice]:
+    """The inputs that are predicted at once."""
+    return [slice(first, first + BLOCK) for first in range(0, count, BLOCK)]
+
+
+def moments(values: Of, weights: Array, lower: Array, X: Array, prior: Array) -> tuple[Array, Array]:
+    """Mean K w (T,) and latent variance prior - |R kᵀ|² (T,) at X (T, D), K = values(X) (T, n).
+
+    Args:
+        weights: (n,) w. lower: (n, n) R, lower triangular, whose upper half is zero. prior: (T,).
+    """
+    mean, variance = np.empty(len(X)), prior
+    for rows in blocks(len(X)):
+        K = values(X[rows])
+        mean[rows] = K @ weights
+        V = dtrmm(1.0, lower, K.T, lower=1, overwrite_b=1)
+        variance[rows] -= np.einsum("nt,nt->t", V, V)
+    return mean, np.maximum(variance, 0.0)
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,18 +8,16 @@ from typing import ClassVar
 
 import numpy as np
 
-from etude._runtime.scipy_parts import dpotrs, dtrmm
+from etude._runtime.scipy_parts import dpotrs
 from etude.errors import DataError, UsageError
 from etude.models.gp.cholesky import factorise, inverse_lower, triangular_inverse
-from etude.models.gp.covariance_factors import CovarianceFactors
+from etude.models.gp.covariance_factors import CovarianceFactors, blocks, moments
 from etude.models.gp.kernel_algebra import Against, Of
 from etude.models.gp.kernels import Kernel, mean_signal
 from etude.models.gp.likelihood_algebra import solved
 from etude.threads import threads_for
 from etude.types import Array
 
-BLOCK = 256
-"""Inputs predicted at once: their covariances stay in the processor's cache."""
 EVERY, FEW = 3, 200
 """Which points bound variances, and of how many it is not worth it."""
 
@@ -163,15 +161,9 @@ class ExactPosterior:
     def predict(self, X: Array) -> tuple[Array, Array]:
         """Mean (T,) and latent variance (T,), thesis (2.5) and (2.6)."""
         X = self._inputs(X)
-        mean, variance = np.empty(len(X)), self.kernel.diagonal(self.theta, X)
-        values = self._values
         with threads_for(len(self.X)):
-            for rows in _blocks(len(X)):
-                K = values(X[rows])
-                mean[rows] = K @ self.alpha
-                V = dtrmm(1.0, self.L_inverse, K.T, lower=1, overwrite_b=1)
-                variance[rows] -= np.einsum("nt,nt->t", V, V)
-        return mean, np.maximum(variance, 0.0)
+            prior = self.kernel.diagonal(self.theta, X)
+            return moments(self._values, self.alpha, self.L_inverse, X, prior)
 
     def at_most(self, X: Array) -> tuple[Array, Array]:
         """Mean (T,), and variances (T,) that are never below the latent ones: those given fewer points.
@@ -191,7 +183,7 @@ class ExactPosterior:
         """Mean (T,) alone, thesis (2.5): O(n) a point."""
         X = self._inputs(X)
         mean, sums = np.empty(len(X)), self._sums
-        for rows in _blocks(len(X)):
+        for rows in blocks(len(X)):
             mean[rows] = sums(X[rows])
         return mean
 
@@ -228,10 +220,6 @@ class ExactPosterior:
         if X.ndim != 2 or X.shape[1] != self.X.shape[1]:
             raise UsageError(f"expected inputs of shape (T, {self.X.shape[1]}), got {X.shape}")
         return X
-
-
-def _blocks(count: int) -> list[slice]:
-    return [slice(first, first + BLOCK) for first in range(0, count, BLOCK)]
 
 
 def posterior_given(

@@ -30,7 +30,7 @@ GHOSTS = 6
 TITLE = "The robot along the motion"
 TEXT = (
     "The joints and the links between them along the newest trajectory as it was planned, with the path of "
-    "{tips} and its shadow on the floor: sticks, not shapes, from the base, the ring, in poses on the way."
+    "{tips} and its shadow on the floor: sticks, not shapes, from the base, the ring, along the motion."
 )
 AROUND = (
     "Around it is what robot.toml names: {names}. A motion may pass before or behind a thing and seem to "

@@ -7,9 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from made_motion import COMMAND, NAMES, QD, RATE, Q, moved
+from made_motion import CHANNELS, COMMAND, NAMES, QD, RATE, Q, moved
 
-from etude.logs import Mendable, judge_numbers
+from etude.logs import Mendable, clean_log, judge_numbers
 from etude.logs.checks.plausibility import repaired
 from etude.types import Array, Channel, Finding, Log
 
@@ -396,8 +396,25 @@ def test_lost_rows_are_told_among_late_packets() -> None:
     assert one(lost(late_packets(noisy(seconds=60.0)), 0.03)[0]).check == "lost"
 
 
-def test_true_stamps_lose_nothing() -> None:
-    assert told(lost(noisy(seconds=60.0), 0.03)[1]) == []
+@pytest.mark.parametrize("velocities", [True, False])
+@pytest.mark.parametrize("share", [0.0005, 0.002, 0.03])
+def test_true_stamps_lose_nothing(share: float, velocities: bool) -> None:
+    """Few gaps leave a clock even; the stamps show each of them."""
+    assert told(lost(noisy(seconds=60.0, velocities=velocities), share)[1]) == []
+
+
+@pytest.mark.parametrize("hole", ["t", "q", "qd", "command"])
+def test_rows_with_a_cell_that_is_not_a_number_are_not_called_lost(hole: str) -> None:
+    """Their rows are dropped; those left keep their times."""
+    log = noisy(seconds=60.0, velocities=hole == "qd")
+    rows = np.random.default_rng(1).random(len(log)) < 0.002
+    if hole == "t":
+        holed = replace(log, t=np.where(rows, np.nan, log.t))
+    else:
+        holed = changed(log, **{hole: np.where(rows[:, None], np.nan, log[hole])})
+    cleaned = clean_log(holed, CHANNELS)
+    assert len(cleaned) == len(log) - rows.sum()
+    assert told(cleaned) == []
 
 
 def test_a_vehicle_whose_rows_are_held_is_told_and_its_motors_are_not_unsigned() -> None:

@@ -12,7 +12,7 @@ from made_motion import COMMAND, GRAVITY, INERTIA, NAMES, RATE, Q, command_of, m
 
 from etude.logs import Decision, finding_of, judge
 from etude.logs.checks.plausibility import repaired
-from etude.logs.evidence.decisions import AS_IS, EACH, signs_of
+from etude.logs.evidence.command_signs import AS_IS, EACH, signs_of
 from etude.logs.evidence.findings import green
 from etude.types import Array, Log
 
