@@ -86,9 +86,7 @@ def contradiction_without_file(logs: Sequence[Log], path: Channel, sources: Sequ
     return contradicting(sources, odd, range(len(logs)), fact, "No sign, order or delay explains it")
 
 
-CUTS = (
-    8  # times at which a log is cut in two; about each, as many rows as lie between two of them are left out
-)
+CUTS = 8  # times at which a log is cut in two; the rows about it, up to midway to the next, are left out
 CUT_ROWS = 150  # that are looked at: a change that is told by fewer only is silent
 PRIOR = float(np.log(0.002))  # that a log changes anywhere, in any way
 # log odds: of a sign that turns, right logs had 17 at most, turned ones 38 to 480; of a load by the model
