@@ -35,6 +35,7 @@ class Warn(StrEnum):
 
     TOO_LITTLE_MOTION = "too_little_motion"
     ONE_TRAJECTORY = "one_trajectory"
+    SLOW_MOTION = "slow_motion"
     LINEAR_ALONE = "linear_alone"
     LINEAR_BELOW = "linear_below"
     PERHAPS_CHANCE = "perhaps_chance"
@@ -94,6 +95,7 @@ class Phrase(StrEnum):
     STRUCTURE_THEN = "structure_then"
     LARGE_ERRORS = "large_errors"
     UNSETTLED = "unsettled"
+    SLOW_LOGS = "slow_logs"
     OPEN_FORECAST = "open_forecast"
     OPEN_GAIN = "open_gain"
     GAIN_UNKNOWN = "gain_unknown"
@@ -116,6 +118,7 @@ class NextStep(StrEnum):
     TAKE_UP = "take_up"
     TELL_ANOTHER = "tell_another"
     TELL_MOVING = "tell_moving"
+    TELL_FASTER = "tell_faster"
     UNTELL_SIMULATED = "untell_simulated"
 
 
@@ -136,6 +139,8 @@ SENTENCES: Mapping[Code | NextStep, str] = {
     Warn.TOO_LITTLE_MOTION: "{commands}: too little motion in {seconds:.0f} s of logs, so the model is "
     "uncertain everywhere",
     Warn.ONE_TRAJECTORY: ERRED + ", but one trajectory is too little to select that instead",
+    Warn.SLOW_MOTION: "{axes}: the logs reach at most {part:.0f %} of the speed of motions that the limits "
+    "allow, so the error of faster motion is not measured",
     Warn.LINEAR_ALONE: ERRED + ", so linear regression alone predicts this command",
     Warn.LINEAR_BELOW: ERRED + ", so the process now learns the residual of linear regression",
     Warn.PERHAPS_CHANCE: ERRED + ", which may be chance",
@@ -187,6 +192,7 @@ SENTENCES: Mapping[Code | NextStep, str] = {
     Phrase.STRUCTURE_THEN: "{structure}, selected then",
     Phrase.LARGE_ERRORS: "squared held-out errors are {factor:.1f} times the predicted variance, so this is "
     "not reliable",
+    Phrase.SLOW_LOGS: "the logs hold slow motion alone",
     Phrase.UNSETTLED: "the last log changed a length scale by a factor {factor:.1f}, so the model is not "
     "settled",
     Phrase.OPEN_FORECAST: "expected command error {forecast:.2g %} of the command limit (goal {goal:g %})",
@@ -211,6 +217,7 @@ SENTENCES: Mapping[Code | NextStep, str] = {
     "etude ask {folder:typed}",
     NextStep.TELL_ANOTHER: "Tell another one.",
     NextStep.TELL_MOVING: "Tell another log that moves it.",
+    NextStep.TELL_FASTER: "Tell a log of faster motion.",
     NextStep.UNTELL_SIMULATED: "Exclude the simulated ones: etude untell {folder:typed} {newest}",
 }
 """By code: no capital and no full stop where it may stand within a sentence."""

@@ -12,7 +12,7 @@ from etude_quadrotor.vehicle import GRAVITY
 
 AXES = ("x", "y", "z")
 PATH = "position"
-"""What is compared with the trajectory."""
+"""The channel that is compared with the trajectory."""
 
 
 def _vector(
@@ -24,7 +24,7 @@ def _vector(
 ALTITUDE = Channel("altitude", ("z",), ("m",))
 """Above ground."""
 SPECIFIC_FORCE = _vector("specific_force", "m/s^2", required=True)
-"""What an accelerometer reads, R_body_world (a + g z), body frame."""
+"""Reading of an accelerometer, R_body_world (a + g z), body frame."""
 RATES = _vector("rates", "rad/s", required=True)
 """Body frame."""
 ANGULAR_ACCELERATION = _vector("angular_acceleration", "rad/s^2", derivative_of="rates")
@@ -33,16 +33,16 @@ BODY_VELOCITY = _vector("body_velocity", "m/s")
 BODY_ACCELERATION = _vector("body_acceleration", "m/s^2")
 """R_body_world a, without gravity: the thesis's own input."""
 BATTERY = Channel("battery_voltage", ("pack",), ("V",))
-"""No motion gives it: plans assume what `battery.usual_voltage` finds."""
+"""Not a function of the motion: plans assume the value of `battery.usual_voltage`."""
 STATES = (ALTITUDE, SPECIFIC_FORCE, RATES, ANGULAR_ACCELERATION, BODY_VELOCITY, BODY_ACCELERATION)
-"""What a motion gives, of what a model may look at."""
+"""Possible inputs of a model that are functions of the motion."""
 
 IN_WORDS = (
     "Axes of the body: x forward, y left, z up; rates turn by the right hand. specific_force is what an "
     "accelerometer reads, 9.81 along z while hovering; body_velocity is through still air; body_acceleration "
     "is without gravity; altitude is above ground."
 )
-"""For people who have nothing but a header."""
+"""Text for users who have only a header."""
 
 POSITION = _vector(PATH, "m", "aside")
 VELOCITY = _vector("velocity", "m/s", "aside", derivative_of=PATH)

@@ -31,7 +31,9 @@ GRID = 100.0
 
 
 LARGEST_CORRECTION = 0.5
-"""V by which a learned voltage may differ from the analytic one: more has always been an extrapolation."""
+"""V: largest difference of a learned voltage from the analytic one; larger ones have always been
+extrapolation errors.
+"""
 
 
 class Voltages(Protocol):
@@ -126,7 +128,7 @@ def prior_deviation(model: Model) -> Array:
         prior = candidate.process.signal_variance + candidate.process.noise_variance
         for place, command in enumerate(candidate.commands):
             weight = float(candidate.weights[place])
-            if weight == 0.0:  # of those that take no part, what stands on the same physics comes first
+            if weight == 0.0:  # of the structures that are not used, those with the same physics come first
                 weight = -0.5 * float(candidate.structure != f"{chosen.get(command, '')}+gp")
             if weight > best[command]:
                 best[command] = weight

@@ -32,17 +32,19 @@ from etude_quadrotor.vehicle import GRAVITY
 BLOCK_S = 5.0
 """s: a stretch of a flight that is left out as a whole; errors of a flight are correlated over less."""
 LEAST_BLOCKS = 6
-"""Below it no interval is told."""
+"""Least number of blocks for an interval."""
 CHANCE = 0.01
-"""Of logs of one vehicle that they seem to contradict each other: where they do, their spread counts."""
+"""Probability that the test finds a contradiction between consistent logs; on a contradiction their spread
+widens the intervals.
+"""
 LAGS, DELAYS = (0.01, 0.02, 0.03, 0.05, 0.08, 0.12), (-0.004, 0.0, 0.004, 0.008, 0.016, 0.032)
-"""s, from which lag and delay are looked for."""
+"""s: grid of lags and delays at the start of the search."""
 FASTEST_LAG, STEPS, STEP_S = 0.002, 12, 1e-4
-"""s that a motor lags at least; Gauss-Newton steps at most; s of their differences."""
+"""Least lag of a motor, s; largest number of Gauss-Newton steps; step of their differences, s."""
 SETTLED_S = 0.5
-"""s at a log's start in which what came before it still counts."""
+"""s at a log's start that are excluded, since commands before the log still act."""
 FAST_HZ = 50.0
-"""Least rate of a log that tells a lag."""
+"""Least rate of a log from which a lag can be identified, Hz."""
 DENSITY = 1.225
 """kg/m^3 of air, as PX4's EKF2_BCOEF has it."""
 FULL = 65535
@@ -51,8 +53,9 @@ CONTROL_HZ = 500.0
 """Hz of a Crazyflie's rate control, of which its INDI parameters are."""
 CANNOT = "cannot tell"
 LOW, SPAN, LEAST_HEIGHT, EVEN = 4.0, 0.25, 0.1, 1e-3
-"""Distances of the outermost rotor from the centre below which rows are left out; m that it has where nobody
-says; m by which 1/h^2 stays finite; part by which that varies in flights at one height."""
+"""Height, in distances of the outermost rotor from the centre, below which rows are excluded; default of that
+distance, m; height that keeps 1/h^2 finite, m; relative variation of it in flights at one height.
+"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -258,7 +261,7 @@ def estimates(spec: QuadrotorSpec, flights: Flights, fit: Timed, rows: Mask) -> 
     found["lag"] = fit.lag + weights[-2]
     found["curve"] = square / (square + plain)
     found["hover_curved"] = GRAVITY / ((square + plain) * w.shape[1])
-    pattern = w.mean(axis=0) / w.mean()  # of the motors where it is trimmed
+    pattern = w.mean(axis=0) / w.mean()  # of the motors at trim
     a, b = square * (pattern**2).sum(), plain * pattern.sum()
     hover = 2.0 * GRAVITY / (b + np.sqrt(max(b * b + 4.0 * a * GRAVITY, 0.0)))
     found["hover"] = float(curved(hover * pattern, spec.thrust_curve).mean())
@@ -293,8 +296,8 @@ def _centre(
 
 
 def intervals(spec: QuadrotorSpec, flights: Flights) -> tuple[Array, Array]:
-    """Value, lower and upper end (P, 3) of the 95 % interval of NAMES, and (P,) the factor by which logs
-    widen it.
+    """Value, lower and upper end (P, 3) of the 95 % interval of NAMES, and (P,) the factor by which
+    contradicting logs widen it.
     """
     from scipy.stats import t as student
 

@@ -22,7 +22,7 @@ Acceleration = Literal["specific_force", "kinematic"]
 SOURCES = {"specific_force": "specific_force", "kinematic": "body_acceleration"}
 CHANNELS = {channel.name: channel for channel in (*STATES, BATTERY)}
 OPTIONAL = ("altitude", "body_velocity")
-"""Channels that a model can do without, by the options of their name."""
+"""Optional channels, by the configuration keys of the same name."""
 
 
 @dataclass(frozen=True)

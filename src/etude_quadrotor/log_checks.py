@@ -16,7 +16,7 @@ from etude_quadrotor.sensor_consistency import agreement_findings
 from etude_quadrotor.spec import QuadrotorSpec
 
 HOVER = (0.5, 2.0)
-"""Over the hover voltage: what the mean command of a flight may be."""
+"""Plausible range of the mean command of a flight, as a ratio to the hover voltage."""
 
 
 def findings(spec: QuadrotorSpec, log: Log) -> Sequence[Finding]:
@@ -37,10 +37,10 @@ CHECK = "ground"
 WINDOW_S = 0.2  # windows in which rest and ground are judged
 TURNING = 0.05  # rad/s: deviation of the gyroscope in a window, above which something moves
 SHAKING = 0.35  # m/s^2: the same of the specific force
-WEIGHT, OFF = 9.81, 0.6  # m/s^2: what is felt at rest, and by how much it may be off
+WEIGHT, OFF = 9.81, 0.6  # m/s^2: specific force at rest, and its tolerance
 COMMANDED = 0.2  # of a motor's range: commands that count for the median
-IDLE = 0.5  # of that median: motors that carry nothing
-TURNS = 0.1  # rad/s: a vehicle whose gyroscope says more in the mean of a window does not stand
+IDLE = 0.5  # of that median: idling motors
+TURNS = 0.1  # rad/s: a vehicle with a larger mean rate in a window does not stand still
 CARRIED = 3  # windows in a row: a dive whose drag is the weight for a moment is no landing
 LANDED_S = 1.0  # of ground between two flights, below which it stays
 SPARE_S = 0.5  # next to the ground: its effect, and contact
@@ -59,8 +59,8 @@ class Windows:
 def windows(t: Array, gyro: Array | None, force: Array | None, throttle: Array) -> Windows:
     """Rest and ground in each window.
 
-    On the ground, something other than the motors carries the weight: they idle, and yet the accelerometer
-    shows it. So ground is detected although idling motors shake the sensors.
+    On the ground the floor carries the weight: the motors idle, and the accelerometer still reads gravity. So
+    ground is detected even if idling motors shake the sensors.
 
     Args:
         t: (T,) s. gyro: (T, 3) rad/s, force: (T, 3) m/s^2 of the body; None if not measured: then the command
@@ -116,7 +116,7 @@ class Grounded(Excludable):
     def cut(self, log: Log) -> Log:
         """The log without the ground at its ends and between flights, and without SPARE_S beside it.
 
-        A log that is ground throughout stays unchanged, and so do moments on the ground inside a flight.
+        A log entirely on the ground stays unchanged, and so do short contacts within a flight.
         """
         start, end = float(log.t[0]), float(log.t[-1])
         kept = np.ones(len(log), dtype=np.bool_)
@@ -153,7 +153,7 @@ def ground_finding(found: Windows) -> Finding:
 def _ground(spec: QuadrotorSpec, log: Log) -> Finding:
     """A finding about idle motors while nothing moves, before take-off or after landing."""
     low, high = np.array(spec.command_lower), np.array(spec.command_upper)
-    motors = low >= 0.0  # other commands are angles and rates, whose middle is no thrust
+    motors = low >= 0.0  # other commands are angles and rates, whose mean is not a thrust
     if not motors.any():
         return Finding(CHECK, "cannot tell", "No command is that of a motor.")
     throttle = (log["command"] - low)[:, motors] / (high - low)[motors]

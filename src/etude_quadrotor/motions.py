@@ -32,21 +32,21 @@ from etude_quadrotor.vehicle import GRAVITY
 
 PLACES = (0, 1, 2)  # x, y, z
 UP = (0.0, 0.0, GRAVITY)
-TEST_HARMONICS = 2  # of test flights, whatever designed ones have
+TEST_HARMONICS = 2  # harmonics of test flights, independent of designed ones
 ATTITUDE_LAG = 1.0 / 6.5 + 0.02
 """s: PX4's MC_ROLL_P and MC_PITCH_P are 6.5 1/s by default, a Crazyflie's gains 6. A set-point is held
-for 20 ms, half of which it is late, and acted on a step of the controller later.
+for 20 ms, so it is late by half of that, and takes effect one controller step later.
 """
 PLACE_GAIN = 0.95
-"""1/s, PX4's MPC_XY_P: what a late acceleration has cost in speed is made up for by an error of the place."""
+"""1/s, PX4's MPC_XY_P: a position error compensates the speed that a late acceleration lost."""
 CUT = 0.9
-"""Part of the vertical speeds that plans use: an autopilot cuts what is asked with its feedback."""
+"""Part of the vertical speeds that plans use: an autopilot clips set-point plus feedback."""
 TEST_DURATION = 30.0
-"""s, whatever flights a campaign trains on, so that these can be compared."""
+"""s: duration of test flights in every campaign, so that results are comparable."""
 
 
 SAMPLES = 24
-"""Per degree, of the feasible set's grid; it gives away 0.9 % of the linear limits."""
+"""Points per degree of the feasible set's grid; it loses 0.9 % of the linear limits."""
 
 
 def flight_family(config: FlightConfig) -> FourierFamily:
@@ -57,22 +57,22 @@ def flight_family(config: FlightConfig) -> FourierFamily:
 
 
 PEAK_SPEED, PEAK_ACCELERATION = 35.0 / 16.0, 84.0 / (5.0 * math.sqrt(5.0))
-"""Of a septic from rest to rest over length and time 1."""
+"""Largest derivatives of a septic from rest to rest over length and time 1."""
 UNHURRIED, GENTLE, SHORTEST = 0.3, 0.5, 2.0
-"""Of ways: part of the speed limit, m/s^2, and s that one lasts at least."""
+"""Approaches: part of the speed limit, acceleration m/s^2, and least duration s."""
 ORDERS = 4  # position to jerk
 STILL = 1e-9
 """m/s, m/s^2, ...: less is rest."""
 UPRIGHT, SETTLED = 1e-4, 1e-3
-"""m that a way to or from the ground may go sideways or begin beside it, and the m/s, m/s^2 at its ends that
-count as rest: receivers play single precision.
+"""m that a take-off or landing may deviate sideways, and the m/s, m/s^2 at its ends that count as rest:
+receivers use single precision.
 """
 LIFTED, RAMP = 0.03, 4.0
-"""m that a take-off rises in its first s. An autopilot ramps thrust up once a set-point is above the ground
-(PX4 for 3 s, MPC_TKO_RAMP_T, and 1 s for the motors, COM_SPOOLUP_TIME) and lags behind what rises before.
+"""m that a take-off rises in its first s. An autopilot ramps thrust up when a set-point is above the ground
+(PX4 for 3 s, MPC_TKO_RAMP_T, and 1 s for the motors, COM_SPOOLUP_TIME), and lags behind a faster rise.
 """
 LASTING = (0.5, 0.75, 1.0, 1.5, 2.0, 3.0)
-"""Times of that of a straight way, in which one into a motion is tried."""
+"""Durations that are tried for an approach into a moving motion, as factors of that of a straight line."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -261,7 +261,7 @@ def home(spec: QuadrotorSpec) -> Array:
     low, high = np.array(spec.lower) + margins, np.array(spec.upper) - margins
     place = 0.5 * (low + high)
     reach = math.inf if spec.radius is None else spec.radius - spec.margin
-    # a hundredth of the way is less than a flight's tracking error
+    # 1 % of the distance is less than the tracking error of a flight
     shares = np.linspace(0.0, 1.0, 101)[:, None]
     points = place[:2] + shares * (np.clip(0.0, low[:2], high[:2]) - place[:2])
     room = np.minimum((points - low[:2]).min(axis=1), (high[:2] - points).min(axis=1))

@@ -16,11 +16,12 @@ from etude_quadrotor.recorder import on_even_grid, with_states
 from etude_quadrotor.spec import QuadrotorSpec
 
 FAST, FAST_HZ = 2.0, 50.0
-"""Samples of the log per sample of the model from which a lag can be told, and the rate from which it can
-whatever the model's: of slow flights, at 10 Hz, single logs gave 0 to 200 ms for a vehicle that has 50."""
+"""Least samples of the log per sample of the model to identify a lag, and the rate that suffices in any case.
+In slow flights at 10 Hz, single logs gave 0 to 200 ms for a vehicle with 50 ms.
+"""
 LAGGING = ("specific_force", "rates", "angular_acceleration", "body_velocity", "altitude")
-"""States that tell of the motion that commands cause."""
-MOST_SATURATED = 0.95  # part of a log: what is left says nothing
+"""States of the motion that commands cause."""
+MOST_SATURATED = 0.95  # part of a log: with more saturated rows the rest is not informative
 KEPT = ("state", "command", "plan", "truth")
 """Roles of channels that samples have; beside them the position."""
 

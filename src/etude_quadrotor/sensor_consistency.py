@@ -29,29 +29,33 @@ TURN_S, MOVE_S = 0.1, 0.5
 """s over which attitudes are differenced, and half the window of positions: long against noise and filters,
 short against a turn."""
 LEAST_S = 5.0
-"""s of flight below which nothing is compared."""
+"""s: shorter flights are not compared."""
 LEAST_TURN, LEAST_PUSH = 0.01, 0.4
-"""rad and m/s^2 (rms) by which the stated reading has to be wrong: biases and offsets of sensors are less."""
+"""Least error of the stated interpretation, rad and m/s^2 (rms): biases and offsets of sensors are
+smaller.
+"""
 LIKE, BETTER = 0.5, 4.0
-"""Part of the motion that another reading may leave unexplained, and how much more the stated one leaves."""
+"""Largest unexplained part of the motion under another interpretation, and least ratio to it of that under
+the stated one.
+"""
 NEAR = 1.5
-"""Of the readings that leave no more than so much of the least, the one with fewest changes is named."""
+"""Of the interpretations within this factor of the best one, that with the fewest changes is named."""
 DEGREES = 180.0 / np.pi
 FRD, NED = np.diag([1.0, -1.0, -1.0]), np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
 BIAS = 0.5
-"""m/s^2 of a constant difference that counts as a sensor's, or that of an attitude of 3 degrees."""
+"""m/s^2: constant difference attributed to a sensor offset, or to an attitude error of 3 degrees."""
 OUTLIER = 30.0
 """m/s^2: a leap of the position, not a flight."""
 LATE, SOON, SPAN = 0.25, -0.1, 1.5
-"""s by which motors act after their commands at most, propellers and filters included; looked for."""
+"""s: largest delay of motors behind their commands in the search, propellers and filters included."""
 SMOOTH_S = 0.05
 """s over which commands, forces and angular accelerations are averaged: less is noise."""
 HEARD, CLEAR = 0.75, 1.5
-"""Part of the thrust, or of one torque, that commands may leave unexplained at most where their delay is
-told; and how much more, the product over all four, a delay that may be has to leave.
+"""Largest unexplained part of the thrust, or of one torque, for which a delay is stated; and the ratio, as a
+product over all four, by which another delay must be worse.
 """
 SMALLEST = 1e-6
-"""Of what is unexplained, below which nothing is measured."""
+"""Least unexplained part: smaller values are below the measurement noise."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,7 +152,7 @@ def _turning(flight: Flight) -> Finding | None:
         for unit, factor in SCALES.items():
             for axes, turn in _signed():
                 left = float(np.mean(np.sum((turns - factor * said @ turn.T) ** 2, axis=1)))
-                if not found and np.sqrt(left) < LEAST_TURN:  # as stated: no other reading is looked for
+                if not found and np.sqrt(left) < LEAST_TURN:  # as stated: no other interpretation is tried
                     return Finding(RATES, "green", "The gyroscope matches the turns of the attitude.")
                 parts = [
                     words,
@@ -186,7 +190,7 @@ def _pushing(flight: Flight) -> Finding | None:
     if kept.sum() < LEAST_S * GRID / 2:
         return None
     moved = moved[kept]
-    # vertical and level motion tell different things: each axis counts by what it moves
+    # vertical and horizontal motion have different information: each axis is weighted by its motion
     size = float(np.mean(np.sum((moved - moved.mean(axis=0)) ** 2, axis=1)))
     found: list[Reading] = []
     for words, changes, R in _attitudes(flight):
@@ -261,14 +265,14 @@ def _axes(whose: str, axes: str, turn: Array) -> str:
 
 
 def _judged(check: str, found: Sequence[Reading], fact: str) -> Finding:
-    """A finding, red if another interpretation explains what the header's does not."""
+    """A finding, red if another interpretation explains the motion and that of the header does not."""
     stated, best = found[0], min(found, key=lambda one: one.left)
     alone = f"{fact} everywhere, and no other reading of the columns is better."
     if best.left > LIKE or stated.left < BETTER * best.left:
         return Finding(
             check, "cannot tell", f"{fact} everywhere, and no other reading of the columns is better."
         )
-    # 0.01: of two readings that leave next to nothing neither is better
+    # 0.01: two interpretations with almost no residual are equally good
     near = [one for one in found if one.left < NEAR * best.left + 0.01]
     named = min(near, key=lambda one: (one.changes, one.left))
     if not named.changes:

@@ -85,12 +85,12 @@ class QuadrotorSpec:
 
     @property
     def airframe(self) -> Vehicle | None:
-        """The vehicle with its rotors where they stand; None if nobody described it."""
+        """The vehicle with the positions of its rotors; None without description."""
         if self.vehicle is None or not self.rotors:
             return self.vehicle
         return replace(self.vehicle, layout=self.rotors)
 
     @property
     def body(self) -> Vehicle | None:
-        """The vehicle whose motors explain the commands; None if nobody described it, or for set-points."""
+        """The vehicle whose motors explain the commands; None without description, or for set-points."""
         return self.airframe if self.command_unit == "V" else None

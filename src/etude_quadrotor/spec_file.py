@@ -45,11 +45,13 @@ from etude_quadrotor.vehicle import GRAVITY, SPINS, Rotor, Vehicle
 
 KIND = "quadrotor"
 KINDS = (KIND, "vehicle")
-"""What a file may call it; "vehicle" is the older word."""
+"""Names of the kind in a file; "vehicle" is the older one."""
 LEAST = 4
-"""Motors: fewer do not give thrust and three moments apart."""
+"""Least number of motors: fewer cannot produce thrust and three moments independently."""
 APART = 1e-3
-"""Of the largest singular value of an allocation, with rotors within a unit circle: one below it is none."""
+"""Relative to the largest singular value of an allocation, with rotors within a unit circle: smaller ones
+count as 0.
+"""
 FORCES = ("thrust", "roll moment", "pitch moment", "yaw moment")
 """Rows of an allocation."""
 UNITS = ("V", "1")
@@ -57,7 +59,7 @@ Three = tuple[float, float, float]
 
 
 class QuadrotorTable(msgspec.Struct, forbid_unknown_fields=True, omit_defaults=True):
-    """The whole file. `units_checked` vouches for figures that would else be suspected of another unit."""
+    """The whole file. `units_checked` confirms values that would otherwise be suspected of another unit."""
 
     kind: str
     name: str
@@ -155,7 +157,9 @@ def _refuse_unknown(table: dict[str, Any], where: str) -> None:
 
 
 def check_spec(spec: QuadrotorSpec, *, where: str = "") -> None:
-    """UsageError naming what is impossible: a limit, an empty room, a vehicle that cannot lift itself."""
+    """Raises a UsageError that names an impossible limit, an empty room, or a vehicle that cannot lift its
+    weight.
+    """
     numbers = {
         "rate": spec.rate,
         "speed": spec.speed,
@@ -223,7 +227,9 @@ def _check_commands(spec: QuadrotorSpec, where: str) -> None:
 
 
 def _check_rotors(spec: QuadrotorSpec, where: str) -> None:
-    """UsageError: rotors that are not those of the commands, or cannot make thrust and moments apart."""
+    """Raises a UsageError if rotors do not match the commands, or cannot produce thrust and moments
+    independently.
+    """
     place, count = f"{where} rotors", len(spec.command_names)
     if not spec.rotors:
         if spec.body is not None and count != LEAST:
@@ -255,7 +261,7 @@ def _check_rotors(spec: QuadrotorSpec, where: str) -> None:
 
 
 def lacking_forces(rotors: Sequence[Rotor]) -> str:
-    """What of thrust and moments rotors cannot make apart from the rest, in words; "" where they make all."""
+    """Names of thrust or moments that the rotors cannot produce independently; "" if there are none."""
     x, y, spins = np.array(rotors).T
     size = float(np.hypot(x, y).max()) or 1.0
     allocation = np.stack([np.ones(len(x)), y / size, -x / size, -spins])

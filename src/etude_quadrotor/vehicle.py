@@ -18,7 +18,7 @@ GRAVITY = 9.81
 CORNERS = ((1.0, -1.0), (-1.0, -1.0), (-1.0, 1.0), (1.0, 1.0))
 """Signs of (x, y) of the rotors: front right, back right, back left, front left."""
 SPINS = (1.0, -1.0, 1.0, -1.0)
-"""+1: turns about +z (seen from above, against the clock), so that its drag turns the body about -z."""
+"""+1: rotates about +z (counter-clockwise from above), so its drag torque on the body is about -z."""
 
 
 Rotor = tuple[float, float, float]
@@ -80,7 +80,7 @@ class Vehicle:
         return np.asarray(np.linalg.inv(found) if square else np.linalg.pinv(found))
 
     def steady_voltage(self, speed: Array) -> Array:
-        """Voltage that keeps up a rotor speed in rad/s: back-EMF, and the current that balances the drag."""
+        """Voltage that maintains a rotor speed in rad/s: back-EMF, and the current that balances the drag."""
         current = self.torque_constant * speed * np.abs(speed) / self.motor_constant
         return np.asarray(self.resistance * current + self.motor_constant * speed)
 

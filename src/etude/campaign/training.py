@@ -33,7 +33,7 @@ from etude.campaign.record.stored_models import (
     stored_log,
     stored_model,
 )
-from etude.codes import Notice, Warn, stated
+from etude.codes import NextStep, Notice, Warn, stated
 from etude.design.latents import latents_of
 from etude.design.objective import MOTIONS, reference_states
 from etude.errors import DataError, NumericalError
@@ -163,10 +163,20 @@ def _learn_together(campaign: Campaign, learn: Learner, numbers: Sequence[int], 
 REFERENCE_STREAM = 5
 """The reference motions of the stop rule are the same for all rounds, so that its numbers can be compared."""
 STATES = 100  # reference states at which the expected error is averaged
+SPEEDS = ("rad/s", "m/s")
+FASTEST = 99.0  # per cent of states that are slower than what counts as reached: single rows may be wrong
+SLOW = 0.5
+"""Part of the reference motions' speed below which logs say little of it: what grows with its square is a
+quarter."""
 
 
 def with_forecast(
-    fact: Trained, model: LearnedModel, before: LearnedModel | None, campaign: Campaign, state: State
+    fact: Trained,
+    model: LearnedModel,
+    before: LearnedModel | None,
+    campaign: Campaign,
+    state: State,
+    samples: Samples,
 ) -> Trained:
     """The training with the model's expected errors, for each command in its unit.
 
@@ -179,7 +189,8 @@ def with_forecast(
     latents = latents_of(model)
     groups = [latent.commands for latent in latents]
     latent, noise, expected = (np.zeros(len(model.commands)) for _ in range(3))
-    for view, X in zip(latents, reference_states(model.inputs, groups, STATES, motions), strict=True):
+    references = reference_states(model.inputs, groups, STATES, motions)
+    for view, X in zip(latents, references, strict=True):
         own = list(view.commands)
         latent[own] = view.factors * np.sqrt(np.mean(view.posterior.predict(X)[1]))
         noise[own] = view.factors * np.sqrt(view.posterior.noise_variance)
@@ -190,6 +201,28 @@ def with_forecast(
         latent_deviation=tuple(latent.tolist()),
         noise_deviation=tuple(noise.tolist()),
         moved=None if before is None else _moved(model, before),
+        warnings=(
+            *fact.warnings,
+            *slow_motion(model.inputs, samples, np.concatenate(references), fact.unmoved),
+        ),
+    )
+
+
+def slow_motion(
+    inputs: Inputs, samples: Samples, reference: Array, unmoved: Sequence[str]
+) -> tuple[Notice, ...]:
+    """Notice of axes that moved far more slowly than at the reference states (r, D); unmoved ones apart."""
+    own = np.percentile(np.abs(inputs.of_log(samples.log)), FASTEST, axis=0)
+    asked = np.percentile(np.abs(reference), FASTEST, axis=0)
+    parts = {
+        axis: float(own[k] / asked[k])
+        for k, (_, axis, unit, op) in enumerate(inputs.columns)
+        if unit in SPEEDS and not op and axis not in unmoved and own[k] < SLOW * asked[k]
+    }
+    if not parts:
+        return ()
+    return (
+        Notice(Warn.SLOW_MOTION, {"axes": tuple(parts), "part": max(parts.values())}, NextStep.TELL_FASTER),
     )
 
 
@@ -259,7 +292,7 @@ def learn_log(campaign: Campaign, state: State, number: int) -> TrainingOutcome:
         predicted_by=trained[-1].trained.chosen if trained and trained[-1].trained else None,
         unmoved=tuple(np.array(campaign.command.parts)[held].tolist()),
     )
-    fact = with_forecast(fact, selection.model, before, campaign, state)
+    fact = with_forecast(fact, selection.model, before, campaign, state, samples)
     if blocks:
         ingested = state.rounds[number].ingested
         gap = 0.0 if ingested is not None and ingested.foreign else GAP_S

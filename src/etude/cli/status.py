@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from etude.cli.outcome import Common, Folder, Outcome, Say, opened, table
+from etude.codes import Warn
 from etude.errors import typed
 
 NO_MATTER = 0.05
@@ -19,7 +20,7 @@ BASES = {
     "linear": "linear regression on the logs",
 }
 """What a structure's mean is, in words."""
-MIXED = "mixed"
+MIXED, SELECTED = "mixed", "selected now"
 MIXED_MEANS = "mixed: several structures, each with its weight in each output."
 
 
@@ -51,10 +52,7 @@ def _lines(found: Mapping[str, Any]) -> list[str]:
     if found["calibration_factor"] is not None:
         factor = found["calibration_factor"]
         lines.append(f"Calibration factor {factor:.2f} (z^2 of logs left out; 1 is right).")
-    if found["forecast_fraction"] is not None:
-        fraction = found["forecast_fraction"]
-        share = f"{100 * fraction:.2g} %" if fraction < 1.0 else "as large as the limit, or larger"
-        lines.append(f"Expected command error: {share} {'of the limit ' * (fraction < 1.0)}(worst axis).")
+    lines += _forecast(found)
     if found["next_gain"] is not None:
         lines.append(
             f"The next trajectory is to remove {100 * found['next_gain']:.0f} % of the variance left."
@@ -74,6 +72,24 @@ def _lines(found: Mapping[str, Any]) -> list[str]:
     lines += [f"Problem: {one['sentence']}." for one in found["problems"]]
     lines += [MEND] * bool(found["problems"])
     return lines
+
+
+def _forecast(found: Mapping[str, Any]) -> list[str]:
+    """What is claimed of motion that was not seen: nothing after one log, or after slow ones."""
+    fraction, head = found["forecast_fraction"], "Expected command error: "
+    if found["scored_log"] is None:
+        return []
+    if fraction is not None:
+        share = (
+            f"{100 * fraction:.2g} % of the limit" if fraction < 1.0 else "as large as the limit, or larger"
+        )
+        return [f"{head}{share} (worst axis)."]
+    slow = any(notice["code"] == Warn.SLOW_MOTION for notice in found["alerts"])
+    return [
+        f"{head}not known of faster motion."
+        if slow
+        else f"{head}not known of other motion: one log was told."
+    ]
 
 
 def faults(found: Sequence[Mapping[str, str]]) -> list[str]:
@@ -112,9 +128,19 @@ def _held_out(found: Mapping[str, Any]) -> list[str]:
     return [
         f"nMSE within log {held_out['number']}, blocks {blocks} of {held_out['of']} from the others{used}.",
         "It says little of another motion, which may err many times as much: tell a second log.",
-        _by_output(found, held_out["nmse"]),
-        *_standing(found, held_out["nmse"], held_out.get("nmse_all") or {}),
+        _by_output(found, _with_selected(found, held_out["nmse"])),
+        *_standing(found, *(_with_selected(found, held_out.get(key) or {}) for key in ("nmse", "nmse_all"))),
     ]
+
+
+def _with_selected(found: Mapping[str, Any], scores: Mapping[str, Any]) -> dict[str, Any]:
+    """Scores by structure, with a row of what is selected now; blocks alone may have selected another."""
+    own = {structure: values for structure, values in scores.items() if structure != MIXED}
+    structures = found["rungs"] or []
+    if own and len(set(structures)) > 1:
+        none = [None] * len(structures)
+        own[SELECTED] = [own.get(structure, none)[j] for j, structure in enumerate(structures)]
+    return own
 
 
 def _new_motion(found: Mapping[str, Any]) -> list[str]:
@@ -130,8 +156,7 @@ def _new_motion(found: Mapping[str, Any]) -> list[str]:
 
 
 def _mixed(found: Mapping[str, Any]) -> list[str]:
-    held_out = found["held_out"] or {"nmse": ()}
-    return [MIXED_MEANS] * (MIXED in found["prequential"] or MIXED in held_out["nmse"])
+    return [MIXED_MEANS] * (MIXED in found["prequential"])
 
 
 def _in_words(found: Mapping[str, Any]) -> list[str]:

@@ -1,8 +1,8 @@
 """The arm in closed form, compiled: equations of motion, motors, friction, encoder and PD loop in one file.
 
-Independent of MuJoCo, and an order of magnitude faster; the tests hold the two against each other.
-Everything compiled lives in this one file because numba's cache watches only the file of the function it
-stores: a callee elsewhere could change unnoticed.
+It is independent of MuJoCo and an order of magnitude faster; tests compare the two. All compiled code is in
+this file, since numba's cache checks only the file of the cached function: a change of a callee elsewhere
+would go unnoticed.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from etude_arm.plant.trace import LoopInputs, Trace
 
 
 class Arrays(NamedTuple):
-    """ArmParameters as arrays, the form compiled code takes.
+    """ArmParameters as arrays for compiled code.
 
     Attributes:
         reach: (n, n) coefficient of the direction of link i in the centre of mass of link k.
@@ -202,7 +202,7 @@ def _open_loop(q: Array, v: Array, z: Array, volts: Array, p: Arrays) -> tuple[A
 
 
 class LoopState(NamedTuple):
-    """The arm and its controller between two control ticks; `_closed_loop` changes it in place.
+    """State of the arm and its controller between two control ticks; `_closed_loop` changes it in place.
 
     Attributes:
         q, v, z: (dof,) angles rad, rates rad/s, bristle deflections.
@@ -300,7 +300,7 @@ def at_rest(q: Array) -> LoopState:
 
 
 class Constants(NamedTuple):
-    """What the compiled loop takes of an arm and its controller, made once."""
+    """Inputs of the compiled loop for an arm and its controller, made once."""
 
     kp: Array
     kd: Array
@@ -312,7 +312,7 @@ class Constants(NamedTuple):
 
 
 def constants(arm: ArmParameters) -> Constants:
-    """Of the arm with these parameters."""
+    """The inputs for the arm with these parameters."""
     c = arm.controller
     return Constants(
         kp=np.array(c.kp),
@@ -326,7 +326,7 @@ def constants(arm: ArmParameters) -> Constants:
 
 
 def advance(arm: Constants, state: LoopState, inputs: LoopInputs) -> Trace:
-    """The closed loop over the control ticks of `inputs`, from `state`, which moves along."""
+    """The closed loop over the control ticks of `inputs`, from `state`, which is updated."""
     measured, true, tau, tau_fb = _closed_loop(
         state,
         inputs.q_des,
@@ -351,14 +351,14 @@ def simulate(arm: ArmParameters, inputs: LoopInputs) -> Trace:
 
 
 def inverse(arm: ArmParameters, q: Array, qd: Array, qdd: Array) -> Array:
-    """Command (T, dof) that keeps up a motion (T, dof each), neither rounded nor clipped."""
+    """Command (T, dof) that produces a motion (T, dof each), neither rounded nor clipped."""
     rows = (np.ascontiguousarray(x, dtype=np.float64) for x in (q, qd, qdd))
     volts: Array = _inverse(*rows, arrays(arm))
     return volts / arm.controller.supply * arm.controller.resolution
 
 
 class RunningArm:
-    """One arm on its way (implements `trace.Running`); the same compiled loop as a whole run, to the bit.
+    """One arm that runs step by step (implements `trace.Running`), bit for bit as a whole run.
 
     Args:
         arm: its parameters.
@@ -374,5 +374,5 @@ class RunningArm:
         self._arm = constants(parameters)
 
     def advance(self, inputs: LoopInputs) -> Trace:
-        """Goes on over the ticks of `inputs`."""
+        """Continues over the ticks of `inputs`."""
         return advance(self._arm, self._state, inputs)

@@ -1,4 +1,4 @@
-"""Feedback loop: a simulated arm under its own feedback turns a trajectory and a controller into a Log."""
+"""Feedback loop: a simulated arm with feedback control follows a trajectory and returns a Log."""
 
 from __future__ import annotations
 
@@ -40,12 +40,12 @@ class LedIn:
     fixed: bool
 
     def inputs(self, substeps: int) -> LoopInputs:
-        """As an engine takes it."""
+        """The run as inputs of an engine."""
         q, qd, qdd = self.orders
         return LoopInputs(q, qd, self.feedforward, self.noise, substeps, qdd)
 
     def row(self, k: int) -> dict[str, Array]:
-        """What a perfect run would measure at tick k, and the plan."""
+        """The row of a perfect run at tick k, with the plan."""
         return {name: self.orders[i % ORDERS, k] for i, name in enumerate((*PATH, *PLAN))}
 
 
@@ -57,7 +57,7 @@ def led_in(
     deviation: float | Array,
     rng: np.random.Generator | None,
 ) -> LedIn:
-    """The motion after `held` ticks in its first position, with the first row of its feedforward.
+    """The motion after `held` ticks at rest in its first position, with the first row of its feedforward.
 
     Args:
         motion: three orders at the control ticks.
@@ -87,15 +87,15 @@ def control_times(duration: float, rate: float) -> Array:
 
 
 class Following(ABC):
-    """What every simulated arm does alike (implements `protocols.Robot`).
+    """Common part of the simulated arms (implements `protocols.Robot`).
 
-    A controller that plans nothing is asked at every tick (`asks_each_tick`).
+    A controller without a planned feedforward is called at every tick (`asks_each_tick`).
 
     Attributes:
         name: the plant's name.
-        spec: what its owner would know of it.
+        spec: description by its owner.
         lead_in: s at rest in the first desired position before t = 0, kept in the log.
-        sensor: (J,) command units that the logged command reads too much; (): nothing.
+        sensor: (J,) offset of the logged command, command units; (): none.
     """
 
     name: str
@@ -129,20 +129,21 @@ class Following(ABC):
 
     @abstractmethod
     def altered(self, name: str, value: float) -> Self:
-        """With that change of its physics, one of `CHANGES`. UsageError: it is impossible."""
+        """The robot with that change of its physics, one of `CHANGES`. UsageError: the change is
+        impossible.
+        """
 
     @abstractmethod
     def inverse(self, q: Array, qd: Array, qdd: Array) -> Array:
-        """The exact inverse model: the command (T, J) that keeps up this motion (T, J each).
+        """The exact inverse model: the command (T, J) that produces this motion (T, J each).
 
-        Friction is at its steady state for the given velocity, with sign(0) = 0, so a joint at rest is
-        described only up to its static friction.
+        Friction is at its steady state for the given velocity, with sign(0) = 0, so the command of a joint at
+        rest is uncertain by its static friction.
         """
 
     def inverse_along(self, q: Array, qd: Array, qdd: Array) -> Array:
-        """The same of rows that follow one another from rest, for robots whose friction is known to remember.
-
-        Of others the steady one.
+        """The same for consecutive rows from rest, if the friction model has memory; otherwise with steady
+        friction.
         """
         return self.inverse(q, qd, qdd)
 
@@ -158,10 +159,10 @@ class Following(ABC):
         Args:
             trajectory: of as many axes.
             controller: None for feedback alone. What it plans is held at its first row during the lead-in.
-                One that plans nothing is asked at every tick: its row holds what a perfect run would
-                measure, and `observe` then gets what was measured.
+                One without a planned feedforward is called at every tick, with the row of a perfect run;
+                `observe` then gets the measured row.
             rng: of the encoder noise, the same for every engine; None for an encoder without noise.
-            changes: time in s -> the robot whose physics this one has from then on.
+            changes: time in s -> the robot whose physics apply from then on.
 
         Raises:
             UsageError: other axes, values that are not finite, or an engine that cannot go tick by tick.
@@ -194,8 +195,8 @@ class Following(ABC):
     def error(self, log: Log) -> tuple[Array, tuple[str, ...]]:
         """Mean |desired - actual| (J,) over t >= 0; actual is the true position if the log knows it.
 
-        In deg, in m where all joints slide, and in % of each joint's range where some do: a mean over m and
-        deg says nothing.
+        Units: deg; m if all joints slide; % of each joint's range if some do, since a mean over m and deg is
+        meaningless.
 
         Raises:
             DataError: the log has no desired positions, or nothing at t >= 0.
@@ -218,8 +219,8 @@ class Following(ABC):
         )
 
     def changed(self, **what: float) -> Self:
-        """The robot with `payload` (kg) at its hand, `friction` times as large, or with so much added to the
-        logged command of a joint (`sensor_<joint>`, command units).
+        """The robot with a `payload` (kg) at its tip, `friction` times a factor, or an offset of the logged
+        command of a joint (`sensor_<joint>`, command units).
 
         Raises:
             UsageError: another change, or an impossible one.

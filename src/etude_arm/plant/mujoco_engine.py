@@ -28,7 +28,7 @@ def build_model(arm: ArmParameters) -> mujoco.MjModel:
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     for motor in arm.motors:
         joint = spec.joint(motor.joint)
-        joint.limited = 0  # the limits are the owner's; the hardware's stops lie outside them
+        joint.limited = 0  # limits are those of the robot file; mechanical stops lie outside them
         _add_motor(spec, joint, motor, arm.controller.supply)
     return spec.compile()
 

@@ -1,4 +1,4 @@
-"""The physical parameters of a simulated arm, read from `plant/data/NAME.toml`; none live in code."""
+"""Physical parameters of a simulated arm, read from `plant/data/NAME.toml`; the code has none."""
 
 from __future__ import annotations
 
@@ -83,7 +83,7 @@ class Motor(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Controller(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """PD control as the arm's electronics do it: supply in V, integer commands, encoder, velocity filter."""
+    """PD control of the arm's electronics: supply in V, integer commands, encoder, velocity filter."""
 
     supply: Positive
     resolution: Annotated[int, msgspec.Meta(gt=0)]
@@ -95,7 +95,7 @@ class Controller(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     @property
     def encoder_tick(self) -> float:
-        """Smallest angle the encoder tells apart, rad."""
+        """Resolution of the encoder, rad."""
         return float(2.0 * math.pi / 2**self.encoder_bits)
 
     @property
@@ -133,7 +133,7 @@ class ArmParameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 def plant_names(folder: Path = DATA) -> tuple[str, ...]:
-    """The simulated arms that there are."""
+    """Names of the simulated arms."""
     return tuple(sorted(path.stem for path in folder.glob("*.toml")))
 
 

@@ -1,4 +1,4 @@
-"""ArmRobot: a simulated arm that turns a trajectory and a controller into a Log, with changes and faults."""
+"""ArmRobot: a simulated arm that follows a trajectory and returns a Log, with changes and faults."""
 
 from __future__ import annotations
 
@@ -56,11 +56,11 @@ class ArmRobot(Following):
 
     Attributes:
         name: the plant's name.
-        spec: what its owner would know of it.
-        parameters: what it is.
+        spec: description by its owner.
+        parameters: its true parameters.
         engine: "compiled", or "mujoco", independent of it; they agree to 0.001 deg over a minute.
         lead_in: s at rest in the first desired position before t = 0, kept in the log.
-        sensor: (J,) command units that the logged command reads too much; (): nothing.
+        sensor: (J,) offset of the logged command, command units; (): none.
     """
 
     name: str
@@ -115,10 +115,10 @@ class ArmRobot(Following):
 
 
 def simulated_robot(name: str, spec: ArmSpec, engine: Engine = "compiled") -> ArmRobot:
-    """The arm whose parameters are `plant/data/NAME.toml`, as `spec` describes it to its owner.
+    """The arm with the parameters of `plant/data/NAME.toml` and the description `spec`.
 
     Raises:
-        UsageError: unknown plant or engine, other joints, or a rate that the physics cannot keep.
+        UsageError: unknown plant or engine, other joints, or a rate that does not divide that of the physics.
     """
     if name not in plant_names():
         raise UsageError(
@@ -140,7 +140,7 @@ def _check_spec(name: str, spec: ArmSpec, arm: ArmParameters) -> None:
             next_step=f"Name them {', '.join(joints)}, in this order.",
         )
     steps = 1.0 / (spec.rate * arm.timestep)
-    # rates of files are rounded: a millionth of a step is a whole one
+    # rates in files are rounded: 1e-6 of a step counts as a whole step
     if round(steps) < 1 or abs(steps - round(steps)) > 1e-6:
         raise UsageError(
             f"a control rate of {spec.rate:g} Hz is no multiple of the plant's time step {arm.timestep:g} s",

@@ -32,7 +32,7 @@ class LoopInputs:
     qdd_des: Array | None = None
 
     def tick(self, k: int, tau_ff: Array) -> LoopInputs:
-        """Tick k alone, with this feedforward (dof,)."""
+        """The inputs of tick k alone, with this feedforward (dof,)."""
         one = slice(k, k + 1)
         bend = None if self.qdd_des is None else self.qdd_des[one]
         return LoopInputs(
@@ -42,7 +42,7 @@ class LoopInputs:
 
 @dataclass(frozen=True)
 class Trace:
-    """What happened at each control tick, (T, dof): measured and true position, command, feedback."""
+    """Outputs at each control tick, (T, dof): measured and true position, command, feedback."""
 
     q: Array
     q_true: Array
@@ -51,7 +51,7 @@ class Trace:
 
     @classmethod
     def joined(cls, parts: Sequence[Trace]) -> Trace:
-        """One after the other."""
+        """The concatenation of several traces."""
         return cls(*(np.concatenate([getattr(p, f) for p in parts]) for f in cls.__dataclass_fields__))
 
 
@@ -59,7 +59,7 @@ class Running(Protocol):
     """A robot whose closed loop is advanced a few control ticks at a time."""
 
     def advance(self, inputs: LoopInputs) -> Trace:
-        """Goes on from where it is, over the ticks of `inputs`; (T, dof) as for a whole run."""
+        """Continues from its state over the ticks of `inputs`; (T, dof) as for a whole run."""
         ...
 
     def change(self, parameters: Any) -> None:

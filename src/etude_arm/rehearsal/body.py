@@ -22,10 +22,10 @@ TIP = "the tip"
 
 
 def from_file(spec: ArmSpec) -> Loaded:
-    """What the model file says of the robot's joints, without the shapes, which nothing here touches.
+    """The robot's model from its file, without shapes, which the simulation does not use.
 
     Raises:
-        UsageError: as `load_arm`; or a joint is driven by way of others.
+        UsageError: as `load_arm`; or an actuator drives a joint through others.
     """
     from etude_arm.loading.load import load_arm
     from etude_arm.physics.geometry import read_geometry
@@ -45,8 +45,8 @@ def from_file(spec: ArmSpec) -> Loaded:
 def bare_body(loaded: Loaded, spec: ArmSpec) -> Any:
     """A new `mujoco.MjSpec` of the joints, without actuators, contacts, friction or limits.
 
-    The limits are the owner's: the hardware's stops lie outside them. What the file says of damping and
-    friction is left out, since the drives say it; counted twice it would be wrong.
+    Limits are those of the robot file: mechanical stops lie outside them. Damping and friction of the file
+    are omitted, since the drives include them.
     """
     import mujoco
 
@@ -66,13 +66,13 @@ def rows(model: mujoco.MjModel, spec: ArmSpec) -> Index:
 
 
 def with_payload(body: Any, loaded: Loaded, spec: ArmSpec, mass: float) -> None:
-    """Adds a point mass (kg) at the tip of what the last joint carries."""
+    """Adds a point mass (kg) at the tip of the last link."""
     last = spec.names[-1]
     body.joint(last).parent.add_body(
         name=free_name(TIP, {one.name for one in body.bodies}),
         pos=tips(loaded, (last,))[0],
         mass=mass,
-        # a point has none, and MuJoCo asks for one above zero
+        # a point mass has no inertia, and MuJoCo requires a positive one
         inertia=[1e-9 * mass] * 3,
         ipos=[0.0] * 3,
         explicitinertial=True,
@@ -80,7 +80,7 @@ def with_payload(body: Any, loaded: Loaded, spec: ArmSpec, mass: float) -> None:
 
 
 def tips(loaded: Loaded, joints: Sequence[str]) -> list[Array]:
-    """For each joint, in the frame of its body, (3,): where the farthest frame welded to the body begins."""
+    """For each joint the origin (3,) of the farthest frame welded to its body, in the frame of that body."""
     import mujoco
 
     spec = loaded.spec()
@@ -101,7 +101,9 @@ def tips(loaded: Loaded, joints: Sequence[str]) -> list[Array]:
 
 
 def said_of_drives(loaded: Loaded, spec: ArmSpec) -> dict[str, Array]:
-    """What the file says of the joints (J,): armature, damping, friction (0: nothing), effort (inf)."""
+    """Values of the file for the joints (J,): armature, damping, friction (0: not stated), effort (inf: not
+    stated).
+    """
     model = loaded.model()
     joints, dofs = [model.joint(name).id for name in spec.names], rows(model, spec)
     limited = np.asarray(model.jnt_actfrclimited)[joints].astype(bool)

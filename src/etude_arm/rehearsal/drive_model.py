@@ -26,16 +26,16 @@ if TYPE_CHECKING:
     from etude_arm.loading.loaded_model import Loaded
 
 FRICTION_ALONE = 1e-9
-"""Motor constant of a drive that stands for friction alone: it has no back-EMF."""
+"""Motor constant of a drive that models friction alone, without back-EMF."""
 
 
 @dataclass(frozen=True, eq=False)
 class Made:
-    """All that decides what a run does.
+    """The parameters of a simulated run.
 
     Attributes:
         spec: the robot; loaded: its model file.
-        loop: how it is driven, settled; motors: its drives; payload: kg at its tip.
+        loop: its control loop, complete. motors: its drives. payload: kg at its tip.
     """
 
     spec: ArmSpec
@@ -51,13 +51,15 @@ class Made:
 
     @cached_property
     def driven(self) -> mujoco.MjModel:
-        """What a run steps; see `_drive`."""
+        """The compiled model of a run; see `_drive`."""
         body = self._bodies()
         _drive(body, self)
         return self._compiled(body)
 
     def _compiled(self, body: Any) -> mujoco.MjModel:
-        """UnsafeModelError if it is not the robot of the file; with a payload of its own it is another."""
+        """Raises an UnsafeModelError if it differs from the file's robot; skipped with a simulated
+        payload.
+        """
         model = body.compile()
         if not self.payload:
             self.loaded.check(model)
@@ -75,7 +77,7 @@ class Made:
 def _drive(body: Any, made: Made) -> None:
     """Adds the drives and their friction.
 
-    The controls are, joint by joint, a torque; with the servo inside, position, speed and torque of a `pid`.
+    Each joint has one control, a torque; with the servo inside, it has position, speed and torque of a `pid`.
     LuGre friction is a `dcmotor` of its own without voltage, so that a torque limit holds for the command
     alone; it needs no solver, which makes it faster than MuJoCo's `frictionloss`.
     """
@@ -125,7 +127,7 @@ STATE = mujoco.mjtState.mjSTATE_FULLPHYSICS
 
 
 class RehearsedRun:
-    """A run on its way (implements `plant.trace.Running`), from rest at q (J,)."""
+    """A run step by step (implements `plant.trace.Running`), from rest at q (J,)."""
 
     def __init__(self, made: Made, q: Array) -> None:
         self._made, self._model = made, made.driven
@@ -137,7 +139,9 @@ class RehearsedRun:
         self._rate = np.zeros(made.spec.dof)
 
     def change(self, parameters: Made) -> None:
-        """From the next tick on the robot is that one; positions, speeds and bristles stay."""
+        """From the next tick on the physics are those of the other robot; positions, speeds and bristles
+        stay.
+        """
         before = self._data
         self._made, self._model = parameters, parameters.driven
         self._data = mujoco.MjData(self._model)
@@ -145,7 +149,7 @@ class RehearsedRun:
             setattr(self._data, name, getattr(before, name))
 
     def advance(self, inputs: LoopInputs) -> Trace:
-        """Goes on over the ticks of `inputs`."""
+        """Continues over the ticks of `inputs`."""
         if self._made.loop.loop == "inside":
             return self._inside(inputs)
         return Trace.joined([self._outside(inputs, k) for k in range(len(inputs.q_des))])
@@ -193,7 +197,7 @@ class RehearsedRun:
         return np.asarray(np.rint(q / tick) * tick)
 
     def _delayed(self, sent: Array) -> Array:
-        """What is felt while `sent` (steps, n) goes out; before the first, the first was sent for ever."""
+        """Delayed controls while `sent` (steps, n) is sent; before the first row, its value was constant."""
         late = round(self._made.loop.delay / self._made.loop.timestep)
         if self._waiting is None:
             self._waiting = np.repeat(sent[:1], late, axis=0)
@@ -231,12 +235,12 @@ def _between(inputs: LoopInputs, timestep: float) -> tuple[Array, Array, Array]:
 
 
 def _runs(held: Array) -> Iterator[tuple[Array, int]]:
-    """Equal rows after each other, and how many there are."""
+    """Runs of equal rows, and their lengths."""
     edges = [0, *(np.flatnonzero(np.any(held[1:] != held[:-1], axis=1)) + 1).tolist(), len(held)]
     for first, last in pairwise(edges):
         yield held[first], last - first
 
 
 def _whole(command: Array, spec: ArmSpec) -> Any:
-    """Whole numbers where the command is pwm."""
+    """Commands rounded to integers if their unit is pwm."""
     return np.rint(command) if spec.command_unit == "pwm" else command

@@ -1,4 +1,4 @@
-"""Drives of a simulated robot on the joints' side, with defaults where the owner states nothing.
+"""Drives of a simulated robot at the joints, with defaults for values that the owner does not state.
 
 With M the diagonal of the mass matrix over random poses, G the torque against gravity, and the limits tau of
 torque, V of speed and A of acceleration:
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     import mujoco
 
 WANTED = math.radians(1.5)
-"""rad that the load may pull a joint off."""
+"""rad: deflection of a joint by its load."""
 BRISTLE = 0.002
 """rad at which LuGre's bristles hold Coulomb friction."""
 STRIBECK = 0.02
@@ -54,7 +54,7 @@ class Motors:
         torque: at the largest command, at rest.
         gain: torque for one unit of command; braking: torque that a unit of speed costs a motor given volts.
         kp, kd: of the feedback, N m/rad and N m s/rad.
-        tick: what the encoder tells apart, rad.
+        tick: resolution of the encoder, rad.
     """
 
     armature: Array
@@ -85,9 +85,9 @@ class Motors:
     def bristles(self, q: Array, qd: Array) -> Array:
         """LuGre friction and braking (T, J) along a motion from rest, N m (Canudas de Wit 1995, eq. 1 to 4).
 
-        At the speed of each row its bristles bend over the way since the row before.
+        At the speed of each row, its bristles deflect over the distance from the previous row.
         """
-        # 1e-9 N m (N): without friction bristles bend by nothing, and the quotient below needs something
+        # 1e-9 N m (N): avoids a division by zero without friction
         bend = np.maximum(self._stribeck_level(qd), 1e-9) / self.stiffness
         bent = bristles_along(q, bend)
         rate = qd - np.abs(qd) * bent / bend
@@ -100,7 +100,7 @@ class Motors:
 
 
 class Given:
-    """What the owner says of the drives, seen from the joints; a default where nothing is said."""
+    """The owner's values of the drives at the joints; defaults for the others."""
 
     def __init__(self, spec: ArmSpec) -> None:
         tables = {table.name: table for table in spec.motors}
@@ -135,7 +135,7 @@ def armature_of(spec: ArmSpec, said: Mapping[str, Array], median: Array, torque:
 
 POSES = 300  # over which a robot's inertia and gravity are averaged
 SEED = 0
-"""Of the poses: a robot is always the same."""
+"""Seed of the poses: the same for every robot."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,11 +7,9 @@ delay = 0.0                 # s from a set-point (inside) or a command (outside)
 timestep = 0.001            # s, of the physics and of drives with the feedback inside
 encoder_noise = 1.0         # standard deviation, in ticks of the encoder
 velocity_filter = 1.0       # share of each new difference in the velocity that an outside loop feels
-[[motor]]                   # of one joint; what is left out is chosen by `defaults`
-name = "elbow"
-gear = 100.0                # turns of the motor for one of the joint; all that follows is at the motor
-armature = 2e-4             # kg m^2
-coulomb = 0.05              # N m
+[[motor]]                   # of one joint; omitted values are chosen by `defaults` name = "elbow" gear =
+100.0                # turns of the motor for one of the joint; all that follows is at the motor armature =
+2e-4             # kg m^2 coulomb = 0.05              # N m
 """
 
 from __future__ import annotations
@@ -65,7 +63,7 @@ class Simulate:
 
 @dataclass(frozen=True, kw_only=True)
 class MotorTable:
-    """The drive of one joint, as far as its owner knows it; every value on the motor's side of the gear.
+    """The drive of one joint, as far as its owner knows it; every value at the motor, before the gear.
 
     Attributes:
         name: the joint's.
@@ -106,7 +104,7 @@ class MotorTable:
                 raise UsageError(f"{name} = {value!r} is not possible", where=f"[[motor]] '{self.name}'")
 
     def at_joint(self, name: str) -> float | None:
-        """The value of that name, seen from the joint."""
+        """The value of that name at the joint."""
         value = getattr(self, name)
         return None if value is None else float(value) * self.gear ** POWER[name]
 
@@ -124,4 +122,4 @@ POWER = {
     "kp": 2,
     "kd": 2,
 }
-"""By which power of the gear a motor's value is multiplied at the joint."""
+"""Power of the gear ratio that converts a motor's value to the joint."""

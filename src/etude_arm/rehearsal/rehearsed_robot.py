@@ -21,13 +21,13 @@ from etude_arm.spec import FORCES, ArmSpec
 
 @dataclass(frozen=True, eq=False)
 class RehearsedRobot(Following):
-    """A robot as its model file and its drives make it (implements `protocols.Robot`).
+    """A robot simulated from its model file and its drives (implements `protocols.Robot`).
 
     Attributes:
         made: its bodies, loop, drives and payload.
         assumed: one sentence for each assumption, with the figures.
         lead_in: s at rest in the first desired position before t = 0, kept in the log.
-        sensor: (J,) command units that the logged command reads too much; (): nothing.
+        sensor: (J,) offset of the logged command, command units; (): none.
     """
 
     made: Made
@@ -68,7 +68,7 @@ class RehearsedRobot(Following):
         return np.asarray((torque + made.motors.friction(qd, made.loop.friction)) / made.motors.gain)
 
     def inverse_along(self, q: Array, qd: Array, qdd: Array) -> Array:
-        """With bristles that bend and slip along the way; the steady friction of `inverse` has none."""
+        """With bristles that deflect and slip along the motion; `inverse` has steady friction instead."""
         if self.made.loop.friction != "lugre":
             return self.inverse(q, qd, qdd)
         torque = self._frictionless(q, qd, qdd)
@@ -89,14 +89,14 @@ class RehearsedRobot(Following):
 
 
 HARD = 0.95
-"""Part of the torque limit beyond which a motion is hardly possible."""
+"""Part of the torque limit above which a motion is hardly possible."""
 LARGE = 1000.0
-"""Torque limits of so many times what a motion asks for are placeholders."""
+"""Ratio of torque limit to required torque above which the limit is a placeholder."""
 DEFAULTS = "What is not in [simulate] and [[motor]] of robot.toml is a default."
 
 
 def too_heavy(spec: ArmSpec, gravity: Array, torque: Array) -> None:
-    """Refuses a robot that cannot carry its own weight: a simulation would only show how it falls.
+    """Refuses a robot that cannot carry its own weight, since it would fall in simulation.
 
     Raises:
         UsageError: naming the joints and the part of their weight that they carry.
@@ -120,7 +120,9 @@ def too_heavy(spec: ArmSpec, gravity: Array, torque: Array) -> None:
 def sentences(
     spec: ArmSpec, loop: Simulate, motors: Motors, said: Mapping[str, Array], scales: Scales
 ) -> tuple[str, ...]:
-    """The loop, one line for each drive, what of the file is not used, and what the drives cannot do."""
+    """Sentences on the loop, each drive, unused values of the file, and limits that the drives cannot
+    reach.
+    """
     found = [f"{_loop(spec, loop)} {DEFAULTS}"]
     found += [_motor(spec, motors, j) for j in range(spec.dof)]
     unused = [
@@ -154,8 +156,8 @@ def _motor(spec: ArmSpec, motors: Motors, j: int) -> str:
 
 
 def _hard(spec: ArmSpec, motors: Motors, scales: Scales) -> list[str]:
-    """Joints that reach their limits of speed and acceleration only with more torque than they have."""
-    # gravity of all poses but the worst twentieth, which limits of position seldom allow
+    """Joints whose torque is insufficient for their limits of speed and acceleration."""
+    # gravity at the 95 % quantile of poses: position limits seldom allow the worst ones
     needed = np.quantile(np.abs(scales.gravity), 0.95, axis=0) + motors.coulomb
     needed = needed + (scales.median + motors.armature) * spec.acceleration + motors.viscous * spec.velocity
     parts = needed / motors.torque
@@ -169,10 +171,10 @@ def _hard(spec: ArmSpec, motors: Motors, scales: Scales) -> list[str]:
 
 
 def _large(spec: ArmSpec, motors: Motors, scales: Scales) -> list[str]:
-    """Joints whose torque limits no motion comes near, while friction and rotors are made from them."""
-    # as above: all poses but the worst twentieth
+    """Joints whose torque limits are far above any motion, although friction and armature depend on them."""
+    # as above: the 95 % quantile of poses
     needed = np.quantile(np.abs(scales.gravity), 0.95, axis=0) + scales.median * spec.acceleration
-    # a joint that needs nothing has as much torque as one likes
+    # a joint without load has any ratio
     parts = motors.torque / np.maximum(needed, 1e-12)
     large = [
         f"{name} ({p:.0f} times)" for name, p in zip(spec.names, parts.tolist(), strict=True) if p > LARGE
@@ -186,11 +188,11 @@ def _large(spec: ArmSpec, motors: Motors, scales: Scales) -> list[str]:
 
 
 def rehearsed(spec: ArmSpec) -> RehearsedRobot:
-    """The robot that `spec` and its model file describe, with defaults where both are silent.
+    """The robot of `spec` and its model file, with defaults for values that neither states.
 
     Raises:
-        UsageError: no model file or one that cannot be loaded, a rate that the physics cannot keep, or a
-            robot that cannot carry its own weight.
+        UsageError: no loadable model file, a rate that does not divide that of the physics, or a robot that
+            cannot carry its own weight.
     """
     loop, loaded = settled(spec), from_file(spec)
     said, body = said_of_drives(loaded, spec), bare_body(loaded, spec)
@@ -208,12 +210,12 @@ def rehearsed(spec: ArmSpec) -> RehearsedRobot:
 
 
 def settled(spec: ArmSpec) -> Simulate:
-    """The loop with its place decided. UsageError if its rate is no multiple of the robot's."""
+    """The loop with "inside" or "outside" chosen. UsageError if its rate is not a multiple of the robot's."""
     loop = spec.simulate or Simulate()
     if not loop.loop:
         loop = replace(loop, loop="inside" if spec.command_unit in (*FORCES, "A") else "outside")
     steps = 1.0 / (spec.rate * loop.timestep)
-    # rates of files are rounded: a millionth of a step is a whole one
+    # rates in files are rounded: 1e-6 of a step counts as a whole step
     if round(steps) < 1 or abs(steps - round(steps)) > 1e-6:
         raise UsageError(
             f"a rate of {spec.rate:g} Hz is no whole number of time steps of {loop.timestep:g} s",

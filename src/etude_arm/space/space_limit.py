@@ -2,8 +2,8 @@
 
 A point's velocity v between two samples h apart stays within h^2/8 max |v''| of the line between them, and
 lengths are convex: |v| <= max(|v_k|, |v_k+1|) + h^2/8 max |p'''|. The bound of p''' is `skeleton.bent`, from
-the proved rates of the joints. Of a link it is enough to look at the corners of a box around it, since
-velocities of a rigid body are affine in the point. Places are bounded alike, by p''.
+the proved rates of the joints. For a link the corners of a box around it suffice, since velocities of a rigid
+body are affine in the point. Positions are bounded likewise, by p''.
 """
 
 from __future__ import annotations
@@ -31,13 +31,13 @@ from etude_arm.space.table import Cartesian
 from etude_arm.spec import ArmSpec
 
 LOOSE = 0.003
-"""Part of a limit that may be lost between samples: they are as near as that needs."""
+"""Part of a limit that may be lost between samples; it determines their spacing."""
 LEAST, MOST = 1e-3, 0.02
 """s between samples."""
 LOOK = 0.04
 """s between samples in searches."""
 CLOSE = 0.99
-"""Part of a limit that is used in searches: the proof then has room."""
+"""Part of a limit that searches use, as a reserve for the proof."""
 PLACES = ("x", "y", "z")
 
 
@@ -73,7 +73,7 @@ class Points:
 
 @dataclass(frozen=True, eq=False)
 class SpaceLimit:
-    """A limit of `contracts`; not convex: motions are drawn home until it is proved.
+    """A `protocols.Limit`, not convex: motions are scaled towards home until it is proved.
 
     Attributes:
         tree: the robot's bodies. tool: its point. links: corners around each moving link.
@@ -118,11 +118,13 @@ class SpaceLimit:
         return ()
 
     def penalty(self, motion: Motion) -> tuple[float, Array]:
-        """None that pushes: what is too fast is drawn home."""
+        """No penalty: motions that are too fast are scaled towards home."""
         return 0.0, np.zeros_like(motion.orders)
 
     def keeps(self, piece: Trajectory) -> bool:
-        """Whether samples keep all that with a little to spare: for searches, whose result is then proved."""
+        """Whether samples satisfy all limits with a reserve: for searches, whose result is proved
+        afterwards.
+        """
         count = max(2, math.ceil(piece.duration / LOOK)) + 1
         found = self.of_motion(piece.motion(np.linspace(0.0, piece.duration, count), 2))
         ends = np.array([[low, high] for _, _, low, high in self.rows])
@@ -130,7 +132,7 @@ class SpaceLimit:
         return bool(np.all(np.abs(found - middle) <= CLOSE * half))
 
     def prove(self, piece: Trajectory) -> Sequence[Proof]:
-        """A row for each quantity; UsageError of curves whose acceleration nothing bounds."""
+        """A row for each quantity. UsageError for curves without a bound of their acceleration."""
         return memoized(self._proofs, piece.to_json(), lambda: self._rows(piece))
 
     def of_motion(self, motion: Motion) -> Array:
@@ -177,8 +179,8 @@ class SpaceLimit:
         return tuple(out)
 
     def _bends(self, piece: Trajectory) -> tuple[list[float], list[float], bool]:
-        """By row the bounds of p'' and of what is limited: p''' of speeds, p'' of places; whether there is a
-        third.
+        """For each row the bounds of p'' and of the next derivative: p''' of speeds, p'' of positions; and
+        whether p''' exists.
         """
         if isinstance(piece, Splined) and piece.held:
             raise UsageError("how fast a robot goes between set-points that are held is its receiver's word")

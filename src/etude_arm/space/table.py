@@ -22,7 +22,7 @@ Point = tuple[float, float, float]
 
 @dataclass(frozen=True)
 class Cartesian:
-    """Limits of the tool's point, and of how fast anything of the robot moves; None: no such limit.
+    """Limits of the tool's point, and of the speed of all links; None: no such limit.
 
     Attributes:
         point: m in the frame of the link that the last axis moves; None: where that link ends.

@@ -28,7 +28,7 @@ READS: Mapping[str, Sequence[str]] = {
     "body_acceleration": ("dot(x, acceleration)", "dot(y, acceleration)", "dot(z, acceleration)"),
     "battery_voltage": ("asked->battery",),
 }
-"""Channels of a vehicle, as flight.c has them from a set-point; body frame x forward, y left, z up."""
+"""Channels of a vehicle that flight.c computes from a set-point; body frame x forward, y left, z up."""
 HOVERS: Mapping[str, Sequence[str]] = {
     "altitude": ("asked->altitude",),
     "specific_force": ("R(0.0)", "R(0.0)", "GRAVITY"),
@@ -52,7 +52,7 @@ class FlightOptions:
 
 @dataclass(frozen=True)
 class Chip:
-    """A processor, and what of its time a model may take.
+    """A processor, and the share of its time for a model.
 
     Cycles are those of a counted operation with its share of loads and stores. Cortex-M4F: one cycle of VADD
     or VMUL and one of a load in a row of them (Cortex-M4 Technical Reference Manual r0p1, table 7-1: VADD and
@@ -62,7 +62,7 @@ class Chip:
     Attributes:
         name: for people. hertz: of its clock.
         single, double: cycles of one operation in float and double.
-        share: of its time that asking the model may take.
+        share: of its time for evaluations of the model.
     """
 
     name: str
@@ -72,7 +72,7 @@ class Chip:
     share: float
 
     def seconds(self, operations: int, *, single: bool) -> float:
-        """Of so many operations."""
+        """s for this number of operations."""
         return operations * (self.single if single else self.double) / self.hertz
 
 
@@ -91,13 +91,14 @@ def chosen_rate(
     single: bool,
     lighter: Sequence[str] = (),
 ) -> float:
-    """Hz at which the model is asked: what was asked for, else the largest of `rates` that the chip can do.
+    """Hz of evaluations of the model: the requested rate, else the largest of `rates` that the chip can
+    sustain.
 
     Args:
-        single: whether numbers are float. lighter: what would take less, in words.
+        single: whether numbers are float. lighter: text that names a cheaper model.
 
     Raises:
-        UsageError: it takes more of the chip's time than it may, at that rate or at every one.
+        UsageError: the model exceeds its share of the chip's time at that rate, or at every rate.
     """
     seconds = chip.seconds(operations, single=single)
     fitting = [rate for rate in rates if seconds * rate <= chip.share]
@@ -133,8 +134,8 @@ class Autopilot:
     """A `protocols.Target`: the glue of one autopilot.
 
     Attributes:
-        name: of the target. sources: templates, and how their files are called.
-        chip: that it runs on. rounds: how often an answer finds the drag, flight.c.
+        name: of the target. sources: templates and their file names.
+        chip: the processor. rounds: iterations for the drag in flight.c.
     """
 
     name: str
@@ -146,14 +147,14 @@ class Autopilot:
         """The model's C, NAME_flight.h and .c, and the glue.
 
         Raises:
-            UsageError: unknown options; commands that are no motors of it, or no parts of full scale; a state
-                that no set-point tells; what has no C; float where it would be wrong.
+            UsageError: unknown options; commands that are not its motors or not parts of full scale; an input
+                that no set-point determines; a model without C code; float where its error is too large.
         """
         asked = taken(options, FlightOptions, self.name)
         form = CForm(asked.real == "float", fade=False, digest=asked.model_hash)
         made, said, facts = held(model, kind, spec, form, asked.name, alone=asked.single)
         lean, drag = lean_files(made.plan.model.inputs, made.plan.name, form)
-        # one answer asks of the motion and of hovering, and finds the drag as often as flight.c says
+        # one call evaluates the motion and hover, and iterates the drag as often as flight.c does
         operations = 2 * made.plan.operations(form.deviations)
         operations += 0 if drag is None else self.rounds * drag.operations[0]
         less = lighter(made.plan, form)
@@ -167,7 +168,9 @@ class Autopilot:
             f"{n} is {int(m) + 1}" for n, m in zip(model.commands, words["MOTORS"].split(", "), strict=True)
         )
         facts |= {"rate": rate, "operations_of_an_answer": operations}
-        told = [sentence for sentence in said if sentence != BARE]  # nobody chose it: the glue ends it itself
+        told = [
+            sentence for sentence in said if sentence != BARE
+        ]  # not chosen by the user: the glue terminates it itself
         return Delivered(files, (f"Motors of {self.name}: {order}.", *told, OUTSIDE, cost), facts)
 
 
@@ -206,7 +209,7 @@ def _fill(plan: Plan, into: str, told_by: Mapping[str, Sequence[str]], indent: s
 
 
 def _motors(plan: Plan, target: str) -> list[int]:
-    """Of each command its motor, from 0: names of commands end in the autopilot's numbers, from 1."""
+    """The motor of each command, from 0: names of commands end in the autopilot's numbers, from 1."""
     if target == CRAZYFLIE.name and len(plan.units) != CRAZYFLIE_MOTORS:
         raise UsageError(f"a Crazyflie has {CRAZYFLIE_MOTORS} motors, this vehicle has {len(plan.units)}")
     if set(plan.units) - {"1", ""}:

@@ -1,9 +1,9 @@
 """Set-points for PX4's offboard mode, in its frame (north, east, down), and the program that sends them.
 
-PX4 holds each set-point until the next: its position, velocity and acceleration go to its controllers as they
-are, so that is what is certified. Where a model knows the drag, the accelerations are commands: the motion's
-own and what holds against the drag. The latter stands in columns of its own; what is left is the motion. What
-PX4 holds after the last row is that row: half a second at rest ends the table.
+PX4 holds each set-point until the next: its controllers use position, velocity and acceleration unchanged, so
+these are certified. If a model knows the drag, the accelerations are commands: those of the motion plus the
+compensation of the drag, which has separate columns. PX4 holds the last row, so the table ends with half a
+second at rest.
 """
 
 from __future__ import annotations
@@ -30,13 +30,13 @@ RATE = 50.0
 """Hz; offboard mode ends below 2."""
 ORDERS = 3  # position, velocity, acceleration
 HELD_S = 0.5
-"""s of rows at rest after the motion: whoever stops reading early still reads one."""
+"""s of rows at rest after the motion, so that a reader that stops early still gets one."""
 NED = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
 """(north, east, down) <- (east, north, up), and back."""
 YAW = 0.5 * math.pi
 """Heading zero looks east."""
 DRAG = ["drag_north", "drag_east", "drag_down"]
-"""m/s^2: the part of the accelerations that is not the motion's."""
+"""m/s^2: the part of the accelerations that compensates drag."""
 GRAVITY = 9.80665
 """m/s^2, PX4's CONSTANTS_ONE_G (src/lib/geo/geo.h)."""
 GAINS = ((0.95, 1.8, 0.4, 0.2), (1.0, 4.0, 2.0, 0.0))
@@ -44,9 +44,9 @@ GAINS = ((0.95, 1.8, 0.4, 0.2), (1.0, 4.0, 2.0, 0.0))
 MPC_XY_VEL_P_ACC, MPC_XY_VEL_I_ACC, MPC_XY_VEL_D_ACC, and those of Z.
 """
 LAG = 1.0 / 6.5
-"""s by which the attitude, and so the acceleration, follows what is asked: MC_ROLL_P."""
+"""s: time constant of the attitude, and so of the acceleration: MC_ROLL_P."""
 AFTER_S = 10.0
-"""s after the last row in which the vehicle still comes back."""
+"""s after the last row in which the vehicle still converges."""
 HEADER = ["time", *(prefix + axis for prefix in ("", "v", "a") for axis in ("north", "east", "down")), "yaw"]
 
 
@@ -61,7 +61,7 @@ class Offboard:
         t = np.arange(count + round(HELD_S * RATE)) / RATE
         orders = motion.motion(t, ORDERS).orders @ NED.T  # at rest after the end
         still = np.abs(orders[1:]).max(axis=(0, 2)) <= STILL
-        orders[1:, still] = 0.0  # rest is exact in what is sent
+        orders[1:, still] = 0.0  # set-points at rest are exact
         columns, header = list(orders), list(HEADER)
         if isinstance(what, Commanded) and what.acceleration is not None:
             told = what.acceleration(np.minimum(t, motion.duration)) @ NED.T
@@ -84,7 +84,7 @@ class Offboard:
     def back(self, files: Mapping[str, bytes]) -> Splined:
         """The motion of the set-points, each held until the next, in single precision; east, north, up.
 
-        Of accelerations that hold against drag too, the motion's own part.
+        Accelerations without the compensation of drag.
         """
         t, points, drag = _read(files)
         points[2] -= drag
@@ -96,10 +96,9 @@ class Offboard:
         return np.asarray(points[2] @ NED.T) if drag.any() else None
 
     def strays(self, files: Mapping[str, bytes]) -> tuple[Array, Array] | None:
-        """Places (K, 3) m of the set-points, held after the last; and how far the vehicle may be off each,
-        (K, 3) m, more than tracking is, where what holds against the drag is wrong by up to the whole of it.
-
-        None: nothing holds against drag. East, north, up.
+        """Positions (K, 3) m of the set-points, held after the last; and the deviation (K, 3) m of the
+        vehicle from each, beyond tracking, if the compensation of drag is wrong by up to 100 %. None: no
+        compensation. East, north, up.
         """
         _, points, drag = _read(files)
         if not drag.any():
@@ -114,8 +113,8 @@ class Offboard:
         return places @ NED.T, np.abs(np.stack(off, axis=1) @ NED.T)
 
     def notes(self, files: Mapping[str, bytes]) -> tuple[str, ...]:
-        """Sentences if accelerations are commands: what they ask beyond the motion, and what is left if they
-        are wrong.
+        """Sentences if accelerations are commands: their part beyond the motion, and the deviation if that
+        part is wrong.
         """
         _, points, drag = _read(files)
         if not drag.any():
@@ -147,9 +146,9 @@ def _read(files: Mapping[str, bytes]) -> tuple[Array, Array, Array]:
 
 
 def _left_by_a_push(gains: tuple[float, float, float, float]) -> Array:
-    """(K,) m/(m/s), at `RATE`: how far a vehicle is off after an acceleration that came all at once.
+    """(K,) m/(m/s), at `RATE`: deviation of a vehicle after a step of its velocity.
 
-    The state is place, velocity, acceleration and integral; the feedback's acceleration comes late by `LAG`.
+    The state is position, velocity, acceleration and integral; the feedback's acceleration lags by `LAG`.
     """
     from scipy.linalg import expm
 

@@ -1,4 +1,4 @@
-"""Crazyflie's poly4d: pieces of four polynomials (x, y, z, yaw) of degree 7, as its memory holds them.
+"""Crazyflie's poly4d: pieces of four polynomials (x, y, z, yaw) of degree 7 in its trajectory memory.
 
 A row is `duration, x^0 .. x^7, y^0 .., z^0 .., yaw^0 ..`, the file that Crazyswarm and cflib load; they send
 single precision. A piece has 132 bytes and the memory 4,096, so there are at most 31 pieces.
@@ -28,17 +28,19 @@ COEFFICIENTS = 8  # of a polynomial of degree 7
 ORDERS = 4
 """Position to jerk at both ends of a piece give its eight coefficients."""
 CLOSE = 1e-3
-"""m by which the pieces may differ from the motion: a tenth of what a Crazyflie is flown to."""
+"""m: largest difference between pieces and motion: a tenth of a Crazyflie's tracking error."""
 
 MEET = 1e-4
-"""m by which pieces may miss each other in single precision."""
+"""m: largest gap between pieces in single precision."""
 
 
 class Poly4d:
-    """A `protocols.Exporter`: one CSV file, for `Crazyflie.uploadTrajectory` and the like. Heading zero."""
+    """A `protocols.Exporter`: one CSV file for `Crazyflie.uploadTrajectory` and similar functions. Heading
+    zero.
+    """
 
     def __call__(self, what: Trajectory | Commanded, kind: Kind, spec: Any) -> Mapping[str, bytes]:
-        """The file. UsageError: no path in space, or one that 31 pieces do not follow."""
+        """The file. UsageError: no path in space, or one that 31 pieces cannot approximate."""
         require_space(kind, spec, "a Crazyflie")
         motion, _ = parted(what)
         times, error = _edges(motion)
@@ -51,7 +53,7 @@ class Poly4d:
         return {FILE: _text(times, _coefficients(times, points)).encode()}
 
     def back(self, files: Mapping[str, bytes]) -> Splined:
-        """What the firmware flies: the polynomials in single precision.
+        """The motion of the firmware: the polynomials in single precision.
 
         UsageError if a piece does not end where the next one begins, to within MEET.
         """
@@ -70,9 +72,9 @@ class Poly4d:
 
 
 def _edges(motion: Trajectory) -> tuple[Array, float]:
-    """(K,) s between pieces, those of the motion's own among them, and by how many m the pieces miss it.
+    """(K,) s between pieces, which include those of the motion, and the error of the pieces, m.
 
-    As many as fit: the part of the motion that is missed by most gets one more, until there is no place left.
+    The part of the motion with the largest error gets one more piece, until the memory is full.
     """
     edges = {0.0, motion.duration}
     for start, _, piece in motion.pieces():
@@ -88,18 +90,18 @@ def _edges(motion: Trajectory) -> tuple[Array, float]:
         counts[worst] += 1
         missed[worst] = _missed(motion, ends[worst], ends[worst + 1], int(counts[worst]))
     parts = [np.linspace(a, b, n + 1)[:-1] for a, b, n in zip(ends, ends[1:], counts, strict=False)]
-    # a duration is sent in single precision: edges are where its sums lead
+    # durations are sent in single precision: edges are their sums
     rough = np.diff(np.concatenate([*parts, ends[-1:]])).astype(np.float32).astype(float)
     times = np.concatenate([[0.0], np.cumsum(rough)])
     return np.asarray(np.minimum(times, motion.duration)), float(missed.max())
 
 
 SAMPLES = 64
-"""Of each piece, at which it is held against the motion."""
+"""Number of points of each piece at which it is compared with the motion."""
 
 
 def _missed(motion: Trajectory, start: float, end: float, count: int) -> float:
-    """m between the motion from start to end and as many pieces of equal length."""
+    """Error, m, of that number of pieces of equal length against the motion from start to end."""
     times = np.linspace(start, end, count + 1)
     pieces = Splined(times - start, motion.motion(times, ORDERS).orders)
     fine = np.linspace(start, end, SAMPLES * count + 1)

@@ -31,7 +31,7 @@ AXES = ("x", "y", "z")
 GYRO = ("vehicle_angular_velocity", "sensor_combined")
 FORCE = ("sensor_combined", "vehicle_acceleration")
 BATTERY = "battery_status"
-"""Where a signal stands, in the order in which it is looked for."""
+"""Topics and fields of a signal, in order of precedence."""
 HALF = np.sqrt(0.5)
 ENU_NED = np.array([0.0, HALF, HALF, 0.0])
 FRD_FLU = np.array([0.0, 1.0, 0.0, 0.0])
@@ -41,10 +41,10 @@ class UlogReader:
     """A `protocols.Reader` of PX4's ULog."""
 
     def __call__(self, path: Path, topics: Sequence[str] = ()) -> Mapping[str, Log]:
-        """A log for each of PX4's topics that an inverse model needs, or, as recorded, of those asked for.
+        """A log for each of PX4's topics that an inverse model needs, or for each requested topic unchanged.
 
         Raises:
-            DataError: no ULog, no such topic, or none of those that tell what the body and the motors did.
+            DataError: not a ULog, no such topic, or no topic on the motion of the body and the motors.
             UsageError: pyulog is not installed.
         """
         ulog, cut = _parsed(path, topics or _needed())
@@ -61,20 +61,20 @@ class UlogReader:
         return _flight(found, ulog.initial_parameters, path, said)
 
     def recognises(self, path: Path, head: bytes) -> bool:  # noqa: ARG002
-        """By its first bytes."""
+        """Whether the file is a ULog, by its first bytes."""
         return head.startswith(MAGIC)
 
 
 class _Patient:
-    """A file that is read a bounded number of times: in some damaged ones pyulog goes round for ever.
+    """A file with a bounded number of reads: in some damaged files pyulog loops for ever.
 
-    It reads a message in two parts, its size and kind and what it says, and after damage tries every byte as
-    a beginning. That a message is not whole it keeps to itself.
+    pyulog reads a message in two parts, header and content. After damage it tries every byte as a start, and
+    it does not report an incomplete message.
     """
 
     def __init__(self, file: BinaryIO) -> None:
         self.cut = False
-        """Whether the last message is not whole."""
+        """Whether the last message is incomplete."""
         self._file, self._announced = file, -1
         self._left = 1000 + 3 * file.seek(0, io.SEEK_END)
         file.seek(0)
@@ -96,13 +96,13 @@ class _Patient:
 
 
 MOTORS = ("actuator_motors", "actuator_outputs")
-"""Where they stand, in the order in which they are looked for."""
+"""Topics of the motors, in order of precedence."""
 PULSE = (800.0, 2200.0)
-"""us: what a pulse to a motor may be."""
+"""us: plausible pulse widths of a motor."""
 ROTORS = 4
-"""Where nothing in the log says how many."""
+"""Number of motors if the log does not state it."""
 SLOW = 50.0
-"""Hz below which set-points of motors miss much of what they do."""
+"""Hz: at lower rates set-points of motors are undersampled."""
 
 Dataset = Mapping[str, Array]
 """Field -> (T,); `timestamp` in us."""
@@ -117,7 +117,7 @@ def motors_of(
         instances: of the topic; that whose outputs move is of the motors.
         topic: one of MOTORS.
         parameters: PX4's, at the beginning of the log.
-        said: takes a sentence for whatever is to be known of them.
+        said: receives a sentence for each note.
     """
     stem, count = "control" if topic == "actuator_motors" else "output", rotor_count(parameters)
     data = max(instances, key=lambda one: sum(moves(one, f"{stem}[{i}]") for i in range(count or ROTORS)))
@@ -137,7 +137,7 @@ def motors_of(
 
 
 def _stopped(motors: dict[str, Array], said: list[str]) -> dict[str, Array]:
-    """Set-points whose rows of NaN, by which PX4 says that it is disarmed, are 0."""
+    """Set-points with 0 in place of NaN, which PX4 writes while it is disarmed."""
     off = np.all([np.isnan(values) for values in motors.values()], axis=0)
     if not np.any(off):
         return motors
@@ -149,13 +149,13 @@ def _stopped(motors: dict[str, Array], said: list[str]) -> dict[str, Array]:
 
 
 def moves(data: Dataset, name: str) -> bool:
-    """Whether a field is there and changes."""
+    """Whether a field exists and changes."""
     values = np.asarray(data.get(name, (0.0,)), dtype=np.float64)
     return bool(np.nanmax(values, initial=-np.inf) > np.nanmin(values, initial=np.inf))
 
 
 def _of_full(pulses: Array, i: int, parameters: Mapping[str, Any], said: list[str]) -> Array:
-    """Part of full scale of pulse widths in us, between the least and the largest that PX4 was set to."""
+    """Parts of full scale from pulse widths in us, between PX4's configured minimum and maximum."""
     median = float(np.nanmedian(pulses))
     if not PULSE[0] <= median <= PULSE[1]:
         said.append(f"Output {i + 1} is no pulse width (median {median:.4g}) and was taken as it is.")
@@ -205,18 +205,18 @@ VEHICLES: Mapping[int, str] = {2: "a fixed-wing aircraft", 3: "a rover", 4: "an 
 AXIS = {"AX": 0.0, "AY": 0.0, "AZ": -1.0}
 """Of each rotor's thrust, by PX4's parameters CA_ROTORi_AX, ...; forward, right, down."""
 TILTED = 0.02
-"""By which that may be off: 1 degree."""
+"""Tolerance: 1 degree."""
 
 
 def rotor_count(parameters: Mapping[str, Any]) -> int:
-    """By CA_ROTOR_COUNT, else by MAV_TYPE; 0 where neither says."""
+    """Number of motors by CA_ROTOR_COUNT, else by MAV_TYPE; 0 if neither states it."""
     return int(parameters.get("CA_ROTOR_COUNT", 0)) or MULTIROTORS.get(int(parameters.get("MAV_TYPE", 0)), 0)
 
 
 def rotors_of(parameters: Mapping[str, Any]) -> tuple[Rotor, ...]:
-    """Where the motors of a log stand and how they spin, in PX4's order; () where its parameters do not say.
+    """Positions and spins of the motors, in PX4's order; () if the parameters do not state them.
 
-    PX4: x forward, y right; KM is positive for a rotor that turns against the clock, seen from above.
+    PX4: x forward, y right; KM is positive for a rotor that spins counter-clockwise, seen from above.
     """
     names = [f"CA_ROTOR{i}_" for i in range(rotor_count(parameters))]
     if not all(f"{name}{key}" in parameters for name in names for key in ("PX", "PY", "KM")):
@@ -234,13 +234,14 @@ def rotors_of(parameters: Mapping[str, Any]) -> tuple[Rotor, ...]:
 def require_flat_multirotor(
     parameters: Mapping[str, Any], status: Sequence[Mapping[str, Any]], path: Path
 ) -> None:
-    """Refuses the log of another airframe, whose actuators would be taken for motors that lift along z.
+    """Refuses the log of another airframe, whose actuators are not motors with thrust along z.
 
     Args:
         parameters: PX4's, at the beginning of the log. status: instances of STATUS.
 
     Raises:
-        DataError: it says which airframe it is, and by what; or what its rotors cannot make.
+        DataError: it names the airframe and the parameter that states it; or the moments that its rotors
+            lack.
     """
     found = _other(parameters, status[0] if status else {})
     if found is not None:
@@ -261,7 +262,7 @@ def require_flat_multirotor(
 
 
 def _other(parameters: Mapping[str, Any], status: Mapping[str, Any]) -> tuple[str, str] | None:
-    """What it is and what says so; None for a flat multirotor, and where nothing says what it is."""
+    """The airframe and the parameter that states it; None for a flat multirotor, or if unknown."""
     if int(_first(status, "is_vtol", 0)):
         return "a VTOL aircraft", f"{STATUS}.is_vtol"
     for said, number in (
@@ -295,7 +296,7 @@ def _tilted(parameters: Mapping[str, Any], count: int) -> tuple[str, str] | None
 
 
 def _first(data: Mapping[str, Any], name: str, missing: int) -> float:
-    """What most rows of a topic say, or what is assumed where it has no such field."""
+    """The most frequent value of a field, or the default if the topic has no such field."""
     values = np.asarray(data.get(name, ()))
     return float(np.median(values)) if len(values) else missing
 
@@ -305,7 +306,7 @@ def _needed() -> list[str]:
 
 
 def _parsed(path: Path, topics: Sequence[str]) -> tuple[Any, bool]:
-    """The file as pyulog reads it, and whether its end is missing; what pyulog prints is not shown."""
+    """The file as read by pyulog, and whether its end is missing; output of pyulog is suppressed."""
     library = needed("pyulog", READING, path)
     with path.open("rb") as file, contextlib.redirect_stdout(io.StringIO()):
         if file.read(len(MAGIC)) != MAGIC:
@@ -315,7 +316,7 @@ def _parsed(path: Path, topics: Sequence[str]) -> tuple[Any, bool]:
         try:
             patient = _Patient(file)
             return library.ULog(patient, list(topics) or None), patient.cut
-        except Exception as problem:  # pyulog fails with anything
+        except Exception as problem:  # pyulog raises any exception
             first = (str(problem).strip().splitlines() or [type(problem).__name__])[0][:200]
             raise DataError(
                 f"the file cannot be read as ULog ({first})",
@@ -325,7 +326,7 @@ def _parsed(path: Path, topics: Sequence[str]) -> tuple[Any, bool]:
 
 
 def _lacks(path: Path, missing: Sequence[str], found: Iterable[str] = ()) -> DataError:
-    """No flight can be learned from without one of the topics `missing`."""
+    """The error for a log without the topics `missing`, which learning needs."""
     return DataError(
         f"the log has no topic {' or '.join(missing)}",
         where=str(path),
@@ -347,10 +348,10 @@ def _unknown(path: Path, topic: str) -> DataError:
 def _flight(
     found: Mapping[str, list[Dataset]], parameters: Mapping[str, Any], path: Path, said: tuple[str, ...]
 ) -> dict[str, Log]:
-    """A log for each topic that says something of the flight.
+    """A log for each topic with data of the flight.
 
     Raises:
-        DataError: nothing tells what the body or the motors did.
+        DataError: the file has no data of the body or of the motors.
     """
     require_flat_multirotor(parameters, found.get(STATUS, ()), path)
     if lacking := [names for names in (GYRO, FORCE, MOTORS) if not any(name in found for name in names)]:
@@ -410,7 +411,7 @@ def _orientation(data: Dataset) -> dict[str, Array]:
         return {}
     q = np.stack([np.asarray(data[f"q[{i}]"], dtype=np.float64) for i in range(4)], axis=1)
     q = turned(q)
-    # the same attitude has two signs: neighbours are to have the same, since they are interpolated
+    # q and -q are the same attitude: neighbours get the same sign, since they are interpolated
     flips = np.cumprod(np.where(np.sum(q[1:] * q[:-1], axis=1) < 0.0, -1.0, 1.0))
     q[1:] *= flips[:, None]
     return {f"quat_{part}": q[:, i] for i, part in enumerate("wxyz")}
@@ -445,13 +446,13 @@ def _place(data: Dataset) -> dict[str, Array]:
 
 
 def _battery(data: Dataset) -> dict[str, Array]:
-    """Without a power module PX4 writes 0 V and -1 A, which nobody measured."""
+    """Without a power module PX4 writes 0 V and -1 A, which are not measurements."""
     own = {"voltage_v": "battery_voltage [V]", "current_a": "battery_current [A]"}
     return {header: data[name] for name, header in own.items() if np.any(data.get(name, np.zeros(1)) > 0.0)}
 
 
 def _held(data: Dataset, columns: dict[str, Array], others: Iterable[Dataset]) -> Dataset:
-    """A topic that is sent once a second, which holds before its first row and after its last one too."""
+    """A topic that is sent once a second; its values also hold before its first and after its last row."""
     times = [float(one["timestamp"][k]) for one in others for k in (0, -1)]
     for name, values in columns.items():
         columns[name] = np.concatenate([values[:1], values, values[-1:]])
@@ -477,6 +478,6 @@ SIGNALS: Sequence[tuple[Sequence[str], Callable[[Dataset], dict[str, Array]]]] =
     (("esc_status",), _speed_controllers),
     ((BATTERY,), _battery),
 )
-"""Topics, of which the first that is there is read, and the columns in it."""
+"""Topics of a signal, of which the first existing one is read, and their columns."""
 
 read_ulog = UlogReader()

@@ -24,7 +24,7 @@ TIMES = {1: ("<HI", 1e-3), 2: ("<HQ", 1e-6)}
 """Version -> how number and time of an event are written, and the time's unit in s."""
 TYPES = "bBhHiIqQfd"
 MOST = 1000
-"""Kinds of events, and variables of one."""
+"""Largest number of kinds of events, and of variables of one kind."""
 FULL = 65535.0
 """A set-point of a motor at full scale."""
 AXES = ("x", "y", "z")
@@ -64,7 +64,7 @@ class UsdCardReader:
     """A `protocols.Reader` of the deck's logs."""
 
     def __call__(self, path: Path, topics: Sequence[str] = ()) -> Mapping[str, Log]:
-        """A log for each kind of events that tell of the flight, or of those asked for.
+        """A log for each kind of events with data of the flight, or for each requested kind.
 
         Raises:
             DataError: another kind of file, or no such events.
@@ -91,7 +91,7 @@ class UsdCardReader:
         return {n: _log(found[n], TIMES[version][1], path, cut) for n in topics or known or found}
 
     def recognises(self, path: Path, head: bytes) -> bool:  # noqa: ARG002
-        """By its first bytes: the card's files have no suffix."""
+        """Whether the file is such a log, by its first bytes: the card's files have no suffix."""
         return len(head) > 5 and head[0] == MAGIC and int.from_bytes(head[1:3], "little") in TIMES
 
 
@@ -137,7 +137,7 @@ def _text(data: bytes, place: int) -> tuple[str, int]:
 
 
 def _read(data: bytes, place: int, head: struct.Struct, events: Mapping[int, _Event]) -> None:
-    """Fills the events; what stands behind an unknown one cannot be told."""
+    """Fills the events; data after an unknown event cannot be decoded."""
     while place + head.size <= len(data):
         number, time = head.unpack_from(data, place)
         event = events.get(number)

@@ -1,8 +1,8 @@
 """Drag from flights: the lateral specific force, which has no part of thrust, as a function of velocity.
 
-In the body frame thrust points along z, so what an accelerometer reads along x and y is drag alone. A
-vehicle that knows it leans as far as its motion needs: without it, the thesis's attitude is 27 degrees wrong
-at 10 m/s and 0.5 1/s. The acceleration is no input: its noise is in the output too, and would be learned.
+In the body frame thrust points along z, so an accelerometer reads only drag along x and y. A feedforward with
+drag leans as far as the motion needs: without it, the thesis's attitude is wrong by 27 degrees at 10 m/s and
+0.5 1/s. The acceleration is not an input: its noise is also in the output, and would be learned.
 """
 
 from __future__ import annotations
@@ -64,7 +64,7 @@ class DragModel:
         return drag_code(name, self)
 
     def arrays(self) -> Mapping[str, Array]:
-        """All that `restored` takes to make it again, bit for bit."""
+        """Arrays from which `restored` makes the same model, bit for bit."""
         found = {"linear": self.linear, "noise": self.noise}
         for j, posterior in enumerate(self.residual):
             if posterior is not None:
@@ -93,7 +93,7 @@ def train_drag(samples: Samples, *, process: bool = True) -> DragModel:
         process: False for the line alone, at a thousandth of the cost.
 
     Raises:
-        DataError: the flights do not say their velocity.
+        DataError: the flights have no velocity.
     """
     velocity, force = _inputs(samples)
     line, flights = _fitted(velocity, force, (False, False)), np.unique(samples.group)

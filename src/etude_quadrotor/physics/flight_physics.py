@@ -19,7 +19,7 @@ from etude_quadrotor.physics.vehicle_inverse import (
 from etude_quadrotor.vehicle import Vehicle
 
 CORRELATION_S = 0.5
-"""Samples nearer than this share one vote in the identification."""
+"""s: samples within this time count as one in the identification."""
 
 
 @dataclass(frozen=True)
@@ -39,10 +39,11 @@ class Nominal:
 
 @dataclass(frozen=True)
 class Identified:
-    """What flights tell: coefficients of the vehicle's motors, or weights of features. A `protocols.Physics`.
+    """Identified physics: coefficients of the vehicle's motors, or weights of features. A
+    `protocols.Physics`.
 
     Attributes:
-        vehicle: whose motors explain the commands, which are then V; None if nobody described them.
+        vehicle: whose motors explain the commands, which are then in V; None without description.
         trims: whether each motor has a constant of its own.
     """
 

@@ -1,7 +1,7 @@
 """Linear inverse model of a vehicle with unknown motors: least squares on physical features.
 
-For normalised set-points and for commands that are thrust and attitude. Rotor speeds go with the root of
-thrust, and moments change a root by moment / (2 root): both columns are there, the data weigh them.
+For normalised set-points and for commands of thrust and attitude. Rotor speeds are proportional to the root
+of thrust, and moments change a root by moment / (2 root). Both are features, weighted by the data.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ class LinearInverse:
 
     @property
     def columns(self) -> tuple[Column, ...]:
-        """Of `uses`, which a model's inputs need not hold."""
+        """Channels of `uses`, which the inputs of a model need not contain."""
         used = (channel for channel in STATES if channel.name in self.uses)
         return tuple(
             (c.name, part, unit, "") for c in used for part, unit in zip(c.parts, c.units, strict=True)
@@ -52,7 +52,7 @@ class LinearInverse:
         return {}
 
     def arrays(self) -> Mapping[str, Array]:
-        """What it was identified to be; `uses` as 0 or 1 for each of `OPTIONAL`."""
+        """Arrays of the model; `uses` as 0 or 1 for each of `OPTIONAL`."""
         uses = np.array([float(name in self.uses) for name in OPTIONAL])
         own = {name: getattr(self, name) for name in ("centre", "spread", "weights", "offset")}
         return {"uses": uses, **own}
@@ -108,8 +108,7 @@ def identify_linear(log: Log, weight: float = 0.2, use: Mask | None = None) -> L
     """Weights of all features that the states have, shrunk towards a constant command.
 
     Args:
-        weight: votes of one sample against the prior.
-        use: (T, n) which commands say something; None: all.
+        weight: of one sample against the prior. use: (T, n) informative commands; None: all.
 
     Raises:
         DataError: no sample, or NaN in states or command.
@@ -122,7 +121,7 @@ def identify_linear(log: Log, weight: float = 0.2, use: Mask | None = None) -> L
     if not len(features) or not use.any(axis=0).all():
         raise DataError("there is no sample to identify a model from", next_step="Tell a flight first.")
     centre, spread = features.mean(axis=0), features.std(axis=0)
-    # a constant column says nothing, whatever it is later
+    # a constant column is not informative, whatever its later values
     spread = np.where(spread > 1e-9 * (1.0 + np.abs(centre)), spread, HUGE)
     offset = np.array([command[use[:, j], j].mean() for j in range(count)])
     scaled = (features - centre) / spread
@@ -138,7 +137,7 @@ LEAST_VARIANCE = 1e-12
 
 
 TOLD = 0.99
-"""A posterior deviation above this part of the prior's says that the data do not tell."""
+"""A posterior deviation above this part of the prior's means that the data are not informative."""
 
 
 def map_fit(
@@ -146,7 +145,7 @@ def map_fit(
 ) -> tuple[Array, Array]:
     """Coefficients (P,) that maximise the posterior density, by Gauss-Newton steps from 0; their deviations.
 
-    A deviation is infinite where the data do not tell.
+    A deviation is infinite if the data are not informative.
 
     The residual's variance is estimated along the way; coefficients are N(0, deviation²).
 

@@ -31,7 +31,7 @@ SHARED = (
     "moment_y",
     "moment_z",
 )
-"""What least squares may change beside the trims, each 0 in the nominal model.
+"""Coefficients of least squares besides the trims, each 0 in the nominal model.
 
 drag_lateral: moment of the drag of body x and y, which acts off the centre, N m per m/s. drag_vertical: N per
 m/s. ground_near, ground_far: part of the thrust that the ground gives at altitude 0. The next five are
@@ -58,7 +58,8 @@ class VehicleInverse:
     Attributes:
         vehicle: nominal body and motors.
         coefficients: (9 + n,) in the order of `coefficient_names`; zero for the nominal model.
-        deviation: (9 + n,) of the coefficients, infinite where data do not tell; None for the nominal model.
+        deviation: (9 + n,) of the coefficients, infinite if data are not informative; None for the nominal
+            model.
     """
 
     vehicle: Vehicle
@@ -108,7 +109,7 @@ class VehicleInverse:
         voltage = vehicle.steady_voltage(speed) + vehicle.motor_constant * theta[BACK_EMF] * speed
         voltage += theta[TRIM:]
         slope = vehicle.resistance * vehicle.torque_constant / vehicle.motor_constant
-        flows = squared > 0.0  # a rotor that cannot turn backwards stands, whatever the coefficients
+        flows = squared > 0.0  # a rotor cannot spin backwards: it stops, whatever the coefficients
         gain = np.where(flows, slope + 0.5 * by_speed / np.where(flows, speed, 1.0), 0.0)
         jacobian = gain[:, :, None] * np.einsum("rl,tlp->trp", inverse, change)
         jacobian[:, :, BACK_EMF] = vehicle.motor_constant * speed
@@ -131,7 +132,7 @@ def identify_vehicle(
 ) -> VehicleInverse:
     """The coefficients (MAP least squares) that explain the voltages in a log.
 
-    Free gains let least squares shrink what noisy accelerations say. A coefficient without data stays 0.
+    Free gains let least squares shrink noisy accelerations. A coefficient without data stays 0.
 
     Args:
         weight: votes of one sample against the prior: neighbours within a correlation time share one.
@@ -154,7 +155,7 @@ def identify_vehicle(
 
 
 def prior_deviation(vehicle: Vehicle) -> Array:
-    """(9 + n,) how far each coefficient may be from nominal, in physical scale."""
+    """(9 + n,) prior deviation of each coefficient from nominal, in physical scale."""
     drag = vehicle.mass  # N per m/s: the drag would stop the vehicle within about a second
     # V: motors and propellers of one kind differ by some per cent
     trim = 0.1 * vehicle.hover_voltage

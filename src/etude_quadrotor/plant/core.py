@@ -1,6 +1,6 @@
 """Compiled simulation of a flight: motors, aerodynamics, rigid body, control and the loop over time.
 
-Everything compiled lives here because numba's cache watches only the file of the function it stores.
+All compiled code is here, since numba's cache checks only the file of the cached function.
 
 State y (17,): position (world), velocity (world), quaternion world <- body (w, x, y, z), rates (body), four
 rotor speeds. The four currents are kept apart: they are stiff, so they take exact exponential steps.
@@ -19,7 +19,7 @@ from etude_quadrotor.vehicle import GRAVITY, SPINS
 Array = NDArray[np.float64]
 
 OPEN_LOOP, VOLTAGES, SET_POINTS = 0, 1, 2
-"""Who moves the motors: the plan's voltages alone; the cascade; or set-points that an inner loop follows."""
+"""Source of the motor voltages: the plan alone; the cascade; or set-points that an inner loop follows."""
 FLOWN, GROUND, LEFT_ROOM, DIVERGED = 0, 1, 2, 3
 """Why a flight ended."""
 COLUMNS = 39
@@ -30,7 +30,7 @@ S0, S1, S2, S3 = SPINS
 
 
 class Body(NamedTuple):
-    """The vehicle as it is.
+    """The true vehicle.
 
     Attributes:
         mass: kg.
@@ -238,7 +238,7 @@ def _position_loop(
 ) -> None:
     """PID on position, x y and z apart, -> out: unit direction of the thrust (world) and thrust, N.
 
-    `total` (3,) is the integral of the error; it stands still while its axis is clipped.
+    `total` (3,) is the integral of the error; it is frozen while its axis is clipped.
     """
     for j in range(3):
         error = position[j] - y[j]
@@ -301,7 +301,7 @@ def _wish(y: Array, command: Array, c: Control, out: Array) -> None:
 
 @compiled
 def _drive(y: Array, wish: Array, ff: Array, c: Control, command: Array, volts: Array) -> None:
-    """What the motors are asked for at this tick, into `volts`; without set-points the command too."""
+    """Writes the motor voltages of this tick to `volts`; without set-points also to the command."""
     if c.mode == OPEN_LOOP:
         for k in range(4):
             volts[k] = command[k] = ff[k]
@@ -318,7 +318,7 @@ def _drive(y: Array, wish: Array, ff: Array, c: Control, command: Array, volts: 
 
 @compiled
 def ending(y: Array, room: Array, ground: float) -> int:
-    """Why the flight ends in state y, or FLOWN; room (7,): corners and radius."""
+    """The reason why the flight ends in state y, or FLOWN; room (7,): corners and radius."""
     for n in range(17):
         if not np.isfinite(y[n]):
             return DIVERGED

@@ -16,7 +16,9 @@ REASONS = {GROUND: "hit the ground", LEFT_ROOM: "left the room", DIVERGED: "left
 
 @dataclass(frozen=True)
 class Ending:
-    """Why a flight ended early: s from its start, m in the world frame, and in words."""
+    """End of a flight before its plan: s from its start, position in the world frame, m, and the reason as
+    text.
+    """
 
     time: float
     position: tuple[float, float, float]
@@ -38,7 +40,7 @@ class Flight:
         rates: (T, 3) body frame, rad/s.
         rotor_speed, current: (T, 4) rad/s, A.
         voltage: (T, 4) at the motors, V.
-        command: (T, 4) what the controller asked for: V, or roll, pitch, yaw rate and thrust over full scale.
+        command: (T, 4) of the controller: V, or roll, pitch, yaw rate and thrust over full scale.
         acceleration: (T, 3) world frame, m/s^2, with noise, for the noise really moves the vehicle.
         angular_acceleration: (T, 3) body frame, rad/s^2, with noise.
         wind: (T, 3) world frame, m/s.

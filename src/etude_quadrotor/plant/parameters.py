@@ -1,4 +1,4 @@
-"""The physical parameters of a simulated quadrotor, from `data/plants/NAME.toml`; none live in code."""
+"""Physical parameters of a simulated quadrotor, from `data/plants/NAME.toml`; the code has none."""
 
 from __future__ import annotations
 
@@ -116,7 +116,7 @@ class FlightParameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     @property
     def nominal(self) -> Vehicle:
-        """What the owner knows: the vehicle without payload and mismatch."""
+        """The nominal vehicle that the owner knows, without payload and mismatch."""
         return Vehicle(
             mass=self.body.mass,
             inertia=self.body.inertia,

@@ -1,4 +1,4 @@
-"""Simulated vehicle as a robot: turns a trajectory into a flight, and the flight into a log."""
+"""Simulated vehicle as a robot: from a trajectory to a flight, and from the flight to a log."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ CHANGES = ("payload", "drag", "sag", "wind")
 
 
 def flight_log(flight: Flight, plan: FlightPlan, rate: float = 10.0, averaged: bool = True) -> Log:
-    """The flight at `rate` Hz, without what was not flown.
+    """The log of the flight at `rate` Hz, up to its end.
 
     Args:
         plan: that was flown.
@@ -120,7 +120,7 @@ class SimulatedFlights:
         start: how flights begin.
         averaged: whether the log has means over its intervals, as an anti-aliasing filter gives them.
         duration: of test flights, s; one that ended early goes on with its last error.
-        air: what no model knows.
+        air: disturbances that no model knows.
     """
 
     vehicle: SimulatedVehicle
@@ -193,7 +193,7 @@ class SimulatedFlights:
 
 
 def simulated_robot(spec: QuadrotorSpec, config: Any) -> SimulatedFlights:
-    """The stand-in that `spec` names, flown as the campaign's tables say.
+    """The simulated vehicle that `spec` names, with the campaign's tables.
 
     Raises:
         UsageError: there is no such simulated vehicle.

@@ -22,7 +22,7 @@ Array = NDArray[np.float64]
 Start = Literal["hover", "moving"]
 
 PLANTS = ("quadrotor", "quadrotor_rough", "pelican")
-"""Simulated vehicles that come along: one file of parameters each."""
+"""Names of the simulated vehicles: one file of parameters each."""
 MOTORS = ("front_right", "back_right", "back_left", "front_left")
 SET_POINT_NAMES = ("roll", "pitch", "yaw_rate", "thrust")
 NOWHERE = np.array([-np.inf] * 3 + [np.inf] * 4)
@@ -76,7 +76,7 @@ def trim(p: FlightParameters, height: float, force: float = GRAVITY) -> Trim:
 
 
 def true_body(p: FlightParameters) -> Body:
-    """The vehicle as it flies, seen from its true centre of mass."""
+    """The true vehicle, about its true centre of mass."""
     mass = p.body.mass + p.payload.mass
     place = np.array(p.payload.place)
     center = p.payload.mass / mass * place
@@ -368,7 +368,7 @@ def simulated_vehicle(name: str, where: str = "") -> SimulatedVehicle:
     """The simulated vehicle `name`, one of PLANTS; another noise: `dataclasses.replace(v, noise=...)`.
 
     Raises:
-        UsageError: unknown name; `where` it stands is told.
+        UsageError: unknown name; where: its place, for the message.
     """
     if name not in PLANTS:
         raise UsageError(

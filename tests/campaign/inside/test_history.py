@@ -3,12 +3,18 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
 
 from etude.campaign import Campaign, Round, State
-from etude.campaign.evaluate.stopping import POOLED, calibration_factor, seen_by_the_rule
+from etude.campaign.evaluate.status import expected_error
+from etude.campaign.evaluate.stopping import POOLED, calibration_factor, judge, seen_by_the_rule
+from etude.campaign.training import slow_motion
+from etude.codes import NextStep, Notice, Stop, Warn
 from journal_facts import trained
 
 LIMITS = (20.0, 10.0)
@@ -29,6 +35,37 @@ def state(*z2: list[float | None], **facts: Any) -> State:
         models = {"gp": {"z2": values}, "linear": {"z2": [99.0, 99.0]}}
         rounds[number] = Round(number, trained=trained(**{**common, "models": models, **facts}), order=number)
     return State(rounds=rounds)
+
+
+class Seen:
+    """Model inputs of a log whose hip reached 0.3 rad/s and whose knee reached 2 rad/s."""
+
+    columns = (("q", "hip", "rad", ""), ("qd", "hip", "rad/s", ""), ("qd", "knee", "rad/s", ""))
+
+    def of_log(self, _: Any) -> np.ndarray:
+        return np.linspace(-1.0, 1.0, 500)[:, None] * [0.1, 0.3, 2.0]
+
+
+def test_slow_logs_are_named_and_claim_nothing_of_faster_motion() -> None:
+    reference = np.linspace(-1.0, 1.0, 100)[:, None] * [1.0, 2.0, 2.0]
+    samples = SimpleNamespace(log=None)
+    (found,) = slow_motion(Seen(), samples, reference, ())
+    assert (found.code, found.fields["axes"]) == (Warn.SLOW_MOTION, ("hip",))
+    assert found.fields["part"] == pytest.approx(0.15, abs=0.005)
+    assert slow_motion(Seen(), samples, reference, ["hip"]) == (), "one that stands has its own alert"
+    assert slow_motion(Seen(), samples, reference * [1.0, 0.2, 1.0], ()) == ()
+
+
+def test_a_forecast_of_slow_logs_stops_nothing_and_is_not_shown(campaign: Campaign) -> None:
+    notice = Notice(Warn.SLOW_MOTION, {"axes": ("hip",), "part": 0.15}, NextStep.TELL_FASTER)
+    good = {"forecast_deviation": [0.01, 0.01], "moved": 0.0, "latent_deviation": [9.0, 9.0]}
+    for warnings, code in (([], Stop.TOLERANCE), ([notice.to_json()], Stop.DOUBTED)):
+        evidence = seen_by_the_rule(campaign, state([1.0, 1.0], [1.0, 1.0], **good, warnings=warnings))
+        config = replace(campaign.config.stop, command_tolerance=0.01)
+        assert judge(evidence, config).said.code == code
+        assert (expected_error(state([1.0, 1.0]), evidence) is None) == bool(warnings)
+    single = replace(trained(**good, chosen="gp"), logs=(1,))
+    assert expected_error(State(rounds={1: Round(1, trained=single, order=1)}), evidence[:1]) is None
 
 
 def test_the_campaign_has_these_limits(campaign: Campaign) -> None:

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import asdict
 from typing import Any
 
-from etude.campaign.evaluate.stopping import calibration_factor, judge, seen_by_the_rule
+from etude.campaign.evaluate.stopping import LogOutcome, calibration_factor, judge, seen_by_the_rule
 from etude.campaign.record.alerts import campaign_alerts
 from etude.campaign.record.confirmation import confirmed
 from etude.campaign.record.events import plain
@@ -25,8 +26,8 @@ def status(campaign: Campaign) -> dict[str, Any]:
     * kind, robot, axes, outputs, preset, seed; robot_seconds: recorded motion, s.
     * trajectories: one entry for each number. prequential: newest scores of each structure on a log before it
       was learned. chosen, rungs: structure in use, of all outputs and of each.
-    * calibration_factor, forecast_fraction, next_gain; choice: fraction by which the newest design leaves
-      less variance than the median random motion.
+    * calibration_factor, next_gain; forecast_fraction: null after one log, or slow ones; choice: fraction by
+      which the newest design leaves less variance than the median random motion.
     * new_motion: scores on logs left out; null after one log. held_out: scores on blocks of a single log;
       null after more. confirmed: tracking errors of the confirmation motions.
     * in_use: the promoted model, or null. known_faults: files of earlier versions that must not be used, each
@@ -59,7 +60,7 @@ def status(campaign: Campaign) -> dict[str, Any]:
         "chosen": newest.chosen if newest else None,
         "rungs": list(newest.rungs) if newest else None,
         "calibration_factor": calibration_factor(trained),
-        "forecast_fraction": evidence[-1].forecast if evidence else None,
+        "forecast_fraction": expected_error(state, evidence),
         "next_gain": evidence[-1].gain if evidence else None,
         "choice": _choice(state),
         "new_motion": plain(newest.new_motion) if newest and newest.new_motion else None,
@@ -74,6 +75,13 @@ def status(campaign: Campaign) -> dict[str, Any]:
         "edited": [one.facts() for one in edited(campaign, events)],
         "problems": [one.facts() for one in damaged_files(campaign.path, events)],
     }
+
+
+def expected_error(state: State, evidence: Sequence[LogOutcome]) -> float | None:
+    """Expected command error; None after a single log, whose motion is the only one seen, or slow ones."""
+    newest = state.newest
+    single = newest is not None and len(newest.logs) == 1
+    return None if not evidence or single or evidence[-1].slow else evidence[-1].forecast
 
 
 def _in_use(state: State) -> dict[str, Any] | None:

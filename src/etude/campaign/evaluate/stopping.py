@@ -18,7 +18,7 @@ from etude.campaign.record.alerts import LEAST_COVERAGE, campaign_alerts, covera
 from etude.campaign.record.config import StopConfig
 from etude.campaign.record.folder import Campaign
 from etude.campaign.record.state import Round, State
-from etude.codes import Code, Notice, Phrase, Stop
+from etude.codes import Code, Notice, Phrase, Stop, Warn
 
 OVERCONFIDENT = 2.0
 """Calibration factor above which an expected command error is not trusted."""
@@ -42,7 +42,7 @@ class LogOutcome:
         robot_minutes: recorded motion so far, min.
         coverage: fraction of an output's commands inside its 95 % intervals, on logs left out; smallest over
             the outputs, None if unknown.
-        red: the red alerts.
+        red: the red alerts. slow: the logs hold slow motion alone, so the forecast is of no faster one.
     """
 
     number: int
@@ -55,6 +55,7 @@ class LogOutcome:
     robot_minutes: float
     coverage: float | None = None
     red: tuple[Notice, ...] = ()
+    slow: bool = False
 
 
 RULES: Mapping[Code, str] = {
@@ -181,6 +182,8 @@ def _doubt(e: LogOutcome) -> Notice | None:
         return Notice(Phrase.LARGE_ERRORS, {"factor": e.calibration})
     if e.moved is not None and e.moved > STILL_CHANGING:
         return Notice(Phrase.UNSETTLED, {"factor": math.exp(e.moved)})
+    if e.slow:
+        return Notice(Phrase.SLOW_LOGS)
     return None
 
 
@@ -262,4 +265,5 @@ def _evidence(campaign: Campaign, trained: list[Round], gain: float | None, minu
         moved=facts.moved,
         robot_minutes=facts.robot_seconds / 60.0,
         coverage=min((c for c in coverages(trained[-1]) if c is not None), default=None),
+        slow=any(one.code == Warn.SLOW_MOTION for one in facts.warnings),
     )

@@ -18,8 +18,8 @@ NO_BETTER = 1.0
 """nMSE from which a constant would predict as well."""
 BEATEN, WORSE = 1.1, 1.1
 """Error over that of linear regression, and over that of the round before, from which it is told."""
-OF_TRAINING = (Warn.TOO_LITTLE_MOTION, Warn.ONE_TRAJECTORY)
-"""Warnings of a training that are alerts: nothing is to be believed, or it is no better than linear."""
+OF_TRAINING = (Warn.TOO_LITTLE_MOTION, Warn.ONE_TRAJECTORY, Warn.SLOW_MOTION)
+"""Warnings of a training that are alerts: what is not to be believed, or is no better than linear."""
 FEEDBACK = ("pd", "pid")
 """Simulated baselines without any model."""
 
