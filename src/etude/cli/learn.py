@@ -64,7 +64,7 @@ class Learn(Common):
         found = {}
         for one in self._learned(paths, say):
             found[one.folder] = one
-            say(f"{len(found)} of {len(paths)}: {one.folder}: {one.sentence}.")
+            say(f"{len(found)} of {len(paths)}: {one.folder}: {one.sentence.rstrip('.')}.")
         rows = [found[path] for path in paths]
         wide = max(len(path) for path in paths)
         lines = [f"{one.folder.ljust(wide)}  {one.sentence}" for one in rows]

@@ -189,6 +189,11 @@ def test_the_c_function_is_the_friction(
     robot: tuple[ArmSpec, Path], fit: ParameterFit, tmp_path: Path
 ) -> None:
     text = friction_c(fit.friction, robot[0])
+    axes = (replace(robot[0].axes[0], unit="m"), *robot[0].axes[1:])
+    other = friction_c(fit.friction, replace(robot[0], name="7 Ärm", axes=axes))
+    assert "shoulder N, elbow N m" in other
+    assert other.isascii()
+    assert "void n_7__rm_friction(" in other
     assert len(text.splitlines()) <= 25
     (tmp_path / "f.c").write_text(text.replace("static void", "void"))
     run([tool("gcc"), *STRICT, "-shared", "-fPIC", "f.c", "-o", "f.so", "-lm"], tmp_path)

@@ -109,8 +109,11 @@ WHOLE = 0.95
 """Of a range: nothing is missing from it."""
 LOOKED_AT = 400
 """Instants of each segment."""
-AHEAD = (0.1, 0.3, 0.6, 1.0)
-"""Parts of what is left of a range at which it is asked what stands there."""
+NEAR = 0.05
+"""Part of a range: at its end nothing but the end itself holds a joint back."""
+AHEAD = (0.1, 0.3, 0.6)
+"""Parts of what is left of a range at which it is asked what stands there. Not at its end: that always stands
+there, and would be named where time alone is over."""
 NO_TIME = "nothing: its time is over"
 
 
@@ -155,7 +158,9 @@ def _held(reach: Reachable, way: Array, j: int, limits: Sequence[Limit], form: s
     room = way[:, j].min() - reach.lower[j], reach.upper[j] - way[:, j].max()
     at = int(way[:, j].argmin() if room[0] > room[1] else way[:, j].argmax())
     end = reach.lower[j] if room[0] > room[1] else reach.upper[j]
-    for part in AHEAD:
+    left = abs(end - way[at, j])
+    near = min(1.0, NEAR * float(reach.upper[j] - reach.lower[j]) / left) if left > 0.0 else 1.0
+    for part in sorted((near, *AHEAD)):
         pose = way[at].copy()
         pose[j] += part * (end - pose[j])
         for limit in limits:

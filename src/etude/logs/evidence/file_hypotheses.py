@@ -75,10 +75,12 @@ def _said(zero: Zero, path: Channel) -> Finding:
 
 def file_fit(logs: Sequence[Log], path: Channel, body: Mean | None) -> FileFit | None:
     """The fit over all logs; None without a model file, or where fewer than two joints go far enough."""
-    if body is None or not isinstance(body, SupportsVariations):
-        return None
-    rows = rows_of(logs, path, body)
-    if rows is None or rows.moving.sum() < 2:
+    return None if body is None else fit_of(rows_of(logs, path, body), path, body)
+
+
+def fit_of(rows: FilteredRows | None, path: Channel, body: Mean) -> FileFit | None:
+    """The same of rows that hold the file's torque."""
+    if rows is None or not isinstance(body, SupportsVariations) or rows.moving.sum() < 2:
         return None
     own = np.flatnonzero(rows.moving & (rows.command[..., AS_LOGGED].std(axis=0) > 0.0))
     return FileFit(rows, own, path, body) if len(own) > 1 else None
@@ -148,6 +150,16 @@ class FileFit:
         columns = self.body.links(self.states)[:, :, -1, :1] * some[:, None, None]
         left, found = self.shared(columns, self.rows.torque)
         return float(found[0]), left
+
+    def load_odds(self, some: Mask) -> tuple[float, float, float]:
+        """kg at the last link in some rows (n,) that explain most, their log odds to none, and the sum over
+        joints of the logarithm of what is left without, over what is left with them.
+        """
+        assert self.rows.torque is not None
+        kg, left = self.loaded(some)
+        without = self.left(self.rows.torque)
+        odds = self._likelihood(left) - self._likelihood(without)
+        return kg, odds, float(np.log((without + FLOOR) / (left + FLOOR)).sum())
 
     def score(self, torque: Array) -> float:
         """Log likelihood of a torque (n, k) of the file, of independent rows."""
@@ -249,9 +261,7 @@ def contradiction(
     odd = max(apart, key=lambda i: float(np.median(apart[i])), default=-1)
     if odd < 0 or np.median(apart[odd]) < np.log(TIMES):
         return None
-    assert fit.rows.torque is not None
-    kg, left = fit.loaded(fit.rows.log == odd)
-    load = float(np.log((fit.left(fit.rows.torque) + FLOOR) / (left + FLOOR)).sum())
+    kg, _, load = fit.load_odds(fit.rows.log == odd)
     why, two = "No sign, order, delay or load explains it", len(told) == 2
     if load > EXPLAINED * float(apart[odd].sum()):
         loaded = sum(told) - odd if two and kg < 0.0 else odd  # of two, that with the load
