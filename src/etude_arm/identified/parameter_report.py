@@ -13,7 +13,7 @@ from etude.models.accuracy import NORMAL_95
 from etude.protocols import Physics
 from etude.types import Array, Delivered, Samples
 from etude_arm.config import ArmData
-from etude_arm.identified.friction_alone import friction_alone
+from etude_arm.identified.friction_alone import LEAST_TURNS, friction_alone
 from etude_arm.identified.parameter_fit import (
     MEASURED,
     PARTLY,
@@ -42,7 +42,8 @@ def report(spec: ArmSpec, physics: Physics | None, samples: Samples, data: ArmDa
     """Tables, sentences and friction.h; only friction for a robot without masses in a model file."""
     if physics is None:
         v0 = friction_speeds(spec, data.friction_fraction or ArmData.friction_fraction)
-        return _delivered(spec, [], friction_alone(spec, samples, v0, desired=data.desired), [WITHOUT])
+        found = friction_alone(spec, samples, v0, desired=data.desired)
+        return _delivered(spec, [], found, [WITHOUT, *_uncertain(found, spec)])
     mean = physics(samples)
     assert isinstance(mean, RigidBodyMean)
     fit = parameter_fit(settled(samples, spec, mean))
@@ -214,6 +215,16 @@ WITHOUT = (
     "No model file says masses, so that friction alone follows, as what changes its sign with the speed. "
     "Armature, friction by load and by direction, and offset are not told."
 )
+
+
+def _uncertain(found: Friction, spec: ArmSpec) -> list[str]:
+    """Of joints whose terms have no interval."""
+    known = np.any(found.terms, axis=1) & ~np.any(found.deviation, axis=1)
+    names = [name for name, one in zip(spec.names, known.tolist(), strict=True) if one]
+    few = f"fewer than {LEAST_TURNS} reversals in the logs do not separate friction from gravity"
+    return [f"No interval is stated for {', '.join(names)}: {few}. Tell a log with more."] * bool(names)
+
+
 KNOWN = ("measured", "partly", "from the file", "not identifiable")
 
 

@@ -257,6 +257,10 @@ def test_without_a_model_file_there_is_friction_that_masses_would_not_change(
         assert coulomb["shown"]
         assert rows[name, "load"]["lower"] is None
     assert b"_friction(" in delivered.files["friction.h"]
+    apart = replace(samples, group=np.arange(len(samples)))
+    one_way = PARAMETERS(None, KIND, spec, {**given(apart), "logs": ()})
+    assert one_way.said[1].startswith(f"No interval is stated for {', '.join(NAMES)}: ")
+    assert all(row["lower"] is None for row in one_way.facts["friction"])
     still = replace(samples, moving=np.zeros_like(samples.moving))
     rest = PARAMETERS(None, KIND, spec, {**given(still), "logs": ()})
     assert all("no term is shown" in sentence for sentence in rest.said[1:])

@@ -222,3 +222,26 @@ def test_two_robots_in_one_log_are_asked_about(lab: Campaign, bare: Campaign, tm
     both = halves(tmp_path / "both.csv", one, two)
     assert "another model explains the commands of" in found(both, bare)["contradiction"].sentence
     assert [len(own) for own in steps_of(bare, [one, both])] == [0, 1]  # one file does not stop the other
+
+
+@pytest.mark.parametrize("fault", ["sign", "swapped"])
+def test_positions_or_commands_are_named_by_the_weights_on_other_joints(
+    fault: str, lab: Campaign, bare: Campaign, tmp_path: Path
+) -> None:
+    right = log_of(tmp_path / "right.csv", lab)
+    header, rows = right.read_text().splitlines()[0], np.loadtxt(right, delimiter=",", skiprows=1)
+    signs, order = (np.array([1, -1, 1]), [0, 1, 2]) if fault == "sign" else (np.ones(3), [0, 2, 1])
+    said = {}
+    for what, first in (("positions", 1), ("commands", 4)):
+        wrong, columns = rows.copy(), np.arange(first, first + 3)
+        wrong[:, columns] = rows[:, columns[order]] * signs
+        path = tmp_path / f"{what}.csv"
+        np.savetxt(path, wrong, delimiter=",", header=header, comments="")
+        said[what] = found(path, lab)[fault]
+        alone = found(path, bare)[fault]  # without masses nothing tells them apart
+        assert "A fault of the positions of lift" in alone.sentence
+    assert said["positions"].sentence.startswith("The positions of lift")
+    assert "and not their commands" in said["positions"].sentence
+    assert not isinstance(said["positions"], Mendable)
+    assert "commands of lift" in said["commands"].sentence
+    assert "positions" not in said["commands"].sentence

@@ -330,6 +330,25 @@ def _masses(fit: FileFit) -> float:
     return max(fit.score_with(columns) - price * float(columns.shape[2]) for columns in tried)
 
 
+def positions_odds(
+    rows: FilteredRows, own: Index, path: Channel, body: Mean, columns: Index, signs: Array
+) -> float:
+    """Log odds that the positions of joints stand in other columns (k,) with other signs (k,), against the
+    same of their commands. A joint by itself does not tell the two apart; weights on other joints do.
+    """
+    back = np.argsort(columns)
+    moved = [part[:, back] * signs[back] for part in (rows.q, rows.qd, rows.qdd, rows.friction)]
+    scores = []
+    for (q, qd, qdd, friction), command in (
+        (moved, rows.command),
+        ((rows.q, rows.qd, rows.qdd, rows.friction), rows.command[:, columns] * signs[:, None]),
+    ):
+        torque = body.predict(states_of(rows.t, path, q, qd, qdd))
+        tried = replace(rows, q=q, qd=qd, qdd=qdd, friction=friction, command=command, torque=torque)
+        scores.append(FileFit(tried, own, path, body).score(torque))
+    return scores[0] - scores[1]
+
+
 def is_computed(fit: FileFit) -> bool:
     """Whether commands follow one factor of the file's torque more closely than any measured ones."""
     assert fit.rows.torque is not None
