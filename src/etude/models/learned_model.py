@@ -198,14 +198,25 @@ class LearnedModel:
         found = tuple(
             replace(c, weights=share_of(c) * float(c.structure == structure)) for c in self.candidates
         )
-        covered = {j for c in found if c.structure == structure for j in c.commands}
-        if len(covered) < len(self.commands):
+        if not self._covers(structure):
             raise UsageError(
                 f"the model has no structure {structure!r} for every command",
                 next_step=f"It has {', '.join(self.structures)}.",
             )
         alone = self.in_use == (structure,)
         return replace(self, candidates=found, width=self.width if alone else None, warnings=())
+
+    def _covers(self, structure: str) -> bool:
+        own = {j for c in self.candidates if c.structure == structure for j in c.commands}
+        return len(own) == len(self.commands)
+
+    def of_command(self, command: int) -> LearnedModel:
+        """The same model for who asks one command alone: what only serves others is not in use, and no price
+        is paid for it.
+        """
+        own = (np.array([float(j == command) for j in c.commands]) for c in self.candidates)
+        found = zip(self.candidates, own, strict=True)
+        return replace(self, candidates=tuple(replace(c, weights=c.weights * keep) for c, keep in found))
 
     @property
     def columns(self) -> tuple[Column, ...]:
@@ -321,6 +332,21 @@ class LearnedModel:
         """
         average, variance, _ = self.parted(log)
         return average, variance
+
+    def posteriors(self, log: Log) -> dict[str, tuple[Array, Array]]:
+        """As `posterior`, by structure that was trained for all commands, and under "" of those in use; each
+        process is asked once.
+        """
+        means, told = Means(log), dict[int, tuple[Array, Array]]()
+
+        def once(process: Process, X: Array) -> tuple[Array, Array]:
+            if id(process) not in told:
+                told[id(process)] = process.predict(X)
+            return told[id(process)]
+
+        models = {"": self} | {s: self.of_structure(s) for s in self.structures if self._covers(s)}
+        found = {name: model._predicted(means, iter, once) for name, model in models.items()}
+        return {name: (mean, models[name].widened(variance)) for name, (mean, variance, _) in found.items()}
 
     def parted(self, log: Any) -> tuple[Array, Array, Array]:
         """As `posterior`, and the part (n, J) of the variance that is noise, at rest too."""

@@ -137,24 +137,19 @@ def select_structures(
 
 
 def prequential(
-    model: LearnedModel, new: Samples, trained: Samples | None = None
+    model: LearnedModel, new: Samples, trained: Samples | None = None, together: str = ""
 ) -> dict[str, PredictionScore]:
     """Score of each structure of an earlier model on motion that it has not seen.
 
     Args:
         trained: what it had seen, for the log loss.
+        together: name of one more score where several structures are in use: of these; "": none.
     """
-    complete = [structure for structure in model.structures if _covers(model, structure)]
-    return {
-        structure: prediction_score(new, *model.of_structure(structure).posterior(new.log), trained)
-        for structure in complete
-    }
-
-
-def _covers(model: LearnedModel, structure: str) -> bool:
-    return {j for c in model.candidates if c.structure == structure for j in c.commands} == set(
-        range(len(model.commands))
-    )
+    told = model.posteriors(new.log)
+    mixed = told.pop("")
+    if together and len(model.in_use) > 1:
+        told[together] = mixed
+    return {name: prediction_score(new, *found, trained) for name, found in told.items()}
 
 
 def _folds(

@@ -12,6 +12,7 @@ from etude.campaign.record.events import Trained
 from etude.campaign.record.state import Round
 from etude.errors import EtudeError
 from etude.limits.convex_limits import AxisLimit
+from etude.models.learned_model import LearnedModel
 from etude.protocols import Model
 from etude.report.markup import Html, element, grid, join, missing_data, paragraph, section, table
 from etude.report.png import colour_bar, colours, png_address
@@ -282,9 +283,8 @@ def deviation_maps(model: Model, data: tuple[Array, Array], ranges: tuple[Array,
         orders[0] = middle
         across, up = np.meshgrid(_centres(ranges[0][:, j]), _centres(ranges[1][:, j]))
         orders[0, :, j], orders[1, :, j] = across.ravel(), up.ravel()
-        _, variance = model.posterior(
-            model.inputs.states(Motion(np.arange(GRID * GRID, dtype=float), orders))
-        )
+        one = model.of_command(j) if isinstance(model, LearnedModel) else model
+        _, variance = one.posterior(one.inputs.states(Motion(np.arange(GRID * GRID, dtype=float), orders)))
         maps.append(np.sqrt(np.maximum(variance[:, j], 0.0)).reshape(GRID, GRID))
     return maps
 
