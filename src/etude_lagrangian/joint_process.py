@@ -10,7 +10,7 @@ from typing import NamedTuple, cast
 
 import numpy as np
 
-from etude._runtime.scipy_parts import dpotrs
+from etude._runtime.scipy_parts import dpotrs, dtrmm
 from etude.errors import DataError, UsageError
 from etude.models.gp.cholesky import factorise, inverse_lower, triangular_inverse
 from etude.models.gp.exact import ExactPosterior, posterior_given
@@ -132,7 +132,8 @@ class JointProcess:
             prior = self.prior.diagonal(self.at.theta, X)
             for first in range(0, len(X), BLOCK):
                 here = slice(first, first + BLOCK)
-                V = self.prior.cross(self.at.theta, X[here], Z, used) @ L_inverse.T
+                K = self.prior.cross(self.at.theta, X[here], Z, used)
+                V = dtrmm(1.0, L_inverse, K, side=1, lower=1, trans_a=1, overwrite_b=1)
                 reduced = np.einsum("tu,tu->t", V, V).reshape(J, -1).T
                 variance[here] = np.maximum(prior[here] - reduced, 0.0)
         return variance
@@ -262,7 +263,8 @@ class JointProcess:
         """Means and variances with noise (k, J) at X (k, D) from the entries that were not left out."""
         J = len(self.commands)
         K = self.prior.cross(self.at.theta, X, self.X, self.used)
-        reduced = np.einsum("tu,tu->t", K @ self.inverse, K)
+        V = dtrmm(1.0, self.L_inverse, K, side=1, lower=1, trans_a=1)
+        reduced = np.einsum("tu,tu->t", V, V)
         regained = K @ left.half.T
         known = (reduced - np.einsum("ta,ta->t", regained, regained)).reshape(J, -1).T
         latent = np.maximum(self.prior.diagonal(self.at.theta, X) - known, 0.0)

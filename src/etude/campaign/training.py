@@ -274,50 +274,86 @@ def learn_log(campaign: Campaign, state: State, number: int) -> TrainingOutcome:
     if not (state.trained and is_pruned(campaign, state.trained[-1].number)):
         check_model(campaign, state)
     trained = [r for r in state.trained if r.number != number]
-    waiting = [r.number for r in state.pending if r.number < number]
-    every = [*(r.number for r in state.learned if r.number not in (number, *waiting)), *waiting, number]
-    logs = teaching(state, every)
-    waiting = [n for n in logs if n in waiting]
+    every, logs, new = _training_logs(state, number)
     samples = ingested_samples(campaign, logs)
-    kind, spec, config = campaign.kind, campaign.spec, campaign.config
-    inputs = kind.inputs(spec, config).fitted(samples)
+    inputs = campaign.kind.inputs(campaign.spec, campaign.config).fitted(samples)
     before = _comparable(campaign, trained, inputs)
     rng = np.random.default_rng([state.seed, number, TRAIN_STREAM])
-    physics, limit = kind.physics(spec, config), kind.limit(spec)
     # with two or more motions each is predicted from the others; with one motion, blocks from the rest
-    ingested = state.rounds[number].ingested
-    foreign = ingested is not None and ingested.foreign
     blocks = len(np.unique(samples.group)) < LEAST_LOGS
+    held = _held(campaign, samples)
     with part(0.5 if blocks else 1.0):
-        held = _held(campaign, samples)
-        selection = select_structures(samples, inputs, physics, limit, config.model, rng, before, held)
-    path = campaign.model_folder(number) / MODEL
-    save_model(path, selection.model)
-    left_out = campaign.model_folder(number) / LEFT_OUT
-    write_atomic(left_out, residuals_of(selection).to_bytes())
-    learned = [r.ingested for r in state.ingested if r.ingested and r.number in every]
-    fact = Trained(
-        logs=tuple(logs),
-        models=_scores(before, inputs, samples, known_groups(campaign, logs[: -1 - len(waiting)])),
-        held_out_mae=_left_out(selection),
+        selection = _selected(campaign, samples, inputs, rng, before, held)
+    files = _saved(campaign, number, selection)
+    fact = replace(
+        _trained(campaign, state, every, logs, samples, selection),
+        models=_scores(before, inputs, samples, known_groups(campaign, logs[:-new])),
         new_motion=None if blocks else _new_motion(selection),
         predicted_by=trained[-1].trained.chosen if trained and trained[-1].trained else None,
-        chosen=label(selection.model.in_use),
-        rungs=tuple(selection.chosen),
-        calibrated=selection.model.calibrated,
         unmoved=tuple(np.array(campaign.command.parts)[held].tolist()),
-        row_scatter=_row_scatter(campaign, logs, samples),
-        robot_seconds=float(sum(one.robot_seconds for one in learned)),
-        recipe=tuple(_said(state, logs, samples)),
-        inputs={name: np.asarray(a).tolist() for name, a in selection.model.inputs.arrays().items()},
-        warnings=(*_notes(selection.model.inputs), *_some(every, logs), *selection.model.warnings),
-        body=body_of(campaign),
     )
     fact = with_forecast(fact, selection.model, before, campaign, state, samples)
     if blocks:
+        ingested = state.rounds[number].ingested
+        gap = 0.0 if ingested is not None and ingested.foreign else GAP_S
         with part(0.5):
-            fact = _with_blocks(fact, campaign, number, rng, 0.0 if foreign else GAP_S)
-    return TrainingOutcome([path, left_out], fact)
+            fact = _with_blocks(fact, campaign, number, rng, gap)
+    return TrainingOutcome(files, fact)
+
+
+def _training_logs(state: State, number: int) -> tuple[list[int], list[int], int]:
+    """All ingested logs, those of them that teach, and how many of these, the last ones, are new."""
+    waiting = [r.number for r in state.pending if r.number < number]
+    every = [*(r.number for r in state.learned if r.number not in (number, *waiting)), *waiting, number]
+    logs = teaching(state, every)
+    return every, logs, 1 + sum(n in waiting for n in logs)
+
+
+def _selected(
+    campaign: Campaign,
+    samples: Samples,
+    inputs: Inputs,
+    rng: np.random.Generator,
+    before: LearnedModel | None = None,
+    held: Mask | None = None,
+) -> ModelSelection:
+    kind, spec, config = campaign.kind, campaign.spec, campaign.config
+    physics, limit = kind.physics(spec, config), kind.limit(spec)
+    return select_structures(samples, inputs, physics, limit, config.model, rng, before, held)
+
+
+def _saved(campaign: Campaign, number: int, selection: ModelSelection) -> list[Path]:
+    """The files of the model and of its held-out residuals."""
+    path, residuals = campaign.model_folder(number) / MODEL, campaign.model_folder(number) / LEFT_OUT
+    save_model(path, selection.model)
+    write_atomic(residuals, residuals_of(selection).to_bytes())
+    return [path, residuals]
+
+
+def _trained(
+    campaign: Campaign,
+    state: State,
+    every: Sequence[int],
+    logs: Sequence[int],
+    samples: Samples,
+    selection: ModelSelection,
+) -> Trained:
+    """What is recorded of a training, without what compares it with an earlier model."""
+    ingested = [r.ingested for r in state.ingested if r.ingested and r.number in every]
+    inputs = selection.model.inputs
+    return Trained(
+        logs=tuple(logs),
+        held_out_mae=_left_out(selection),
+        chosen=label(selection.model.in_use),
+        rungs=tuple(selection.chosen),
+        calibrated=selection.model.calibrated,
+        row_scatter=_row_scatter(campaign, logs, samples),
+        robot_seconds=float(sum(one.robot_seconds for one in ingested)),
+        recipe=tuple(_said(state, logs, samples)),
+        inputs={name: np.asarray(a).tolist() for name, a in inputs.arrays().items()},
+        warnings=(*_notes(inputs), *_some(every, logs), *selection.model.warnings),
+        body=body_of(campaign),
+    )
 
 
 def teaching(state: State, logs: Sequence[int]) -> list[int]:
@@ -386,9 +422,7 @@ def _scores(
     new = samples.take(newest)
     found: dict[str, PredictionScore] = {}
     if before is not None:
-        found = prequential(before, new, samples.take(~newest))
-        if label(before.in_use) == MIXED:
-            found[MIXED] = prediction_score(new, *before.posterior(new.log), samples.take(~newest))
+        found = prequential(before, new, samples.take(~newest), MIXED)
     if not newest.all():  # fitted to the earlier logs alone
         mean = LinearPhysics(inputs)(samples.take(~newest))
         found[LINEAR] = prediction_score(new, mean.predict(new.log))
@@ -453,15 +487,10 @@ def _with_blocks(
 
 def _held_out(campaign: Campaign, log: Samples, rng: np.random.Generator, gap_s: float) -> BlockScores:
     """nMSE per command on held-out blocks of one log, for each structure and linear regression."""
-    kind, spec, config = campaign.kind, campaign.spec, campaign.config
     train, test = split_blocks(log, gap_s)
-    inputs = kind.inputs(spec, config).fitted(train)
-    selection = select_structures(
-        train, inputs, kind.physics(spec, config), kind.limit(spec), config.model, rng
-    )
-    scores = prequential(selection.model, test)
-    if label(selection.model.in_use) == MIXED:
-        scores[MIXED] = prediction_score(test, *selection.model.posterior(test.log))
+    inputs = campaign.kind.inputs(campaign.spec, campaign.config).fitted(train)
+    selection = _selected(campaign, train, inputs, rng)
+    scores = prequential(selection.model, test, together=MIXED)
     nmse = {structure: jsonable(found.nmse) for structure, found in scores.items() if structure != LINEAR}
     linear = LinearPhysics(selection.model.inputs)(train).predict(test.log)
     beside = prediction_score(test, linear)

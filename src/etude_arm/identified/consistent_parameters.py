@@ -25,7 +25,18 @@ import numpy as np
 from etude.errors import NumericalError
 from etude.types import Array, Index, Mask, Samples
 from etude_arm.identified.model_file_writer import APART, FUSED, Dip, JointTerms
-from etude_arm.identified.parameter_fit import FRICTION, OFFSET_TERM, SHOWN, STRIBECK, Settled, settled
+from etude_arm.identified.parameter_fit import (
+    FRICTION,
+    MEASURED,
+    OFFSET_TERM,
+    SHOWN,
+    STRIBECK,
+    Settled,
+    combinations,
+    parameter_fit,
+    settled,
+    share_of,
+)
 from etude_arm.identified.pseudo_inertia import SIZE, basis, coordinates
 from etude_arm.loading.inertia import NO_MASS
 from etude_arm.loading.load import load_arm
@@ -302,6 +313,8 @@ class Identified:
     joints: Mapping[str, JointTerms]
     ripple: Array
     errors: Errors
+    shown: int
+    measured: int
 
 
 def _joint_terms(
@@ -365,9 +378,12 @@ def identified(samples: Samples, spec: ArmSpec, mean: RigidBodyMean) -> Identifi
     pairs = zip(evidence.rows, own[:, OFFSET_TERM + 1 :], strict=True)
     ripple = np.array([np.sqrt(np.mean((rows[:, waves:] @ size) ** 2)) for (rows, _), size in pairs])
     ripple *= evidence.deviation
-    return Identified(
-        links, result, own, found.problem.used, joints, ripple, _left_out(evidence, links, samples)
-    )
+    fit = parameter_fit(found)
+    bases, _ = combinations(fit)
+    measured = sum(share_of(fit, one) >= MEASURED for one in bases)
+    errors = _left_out(evidence, links, samples)
+    used = found.problem.used
+    return Identified(links, result, own, used, joints, ripple, errors, len(bases), measured)
 
 
 def _left_out(evidence: WhitenedRows, links: Links, samples: Samples) -> Errors:

@@ -13,7 +13,7 @@ is partly even, so it cannot be identified.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -41,6 +41,9 @@ from etude_arm.spec import FIRST_WAVE, PATH, PLAN, RIPPLES, ArmSpec
 
 LEAST, MOST = 30, 400
 """Least and largest number of moving samples of a joint; evenly drawn, since the cost is cubic."""
+LEAST_TURNS = 10
+"""Reversals of a joint below which no interval is stated: postures are then passed one way alone, and what a
+posture takes is mistaken for friction."""
 OWN = (VISCOUS, COULOMB, STRIBECK)
 LARGEST = 0.3
 """Prior deviation of each term at full speed, as a part of the command limit."""
@@ -73,7 +76,15 @@ def friction_alone(spec: ArmSpec, samples: Samples, v0: Array, *, desired: bool)
     fits = [
         _fitted(_joint(spec, samples, motion, rows[:, j], j), float(v0[j]), spec, j) for j in range(spec.dof)
     ]
-    return Friction(*(np.array(part) for part in zip(*fits, strict=True)))
+    found = Friction(*(np.array(part) for part in zip(*fits, strict=True)))
+    often = reversals(samples, motion[1]) >= LEAST_TURNS
+    return replace(found, deviation=np.where(often[:, None], found.deviation, 0.0))
+
+
+def reversals(samples: Samples, speed: Array) -> Index:
+    """(J,) changes of the sign of each joint's speed (n, J) within logs."""
+    turns = (np.diff(np.sign(speed), axis=0) != 0.0) & (np.diff(samples.group) == 0)[:, None]
+    return np.asarray(turns.sum(axis=0))
 
 
 def _joint(spec: ArmSpec, samples: Samples, motion: tuple[Array, ...], rows: Mask, j: int) -> _Joint:

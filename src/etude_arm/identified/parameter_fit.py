@@ -82,6 +82,9 @@ STRETCHES = 2.0
 LEAST_STRETCH = 1.0  # s
 LEAST_SCATTER = 0.25
 """Of the posterior's variance."""
+MEASURED, PARTLY = 0.99, 0.75
+"""Reduction of the prior variance from which a parameter counts as identified or partly identified: a tenth,
+or half, of its deviation remains."""
 LEAST_PART = 1e-6
 """Relative factor of a regrouped parameter: smaller ones are rounding errors."""
 
@@ -447,6 +450,18 @@ class Combination:
         for place, factor in self.parts:
             found[place] = factor
         return found
+
+
+def share_of(fit: ParameterFit, one: Combination) -> float:
+    """Part of a base parameter's variance before the logs that they took away."""
+    weights = one.row(len(fit.theta))
+    after, before = (float(weights @ C @ weights) for C in (fit.after, fit.before))
+    return 1.0 - after / before
+
+
+def known(share: float) -> str:
+    """In a word, by the part of the variance that the logs took away."""
+    return "measured" if share >= MEASURED else "partly" if share >= PARTLY else "from the file"
 
 
 def combinations(fit: ParameterFit) -> tuple[list[Combination], list[int]]:

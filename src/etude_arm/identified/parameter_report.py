@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -12,8 +13,10 @@ from etude.models.accuracy import NORMAL_95
 from etude.protocols import Physics
 from etude.types import Array, Delivered, Samples
 from etude_arm.config import ArmData
-from etude_arm.identified.friction_alone import friction_alone
+from etude_arm.identified.friction_alone import LEAST_TURNS, friction_alone
 from etude_arm.identified.parameter_fit import (
+    MEASURED,
+    PARTLY,
     SHOWN,
     STRIBECK,
     TERMS,
@@ -21,10 +24,12 @@ from etude_arm.identified.parameter_fit import (
     Friction,
     ParameterFit,
     combinations,
+    known,
     parameter_fit,
     settled,
+    share_of,
 )
-from etude_arm.identified.target import MEASURED, NAMES, PARTLY, UNITS, digits, table
+from etude_arm.identified.target import NAMES, UNITS, armature_units, digits, table
 from etude_arm.inputs import friction_speeds
 from etude_arm.loading.load import load_arm
 from etude_arm.physics.mean import RigidBodyMean
@@ -37,7 +42,8 @@ def report(spec: ArmSpec, physics: Physics | None, samples: Samples, data: ArmDa
     """Tables, sentences and friction.h; only friction for a robot without masses in a model file."""
     if physics is None:
         v0 = friction_speeds(spec, data.friction_fraction or ArmData.friction_fraction)
-        return _delivered(spec, [], friction_alone(spec, samples, v0, desired=data.desired), [WITHOUT])
+        found = friction_alone(spec, samples, v0, desired=data.desired)
+        return _delivered(spec, [], found, [WITHOUT, *_uncertain(found, spec)])
     mean = physics(samples)
     assert isinstance(mean, RigidBodyMean)
     fit = parameter_fit(settled(samples, spec, mean))
@@ -69,7 +75,8 @@ def _names(spec: ArmSpec) -> list[tuple[str, str, str]]:
     bodies = [str(model.body(b).name) for b in range(1, model.nbody)]
     links = [loaded.links.get(body, body) for body in bodies]
     found = [(link, name, unit) for link in links for name, unit in zip(NAMES, UNITS, strict=True)]
-    return [*found, *((name, "armature", "kg m^2") for name in spec.names)]
+    rotors = zip(spec.names, armature_units(spec), strict=True)
+    return [*found, *((name, "armature", unit) for name, unit in rotors)]
 
 
 def _inertial_rows(fit: ParameterFit, spec: ArmSpec) -> list[dict[str, Any]]:
@@ -90,16 +97,14 @@ def _inertial_rows(fit: ParameterFit, spec: ArmSpec) -> list[dict[str, Any]]:
 def _base_row(fit: ParameterFit, one: Combination, names: Sequence[tuple[str, str, str]]) -> dict[str, Any]:
     weights = one.row(len(fit.theta))
     value, file = float(weights @ fit.theta), float(weights @ fit.nominal)
-    after, before = (float(weights @ C @ weights) for C in (fit.after, fit.before))
-    share = 1.0 - after / before
     parts = [(*names[place][:2], factor) for place, factor in one.parts]
     return {
         "parameter": "".join(_part(*part, first=not k) for k, part in enumerate(parts)),
         "value": value,
-        **_interval(value, float(np.sqrt(after))),
+        **_interval(value, float(np.sqrt(weights @ fit.after @ weights))),
         "unit": names[one.parts[0][0]][2],
         "file": file,
-        "known": "measured" if share >= MEASURED else "partly" if share >= PARTLY else "from the file",
+        "known": known(share_of(fit, one)),
         "parts": [{"of": of, "parameter": name, "factor": factor} for of, name, factor in parts],
     }
 
@@ -153,12 +158,15 @@ def _friction_rows(fit: Friction, spec: ArmSpec) -> list[dict[str, Any]]:
 
 def friction_c(fit: Friction, spec: ArmSpec) -> str:
     """A C function of the friction."""
-    name, J = "".join(c if c.isalnum() else "_" for c in spec.name), spec.dof
+    name, J = _plain(spec.name), spec.dof
+    name = f"n_{name}" if name[:1].isdigit() else name
+    pairs = zip(spec.names, spec.command_units, strict=True)
+    units = ", ".join(f"{_plain(joint)} {unit}" for joint, unit in pairs)
     columns = [*fit.terms[:, 1:6].T, fit.stribeck_speed, fit.v0]
     rows = ",\n".join(
         f"        {{{', '.join(repr(float(x)) for x in row)}}}" for row in np.transpose(columns)
     )
-    return f"""/* Friction of {spec.name} in {spec.command_unit}, identified by Etude.
+    return f"""/* Friction of {name}, identified by Etude, in the units of the commands: {units}.
    qd: of the drives, rad/s (m/s). load: of the rigid body (gravity, inertia), or 0. */
 #include <math.h>
 
@@ -176,13 +184,18 @@ static void {name}_friction(const double qd[{J}], const double load[{J}], double
 """
 
 
+def _plain(name: str) -> str:
+    """With letters, digits and _ of ASCII alone, which every C compiler takes."""
+    return re.sub(r"[^A-Za-z0-9_]", "_", name)
+
+
 def _said(fit: ParameterFit, spec: ArmSpec, inertial: list[dict[str, Any]]) -> list[str]:
     """Of the inertial parameters."""
     if not inertial:
         return [f"Commands are in {spec.command_unit}: without the motors' constants no mass follows."]
-    counts = [sum(row["known"] == known for row in inertial) for known in KNOWN]
+    counts = [sum(row["known"] == word for row in inertial) for word in KNOWN]
     base = len(inertial) - counts[-1]
-    parts = ", ".join(f"{n} {known}" for n, known in zip(counts, KNOWN, strict=True) if n)
+    parts = ", ".join(f"{n} {word}" for n, word in zip(counts, KNOWN, strict=True) if n)
     said = [f"Any motion could show {base} combinations of {len(fit.theta)} parameters: {parts}."]
     if fit.own_scale.any():
         others = [name for name, own in zip(spec.names, fit.own_scale, strict=True) if own]
@@ -202,6 +215,16 @@ WITHOUT = (
     "No model file says masses, so that friction alone follows, as what changes its sign with the speed. "
     "Armature, friction by load and by direction, and offset are not told."
 )
+
+
+def _uncertain(found: Friction, spec: ArmSpec) -> list[str]:
+    """Of joints whose terms have no interval."""
+    known = np.any(found.terms, axis=1) & ~np.any(found.deviation, axis=1)
+    names = [name for name, one in zip(spec.names, known.tolist(), strict=True) if one]
+    few = f"fewer than {LEAST_TURNS} reversals in the logs do not separate friction from gravity"
+    return [f"No interval is stated for {', '.join(names)}: {few}. Tell a log with more."] * bool(names)
+
+
 KNOWN = ("measured", "partly", "from the file", "not identifiable")
 
 

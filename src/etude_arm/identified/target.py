@@ -16,6 +16,7 @@ from etude.protocols import Kind
 from etude.types import Array, Delivered, Samples
 from etude_arm.identified.consistent_parameters import Identified, identified
 from etude_arm.identified.model_file_writer import JointTerms, mjcf, with_drives, written
+from etude_arm.identified.parameter_fit import MEASURED, PARTLY, known
 from etude_arm.identified.pseudo_inertia import is_possible
 from etude_arm.identified.replayed import Replayed, replayed
 from etude_arm.physics.geometry import has_masses
@@ -24,10 +25,6 @@ from etude_arm.spec import FORCES, ArmSpec
 
 NAMES = ("mass", "m cx", "m cy", "m cz", "Ixx", "Iyy", "Izz", "Ixy", "Ixz", "Iyz")
 UNITS = ("kg", *["kg m"] * 3, *["kg m^2"] * 6)
-MEASURED, PARTLY = 0.99, 0.75
-"""Reduction of the prior variance from which a parameter counts as identified or partly identified: a tenth,
-or half, of its deviation remains.
-"""
 NOTHING = 0.05
 """Relative change of an error; smaller changes do not count."""
 
@@ -71,7 +68,7 @@ class ModelFile:
             *_carried(name, spec),
             *_played_sentences(name, played, found, spec),
         ]
-        facts: dict[str, Any] = {"told": found.result.told, "segments": found.errors.segments}
+        facts: dict[str, Any] = {"told": found.measured, "segments": found.errors.segments}
         if played is not None:
             names = ("file", "drives", "physics")
             facts["played"] = {
@@ -159,7 +156,6 @@ def _rows(found: Identified) -> list[dict[str, Any]]:
         after, before = (np.sqrt(np.diag(C)[place]) for C in (result.covariance, result.prior))
         for k, name in enumerate(NAMES):
             share = max(0.0, float(1.0 - (after[k] / before[k]) ** 2))
-            known = "measured" if share >= MEASURED else "partly" if share >= PARTLY else "from the file"
             rows.append(
                 {
                     "link": body,
@@ -169,7 +165,7 @@ def _rows(found: Identified) -> list[dict[str, Any]]:
                     "found": float(result.phi[place][k]),
                     "deviation": float(after[k]),
                     "share": share,
-                    "known": known,
+                    "known": known(share),
                 }
             )
     return rows
@@ -191,10 +187,12 @@ def _count(rows: list[dict[str, Any]], known: str) -> int:
 
 
 def _said(found: Identified, spec: ArmSpec, rows: list[dict[str, Any]]) -> list[str]:
-    errors, told = found.errors, found.result.told
+    errors = found.errors
     said = [
-        f"The logs tell {told} combination{'s'[: told != 1]} of {len(rows)} inertial parameters; of the "
-        f"single ones {_count(rows, 'measured')} are measured, {_count(rows, 'partly')} partly, "
+        f"Any motion could show {found.shown} combinations of inertial parameters and armatures; the logs "
+        f"measured {found.measured} of them.",
+        f"Of {len(rows)} single inertial parameters {_count(rows, 'measured')} are measured, "
+        f"{_count(rows, 'partly')} partly, "
         f"{_count(rows, 'from the file')} are the file's.",
     ]
     if errors.segments:
@@ -245,13 +243,21 @@ def _readme(name: str, found: Identified, spec: ArmSpec, rows: list[dict[str, An
   file as it can be; `share` in identifiability.csv is the part of a parameter's variance that the logs took
   away (measured: above {MEASURED:g}, partly: above {PARTLY:g}).
 - Friction and damping of the joints are written too. Armature, which a URDF has no place for:
-  {_armature(found)}.
+  {_armature(found, spec)}.
 
 m c and I are about the link's own origin, along its axes.
 
 {head}{lines}"""
 
 
-def _armature(found: Identified) -> str:
-    pairs = found.joints.items()
-    return ", ".join(f"{name} {digits(t.armature)} kg m^2" for name, t in pairs) or "none was found"
+def _armature(found: Identified, spec: ArmSpec) -> str:
+    pairs = zip(spec.names, armature_units(spec), strict=True)
+    own = [
+        f"{name} {digits(found.joints[name].armature)} {unit}" for name, unit in pairs if name in found.joints
+    ]
+    return ", ".join(own) or "none was found"
+
+
+def armature_units(spec: ArmSpec) -> list[str]:
+    """Of each joint: a slide's rotor moves as a mass."""
+    return ["kg" if axis.unit == "m" else "kg m^2" for axis in spec.axes]

@@ -211,4 +211,4 @@ def test_the_target_says_what_is_known_and_refuses_what_is_no_force(
     same = told(spec, spec.model_file, FRICTION)
     again = URDF(None, KIND, spec, given(same))
     assert any("predict as well" in sentence for sentence in again.said)
-    assert found.result.told == delivered.facts["told"]
+    assert found.measured == delivered.facts["told"] <= found.shown

@@ -189,6 +189,11 @@ def test_the_c_function_is_the_friction(
     robot: tuple[ArmSpec, Path], fit: ParameterFit, tmp_path: Path
 ) -> None:
     text = friction_c(fit.friction, robot[0])
+    axes = (replace(robot[0].axes[0], unit="m"), *robot[0].axes[1:])
+    other = friction_c(fit.friction, replace(robot[0], name="7 Ärm", axes=axes))
+    assert "shoulder N, elbow N m" in other
+    assert other.isascii()
+    assert "void n_7__rm_friction(" in other
     assert len(text.splitlines()) <= 25
     (tmp_path / "f.c").write_text(text.replace("static void", "void"))
     run([tool("gcc"), *STRICT, "-shared", "-fPIC", "f.c", "-o", "f.so", "-lm"], tmp_path)
@@ -252,6 +257,10 @@ def test_without_a_model_file_there_is_friction_that_masses_would_not_change(
         assert coulomb["shown"]
         assert rows[name, "load"]["lower"] is None
     assert b"_friction(" in delivered.files["friction.h"]
+    apart = replace(samples, group=np.arange(len(samples)))
+    one_way = PARAMETERS(None, KIND, spec, {**given(apart), "logs": ()})
+    assert one_way.said[1].startswith(f"No interval is stated for {', '.join(NAMES)}: ")
+    assert all(row["lower"] is None for row in one_way.facts["friction"])
     still = replace(samples, moving=np.zeros_like(samples.moving))
     rest = PARAMETERS(None, KIND, spec, {**given(still), "logs": ()})
     assert all("no term is shown" in sentence for sentence in rest.said[1:])

@@ -1,5 +1,5 @@
 """With a model file: an encoder's zero that is off is asked about, and computed commands are said. Logs of
-two robots contradict each other, with the file and without one.
+two robots contradict each other, with the file and without one, and one log contradicts itself.
 """
 
 from __future__ import annotations
@@ -171,3 +171,77 @@ def test_commands_that_are_late_in_one_log_alone_are_shifted(
     rows[:, 4:] = np.column_stack([np.interp(rows[:, 0] - 0.06, rows[:, 0], u) for u in rows[:, 4:].T])
     np.savetxt(late, rows, delimiter=",", header=late.read_text().splitlines()[0], comments="")
     assert steps_of(bare, [*logs, late]) == [[], [], [("delay", "note")]]
+
+
+def halves(path: Path, first: Path, second: Path, signs: Array | float = 1.0) -> Path:
+    """The first log up to its middle, then the second one with these signs of its commands."""
+    tables = [np.loadtxt(one, delimiter=",", skiprows=1) for one in (first, second)]
+    tables[1][:, 4:] *= signs
+    rows = np.where(np.arange(len(tables[0]))[:, None] * 2 < len(tables[0]), *tables)
+    np.savetxt(path, rows, delimiter=",", header=first.read_text().splitlines()[0], comments="")
+    return path
+
+
+def between(sentence: str) -> tuple[float, float]:
+    """The times that a sentence names."""
+    a, b = re.findall(r"between ([\d.]+) s and ([\d.]+) s", sentence)[0]
+    return float(a), float(b)
+
+
+@pytest.mark.parametrize("with_file", [pytest.param(True, marks=pytest.mark.slow), False])
+def test_a_sign_that_turns_within_a_log_is_asked_about_with_joint_and_time(
+    with_file: bool, lab: Campaign, bare: Campaign, tmp_path: Path
+) -> None:
+    right = log_of(tmp_path / "right.csv", lab)
+    wrong = halves(tmp_path / "wrong.csv", right, right, np.array([1.0, -1.0, 1.0]))
+    own = lab if with_file else bare
+    assert "contradiction" not in found(right, own)
+    sentence = found(wrong, own)["contradiction"].sentence
+    assert "The sign of the commands of lift turns between" in sentence
+    a, b = between(sentence)
+    assert a < 0.5 * np.loadtxt(right, delimiter=",", skiprows=1)[-1, 0] < b
+    with pytest.raises(DataError, match=r"wrong\.csv") as refused:
+        tell(own, wrong, foreign=True)
+    assert "--accept contradiction" in refused.value.next_step
+
+
+def test_a_load_taken_up_within_a_log_is_weighed(lab: Campaign, tmp_path: Path) -> None:
+    motion = random_motion(lab, 7)
+    plain = written(tmp_path / "plain.csv", lab, motion)
+    loaded = written(tmp_path / "loaded.csv", lab, motion, kg=1.5)
+    finding = found(halves(tmp_path / "both.csv", plain, loaded), lab)["contradiction"]
+    assert float(finding.sentence.split(" kg more")[0].split()[-1]) == pytest.approx(1.5, rel=0.15)
+    put_down = found(halves(tmp_path / "less.csv", loaded, plain), lab)["contradiction"]
+    assert " kg less" in put_down.sentence
+
+
+@pytest.mark.slow
+def test_two_robots_in_one_log_are_asked_about(lab: Campaign, bare: Campaign, tmp_path: Path) -> None:
+    one = log_of(tmp_path / "one.csv", lab)
+    two = log_of(tmp_path / "two.csv", lab, masses=np.array([1.0, 0.3, 3.0]), friction=2.0)
+    both = halves(tmp_path / "both.csv", one, two)
+    assert "another model explains the commands of" in found(both, bare)["contradiction"].sentence
+    assert [len(own) for own in steps_of(bare, [one, both])] == [0, 1]  # one file does not stop the other
+
+
+@pytest.mark.parametrize("fault", ["sign", "swapped"])
+def test_positions_or_commands_are_named_by_the_weights_on_other_joints(
+    fault: str, lab: Campaign, bare: Campaign, tmp_path: Path
+) -> None:
+    right = log_of(tmp_path / "right.csv", lab)
+    header, rows = right.read_text().splitlines()[0], np.loadtxt(right, delimiter=",", skiprows=1)
+    signs, order = (np.array([1, -1, 1]), [0, 1, 2]) if fault == "sign" else (np.ones(3), [0, 2, 1])
+    said = {}
+    for what, first in (("positions", 1), ("commands", 4)):
+        wrong, columns = rows.copy(), np.arange(first, first + 3)
+        wrong[:, columns] = rows[:, columns[order]] * signs
+        path = tmp_path / f"{what}.csv"
+        np.savetxt(path, wrong, delimiter=",", header=header, comments="")
+        said[what] = found(path, lab)[fault]
+        alone = found(path, bare)[fault]  # without masses nothing tells them apart
+        assert "A fault of the positions of lift" in alone.sentence
+    assert said["positions"].sentence.startswith("The positions of lift")
+    assert "and not their commands" in said["positions"].sentence
+    assert not isinstance(said["positions"], Mendable)
+    assert "commands of lift" in said["commands"].sentence
+    assert "positions" not in said["commands"].sentence

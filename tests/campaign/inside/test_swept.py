@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -65,6 +66,11 @@ def test_what_stands_in_the_way_is_named(tmp_path: Path) -> None:
     (first, *_) = swept(campaign, still(axes, 0.05), limits)
     assert first.held in (NO_TIME, f"the torque of {campaign.axes[0]}")
 
+    wide = [
+        replace(one, margin=0.05 * np.ones(axes)) if getattr(one, "order", 1) == 0 else one for one in limits
+    ]
+    assert swept(campaign, still(axes, 0.05), wide)[0].held == first.held, "the end of a range is far away"
+
     class Wall:
         def blocked(self, form: str, pose: np.ndarray) -> str:
             return f"a wall in {form}" if abs(pose[0]) > 0.5 else ""
@@ -78,7 +84,7 @@ def test_a_motion_that_goes_nowhere_says_so_first(tmp_path: Path) -> None:
     (said,) = teaches_little(small)
     assert said.code == Warn.TEACHES_LITTLE_HELD
     assert "no joint sweeps more than 10 % of its range" in said.sentence
-    assert str(said).endswith("In the way: hand and floor.")
+    assert str(said).endswith("Blocked by: hand and floor.")
     assert teaches_little(small[1:])[0].code == Warn.TEACHES_LITTLE
     assert teaches_little((*small, Swept("c", 0.15, 0.2, ""))) == ()
     assert teaches_little(()) == ()

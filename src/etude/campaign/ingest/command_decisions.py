@@ -21,7 +21,7 @@ from etude.logs.checks.filtered_motion import joints
 from etude.logs.checks.finding_texts import Doubt, Mendable
 from etude.logs.checks.plausibility import repaired
 from etude.protocols import Mean
-from etude.types import Finding, Log
+from etude.types import Channel, Finding, Log
 
 if TYPE_CHECKING:
     from etude.logs.evidence.joint_evidence import Decision
@@ -62,7 +62,9 @@ def decided(
     logs, sources = list(new), [*(f"log {n}" for n in numbers), *(log.source for log in new)]
     force = all(unit in FORCES for c in new[0].channels.values() if c.acts_on for unit in c.units)
     fresh = range(len(old), len(old) + len(new))
-    steps: list[Step] = []
+    steps = _changes(logs, path, body, answer)
+    if any(step.what == "open" for step in steps):
+        return steps, None
     for _ in range(ROUNDS):
         accepted = {step.finding.check for step in steps if step.what == "accept"}
         found = judge([*old, *logs], path, body, fresh=fresh, force=force, accepted=accepted)
@@ -81,6 +83,20 @@ def decided(
         if what != "accept":
             logs = [repaired(log, finding) if i in own else log for i, log in enumerate(logs)]
     return steps, found
+
+
+def _changes(logs: Sequence[Log], path: Channel, body: Mean | None, answer: Answer) -> list[Step]:
+    """Steps of what changes within single logs: one model of such a log would tell nothing."""
+    from etude.logs.evidence.contradictions import change_finding, change_within
+
+    found = []
+    for i, log in enumerate(logs):
+        change = change_within(log, path, body)
+        if change is not None:
+            finding = change_finding(change, log, path.parts)
+            what: Literal["accept", "open"] = "accept" if answer(finding) == "accept" else "open"
+            found.append(Step(what, finding, frozenset({i})))
+    return found
 
 
 def _what(found: Decision, answer: str, whole: bool) -> Literal["note", "repair", "accept", "open"]:
@@ -133,8 +149,8 @@ class Survey:
         path = joints(logs[0]) if len(logs) > 1 else None
         if path is None:
             return None
+        from etude.logs.evidence.contradictions import contradiction_without_file
         from etude.logs.evidence.file_hypotheses import contradiction
-        from etude.logs.evidence.two_robots import contradiction_without_file
 
         sources = [log.source for log in logs]
         if self.body is None:

@@ -13,7 +13,7 @@ from etude.deploy.c99.header import CForm
 from etude.deploy.c99.plan import Plan
 from etude.deploy.c99.target import Files, held
 from etude.deploy.feedforward import require_forces
-from etude.deploy.model_states import fading
+from etude.deploy.model_states import outside_training_sentence
 from etude.errors import UsageError
 from etude.protocols import Kind
 from etude.types import Channel, Delivered
@@ -55,7 +55,7 @@ def ROS2(model: Any, kind: Kind, spec: Any, options: Mapping[str, Any]) -> Deliv
     """
     asked = taken(options, Ros2Options, "ros2")
     form = CForm(False, fade=asked.fade, digest=asked.model_hash)
-    rate = float(asked.rate or 0.0)
+    rate = float(asked.rate or spec.rate)
     made, said, facts = held(model, kind, spec, form, asked.name, rate=rate, alone=asked.single)
     sources = _sources(made.plan, kind, spec)
     if asked.interface == EFFORT:
@@ -130,7 +130,7 @@ def _words(made: Files, spec: Any, sources: list[int], asked: Ros2Options) -> di
         "OPERATIONS": f"{operations:,}",
         "TIME": f", some {operations / 1e3:,.0f} us where a core does 1e9 a second",
         "MEMORY": _memory(remembered),
-        "FADED": _sentence(fading(plan.model)) if made.form.fade else _BARE,
+        "FADED": _sentence(outside_training_sentence(plan.model)) if made.form.fade else _BARE,
         "TABLE": _table(plan),
     }
 

@@ -18,7 +18,7 @@ from etude.logs.checks.filtered_motion import measured_rates
 from etude.logs.checks.plausibility import SIGN, SWAPPED
 from etude.logs.checks.velocities import DIRECTION
 from etude.logs.evidence.delays import Clock
-from etude.logs.evidence.file_hypotheses import weight_elsewhere
+from etude.logs.evidence.file_hypotheses import positions_odds, weight_elsewhere
 from etude.logs.evidence.joint_evidence import CLEAR, MOST_GROUPS, Decision, JointEvidence
 from etude.logs.evidence.likelihood import NEITHER, WhitenedMotion, least, log_sum
 from etude.logs.evidence.rows import APART, AS_LOGGED, DELAYS, FLOOR, FilteredRows, commands_of, rows_of
@@ -91,7 +91,22 @@ def judge(
     found = next(told, None)
     if found is None:
         return stepped.decision("silent", why="late" if clock is not None and clock.at_edge else "")
-    return found if found.logs else replace(found, logs=fresh)
+    found = found if found.logs else replace(found, logs=fresh)
+    return replace(found, positions=_positions(found, stepped, path, body))
+
+
+def _positions(found: Decision, judged: JointEvidence, path: Channel, body: Mean | None) -> float:
+    """Log odds that positions and not commands have the signs or the order found."""
+    rows = judged.rows.take(np.flatnonzero(np.isin(judged.rows.log, found.logs)))
+    own = judged.own[rows.command[:, judged.own, AS_LOGGED].std(axis=0) > 0.0]
+    if body is None or found.check not in (SIGN, SWAPPED) or len(own) < 2:
+        return 0.0
+    columns, signs = np.arange(len(path.parts)), np.ones(len(path.parts))
+    if found.check == SIGN:
+        signs = np.array(found.by)
+    else:
+        columns = np.array(found.by, dtype=np.int64)
+    return positions_odds(rows, own, path, body, columns, signs)
 
 
 def groups_of(count: int, fresh: Sequence[int]) -> list[tuple[int, ...]]:

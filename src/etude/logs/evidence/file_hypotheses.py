@@ -75,10 +75,12 @@ def _said(zero: Zero, path: Channel) -> Finding:
 
 def file_fit(logs: Sequence[Log], path: Channel, body: Mean | None) -> FileFit | None:
     """The fit over all logs; None without a model file, or where fewer than two joints go far enough."""
-    if body is None or not isinstance(body, SupportsVariations):
-        return None
-    rows = rows_of(logs, path, body)
-    if rows is None or rows.moving.sum() < 2:
+    return None if body is None else fit_of(rows_of(logs, path, body), path, body)
+
+
+def fit_of(rows: FilteredRows | None, path: Channel, body: Mean) -> FileFit | None:
+    """The same of rows that hold the file's torque."""
+    if rows is None or not isinstance(body, SupportsVariations) or rows.moving.sum() < 2:
         return None
     own = np.flatnonzero(rows.moving & (rows.command[..., AS_LOGGED].std(axis=0) > 0.0))
     return FileFit(rows, own, path, body) if len(own) > 1 else None
@@ -148,6 +150,16 @@ class FileFit:
         columns = self.body.links(self.states)[:, :, -1, :1] * some[:, None, None]
         left, found = self.shared(columns, self.rows.torque)
         return float(found[0]), left
+
+    def load_odds(self, some: Mask) -> tuple[float, float, float]:
+        """kg at the last link in some rows (n,) that explain most, their log odds to none, and the sum over
+        joints of the logarithm of what is left without, over what is left with them.
+        """
+        assert self.rows.torque is not None
+        kg, left = self.loaded(some)
+        without = self.left(self.rows.torque)
+        odds = self._likelihood(left) - self._likelihood(without)
+        return kg, odds, float(np.log((without + FLOOR) / (left + FLOOR)).sum())
 
     def score(self, torque: Array) -> float:
         """Log likelihood of a torque (n, k) of the file, of independent rows."""
@@ -249,9 +261,7 @@ def contradiction(
     odd = max(apart, key=lambda i: float(np.median(apart[i])), default=-1)
     if odd < 0 or np.median(apart[odd]) < np.log(TIMES):
         return None
-    assert fit.rows.torque is not None
-    kg, left = fit.loaded(fit.rows.log == odd)
-    load = float(np.log((fit.left(fit.rows.torque) + FLOOR) / (left + FLOOR)).sum())
+    kg, _, load = fit.load_odds(fit.rows.log == odd)
     why, two = "No sign, order, delay or load explains it", len(told) == 2
     if load > EXPLAINED * float(apart[odd].sum()):
         loaded = sum(told) - odd if two and kg < 0.0 else odd  # of two, that with the load
@@ -318,6 +328,25 @@ def _masses(fit: FileFit) -> float:
     price = 0.5 * float(np.log(len(fit.rows.t) * len(fit.own) / APART))
     tried = [*each, moments.reshape(*moments.shape[:2], -1)]
     return max(fit.score_with(columns) - price * float(columns.shape[2]) for columns in tried)
+
+
+def positions_odds(
+    rows: FilteredRows, own: Index, path: Channel, body: Mean, columns: Index, signs: Array
+) -> float:
+    """Log odds that the positions of joints stand in other columns (k,) with other signs (k,), against the
+    same of their commands. A joint by itself does not tell the two apart; weights on other joints do.
+    """
+    back = np.argsort(columns)
+    moved = [part[:, back] * signs[back] for part in (rows.q, rows.qd, rows.qdd, rows.friction)]
+    scores = []
+    for (q, qd, qdd, friction), command in (
+        (moved, rows.command),
+        ((rows.q, rows.qd, rows.qdd, rows.friction), rows.command[:, columns] * signs[:, None]),
+    ):
+        torque = body.predict(states_of(rows.t, path, q, qd, qdd))
+        tried = replace(rows, q=q, qd=qd, qdd=qdd, friction=friction, command=command, torque=torque)
+        scores.append(FileFit(tried, own, path, body).score(torque))
+    return scores[0] - scores[1]
 
 
 def is_computed(fit: FileFit) -> bool:

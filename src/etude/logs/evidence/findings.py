@@ -8,7 +8,7 @@ from typing import Literal
 
 import numpy as np
 
-from etude.logs.checks.exact import LIKELY
+from etude.logs.checks.exact import CERTAIN, LIKELY
 from etude.logs.checks.finding_texts import Doubt, Mendable, accepted, both, named
 from etude.logs.checks.plausibility import DELAY, SIGN, SWAPPED
 from etude.logs.checks.velocities import DIRECTION
@@ -32,6 +32,8 @@ def finding_of(
         old: those of them that were told before, so that nothing repairs them now.
     """
     where = _where(decision, sources)
+    if decision.positions >= CERTAIN:
+        return _of_positions(decision, parts, where)
     if decision.check == SIGN:
         found = _sign(decision, parts, where)
     elif decision.check == SWAPPED:
@@ -123,6 +125,7 @@ def _sign(decision: Decision, parts: Sequence[str], where: str) -> Finding:
         fact += "signs are inverted, or their columns are exchanged."
     else:
         fact = f"The sign of the commands of {names} is {_sure(decision)}inverted{where} ({_odds(decision)})."
+    fact += _or_positions(decision, names)
     strange = np.asarray(decision.strange & decision.moving)
     if strange.any():
         fact += f" Neither sign explains the commands of {named(parts, strange)}."
@@ -133,6 +136,30 @@ def _sign(decision: Decision, parts: Sequence[str], where: str) -> Finding:
     step = both(SIGN, f"turn the sign of {names}{where}")
     more = "" if decision.level == "certain" else f" {_settled(decision, parts)}."
     return Mendable(SIGN, _light(decision), fact, step + more, flag=SIGN, by=decision.by)
+
+
+def _of_positions(decision: Decision, parts: Sequence[str], where: str) -> Finding:
+    """By the weights on the other joints, which the model file gives."""
+    by = np.array(decision.by)
+    wrong = np.asarray(by < 0.0 if decision.check == SIGN else by != np.arange(len(by)))
+    what = "have the wrong sign" if decision.check == SIGN else "are exchanged"
+    fact = f"The positions of {named(parts, wrong)} {what}{where}, and not their commands, by the model file"
+    step = f"Correct the columns of the positions, or the signs of the encoders; {accepted(decision.check)}."
+    return Doubt(
+        decision.check,
+        "yellow",
+        f"{fact} ({_odds(decision)}).",
+        step,
+        flag=decision.check,
+        by=decision.by,
+    )
+
+
+def _or_positions(decision: Decision, names: str) -> str:
+    """That a fault of the positions looks the same, unless a model file tells."""
+    if decision.positions <= -CERTAIN:
+        return ""
+    return f" A fault of the positions of {names} would look the same."
 
 
 OTHERS = {
@@ -163,7 +190,7 @@ def _swapped(decision: Decision, parts: Sequence[str], where: str) -> Finding:
             SWAPPED,
             "yellow",
             f"The commands of {named(parts, moved)} fit these joints better in another order{where} "
-            f"({_odds(decision)}), which is not certain.",
+            f"({_odds(decision)}), which is not certain.{_or_positions(decision, named(parts, moved))}",
             f"Check the order of the columns. {_settled(decision, parts)}; {accepted(SWAPPED)}.",
             flag=SWAPPED,
             by=decision.by,
@@ -172,7 +199,8 @@ def _swapped(decision: Decision, parts: Sequence[str], where: str) -> Finding:
     return Mendable(
         SWAPPED,
         _light(decision),
-        f"The commands of {named(parts, moved)} are swapped{where}: {pairs} ({_odds(decision)}).",
+        f"The commands of {named(parts, moved)} are swapped{where}: {pairs} ({_odds(decision)})."
+        f"{_or_positions(decision, named(parts, moved))}",
         both(SWAPPED, "put them into this order"),
         flag=SWAPPED,
         by=decision.by,

@@ -34,6 +34,8 @@ class Decision:
         why: what tells a sign, or explains as well what is found: "weight" of the model file, "time" that
             runs backwards, another "order". "late" of a silent one whose commands fit best with the longest
             delay.
+        positions: of a sign or an order, log odds that the positions are wrong and not the commands; 0 where
+            no model file tells.
     """
 
     level: Level
@@ -46,6 +48,7 @@ class Decision:
     odds: float = 0.0
     ahead: float = np.inf
     why: str = ""
+    positions: float = 0.0
 
     @property
     def clear(self) -> bool:

@@ -8,7 +8,7 @@ behind a filter of 2 Hz says little more.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -78,6 +78,15 @@ class FilteredRows:
     def moving(self) -> Mask:
         """(k,) joints that go far enough to have a say."""
         return goes_far(self.q)
+
+    def take(self, which: Index) -> FilteredRows:
+        """Some of the rows."""
+        names = ("t", "log", "q", "qd", "qdd", "friction", "drop", "command")
+        some = {name: getattr(self, name)[which] for name in names}
+        for name in ("torque", "static"):
+            known = getattr(self, name)
+            some[name] = None if known is None else known[which]
+        return replace(self, stands=tuple(one[which] for one in self.stands), **some)
 
 
 def rows_of(

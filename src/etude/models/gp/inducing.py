@@ -275,6 +275,7 @@ class FixedInducing:
     Attributes:
         gp: kernel, hyperparameters and noise.
         fold: (n,) what each sample is left out with; None: nothing is.
+        roots_without: by folds left out, the factor of what the others teach.
         solved: by folds left out and inputs, what `_without` said: outputs may differ.
     """
 
@@ -282,6 +283,7 @@ class FixedInducing:
     Z: Array
     X: Array
     fold: Index | None = None
+    roots_without: dict[tuple[int, ...], Array] = field(default_factory=dict)
     solved: dict[tuple[tuple[int, ...], bytes], tuple[Array, Array]] = field(default_factory=dict)
 
     @cached_property
@@ -304,21 +306,17 @@ class FixedInducing:
         return {number: np.flatnonzero(fold == number) for number in np.unique(fold).tolist()}
 
     @cached_property
-    def parts(self) -> dict[int, tuple[Array, Array]]:
-        """By fold, V (u, k) = L^-1 k(Z, X), each sample in deviations of its noise, and V Vᵀ, lower half."""
-        found = {}
-        for number, own in self.places.items():
-            V = self._whitened(self.X[own]) / self.roots[own]
-            found[number] = V, dsyrk(1.0, V, lower=1)
-        return found
+    def parts(self) -> dict[int, Array]:
+        """By fold, V (u, k) = L^-1 k(Z, X), each sample in deviations of its noise."""
+        return {number: self._whitened(self.X[own]) / self.roots[own] for number, own in self.places.items()}
 
     @cached_property
     def whole(self) -> Array:
         """(u, u) V Vᵀ of all samples, lower half."""
         total = np.zeros((len(self.Z), len(self.Z)), order="F")
-        for _, own in self.parts.values():
-            total += own
-        return total
+        for V in self.parts.values():
+            total = dsyrk(1.0, V, beta=1.0, c=total, lower=1, overwrite_c=1)
+        return np.asarray(total)
 
     def posterior(self, y: Array) -> BasisPosterior:
         """Given y (n,)."""
@@ -337,25 +335,31 @@ class FixedInducing:
     def held_out(self, Y: Array, folds: Iterable[int], at: Array) -> tuple[Array, Array]:
         """Means (k, m) and variances (k,) with noise at inputs (k, D), from outputs (n, m) of other folds."""
         left_out = tuple(sorted(set(folds)))
-        if (key := (left_out, at.tobytes())) not in self.solved:
-            self.solved[key] = self._without(left_out, at)
-        weights, variance = self.solved[key]
-        told = self._told(Y, [number for number in self.places if number not in left_out])
-        return weights.T @ told, variance
+        with threads_for(len(self.Z)):
+            if (key := (left_out, at.tobytes())) not in self.solved:
+                self.solved[key] = self._without(left_out, at)
+            here, variance = self.solved[key]
+            told = self._told(Y, [number for number in self.places if number not in left_out])
+            return here.T @ dtrtrs(self._root(left_out), told, lower=1)[0], variance
 
     def _without(self, left_out: tuple[int, ...], at: Array) -> tuple[Array, Array]:
-        """Of inputs (k, D): weights (u, k) of what other folds tell, and variances (k,) with noise."""
-        gp = self.gp
-        with threads_for(len(self.Z)):
-            A = self.whole  # of all but a fold: less is rounded than jitter adds
+        """Of inputs (k, D): A^-1/2 L^-1 k(Z, at) (u, k) of what other folds teach, and variances (k,) with
+        noise.
+        """
+        gp, V = self.gp, self._whitened(at)
+        missing = gp.kernel.diagonal(gp.theta, at) - np.einsum("un,un->n", V, V)
+        here = np.asarray(dtrtrs(self._root(left_out), V, lower=1)[0])
+        spread = np.einsum("un,un->n", here, here)
+        return here, np.maximum(missing, 0.0) + spread + gp.noise_variance
+
+    def _root(self, left_out: tuple[int, ...]) -> Array:
+        """(u, u) lower factor of A without those folds."""
+        if left_out not in self.roots_without:
+            A = self.whole.copy(order="F")  # of all but a fold: less is rounded than jitter adds
             for number in set(left_out) & set(self.places):
-                A = A - self.parts[number][1]
-            root, V = factorise(A, 1.0, announce=False)[0], self._whitened(at)
-            here = dtrtrs(root, V, lower=1)[0]
-            missing = gp.kernel.diagonal(gp.theta, at) - np.einsum("un,un->n", V, V)
-            spread = np.einsum("un,un->n", here, here)
-            weights = dtrtrs(root, here, lower=1, trans=1)[0]
-        return np.asarray(weights), np.maximum(missing, 0.0) + spread + gp.noise_variance
+                A = dsyrk(-1.0, self.parts[number], beta=1.0, c=A, lower=1, overwrite_c=1)
+            self.roots_without[left_out] = factorise(A, 1.0, announce=False)[0]
+        return self.roots_without[left_out]
 
     def _whitened(self, X: Array) -> Array:
         """(u, k) L^-1 k(Z, X) at X (k, D)."""
@@ -367,7 +371,7 @@ class FixedInducing:
         told = np.zeros((len(self.Z), Y.shape[1]))
         for number in folds:
             own = self.places[number]
-            told += self.parts[number][0] @ (Y[own] / self.roots[own, None])
+            told += self.parts[number] @ (Y[own] / self.roots[own, None])
         return told
 
 

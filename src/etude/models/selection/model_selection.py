@@ -22,7 +22,7 @@ from etude.abilities import SupportsRipple, SupportsSlow
 from etude.codes import stated
 from etude.errors import DataError, UsageError
 from etude.models.accuracy import PredictionScore, figures, prediction_score, trivial_prediction
-from etude.models.change.change_detection import independence, tails
+from etude.models.change.change_detection import independence, student_freedom
 from etude.models.config import ModelConfig
 from etude.models.data.cross_validation import Base, HeldOut, fitted_base, fold_mean, fold_numbers
 from etude.models.data.fit_data import Folds, Rows, in_order, judged_samples, rows_of
@@ -35,7 +35,7 @@ from etude.models.selection.ensemble import (
     averages,
     beside_default,
     candidate_errors,
-    wanted_of,
+    compared_samples,
 )
 from etude.models.selection.linear import LinearPhysics
 from etude.models.selection.selection_rule import TRAJECTORIES, choices, least_variance, notes, warnings_of
@@ -137,24 +137,19 @@ def select_structures(
 
 
 def prequential(
-    model: LearnedModel, new: Samples, trained: Samples | None = None
+    model: LearnedModel, new: Samples, trained: Samples | None = None, together: str = ""
 ) -> dict[str, PredictionScore]:
     """Score of each structure of an earlier model on motion that it has not seen.
 
     Args:
         trained: what it had seen, for the log loss.
+        together: name of one more score where several structures are in use: of these; "": none.
     """
-    complete = [structure for structure in model.structures if _covers(model, structure)]
-    return {
-        structure: prediction_score(new, *model.of_structure(structure).posterior(new.log), trained)
-        for structure in complete
-    }
-
-
-def _covers(model: LearnedModel, structure: str) -> bool:
-    return {j for c in model.candidates if c.structure == structure for j in c.commands} == set(
-        range(len(model.commands))
-    )
+    told = model.posteriors(new.log)
+    mixed = told.pop("")
+    if together and len(model.in_use) > 1:
+        told[together] = mixed
+    return {name: prediction_score(new, *found, trained) for name, found in told.items()}
 
 
 def _folds(
@@ -241,7 +236,7 @@ def _train_group(
         base = bases.get(base_of(structure))
         start = earlier_of(previous, structure, group, folds)
         single = len(group) == 1 and len(folds.numbers) > 1
-        wanted = wanted_of(folds, group[0]) if single and folds.config.weighs else None
+        wanted = compared_samples(folds, group[0]) if single and folds.config.weighs else None
         return with_process(folds, group, rows, structure, base, start, rng, wanted)
 
     late = ["linear+gp"] if auto else []
@@ -290,57 +285,115 @@ def _assembled(
 
     every: all candidates, the defaults of the groups first; none where these are all and one is chosen.
     """
-    config, samples, pairs = folds.config, folds.samples, list(zip(folds.groups, groups, strict=True))
     defaults = [own for group in groups for own in group.values()]
     averaged = averages(folds, every, len(defaults)) if every else {}
-    told = every[: len(defaults)] if config.stacks else [CandidateErrors.of(own) for own in defaults]
-    held = _joined(folds, told) | {structure: average.held for structure, average in averaged.items()}
-    kept = np.any([np.isfinite(own.error) for own in held.values()], axis=0)
-    held.setdefault("linear", linear.errors_at(folds, folds.judge, folds.asked).at(kept))
+    held = _held_of_structures(folds, defaults, every, averaged, linear)
+    pairs = list(zip(folds.groups, groups, strict=True))
     trained = [list(own) for j in range(len(folds.commands)) for group, own in pairs if j in group]
     chosen = choices(folds, trained, held)
+    mixture = _mixture(folds, defaults, every, averaged, held, chosen)
+    single = {j: name for j, name in enumerate(chosen) if j not in mixture.stacked}
+    least = least_variance(folds, mixture.candidates)
+    width = _width(folds, mixture, least)
+    spread = mixture.variance * width
+    warnings = (*notes(folds), *warnings_of(folds, trained, single, held))
+    known = _model(folds, mixture.candidates, mixture.error, spread)
+    model = replace(known, least=least, width=width, warnings=warnings)
+    errors = {structure: own.errors(folds.config.choose_by) for structure, own in held.items()}
+    trivial = trivial_prediction(folds.samples)
+    scores = {structure: _score(folds, own, trivial) for structure, own in held.items()}
+    of_choice = HeldOut(mixture.error, spread, folds.fold)
+    return ModelSelection(model, errors, held, scores, of_choice, folds.samples, folds.judge)
+
+
+def _held_of_structures(
+    folds: Folds,
+    defaults: Sequence[LearnedStructure],
+    every: Sequence[CandidateErrors],
+    averaged: Mapping[str, Average],
+    linear: Base,
+) -> dict[str, HeldOut]:
+    """By structure, for all commands; linear regression too if it was not offered."""
+    errors = every[: len(defaults)] if folds.config.stacks else [CandidateErrors.of(own) for own in defaults]
+    held = _joined(folds, errors) | {structure: average.held for structure, average in averaged.items()}
+    held.setdefault("linear", linear.errors_at(folds, folds.judge, folds.asked).at(_judged(held)))
+    return held
+
+
+def _judged(held: Mapping[str, HeldOut]) -> Mask:
+    """(n, J) where some structure was judged."""
+    return np.asarray(np.any([np.isfinite(own.error) for own in held.values()], axis=0))
+
+
+@dataclass(frozen=True, eq=False)
+class _Mixture:
+    """The candidates that a model keeps, and what their weighted mean says of held-out samples.
+
+    Attributes:
+        candidates: with their weights. error, variance: (n, J); NaN where nothing was judged.
+        stacked: commands whose weights are those of stacking; the others use the chosen structure.
+    """
+
+    candidates: tuple[EnsembleMember, ...]
+    error: Array
+    variance: Array
+    stacked: frozenset[int]
+
+
+def _mixture(
+    folds: Folds,
+    defaults: Sequence[LearnedStructure],
+    every: Sequence[CandidateErrors],
+    averaged: Mapping[str, Average],
+    held: Mapping[str, HeldOut],
+    chosen: Sequence[str],
+) -> _Mixture:
+    """Stacked where candidates are stacked, else the chosen structure of each command."""
     error = np.column_stack([held[structure].error[:, j] for j, structure in enumerate(chosen)])
-    spread = np.column_stack([held[structure].variance[:, j] for j, structure in enumerate(chosen)])
+    variance = np.column_stack([held[structure].variance[:, j] for j, structure in enumerate(chosen)])
     parts = [one.part for one in every] or defaults
     shares = _shares(parts, averaged.values(), len(chosen))
     weights = shares * [[float(part.candidate.structure == name) for name in chosen] for part in parts]
-    stacked = stacks(folds, every)
+    judged, stacked = _judged(held), stacks(folds, every)
     for j, stack in stacked.items():
         weights[:, j] = stack.weights
         own = left_out(stack, every, j, folds.fold)
-        error[:, j], spread[:, j] = (np.where(kept[:, j], values, np.nan) for values in own)
+        error[:, j], variance[:, j] = (np.where(judged[:, j], values, np.nan) for values in own)
     used = [k for k in range(len(parts)) if k < len(defaults) or weights[k].any() or shares[k].any()]
-    candidates = [_weighed(parts[k].candidate, shares[k], weights[k]) for k in used]
-    single = {j: name for j, name in enumerate(chosen) if j not in stacked}
-    least = least_variance(folds, candidates)
-    width = np.ones(len(chosen))
-    if config.calibrate and config.stacks:
-        doubted = np.zeros(len(chosen), dtype=np.bool_) if least is None else least > 0.0
-        width = np.where(doubted, 1.0, widths(error, spread, folds.fold, folds.trajectories))
-    spread = spread * width
+    candidates = tuple(_weighed(parts[k].candidate, shares[k], weights[k]) for k in used)
+    return _Mixture(candidates, error, variance, frozenset(stacked))
+
+
+def _width(folds: Folds, mixture: _Mixture, least: Array | None) -> Array:
+    """(J,) factors on variances; 1 where a least variance is stated already, or nothing is calibrated."""
+    count = mixture.error.shape[1]
+    if not (folds.config.calibrate and folds.config.stacks):
+        return np.ones(count)
+    doubted = np.zeros(count, dtype=np.bool_) if least is None else least > 0.0
+    found = widths(mixture.error, mixture.variance, folds.fold, folds.trajectories)
+    return np.where(doubted, 1.0, found)
+
+
+def _model(
+    folds: Folds, candidates: tuple[EnsembleMember, ...], error: Array, variance: Array
+) -> LearnedModel:
+    """The model of these candidates; tails and independence are those of held-out errors."""
+    config, samples = folds.config, folds.samples
     use = samples.usable & samples.moving
-    z = np.where(use, (error - (folds.judge - samples.command)) / np.sqrt(spread), np.nan)
-    freedom = tails(z)
-    model = LearnedModel(
+    z = np.where(use, (error - (folds.judge - samples.command)) / np.sqrt(variance), np.nan)
+    freedom = student_freedom(z)
+    enough = LEAST_LOGS if config.stacks else LEAST_CALIBRATED
+    return LearnedModel(
         inputs=folds.inputs,
-        candidates=tuple(candidates),
+        candidates=candidates,
         commands=folds.commands,
         ranges=np.stack([folds.X.min(axis=0), folds.X.max(axis=0)]),
-        calibrated=config.calibrate
-        and folds.trajectories >= (LEAST_LOGS if config.stacks else LEAST_CALIBRATED),
+        calibrated=config.calibrate and folds.trajectories >= enough,
         independence=independence(z, freedom, samples.t, samples.group, use),
         freedom=freedom,
         member=config.process,
-        least=least,
-        width=width,
-        student=_student(error, spread) if config.student_t else None,
-        warnings=(*notes(folds), *warnings_of(folds, trained, single, held)),
+        student=_student(error, variance) if config.student_t else None,
     )
-    errors = {structure: own.errors(config.choose_by) for structure, own in held.items()}
-    trivial = trivial_prediction(folds.samples)
-    scores = {structure: _score(folds, own, trivial) for structure, own in held.items()}
-    of_choice = HeldOut(error, spread, folds.fold)
-    return ModelSelection(model, errors, held, scores, of_choice, samples, folds.judge)
 
 
 def _shares(parts: Sequence[LearnedStructure], averaged: Collection[Average], J: int) -> Array:

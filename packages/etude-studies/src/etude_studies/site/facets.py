@@ -6,8 +6,15 @@ from collections.abc import Iterable, Mapping
 
 from etude_studies.thesis.ledger import Claim, Entry, Ledger
 
-ROBOTS: Mapping[str, str] = {"Q": "quadrotor", "L": "quadrotor", "P": "Pelican", "K": "none", "T": "none"}
-"""By the first letter of a run; others are of the arm."""
+ROBOTS: Mapping[str, str] = {
+    "Q": "quadrotor",
+    "L": "quadrotor",
+    "P": "Pelican",
+    "K": "none",
+    "T": "none",
+    "Y5": "quadrotor",
+}
+"""By run, or by its first letter; others are of the arm."""
 MODELS: Mapping[str, str] = {
     "A": "dictionary",
     "X": "dictionary",
@@ -19,17 +26,25 @@ MODELS: Mapping[str, str] = {
     "Y2": "others",
     "Y3": "others",
     "Y4": "others",
+    "Y7": "others",
+    "Y5:dictionary_error": "dictionary",
+    "Y5:dictionary_variance": "dictionary",
+    "Y5:ssgp_learned": "SSGP",
+    "Y5:ssgp_fixed": "SSGP",
+    "Y5:exact": "full GPR",
+    "W1": "dictionary",
     "A6": "full GPR",
     "X14": "full GPR",
     "X6a": "SSGP",
     "X6b": "SSGP",
     "X11": "SSGP",
 }
-"""By run, or by its first letters; lines beside a run and controllers that learn no process have none."""
+"""By run, by its first letters, or by a line of it; other lines, and controllers that learn no process, have
+none."""
 RUNS_OF_OTHERS = ("R1",)
 """Whose lines are runs: "R1:A7" has a figure of A7."""
 DESIGNED = ("A7", "S9", "X4", "X8", "Q4", "Q5", "Q6d", "Q7d", "Q8d", "P2", "P4", "P5d")
-WITHOUT_MOTIONS = ("B", "K", "T", "L", "O", "Y")
+WITHOUT_MOTIONS = ("B", "K", "T", "L", "O", "Y", "W0")
 LATE = {"DP2": "log_ivr", "DP4": "log_ivr", "X13": "best of 24 random"}
 CRITERION = "DC_"
 """How runs that design by another criterion begin."""
@@ -71,8 +86,8 @@ def of_sources(sources: Iterable[str]) -> dict[str, tuple[str, ...]]:
         run, _, line = source.partition(":")
         if run in RUNS_OF_OTHERS and line[:1].isupper():
             run, line = line, ""
-        found["robot"].add(ROBOTS.get(run[0], "arm"))
-        found["model"].add("physics or linear" if line and line not in ("faded", "again") else _model(run))
+        found["robot"].add(ROBOTS.get(run, ROBOTS.get(run[0], "arm")))
+        found["model"].add(_model(run, line))
         found["motions"].add(_motions(run))
     return {name: tuple(v for v in ORDER[name] if v in values) for name, values in found.items()}
 
@@ -82,11 +97,15 @@ def chapter(section: str) -> str:
     return section.partition(".")[0]
 
 
-def _model(run: str) -> str:
+def _model(run: str, line: str) -> str:
+    if f"{run}:{line}" in MODELS:
+        return MODELS[f"{run}:{line}"]
+    if line and line not in ("faded", "again"):
+        return "physics or linear"
     for name in (run, run[:2], run[0]):
         if name in MODELS:
             return MODELS[name]
-    return "physics or linear" if run[0] == "B" else ""
+    return "physics or linear" if run[0] in "BW" else ""
 
 
 def _motions(run: str) -> str:

@@ -36,9 +36,9 @@ def _spectrum(steps: int, schedule: str = "reinitialise", *, learned: bool = Tru
     return {"rounds": ROUNDS, "data": DOWNSAMPLED, "model": model | other.pop("model", {}), **other}
 
 
-def _member(process: str) -> Settings:
+def _member(process: str, points: int = 500 * ROUNDS) -> Settings:
     """Another member of the family, on the samples of full regression; hyperparameters of 500 of them."""
-    model = {"process": process, "basis": 200, "points": 500 * ROUNDS, "fit_points": 500}
+    model = {"process": process, "basis": 200, "points": points, "fit_points": 500}
     return {"rounds": ROUNDS, "data": DOWNSAMPLED, "model": model}
 
 
@@ -136,6 +136,8 @@ ARM_RUNS: Mapping[str, tuple[str, Settings]] = {
     "Y2": ("LWPR on A6's samples", _member("lwpr")),
     "Y3": ("SPGP with 200 inducing inputs on A6's samples", _member("fitc")),
     "Y4": ("SOGP with 200 basis points on A6's samples", _member("sogp")),
+    "Y7": ("local GPs of at most 500 samples each on A6's samples", _member("local_gp", points=500)),
+    "W1": ("A1 on an arm on a wheeled base", _dictionary(robot="mobile_arm", beside=True)),
     "DP1": ("default protocol, process alone, random", _default("gp", beside=True)),
     "DP2": ("default protocol, process alone, designed by log_ivr", _default("gp", "log_ivr")),
     "DP3": ("default protocol, ladder, random", _default("auto")),

@@ -65,11 +65,28 @@ def rounds(settings: FlightSettings, seed: int) -> Iterator[Round]:
         yield last
 
 
+@lru_cache(maxsize=2)
+def random_flights(settings: FlightSettings, seed: int) -> tuple[Log, ...]:
+    """The logs of an arm that no model chooses: those of `rounds`, without learning."""
+    flights = flights_of(settings.place)
+    found = _flown(settings.learning, seed, _first_parameters(settings.learning, seed), 1)
+    for number in range(2, settings.flights + 1):
+        rng = np.random.default_rng([seed, ARM + ARMS.index(settings.arm), number])
+        found += _flown(settings.learning, seed, SAMPLERS[settings.arm](rng, flights.feasible)[0], number)
+    return found
+
+
+def _first_parameters(learning: Learning, seed: int) -> Array:
+    flights = flights_of(learning.place)
+    found: Array = SAMPLERS["uniform"](np.random.default_rng([seed, FIRST]), flights.feasible)[0]
+    return found
+
+
 @lru_cache(maxsize=8)
 def first_round(learning: Learning, seed: int) -> Round:
     """After the uniform random flight that all arms of a seed begin with; it sets the hyperparameters."""
     flights = flights_of(learning.place)
-    parameters = SAMPLERS["uniform"](np.random.default_rng([seed, FIRST]), flights.feasible)[0]
+    parameters = _first_parameters(learning, seed)
     logs = _flown(learning, seed, parameters, 1, from_ground=learning.from_ground)
     samples = learning.place.samples(*logs)
     began = time.process_time()

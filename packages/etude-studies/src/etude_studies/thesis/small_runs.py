@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping
 from functools import partial
 
 from etude_studies.spec import Spec
+from etude_studies.thesis.arm_runs import baseline_spec
 from etude_studies.thesis.arm_traces import TRACED, trace_spec
 from etude_studies.thesis.ilc_runs import adaptive_spec, repeated_spec
 from etude_studies.thesis.reach_runs import reach_spec
@@ -30,6 +31,16 @@ SMALL_RUNS: Mapping[str, tuple[str, int, Callable[[int], Spec]]] = {
     "R1": ("robot seconds until an error is reached, by method", 20, reach_spec),
     "O1": ("learning on line, also after the arm has changed", 20, partial(_plain, "other_runs:on_line")),
     "L1": ("voltages of a process in the quadrotor's loop", 20, partial(_plain, "other_runs:in_the_loop")),
+    "Y5": (
+        "dictionaries, sparse spectra and full GPR on the quadrotor's flights",
+        20,
+        partial(_plain, "flight_members:run"),
+    ),
+    "W0": (
+        "feedback alone on an arm on a wheeled base",
+        20,
+        partial(baseline_spec, "pd", robot="mobile_arm"),
+    ),
     "P2t": ("a path and a thrust command of P2 over time", 1, partial(_plain, "flight_trace_run:run")),
     **{name: (f"{run} over time", 20, partial(trace_spec, name)) for name, (run, _) in TRACED.items()},
 }

@@ -18,7 +18,7 @@ from etude.types import Array
 from etude_quadrotor import KIND, QuadrotorInputs
 from etude_studies.flight_world import SAMPLERS
 from etude_studies.measured import comparable, measured_table
-from etude_studies.thesis import flight_tests
+from etude_studies.thesis import flight_members, flight_tests
 from etude_studies.thesis.flight_measures import (
     PARTS,
     by_command,
@@ -105,6 +105,16 @@ def test_all_arms_of_a_seed_begin_with_one_flight_and_sit_the_same_tests(run: st
     if run == "Q1":  # the nominal model learns nothing, so its error tells the tests apart
         for test in ("uniform", "boundary", "single", "fresh"):
             assert value(one, "mae", 2, test, line="nominal") == value(two, "mae", 2, test, line="nominal")
+
+
+def test_full_regression_beside_other_members_is_that_of_the_same_flights() -> None:
+    settings = {**asdict(small("Q1")), "members": ["exact", "dictionary_error"], "after": [2]}
+    found = measured_table(flight_members.run(settings, SEED, {}), "Y5")
+    for test in ("uniform", "boundary"):
+        for part in ("mean", *PARTS["quadrotor"]):
+            own = value(table("Q1"), "mae", 2, test, part)
+            assert value(found, "mae", 2, test, part, "exact") == pytest.approx(own, rel=1e-6)
+    assert value(found, "mae", 2, line="dictionary_error") != value(found, "mae", 2, line="exact")
 
 
 def test_a_floor_changes_the_model_and_neither_flights_nor_tests() -> None:

@@ -1,0 +1,248 @@
+"""Logs that no one model explains: of two robots, or with a change at a time within one log.
+
+One model of all rows is compared with two, each of some of the rows: of one log among several, or of what
+comes after a time. No model is quite right, so a model of its own gains something anywhere. A log is odd only
+where it gains far more than its halves, and a change has to gain more than right logs did.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from etude.logs.checks.exact import LIKELY
+from etude.logs.checks.filtered_motion import goes_far
+from etude.logs.checks.finding_texts import Doubt, accepted, named
+from etude.logs.evidence.file_hypotheses import CONTRADICTS, EXPLAINED, contradicting, fit_of
+from etude.logs.evidence.joint_evidence import LEAST_ROWS, MOST_GROUPS
+from etude.logs.evidence.likelihood import FEW, SMALL_WAY, WhitenedMotion
+from etude.logs.evidence.rows import AS_LOGGED, FilteredRows, rows_of
+from etude.protocols import Mean
+from etude.types import Array, Channel, Finding, Index, Log, Mask
+
+# log odds over all joints, and the part that say so: right logs had 160 and a half, others 210 and 5 of 6
+ODDS, MOST_JOINTS = 150.0, 0.75
+
+
+def odd_log(logs: Sequence[Log], path: Channel) -> tuple[int, Array] | None:
+    """The log that one model explains worst with the others, and by joint (m,) the log odds of a model of its
+    own; None where no log is odd, or most joints go a short way in one.
+
+    Args:
+        logs: with positions `path` and commands on them, whose signs, order and clocks are right.
+    """
+    rows = rows_of(logs, path)
+    if rows is None or not rows.moving.any():
+        return None
+    own = np.flatnonzero(rows.moving & _far_in_each(rows))
+    if 2 * len(own) < rows.moving.sum():
+        return None
+    together = WhitenedMotion(rows, own, FEW).free(rows.command)[:, 0]
+    numbers = np.unique(rows.log)
+    each = {int(i): _apart(rows, own, int(i)) - together for i in numbers[-MOST_GROUPS:] if len(numbers) > 1}
+    odd = max(each, key=lambda i: float(each[i].sum()), default=-1)
+    if odd < 0 or not _clear(each[odd]):
+        return None
+    gains = each[odd] - np.max([_of_halves(log, path, own) for log in logs], axis=0)
+    return (odd, gains) if _clear(gains) else None
+
+
+def _far_in_each(rows: FilteredRows) -> Mask:
+    """(k,) sliding joints, and turning ones that go far in every log: in a short way all is of the place."""
+    ways = [np.ptp(rows.q[rows.log == i], axis=0) for i in np.unique(rows.log)]
+    turns = np.array([unit == "rad" for unit in rows.units])
+    return np.asarray(~turns | (np.min(ways, axis=0) > SMALL_WAY))
+
+
+def _apart(rows: FilteredRows, own: Index, log: int) -> Array:
+    return WhitenedMotion(rows, own, FEW, odd=rows.log == log).free(rows.command)[:, 0]
+
+
+def _clear(gains: Array) -> bool:
+    return float(gains.sum()) >= ODDS and float((gains >= LIKELY).mean()) >= MOST_JOINTS
+
+
+def _of_halves(log: Log, path: Channel, own: Index) -> Array:
+    """(m,) what halves of a log gain by models of their own, 0 at least."""
+    first = log.t <= 0.5 * (log.t[0] + log.t[-1])
+    rows = rows_of([log.take(first), log.take(~first)], path)
+    if rows is None or len(np.unique(rows.log)) < 2:
+        return np.zeros(len(own))
+    together = WhitenedMotion(rows, own, FEW).free(rows.command)[:, 0]
+    return np.maximum(_apart(rows, own, 0) - together, 0.0)
+
+
+def contradiction_without_file(logs: Sequence[Log], path: Channel, sources: Sequence[str]) -> Finding | None:
+    """The finding that logs are not of one robot; None of none."""
+    found = odd_log(logs, path)
+    if found is None:
+        return None
+    odd, gains = found
+    joints = f"{int((gains >= LIKELY).sum())} of {len(gains)} joints"
+    fact = f"a model of its own explains the commands of {joints} better (odds e^{gains.sum():.0f} to 1)"
+    return contradicting(sources, odd, range(len(logs)), fact, "No sign, order or delay explains it")
+
+
+CUTS = 8  # times at which a log is cut in two; the rows about it, up to midway to the next, are left out
+CUT_ROWS = 150  # that are looked at: a change that is told by fewer only is silent
+PRIOR = float(np.log(0.002))  # that a log changes anywhere, in any way
+# log odds: of a sign that turns, right logs had 17 at most, turned ones 38 to 480; of a load by the model
+# file, right logs had 5, 1 kg 24 to 220
+TURNS, LOADED = 30.0, 20.0
+SOME_JOINTS = 0.5  # of those that have a say: a load shows in some of them only
+Kind = Literal["sign", "load", "robot"]
+
+
+@dataclass(frozen=True, eq=False)
+class Change:
+    """What changes within a log.
+
+    Attributes:
+        joints: (k,) in whose commands it shows; none of a load. span: s between which it happens.
+        odds: log odds to no change. kg: of a load that is taken up, or put down.
+    """
+
+    kind: Kind
+    joints: Mask
+    span: tuple[float, float]
+    odds: float
+    kg: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class _Cut:
+    """A log's rows without those about a time, and which of them come after it.
+
+    Attributes:
+        own: (m,) joints that go far before and after it.
+    """
+
+    rows: FilteredRows
+    after: Mask
+    span: tuple[float, float]
+    own: Index
+
+
+def change_within(log: Log, path: Channel, body: Mean | None) -> Change | None:
+    """The likeliest change within a log, whatever its signs, orders and delays; None of none.
+
+    Args:
+        log: with positions `path` and commands on them.
+        body: what a model file says of the commands by itself; None without one.
+    """
+    rows = rows_of([log], path, body)
+    if rows is None or len(rows.t) < 2 * LEAST_ROWS:
+        return None
+    cuts = list(_cuts(rows.take(np.arange(0, len(rows.t), -(-len(rows.t) // CUT_ROWS)))))
+    if not cuts:
+        return None
+    turned, apart = zip(*(_gains(cut) for cut in cuts), strict=True)
+    return _sign_change(cuts, turned) or _load_change(cuts, path, body) or _change_of_all(cuts, apart)
+
+
+def _cuts(rows: FilteredRows) -> Iterator[_Cut]:
+    start, step = float(rows.t[0]), float(np.ptp(rows.t)) / (CUTS + 1)
+    for k in range(1, CUTS + 1):
+        span = start + (k - 0.5) * step, start + (k + 0.5) * step
+        part = rows.take(np.flatnonzero((rows.t < span[0]) | (rows.t > span[1])))
+        after = part.t > span[1]
+        if min(after.sum(), (~after).sum()) < 2:
+            continue
+        far = (
+            goes_far(part.q[after])
+            & goes_far(part.q[~after])
+            & (np.ptp(part.command[..., AS_LOGGED], axis=0) > 0)
+        )
+        if far.any():
+            yield _Cut(part, after, span, np.flatnonzero(far))
+
+
+def _gains(cut: _Cut) -> tuple[Array, Array]:
+    """(k,) each: what the commands negated after the cut gain, and a model of its own there; 0 of joints that
+    have no say.
+    """
+    rows, own = cut.rows, cut.own
+    turned = np.where(cut.after[:, None], -1.0, 1.0) * rows.command[..., AS_LOGGED]
+    both = np.concatenate([rows.command, turned[..., None]], axis=2)
+    as_is, negated = WhitenedMotion(rows, own, FEW).free(both, (AS_LOGGED, both.shape[2] - 1)).T
+    apart = WhitenedMotion(rows, own, FEW, odd=cut.after).free(rows.command)[:, 0]
+    found = np.zeros((2, rows.q.shape[1]))
+    found[:, own] = negated - as_is, apart - as_is
+    return found[0], found[1]
+
+
+def _sign_change(cuts: Sequence[_Cut], gains: Sequence[Array]) -> Change | None:
+    """Of one joint or several at one time."""
+    each = _above_usual(np.array(gains)) - np.log(len(gains[0]))
+    total = np.maximum(each, 0.0).sum(axis=1)
+    best = int(total.argmax())
+    odds = float(total[best]) + PRIOR - float(np.log(len(cuts)))
+    return None if odds < TURNS else Change("sign", each[best] >= LIKELY, _span(cuts, total), odds)
+
+
+def _load_change(cuts: Sequence[_Cut], path: Channel, body: Mean | None) -> Change | None:
+    """A load at the last link, by the model file, that explains most of what two models do."""
+    if body is None:
+        return None
+    fits = [(cut, fit) for cut in cuts if (fit := fit_of(cut.rows, path, body)) is not None]
+    loads = [fit.load_odds(cut.after) for cut, fit in fits]
+    if not loads:
+        return None
+    total = _above_usual(np.array([odds for _, odds, _ in loads]))
+    best = int(total.argmax())
+    cut, fit = fits[best]
+    kg, _, explained = loads[best]
+    odds = float(total[best]) + PRIOR - float(np.log(len(cuts)))
+    if odds < LOADED or explained < EXPLAINED * fit.apart(cut.after).sum():
+        return None
+    none = np.zeros(len(path.parts), dtype=np.bool_)
+    return Change("load", none, _span([cut for cut, _ in fits], total), odds, kg)
+
+
+def _change_of_all(cuts: Sequence[_Cut], gains: Sequence[Array]) -> Change | None:
+    """Another robot or load, by motion and commands alone."""
+    total = _above_usual(np.array([float(one.sum()) for one in gains]))
+    best = int(total.argmax())
+    likely = np.asarray(gains[best] >= LIKELY)
+    odds = float(total[best]) + PRIOR - float(np.log(len(cuts)))
+    if odds < ODDS or likely[cuts[best].own].mean() < SOME_JOINTS:
+        return None
+    return Change("robot", likely, _span(cuts, total), odds)
+
+
+def _above_usual(gains: Array) -> Array:
+    """Gains (c, ...) of the cuts over the median of all: what any cut gains is a fault of the model."""
+    return np.asarray(gains - np.maximum(np.median(gains, axis=0), 0.0))
+
+
+def _span(cuts: Sequence[_Cut], total: Array) -> tuple[float, float]:
+    """s between which the change is: the cuts that gain at least half as much as the best."""
+    near = np.flatnonzero(total >= 0.5 * total.max())
+    return cuts[int(near[0])].span[0], cuts[int(near[-1])].span[1]
+
+
+def change_finding(change: Change, log: Log, parts: Sequence[str]) -> Finding:
+    """The question that a change within a log raises."""
+    a, b = (time - float(log.t[0]) for time in change.span)
+    when, names = f"between {a:.3g} s and {b:.3g} s of {log.source}", named(parts, change.joints)
+    if change.kind == "sign":
+        fact = f"The sign of the commands of {names} turns {when}"
+    elif change.kind == "load":
+        way = "more" if change.kg > 0.0 else "less"
+        fact = f"From a time {when} on, the last link carries {abs(change.kg):.2g} kg {way}"
+    else:
+        fact = (
+            f"From a time {when} on, another model explains the commands of {names}: of another robot or load"
+        )
+    return Doubt(
+        CONTRADICTS,
+        "yellow",
+        f"{fact} (odds e^{change.odds:.0f} to 1).",
+        f"Record again, or cut the log there and tell one part; {accepted(CONTRADICTS)}.",
+        flag=CONTRADICTS,
+        spans=(change.span,),
+        by=(*change.span, *np.flatnonzero(change.joints).astype(np.float64).tolist()),
+    )
