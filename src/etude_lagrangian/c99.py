@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from etude.models.gp.c99 import BLOCK, expanded, packed, telling_first
+from etude.models.gp.c99 import BLOCK, expanded, greedy_order, packed
 from etude.types import Array, Code
 from etude_lagrangian.joints import Joints
 
@@ -36,7 +36,7 @@ def joint_code(name: str, process: Any) -> Code:
     data[f"{name}_weights"] = np.concatenate([process.alpha, np.zeros((J, size - n))], axis=1)
     entries = len(process.used)
     used = np.full(-(-entries // LANE) * LANE, -1)
-    order, factor = telling_first(process.L)
+    order, factor = greedy_order(process.L)
     used[:entries] = (process.used // n * size + process.used % n)[order]
     variance: dict[str, Any] = {f"{name}_used": used, f"{name}_factor_table": packed(factor)}
     means, spreads, bodies, operations = [], [], [], 0

@@ -263,7 +263,8 @@ class JointProcess:
         """Means and variances with noise (k, J) at X (k, D) from the entries that were not left out."""
         J = len(self.commands)
         K = self.prior.cross(self.at.theta, X, self.X, self.used)
-        reduced = np.einsum("tu,tu->t", K @ self.inverse, K)
+        V = dtrmm(1.0, self.L_inverse, K, side=1, lower=1, trans_a=1)
+        reduced = np.einsum("tu,tu->t", V, V)
         regained = K @ left.half.T
         known = (reduced - np.einsum("ta,ta->t", regained, regained)).reshape(J, -1).T
         latent = np.maximum(self.prior.diagonal(self.at.theta, X) - known, 0.0)

@@ -15,7 +15,7 @@ import numpy as np
 
 from etude._runtime.rounding import whole_down
 from etude.errors import DataError, NumericalError
-from etude.models.trust import familiar, trusted
+from etude.models.trust import training_range_weight, trusted
 from etude.protocols import Controller, Model, Trajectory
 from etude.types import Array, Log, Motion, Row
 from etude_quadrotor.channels import BATTERY, STATES
@@ -103,7 +103,7 @@ class GatedVoltages:
         found = trusted(near, variance, prior_deviation(self.model), safe)
         model = self.model
         if isinstance(model, Ranged) and not model.calibrated:
-            known = familiar(model.inputs.of_log(log), model.ranges)
+            known = training_range_weight(model.inputs.of_log(log), model.ranges)
             found = safe + known[:, None] * (found - safe)
         return found
 

@@ -11,7 +11,14 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from etude.models.data.fit_data import before, columns, counted, initial_process, trained_process, weak
+from etude.models.data.fit_data import (
+    columns,
+    complete_samples,
+    initial_process,
+    previous_process,
+    trained_process,
+    weak,
+)
 from etude.models.forms import Form, Lookup, Words, kernel_of
 from etude.models.members import BuiltIn, each_output, guides, shared_outputs
 from etude.models.process import Posteriors, Teaching
@@ -41,7 +48,7 @@ def _dictionary(rule: Literal["variance", "error"], fit: FitData) -> Teaching:
         count = min(points, len(y))
         return gp.select(X, y, start=np.arange(count) * len(y) // count).posterior
 
-    return Teaching(fit, each_output(condition), counted(fit))
+    return Teaching(fit, each_output(condition), complete_samples(fit))
 
 
 def _thesis(rule: Literal["variance", "error"], fit: FitData) -> Teaching:
@@ -52,7 +59,7 @@ def _thesis(rule: Literal["variance", "error"], fit: FitData) -> Teaching:
 
 def _ssgp_fixed(fit: FitData) -> Teaching:
     """A sparse spectrum with the likeliest of 100 draws of its points, or with those of the earlier one."""
-    return Teaching(fit, each_output(_spectrum(fit).condition), counted(fit))
+    return Teaching(fit, each_output(_spectrum(fit).condition), complete_samples(fit))
 
 
 def _ssgp_learned(fit: FitData) -> Teaching:
@@ -68,13 +75,13 @@ def _ssgp_learned(fit: FitData) -> Teaching:
     if config.prior == "none":
         drawn = replace(_drawn_spectrum(fit), learned=True)
         gp = train(drawn, X, columns(Y), prior=None, point_prior=False)
-        return Teaching(fit, each_output(gp.condition), counted(fit))
+        return Teaching(fit, each_output(gp.condition), complete_samples(fit))
     newest = group == group.max()
     held_out = None if newest.all() else (X[newest], columns(Y[newest]))
     known = np.ones_like(newest) if held_out is None else ~newest
     start = replace(_spectrum(fit), learned=True)
     gp = train(start, X[known], columns(Y[known]), prior="weak", held_out=held_out)
-    return Teaching(fit, each_output(gp.condition), counted(fit))
+    return Teaching(fit, each_output(gp.condition), complete_samples(fit))
 
 
 def _spectrum(fit: FitData) -> SparseSpectrumGP:
@@ -92,7 +99,7 @@ def _drawn_spectrum(fit: FitData) -> SparseSpectrumGP:
     from etude_sparse.sparse_spectrum_training import redrawn
     from etude_sparse.spectral_posterior import SparseSpectrumPosterior
 
-    gp, earlier, shape = initial_process(fit), before(fit), (fit.config.basis, fit.X.shape[1])
+    gp, earlier, shape = initial_process(fit), previous_process(fit), (fit.config.basis, fit.X.shape[1])
     start = earlier.own[0] if isinstance(earlier, Posteriors) else None
     if isinstance(start, SparseSpectrumPosterior) and start.points.shape == shape:
         return SparseSpectrumGP(start.points, gp.theta, gp.log_noise, gp.noise_floor)
@@ -115,7 +122,7 @@ def _local_gp(fit: FitData) -> Teaching:
 
     gp = trained_process(fit)
     member = LocalGP(gp, capacity=fit.config.points)
-    return Teaching(fit, each_output(member.condition), counted(fit), guides(gp, fit))
+    return Teaching(fit, each_output(member.condition), complete_samples(fit), guides(gp, fit))
 
 
 def _lwpr(fit: FitData) -> Teaching:
@@ -123,7 +130,9 @@ def _lwpr(fit: FitData) -> Teaching:
     from etude_sparse.lwpr.regression import LWPR
 
     member = LWPR(noise_floor=float(fit.floor.max()))
-    return Teaching(fit, each_output(member.condition), counted(fit), guides(trained_process(fit), fit))
+    return Teaching(
+        fit, each_output(member.condition), complete_samples(fit), guides(trained_process(fit), fit)
+    )
 
 
 dictionary_variance = BuiltIn(partial(_dictionary, "variance"))

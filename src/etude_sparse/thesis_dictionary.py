@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 
 from etude.errors import UsageError
-from etude.models.data.fit_data import columns, counted, initial_process, trained_process
+from etude.models.data.fit_data import columns, complete_samples, initial_process, trained_process
 from etude.models.gp.exact import ExactGP, ExactPosterior
 from etude.models.process import Posteriors
 from etude.protocols import FitData
@@ -42,7 +42,7 @@ def thesis_dictionary(rule: Rule, fit: FitData) -> tuple[ExactGP, Index]:
         learned = _on(fit, members)
         begun = learned.condition(fit.X[members], columns(fit.Y[members, :1]))
         fit = replace(fit, start=Posteriors((begun,)), config=replace(fit.config, schedule="update"))
-    moving = counted(fit)
+    moving = complete_samples(fit)
     new = moving[fit.group[moving] > fit.group[members].max()]
     if len(new):
         # the last training's hyperparameters, whatever the schedule makes of them afterwards
@@ -63,7 +63,7 @@ def _carried(fit: FitData) -> Index:
     """Positions of the earlier process's points, as far as they are still among the samples."""
     earlier = fit.start.own[0] if isinstance(fit.start, Posteriors) else None
     points = earlier.X if isinstance(earlier, ExactPosterior) else fit.X[:0]
-    moving = counted(fit)
+    moving = complete_samples(fit)
     place = {row.tobytes(): i for i, row in zip(moving, fit.X[moving], strict=True)}
     found = np.unique([place[row.tobytes()] for row in points if row.tobytes() in place]).astype(np.int64)
     return _spread(found, fit.config.points)
@@ -71,7 +71,7 @@ def _carried(fit: FitData) -> Index:
 
 def _filled(fit: FitData) -> Index:
     """`points` samples of the first trajectory, evenly spread: each so-manieth, thesis 6.2."""
-    moving = counted(fit)
+    moving = complete_samples(fit)
     group = fit.group[moving]
     return _spread(moving[group == group.min()], fit.config.points)
 

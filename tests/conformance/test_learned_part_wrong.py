@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from px4_cascade import fly, padded
 
-from etude.deploy import Commanded, certify_played, played
+from etude.deploy import MotionWithCommands, certified_playback, certify_played
 from etude.errors import UnsafeTrajectoryError
 from etude.limits import AxisLimit, Certificate, FeasibleSet, at_rest, boundary, slack
 from etude.protocols import Limit
@@ -20,7 +20,7 @@ ROBOT = Path(__file__).parents[2] / "examples" / "px4" / "px4_quad.toml"
 WRONG = "where what was learned is wrong"
 
 
-def flight(drag: float, tmp_path: Path, extra: str = "") -> tuple[Commanded, tuple[Limit, ...]]:
+def flight(drag: float, tmp_path: Path, extra: str = "") -> tuple[MotionWithCommands, tuple[Limit, ...]]:
     """A flight at the edge of its limits, whose accelerations hold against that drag, 1/s."""
     path = tmp_path / "robot.toml"
     path.write_text(ROBOT.read_text() + extra)
@@ -34,7 +34,7 @@ def flight(drag: float, tmp_path: Path, extra: str = "") -> tuple[Commanded, tup
         orders = motion.motion(np.minimum(t, motion.duration), 3).orders
         return np.asarray(orders[2] + drag * orders[1])
 
-    return Commanded(motion, acceleration=told), allowed
+    return MotionWithCommands(motion, acceleration=told), allowed
 
 
 def rows(found: Certificate) -> dict[tuple[str, str], tuple[float, float]]:
@@ -80,7 +80,7 @@ def test_a_vehicle_without_the_drag_strays_no_further_than_the_row_says(extra: s
 
 def test_motions_alone_say_nothing_of_it(tmp_path: Path) -> None:
     what, allowed = flight(0.0, tmp_path)
-    _, found = played(OFFBOARD, what.trajectory, KIND, KIND.spec(ROBOT), allowed)
+    _, found = certified_playback(OFFBOARD, what.trajectory, KIND, KIND.spec(ROBOT), allowed)
     assert rows(found) == {}
     assert found.notes == ()
 
@@ -89,7 +89,7 @@ def test_motions_alone_say_nothing_of_it(tmp_path: Path) -> None:
 def test_what_would_leave_the_room_is_cut(drag: float, least: float, most: float, tmp_path: Path) -> None:
     what, allowed = flight(drag, tmp_path)
     spec = KIND.spec(ROBOT)
-    files, found = played(OFFBOARD, what, KIND, spec, allowed)
+    files, found = certified_playback(OFFBOARD, what, KIND, spec, allowed)
     kept, whole = (
         np.abs(table(own, learned=True) - table(own, learned=False)).max()
         for own in (dict(files), dict(OFFBOARD(what, KIND, spec)))
@@ -105,7 +105,7 @@ def test_less_than_half_is_refused(tmp_path: Path) -> None:
     """What is left out is a larger error then, where it was right."""
     what, allowed = flight(4.0, tmp_path)
     with pytest.raises(UnsafeTrajectoryError, match=WRONG):
-        played(OFFBOARD, what, KIND, KIND.spec(ROBOT), allowed)
+        certified_playback(OFFBOARD, what, KIND, KIND.spec(ROBOT), allowed)
 
 
 def test_the_ground_below_a_landing_is_no_wall() -> None:

@@ -28,7 +28,7 @@ from etude.campaign import (  # noqa: E402
     open_campaign,
     stored_model,
 )
-from etude.models import Judged, judged  # noqa: E402
+from etude.models import ChangeTest, change_test  # noqa: E402
 from etude.types import Samples  # noqa: E402
 
 FIRST, LAST = 2, 4
@@ -55,16 +55,16 @@ def flown(folder: Path, seed: int, control: str) -> Path:
     return lab
 
 
-def judgements(lab: Path) -> Iterator[tuple[int, Judged, Judged, Judged]]:
+def judgements(lab: Path) -> Iterator[tuple[int, ChangeTest, ChangeTest, ChangeTest]]:
     """Of each flight: the logs that the model had, what is said of it, with variances that are not doubted,
     and with commands times `FACTOR`.
     """
     campaign = open_campaign(lab)
     for number in range(FIRST + 1, LAST + 1):
         model, samples = stored_model(campaign, number - 1), ingested_samples(campaign, [number])
-        with patch("etude.models.change.evidence.doubted", lambda variance, _: variance):
-            trusted = judged(model, samples)
-        yield number - 1, judged(model, samples), trusted, judged(model, scaled(samples))
+        with patch("etude.models.change.evidence.detection_variances", lambda variance, _: variance):
+            trusted = change_test(model, samples)
+        yield number - 1, change_test(model, samples), trusted, change_test(model, scaled(samples))
 
 
 def scaled(samples: Samples) -> Samples:
@@ -79,7 +79,7 @@ def main() -> None:
     parser.add_argument("folder", type=Path)
     parser.add_argument("--seeds", type=int, default=12)
     given = parser.parse_args()
-    found: dict[tuple[str, int], list[tuple[Judged, Judged, Judged]]] = {}
+    found: dict[tuple[str, int], list[tuple[ChangeTest, ChangeTest, ChangeTest]]] = {}
     for seed in range(given.seeds):
         for control in CONTROLS:
             lab = flown(given.folder / f"{control}_{seed}", seed, control)

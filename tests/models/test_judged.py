@@ -7,7 +7,7 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from etude.models import LearnedModel, judged
+from etude.models import LearnedModel, change_test
 from etude.types import Channel, Log, Samples
 
 UNITS = ("rad", "rad")
@@ -57,7 +57,7 @@ NOISE = 0.5 * np.random.default_rng(2).standard_normal((400, 2))
 
 
 def test_errors_as_large_as_predicted_are_no_change() -> None:
-    found = judged(MODEL, samples(NOISE))
+    found = change_test(MODEL, samples(NOISE))
     assert (found.alarm, found.cause, found.output) == (None, "unknown", None)
     assert found.z2 == pytest.approx(1.0, abs=0.1)
 
@@ -67,7 +67,7 @@ def test_a_change_is_noticed_and_named_where_rates_are_known(rates: bool, cause:
     log = samples(NOISE, rates)
     more = np.sign(log.log["qd"]) * np.array([[0.0, 3.0]])
     changed = samples(NOISE + more, rates)
-    found: Any = judged(MODEL, changed)
+    found: Any = change_test(MODEL, changed)
     assert 0 < found.alarm < 20
     assert (found.cause, found.output) == (cause, 1)
 
@@ -78,15 +78,15 @@ def test_a_sample_is_never_worth_more_than_itself() -> None:
             return np.array([0.1, 1.0])
 
     few = samples(np.array([[0.0, 5.0], [0.0, 5.0]]))
-    whole = judged(cast("LearnedModel", Whole()), few).evidence
-    np.testing.assert_array_equal(judged(MODEL, few).evidence, whole)
+    whole = change_test(cast("LearnedModel", Whole()), few).evidence
+    np.testing.assert_array_equal(change_test(MODEL, few).evidence, whole)
     assert whole[0] > 0.0
 
 
 def test_what_does_not_move_is_not_asked() -> None:
     log = samples(NOISE + 100.0)
     still = Samples(log.log, log.group, log.usable, np.zeros_like(log.moving))
-    found = judged(MODEL, still)
+    found = change_test(MODEL, still)
     assert (found.alarm, found.z2, found.evidence.max()) == (None, 0.0, 0.0)
 
 
@@ -97,7 +97,7 @@ def test_errors_where_the_model_knows_little_are_no_change() -> None:
         unknown = 0.2
 
     unsure = cast("LearnedModel", Unsure())
-    assert judged(MODEL, samples(1.8 * NOISE)).alarm is not None
-    assert judged(unsure, samples(1.8 * NOISE)).alarm is None
-    assert judged(unsure, samples(1.8 * NOISE)).z2 == judged(MODEL, samples(1.8 * NOISE)).z2
-    assert judged(unsure, samples(4.0 * NOISE)).alarm is not None
+    assert change_test(MODEL, samples(1.8 * NOISE)).alarm is not None
+    assert change_test(unsure, samples(1.8 * NOISE)).alarm is None
+    assert change_test(unsure, samples(1.8 * NOISE)).z2 == change_test(MODEL, samples(1.8 * NOISE)).z2
+    assert change_test(unsure, samples(4.0 * NOISE)).alarm is not None

@@ -422,9 +422,7 @@ def _scores(
     new = samples.take(newest)
     found: dict[str, PredictionScore] = {}
     if before is not None:
-        found = prequential(before, new, samples.take(~newest))
-        if label(before.in_use) == MIXED:
-            found[MIXED] = prediction_score(new, *before.posterior(new.log), samples.take(~newest))
+        found = prequential(before, new, samples.take(~newest), MIXED)
     if not newest.all():  # fitted to the earlier logs alone
         mean = LinearPhysics(inputs)(samples.take(~newest))
         found[LINEAR] = prediction_score(new, mean.predict(new.log))
@@ -492,9 +490,7 @@ def _held_out(campaign: Campaign, log: Samples, rng: np.random.Generator, gap_s:
     train, test = split_blocks(log, gap_s)
     inputs = campaign.kind.inputs(campaign.spec, campaign.config).fitted(train)
     selection = _selected(campaign, train, inputs, rng)
-    scores = prequential(selection.model, test)
-    if label(selection.model.in_use) == MIXED:
-        scores[MIXED] = prediction_score(test, *selection.model.posterior(test.log))
+    scores = prequential(selection.model, test, together=MIXED)
     nmse = {structure: jsonable(found.nmse) for structure, found in scores.items() if structure != LINEAR}
     linear = LinearPhysics(selection.model.inputs)(train).predict(test.log)
     beside = prediction_score(test, linear)

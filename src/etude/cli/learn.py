@@ -75,10 +75,10 @@ class Learn(Common):
 
     def _learned(self, paths: Sequence[str], say: Say) -> Iterator[LearnedFolder]:
         if self.workers is None and not self.cluster:
-            yield from map(learned_anew, paths)
+            yield from map(learn_campaign, paths)
             return
         with _engine()(self.workers, self.cluster, None, say) as engine:
-            asked = {engine.submit(learned_anew, path): path for path in paths}
+            asked = {engine.submit(learn_campaign, path): path for path in paths}
             for done in as_completed(asked):
                 try:
                     yield done.result()
@@ -86,7 +86,7 @@ class Learn(Common):
                     yield LearnedFolder(asked[done], problem=str(problem))
 
 
-def learned_anew(path: str) -> LearnedFolder:
+def learn_campaign(path: str) -> LearnedFolder:
     """One campaign, learned where this is called; its errors are told, not raised."""
     from etude.campaign.training import learn_again
 

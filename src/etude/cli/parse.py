@@ -175,7 +175,7 @@ def command(arguments: Sequence[str]) -> Command:
     known = [first] if first in COMMANDS else list(COMMANDS)
     classes = {name: class_of(name) for name in known}
     of_one = len(known) == 1
-    given = gathered(arguments[1:], _several(classes[first])) if of_one else list(arguments)
+    given = merged_options(arguments[1:], _several(classes[first])) if of_one else list(arguments)
     for own in classes.values():
         in_words(own)
     page, wrong = Page(sys.stdout), StringIO()
@@ -215,7 +215,7 @@ def _refused(box: str, prog: str) -> UsageError:
     )
 
 
-def gathered(arguments: Sequence[str], several: Sequence[str]) -> list[str]:
+def merged_options(arguments: Sequence[str], several: Sequence[str]) -> list[str]:
     """The arguments, those of an option of several words that stands twice as if it stood once, last.
 
     argparse, and so tyro, would keep the words of the last one only and say nothing.

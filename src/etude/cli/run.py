@@ -83,7 +83,7 @@ class RunRobot(Common):
                 view.open()
             yield view.put
 
-    def _person(self, say: Say) -> Typing:
+    def _person(self, say: Say) -> TerminalUser:
         from etude.errors import UsageError
 
         if self.heartbeat is not None and not self.heartbeat.is_file():
@@ -92,7 +92,7 @@ class RunRobot(Common):
                 where=f"--heartbeat {self.heartbeat}",
                 next_step="Start what touches it first: it has to be touched at least every second.",
             )
-        return Typing(say, asks=not self.json, heartbeat=self.heartbeat)
+        return TerminalUser(say, asks=not self.json, heartbeat=self.heartbeat)
 
     def _options(self, on: str, defaults: Any) -> RunOptions:
         from etude.campaign.run.campaign_run import RunOptions
@@ -119,7 +119,7 @@ BEAT_S, LOOKED_S = 1.0, 0.05
 
 
 @dataclass
-class Typing:
+class TerminalUser:
     """The person at this terminal.
 
     Attributes:

@@ -41,7 +41,7 @@ FLAGS = {"pythons": "--python", "logs": "--logs", "method": "--method"}
 """Options that must not be given in vain."""
 
 
-class Listed(Protocol):
+class ListedStudy(Protocol):
     """One row of `etude study list`: what it is asked for by, a line, committed seeds, a verdict's word."""
 
     @property
@@ -60,7 +60,7 @@ class Listed(Protocol):
 class StudyRoom(Protocol):
     """A study of many ids: an object in the place of a function. Text is for people, data for machines."""
 
-    def rows(self) -> Sequence[Listed]: ...
+    def rows(self) -> Sequence[ListedStudy]: ...
     def knows(self, id: str) -> bool: ...
     def refuse(self, id: str) -> UsageError: ...
     def run(

@@ -160,7 +160,7 @@ def _file(file: IngestedFile) -> dict[str, Any]:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Numbered(Common):
+class NumberedCommand(Common):
     """A command on one trajectory of a campaign, or on its log."""
 
     folder: Folder
@@ -174,7 +174,7 @@ class Numbered(Common):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Untell(Numbered):
+class Untell(NumberedCommand):
     """Take back a log that was told by mistake: the model is trained without it, its proposal open again."""
 
     def run(self, say: Say) -> Outcome:
@@ -184,7 +184,7 @@ class Untell(Numbered):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Abandon(Numbered):
+class Abandon(NumberedCommand):
     """Give a trajectory up: its log will never come, or must not be used. Telling it takes that back."""
 
     def run(self, say: Say) -> Outcome:

@@ -8,29 +8,29 @@ if TYPE_CHECKING:
     from etude.deploy.c99.header import CForm
     from etude.deploy.c99.plan import Plan, planned
     from etude.deploy.c99.target import Files, c_files
-    from etude.deploy.feedforward import Commanded
+    from etude.deploy.feedforward import MotionWithCommands
     from etude.deploy.model_states import log_of
     from etude.deploy.onnx.model_graph import Graph, parts_of, written
-    from etude.deploy.onnx.target import session, taken_by
-    from etude.deploy.playback_certificate import certify_played, played
+    from etude.deploy.onnx.target import graph_inputs, session
+    from etude.deploy.playback_certificate import certified_playback, certify_played
     from etude.deploy.trajectory_files import csv_bytes, read_table
 
 __all__ = [
     "CForm",
-    "Commanded",
     "Files",
     "Graph",
+    "MotionWithCommands",
     "Plan",
     "c_files",
+    "certified_playback",
     "certify_played",
     "csv_bytes",
+    "graph_inputs",
     "log_of",
     "parts_of",
     "planned",
-    "played",
     "read_table",
     "session",
-    "taken_by",
     "written",
 ]
 __getattr__, __dir__ = face(__name__)

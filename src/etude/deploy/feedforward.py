@@ -24,7 +24,7 @@ ROUNDING, HALVINGS = 1e-5, 40
 
 
 @dataclass(frozen=True, eq=False)
-class Commanded:
+class MotionWithCommands:
     """A motion with its commands, as input of exporters.
 
     Attributes:
@@ -40,17 +40,19 @@ class Commanded:
     acceleration: Callable[[Array], Array] | None = None
 
 
-def commanded(trajectory: Trajectory, model: Model) -> Commanded:
+def with_commands(trajectory: Trajectory, model: Model) -> MotionWithCommands:
     """The trajectory with the model's mean command for perfect tracking."""
 
     def command(t: Array) -> Array:
         states = model.inputs.states(trajectory.motion(t, model.inputs.orders))
         return np.asarray(model.predict(states)[0])
 
-    return Commanded(trajectory, command)
+    return MotionWithCommands(trajectory, command)
 
 
-def accelerated(what: Trajectory | Commanded, controller: Any, orders: int) -> Commanded:
+def with_accelerations(
+    what: Trajectory | MotionWithCommands, controller: Any, orders: int
+) -> MotionWithCommands:
     """The motion with the accelerations that a controller passes to the feedback (`SupportsAccelerations`).
 
     Args:
@@ -60,7 +62,7 @@ def accelerated(what: Trajectory | Commanded, controller: Any, orders: int) -> C
     Raises:
         UnsafeTrajectoryError: the motion is singular, see `flat_motion` of vehicles.
     """
-    own = what if isinstance(what, Commanded) else Commanded(what)
+    own = what if isinstance(what, MotionWithCommands) else MotionWithCommands(what)
     motion = own.trajectory
     if not isinstance(controller, SupportsAccelerations):
         return own
@@ -70,7 +72,7 @@ def accelerated(what: Trajectory | Commanded, controller: Any, orders: int) -> C
     return replace(own, acceleration=lambda t: np.asarray(setpoint(motion.motion(t, orders))))
 
 
-def within_tilt(what: Commanded, limits: Sequence[Limit]) -> Commanded:
+def within_tilt(what: MotionWithCommands, limits: Sequence[Limit]) -> MotionWithCommands:
     """The same, with the model's additions to accelerations reduced so that they keep the limits of the tilt:
     the commanded accelerations must keep them like the motion itself.
     """
@@ -78,15 +80,15 @@ def within_tilt(what: Commanded, limits: Sequence[Limit]) -> Commanded:
     if not tilts:
         return what
     limit = min(tilts, key=lambda own: own.angle)
-    return _between(what, lambda own, setpoint: shortened(own, setpoint, limit))
+    return _between(what, lambda own, setpoint: clipped_to_tilt(own, setpoint, limit))
 
 
-def shared(what: Commanded, part: float) -> Commanded:
+def with_acceleration_share(what: MotionWithCommands, part: float) -> MotionWithCommands:
     """The same, with that fraction of the model's additions to accelerations."""
     return _between(what, lambda own, setpoint: own + part * (setpoint - own))
 
 
-def _between(what: Commanded, chosen: Callable[[Array, Array], Array]) -> Commanded:
+def _between(what: MotionWithCommands, chosen: Callable[[Array, Array], Array]) -> MotionWithCommands:
     """The motion with accelerations (T, k) chosen from its own and from those with the model's additions."""
     setpoint, motion = what.acceleration, what.trajectory
     if setpoint is None:
@@ -99,7 +101,7 @@ def _between(what: Commanded, chosen: Callable[[Array, Array], Array]) -> Comman
     return replace(what, acceleration=held)
 
 
-def shortened(own: Array, setpoint: Array, limit: TiltLimit) -> Array:
+def clipped_to_tilt(own: Array, setpoint: Array, limit: TiltLimit) -> Array:
     """(T, 3) accelerations from `own` towards `setpoint`, as far as the thrust's tilt keeps the limit.
 
     Found by bisection, since the allowed tilts are a cone, which a line leaves once.
@@ -118,9 +120,11 @@ def shortened(own: Array, setpoint: Array, limit: TiltLimit) -> Array:
     return np.asarray(own + low[:, None] * (setpoint - own))
 
 
-def parted(what: Trajectory | Commanded) -> tuple[Trajectory, Callable[[Array], Array] | None]:
+def motion_and_command(
+    what: Trajectory | MotionWithCommands,
+) -> tuple[Trajectory, Callable[[Array], Array] | None]:
     """The motion, and its command if there is one."""
-    return (what.trajectory, what.command) if isinstance(what, Commanded) else (what, None)
+    return (what.trajectory, what.command) if isinstance(what, MotionWithCommands) else (what, None)
 
 
 def require_forces(unit: str, robot: str, next_step: str) -> None:

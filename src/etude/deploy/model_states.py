@@ -29,7 +29,7 @@ def labels(channels: Sequence[Channel]) -> list[str]:
     return [f"{c.name}_{part}" if part else c.name for c in channels for part in c.parts]
 
 
-def trained(model: LearnedModel, channels: Sequence[Channel], unknown: float) -> Array:
+def training_ranges(model: LearnedModel, channels: Sequence[Channel], unknown: float) -> Array:
     """(2, N) smallest and largest training value of each state; -+ unknown for states that no input uses."""
     known = {column[:2]: model.ranges[:, i] for i, column in enumerate(model.inputs.columns) if not column[3]}
     nowhere = np.array([-unknown, unknown])
@@ -43,7 +43,7 @@ def log_of(channels: Sequence[Channel], states: Array, source: str) -> Log:
     return Log(np.arange(len(states), dtype=float), {c.name: c for c in channels}, values, source)
 
 
-def fading(model: LearnedModel) -> str:
+def outside_training_sentence(model: LearnedModel) -> str:
     """Sentence on the commands outside of the training ranges."""
     used = [(c, model.behind(c)) for c in model.candidates if c.weights.any()]
     known = [c for c, mean in used if mean is not None]

@@ -10,7 +10,14 @@ from typing import Any
 import numpy as np
 
 from etude.abilities import SupportsCommandedFiles, SupportsFileNotes, SupportsOffsets, SupportsOrder
-from etude.deploy.feedforward import ACCELERATION, HALVINGS, ROUNDING, Commanded, shared, within_tilt
+from etude.deploy.feedforward import (
+    ACCELERATION,
+    HALVINGS,
+    ROUNDING,
+    MotionWithCommands,
+    with_acceleration_share,
+    within_tilt,
+)
 from etude.errors import UnsafeTrajectoryError
 from etude.limits.certificate import Certificate, certify, rows_of, slack
 from etude.limits.convex_limits import TiltLimit
@@ -33,9 +40,9 @@ ORDERS_HELD = 3
 HELD = ("before the first row", "after the last row")
 
 
-def played(
+def certified_playback(
     exporter: Exporter,
-    what: Trajectory | Commanded,
+    what: Trajectory | MotionWithCommands,
     kind: Kind,
     spec: Any,
     limits: Sequence[Limit],
@@ -49,13 +56,13 @@ def played(
     Raises:
         UsageError: as the exporter. UnsafeTrajectoryError: as `certify_played`.
     """
-    what = within_tilt(what, limits) if isinstance(what, Commanded) else what
-    motion = what.trajectory if isinstance(what, Commanded) else what
+    what = within_tilt(what, limits) if isinstance(what, MotionWithCommands) else what
+    motion = what.trajectory if isinstance(what, MotionWithCommands) else what
     files = exporter(what, kind, spec)
     part = _part(_off(exporter, files), limits)
-    if part == 1.0 or not isinstance(what, Commanded):
+    if part == 1.0 or not isinstance(what, MotionWithCommands):
         return files, certify_played(exporter, files, limits, motion, control)
-    files = exporter(shared(what, part), kind, spec)
+    files = exporter(with_acceleration_share(what, part), kind, spec)
     found = certify_played(exporter, files, limits, motion, control)
     said = (
         f"Of the learned part of the accelerations {100.0 * part:.0f} % is commanded: where it is wrong, all "
@@ -201,7 +208,7 @@ def _holds(played: Any, limits: Sequence[Limit], control: str) -> list[Proof]:
 
 
 @dataclass(frozen=True, eq=False)
-class Played:
+class PlayedTrajectory:
     """A curve, divided into the pieces of the motion that it plays, as a trajectory for certificates."""
 
     parts: tuple[tuple[float, str, Splined], ...]
@@ -227,4 +234,4 @@ def _cut(played: Splined, motion: Trajectory) -> Any:
         times = played.times[a : b + 1]
         own = replace(played, times=times - times[0], points=played.points[:, a : b + 1])
         parts.append((float(times[0]), label, own))
-    return Played(tuple(parts), played.form, played.duration)
+    return PlayedTrajectory(tuple(parts), played.form, played.duration)

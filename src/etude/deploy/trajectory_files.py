@@ -152,7 +152,7 @@ def csv_bytes(trajectory: Trajectory, inputs: Inputs, rate: float, beside: Besid
     """
     count = math.ceil(trajectory.duration * rate - ROUNDING) + 1
     t = np.arange(count) / rate
-    log = inputs.states(held_after(trajectory, t, inputs.orders))
+    log = inputs.states(motion_and_rest(trajectory, t, inputs.orders))
     columns: dict[str, Array] = {"time": t}
     for channel in (c for c in log.channels.values() if c.role == "plan"):
         columns |= dict(zip(column_names(channel), log[channel.name].T, strict=True))
@@ -163,7 +163,7 @@ def csv_bytes(trajectory: Trajectory, inputs: Inputs, rate: float, beside: Besid
     return text.getvalue().encode()
 
 
-def held_after(trajectory: Trajectory, t: Array, orders: int) -> Motion:
+def motion_and_rest(trajectory: Trajectory, t: Array, orders: int) -> Motion:
     """The motion at times t (T,) s; after its end it rests at its last pose."""
     motion = trajectory.motion(np.minimum(t, trajectory.duration), orders)
     table = motion.orders.copy()
@@ -219,7 +219,7 @@ def _check_table(
     """
     names, rows = read_table(table)
     place = {name: j for j, name in enumerate(names)}
-    motion = held_after(written, rows[:, 0], max(inputs.orders, LOOKED_AT))
+    motion = motion_and_rest(written, rows[:, 0], max(inputs.orders, LOOKED_AT))
     orders = motion.orders.copy()
     for i, channel in enumerate(_path_orders(kind.path, inputs.states(motion_of_one(written, inputs)))):
         orders[i] = rows[:, [place[name] for name in column_names(channel)]]

@@ -11,8 +11,14 @@ import numpy as np
 from etude import plugins
 from etude._runtime.options import taken
 from etude.deploy.exporters.knots import SPACE, names_of
-from etude.deploy.feedforward import Commanded, accelerated, commanded, require_forces, within_tilt
-from etude.deploy.playback_certificate import played
+from etude.deploy.feedforward import (
+    MotionWithCommands,
+    require_forces,
+    with_accelerations,
+    with_commands,
+    within_tilt,
+)
+from etude.deploy.playback_certificate import certified_playback
 from etude.deploy.trajectory_files import CERTIFICATE, COEFFICIENTS, command_unit, csv_bytes, table_rate
 from etude.errors import UsageError
 from etude.limits.certificate import require_certified
@@ -27,7 +33,7 @@ FORMAT = "ros2_yaml"
 
 
 @dataclass(frozen=True)
-class Bounded:
+class MotionWithLimits:
     """A motion, its limits, and the control that their margins apply to, in words."""
 
     trajectory: Trajectory
@@ -39,7 +45,7 @@ class Bounded:
 class TrajectoryOptions:
     """motion: as `campaign.supplied` gives it; format: names of exporters, with commas; rate: Hz."""
 
-    motion: Bounded | None = None
+    motion: MotionWithLimits | None = None
     config: Any = None
     format: str = ""
     rate: float | None = None
@@ -66,7 +72,7 @@ class Along:
         proof = require_certified(motion, limits, control=control)
         rate = float(asked.rate or table_rate(spec))
         controller = kind.controller(spec, asked.config, model)
-        what = accelerated(commanded(motion, model), controller, model.inputs.orders)
+        what = with_accelerations(with_commands(motion, model), controller, model.inputs.orders)
         what = within_tilt(what, limits)
         files = {
             COEFFICIENTS: motion.to_json().encode(),
@@ -85,7 +91,7 @@ class Along:
         return Delivered(files, (sentence, *said), {"rate": rate, "formats": list(formats)})
 
 
-def _columns(model: LearnedModel, log: Log, what: Commanded) -> dict[str, Array]:
+def _columns(model: LearnedModel, log: Log, what: MotionWithCommands) -> dict[str, Array]:
     mean, variance = model.predict(log)
     found: dict[str, Array] = {}
     for word, values in (("command", mean), ("deviation", np.sqrt(variance))):
@@ -97,7 +103,7 @@ def _columns(model: LearnedModel, log: Log, what: Commanded) -> dict[str, Array]
 
 
 def _formats(
-    given: str, kind: Kind, spec: Any, unit: str, what: Commanded
+    given: str, kind: Kind, spec: Any, unit: str, what: MotionWithCommands
 ) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """The requested formats; by default a JointTrajectory, if this robot supports it."""
     if given and what.acceleration is not None:
@@ -115,11 +121,11 @@ def _formats(
 
 
 def _played(
-    name: str, what: Trajectory | Commanded, motion: Bounded, kind: Kind, spec: Any
+    name: str, what: Trajectory | MotionWithCommands, motion: MotionWithLimits, kind: Kind, spec: Any
 ) -> tuple[dict[str, bytes], tuple[str, ...]]:
     """The files of a format in a folder of its name, proved for the motion that is played; and sentences."""
     exporter = plugins.load(EXPORTERS, name)
-    files, proof = played(exporter, what, kind, spec, motion.limits, motion.control)
+    files, proof = certified_playback(exporter, what, kind, spec, motion.limits, motion.control)
     own = {**files, CERTIFICATE: proof.to_json().encode()}
     return {f"{name}/{file}": data for file, data in own.items()}, proof.notes
 

@@ -6,7 +6,7 @@ from etude._runtime.lazy import face
 
 if TYPE_CHECKING:
     from etude.design.candidates import Source
-    from etude.design.chain_design import design_chain, linked
+    from etude.design.chain_design import design_chain, linked_chain
     from etude.design.config import DesignConfig
     from etude.design.criteria import (
         Criterion,
@@ -44,7 +44,7 @@ __all__ = [
     "evaluate",
     "ivr",
     "latents_of",
-    "linked",
+    "linked_chain",
     "mean_variance",
     "needs_of",
     "of_parameters",

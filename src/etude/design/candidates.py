@@ -35,7 +35,7 @@ STEPS = 60
 
 
 @dataclass(frozen=True, eq=False)
-class Drawn:
+class SampledPoint:
     """A point p (P,) of the feasible set of a family whose omega0 has been drawn."""
 
     family: Family
@@ -51,12 +51,12 @@ class Drawn:
         """(P,) parameters of rest at a pose that keeps all limits."""
         return self.feasible.centre
 
-    def home(self, kept: NonconvexLimits) -> Drawn:
+    def home(self, kept: NonconvexLimits) -> SampledPoint:
         """The sample, shrunk towards home until its limits pass fast checks."""
         p = kept.shrink_to_home(self.family, self.standing, self.p, FEW_HALVINGS, quickly=True)
         return self if p is self.p else replace(self, p=p)
 
-    def allowed(self, kept: NonconvexLimits, p: Array, worth: Callable[[Array], float]) -> Drawn:
+    def allowed(self, kept: NonconvexLimits, p: Array, worth: Callable[[Array], float]) -> SampledPoint:
         """The result p (P,) of a search, shrunk until its limits pass fast checks, and then enlarged where
         that does not lower its value.
         """
@@ -73,7 +73,7 @@ class Source:
     home: Array
     sampler: Sampler
 
-    def candidates(self, rng: np.random.Generator, count: int) -> list[Drawn]:
+    def candidates(self, rng: np.random.Generator, count: int) -> list[SampledPoint]:
         """`count` candidates: a quarter with random amplitude, or half on the edge, see the sampler.
 
         They keep the convex limits; those that may win are later shrunk to the other limits.
@@ -88,13 +88,13 @@ class Source:
         slow = count // AMPLITUDE_SHARE
         return [*self._drawn(rng, count - slow, scaled), *self._drawn(rng, slow, amplitude)]
 
-    def typical(self, rng: np.random.Generator, count: int, *, grown: bool = False) -> list[Drawn]:
+    def typical(self, rng: np.random.Generator, count: int, *, grown: bool = False) -> list[SampledPoint]:
         """`count` large trajectories to replace tasks; grown: enlarged, as first trajectories."""
         sampled = self._drawn(rng, count, uniform if self.sampler == "uniform" else scaled)
         found = [drawn.home(NonconvexLimits.of(self.limits, drawn.family, drawn.p)) for drawn in sampled]
         return [self._grown(drawn) for drawn in found] if grown else found
 
-    def _grown(self, drawn: Drawn) -> Drawn:
+    def _grown(self, drawn: SampledPoint) -> SampledPoint:
         kept = NonconvexLimits.of(self.limits, drawn.family, drawn.p)
         home = drawn.feasible.centre
         p = kept.grown(drawn.family, home, drawn.p)
@@ -107,15 +107,17 @@ class Source:
     def _set(self, family: Family) -> FeasibleSet:
         return FeasibleSet.of(self.limits, family, self.home)
 
-    def _drawn(self, rng: np.random.Generator, count: int, sample: Sample) -> list[Drawn]:
+    def _drawn(self, rng: np.random.Generator, count: int, sample: Sample) -> list[SampledPoint]:
         """Samples of the family; without random draws it has one feasible set and is sampled at once."""
         families = [self.family.drawn(rng) for _ in range(count)]
-        found: dict[int, Drawn] = {}
+        found: dict[int, SampledPoint] = {}
         for family in {id(one): one for one in families}.values():
             places = [i for i, one in enumerate(families) if one is family]
             feasible = self._whole if family is self.family else self._set(family)
             points = sample(rng, feasible, len(places))
-            found |= {place: Drawn(family, feasible, p) for place, p in zip(places, points, strict=True)}
+            found |= {
+                place: SampledPoint(family, feasible, p) for place, p in zip(places, points, strict=True)
+            }
         return [found[place] for place in range(count)]
 
 
@@ -157,7 +159,7 @@ CANDIDATE_INSTANTS = 96
 
 
 @dataclass(frozen=True, eq=False)
-class Visited:
+class VisitedTimes:
     """The time that segments spend in each bin of each coordinate; links do not count.
 
     Attributes:
@@ -172,12 +174,12 @@ class Visited:
     total: float = 0.0
 
     @classmethod
-    def nothing(cls, reach: Reachable) -> Visited:
+    def nothing(cls, reach: Reachable) -> VisitedTimes:
         """Zero time in all bins, before any motion."""
         lower, upper = reach.clear
         return cls(lower, upper, np.zeros((len(lower), BINS)))
 
-    def adding(self, trajectories: Sequence[Trajectory]) -> Visited:
+    def adding(self, trajectories: Sequence[Trajectory]) -> VisitedTimes:
         """Sum with the time of the trajectories' segments."""
         pieces = [p for own in trajectories for _, label, p in own.pieces() if label == "segment"]
         found = self
@@ -186,7 +188,7 @@ class Visited:
             found = found.adding_poses(piece.motion(t, 1).orders[0], piece.duration)
         return found
 
-    def adding_poses(self, poses: Array, duration: float) -> Visited:
+    def adding_poses(self, poses: Array, duration: float) -> VisitedTimes:
         """Sum with the time of poses (T, k), spread evenly over `duration` s."""
         each = duration / max(len(poses), 1)
         return replace(self, seconds=self.seconds + each * self.counts(poses), total=self.total + duration)
@@ -213,7 +215,7 @@ class Visited:
 
 
 @dataclass(frozen=True, eq=False)
-class Roam:
+class ReachablePoses:
     """The reachable poses of a robot, and those that its motions have visited.
 
     Attributes:
@@ -222,12 +224,12 @@ class Roam:
     """
 
     reach: Reachable
-    visited: Visited
+    visited: VisitedTimes
     total: float
 
 
 @dataclass(frozen=True, eq=False)
-class Region(Drawn):
+class Region(SampledPoint):
     """A candidate that was extended about a clear pose.
 
     Attributes:
@@ -238,17 +240,17 @@ class Region(Drawn):
 
     clear: Array
     start: Array
-    source: Roamed
+    source: ClearPoseSource
 
     @property
     def standing(self) -> Array:
         return self.start
 
-    def home(self, kept: NonconvexLimits) -> Drawn:  # noqa: ARG002
+    def home(self, kept: NonconvexLimits) -> SampledPoint:  # noqa: ARG002
         """The candidate itself, which already keeps its limits."""
         return self
 
-    def allowed(self, kept: NonconvexLimits, p: Array, worth: Callable[[Array], float]) -> Drawn:  # noqa: ARG002
+    def allowed(self, kept: NonconvexLimits, p: Array, worth: Callable[[Array], float]) -> SampledPoint:  # noqa: ARG002
         """The result p (P,) of a search, shrunk until it is clear, and extended again into free space."""
         p = kept.shrink_to_home(self.family, self.clear, p, FEW_HALVINGS, quickly=True)
         feasible = self.source.ordered(self.family)
@@ -269,7 +271,7 @@ class Curve:
 
 
 @dataclass(frozen=True, eq=False)
-class Roamed:
+class ClearPoseSource:
     """A source of candidates about clear poses; `Source` has candidates about home.
 
     Attributes:
@@ -280,16 +282,18 @@ class Roamed:
 
     family: Family
     limits: tuple[Limit, ...]
-    roam: Roam
+    roam: ReachablePoses
     sampler: Sampler
 
     @classmethod
-    def of(cls, family: Family, limits: Sequence[Limit], roam: Roam, sampler: Sampler) -> Roamed:
+    def of(
+        cls, family: Family, limits: Sequence[Limit], roam: ReachablePoses, sampler: Sampler
+    ) -> ClearPoseSource:
         """The source, with the limits' boxes widened to the whole range."""
         ends = roam.reach.lower, roam.reach.upper
         return cls(family, tuple(_about(limit, *ends) for limit in limits), roam, sampler)
 
-    def candidates(self, rng: np.random.Generator, count: int) -> list[Drawn]:  # noqa: ARG002
+    def candidates(self, rng: np.random.Generator, count: int) -> list[SampledPoint]:  # noqa: ARG002
         """The `JUDGED` candidates, out of `CENTRES` or more, with the largest coverage of unvisited bins.
 
         Raises:
@@ -301,7 +305,7 @@ class Roamed:
             if sum(one.speed >= SLOW for one in found) >= JUDGED:
                 break
         found.sort(key=lambda one: (one.speed < SLOW, -one.worth))
-        regions: list[Drawn] = []
+        regions: list[SampledPoint] = []
         for one in found:
             region = self._region(one)
             regions += [] if region is None else [region]
@@ -311,7 +315,7 @@ class Roamed:
             raise self._none()
         return regions
 
-    def typical(self, rng: np.random.Generator, count: int) -> list[Drawn]:
+    def typical(self, rng: np.random.Generator, count: int) -> list[SampledPoint]:
         """`count` motions that replace tasks: roughly clear, each about its own pose.
 
         Raises:
@@ -320,7 +324,7 @@ class Roamed:
         found = self._started(rng, count)
         if not found:
             raise self._none()
-        return [Drawn(one.family, self._set(one.family), one.p) for one in found]
+        return [SampledPoint(one.family, self._set(one.family), one.p) for one in found]
 
     def _none(self) -> UnsafeTrajectoryError:
         """The error that no motion keeps all limits; it names the limit that blocks most poses, if known."""

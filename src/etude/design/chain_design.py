@@ -9,7 +9,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from etude.design.candidates import Roam, Roamed, Source
+from etude.design.candidates import ClearPoseSource, ReachablePoses, Source
 from etude.design.config import DesignConfig
 from etude.design.latents import Latent
 from etude.design.objective import MOTIONS
@@ -49,10 +49,10 @@ class DesignedChain:
     def status(self) -> str:
         """The sentences of all designs."""
         if len(self.segments) == 1:
-            return self.segments[0].status + cut_short(self.dropped)
+            return self.segments[0].status + dropped_sentence(self.dropped)
         values = ", ".join(f"{own.value:.4g}" for own in self.segments)
         how = f"{len(self.segments)} segments, each given those before it"
-        return f"{how}: {self.segments[0].criterion} {values}.{cut_short(self.dropped)}"
+        return f"{how}: {self.segments[0].criterion} {values}.{dropped_sentence(self.dropped)}"
 
     @property
     def variance_removed(self) -> float:
@@ -76,16 +76,16 @@ def design_chain(
     given: Sequence[Trajectory] = (),
     rate: float = 0.0,
     physics: Mapping[str, Physics] | None = None,
-    roam: Roam | None = None,
+    roam: ReachablePoses | None = None,
 ) -> DesignedChain:
     """`count` segments of `family`, chained; other arguments and errors as `solve.design`.
 
     Segment i is designed given the planned samples of the segments before it. Their measured values are not
     needed, since a variance does not depend on them.
     """
-    source: Source | Roamed = Source(family, tuple(limits), home, config.sampler)
+    source: Source | ClearPoseSource = Source(family, tuple(limits), home, config.sampler)
     if roam is not None:
-        source = Roamed.of(family, tuple(limits), roam, config.sampler)
+        source = ClearPoseSource.of(family, tuple(limits), roam, config.sampler)
     if not standing_in or roam is not None:  # the given ones are about home
         standing_in = [*standing_in, *(drawn.trajectory for drawn in source.typical(rng, MOTIONS))]
     found: list[Design] = []
@@ -100,7 +100,9 @@ def design_chain(
             physics=physics,
             roam=roam,
         )
-        leads = None if roam is None else partial(reached, approaches=approaches, limits=limits, home=home)
+        leads = (
+            None if roam is None else partial(can_be_linked, approaches=approaches, limits=limits, home=home)
+        )
         own = _segment(asked, leads, needed=not found)
         if own is None:
             break
@@ -108,8 +110,8 @@ def design_chain(
         if roam is not None:
             roam = replace(roam, visited=roam.visited.adding([own.trajectory]))
     segments = [own.trajectory for own in found]
-    order = list(range(len(found))) if roam is None else near_to_near(segments, approaches, home)
-    trajectory, kept = linked([segments[i] for i in order], approaches, limits, home)
+    order = list(range(len(found))) if roam is None else nearest_order(segments, approaches, home)
+    trajectory, kept = linked_chain([segments[i] for i in order], approaches, limits, home)
     return DesignedChain(trajectory, tuple(found[i] for i in sorted(order[:kept])), count - kept)
 
 
@@ -136,13 +138,13 @@ def _segment(
     return found
 
 
-def reached(segment: Trajectory, approaches: Approaches, limits: Sequence[Limit], home: Array) -> bool:
+def can_be_linked(segment: Trajectory, approaches: Approaches, limits: Sequence[Limit], home: Array) -> bool:
     """Whether the straight motions from home to a segment and back are proved; then it can be linked."""
     found = approaches(segment, home)
     return found is not None and all(certify(part, limits).ok for part in found)
 
 
-def near_to_near(segments: Sequence[Trajectory], approaches: Approaches, home: Array) -> list[int]:
+def nearest_order(segments: Sequence[Trajectory], approaches: Approaches, home: Array) -> list[int]:
     """An order of the segments with short links between them: the next one is always the nearest.
 
     Their joint information does not depend on the order, and links cost robot time without information.
@@ -159,7 +161,7 @@ def near_to_near(segments: Sequence[Trajectory], approaches: Approaches, home: A
     return order
 
 
-def linked(
+def linked_chain(
     segments: Sequence[Trajectory], approaches: Approaches, limits: Sequence[Limit], home: Array
 ) -> tuple[Trajectory, int]:
     """The chain of segments with certified links, and its number of segments: it ends where no link exists.
@@ -178,7 +180,7 @@ def linked(
     return chained(segments[:kept], links), kept
 
 
-def cut_short(dropped: int) -> str:
+def dropped_sentence(dropped: int) -> str:
     """Sentence on the number of segments that were left out."""
     return (
         f" Segments left out, since no motion or no approach to it is proved: {dropped}." if dropped else ""

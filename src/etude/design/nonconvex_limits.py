@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from etude.abilities import SupportsFastCheck, SupportsOrders
-from etude.design.objective import Sought
+from etude.design.objective import SearchFunction
 from etude.errors import UnsafeTrajectoryError
 from etude.limits.certificate import slack, tracked_in_words
 from etude.limits.feasible import Block, FeasibleSet
@@ -268,10 +268,10 @@ def _holds(limit: Limit, piece: Trajectory, quickly: bool) -> bool:
 
 
 @dataclass(frozen=True, eq=False)
-class Penalised:
+class PenalisedObjective:
     """An objective minus the weighted penalty, only for the search."""
 
-    objective: Sought
+    objective: SearchFunction
     kept: NonconvexLimits
     weight: float
 

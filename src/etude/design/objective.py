@@ -14,7 +14,7 @@ from etude.protocols import Family, Inputs, Trajectory
 from etude.types import Array, Index, Planned
 
 
-class Sought(Protocol):
+class SearchFunction(Protocol):
     """Function of parameters p (P,) that a search of motions maximises.
 
     of: the same function of another family's parameters.
@@ -22,7 +22,7 @@ class Sought(Protocol):
 
     @property
     def family(self) -> Family: ...
-    def of(self, family: Family, /) -> Sought: ...
+    def of(self, family: Family, /) -> SearchFunction: ...
     def value(self, p: Array) -> float: ...
     def value_and_gradient(self, p: Array) -> tuple[float, Array]: ...
 

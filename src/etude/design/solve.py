@@ -12,12 +12,12 @@ from typing import Any, Protocol
 import numpy as np
 
 from etude._runtime.scipy_parts import minimise
-from etude.design.candidates import Drawn, Roam, Roamed, Source
+from etude.design.candidates import ClearPoseSource, ReachablePoses, SampledPoint, Source
 from etude.design.config import DesignConfig
 from etude.design.criteria import RESOLUTION, Batch, Output, Reduction, batch_of, criterion_named, needs_of
 from etude.design.latents import Latent, latents_of, of_parameters, planned
-from etude.design.nonconvex_limits import NonconvexLimits, Penalised
-from etude.design.objective import MOTIONS, Objective, Sought, gains_of, instants, reference_states
+from etude.design.nonconvex_limits import NonconvexLimits, PenalisedObjective
+from etude.design.objective import MOTIONS, Objective, SearchFunction, gains_of, instants, reference_states
 from etude.errors import UsageError
 from etude.limits.feasible import FeasibleSet
 from etude.models.gp.cholesky import factorise, triangular_inverse
@@ -42,7 +42,7 @@ class Aim:
     latents: tuple[Latent, ...]
     outputs: tuple[Output, ...]
 
-    def deviations(self, drawn: Drawn) -> tuple[Array, Array]:
+    def deviations(self, drawn: SampledPoint) -> tuple[Array, Array]:
         """(J,) forecast root mean square deviation of each command before and after a trajectory."""
         plan = replace(self.objective, family=drawn.family).planned(drawn.p)
         gains = gains_of([latent.commands for latent in self.latents], plan.gains)
@@ -135,7 +135,7 @@ HALF = 0.5
 """Weight above which a planned sample is added, with full weight, to an exact process (it has one noise)."""
 
 
-def given_planned(posterior: Posterior, X: Array, gains: Array) -> Posterior:
+def conditioned_on_planned(posterior: Posterior, X: Array, gains: Array) -> Posterior:
     """The posterior given samples at X (p, D) with gains (p,) that are planned, not yet measured.
 
     An exact process is refitted, which makes the design cheapest: with the samples that will not be masked.
@@ -265,7 +265,7 @@ def with_planned(latents: Sequence[Latent], samples: tuple[Array, Array] | None)
         return tuple(latents)
     X, gains = samples[0], gains_of([latent.commands for latent in latents], samples[1])
     return tuple(
-        replace(latent, posterior=given_planned(latent.posterior, X, own))
+        replace(latent, posterior=conditioned_on_planned(latent.posterior, X, own))
         for latent, own in zip(latents, gains.T, strict=True)
     )
 
@@ -338,7 +338,7 @@ def design(
     given: Sequence[Trajectory] = (),
     rate: float = 0.0,
     physics: Mapping[str, Physics] | None = None,
-    roam: Roam | None = None,
+    roam: ReachablePoses | None = None,
 ) -> Design:
     """The most informative trajectory of `family` for `model`, inside the limits.
 
@@ -367,9 +367,9 @@ def design(
         if axes != len(home):
             raise UsageError(f"a task has {axes} coordinates, the robot has {len(home)}")
     with threads_for(0):
-        source: Source | Roamed = Source(family, tuple(limits), home, config.sampler)
+        source: Source | ClearPoseSource = Source(family, tuple(limits), home, config.sampler)
         if roam is not None:
-            source = Roamed.of(family, tuple(limits), roam, config.sampler)
+            source = ClearPoseSource.of(family, tuple(limits), roam, config.sampler)
         others = standing_in or [drawn.trajectory for drawn in source.typical(rng, MOTIONS)]
         aim = design_objective(
             family, inputs, model, config, tasks, others, given=given, rate=rate, physics=physics
@@ -404,7 +404,7 @@ def variance_removed(before: Array, after: Array) -> float:
 class SearchResult:
     """Result of a search: the best trajectory, its value, and those of the best and the median candidate."""
 
-    best: Drawn
+    best: SampledPoint
     value: float
     baseline: float
     typical: float
@@ -426,7 +426,7 @@ class Merit(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
-class Refined:
+class Refinement:
     """Result of a refinement: parameters (P,) inside the limits, their value, number of evaluations."""
 
     p: Array
@@ -434,11 +434,11 @@ class Refined:
     evaluations: int
 
 
-def refine(objective: Merit, feasible: FeasibleSet, start: Array, steps: int) -> Refined:
+def refine(objective: Merit, feasible: FeasibleSet, start: Array, steps: int) -> Refinement:
     """The best point in `steps` iterations from `start` (P,), moved to the exact edge if that is better."""
     search = Search(objective, feasible)
     first = search.variables(start)
-    best = Best(-np.inf, first)
+    best = BestPoint(-np.inf, first)
 
     def cost(y: Array) -> tuple[float, Array]:
         value, gradient = search.value_and_gradient(y)
@@ -449,7 +449,7 @@ def refine(objective: Merit, feasible: FeasibleSet, start: Array, steps: int) ->
     # 20 pairs of the inverse Hessian for tens of parameters; 10 evaluations a line search at most
     minimise(cost, first, steps=steps, kept=20, searched=10)
     p, value = _to_the_edge(objective, feasible, search.inside(best.y), best.value)
-    return Refined(p, value, best.count + len(feasible.blocks))
+    return Refinement(p, value, best.count + len(feasible.blocks))
 
 
 def _to_the_edge(objective: Merit, feasible: FeasibleSet, p: Array, value: float) -> tuple[Array, float]:
@@ -465,7 +465,7 @@ def _to_the_edge(objective: Merit, feasible: FeasibleSet, p: Array, value: float
 
 
 @dataclass
-class Best:
+class BestPoint:
     """The best point so far, because a line search may end elsewhere; first: the value at the start."""
 
     value: float
@@ -529,7 +529,7 @@ def _shrink(use: Array) -> Array:
 
 
 @dataclass
-class Ranked:
+class RankedCandidates:
     """Candidates ranked by value, shrunk towards home only where this can change the result.
 
     A shrunk motion is smaller and less informative. So the value of a candidate as sampled is about an upper
@@ -540,18 +540,18 @@ class Ranked:
         drawn: indices of those that were shrunk.
     """
 
-    candidates: list[Drawn]
+    candidates: list[SampledPoint]
     values: list[float]
     drawn: list[int]
 
     @classmethod
-    def of(cls, aim: Sought, candidates: Sequence[Drawn]) -> Ranked:
+    def of(cls, aim: SearchFunction, candidates: Sequence[SampledPoint]) -> RankedCandidates:
         """Ranking of candidates as sampled, none of them shrunk yet."""
         values = [aim.of(one.family).value(one.p) for one in counted(candidates)]
         order = np.argsort(values)[::-1].tolist()
         return cls([candidates[i] for i in order], [values[i] for i in order], [])
 
-    def draw(self, aim: Sought, kept: NonconvexLimits, place: int) -> float:
+    def draw(self, aim: SearchFunction, kept: NonconvexLimits, place: int) -> float:
         """Shrink a candidate to the limits and return its value."""
         if place not in self.drawn:
             one = self.candidates[place]
@@ -562,7 +562,7 @@ class Ranked:
             self.drawn.append(place)
         return self.values[place]
 
-    def best(self, aim: Sought, kept: NonconvexLimits, count: int) -> list[int]:
+    def best(self, aim: SearchFunction, kept: NonconvexLimits, count: int) -> list[int]:
         """Indices of the `count` candidates with the highest values after shrinking."""
         found: list[int] = []
         for place in counted(range(len(self.values))):
@@ -572,14 +572,17 @@ class Ranked:
             found = sorted([*found, place], key=lambda i: -self.values[i])
         return found[:count]
 
-    def typical(self, aim: Sought, kept: NonconvexLimits) -> float:
+    def typical(self, aim: SearchFunction, kept: NonconvexLimits) -> float:
         """Value of the median candidate after shrinking; the mean of the two middle ones if even."""
         last = len(self.values) - 1
         return float(np.mean([self.draw(aim, kept, place) for place in (last // 2, (last + 1) // 2)]))
 
 
 def search(
-    aim: Sought, candidates: Sequence[Drawn], config: DesignConfig, limits: Sequence[Limit] = ()
+    aim: SearchFunction,
+    candidates: Sequence[SampledPoint],
+    config: DesignConfig,
+    limits: Sequence[Limit] = (),
 ) -> SearchResult:
     """The best of the candidates and of the refinements of the best few.
 
@@ -589,7 +592,7 @@ def search(
     """
     kept = NonconvexLimits.of(limits, candidates[0].family, candidates[0].p)
     with part(VALUED):
-        ranked = Ranked.of(aim, candidates)
+        ranked = RankedCandidates.of(aim, candidates)
     with part(DRAWN):
         places = ranked.best(aim, kept, max(config.refine, 1))
     baseline, typical = ranked.values[places[0]], ranked.typical(aim, kept)
@@ -598,7 +601,7 @@ def search(
     for place in counted(places[: config.refine], whole=1.0 - VALUED - DRAWN):
         start = ranked.candidates[place]
         own = aim.of(start.family)
-        searched = Penalised(own, kept, weight * abs(ranked.values[place])) if weight > 0.0 else own
+        searched = PenalisedObjective(own, kept, weight * abs(ranked.values[place])) if weight > 0.0 else own
         end = refine(searched, start.feasible, start.p, config.steps)
         evaluations += end.evaluations
         found = start.allowed(kept, end.p, own.value)

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     )
     from etude.models.change.change_detection import first_alarm
     from etude.models.change.diagnosis import SENSOR, Cause
-    from etude.models.change.evidence import Judged, drift_onset, judged
+    from etude.models.change.evidence import ChangeTest, change_test, drift_onset
     from etude.models.change.payload_estimate import (
         Load,
         about_origin,
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
         block_masks,
         contiguous_blocks,
         fold_numbers,
-        near,
+        near_times,
         split_blocks,
     )
     from etude.models.data.fit_data import (
@@ -80,6 +80,7 @@ __all__ = [
     "BasisPosterior",
     "BayesianLinear",
     "Cause",
+    "ChangeTest",
     "ExactGP",
     "ExactPosterior",
     "FixedInducing",
@@ -87,7 +88,6 @@ __all__ = [
     "Form",
     "InducingGP",
     "JitterWarning",
-    "Judged",
     "Kernel",
     "LearnedModel",
     "Linear",
@@ -108,6 +108,7 @@ __all__ = [
     "apparent_loads",
     "ard_se",
     "block_masks",
+    "change_test",
     "contiguous_blocks",
     "drift_onset",
     "factorise",
@@ -122,7 +123,6 @@ __all__ = [
     "in_order",
     "initial_gp",
     "initial_inducing",
-    "judged",
     "kernel_of",
     "kernel_words",
     "linear_inputs",
@@ -131,7 +131,7 @@ __all__ = [
     "load_of",
     "member_named",
     "minimize",
-    "near",
+    "near_times",
     "posterior_arrays",
     "posterior_given",
     "posterior_of",

@@ -204,7 +204,7 @@ Decision = Literal["better", "level", "not better", "not decided"]
 
 
 @dataclass(frozen=True)
-class Compared:
+class ErrorRatio:
     """Errors of a model over those of another; below 1 it is better.
 
     Attributes:
@@ -231,7 +231,7 @@ class Compared:
         return "level" if self.upper <= LEVEL else "not better"
 
 
-def compared(against: str, own: Array, other: Array) -> Compared:
+def compared(against: str, own: Array, other: Array) -> ErrorRatio:
     """The comparison of errors (S, J) by segment and command; NaN where a command said nothing."""
     from scipy.stats import t
 
@@ -243,11 +243,11 @@ def compared(against: str, own: Array, other: Array) -> Compared:
     means = np.array([row[np.isfinite(row)].mean() for row in logs])
     count = len(means)
     if count < 2:
-        return Compared(against, count, _exp(means), np.nan, np.nan, by_command)
+        return ErrorRatio(against, count, _exp(means), np.nan, np.nan, by_command)
     # both tails of 95 %, by Student's t: the deviation is estimated from as few means
     half = float(t.ppf(0.975, count - 1) * means.std(ddof=1) / np.sqrt(count))
     lower, upper = np.exp([means.mean() - half, means.mean() + half]).tolist()
-    return Compared(against, count, _exp(means), lower, upper, by_command)
+    return ErrorRatio(against, count, _exp(means), lower, upper, by_command)
 
 
 def _exp(logs: Array) -> float:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from etude.models.gp.basis_posterior import BasisPosterior
-from etude.models.gp.c99 import UnwritableError, expanded, fused, real, telling_first
+from etude.models.gp.c99 import UnwritableError, expanded, greedy_order, merged_functions, real
 from etude.models.gp.exact import ExactPosterior
 from etude.models.gp.plugin_kernel import in_parts
 from etude.models.process_abilities import SupportsC
@@ -30,14 +30,14 @@ def posteriors_code(name: str, own: Sequence[Posterior]) -> Code:
     for number, places in enumerate(groups.values()):
         function = f"{name}_{number}"
         parts.append((_group(function, [own[place] for place in places]), function, tuple(places)))
-    return fused(name, parts)
+    return merged_functions(name, parts)
 
 
 def _group(name: str, own: Sequence[Any]) -> Code:
     first = own[0]
     if isinstance(first, ExactPosterior):
         weights = np.stack([posterior.alpha for posterior in own])
-        order, factor = telling_first(first.L)
+        order, factor = greedy_order(first.L)
         return expanded(name, in_parts(first.kernel), first.theta, first.X, weights, factor, order)
     if isinstance(first, BasisPosterior):
         weights = first.weights[None]

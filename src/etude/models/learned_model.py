@@ -23,10 +23,10 @@ from etude.models.process_abilities import HasInputs, SupportsBound, name_of, sh
 from etude.models.selection.linear import at_rest
 from etude.models.selection.member_prediction import (
     Means,
+    fallback_physics,
     level_of,
     noise_of,
     outputs,
-    physics_behind,
     rests_of,
 )
 from etude.models.student_t import StudentT
@@ -101,7 +101,7 @@ def _known(own: list[tuple[Candidate, int]], X: Array) -> float:
     )
 
 
-def leading(candidates: Sequence[Candidate], commands: int) -> tuple[str, ...]:
+def leading_structures(candidates: Sequence[Candidate], commands: int) -> tuple[str, ...]:
     """The structure with most weight in each of that many commands, the first of equal ones; "" of none."""
     found: list[dict[str, float]] = [{} for _ in range(commands)]
     for candidate in candidates:
@@ -182,7 +182,7 @@ class LearnedModel:
     @property
     def chosen(self) -> tuple[str, ...]:
         """The structure of each command, of several that with most weight."""
-        return leading(self.candidates, len(self.commands))
+        return leading_structures(self.candidates, len(self.commands))
 
     @property
     def in_use(self) -> tuple[str, ...]:
@@ -198,14 +198,25 @@ class LearnedModel:
         found = tuple(
             replace(c, weights=share_of(c) * float(c.structure == structure)) for c in self.candidates
         )
-        covered = {j for c in found if c.structure == structure for j in c.commands}
-        if len(covered) < len(self.commands):
+        if not self._covers(structure):
             raise UsageError(
                 f"the model has no structure {structure!r} for every command",
                 next_step=f"It has {', '.join(self.structures)}.",
             )
         alone = self.in_use == (structure,)
         return replace(self, candidates=found, width=self.width if alone else None, warnings=())
+
+    def _covers(self, structure: str) -> bool:
+        own = {j for c in self.candidates if c.structure == structure for j in c.commands}
+        return len(own) == len(self.commands)
+
+    def of_command(self, command: int) -> LearnedModel:
+        """The same model for who asks one command alone: what only serves others is not in use, and no price
+        is paid for it.
+        """
+        own = (np.array([float(j == command) for j in c.commands]) for c in self.candidates)
+        found = zip(self.candidates, own, strict=True)
+        return replace(self, candidates=tuple(replace(c, weights=c.weights * keep) for c, keep in found))
 
     @property
     def columns(self) -> tuple[Column, ...]:
@@ -321,6 +332,21 @@ class LearnedModel:
         """
         average, variance, _ = self.parted(log)
         return average, variance
+
+    def posteriors(self, log: Log) -> dict[str, tuple[Array, Array]]:
+        """As `posterior`, by structure that was trained for all commands, and under "" of those in use; each
+        process is asked once.
+        """
+        means, told = Means(log), dict[int, tuple[Array, Array]]()
+
+        def once(process: Process, X: Array) -> tuple[Array, Array]:
+            if id(process) not in told:
+                told[id(process)] = process.predict(X)
+            return told[id(process)]
+
+        models = {"": self} | {s: self.of_structure(s) for s in self.structures if self._covers(s)}
+        found = {name: model._predicted(means, iter, once) for name, model in models.items()}
+        return {name: (mean, models[name].widened(variance)) for name, (mean, variance, _) in found.items()}
 
     def parted(self, log: Any) -> tuple[Array, Array, Array]:
         """As `posterior`, and the part (n, J) of the variance that is noise, at rest too."""
@@ -453,7 +479,7 @@ class LearnedModel:
     def behind(self, candidate: Candidate) -> Mean | None:
         """The physics that a candidate's commands fade to; None: `level_of`."""
         doubted = self.least is not None and bool((self.least[list(candidate.commands)] > 0.0).any())
-        return physics_behind(candidate, self.candidates, not doubted)
+        return fallback_physics(candidate, self.candidates, not doubted)
 
     @cached_property
     def _behind(self) -> tuple[Mean | None, ...]:

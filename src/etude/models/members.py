@@ -14,7 +14,7 @@ import numpy as np
 
 from etude import plugins
 from etude.errors import EtudeError, UsageError
-from etude.models.data.fit_data import columns, counted, initial_process, trained_process, weak
+from etude.models.data.fit_data import columns, complete_samples, initial_process, trained_process, weak
 from etude.models.gp.exact import columns_of
 from etude.models.process import Condition, Posteriors, Teaching, restored, taught
 from etude.protocols import FitData, Member, Posterior, Process
@@ -70,7 +70,7 @@ def _exact(fit: FitData) -> Teaching:
     Where these are `inducing` ones of more, up to `TEACH` times as many teach through them, and an exact
     process on `points` guides.
     """
-    gp, every = trained_process(fit), counted(fit)
+    gp, every = trained_process(fit), complete_samples(fit)
     most = min(len(every), TEACH * fit.config.inducing)
     every = every[np.arange(most) * len(every) // most] if fit.config.inducing else every
     if len(fit.kept) != fit.config.inducing or len(every) <= len(fit.kept):
@@ -97,7 +97,7 @@ def _inducing(form: Form, fit: FitData) -> Teaching:
     start = InducingGP(gp.kernel, gp.theta, gp.log_noise, Z, form, gp.noise_floor)
     prior = weak(fit, X, y)
     trained = fit_inducing(start, X, y, method=config.method, steps=config.steps, prior=prior)
-    return Teaching(fit, each_output(trained.condition), counted(fit))
+    return Teaching(fit, each_output(trained.condition), complete_samples(fit))
 
 
 def guides(gp: ExactGP, fit: FitData) -> tuple[Posterior, ...]:

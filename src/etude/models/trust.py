@@ -83,7 +83,7 @@ def outside(unknown: Array, known: Array) -> Mask:
     return np.asarray(~(unknown <= known * (1.0 + ROUNDING)))
 
 
-def familiar(X: Array, ranges: Array) -> Array:
+def training_range_weight(X: Array, ranges: Array) -> Array:
     """(T,) 1 where inputs X (T, D) are within the ranges (2, D) trained on, 0 from a further REACH on."""
     low, high = ranges
     beyond = np.maximum(np.maximum(low - X, X - high), 0.0) / np.maximum(high - low, np.finfo(float).tiny)

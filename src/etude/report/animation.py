@@ -16,10 +16,10 @@ import numpy as np
 from etude.errors import UsageError
 from etude.protocols import Trajectory
 from etude.report.markup import Html, error_axis, test_title, text
-from etude.report.pictures import SIZE, alone, learned_tests
+from etude.report.pictures import SIZE, learned_tests, standalone_svg
 from etude.report.record import Record, Test, read_record
 from etude.report.scales import Axis, fitted_scale
-from etude.report.scene import Camera, camera_of, drawn_room, figure_along, room_around, standing
+from etude.report.scene import Camera, camera_of, drawn_room, figure_along, fixed_objects, room_around
 from etude.report.sections.learning import curve_marks
 from etude.report.sections.motion import sticks
 from etude.report.svg import panel
@@ -42,7 +42,7 @@ def of_campaign(record: Record) -> Html:
     rounds = min(len(curves[0].learned), sum(r.asked is not None for r in record.state.rounds.values()))
     figures = [_figure(record, number) for number in range(1, rounds + 1)]
     total = SECONDS * rounds + HOLD
-    return alone([_robot(figures, total), _curves(curves[0], rounds, total)])
+    return standalone_svg([_robot(figures, total), _curves(curves[0], rounds, total)])
 
 
 def _figure(record: Record, number: int) -> tuple[Trajectory, Figure]:
@@ -64,7 +64,7 @@ def _robot(motions: Sequence[tuple[Trajectory, Figure]], total: float) -> Html:
     every = np.concatenate([figure.points for _, figure in motions])
     room = room_around(replace(motions[0][1], points=every))
     camera, height = camera_of(room, SIZE)
-    things = standing(camera, room, motions[0][1].things)
+    things = fixed_objects(camera, room, motions[0][1].things)
     drawn = [_moving(camera, [figure for _, figure in motions], total)]
     for k, (trajectory, _) in enumerate(motions):
         fast = trajectory.duration / SECONDS

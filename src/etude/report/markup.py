@@ -43,7 +43,7 @@ def paragraph(*content: object, class_: str = "") -> Html:
     return element("p", *content, class_=class_) if class_ else element("p", *content)
 
 
-def missing(sentence: str) -> Html:
+def missing_data(sentence: str) -> Html:
     """Sentence of a section in place of missing data."""
     return paragraph(sentence, class_="missing")
 
@@ -178,7 +178,7 @@ def baseline(name: str) -> Baseline:
     return BASELINES.get(name, words)
 
 
-def in_telling_order(names: list[str]) -> list[str]:
+def ordered_baselines(names: list[str]) -> list[str]:
     """Known baselines first, in their order; then the others."""
     return [n for n in BASELINES if n in names] + [n for n in names if n not in BASELINES]
 

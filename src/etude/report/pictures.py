@@ -29,7 +29,7 @@ NAMESPACE = 'xmlns="http://www.w3.org/2000/svg"'
 INSTANTS = 400  # of a curve: more than a screen shows
 
 
-def alone(panels: Sequence[Html]) -> Html:
+def standalone_svg(panels: Sequence[Html]) -> Html:
     """A standalone SVG with these panels side by side, in light or dark colours as the reader's system."""
     wide, high = SIZE
     width = wide * len(panels)
@@ -49,7 +49,7 @@ def alone(panels: Sequence[Html]) -> Html:
 def of_log(log: Log) -> Html:
     """States and commands of a log over time, one panel for each channel."""
     shown = [name for name, c in log.channels.items() if c.role in ("state", "command") and name in log]
-    return alone([_channel(log, name) for name in shown])
+    return standalone_svg([_channel(log, name) for name in shown])
 
 
 def _channel(log: Log, name: str) -> Html:
@@ -74,14 +74,14 @@ def of_trajectory(trajectory: Trajectory) -> Html:
             Line(t, column, f"axis {j + 1}", joint_style(j)) for j, column in enumerate(values.T)
         ]
         panels.append(panel(name, time, Axis(f"{name} (SI)"), marks, size=SIZE))
-    return alone(panels)
+    return standalone_svg(panels)
 
 
 def of_campaign(campaign: Campaign) -> Html:
     """The learning curve: test errors of a simulated robot, or nMSE of each log before it was learned."""
     record = read_record(campaign.path)
     drawn = [learning_panel(test) for test in tests(record) if test.learned][:2]
-    return alone(drawn or [_held_out(record)])
+    return standalone_svg(drawn or [_held_out(record)])
 
 
 def _held_out(record: Record) -> Html:
@@ -130,7 +130,7 @@ class Span:
 def recording_picture(log: Log, findings: Sequence[Finding]) -> Html:
     """A standalone SVG with positions and commands; for robots without positions, every state and command."""
     spans = [span for f in findings if f.light in ("yellow", "red") for span in _spans(f)]
-    return alone([_drawn(log, channel, spans) for channel in _shown(log)])
+    return standalone_svg([_drawn(log, channel, spans) for channel in _shown(log)])
 
 
 def _spans(finding: Finding) -> list[Span]:
@@ -180,7 +180,7 @@ def learning_picture(record: Record) -> Html:
     Raises:
         UsageError: the campaign has no evaluation.
     """
-    return alone([learning_panel(test) for test in learned_tests(record)][:2])
+    return standalone_svg([learning_panel(test) for test in learned_tests(record)][:2])
 
 
 def learned_tests(record: Record) -> list[Test]:

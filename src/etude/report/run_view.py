@@ -116,7 +116,7 @@ class RunView:
                 os.write(self._process.stdin.fileno(), line)
 
 
-class Shown:
+class PageState:
     """State of the page.
 
     Attributes:
@@ -154,9 +154,9 @@ class Shown:
         return {"q": q.tolist(), "frames": placed[0].reshape(-1, 12).tolist(), "points": points}
 
 
-def served_in_space(folder: Path) -> tuple[Pages, Shown]:
+def served_in_space(folder: Path) -> tuple[Pages, PageState]:
     """Pages with the motion of a run, renewed with it, and the object that takes the run's lines."""
-    shown = Shown(folder)
+    shown = PageState(folder)
 
     def made() -> dict[str, Callable[[], str]]:
         number = shown.number

@@ -116,7 +116,7 @@ def scene(title: str, room: SceneBox, paths: Sequence[Path], *, note: str = "") 
     words += f'<text class="tick" x="12" y="38">{text(note)}</text>' if note else ""
     return Html(
         f'<svg class="scene" viewBox="0 0 {SIZE[0]} {height:.0f}" role="img" aria-label="{text(title)}">'
-        f"{words}{drawn_room(camera, room)}{standing(camera, room, room.things)}{drawn}</svg>"
+        f"{words}{drawn_room(camera, room)}{fixed_objects(camera, room, room.things)}{drawn}</svg>"
     )
 
 
@@ -228,7 +228,7 @@ def _shaded(pixels: Array, shade: Array) -> list[str]:
     return parts
 
 
-def standing(camera: Camera, room: SceneBox, things: Sequence[Thing]) -> str:
+def fixed_objects(camera: Camera, room: SceneBox, things: Sequence[Thing]) -> str:
     """The fixed objects with names, far ones first."""
     still = [thing for thing in things if thing.kind != "carried"]
     drawn = {thing.name: faces_in(thing, room) for thing in still}
@@ -239,7 +239,7 @@ def standing(camera: Camera, room: SceneBox, things: Sequence[Thing]) -> str:
     return "".join([*parts, _names(marks)])
 
 
-def cut(face: Array, lower: Array, upper: Array) -> Array:
+def clipped_polygon(face: Array, lower: Array, upper: Array) -> Array:
     """Part (V', 3) of a convex polygon (V, 3) or a line (2, 3) between two corners (3,), m; maybe empty."""
     for axis in range(3):
         face = _half(face, axis, float(lower[axis]), 1.0)
@@ -264,7 +264,7 @@ def _half(face: Array, axis: int, end: float, side: float) -> Array:
 def faces_in(thing: Thing, room: SceneBox) -> list[Array]:
     """Faces (V, 3) of an object inside the box, m."""
     points, lower, upper = thing.points[0], np.array(room.lower), np.array(room.upper)
-    found = [cut(points[list(face)], lower - 1e-9, upper + 1e-9) for face in thing.faces]
+    found = [clipped_polygon(points[list(face)], lower - 1e-9, upper + 1e-9) for face in thing.faces]
     return [face for face in found if len(face) > 1]
 
 
@@ -371,7 +371,9 @@ def _near(thing: Thing, lower: Array, upper: Array) -> Array:
         foot = thing.points[0].mean(axis=0, keepdims=True)
         within = bool(np.all((foot >= lower) & (foot <= upper)))
         return np.asarray(foot if within else foot[:0])
-    return np.concatenate([cut(thing.points[0][list(face)], lower, upper) for face in thing.faces])
+    return np.concatenate(
+        [clipped_polygon(thing.points[0][list(face)], lower, upper) for face in thing.faces]
+    )
 
 
 def beyond(figure: Figure) -> list[str]:

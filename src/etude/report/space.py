@@ -30,7 +30,7 @@ COLOUR = (
     "Lines join what comes nearest, with the distance as planned. Their colour, and that of the parts, tells "
     "how much is left beyond what is kept. Neighbours, which always pass close, have none."
 )
-HULLS = "Drawn are the shapes that distances are taken of: convex hulls, not the finer meshes."
+HULLS = "The page shows the shapes that distances are computed for: convex hulls, not the finer meshes."
 STICKS = "The description has no shapes, so bars stand for links."
 MEASURED = "Blue is where its log measured the robot."
 LIVE = (

@@ -11,8 +11,8 @@ from typing import Any
 from etude._runtime.options import taken
 from etude.deploy.c99.header import CForm
 from etude.deploy.c99.plan import Plan
-from etude.deploy.c99.source import lean_files
-from etude.deploy.c99.target import BARE, Files, held, in_words, lighter
+from etude.deploy.c99.source import drag_files
+from etude.deploy.c99.target import BARE, Files, cheaper_options, held, options_sentence
 from etude.errors import UsageError
 from etude.protocols import Kind
 from etude.types import Delivered
@@ -89,13 +89,13 @@ def chosen_rate(
     asked: float | None,
     *,
     single: bool,
-    lighter: Sequence[str] = (),
+    cheaper: Sequence[str] = (),
 ) -> float:
     """Hz of evaluations of the model: the requested rate, else the largest of `rates` that the chip can
     sustain.
 
     Args:
-        single: whether numbers are float. lighter: text that names a cheaper model.
+        single: whether numbers are float. cheaper: options that need less computing time.
 
     Raises:
         UsageError: the model exceeds its share of the chip's time at that rate, or at every rate.
@@ -115,7 +115,7 @@ def chosen_rate(
     raise UsageError(
         f"one answer takes about {1e3 * seconds:.2g} ms on a {chip.name}, {100 * seconds * at:.0f} % of its "
         f"time at {at:g} Hz; the model may take {100 * chip.share:.0f} %",
-        next_step=in_words([*ways, *lighter]),
+        next_step=options_sentence([*ways, *cheaper]),
     )
 
 
@@ -153,12 +153,12 @@ class Autopilot:
         asked = taken(options, FlightOptions, self.name)
         form = CForm(asked.real == "float", fade=False, digest=asked.model_hash)
         made, said, facts = held(model, kind, spec, form, asked.name, alone=asked.single)
-        lean, drag = lean_files(made.plan.model.inputs, made.plan.name, form)
+        lean, drag = drag_files(made.plan.model.inputs, made.plan.name, form)
         # one call evaluates the motion and hover, and iterates the drag as often as flight.c does
         operations = 2 * made.plan.operations(form.deviations)
         operations += 0 if drag is None else self.rounds * drag.operations[0]
-        less = lighter(made.plan, form)
-        rate = chosen_rate(self.chip, operations, RATES, asked.rate, single=form.single, lighter=less)
+        less = cheaper_options(made.plan, form)
+        rate = chosen_rate(self.chip, operations, RATES, asked.rate, single=form.single, cheaper=less)
         cost = cost_in_words(self.chip, operations, rate, single=form.single)
         words = _words(made, self.name, rate)
         files = {**made.files, **lean}

@@ -19,7 +19,7 @@ import numpy as np
 from etude._runtime.rounding import whole_up
 from etude.deploy.exporters.joint_trajectory import player
 from etude.deploy.exporters.knots import require_space
-from etude.deploy.feedforward import Commanded
+from etude.deploy.feedforward import MotionWithCommands
 from etude.limits.lead_ins import STILL
 from etude.protocols import Kind, Trajectory
 from etude.trajectories.splined import Splined
@@ -53,17 +53,17 @@ HEADER = ["time", *(prefix + axis for prefix in ("", "v", "a") for axis in ("nor
 class Offboard:
     """A `protocols.Exporter`: setpoints.csv and play.py, a node for rclpy and px4_msgs."""
 
-    def __call__(self, what: Trajectory | Commanded, kind: Kind, spec: Any) -> Mapping[str, bytes]:
+    def __call__(self, what: Trajectory | MotionWithCommands, kind: Kind, spec: Any) -> Mapping[str, bytes]:
         """Both files. UsageError: no path in space."""
         require_space(kind, spec, "an autopilot")
-        motion = what.trajectory if isinstance(what, Commanded) else what
+        motion = what.trajectory if isinstance(what, MotionWithCommands) else what
         count = whole_up(motion.duration * RATE) + 1
         t = np.arange(count + round(HELD_S * RATE)) / RATE
         orders = motion.motion(t, ORDERS).orders @ NED.T  # at rest after the end
         still = np.abs(orders[1:]).max(axis=(0, 2)) <= STILL
         orders[1:, still] = 0.0  # set-points at rest are exact
         columns, header = list(orders), list(HEADER)
-        if isinstance(what, Commanded) and what.acceleration is not None:
+        if isinstance(what, MotionWithCommands) and what.acceleration is not None:
             told = what.acceleration(np.minimum(t, motion.duration)) @ NED.T
             drag = np.where(((t <= motion.duration) & ~still)[:, None], told - orders[2], 0.0)
             columns[2], header = orders[2] + drag, [*HEADER, *DRAG]

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from etude.deploy.exporters.knots import require_space
-from etude.deploy.feedforward import Commanded, parted
+from etude.deploy.feedforward import MotionWithCommands, motion_and_command
 from etude.errors import UsageError
 from etude.protocols import Kind, Trajectory
 from etude.trajectories.splined import Splined
@@ -39,10 +39,10 @@ class Poly4d:
     zero.
     """
 
-    def __call__(self, what: Trajectory | Commanded, kind: Kind, spec: Any) -> Mapping[str, bytes]:
+    def __call__(self, what: Trajectory | MotionWithCommands, kind: Kind, spec: Any) -> Mapping[str, bytes]:
         """The file. UsageError: no path in space, or one that 31 pieces cannot approximate."""
         require_space(kind, spec, "a Crazyflie")
-        motion, _ = parted(what)
+        motion, _ = motion_and_command(what)
         times, error = _edges(motion)
         if not error <= CLOSE:
             raise UsageError(

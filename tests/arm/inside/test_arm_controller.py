@@ -100,3 +100,9 @@ def test_a_learned_model_halves_the_error_of_feedback_alone_and_the_exact_invers
     part = np.abs(told.mean - model.predict(inputs.states(grown), fade=False).mean) > 1e-6
     assert 0.1 < part.mean() < 0.9
     np.testing.assert_allclose(model.faded(inputs.states(grown)), told.mean, rtol=0, atol=1e-9)
+    whole = model.posterior(inputs.states(plan))
+    for j in range(robot.spec.dof):
+        alone = model.of_command(j)
+        assert alone.in_use
+        for found, known in zip(alone.posterior(inputs.states(plan)), whole, strict=True):
+            np.testing.assert_array_equal(found[:, j], known[:, j])

@@ -18,7 +18,7 @@ import pytest
 from robots_of_others import FILES, robot_of
 
 from etude.campaign import find_robot, preset_config
-from etude.design import DesignConfig, design, linked, prior_latents
+from etude.design import DesignConfig, design, linked_chain, prior_latents
 from etude.limits import FeasibleSet, boundary, certify, scaled, uniform
 from etude.protocols import Family, Limit, Trajectory
 from etude.trajectories import OVERSAMPLING, FourierConfig, FourierTrajectory
@@ -152,7 +152,7 @@ def of_form(place: World, form: str, seed: int, count: int) -> tuple[int, int]:
         if form == "ways":
             pieces: Sequence[Trajectory] = place.way(one, pose)
         else:
-            chain, _ = linked([one, other], place.way, place.limits, place.home)
+            chain, _ = linked_chain([one, other], place.way, place.limits, place.home)
             assert certify(chain, place.limits).ok
             pieces = [piece for _, _, piece in chain.pieces()]
         made += len(pieces) if form == "ways" else 1

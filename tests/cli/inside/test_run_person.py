@@ -8,26 +8,26 @@ from pathlib import Path
 
 import pytest
 
-from etude.cli.run import LOOKED_S, Typing
+from etude.cli.run import LOOKED_S, TerminalUser
 
 
 @pytest.mark.parametrize(("typed", "agreed"), [("move\n", True), ("yes\n", False), ("", False)])
 def test_the_word_is_typed_in_full(monkeypatch: pytest.MonkeyPatch, typed: str, agreed: bool) -> None:
     said: list[str] = []
     monkeypatch.setattr("sys.stdin", io.StringIO(typed))
-    assert Typing(said.append).agrees(["It will move."], "move") is agreed
+    assert TerminalUser(said.append).agrees(["It will move."], "move") is agreed
     assert said[0] == "It will move."
 
 
 def test_in_a_script_nobody_types(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("sys.stdin", io.StringIO("move\n"))
-    assert not Typing(lambda _: None, asks=False).agrees([], "move")
+    assert not TerminalUser(lambda _: None, asks=False).agrees([], "move")
 
 
 def test_a_heartbeat_that_stops_is_nobody_at_the_switch(tmp_path: Path) -> None:
     beat = tmp_path / "beat"
     beat.touch()
-    person = Typing(lambda _: None, heartbeat=beat)
+    person = TerminalUser(lambda _: None, heartbeat=beat)
     assert person.alive()
     os.utime(beat, (1.0, 1.0))
     person.looked -= LOOKED_S

@@ -14,7 +14,7 @@ from certificate_schema import valid
 from etude import plugins
 from etude.deploy import read_table
 from etude.deploy.exporters.knots import EFFORT_RATE
-from etude.deploy.trajectory_target import ALONG, Bounded
+from etude.deploy.trajectory_target import ALONG, MotionWithLimits
 from etude.errors import UnsafeTrajectoryError, UsageError
 from etude.testing import World, world
 
@@ -28,7 +28,7 @@ def here() -> World:
 
 
 def along(here: World, **options: Any) -> Any:
-    own = {"motion": Bounded(here.trajectory(0), here.limits), **options}
+    own = {"motion": MotionWithLimits(here.trajectory(0), here.limits), **options}
     return ALONG(MODEL, here.kind, here.spec, own)
 
 
@@ -68,7 +68,7 @@ def test_commands_that_are_no_forces_go_into_the_table_alone(here: World) -> Non
 
 
 def test_a_motion_outside_the_limits_is_not_written(here: World) -> None:
-    fast = Bounded(here.trajectory(0).slowed(0.25), here.limits)
+    fast = MotionWithLimits(here.trajectory(0).slowed(0.25), here.limits)
     with pytest.raises(UnsafeTrajectoryError):
         along(here, motion=fast)
     with pytest.raises(UsageError, match="no motion to go along"):

@@ -12,7 +12,7 @@ from c_models import ARM, QUADROTOR, alone, arm_model, arm_spec, averaged, quadr
 
 from compilers import FAST, SANITIZED, STRICT, run, tool
 from etude.deploy import CForm, c_files, log_of, planned
-from etude.deploy.c99.self_test import golden
+from etude.deploy.c99.self_test import golden_vectors
 from etude.models import LearnedModel
 
 WAVES = 12
@@ -99,7 +99,7 @@ def test_the_vectors_ask_the_process(name: str) -> None:
     model = CASES[name].make()
     plan = planned(model, ARM, arm_spec(), name)
     silent = tuple(replace(c, units=c.units * np.array([[1.0], [0.0]])) for c in model.candidates)
-    log = log_of(plan.channels, golden(plan).inputs, "golden")
+    log = log_of(plan.channels, golden_vectors(plan).inputs, "golden")
     said = np.abs(model.predict(log)[0] - replace(model, candidates=silent).predict(log)[0]) / plan.limit
     assert (np.median(said, axis=0) > 1e-6).all()
     assert (said.max(axis=0) > 1e-3).all()
@@ -110,7 +110,7 @@ def test_the_vectors_ask_what_physics_remembers(name: str) -> None:
     """Where friction turns by speed alone, or nothing turns round, its C could hold anything."""
     case = CASES[name]
     plan = planned(case.make(), case.kind, case.spec() if case.spec else arm_spec(), name)
-    log = log_of(plan.channels, golden(plan).inputs, "golden")
+    log = log_of(plan.channels, golden_vectors(plan).inputs, "golden")
     means = [c.mean for c in plan.candidates if c.mean is not None]
     said = [np.abs(m.predict(plan.model.inputs.followed(log)) - m.predict(log)) / plan.limit for m in means]
     assert plan.memory > 0

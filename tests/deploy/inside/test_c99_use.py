@@ -22,9 +22,9 @@ from c_models import (
 from compilers import FAST, STRICT, run, tool
 from etude.deploy import CForm, c_files
 from etude.deploy.c99.plan import identifier, identifiers
-from etude.deploy.c99.self_test import answered, golden
+from etude.deploy.c99.self_test import expected_outputs, golden_vectors
 from etude.deploy.c99.source import numbers, prelude
-from etude.deploy.c99.target import C99, built, compiler, single
+from etude.deploy.c99.target import C99, built, compiler, single_member
 from etude.errors import EtudeError, UsageError
 from etude.models import LearnedModel, PluginKernel, Posteriors, SquaredExponential, posterior_given
 from etude.protocols import Candidate
@@ -51,7 +51,7 @@ def fast(model: LearnedModel, tmp_path_factory: pytest.TempPathFactory) -> Libra
 
 
 def test_no_input_makes_a_command_that_is_no_number(fast: Library) -> None:
-    rows = golden(fast.plan, 8).inputs
+    rows = golden_vectors(fast.plan, 8).inputs
     clean = [fast.call("predict", row)[1] for row in rows]
     for bad in (np.nan, np.inf, -np.inf, -np.nan, 1e308, -1e308):
         for function in ("mean", "predict", "instant", "gravity"):
@@ -70,7 +70,7 @@ def test_no_input_makes_a_command_that_is_no_number(fast: Library) -> None:
 
 
 def test_a_missing_number_is_the_last_good_one(fast: Library) -> None:
-    row = golden(fast.plan, 30).inputs[5]
+    row = golden_vectors(fast.plan, 30).inputs[5]
     held = row.copy()
     held[2] = np.nan
     fast.begin()
@@ -90,7 +90,7 @@ def test_far_outside_it_says_so_and_is_what_python_says(fast: Library) -> None:
         fast.begin()
         flags, command, _ = fast.call("mean", middle + beyond * half)
         assert flags & 7 == expected, beyond
-        told = answered(fast.plan, (middle + beyond * half)[None])
+        told = expected_outputs(fast.plan, (middle + beyond * half)[None])
         assert np.abs(command - told.mean[0]).max() <= 1e-9 * fast.plan.limit.max()
 
 
@@ -104,19 +104,19 @@ def test_without_fading_it_is_the_posterior_s_mean_and_flags_tell_ranges(
         row = middle + beyond * width
         flags, command, _ = bare.call("mean", row)
         assert flags & 7 == expected
-        told = answered(bare.plan, row[None], fade=False).mean[0]
+        told = expected_outputs(bare.plan, row[None], fade=False).mean[0]
         assert np.abs(command - told).max() <= 1e-12 * bare.plan.limit.max()
     with pytest.raises(AttributeError, match="bare_predict"):
         bare.call("predict", middle)
 
 
 def test_what_friction_remembers_is_begun_anew(fast: Library) -> None:
-    rows = golden(fast.plan, 40, seed=3).inputs
+    rows = golden_vectors(fast.plan, 40, seed=3).inputs
     for row in rows:
         fast.call("mean", row)
     fast.begin()
     found = np.stack([fast.call("mean", row)[1] for row in rows])
-    np.testing.assert_allclose(found, golden(fast.plan, 40, seed=3).mean, rtol=0, atol=1e-9 * 255.0)
+    np.testing.assert_allclose(found, golden_vectors(fast.plan, 40, seed=3).mean, rtol=0, atol=1e-9 * 255.0)
     fast.begin()
     backwards = np.stack([fast.call("mean", row)[1] for row in rows[::-1]])[::-1]
     assert np.abs(backwards - found).max() > 1e-3  # the way there counts
@@ -281,7 +281,7 @@ def test_the_best_candidate_alone_is_the_one_that_weighs_most() -> None:
 
     model = arm_model("exact", "ard_se", points=12, together=True)
     both = replace(model, candidates=(weighing(0.4, 0.6, 0.9, 0.1), weighing(0.6, 0.4, 0.1, 0.9)))
-    found = [c.weights.tolist() for c in single(both).candidates]
+    found = [c.weights.tolist() for c in single_member(both).candidates]
     assert found == [[0.0, 1.0, 1.0, 0.0], [1.0, 0.0, 0.0, 1.0]]
 
 
@@ -331,7 +331,7 @@ def test_a_c_user_needs_the_header_alone(model: LearnedModel, tmp_path: Path) ->
     assert order[: len(made.plan.labels)] == made.plan.labels
     (tmp_path / "main.c").write_text(USER, encoding="utf-8")
     run([tool("cc"), "main.c", "robot.c", "-lm", "-o", "user"], tmp_path)
-    vectors = golden(made.plan, 20, seed=5)
+    vectors = golden_vectors(made.plan, 20, seed=5)
     text = "\n".join(" ".join(map(repr, row)) for row in vectors.inputs.tolist())
     (tmp_path / "states.txt").write_text(text, encoding="utf-8")
     said = run(["sh", "-c", "./user < states.txt"], tmp_path)

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from etude import plugins
-from etude.deploy import Commanded, certify_played
+from etude.deploy import MotionWithCommands, certify_played
 from etude.deploy.exporters.joint_trajectory import _number
 from etude.deploy.exporters.knots import grid_of
 from etude.errors import UnsafeTrajectoryError, UsageError
@@ -88,7 +88,9 @@ def test_another_reader_finds_the_message(name: str, tmp_path: Any) -> None:
     from rosbags.typesys import Stores, get_typestore
 
     motion = moves(4)
-    files = own(Commanded(motion, lambda t: np.outer(np.cos(t), [1.0, 2.0, 3.0, 4.0])), ARM, spec(*ODD))
+    files = own(
+        MotionWithCommands(motion, lambda t: np.outer(np.cos(t), [1.0, 2.0, 3.0, 4.0])), ARM, spec(*ODD)
+    )
     folder = tmp_path / "motion"
     folder.mkdir()
     for path, data in files.items():

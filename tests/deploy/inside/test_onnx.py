@@ -20,9 +20,9 @@ from c_models import (
     quadrotor_spec,
 )
 
-from etude.deploy import CForm, c_files, parts_of, taken_by, written
+from etude.deploy import CForm, c_files, graph_inputs, parts_of, written
 from etude.deploy.onnx import target
-from etude.deploy.onnx.target import ONNX, in_turn
+from etude.deploy.onnx.target import ONNX, run_rows
 from etude.errors import EtudeError, UsageError
 from etude.models import (
     LearnedModel,
@@ -78,7 +78,7 @@ CASES = {
 
 def written_of(model: LearnedModel, dtype: Any, variance: bool = True) -> bytes:
     parts = parts_of(model)
-    return written(parts, taken_by(parts, ARM.channels(arm_spec())).widths, dtype, variance)
+    return written(parts, graph_inputs(parts, ARM.channels(arm_spec())).widths, dtype, variance)
 
 
 def near(model: LearnedModel, dtype: Any, spec: Any = None) -> tuple[Log, Array]:
@@ -98,13 +98,13 @@ def agrees(model: LearnedModel, dtype: Any, small: float, spec: Any = None) -> N
     spec = spec or arm_spec()
     log, states = near(model, dtype, spec)
     parts, limit = parts_of(model), np.asarray(ARM.limit(spec)).min()
-    widths = taken_by(parts, ARM.channels(spec)).widths
-    own = in_turn(written(parts, widths, dtype, variance=True), parts, states)
+    widths = graph_inputs(parts, ARM.channels(spec)).widths
+    own = run_rows(written(parts, widths, dtype, variance=True), parts, states)
     command, variance = own["command"], own["variance"]
     mean, spread = model.predict(log)
     assert np.abs(command - mean).max() <= small * limit
     assert np.abs(variance - spread).max() <= small * limit**2
-    one = in_turn(written(parts, widths, dtype, variance=False), parts, states[:1])
+    one = run_rows(written(parts, widths, dtype, variance=False), parts, states[:1])
     assert np.abs(one["command"] - command[:1]).max() <= small * limit
 
 
@@ -157,7 +157,7 @@ def test_a_variance_is_never_below_its_noise() -> None:
     candidates = tuple(replace(c, process=Posteriors((sure,))) for c in model.candidates)
     states = own.X[:, :12].astype(np.float32)
     doubtless = replace(model, candidates=candidates)
-    variance = in_turn(written_of(doubtless, np.float32), parts_of(doubtless), states)["variance"]
+    variance = run_rows(written_of(doubtless, np.float32), parts_of(doubtless), states)["variance"]
     noise = [c.calibration[0] * c.units[1, 0] ** 2 * 1e-6 for c in candidates]
     assert (variance >= np.array(noise) * (1.0 - 1e-5)).all()
 
@@ -196,7 +196,7 @@ def test_any_outputs_together_are_right(variance: bool | str, fade: bool | str, 
     (data,) = found.files.values()
     log, states = near(model, np.float64 if real == "double" else np.float32)
     log, states = ahead(log, 12), states[:12]
-    own = in_turn(data, parts_of(model), states)
+    own = run_rows(data, parts_of(model), states)
     told = model.predict(log, fade=fade is True)
     assert list(own) == ["command", *["variance"] * bool(variance), "outside"]
     assert np.abs(own["command"] - told.mean).max() <= 1e-4 * LIMIT.min()
@@ -285,7 +285,7 @@ def test_memory_is_carried_from_call_to_call() -> None:
     parts, low, high = parts_of(model), *model.ranges[:, :12]
     there = np.linspace(low, high, 12) * np.repeat([1.0, 0.0, 0.0], 4)
     states = np.concatenate([there, there[::-1]])
-    command = in_turn(data, parts, states)["command"]
+    command = run_rows(data, parts, states)["command"]
     assert parts.memory == 2 * 9
     assert np.abs(command[:12] - command[:11:-1])[1:-1].max() > 0.01 * LIMIT.min()
     assert "zeros at the start of a run" in " ".join(found.said)

@@ -14,7 +14,7 @@ from c_models import ARM, QUADROTOR, arm_model, arm_spec, quadrotor_model, quadr
 
 from compilers import run, tool
 from etude.deploy import planned
-from etude.deploy.c99.self_test import answered
+from etude.deploy.c99.self_test import expected_outputs
 from etude.deploy.ros2.target import ROS2
 from etude.errors import UsageError
 from etude.types import Array, Delivered
@@ -93,7 +93,7 @@ def test_it_commands_what_the_model_says(built: Built) -> None:
     assert names[0].split() == in_order
     assert names[1].split() == [f"{n}/effort" for n in spec().names]
     assert names[2].split() == []
-    said = answered(built.plan, asked).mean
+    said = expected_outputs(built.plan, asked).mean
     wanted = np.clip(part(60) ** 2 * said + 0.01, built.plan.least, built.plan.most)
     np.testing.assert_allclose(found[:-1], wanted, atol=1e-12)
     np.testing.assert_array_equal(found[-1], 0.0)
@@ -108,10 +108,10 @@ def test_it_fades_where_nobody_asks_and_comes_back(built: Built) -> None:
     told = np.concatenate([np.arange(1, 41), 40 - np.arange(1, 41), np.arange(1, 41)]) * PERIOD / FADE
     told[40:80] = np.maximum(0.0, 1.0 - np.arange(1, 41) * PERIOD / FADE)
     told = np.clip(told, 0.0, 1.0)[:, None]
-    last = answered(built.plan, asked[:40]).mean[-1]
+    last = expected_outputs(built.plan, asked[:40]).mean[-1]
     np.testing.assert_allclose(found[40:80], np.clip(told[40:80] * last + 0.01, *limits(built)), atol=1e-12)
     np.testing.assert_allclose(found[65:80], 0.01, atol=1e-15)
-    kept = answered(built.plan, np.concatenate([asked[:40], asked[80:]])).mean[40:]
+    kept = expected_outputs(built.plan, np.concatenate([asked[:40], asked[80:]])).mean[40:]
     np.testing.assert_allclose(found[80:120], np.clip(told[80:] * kept + 0.01, *limits(built)), atol=1e-12)
 
 
@@ -127,7 +127,7 @@ def test_far_outside_the_data_physics_and_the_feedback_stay(built: Built) -> Non
     names, found, _ = built.drive(rows_of(asked, states=states), 2.0, 0.5)
     assert names[2].split() == [f"{n}/{o}" for o in ("position", "velocity") for n in spec().names]
     fed = 2.0 * 1e-3 + 0.5 * 0.02
-    said = answered(built.plan, asked).mean
+    said = expected_outputs(built.plan, asked).mean
     wanted = np.clip(part(90) ** 2 * said + part(90) * fed, *limits(built))
     np.testing.assert_allclose(found[30], wanted[30], atol=1e-12)
     np.testing.assert_allclose(found[65:90], wanted[65:90], atol=1e-12)
@@ -142,7 +142,7 @@ def test_what_is_no_number_or_too_large_is_left_out_or_clamped(built: Built) -> 
     rows[:, 1 + 3 * J] = np.inf  # efforts: one is no number, one is far beyond a limit
     rows[:, 2 + 3 * J] = 1e6
     _, found, _ = built.drive(rows, 2.0, 0.0)
-    said = answered(built.plan, asked).mean
+    said = expected_outputs(built.plan, asked).mean
     wanted = said[45] + 2.0 * 1e-3 * np.array([1.0, 0.0, 1.0, 1.0])
     wanted[1] = built.plan.most[1]
     np.testing.assert_allclose(found[45], np.clip(wanted, *limits(built)), atol=1e-12)

@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from etude.deploy import Commanded, certify_played
+from etude.deploy import MotionWithCommands, certify_played
 from etude.deploy.feedforward import within_tilt
 from etude.limits import FeasibleSet, at_rest, boundary, certify
 from etude_quadrotor import KIND, NED, OFFBOARD, FlightConfig, flight_family
@@ -30,7 +30,7 @@ def test_the_learned_part_is_cut_to_the_tilt(drag: float) -> None:
         orders = motion.motion(t, 3).orders
         return np.asarray(orders[2] + drag * orders[1])
 
-    what = within_tilt(Commanded(motion, acceleration=told), allowed)
+    what = within_tilt(MotionWithCommands(motion, acceleration=told), allowed)
     files = OFFBOARD(what, KIND, spec)
     proof = certify_played(OFFBOARD, files, allowed, motion)
     table = np.loadtxt(files["setpoints.csv"].decode().splitlines(), delimiter=",", skiprows=1)

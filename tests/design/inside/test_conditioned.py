@@ -11,7 +11,7 @@ from design_examples import arm_model
 from etude.design import PlainBatch, latents_of
 from etude.design.criteria import batch_of
 from etude.design.latents import PlannedPosterior
-from etude.design.solve import Conditioned, given_planned
+from etude.design.solve import Conditioned, conditioned_on_planned
 from etude.models import ExactGP
 from etude.testing import central
 
@@ -96,13 +96,13 @@ def test_its_gradients_are_differences(seen: str) -> None:
 def test_an_exact_process_is_refitted_with_what_would_not_be_masked() -> None:
     known, planned, X = posterior(), near(9), near(6)
     gains = np.array([1.0, -1.0, 0.5, 0.0, 1.0, 0.3, 0.0, 0.0, -0.99])
-    found, told = given_planned(known, planned, gains), np.abs(gains) > 0.9
+    found, told = conditioned_on_planned(known, planned, gains), np.abs(gains) > 0.9
     same = Conditioned.on(known, planned[told], np.ones(4))
     np.testing.assert_allclose(found.predict(X)[1], same.predict(X)[1], atol=1e-8 * known.signal_variance)
     np.testing.assert_allclose(found.predict(X)[0], known.predict(X)[0], atol=1e-6)
     assert found.signal_variance == known.signal_variance
-    assert given_planned(known, planned, np.zeros(9)) is known
-    assert isinstance(given_planned(Bare(known), planned, gains), Conditioned)
+    assert conditioned_on_planned(known, planned, np.zeros(9)) is known
+    assert isinstance(conditioned_on_planned(Bare(known), planned, gains), Conditioned)
 
 
 def test_without_shared_factors_it_is_the_same() -> None:

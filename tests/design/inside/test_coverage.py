@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from etude.design.candidates import BINS, SLOW, Region, Roam, Roamed, Visited
-from etude.design.chain_design import near_to_near
+from etude.design.candidates import BINS, SLOW, ClearPoseSource, ReachablePoses, Region, VisitedTimes
+from etude.design.chain_design import nearest_order
 from etude.limits import AxisLimit
 from etude.protocols import Family, Trajectory
 from etude.trajectories import FourierConfig, FourierFamily, FourierTrajectory, PointToPoint
@@ -69,9 +69,11 @@ def poses() -> Array:
     return np.concatenate([np.zeros((1, 2)), tried[np.abs(tried).min(axis=1) <= 0.4]])
 
 
-def source(visited: Visited | None = None, total: float = 30.0) -> Roamed:
+def source(visited: VisitedTimes | None = None, total: float = 30.0) -> ClearPoseSource:
     reach = Reachable(-ENDS, ENDS, poses())
-    return Roamed.of(FAMILY, LIMITS, Roam(reach, visited or Visited.nothing(reach), total), "scaled")
+    return ClearPoseSource.of(
+        FAMILY, LIMITS, ReachablePoses(reach, visited or VisitedTimes.nothing(reach), total), "scaled"
+    )
 
 
 def way(motion: Trajectory) -> Array:
@@ -83,14 +85,14 @@ def test_bins_count_with_half_a_percent_of_the_segments_time_and_links_do_not() 
     table[0], table[1] = 0.5, 0.5 * 2.0 * np.pi / 10.0  # 0 to 1 and back, fast in the middle
     swing = FourierTrajectory(table, 2.0 * np.pi / 10.0, 10.0)
     reach = Reachable(np.array([-1.0]), np.array([1.0]), np.zeros((0, 1)))
-    assert Visited.nothing(reach).share().tolist() == [0.0]
-    half = Visited.nothing(reach).adding([swing])
+    assert VisitedTimes.nothing(reach).share().tolist() == [0.0]
+    half = VisitedTimes.nothing(reach).adding([swing])
     assert half.share() == pytest.approx(0.5)
     assert half.bins().tolist() == [[False] * (BINS // 2) + [True] * (BINS // 2)]
     assert half.seconds.sum() == pytest.approx(10.0)
     assert half.share(total=300.0).tolist() == [0.1], "of a longer recording only where it turns round"
     link = PointToPoint(np.array([[-1.0], [1.0]]), 1.0)
-    link_alone = Visited.nothing(reach).adding_poses(way(link), 0.0)
+    link_alone = VisitedTimes.nothing(reach).adding_poses(way(link), 0.0)
     assert link_alone.share().tolist() == [0.0]
 
 
@@ -129,7 +131,7 @@ def test_what_was_visited_is_left_for_what_was_not() -> None:
     """One arm of the L has been visited: next motions are mostly in the other."""
     reach = Reachable(-ENDS, ENDS, poses())
     seen = np.column_stack([np.linspace(-3.0, 3.0, 600), np.linspace(-0.4, 0.4, 600)])
-    visited = Visited.nothing(reach).adding_poses(seen, 60.0)
+    visited = VisitedTimes.nothing(reach).adding_poses(seen, 60.0)
     news = [source(visited, 120.0), source(None, 120.0)]
     wide = []
     for one in news:
@@ -164,5 +166,5 @@ def test_segments_are_chained_near_to_near() -> None:
         ends = np.stack([pose, first])
         return PointToPoint(ends, 1.0), PointToPoint(ends[::-1], 1.0)
 
-    order = near_to_near([at(2.0), at(-0.1), at(1.0), at(0.2)], approaches, np.zeros(1))
+    order = nearest_order([at(2.0), at(-0.1), at(1.0), at(0.2)], approaches, np.zeros(1))
     assert order == [1, 3, 2, 0]

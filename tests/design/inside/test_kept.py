@@ -17,8 +17,8 @@ from design_examples import (
 )
 
 from etude.design import Design, DesignConfig, NonconvexLimits, Source, design, design_objective
-from etude.design.candidates import Drawn
-from etude.design.solve import Ranked
+from etude.design.candidates import SampledPoint
+from etude.design.solve import RankedCandidates
 from etude.errors import UnsafeTrajectoryError
 from etude.limits import certify
 from etude.protocols import Family, Trajectory
@@ -119,11 +119,13 @@ def test_candidates_are_drawn_home_only_while_they_can_win(
         "the disc is in the way"
     )
     every = sorted((aim.objective.value(one.p) for one in home), reverse=True)
-    asked: list[Drawn] = []
+    asked: list[SampledPoint] = []
     monkeypatch.setattr(
-        Drawn, "home", lambda self, kept, whole=Drawn.home: asked.append(self) or whole(self, kept)
+        SampledPoint,
+        "home",
+        lambda self, kept, whole=SampledPoint.home: asked.append(self) or whole(self, kept),
     )
-    ranked = Ranked.of(aim.objective, candidates)
+    ranked = RankedCandidates.of(aim.objective, candidates)
     best = ranked.best(aim.objective, kept, 2)
     assert [ranked.values[place] for place in best] == every[:2], "as if all had been drawn home"
     assert 2 <= len(asked) < 24, "and not all were"

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from design_examples import arm_family, arm_home, arm_inputs, arm_limits, arm_point, arm_spec
 
-from etude.design import DesignConfig, chain_design, linked, prior_latents
-from etude.design.chain_design import cut_short
+from etude.design import DesignConfig, chain_design, linked_chain, prior_latents
+from etude.design.chain_design import dropped_sentence
 from etude.design.latents import NOISE, SIGNAL
 from etude.errors import UnsafeTrajectoryError
 from etude.limits import certify
@@ -94,7 +94,7 @@ def straight(piece) -> bool:
 
 
 def test_links_are_straight_hurried_and_certified() -> None:
-    chain, kept = linked(segments(3), approaches, arm_limits(), arm_home())
+    chain, kept = linked_chain(segments(3), approaches, arm_limits(), arm_home())
     assert kept == 3
     assert [label for _, label, _ in chain.pieces()] == ["segment", "link", "segment", "link", "segment"]
     assert all(certify(piece, arm_limits()).ok for _, label, piece in chain.pieces() if label == "link")
@@ -106,16 +106,18 @@ def test_links_are_straight_hurried_and_certified() -> None:
 
 def test_where_the_straight_way_is_refused_it_goes_by_home_and_else_ends() -> None:
     own = segments(2)
-    by_home, kept = linked(own, approaches, (*arm_limits(), Keep(straight)), arm_home())
+    by_home, kept = linked_chain(own, approaches, (*arm_limits(), Keep(straight)), arm_home())
     assert kept == 2
     assert [label for _, label, _ in by_home.pieces()] == ["segment", "link", "link", "segment"]
     middle = by_home.pieces()[1][2]
     np.testing.assert_allclose(middle.waypoints[-1], arm_home())  # type: ignore[attr-defined]
-    alone, kept = linked(own, approaches, (*arm_limits(), Keep(lambda p: p.form == "moves")), arm_home())
+    alone, kept = linked_chain(
+        own, approaches, (*arm_limits(), Keep(lambda p: p.form == "moves")), arm_home()
+    )
     assert kept == 1
     assert alone is own[0]
-    assert cut_short(1) == " Segments left out, since no motion or no approach to it is proved: 1."
-    assert linked(own, lambda *_: None, arm_limits(), arm_home())[1] == 1
+    assert dropped_sentence(1) == " Segments left out, since no motion or no approach to it is proved: 1."
+    assert linked_chain(own, lambda *_: None, arm_limits(), arm_home())[1] == 1
 
 
 @pytest.mark.parametrize("there_are", [0, 2])

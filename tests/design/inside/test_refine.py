@@ -20,7 +20,7 @@ from scipy.optimize import linprog
 
 from etude import plugins
 from etude.design import Objective, Output, Source, criterion_named, latents_of, refine
-from etude.design.candidates import Drawn
+from etude.design.candidates import SampledPoint
 from etude.design.config import GROUP
 from etude.design.latents import planned
 from etude.design.objective import instants
@@ -41,7 +41,7 @@ def source(kind: str) -> Source:
 
 
 @cache
-def drawn(kind: str, seed: int) -> tuple[Drawn, Drawn, Source]:
+def drawn(kind: str, seed: int) -> tuple[SampledPoint, SampledPoint, Source]:
     """Two random candidates, and where they are from; nothing changes them."""
     given = source(kind)
     start, other = given.typical(np.random.default_rng(seed), 2)

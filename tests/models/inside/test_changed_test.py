@@ -15,7 +15,7 @@ from etude.models.change.change_detection import (
     evidence,
     independence,
     scores,
-    tails,
+    student_freedom,
 )
 
 GOLDEN = [0.0, 0.40342640972, 1.74435281944, 1.44465422916, 2.26995563888]
@@ -42,9 +42,9 @@ def test_scores_are_as_improbable_as_the_errors() -> None:
 def test_tails_are_those_of_held_out_errors_and_never_quite_normal() -> None:
     rng = np.random.default_rng(0)
     heavy = np.where(rng.uniform(size=(4000, 2)) < 0.5, t.rvs(3.0, size=(4000, 2), random_state=rng), np.nan)
-    assert 2.0 < tails(heavy) < 5.0
-    assert tails(rng.standard_normal((4000, 2))) == MOST_FREEDOM
-    assert tails(np.full((4, 2), np.nan)) == FREEDOM
+    assert 2.0 < student_freedom(heavy) < 5.0
+    assert student_freedom(rng.standard_normal((4000, 2))) == MOST_FREEDOM
+    assert student_freedom(np.full((4, 2), np.nan)) == FREEDOM
 
 
 def test_what_says_nothing_does_not_count() -> None:
@@ -58,8 +58,8 @@ def test_heavy_tails_are_no_other_robot_and_a_doubled_deviation_is() -> None:
     rng = np.random.default_rng(0)
     same, worth = t.rvs(5.0, size=(2000, 4), random_state=rng), np.full(4, 0.2)
     assert first_alarm(evidence(same, worth), ALARM) is not None
-    assert first_alarm(evidence(scores(same, tails(same)), worth), ALARM) is None
-    found = evidence(scores(2.0 * same, tails(same)), worth)
+    assert first_alarm(evidence(scores(same, student_freedom(same)), worth), ALARM) is None
+    found = evidence(scores(2.0 * same, student_freedom(same)), worth)
     at = first_alarm(found, ALARM)
     assert at is not None
     assert found[at] > ALARM >= found[at - 1]

@@ -8,7 +8,7 @@ from scipy import LowLevelCallable
 
 from etude.errors import NumericalError
 from etude.models.gp import likelihood_algebra
-from etude.models.gp.likelihood_algebra import BLOCK, by_parts, in_one, solved
+from etude.models.gp.likelihood_algebra import BLOCK, factor_by_lapack, factor_in_one_pass, solved
 
 ORDERS = (1, 7, BLOCK - 1, BLOCK, BLOCK + 1, 2 * BLOCK, 317)
 
@@ -31,7 +31,7 @@ def test_it_inverts_solves_and_takes_the_determinant(n: int, outputs: int) -> No
     K, Y = problem(n, outputs)
     use = likelihood_algebra.routines()
     assert use is not None
-    found = in_one(K, K.diagonal(), Y, use)
+    found = factor_in_one_pass(K, K.diagonal(), Y, use)
     assert found is not None
     alpha = np.linalg.solve(K, Y)
     # K times (m K^-1 - Σ α αᵀ) is m I - Σ y αᵀ
@@ -48,7 +48,7 @@ def test_it_is_as_good_as_lapack_s_three(noise: float) -> None:
     use = likelihood_algebra.routines()
     assert use is not None
     exact = in_extended_precision(K, Y)
-    one, parts = in_one(K, K.diagonal(), Y, use), by_parts(K, K.diagonal(), Y)
+    one, parts = factor_in_one_pass(K, K.diagonal(), Y, use), factor_by_lapack(K, K.diagonal(), Y)
     assert one is not None
     assert parts is not None
     off = [float(np.abs(whole(each.weights) - exact).max()) for each in (one, parts)]
@@ -116,7 +116,7 @@ def test_blocks_change_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     found = []
     for block in (1, 8, 29, 130):
         monkeypatch.setattr(likelihood_algebra, "BLOCK", block)
-        each = in_one(K, K.diagonal(), Y, use)
+        each = factor_in_one_pass(K, K.diagonal(), Y, use)
         assert each is not None
         found.append(each.weights)
     for other in found[1:]:

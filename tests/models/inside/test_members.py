@@ -27,7 +27,7 @@ from etude.design import Output, criterion_named, evaluate, value_of
 from etude.errors import UsageError
 from etude.models import Posteriors, load_model, member_named, prediction_score, save_model
 from etude.models.config import SPECTRAL
-from etude.models.data.fit_data import counted
+from etude.models.data.fit_data import complete_samples
 from etude.models.gp.shared_exact import condition_shared
 from etude.models.process_abilities import HasKernel
 
@@ -194,10 +194,10 @@ def test_each_name_trains_what_it_says() -> None:
     teaching = {name: MEMBERS[name](fit).teaching for name in MEMBERS}
     assert len(teaching["exact"].taught) == 30
     for name in ("dictionary_variance", "dictionary_error", "vfe", "fitc", "lwpr", "local_gp", *SPECTRAL):
-        np.testing.assert_array_equal(teaching[name].taught, counted(fit))
+        np.testing.assert_array_equal(teaching[name].taught, complete_samples(fit))
     for name in SPECTRAL:
         assert len(MEMBERS[name](fit).own[0].points) == 30
-    rows = counted(fit)
+    rows = complete_samples(fit)
     for rule in ("variance", "error"):  # only the error rule looks at the outputs
         other = np.random.default_rng(1).permuted(fit.Y, axis=0)
         members = [teaching[f"dictionary_{rule}"].on(rows, Y).own[0].X for Y in (fit.Y, other)]

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from etude.models import Cause, drift_onset
-from etude.models.change.diagnosis import FROZEN_S, SLOW, ExpectedCommands, cause, stuck
+from etude.models.change.diagnosis import FROZEN_S, SLOW, ExpectedCommands, cause, frozen_sensor
 from etude.models.change.evidence import block_sizes
 from etude.types import Array, Channel, Log, Samples
 
@@ -81,12 +81,12 @@ def samples(command_: Array, q: Array, plan: Array | None = None) -> Samples:
 
 class TestStuck:
     def test_nothing_is_stuck_that_moves(self) -> None:
-        assert stuck(samples(command(Q), Q, Q)) is None
+        assert frozen_sensor(samples(command(Q), Q, Q)) is None
 
     def test_a_command_is_certain_after_some_seconds(self) -> None:
         held = command(Q)
         held[100:, 2] = held[100, 2]
-        found = stuck(samples(held, Q))
+        found = frozen_sensor(samples(held, Q))
         assert found is not None
         assert found[0] == 2
         # a joint that turns round stands for a sample, and the count begins again
@@ -95,17 +95,17 @@ class TestStuck:
     def test_a_short_hold_is_not(self) -> None:
         held = command(Q)
         held[100:112, 2] = held[100, 2]
-        assert stuck(samples(held, Q)) is None
+        assert frozen_sensor(samples(held, Q)) is None
 
     def test_a_position_is_stuck_only_while_its_plan_moves(self) -> None:
         held = Q.copy()
         held[150:, 0] = held[150, 0]
-        found = stuck(samples(command(Q), held, Q))
+        found = frozen_sensor(samples(command(Q), held, Q))
         assert found is not None
         assert found[0] == 0
         assert T[found[1]] >= T[150] + FROZEN_S
-        assert stuck(samples(command(Q), held, held)) is None
-        assert stuck(samples(command(Q), held)) is None
+        assert frozen_sensor(samples(command(Q), held, held)) is None
+        assert frozen_sensor(samples(command(Q), held)) is None
 
 
 class TestManner:

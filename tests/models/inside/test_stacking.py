@@ -13,7 +13,7 @@ from learning_examples import PHYSICS, SMALL, Inputs, commanded, selection, traj
 from etude.models import load_model, save_model
 from etude.models.selection.candidate_errors import CandidateErrors
 from etude.models.selection.stacking import PRUNED, Moments, combined, pruned, stacked
-from etude.models.selection.width import covering, widths
+from etude.models.selection.width import coverage_factor, widths
 from etude.types import Array, Samples, joined_samples
 
 AUTO = replace(SMALL, rung="auto")
@@ -121,8 +121,8 @@ def test_a_single_log_widens_more_than_its_blocks_say() -> None:
 
 
 def test_a_spread_of_nothing_needs_no_width() -> None:
-    np.testing.assert_allclose(covering(0.0), 1.0, atol=1e-3)
-    assert covering(0.5) < covering(1.0) < covering(1.5)
+    np.testing.assert_allclose(coverage_factor(0.0), 1.0, atol=1e-3)
+    assert coverage_factor(0.5) < coverage_factor(1.0) < coverage_factor(1.5)
 
 
 def test_samples_at_which_all_err_do_not_decide() -> None:

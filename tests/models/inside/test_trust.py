@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from etude.models import trusted
-from etude.models.trust import REACH, TRUSTED, UNKNOWN, familiar, smoothstep, trust
+from etude.models.trust import REACH, TRUSTED, UNKNOWN, smoothstep, training_range_weight, trust
 
 
 def test_trust_falls_smoothly_from_one_to_nothing() -> None:
@@ -42,6 +42,6 @@ def test_where_nothing_was_to_be_learned_the_command_is_a_number() -> None:
 def test_familiar_inputs_are_those_within_the_ranges() -> None:
     ranges = np.array([[0.0, -1.0], [2.0, 1.0]])
     X = np.array([[1.0, 0.0], [2.0, 1.0], [2.0 + 2.0 * REACH, 0.0], [1.0, -9.0], [2.0 + REACH, 0.0]])
-    found = familiar(X, ranges)
+    found = training_range_weight(X, ranges)
     np.testing.assert_array_equal(found[:4], [1.0, 1.0, 0.0, 0.0])
     assert found[4] == 0.5

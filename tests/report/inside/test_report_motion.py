@@ -14,7 +14,7 @@ from synthetic_campaign import write_campaign
 from chromium import chromium, complaints, open_page, overhang
 from etude.report import build_report
 from etude.report.record import read_record
-from etude.report.scene import beyond, camera_of, cut, room_around
+from etude.report.scene import beyond, camera_of, clipped_polygon, room_around
 from etude.report.sections.motion import SIZE, motion, stage
 from etude.types import Figure, Thing
 from etude_arm import KIND
@@ -113,12 +113,12 @@ def test_faces_are_cut_to_what_is_drawn() -> None:
     face = square("floor", "plane", 0.0, 50.0).points[0]
     one = np.ones(3)
     np.testing.assert_allclose(
-        sorted(cut(face, -one, one).tolist()), [[-1, -1, 0], [-1, 1, 0], [1, -1, 0], [1, 1, 0]]
+        sorted(clipped_polygon(face, -one, one).tolist()), [[-1, -1, 0], [-1, 1, 0], [1, -1, 0], [1, 1, 0]]
     )
-    corner = cut(np.array([[0.0, 0.0, 0.0], [4.0, 0.0, 0.0], [0.0, 4.0, 0.0]]), -one, one)
+    corner = clipped_polygon(np.array([[0.0, 0.0, 0.0], [4.0, 0.0, 0.0], [0.0, 4.0, 0.0]]), -one, one)
     assert sorted(corner.tolist()) == [[0, 0, 0], [0, 1, 0], [1, 0, 0], [1, 1, 0]]
-    assert len(cut(face + 2.0, -one, one)) == 0
-    assert set(cut(np.array([[0.0, 0, 0], [0, 0, -3]]), -one, one)[:, 2].tolist()) == {0.0, -1.0}
+    assert len(clipped_polygon(face + 2.0, -one, one)) == 0
+    assert set(clipped_polygon(np.array([[0.0, 0, 0], [0, 0, -3]]), -one, one)[:, 2].tolist()) == {0.0, -1.0}
 
 
 def test_the_drawing_holds_what_is_near_and_says_what_is_not() -> None:

@@ -33,7 +33,7 @@ from etude.report.record import read_record
 from etude.report.scene import Path as Flown
 from etude.report.scene import SceneBox, project, room_of, scene
 from etude.report.sections import paths
-from etude.report.sections.paths import DRAWING, Gone, equal_limits, shades
+from etude.report.sections.paths import DRAWING, DrawnMotion, equal_limits, shades
 from etude.report.sections.prediction import Z95, ExpectedError, expected_error, newest_expected_error
 from etude.storage import sha256_of
 from etude.types import Channel, Log, Samples
@@ -182,7 +182,7 @@ def test_bright_is_where_the_deviation_is_large() -> None:
     samples = Samples(log, np.zeros(50, dtype=np.int64), every, every)
     deviation = np.where(t < 5.0, 0.01, 0.1)[:, None]
     said = ExpectedError(samples, np.zeros((50, 1)), deviation, place)
-    source = paths._scene(Gone("f", Flown(t, place), said), ROOM, (0.01, 0.1), "V")
+    source = paths._scene(DrawnMotion("f", Flown(t, place), said), ROOM, (0.01, 0.1), "V")
     strokes = re.findall(r"stroke:(#\w{6})", source)
     rgb = np.array([[int(s[i : i + 2], 16) for i in (1, 3, 5)] for s in strokes], dtype=float)
     assert len(strokes) == 2

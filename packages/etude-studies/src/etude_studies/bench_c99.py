@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from etude.deploy import CForm, Files, c_files, parts_of, session, taken_by, written
+from etude.deploy import CForm, Files, c_files, graph_inputs, parts_of, session, written
 from etude.errors import UsageError
 from etude.types import Array
 from etude_studies.c99_models import Sized, sized
@@ -182,7 +182,7 @@ def _beside_onnx(own: Sized, rows: list[Row]) -> list[Row]:
         return []
     mean = {row.metric: row.value for row in rows}
     found, parts = [], parts_of(own.model)
-    widths = taken_by(parts, own.kind.channels(own.spec)).widths
+    widths = graph_inputs(parts, own.kind.channels(own.spec)).widths
     for kind, dtype in (("double", np.float64), ("float", np.float32)):
         ask = session(written(parts, widths, dtype, variance=False, fade=False))
         x = np.full((1, own.model.ranges.shape[1]), 0.1, dtype=dtype)

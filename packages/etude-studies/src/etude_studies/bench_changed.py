@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from etude.models import Judged, judged, near
+from etude.models import ChangeTest, change_test, near_times
 from etude.progress import counted
 from etude.types import Index, Samples, joined_samples
 from etude_arm import filter_cutoff
@@ -70,7 +70,7 @@ def thirds(logs: Sequence[Samples], gap_s: float) -> list[Split]:
     splits = []
     for number in range(THIRDS):
         train = [
-            grouped(log, THIRDS * i + own).take((own != number) & ~near(log.t, own == number, gap_s))
+            grouped(log, THIRDS * i + own).take((own != number) & ~near_times(log.t, own == number, gap_s))
             for i, (log, own) in enumerate(zip(logs, place, strict=True))
         ]
         tests = [log.take(own == number) for log, own in zip(logs, place, strict=True)]
@@ -104,13 +104,13 @@ def larger(samples: Samples) -> Samples:
 
 def rows_of(world: World, name: str, splits: Sequence[Split], seed: int) -> list[Row]:
     """False alarms, the largest evidence, and how often larger commands are noticed."""
-    same: list[Judged] = []
-    changed: list[Judged] = []
+    same: list[ChangeTest] = []
+    changed: list[ChangeTest] = []
     for train, tests in splits:
         rng = np.random.default_rng(seed)
         model = world.learned(train, world.config.model, rng, body=False).model
-        same += [judged(model, test) for test in tests]
-        changed += [judged(model, larger(test)) for test in tests]
+        same += [change_test(model, test) for test in tests]
+        changed += [change_test(model, larger(test)) for test in tests]
     of = f"of {len(same)} parts"
     alarms, noticed = (sum(found.alarm is not None for found in own) for own in (same, changed))
     return [

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from etude.errors import UsageError
-from etude.models import Judged, ModelConfig, judged, select_structures
+from etude.models import ChangeTest, ModelConfig, change_test, select_structures
 from etude.types import joined_samples
 from etude_studies.crazypad import MOTORS, NORMAL, Flight, Inputs, flights
 from etude_studies.rows import Row, rows_json, table
@@ -29,7 +29,7 @@ def run(*, json: bool = False, seed: int = 0, logs: Path | None = None) -> list[
     if logs is None:
         raise UsageError("CrazyPAD is not part of the project", where="--logs", next_step="Name its folder.")
     every = flights(logs)
-    found: dict[str, list[Judged]] = {}
+    found: dict[str, list[ChangeTest]] = {}
     for machine in dict.fromkeys(flight.machine for flight in every):
         for condition, one in of_machine([f for f in every if f.machine == machine], seed):
             found.setdefault(condition, []).append(one)
@@ -41,7 +41,7 @@ def run(*, json: bool = False, seed: int = 0, logs: Path | None = None) -> list[
     return rows
 
 
-def of_machine(own: Sequence[Flight], seed: int) -> list[tuple[str, Judged]]:
+def of_machine(own: Sequence[Flight], seed: int) -> list[tuple[str, ChangeTest]]:
     """Condition and test of each flight that taught nothing."""
     normal = [f for f in own if f.condition == NORMAL]
     known = normal[: (len(normal) + 1) // 2]
@@ -50,10 +50,10 @@ def of_machine(own: Sequence[Flight], seed: int) -> list[tuple[str, Judged]]:
     samples = joined_samples([f.samples for f in known])
     rng, limit = np.random.default_rng(seed), np.ones(len(MOTORS))
     model = select_structures(samples, Inputs(), {}, limit, MODEL, rng).model  # type: ignore[arg-type]
-    return [(f.condition, judged(model, f.samples)) for f in own if f not in known]
+    return [(f.condition, change_test(model, f.samples)) for f in own if f not in known]
 
 
-def rows_of(condition: str, found: Sequence[Judged]) -> list[Row]:
+def rows_of(condition: str, found: Sequence[ChangeTest]) -> list[Row]:
     """How many flights alarm, and how large their errors are."""
     alarms = sum(one.alarm is not None for one in found)
     return [

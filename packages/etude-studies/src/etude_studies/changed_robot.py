@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from etude.models import Judged, first_alarm, judged
+from etude.models import ChangeTest, change_test, first_alarm
 from etude.progress import counted
 from etude.protocols import Trajectory
 from etude.storage import write_atomic
@@ -108,11 +108,11 @@ def measured(robot: str, seed: int) -> dict[str, Any]:
     found: dict[str, Any] = {"rated": rated, "worth": model.worth().tolist(), "freedom": model.freedom}
     for name, what in whats.items():
         samples = world.samples(plant.run(world.motion(rng), rng, what))
-        found[name] = facts_of(judged(model, samples), samples.t)
+        found[name] = facts_of(change_test(model, samples), samples.t)
     return found
 
 
-def facts_of(found: Judged, t: Array) -> dict[str, Any]:
+def facts_of(found: ChangeTest, t: Array) -> dict[str, Any]:
     """The test of one log as a cell keeps it; t (n,) s of motion."""
     return {
         "largest": float(found.evidence.max()),

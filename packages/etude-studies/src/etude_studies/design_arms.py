@@ -9,7 +9,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from etude.design import MOTIONS, Source, design_chain, linked, prior_latents
+from etude.design import MOTIONS, Source, design_chain, linked_chain, prior_latents
 from etude.models import LearnedModel, Structure
 from etude.protocols import Controller, Trajectory
 from etude.trajectories import segment_starts
@@ -52,7 +52,7 @@ class Arm:
 
     def chained(self, segments: Sequence[Trajectory]) -> Trajectory:
         """One recording of the segments."""
-        return linked(segments, self.approaches, self.limits, self.home)[0]
+        return linked_chain(segments, self.approaches, self.limits, self.home)[0]
 
     def approaches(self, motion: Trajectory, pose: Array) -> Any:
         return self.world.kind.approaches(self.world.spec, motion, pose)

@@ -25,7 +25,7 @@ from etude.models import (
     Linear,
     LinearPhysics,
     SquaredExponential,
-    near,
+    near_times,
     structured,
 )
 from etude.types import Array, Column, Log, Samples
@@ -177,10 +177,10 @@ def folds(log: Log, world: World, choice: Choice) -> Iterator[tuple[Samples, Sam
     samples, gap = world.samples(log, data=data), 1.0 / filter_cutoff(log, data)
     block = np.argsort(np.argsort(samples.t, kind="stable")) * COUNT // len(samples)
     test = block % EVERY == FIRST
-    known = ~test & ~near(samples.t, test, gap)
+    known = ~test & ~near_times(samples.t, test, gap)
     for remainder in sorted(set(range(EVERY)) - {FIRST}):
         own = known & (block % EVERY == remainder) & (block > 0) & (block < COUNT - 1)
-        yield samples.take(known & ~own & ~near(samples.t, own, gap)), samples.take(own)
+        yield samples.take(known & ~own & ~near_times(samples.t, own, gap)), samples.take(own)
 
 
 def _arms(logs: Path | None, only: Sequence[str]) -> Iterator[tuple[str, tuple[Log, World]]]:

@@ -17,7 +17,7 @@ from pathlib import Path
 
 import numpy as np
 
-from etude.models import Folds, fold_numbers, near, split_blocks
+from etude.models import Folds, fold_numbers, near_times, split_blocks
 from etude.types import Array, Log, Samples
 from etude_arm import filter_cutoff
 from etude_lagrangian import all_lin, data_together
@@ -69,7 +69,7 @@ def splits(log: Log, world: World) -> Iterator[tuple[str, Samples, Samples]]:
     rank = np.argsort(np.argsort(samples.t, kind="stable")) * QUARTERS // len(samples)
     for quarter in range(QUARTERS):
         test = rank == quarter
-        train = ~test & ~near(samples.t, test, gap)
+        train = ~test & ~near_times(samples.t, test, gap)
         yield f"quarter{quarter + 1}", samples.take(train), samples.take(test)
 
 

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 import etude
-from etude.models import near, split_blocks
+from etude.models import near_times, split_blocks
 from etude.types import Array, Log, Mask, Samples
 from etude_arm import filter_cutoff
 from etude_studies.world import World
@@ -109,7 +109,7 @@ def quarter_masks(t: Array, gap_s: float) -> Iterator[tuple[Mask, Mask]]:
     place = np.argsort(np.argsort(t, kind="stable")) * QUARTERS // len(t)
     for number in range(QUARTERS):
         test = place == number
-        yield ~test & ~near(t, test, gap_s), test
+        yield ~test & ~near_times(t, test, gap_s), test
 
 
 def panda(path: Path) -> Recording:

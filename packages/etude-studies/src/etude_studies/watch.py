@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from etude.models import Judged, LearnedModel, drift_onset, judged
+from etude.models import ChangeTest, LearnedModel, change_test, drift_onset
 from etude.storage import write_atomic
 from etude.types import Log, Samples
 from etude_studies.broken_sensors import FAULTS, broken
@@ -90,7 +90,7 @@ def several_runs(robot: str, seed: int) -> dict[str, Any]:
     found = {"robot": robot}
     for name, factors in (("growing", GROWING), ("sudden", SUDDEN)):
         runs: list[Log] = [plant.run(world.motion(rng), rng, {"friction": f}) for f in factors]
-        found[name] = drift_onset([judged(model, world.samples(log)).sizes for log in runs])
+        found[name] = drift_onset([change_test(model, world.samples(log)).sizes for log in runs])
     return found
 
 
@@ -111,5 +111,5 @@ def _fault(seed: int, joints: int) -> tuple[str, int]:
 
 
 def _facts(model: LearnedModel, samples: Samples) -> dict[str, Any]:
-    found: Judged = judged(model, samples)
+    found: ChangeTest = change_test(model, samples)
     return facts_of(found, samples.t)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from etude.errors import UsageError
-from etude.models import Judged
+from etude.models import ChangeTest
 from etude.types import Channel, Log, Samples
 from etude_studies.bench_changed import GAIN, larger, others, thirds
 from etude_studies.changed_robot import OTHERS, facts_of
@@ -53,7 +53,7 @@ def test_rows_count_false_alarms_soon_and_late_ones_and_names_of_the_noticed() -
 
 
 def test_a_cell_keeps_when_other_thresholds_were_passed() -> None:
-    facts = facts_of(Judged(np.array([1.0, 6.0, 9.0, 18.0]), 3, 4.0, "load", 0), np.arange(4.0))
+    facts = facts_of(ChangeTest(np.array([1.0, 6.0, 9.0, 18.0]), 3, 4.0, "load", 0), np.arange(4.0))
     assert (facts["largest"], facts["alarm_s"], facts["named"]) == (18.0, 3.0, "load")
     assert facts["others"] == dict(zip((f"{h:g}" for h in OTHERS), (1.0, 2.0, 3.0, None, None), strict=True))
 

@@ -20,7 +20,7 @@ from etude.campaign.record.events import Created, Exported
 from etude.campaign.record.folder import ROBOT, Campaign, open_campaign
 from etude.campaign.record.stored_files import EXPORTS, MARK, require_description, stored_trajectory
 from etude.campaign.record.stored_models import ingested_samples, stored_log
-from etude.deploy.trajectory_target import Bounded
+from etude.deploy.trajectory_target import MotionWithLimits
 from etude.errors import EtudeError, UsageError
 from etude.progress import counted, part
 from etude.protocols import Target, Trajectory
@@ -50,7 +50,7 @@ class ModelFiles:
     facts: Mapping[str, Any]
 
 
-def bounded_motion(campaign: Campaign, motion: str | Path | Trajectory | None) -> Bounded:
+def bounded_motion(campaign: Campaign, motion: str | Path | Trajectory | None) -> MotionWithLimits:
     """A motion with its limits, less the margins of tracking with the learned feedforward.
 
     Args:
@@ -62,14 +62,14 @@ def bounded_motion(campaign: Campaign, motion: str | Path | Trajectory | None) -
     return _proposed(campaign) if motion is None else _given(campaign, motion)
 
 
-def _given(campaign: Campaign, motion: str | Path | Trajectory) -> Bounded:
+def _given(campaign: Campaign, motion: str | Path | Trajectory) -> MotionWithLimits:
     if isinstance(motion, str | Path):
         place = Path(motion)
         if not place.is_file():
             raise UsageError("there is no such motion", where=str(place), next_step="Check the path.")
         motion = _read(campaign, place)
     kept = constraints_now(campaign, campaign.state(), LEARNED)
-    return Bounded(motion, kept.limits_as_played(campaign, motion), kept.control)
+    return MotionWithLimits(motion, kept.limits_as_played(campaign, motion), kept.control)
 
 
 def _read(campaign: Campaign, place: Path) -> Trajectory:
@@ -88,7 +88,7 @@ def _read(campaign: Campaign, place: Path) -> Trajectory:
         ) from None
 
 
-def _proposed(campaign: Campaign) -> Bounded:
+def _proposed(campaign: Campaign) -> MotionWithLimits:
     """The newest proposal, with or without a log."""
     asked = [own for _, own in sorted(campaign.state().rounds.items()) if own.asked is not None]
     if not asked:
@@ -98,7 +98,7 @@ def _proposed(campaign: Campaign) -> Bounded:
     newest = asked[-1]
     motion = stored_trajectory(campaign, newest.number)
     kept = constraints_under(campaign, newest.number, LEARNED)
-    return Bounded(motion, kept.limits_as_played(campaign, motion, described=True), kept.control)
+    return MotionWithLimits(motion, kept.limits_as_played(campaign, motion, described=True), kept.control)
 
 
 def supplied(campaign: Campaign, needs: Sequence[str], given: Mapping[str, Any]) -> dict[str, Any]:

@@ -18,7 +18,7 @@ from etude.campaign.record.folder import Campaign, Say
 from etude.errors import DataError, UnsafeTrajectoryError, UsageError
 from etude.logs.columns.units import start_at_zero
 from etude.models.change.diagnosis import Cause
-from etude.models.change.evidence import DriftOnset, Judged, drift_onset, judged
+from etude.models.change.evidence import ChangeTest, DriftOnset, change_test, drift_onset
 from etude.types import Samples
 
 Verdict = Literal["unchanged", "changed", "refused"]
@@ -52,7 +52,7 @@ class WatchedLog:
     evidence: float = 0.0
     z2: float = 0.0
     command: str = ""
-    found: Judged | None = None
+    found: ChangeTest | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,14 +132,16 @@ def _one(campaign: Campaign, used: DeployedModel, path: Path, degrees: bool, ans
         log = start_at_zero(read(campaign, path, degrees=degrees, asked=asked))
         group = np.zeros(len(log), dtype=np.int64)
         samples = campaign.kind.samples(campaign.spec, campaign.config, [log], [group])
-        return of_samples(path, judged(used.model, samples, body_of(campaign.kind, campaign.spec)), samples)
+        return of_samples(
+            path, change_test(used.model, samples, body_of(campaign.kind, campaign.spec)), samples
+        )
     except KeyError as error:
         return WatchedLog(path, "refused", f"it lacks an input of the model ({error.args[0]})")
     except DataError as error:
         return WatchedLog(path, "refused", error.fact)
 
 
-def of_samples(path: Path, found: Judged, samples: Samples) -> WatchedLog:
+def of_samples(path: Path, found: ChangeTest, samples: Samples) -> WatchedLog:
     """The result of the test of a log's samples, in words."""
     most, z2 = float(found.evidence.max(initial=0.0)), found.z2
     if found.alarm is None:

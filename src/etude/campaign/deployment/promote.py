@@ -19,7 +19,7 @@ from etude.errors import DataError, UsageError, typed
 from etude.models.accuracy import (
     LEAST_COVERED,
     LEAST_SEGMENTS,
-    Compared,
+    ErrorRatio,
     by_segment,
     compared,
     coverage,
@@ -57,7 +57,7 @@ class Promotion:
     promoted: bool
     repeated: bool = False
     forced: bool = False
-    compared: tuple[Compared, ...] = ()
+    compared: tuple[ErrorRatio, ...] = ()
     narrow: tuple[float | None, ...] = ()
     wide: tuple[float | None, ...] = ()
     refused: tuple[Notice, ...] = ()
@@ -153,13 +153,13 @@ def _judged(campaign: Campaign, state: State, number: int, digest: str, force: b
     )
 
 
-def _with_physics(left_out: CrossValidationResiduals) -> Compared:
+def _with_physics(left_out: CrossValidationResiduals) -> ErrorRatio:
     segments = np.unique(left_out.group).tolist()
     both = (by_segment(e, left_out.group, segments) for e in (left_out.error, left_out.physics))
     return compared(WORDS[left_out.structure], *both)
 
 
-def _with_deployed_model(campaign: Campaign, state: State, left_out: CrossValidationResiduals) -> Compared:
+def _with_deployed_model(campaign: Campaign, state: State, left_out: CrossValidationResiduals) -> ErrorRatio:
     """Comparison with the deployed model, on segments of logs that it was not trained on."""
     number, promoted = state.promoted[-1]
     before = promoted_model(campaign, number, promoted)
@@ -210,7 +210,7 @@ def _learned_logs(state: State) -> tuple[str, ...]:
     return tuple(sorted(r.ingested.sha256 for r in state.ingested if r.ingested and r.number in logs))
 
 
-def _reasons(found: Sequence[Compared]) -> list[Notice]:
+def _reasons(found: Sequence[ErrorRatio]) -> list[Notice]:
     """Reasons against the model, from held-out errors.
 
     Physics is among the model's candidates, so that the model may be equal to it. But it must be better than

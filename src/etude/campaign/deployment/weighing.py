@@ -22,7 +22,7 @@ from etude.campaign.record.state import State
 from etude.campaign.record.stored_files import FULL, require_description, take_up
 from etude.campaign.record.stored_models import newest_model
 from etude.deploy.trajectory_files import TrajectoryFiles, render
-from etude.design.candidates import Drawn, Roamed, Source
+from etude.design.candidates import ClearPoseSource, SampledPoint, Source
 from etude.design.objective import instants
 from etude.design.solve import search
 from etude.errors import UsageError
@@ -55,7 +55,7 @@ STEP = 1e-5
 @dataclass(frozen=True, eq=False)
 class Weighs:
     """Information of a motion on a load: minus half the log determinant of the posterior covariance of mass
-    and first moments. Implements `solve.Sought`.
+    and first moments. Implements `objective.SearchFunction`.
 
     Attributes:
         model, body, apparent, mass: see `load_forecast`.
@@ -177,13 +177,13 @@ def _propose(
 
 def _candidates(
     campaign: Campaign, family: Family, limits: Sequence[Limit], rng: np.random.Generator
-) -> list[Drawn]:
+) -> list[SampledPoint]:
     """Random motions; between obstacles where there are some."""
     config, roam = campaign.config.design, roam_of(campaign, family, ())
     if roam is None:
         source = Source(family, tuple(limits), campaign.kind.home(campaign.spec), config.sampler)
         return source.candidates(rng, CANDIDATES)
-    between = Roamed.of(family, tuple(limits), roam, config.sampler)
+    between = ClearPoseSource.of(family, tuple(limits), roam, config.sampler)
     return [one for _ in range(REGIONS) for one in between.candidates(rng, CANDIDATES)]
 
 

@@ -18,7 +18,7 @@ from etude.campaign.record.stored_models import stored_model
 from etude.errors import DataError, UsageError
 from etude.logs.cleaning.filters import duration
 from etude.models.change.diagnosis import SENSOR, Cause
-from etude.models.change.evidence import Judged, judged
+from etude.models.change.evidence import ChangeTest, change_test
 from etude.models.learned_model import LearnedModel
 from etude.types import Array, Finding, Log, Samples
 
@@ -79,7 +79,7 @@ def _by_errors(campaign: Campaign, state: State, log: Log, samples: Samples) -> 
         return None
     try:
         model = stored_model(campaign, state.trained[-1].number)
-        found = judged(model, samples, body_of(campaign.kind, campaign.spec))
+        found = change_test(model, samples, body_of(campaign.kind, campaign.spec))
         few = len(state.newest.logs) < LEAST_LOGS
         return None if few and not _enormous(found) else _finding(model, found, samples.t, duration(log))
     # an input that this log lacks; training reports a damaged model
@@ -87,7 +87,7 @@ def _by_errors(campaign: Campaign, state: State, log: Log, samples: Samples) -> 
         return None
 
 
-def _enormous(found: Judged) -> bool:
+def _enormous(found: ChangeTest) -> bool:
     return (
         float(found.evidence.max(initial=0.0)) > ENORMOUS
         and found.size is not None
@@ -95,7 +95,7 @@ def _enormous(found: Judged) -> bool:
     )
 
 
-def _finding(model: LearnedModel, found: Judged, t: Array, seconds: float) -> Finding | None:
+def _finding(model: LearnedModel, found: ChangeTest, t: Array, seconds: float) -> Finding | None:
     if found.alarm is None:
         return None
     at = float(t[found.alarm])
@@ -111,7 +111,7 @@ def _finding(model: LearnedModel, found: Judged, t: Array, seconds: float) -> Fi
 TURNED = -0.5  # a factor below is an inverted sign
 
 
-def _figure(model: LearnedModel, found: Judged) -> str:
+def _figure(model: LearnedModel, found: ChangeTest) -> str:
     """Text such as ", 0.46 +- 0.02 kg at the last link"; "" where the cause has no number."""
     size = found.size
     if size is None:

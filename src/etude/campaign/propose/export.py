@@ -16,8 +16,8 @@ from etude.campaign.record.events import Exported
 from etude.campaign.record.folder import Campaign
 from etude.campaign.record.stored_files import settle
 from etude.campaign.record.stored_models import of_another_body
-from etude.deploy.feedforward import Commanded, accelerated, commanded, require_forces
-from etude.deploy.playback_certificate import played
+from etude.deploy.feedforward import MotionWithCommands, require_forces, with_accelerations, with_commands
+from etude.deploy.playback_certificate import certified_playback
 from etude.deploy.trajectory_files import command_unit
 from etude.limits.certificate import Certificate
 from etude.models.learned_model import LearnedModel
@@ -84,7 +84,9 @@ def export(
     own = asked_under(campaign.round(number).asked)
     constraints = constraints_under(campaign, number, LEARNED if effort else next(iter(own), FEEDBACK))
     limits = constraints.limits_as_played(campaign, trajectory)
-    files, certificate = played(exporter, what, campaign.kind, campaign.spec, limits, constraints.control)
+    files, certificate = certified_playback(
+        exporter, what, campaign.kind, campaign.spec, limits, constraints.control
+    )
     place = folder / (f"{name}_effort" if effort else name)
     contents = {**files, CERTIFICATE: _proof(certificate)}
     fact = Exported(format=name, effort=effort)
@@ -99,13 +101,15 @@ def _proof(certificate: Certificate) -> bytes:
     return (json.dumps(words, indent=1) + "\n").encode()
 
 
-def _with_effort(campaign: Campaign, trajectory: Trajectory) -> Commanded:
+def _with_effort(campaign: Campaign, trajectory: Trajectory) -> MotionWithCommands:
     unit = command_unit(campaign.spec)
     require_forces(unit, campaign.spec.name, "Export without --effort.")
-    return commanded(trajectory, model_to_command(campaign).model)
+    return with_commands(trajectory, model_to_command(campaign).model)
 
 
-def _accelerated(campaign: Campaign, what: Trajectory | Commanded) -> Trajectory | Commanded:
+def _accelerated(
+    campaign: Campaign, what: Trajectory | MotionWithCommands
+) -> Trajectory | MotionWithCommands:
     """The motion with the accelerations of flights that collect logs, once a model exists."""
     if not isinstance(campaign.kind, SupportsCollecting) or not campaign.state().trained:
         return what
@@ -116,10 +120,12 @@ def _accelerated(campaign: Campaign, what: Trajectory | Commanded) -> Trajectory
 
 
 def accelerated_by(
-    campaign: Campaign, what: Trajectory | Commanded, model: LearnedModel
-) -> Trajectory | Commanded:
+    campaign: Campaign, what: Trajectory | MotionWithCommands, model: LearnedModel
+) -> Trajectory | MotionWithCommands:
     """The motion with the accelerations that this model gives to flights that collect logs."""
     kind = campaign.kind
     if not isinstance(kind, SupportsCollecting):
         return what  # it collects under feedback alone
-    return accelerated(what, kind.collecting(campaign.spec, campaign.config, model), model.inputs.orders)
+    return with_accelerations(
+        what, kind.collecting(campaign.spec, campaign.config, model), model.inputs.orders
+    )

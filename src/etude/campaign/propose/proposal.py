@@ -27,7 +27,7 @@ from etude.protocols import Family, Inputs, Limit, Model, Trajectory
 from etude.types import Array, Reachable
 
 if TYPE_CHECKING:
-    from etude.design.candidates import Roam, Visited
+    from etude.design.candidates import ReachablePoses, VisitedTimes
 
 FIRST = {"scaled": "random, scaled to the limits", "uniform": "random, uniform on what is allowed"}
 """What a random first trajectory is, by the sampler that draws it."""
@@ -91,16 +91,16 @@ def _random(
     campaign: Campaign, rng: np.random.Generator, limits: Sequence[Limit]
 ) -> tuple[Trajectory, Asked]:
     """A chain of random segments."""
-    from etude.design.chain_design import cut_short, linked
+    from etude.design.chain_design import dropped_sentence, linked_chain
 
     family = campaign.kind.family(campaign.spec, campaign.config)
     count = segments_of(campaign, family)
     motions = typical_motions(campaign, rng, count, limits, grown=True)
     home = campaign.kind.home(campaign.spec)
-    trajectory, kept = linked(motions, approaches_of(campaign), limits, home)
+    trajectory, kept = linked_chain(motions, approaches_of(campaign), limits, home)
     several = f"{kept} segments, " if kept > 1 else ""
     status = f"{several}{FIRST[campaign.config.design.sampler]}: nothing has been learned yet"
-    return trajectory, Asked(status=status + cut_short(count - kept))
+    return trajectory, Asked(status=status + dropped_sentence(count - kept))
 
 
 SMALL = 0.1
@@ -138,14 +138,14 @@ class Swept:
 
 def swept(campaign: Campaign, trajectory: Trajectory, limits: Sequence[Limit]) -> tuple[Swept, ...]:
     """Covered range of each axis; () for kinds without `reachable` and for motions without segments."""
-    from etude.design.candidates import Visited
+    from etude.design.candidates import VisitedTimes
 
     reach = reachable(campaign)
     pieces = [piece for _, label, piece in trajectory.pieces() if label == "segment"]
     if reach is None or not pieces:
         return ()
     whole = replace(reach, poses=reach.poses[:0])
-    of_range, of_clear = (Visited.nothing(own).adding([trajectory]).share() for own in (whole, reach))
+    of_range, of_clear = (VisitedTimes.nothing(own).adding([trajectory]).share() for own in (whole, reach))
     times = [piece.duration * np.linspace(0.0, 1.0, LOOKED_AT) for piece in pieces]
     way = np.concatenate([p.motion(t, 1).orders[0] for p, t in zip(pieces, times, strict=True)])
     held = [_held(reach, way, j, limits, pieces[0].form) for j in range(len(of_range))]
@@ -191,28 +191,28 @@ def reachable(campaign: Campaign) -> Reachable | None:
     return kind.reachable(campaign.spec) if isinstance(kind, SupportsReachable) else None
 
 
-def roam_of(campaign: Campaign, family: Family, open_ones: Sequence[Trajectory]) -> Roam | None:
+def roam_of(campaign: Campaign, family: Family, open_ones: Sequence[Trajectory]) -> ReachablePoses | None:
     """Region for the search of the next motion; None for robots without obstacles.
 
     Args:
         campaign: the folder. family: of the motion's segments.
         open_ones: proposals that await their logs.
     """
-    from etude.design.candidates import Roam
+    from etude.design.candidates import ReachablePoses
 
     reach = reachable(campaign)
     if reach is None or not len(reach.poses):
         return None
     visited = visited_by(campaign, reach).adding(open_ones)
     segment = family.trajectory(np.zeros(family.size)).duration
-    return Roam(reach, visited, visited.total + segments_of(campaign, family) * segment)
+    return ReachablePoses(reach, visited, visited.total + segments_of(campaign, family) * segment)
 
 
-def visited_by(campaign: Campaign, reach: Reachable) -> Visited:
+def visited_by(campaign: Campaign, reach: Reachable) -> VisitedTimes:
     """Poses that the motions with a log have visited, as planned; for unsolicited logs, as recorded."""
-    from etude.design.candidates import Visited
+    from etude.design.candidates import VisitedTimes
 
-    found = Visited.nothing(reach)
+    found = VisitedTimes.nothing(reach)
     for ingested in campaign.state().ingested:
         if ingested.asked is not None and not (ingested.ingested and ingested.ingested.foreign):
             with contextlib.suppress(UsageError):

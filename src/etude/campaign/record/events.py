@@ -343,8 +343,9 @@ class Promoted(Fact):
 
     Attributes:
         sha256: of its file. forced: against the data. reason: why. refused: reasons against it.
-        compared: rows of `models.score.Compared`. narrow, wide: parts of held-out commands inside the 50 %
-            and 95 % intervals. logs: hashes of the logs in the model.
+        compared: rows of `models.accuracy.ErrorRatio`.
+        narrow, wide: parts of held-out commands inside the 50 % and 95 % intervals.
+        logs: hashes of the logs in the model.
     """
 
     EVENT: ClassVar[str] = "promoted"

@@ -20,7 +20,7 @@ from etude.campaign.record.folder import Campaign
 from etude.campaign.record.stored_files import proposal_advice, speed_folder, stored_bytes
 from etude.campaign.run.run_history import FULL
 from etude.campaign.run.supervision import bounds_for
-from etude.deploy.playback_certificate import learned_part, played
+from etude.deploy.playback_certificate import certified_playback, learned_part
 from etude.deploy.trajectory_files import COEFFICIENTS, at_speed
 from etude.drivers import About, Bounds, PlannedMotion, first_segment_ends, planned
 from etude.drivers.contract import MotionPart
@@ -81,7 +81,7 @@ class Learned:
         exporter, trajectory = plugins.load(GROUP, name), motion.trajectory
         what = accelerated_by(campaign, trajectory, model)
         limits = motion.constraints.limits_as_played(campaign, trajectory)
-        files, _ = played(exporter, what, campaign.kind, campaign.spec, limits, LEARNED)
+        files, _ = certified_playback(exporter, what, campaign.kind, campaign.spec, limits, LEARNED)
         found = learned_part(exporter, files)
         return cls(np.zeros(1), np.zeros((1, len(campaign.axes)))) if found is None else cls(*found)
 

@@ -7,7 +7,7 @@ from textwrap import wrap
 
 from etude import __version__
 from etude.deploy.c99.plan import UNBOUNDED, Plan, parts_in_c
-from etude.deploy.model_states import fading
+from etude.deploy.model_states import outside_training_sentence
 
 
 @dataclass(frozen=True)
@@ -212,7 +212,7 @@ def _far(plan: Plan, form: CForm) -> str:
     """What becomes of commands outside."""
     if not form.fade:
         return "   commands are the mean given the data everywhere, whatever that is worth there."
-    return "\n".join(f"   {line}" for line in wrap(_plain(fading(plan.model)), 100))
+    return "\n".join(f"   {line}" for line in wrap(_plain(outside_training_sentence(plan.model)), 100))
 
 
 def _faded(form: CForm) -> str:

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from etude.abilities import SupportsStateText
-from etude.deploy.model_states import IN_PYTHON, LEARN_OTHERWISE, WITHOUT_PHYSICS, labels, trained
+from etude.deploy.model_states import IN_PYTHON, LEARN_OTHERWISE, WITHOUT_PHYSICS, labels, training_ranges
 from etude.errors import UsageError
 from etude.models.gp.c99 import UnwritableError
 from etude.models.learned_model import LearnedModel
@@ -152,7 +152,7 @@ def planned(model: LearnedModel, kind: Kind, spec: Any, name: str) -> Plan:
     available = {channel.name: channel for channel in kind.channels(spec)}
     reads = dict.fromkeys([*inputs.reads, *(read for code in means.values() for read in code.reads)])
     channels = tuple(available[read] for read in reads)
-    low, high = trained(model, channels, UNBOUNDED)
+    low, high = training_ranges(model, channels, UNBOUNDED)
     command = next(c for c in available.values() if c.role == "command")
     limit = np.asarray(kind.limit(spec), dtype=float)
     known = kind.expected(spec).limits.get(command.name)

@@ -19,7 +19,7 @@ OF_NOISE = 0.1
 """Part of a command's own noise by which float may differ: it then adds half a per cent to its deviation."""
 
 
-def allowed(plan: Plan) -> float:
+def float_tolerance(plan: Plan) -> float:
     """What float may differ by, as a part of a command's limit: what its noise hides, and SINGLE at least."""
     noise = np.zeros(len(plan.limit))
     for candidate in plan.candidates:
@@ -59,7 +59,7 @@ class Golden:
     flags: Index
 
 
-def golden(
+def golden_vectors(
     plan: Plan, count: int = COUNT, seed: int = SEED, *, single: bool = False, fade: bool = True
 ) -> Golden:
     """Vectors of a plan: every state swings to and fro, so that what remembers directions is asked.
@@ -80,10 +80,10 @@ def golden(
     states[::17] = middle + half * rng.uniform(-5.0, 5.0, size=states[::17].shape)
     if single:
         states = states.astype(np.float32).astype(float)
-    return answered(plan, states, fade=fade)
+    return expected_outputs(plan, states, fade=fade)
 
 
-def answered(plan: Plan, states: Array, *, fade: bool = True) -> Golden:
+def expected_outputs(plan: Plan, states: Array, *, fade: bool = True) -> Golden:
     """What the model says of states (T, N) in that order."""
     model, log = plan.model, log_of(plan.channels, states, SOURCE)
     found = model.predict(log, fade=fade)
@@ -138,9 +138,9 @@ def self_test(plan: Plan, form: CForm, vectors: Golden, exact: float) -> str:
 #include <stdio.h>
 
 #if defined(__FAST_MATH__)
-#define SMALL {FAST if not form.single else allowed(plan)!r}
+#define SMALL {FAST if not form.single else float_tolerance(plan)!r}
 #else
-#define SMALL {exact if not form.single else allowed(plan)!r}
+#define SMALL {exact if not form.single else float_tolerance(plan)!r}
 #endif
 
 {"".join(tables)}

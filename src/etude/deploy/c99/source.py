@@ -79,7 +79,7 @@ def source(plan: Plan, form: CForm) -> tuple[str, int]:
         )
     text, size = tables(data, form.single)
     words = {"VARIANCE": form.deviations, "SINGLE": form.single}
-    bodies = resolved("\n".join(code.body for code in plan.codes), words)
+    bodies = preprocessed("\n".join(code.body for code in plan.codes), words)
     answer = _answer(plan, form)
     rest = f"{bodies}\n{answer}\n{_functions(plan, form)}"
     head = f"""/* {plan.name}.c: written by a program; {plan.name}.h says how to call it. */
@@ -108,10 +108,10 @@ enum {{RUN, INSTANT, STILL}};
     ]
     # bytes of float or double
     size += (2 * len(plan.low) + 2 * len(plan.limit)) * (4 if form.single else 8)
-    return "\n".join([head + resolved(prelude(rest), words), *own, text, rest]), size
+    return "\n".join([head + preprocessed(prelude(rest), words), *own, text, rest]), size
 
 
-def resolved(text: str, words: Mapping[str, bool]) -> str:
+def preprocessed(text: str, words: Mapping[str, bool]) -> str:
     """The text without the parts that `#if WORD`, `#else` and `#endif` leave out: compilers warn of those."""
     kept: list[str] = []
     open_parts: list[bool] = []
@@ -361,7 +361,7 @@ _RANGED = """\
 """
 
 
-def lean_files(inputs: Any, name: str, form: CForm) -> tuple[dict[str, bytes], Code | None]:
+def drag_files(inputs: Any, name: str, form: CForm) -> tuple[dict[str, bytes], Code | None]:
     """Both files of a vehicle's inputs, and the code of its drag; without the capability a drag of 0.
 
     Args:
@@ -375,7 +375,7 @@ def lean_files(inputs: Any, name: str, form: CForm) -> tuple[dict[str, bytes], C
     text, _ = tables(code.data if code is not None else {}, form.single)
     words = {"VARIANCE": False, "SINGLE": form.single}
     own = _template("lean.c", {"NAME": name, "UPPER": name.upper(), "DX": real(dx), "DY": real(dy)})
-    rest = f"{resolved(body, words)}\n{own}"
+    rest = f"{preprocessed(body, words)}\n{own}"
     head = f"""/* {name}_lean.c: written by a program; {name}_lean.h says how to call it. */
 #include "{name}_lean.h"
 
@@ -388,7 +388,7 @@ def lean_files(inputs: Any, name: str, form: CForm) -> tuple[dict[str, bytes], C
 typedef {name}_real real;
 
 """
-    source = "\n".join([head + resolved(prelude(rest), words), text, rest])
+    source = "\n".join([head + preprocessed(prelude(rest), words), text, rest])
     header = _template("lean.h", {"NAME": name, "UPPER": name.upper()})
     return {f"{name}_lean.h": header.encode(), f"{name}_lean.c": source.encode()}, code
 

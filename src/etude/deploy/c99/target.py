@@ -16,9 +16,9 @@ import numpy as np
 from etude._runtime.options import taken
 from etude.deploy.c99.header import CForm, header
 from etude.deploy.c99.plan import Plan, parts_in_c, planned, renamed
-from etude.deploy.c99.self_test import EXACT, allowed, golden, self_test
-from etude.deploy.c99.source import lean_files, source
-from etude.deploy.model_states import fading
+from etude.deploy.c99.self_test import EXACT, float_tolerance, golden_vectors, self_test
+from etude.deploy.c99.source import drag_files, source
+from etude.deploy.model_states import outside_training_sentence
 from etude.errors import EtudeError, UsageError
 from etude.models.learned_model import LearnedModel
 from etude.models.process_abilities import EnsembleMember
@@ -40,7 +40,7 @@ LARGEST = 64 * 2**20
 BARE = "WARNING: --no-fade: commands are the mean given the data, outside of what was learned too."
 
 
-def single(model: LearnedModel) -> LearnedModel:
+def single_member(model: LearnedModel) -> LearnedModel:
     """The model with, for each command, the candidate of most weight: the best held-out density."""
     weights = np.zeros((len(model.candidates), len(model.commands)))
     for k, candidate in enumerate(model.candidates):
@@ -113,9 +113,9 @@ def c_files(
     if tables > LARGEST:
         raise UsageError(
             f"the tables take {tables / 2**20:.0f} MiB, more than {LARGEST // 2**20} that are compiled",
-            next_step=in_words(lighter(plan, form)),
+            next_step=options_sentence(cheaper_options(plan, form)),
         )
-    vectors = golden(plan, single=form.single, fade=form.fade)
+    vectors = golden_vectors(plan, single=form.single, fade=form.fade)
     files = {
         f"{plan.name}.h": header(plan, form),
         f"{plan.name}.c": text,
@@ -125,14 +125,14 @@ def c_files(
     return Files(plan, form, {file: own.encode() for file, own in files.items()}, tables)
 
 
-def lighter(plan: Plan, form: CForm) -> tuple[str, ...]:
+def cheaper_options(plan: Plan, form: CForm) -> tuple[str, ...]:
     """What takes less than this export, of what was not asked for yet."""
     found = ["export --no-fade"] if form.fade and not form.variance else []
     found += ["export --single"] if plan.averages else []
     return (*found, "learn with fewer points (model.points in campaign.toml)")
 
 
-def in_words(ways: Sequence[str]) -> str:
+def options_sentence(ways: Sequence[str]) -> str:
     """A sentence of what may be done."""
     text = ", or ".join(ways)
     return f"{text[0].upper()}{text[1:]}."
@@ -152,7 +152,7 @@ def C99(model: Any, kind: Kind, spec: Any, options: Mapping[str, Any]) -> Delive
     form = CForm(asked.real == "float", asked.variance, asked.fade, asked.model_hash)
     rate = float(asked.rate or USUAL)
     made, said, facts = held(model, kind, spec, form, asked.name, rate=rate, alone=asked.single)
-    lean, drag = lean_files(model.inputs, made.plan.name, form)
+    lean, drag = drag_files(model.inputs, made.plan.name, form)
     if drag is None:
         return Delivered(made.files, said, facts)
     own = made.plan.name
@@ -252,7 +252,7 @@ def held(
     Raises:
         UsageError: what cannot be exported, or float where it would be wrong. EtudeError: the C is wrong.
     """
-    chosen = single(model) if alone else model
+    chosen = single_member(model) if alone else model
     made = c_files(chosen, kind, spec, form, name)
     found = built(made.plan.name, made.files, made.tables)
     if form.single:
@@ -269,7 +269,7 @@ def _require_right(found: Built | None, plan: Plan) -> None:
             "whether float is right for this model is found with a C compiler, and there is none",
             next_step="apt-get install -y gcc, or export double.",
         )
-    most = allowed(plan)
+    most = float_tolerance(plan)
     if found.deviation > most or found.wrong:
         raise UsageError(
             f"float is wrong for this model: commands differ from Python's by up to {found.deviation:.1e} of "
@@ -302,7 +302,7 @@ def _outside(made: Files) -> str:
     """What commands are where nothing was learned."""
     if not made.form.fade:
         return BARE
-    return f"Outside: {fading(made.plan.model)}"
+    return f"Outside: {outside_training_sentence(made.plan.model)}"
 
 
 def _sizes(made: Files, found: Built | None) -> list[str]:
@@ -336,7 +336,7 @@ def _times(made: Files, model: LearnedModel, rate: float) -> list[str]:
 
 def _offer(model: LearnedModel, made: Files) -> str:
 
-    best = single(model)
+    best = single_member(model)
     used = [c for c in best.candidates if c.weights.any()]
     processes = {id(c.process): c.process for c in used}
     operations = 0

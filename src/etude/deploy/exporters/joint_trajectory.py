@@ -22,7 +22,7 @@ from typing import Any, Literal
 import numpy as np
 
 from etude.deploy.exporters.knots import NANO, Knots, knots_of, require_joints
-from etude.deploy.feedforward import Commanded
+from etude.deploy.feedforward import MotionWithCommands
 from etude.errors import UsageError
 from etude.logs.readers.extras import needed
 from etude.protocols import Kind, Trajectory
@@ -48,7 +48,7 @@ class JointTrajectoryBag:
 
     storage: Literal["mcap", "sqlite3"]
 
-    def __call__(self, what: Trajectory | Commanded, kind: Kind, spec: Any) -> Mapping[str, bytes]:
+    def __call__(self, what: Trajectory | MotionWithCommands, kind: Kind, spec: Any) -> Mapping[str, bytes]:
         """The folder's files by their paths. The message's stamp is zero, so that it starts at once.
 
         Args:
@@ -135,7 +135,7 @@ ARGUMENT = 128 * 1024
 class JointTrajectoryYaml:
     """A `protocols.Exporter`: the message as one YAML document that is JSON below its comments."""
 
-    def __call__(self, what: Trajectory | Commanded, kind: Kind, spec: Any) -> Mapping[str, bytes]:
+    def __call__(self, what: Trajectory | MotionWithCommands, kind: Kind, spec: Any) -> Mapping[str, bytes]:
         """The file; arguments as `JointTrajectoryBag`. UsageError: the robot has no joints, or the motion is
         too quick.
         """
@@ -208,7 +208,7 @@ EFFORT = "effort"
 class CsvPlayer:
     """A `protocols.Exporter`: points.csv (`position/shoulder`, ...) and play.py, a node for rclpy."""
 
-    def __call__(self, what: Trajectory | Commanded, kind: Kind, spec: Any) -> Mapping[str, bytes]:
+    def __call__(self, what: Trajectory | MotionWithCommands, kind: Kind, spec: Any) -> Mapping[str, bytes]:
         """Both files; arguments as `JointTrajectoryBag`. UsageError: the robot has no joints, or the motion
         is too quick.
         """

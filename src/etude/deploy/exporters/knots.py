@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from etude._runtime.rounding import MEASURED, whole_up
-from etude.deploy.feedforward import Commanded, parted
+from etude.deploy.feedforward import MotionWithCommands, motion_and_command
 from etude.errors import UsageError
 from etude.limits.certificate import REST_TOLERANCE
 from etude.protocols import Kind, Trajectory
@@ -55,7 +55,7 @@ class Knots:
         return Splined(self.times, self.points, like=self.form)
 
 
-def knots_of(what: Trajectory | Commanded, kind: Kind, spec: Any, orders: int) -> Knots:
+def knots_of(what: Trajectory | MotionWithCommands, kind: Kind, spec: Any, orders: int) -> Knots:
     """The fewest points whose curve stays within CLOSE of the motion.
 
     Args:
@@ -65,7 +65,7 @@ def knots_of(what: Trajectory | Commanded, kind: Kind, spec: Any, orders: int) -
     Raises:
         UsageError: a thousand points per second do not suffice.
     """
-    motion, command = parted(what)
+    motion, command = motion_and_command(what)
     rate = EFFORT_RATE if command else SLOWEST
     # 40 Hz and 2000 parts of the motion: interpolation errors are looked for between knots that are wider
     fine = np.linspace(0.0, motion.duration, max(2001, math.ceil(40.0 * motion.duration)))

@@ -18,7 +18,7 @@ import polars as pl
 
 from etude._runtime.rounding import whole_up
 from etude.deploy.exporters.knots import require_joints
-from etude.deploy.feedforward import Commanded, parted
+from etude.deploy.feedforward import MotionWithCommands, motion_and_command
 from etude.protocols import Kind, Trajectory
 from etude.trajectories.splined import Splined
 from etude.types import Array, Channel
@@ -30,7 +30,7 @@ SUFFIX = ".pos"
 class LerobotActions:
     """A `protocols.Exporter`: meta/info.json and one data file."""
 
-    def __call__(self, what: Trajectory | Commanded, kind: Kind, spec: Any) -> Mapping[str, bytes]:
+    def __call__(self, what: Trajectory | MotionWithCommands, kind: Kind, spec: Any) -> Mapping[str, bytes]:
         """Both files.
 
         Args:
@@ -40,7 +40,7 @@ class LerobotActions:
             UsageError: the robot has no joints.
         """
         require_joints(kind, spec, "LeRobot")
-        motion, _ = parted(what)
+        motion, _ = motion_and_command(what)
         path = next(c for c in kind.channels(spec) if c.name == kind.path)
         rate = float(spec.rate)
         count = whole_up(motion.duration * rate) + 1

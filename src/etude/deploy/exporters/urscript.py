@@ -17,7 +17,7 @@ import numpy as np
 
 from etude._runtime.rounding import whole_up
 from etude.deploy.exporters.knots import SLOWEST, require_joints
-from etude.deploy.feedforward import Commanded, parted
+from etude.deploy.feedforward import MotionWithCommands, motion_and_command
 from etude.errors import UsageError
 from etude.protocols import Kind, Trajectory
 from etude.trajectories.splined import Splined
@@ -93,7 +93,7 @@ class UrScript:
 
     rate: float
 
-    def __call__(self, what: Trajectory | Commanded, kind: Kind, spec: Any) -> Mapping[str, bytes]:
+    def __call__(self, what: Trajectory | MotionWithCommands, kind: Kind, spec: Any) -> Mapping[str, bytes]:
         """The program.
 
         Args:
@@ -109,7 +109,7 @@ class UrScript:
                 f"URScript moves {JOINTS} revolute joints, and {spec.name!r} has {', '.join(path.parts)}",
                 next_step="Use another format: etude plugins lists them.",
             )
-        motion, _ = parted(what)
+        motion, _ = motion_and_command(what)
         at, points = self._points(motion)
         steps = np.diff(at)
         rows = np.moveaxis(points, 1, 0)

@@ -161,7 +161,7 @@ Moments = tuple[str, str]
 """Mean and variance (n, m); the variance "" where it was not asked for."""
 
 
-def unwritable(what: str, next_step: str = LEARN_OTHERWISE) -> UsageError:
+def no_operators_error(what: str, next_step: str = LEARN_OTHERWISE) -> UsageError:
     """The error of something that has no operators."""
     return UsageError(f"{what} cannot be exported to ONNX: it has no ONNX operators", next_step=next_step)
 
@@ -181,7 +181,7 @@ def reads(kernel: Kernel) -> set[int]:
     if isinstance(kernel, RestNoise):
         return {kernel.column}
     name = kernel.plugin if isinstance(kernel, PluginKernel) else type(kernel).__name__
-    raise unwritable(f"the kernel {name!r}")
+    raise no_operators_error(f"the kernel {name!r}")
 
 
 def covariance(graph: Graph, x: str, kernel: Kernel, theta: Array, Z: Array) -> str:
@@ -205,7 +205,7 @@ def covariance(graph: Graph, x: str, kernel: Kernel, theta: Array, Z: Array) -> 
         return graph.op("MatMul", graph.columns(x, kernel.dims), np.swapaxes(weighted, 1, 2))
     if isinstance(kernel, RestNoise):
         return graph.constant(np.zeros((len(Z), 1, Z.shape[1])))
-    raise unwritable(f"the kernel {type(kernel).__name__!r}")
+    raise no_operators_error(f"the kernel {type(kernel).__name__!r}")
 
 
 def prior(graph: Graph, x: str, kernel: Kernel, theta: Array) -> str:
@@ -240,12 +240,12 @@ def _folded(graph: Graph, sign: str, found: Sequence[str]) -> str:
     return out
 
 
-def looked_at(process: Process) -> set[int]:
+def used_columns(process: Process) -> set[int]:
     """Columns of the inputs that it looks at. UsageError where something in it has no operators."""
     if isinstance(process, Silent):
-        return looked_at(process.own) if process.grows and process.own is not None else set()
+        return used_columns(process.own) if process.grows and process.own is not None else set()
     if not isinstance(process, Posteriors):
-        raise unwritable(f"the process {type(process).__name__}")
+        raise no_operators_error(f"the process {type(process).__name__}")
     return {column for own in process.own for column in _columns(own)}
 
 
@@ -254,11 +254,11 @@ def _columns(posterior: Any) -> set[int]:
         return set(posterior.columns_read)
     if isinstance(posterior, ExactPosterior | BasisPosterior):
         return reads(in_parts(posterior.kernel))
-    raise unwritable(f"a process of the form {type(posterior).__name__}")
+    raise no_operators_error(f"a process of the form {type(posterior).__name__}")
 
 
 def moments(graph: Graph, x: str, process: Process, variance: bool) -> Moments:
-    """Of any process that `looked_at` lets pass."""
+    """Of any process that `used_columns` accepts."""
     if isinstance(process, Silent):
         return _silent(graph, x, process, variance)
     assert isinstance(process, Posteriors)
@@ -267,7 +267,8 @@ def moments(graph: Graph, x: str, process: Process, variance: bool) -> Moments:
         groups.setdefault(_like(own), []).append(place)
     found = [_together(graph, x, [process.own[p] for p in places], variance) for places in groups.values()]
     order = np.argsort([place for places in groups.values() for place in places])
-    return in_order(graph, [m for m, _ in found], order), in_order(graph, [v for _, v in found], order)
+    means, variances = [m for m, _ in found], [v for _, v in found]
+    return reordered_columns(graph, means, order), reordered_columns(graph, variances, order)
 
 
 def _like(posterior: Any) -> Any:
@@ -281,7 +282,7 @@ def _points(posterior: Any) -> Any:
     return posterior.X if isinstance(posterior, ExactPosterior) else posterior.basis
 
 
-def in_order(graph: Graph, values: Sequence[str], order: Any) -> str:
+def reordered_columns(graph: Graph, values: Sequence[str], order: Any) -> str:
     """Columns of several tables as one, in that order; "" where there are none."""
     if not values[0]:
         return ""
@@ -335,12 +336,12 @@ def parts_of(model: LearnedModel) -> Parts:
     means: dict[int, Piece] = {}
     for candidate in used:
         assert candidate.process is not None
-        looked |= looked_at(candidate.process)
+        looked |= used_columns(candidate.process)
         for mean in (candidate.mean, model.behind(candidate)):
             if mean is None or id(mean) in means:
                 continue
             if not isinstance(mean, SupportsOnnx):
-                raise unwritable(f"the physics {type(mean).__name__}", WITHOUT_PHYSICS)
+                raise no_operators_error(f"the physics {type(mean).__name__}", WITHOUT_PHYSICS)
             means[id(mean)] = mean.onnx()
     held = {i for i, column in enumerate(model.inputs.columns) if column[3] == REMEMBERED}
     inputs = _inputs(model.inputs)
@@ -353,7 +354,7 @@ def _inputs(inputs: Inputs) -> Piece:
         return inputs.onnx()
     other = [column for column in inputs.columns if column[3]]
     if other:
-        raise unwritable(f"the input {other[0][3]!r} of {other[0][0]} {other[0][1]}", IN_PYTHON)
+        raise no_operators_error(f"the input {other[0][3]!r} of {other[0][0]} {other[0][1]}", IN_PYTHON)
     reads = tuple(dict.fromkeys(channel for channel, *_ in inputs.columns))
     return Piece(reads, lambda states, _: (joined([states[name] for name in reads]), None))
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from etude._runtime.options import taken
 from etude.deploy.c99.plan import identifier
-from etude.deploy.model_states import fading, labels, log_of, trained
+from etude.deploy.model_states import labels, log_of, outside_training_sentence, training_ranges
 from etude.deploy.onnx.model_graph import AFTER, OPSET, REMEMBERED, WRITING, Parts, parts_of, written
 from etude.errors import EtudeError, UsageError
 from etude.logs.readers.extras import needed
@@ -44,7 +44,7 @@ class OnnxOptions:
 
 
 @dataclass(frozen=True, eq=False)
-class Taken:
+class GraphInputs:
     """What a graph takes: channels in order, and (2, N) the range that each of their parts was trained on."""
 
     channels: tuple[Channel, ...]
@@ -72,7 +72,7 @@ def ONNX(model: Any, kind: Kind, spec: Any, options: Mapping[str, Any]) -> Deliv
     if asked.real not in REALS:
         raise UsageError(f"numbers are {' or '.join(REALS)}, not {asked.real!r}")
     parts = parts_of(model)
-    takes = taken_by(parts, kind.channels(spec))
+    takes = graph_inputs(parts, kind.channels(spec))
     words = _words(parts, takes, kind, spec, asked)
     limit = np.asarray(kind.limit(spec), dtype=float)
 
@@ -104,11 +104,11 @@ def _wrong(real: str, found: float, in_double: float) -> EtudeError:
     )
 
 
-def taken_by(parts: Parts, channels: Sequence[Channel]) -> Taken:
+def graph_inputs(parts: Parts, channels: Sequence[Channel]) -> GraphInputs:
     """What the graph takes, of all channels of a robot."""
     known = {channel.name: channel for channel in channels}
     own = tuple(known[name] for name in parts.reads)
-    return Taken(own, trained(parts.model, own, UNKNOWN))
+    return GraphInputs(own, training_ranges(parts.model, own, UNKNOWN))
 
 
 def session(data: bytes) -> Any:
@@ -126,7 +126,7 @@ def _started(data: bytes) -> Any:
     return onnxruntime.InferenceSession(data, options, providers=["CPUExecutionProvider"])
 
 
-def in_turn(data: bytes, parts: Parts, states: Array) -> dict[str, Array]:
+def run_rows(data: bytes, parts: Parts, states: Array) -> dict[str, Array]:
     """Outputs by name at states (T, N): at once, or row by row where the graph remembers, from a memory of
     zeros.
     """
@@ -142,7 +142,7 @@ def in_turn(data: bytes, parts: Parts, states: Array) -> dict[str, Array]:
 
 
 def deviation(
-    parts: Parts, takes: Taken, data: bytes, limit: Array, dtype: Any, *, fade: bool = True
+    parts: Parts, takes: GraphInputs, data: bytes, limit: Array, dtype: Any, *, fade: bool = True
 ) -> float:
     """Largest difference from Python at states that swing through the range trained on and as far beyond: of
     commands as a part of their limits, of variances of these squared, and by how much a variance must be
@@ -151,7 +151,7 @@ def deviation(
     states = _swinging(takes).astype(dtype)
     log = log_of(takes.channels, states.astype(float), "states")
     expected = parts.model.predict(log, fade=fade)
-    own = in_turn(data, parts, states)
+    own = run_rows(data, parts, states)
     found = [float(np.abs((own["command"] - expected.mean) / limit).max())]
     if "variance" in own:
         found.append(float(np.abs((own["variance"] - expected.variance) / limit**2).max()))
@@ -162,7 +162,7 @@ def deviation(
     return max(found)
 
 
-def _swinging(takes: Taken) -> Array:
+def _swinging(takes: GraphInputs) -> Array:
     rng = np.random.default_rng(SEED)
     low, high = takes.ranges
     t, N = np.linspace(0.0, 1.0, COUNT)[:, None], len(low)
@@ -172,7 +172,7 @@ def _swinging(takes: Taken) -> Array:
     return np.asarray(0.5 * (low + high) + 0.5 * (high - low) * growing * swing)
 
 
-def _said(parts: Parts, takes: Taken, asked: OnnxOptions, size: int, found: float) -> tuple[str, ...]:
+def _said(parts: Parts, takes: GraphInputs, asked: OnnxOptions, size: int, found: float) -> tuple[str, ...]:
     J, labels = len(parts.model.commands), takes.labels
     outputs = ["command", *["variance"] * asked.variance, *["outside"] * asked.outside]
     said = [
@@ -186,13 +186,13 @@ def _said(parts: Parts, takes: Taken, asked: OnnxOptions, size: int, found: floa
         )
     return (
         *said,
-        *([f"Outside: {fading(parts.model)}"] if asked.fade else []),
+        *([f"Outside: {outside_training_sentence(parts.model)}"] if asked.fade else []),
         f"Opset {OPSET}, {asked.real}, {size / 1024:.0f} KB. Nothing is clamped: NaN in, NaN out.",
         f"onnxruntime differs from Python by {found:.1e} of a limit.",
     )
 
 
-def _words(parts: Parts, takes: Taken, kind: Kind, spec: Any, asked: OnnxOptions) -> dict[str, str]:
+def _words(parts: Parts, takes: GraphInputs, kind: Kind, spec: Any, asked: OnnxOptions) -> dict[str, str]:
     """Kept in the file: what it takes and gives, and whose it is."""
     model: LearnedModel = parts.model
     units = next(c.units for c in kind.channels(spec) if c.role == "command")

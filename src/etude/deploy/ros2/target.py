@@ -13,7 +13,7 @@ from etude.deploy.c99.header import CForm
 from etude.deploy.c99.plan import Plan
 from etude.deploy.c99.target import Files, held
 from etude.deploy.feedforward import require_forces
-from etude.deploy.model_states import fading
+from etude.deploy.model_states import outside_training_sentence
 from etude.errors import UsageError
 from etude.protocols import Kind
 from etude.types import Channel, Delivered
@@ -130,7 +130,7 @@ def _words(made: Files, spec: Any, sources: list[int], asked: Ros2Options) -> di
         "OPERATIONS": f"{operations:,}",
         "TIME": f", some {operations / 1e3:,.0f} us where a core does 1e9 a second",
         "MEMORY": _memory(remembered),
-        "FADED": _sentence(fading(plan.model)) if made.form.fade else _BARE,
+        "FADED": _sentence(outside_training_sentence(plan.model)) if made.form.fade else _BARE,
         "TABLE": _table(plan),
     }
 

@@ -1,4 +1,4 @@
-"""Alignment of a log with the proposal it claims to follow: where it starts, how far it deviates."""
+"""Alignment of a log with its proposal: the start, and the deviation."""
 
 from __future__ import annotations
 
@@ -15,26 +15,26 @@ from etude.protocols import Trajectory
 from etude.types import Array, Channel, Index, Log, Mask
 
 ALIKE = 0.9  # correlation of two motions that are the same but for sign, unit or name
-BETTER = 0.5  # mismatch over that of a marked clock, with which another start is believed instead
-PERFECT = 0.05  # mismatch below which nobody asks whether the run was stopped
-LIKELIER = 0.8  # mismatch of a stopped run over that of a whole one, with which the stop is believed
-LONGEST_MARKED_LAG = 2.0  # s: a clock that marks its 0 is believed over a robot that follows late
+BETTER = 0.5  # ratio of mismatches below which another start replaces that of a marked clock
+PERFECT = 0.05  # mismatch below which a stop of the run is not tested
+LIKELIER = 0.8  # ratio of the mismatches of a stopped and a whole run below which the stop is accepted
+LONGEST_MARKED_LAG = 2.0  # s: up to this lag a clock with a marked 0 decides the start
 
 
-REFINEMENTS, LARGEST_STEP = 20, 0.1  # steps of Gauss and Newton towards the start, and s of each at most
-SETTLED = 1e-3  # of a row: a shorter step is none
-ROWS = 2000  # on which starts are compared
+REFINEMENTS, LARGEST_STEP = 20, 0.1  # Gauss-Newton steps towards the start, and the largest step, s
+SETTLED = 1e-3  # part of a row: shorter steps end the iteration
+ROWS = 2000  # rows on which starts are compared
 WILD = 4.0  # squared deviation over the spread, beyond which all rows are equally wrong
 # Cost of a second, over the proposal's duration: of the proposal that the log lacks, and at most of a row
 # outside it that is not at rest in the first or last pose (an approach, a landing).
 MISSING, OUTSIDE = 0.5, 0.5
-TIE = 0.02  # of cost: starts that cannot be told apart, of which the clock's own counts
-LONGEST_LAG = 0.5  # s: no controller that tracks lags more
+TIE = 0.02  # difference of cost below which starts are equal, and that of the clock counts
+LONGEST_LAG = 0.5  # s: largest lag of a controller that tracks
 
 
 @dataclass(frozen=True)
 class SampledPlan:
-    """The proposal at the log's rate: values (S, k) from t = 0, in rest before and after; scale (k,)."""
+    """The proposal at the log's rate: values (S, k) from t = 0, at rest before and after; scale (k,)."""
 
     values: Array
     rate: float
@@ -64,13 +64,13 @@ class SampledPlan:
     @property
     def spread(self) -> float:
         """Pooled standard deviation, in parts of the scale."""
-        # a plan that stands still has no spread: 0 / 1e-12 is no error
+        # 1e-12: a constant plan has no spread, and the division must be finite
         return max(float(np.linalg.norm((self.values / self.scale).std(axis=0))), 1e-12)
 
 
 LEAST_OVERLAP = 0.4  # of the shorter signal: a shorter overlap fits well by chance
-MOST_DELAYS = 64  # delays that are worth a closer look
-WORTH = 0.5  # of the best correlation
+MOST_DELAYS = 64  # largest number of candidate delays
+WORTH = 0.5  # part of the best correlation: least one of a candidate
 
 
 @dataclass(frozen=True)
@@ -107,7 +107,7 @@ def likely_delays(
     tops = np.flatnonzero((values >= padded[:-2]) & (values > padded[2:]))
     tops = tops[np.argsort(-values[tops], kind="stable")][:MOST_DELAYS]
     best = float(values[tops[0]])
-    least = best - (1.0 - WORTH) * abs(best)  # negative where nothing fits
+    least = best - (1.0 - WORTH) * abs(best)  # the correlation is negative if nothing fits
     worth = [int(top) for top in tops if values[top] >= least]
     return [
         Delay(float((shifts[top] + _parabola_top(values, top)) / rate), float(values[top])) for top in worth
@@ -124,7 +124,7 @@ def _correlations(a: Array, b: Array, shifts: Index) -> Array:
     energy_a, energy_b = (np.concatenate([[0.0], np.cumsum((x * x).sum(axis=1))]) for x in (a, b))
     norm = (energy_a[stop] - energy_a[start]) * (energy_b[stop + shifts] - energy_b[start + shifts])
     values = product / np.sqrt(np.maximum(norm, np.finfo(float).tiny))
-    return np.asarray(np.where(np.isfinite(values), values, -1.0))  # of numbers too wild to correlate
+    return np.asarray(np.where(np.isfinite(values), values, -1.0))  # overflow of wild values
 
 
 def _rates(values: Array) -> Array:
@@ -142,7 +142,7 @@ def _parabola_top(values: Array, best: int) -> float:
 
 
 def best_start(t: Array, measured: Array, plan: SampledPlan, *, begun: bool = False) -> float:
-    """The time in the log's clock at which the proposal starts most likely, s.
+    """The most likely start of the proposal by the log's clock, s.
 
     Args:
         begun: the log holds the proposal's start.
@@ -153,25 +153,27 @@ def best_start(t: Array, measured: Array, plan: SampledPlan, *, begun: bool = Fa
     delays = likely_delays(plan.values, motion, plan.rate, span)
     few = np.unique(np.linspace(0, len(grid) - 1, ROWS).astype(np.int64))
     starts = _likely([float(t[0] + delay.seconds) for delay in delays], grid[few], motion[few], plan)
-    # noise makes several tops of one: those near the clock's own start count by where they lead
+    # noise splits a peak into several: those near the clock's start count by their refined start
     led = [_refined(start, grid[few], motion[few], plan) for start in starts if abs(start) <= LONGEST_LAG]
     near = _likely([start for start in led if abs(start) <= LONGEST_LAG], grid[few], motion[few], plan)
     if near:
         return _refined(min(near, key=near.__getitem__), grid, motion, plan)
-    # six digits of cost: of starts that are as good the nearest to the clock's own
+    # cost to six digits: of equal starts the nearest to that of the clock
     first = min(starts, key=lambda start: (round(starts[start], 6), abs(start - t[0])))
     return _refined(first, grid, motion, plan)
 
 
 def _likely(starts: Sequence[float], t: Array, motion: Array, plan: SampledPlan) -> dict[float, float]:
-    """Costs by start of those that cannot be told from the best."""
+    """Costs by start, of the starts whose cost equals that of the best."""
     costs = {start: _cost(t - start, motion, plan) for start in starts}
     least = min(costs.values(), default=0.0)
     return {start: cost for start, cost in costs.items() if cost <= least + TIE}
 
 
 def _refined(start: float, t: Array, motion: Array, plan: SampledPlan) -> float:
-    """The start nearby at which the positions (T, k) deviate least, offsets apart: rates weigh noise."""
+    """The nearby start with the least deviation of positions (T, k), without offsets; rates would amplify
+    noise.
+    """
     for _ in range(REFINEMENTS):
         inside = plan.inside(t - start)
         if inside.sum() < 3:
@@ -180,7 +182,7 @@ def _refined(start: float, t: Array, motion: Array, plan: SampledPlan) -> float:
         error = motion[inside] / plan.scale - wanted
         error = error - error.mean(axis=0)
         slope = slope - slope.mean(axis=0)
-        # where the plan stands still no step is made
+        # no step where the plan is at rest
         step = -float((error * slope).sum()) / max(float((slope * slope).sum()), 1e-300)
         start += float(np.clip(step, -LARGEST_STEP, LARGEST_STEP))
         if abs(step) < SETTLED / plan.rate:
@@ -189,7 +191,7 @@ def _refined(start: float, t: Array, motion: Array, plan: SampledPlan) -> float:
 
 
 def _cost(t: Array, motion: Array, plan: SampledPlan) -> float:
-    """How badly a motion (T, k) at times t of the proposal, evenly spaced, fits it over the whole log."""
+    """Mismatch of a motion (T, k) with the proposal, at its evenly spaced times t, over the whole log."""
     deviation = (((motion - plan.at(t)) / plan.scale) ** 2).sum(axis=1) / plan.spread**2
     inside = plan.inside(t)
     step = float(t[-1] - t[0]) / (len(t) - 1)
@@ -215,20 +217,19 @@ def align(
 ) -> Log:
     """The log with t = 0 at the trajectory's start and the planned motion filled in.
 
-    Starts at which the recorded motion correlates with the proposal are compared over the whole log: inside
-    the proposal it has to follow, outside to rest, and as little of the proposal as possible may be missing.
-    Of starts that fit alike (the proposal repeats itself) the one of the log's own clock counts, and what a
-    controller lags is no shift of a clock that begins and ends with the proposal, or marks its 0 by negative
-    times. Otherwise the lag counts into the start, unless the log has the planned motion. The motion is
-    judged over all coordinates together, in parts of `scale`: one joint alone may be stuck. A log without
-    the channel `path` is taken at its word: its clock then has to start with the trajectory.
+    Candidate starts, from correlation, are compared over the whole log: the motion must follow the proposal
+    inside it and rest outside, and little of the proposal may be missing. Of equally good starts (a periodic
+    proposal) that of the log's clock counts. A controller's lag does not shift a clock that begins and ends
+    with the proposal, or marks its 0 by negative times. Otherwise the lag is part of the start, unless the
+    log has the planned motion. All coordinates count together, in parts of `scale`, since one joint may be
+    stuck. Without the channel `path` the clock of the log must start with the trajectory.
 
-    A run that was stopped holds the proposal's start and some seconds more; what was recorded at rest after
-    that is cut. It may hold less than half of the proposal, and has to follow it closely; whether it then
-    `holds_enough` to answer it is another question. A log that ends before its proposal says so.
+    A stopped run has the start of the proposal and some seconds more; rows at rest after the stop are cut. It
+    may have less than half of the proposal, but must follow it closely; `holds_enough` decides whether it
+    answers it. A log that ends before its proposal gets a sentence.
 
     Args:
-        channels: the robot's; its plan is `<path>_des`, and what is its derivative.
+        channels: of the robot; the plan is `<path>_des` and its derivatives.
         path: the channel that is compared with the trajectory.
         scale: (k,) sizes of its coordinates.
         rest: rows before and after the trajectory are kept.
@@ -260,13 +261,13 @@ def align(
 
 
 def holds_enough(log: Log, duration: float) -> bool:
-    """Whether an aligned log holds as much of its proposal, s, as answers it."""
+    """Whether an aligned log has enough of its proposal, s, to answer it."""
     return covered_seconds(log.t, duration) >= LEAST_COVERAGE * duration
 
 
 @dataclass(frozen=True)
 class _Aligned:
-    """A log by the proposal's clock, and how badly it fits."""
+    """A log by the proposal's clock, and its mismatch."""
 
     log: Log
     mismatch: float
@@ -275,23 +276,23 @@ class _Aligned:
 # Root mean square deviation over the proposal's own spread. A weak controller against stiction reaches 0.8 on
 # a small motion, other motions of the same kind begin at 0.9; up to 0.5 there is no doubt.
 LARGEST_MISMATCH = 0.85
-CLEAR_MATCH = 0.5  # explained part of the variance from which a match is clear
+CLEAR_MATCH = 0.5  # part of the variance that a clear match explains
 # Of so few coordinates other motions that repeat themselves fit better by chance, from 0.42 on; in positions
 # and rates alike a third as often. Below a mismatch of 0.4 rates are not asked for: noise and a robot that
 # leaves out what is quick spoil them first.
 FEW, LARGEST_OF_FEW, CLEAR_OF_FEW = 3, 0.7, 0.4
-LEAST_COVERAGE = 0.5  # part of the proposal that the log has to contain
-STRIDE = 0.01  # of the proposal, over which rates are taken: noise is small beside so long a way
+LEAST_COVERAGE = 0.5  # part of the proposal that the log must contain
+STRIDE = 0.01  # part of the proposal over which rates are taken: noise is small over such a stride
 
 
 @dataclass(frozen=True)
 class Overlap:
-    """A motion and what was wanted of it, at the log's times within the proposal.
+    """Measured and planned motion, at the log's times within the proposal.
 
     Attributes:
         motion, wanted: (n, k).
         pooled: their root mean square deviation over the proposal's spread, in parts of the scale.
-        each: (k,) the same of each coordinate.
+        each: (k,) the same for each coordinate.
         rates: the same of their rates, pooled; NaN of too few rows to tell.
     """
 
@@ -309,7 +310,7 @@ class Overlap:
         if not inside.any():
             return Overlap(motion, wanted, np.inf, np.full(len(plan.scale), np.inf), np.nan)
         error = np.sqrt((((motion - wanted) / plan.scale) ** 2).mean(axis=0))
-        # a coordinate that stands still has no spread to compare with
+        # a coordinate at rest has no spread to compare with
         spread = np.maximum((wanted / plan.scale).std(axis=0), 1e-12)
         pooled = float(np.linalg.norm(error) / np.linalg.norm(spread))
         return Overlap(motion, wanted, pooled, error / spread, _rate_error(motion, wanted, plan))
@@ -324,24 +325,24 @@ class Overlap:
 
 
 def allowed(coverage: float, coordinates: int) -> float:
-    """The largest mismatch of a log that holds that part of the proposal: a part alone fits by chance."""
+    """The largest mismatch of a log with that part of the proposal: a short part may fit by chance."""
     largest = LARGEST_OF_FEW if coordinates <= FEW else LARGEST_MISMATCH
     lacking = min(max((1.0 - coverage) / (1.0 - LEAST_COVERAGE), 0.0), 1.0)
     return largest - (largest - CLEAR_MATCH) * lacking
 
 
 def _rate_error(motion: Array, wanted: Array, plan: SampledPlan) -> float:
-    """Deviation of the rates of change over a stride, in parts of those that were wanted."""
+    """Deviation of the rates of change over a stride, relative to the planned rates."""
     rows = max(1, round(STRIDE * plan.duration * plan.rate))
     if len(motion) <= 2 * rows:
         return np.nan
     made, asked = ((values[rows:] - values[:-rows]) / plan.scale for values in (motion, wanted))
-    # nothing that was asked for is followed by everything but motion
+    # a plan at rest is followed by any log at rest
     return float(np.linalg.norm(made - asked) / max(float(np.linalg.norm(asked)), 1e-12))
 
 
 def _whole(log: Log, measured: Array, plan: SampledPlan, path: str) -> tuple[_Aligned, DataError | None]:
-    """The log at its likeliest start, and why it is not the proposal's, if it is not."""
+    """The log at its most likely start, and the error if it has another motion."""
     best = best_start(log.t, measured, plan)
     shifted, own = (Overlap.of(log.t - start, measured, plan) for start in (best, 0.0))
     start = 0.0 if _clock_holds(log.t, plan, best, shifted.pooled, own.pooled) else best
@@ -358,16 +359,16 @@ def _whole(log: Log, measured: Array, plan: SampledPlan, path: str) -> tuple[_Al
 
 
 RESTING = 0.01  # part of the scale within which a coordinate stays at rest
-LEFT = 0.05  # part of the scale by which the plan goes on after a stop
-LEAST_STANDSTILL = 0.5  # s of rest that are no turning point of the motion
-LEAST_S = 5.0  # of the proposal that a stopped run has to hold
+LEFT = 0.05  # part of the scale by which the plan continues after a stop
+LEAST_STANDSTILL = 0.5  # s of rest that are longer than a turning point of the motion
+LEAST_S = 5.0  # part of the proposal that a stopped run must have
 CLOSE = 0.3  # largest mismatch of a part: a short one fits by chance
-INSTANTS = 200  # of the rest of a plan, at which it is compared
+INSTANTS = 200  # points of the rest of a plan at which it is compared
 AT_START = 0.05  # part of the scale within which the robot waits for the start
 
 
 def standstill(t: Array, measured: Array, scale: Array) -> float:
-    """When the motion (T, k) came to its last rest, s; the end of the log if it never does."""
+    """Time of the last stop of the motion (T, k), s; the end of the log if it never stops."""
     last = np.median(measured[-max(3, len(t) // 100) :], axis=0)
     away = np.flatnonzero((np.abs(measured - last) / scale).max(axis=1) > RESTING)
     if not len(away):
@@ -392,12 +393,12 @@ def waits_at_start(t: Array, measured: Array, plan: SampledPlan) -> bool:
     if t[0] > 2.0 / plan.rate:
         return False
     away = np.abs(before - plan.values[0]) / plan.scale
-    # all rows but one in a hundred: single wild values are dropped later
+    # 99 % of the rows: single wild values are dropped later
     return not len(before) or bool(np.quantile(away.max(axis=1), 0.99) <= AT_START)
 
 
 def ended(log: Log, duration: float) -> Log:
-    """The log, with a sentence where it ends before its proposal does; t = 0 is where that starts."""
+    """The log, with a sentence if it ends before its proposal; t = 0 is the start of the proposal."""
     last = float(log.t[-1])
     if duration - last < LEAST_STANDSTILL:
         return log
@@ -408,7 +409,7 @@ def ended(log: Log, duration: float) -> Log:
 
 
 def _stopped(log: Log, measured: Array, plan: SampledPlan, path: str) -> _Aligned | None:
-    """The run up to where it stopped; None if it did not, or does not follow the proposal closely so far."""
+    """The run up to its stop; None if it did not stop, or does not follow the proposal closely."""
     stop = standstill(log.t, measured, plan.scale)
     cut = log.t <= stop
     if stop - log.t[0] < LEAST_S:
@@ -427,7 +428,7 @@ def _stopped(log: Log, measured: Array, plan: SampledPlan, path: str) -> _Aligne
 
 
 def _moved(log: Log, start: float) -> Log:
-    """The log with t = 0 at the start, and a sentence if it was elsewhere."""
+    """The log with t = 0 at the start, and a sentence if it was shifted."""
     if start == 0.0:
         return log
     sentence = f"The proposal starts {start:.3f} s into the log's time; t = 0 was moved there."
@@ -435,7 +436,7 @@ def _moved(log: Log, start: float) -> Log:
 
 
 def _clock_holds(t: Array, plan: SampledPlan, best: float, shifted: float, own: float) -> bool:
-    """Whether the log's clock starts with the proposal, so that what is left is the controller's lag.
+    """Whether the log's clock starts with the proposal, so that the remaining shift is the controller's lag.
 
     Args:
         best: the start that fits best, s; shifted: the mismatch there.
@@ -445,7 +446,7 @@ def _clock_holds(t: Array, plan: SampledPlan, best: float, shifted: float, own: 
     if abs(best) <= 0.5 * step:
         return True
     if t[0] < -0.5 * step:
-        # a robot that follows later than any that tracks also deforms the motion; else its clock is wrong
+        # a lag larger than LONGEST_LAG also deforms the motion; otherwise the clock is wrong
         longest = LONGEST_LAG if shifted <= PERFECT else LONGEST_MARKED_LAG
         late = -2.0 * step <= best <= longest
         return own <= LARGEST_MISMATCH and (late or shifted > BETTER * own)
@@ -472,11 +473,11 @@ def _check_match(best: Overlap, unshifted: Overlap, most: float, parts: Sequence
 
 
 def _cause(overlap: Overlap, parts: Sequence[str]) -> str:
-    """A guess in words (sign, degrees, exchanged joints) for the first coordinate that has one."""
+    """Text on the likely cause (sign, degrees, exchanged joints), for the first coordinate with one."""
     if len(overlap.motion) < 2:
         return ""
     a, b = (values - values.mean(axis=0) for values in (overlap.motion, overlap.wanted))
-    # 1e-300: a coordinate that stands still is like no other
+    # 1e-300: a coordinate at rest correlates with no other
     norms = np.outer(np.sqrt((a * a).sum(axis=0)), np.sqrt((b * b).sum(axis=0))) + 1e-300
     likeness = (a.T @ b) / norms
     slope = (a * b).sum(axis=0) / ((b * b).sum(axis=0) + 1e-300)
@@ -505,7 +506,9 @@ def _check_coverage(log: Log, duration: float) -> None:
 
 
 def with_plan(log: Log, trajectory: Trajectory, channels: Sequence[Channel], path: str) -> Log:
-    """The exact planned motion at the log's times; before and after, a trajectory rests."""
+    """The log with the exact planned motion at its times; before and after the motion, planned rates are
+    0.
+    """
     known = {c.name: c for c in channels}
     first = f"{path}_des"
     own = log.channels[path]
@@ -514,7 +517,7 @@ def with_plan(log: Log, trajectory: Trajectory, channels: Sequence[Channel], pat
         plans.append(rates[0])
     t = np.clip(log.t, 0.0, trajectory.duration)
     orders = trajectory.motion(t, len(plans)).orders
-    # 1 ns: the last row is at the end, however it was rounded
+    # 1 ns: rounding must not place the last row outside
     outside = np.abs(log.t - t) > 1e-9
     for order, channel in enumerate(plans):
         values = orders[order] if order == 0 else np.where(outside[:, None], 0.0, orders[order])

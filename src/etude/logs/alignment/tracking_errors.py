@@ -1,8 +1,8 @@
 """Tracking errors of a run: the largest ones, by form of motion, once tracking has settled.
 
-A run may begin with a transient: a plan that starts with a step, integrators that have to find what a robot
-weighs. It says what a start costs, and nothing of what tracking leaves later. It ends where a step response
-is said to be settled: where the error's envelope stays, for the first time, inside the band that it keeps.
+A run may begin with a transient: a plan that starts with a step, or integrators that have to find the weight.
+It shows the error of a start, not that of tracking. It ends as a step response settles: where the envelope of
+the error first stays inside its final band.
 """
 
 from __future__ import annotations
@@ -24,24 +24,24 @@ from etude.protocols import Trajectory
 from etude.types import Array, Log, Mask
 
 LEAST_HZ = 5.0
-"""The error is smoothed no more than this before it is differentiated, and less where noise allows."""
+"""Hz: lowest cutoff of the error before differentiation; higher if noise allows."""
 NOISY = 0.1
-"""Part of the largest rate that noise may reach, in `PEAKS` deviations."""
+"""Largest noise, of `PEAKS` deviations, as a part of the largest rate."""
 PEAKS = 4.0  # deviations: one sample in 16,000 of normal noise is beyond
 PASSED = 0.2777
 """Integral of x^2/(1 + x^4)^2 over x > 0: white noise that is differentiated behind the filter."""
 ORDERS = 3
 """Position, velocity, acceleration."""
 LEAST_ROWS = 8
-"""Fewer cannot be differentiated."""
+"""Least number of rows for differentiation."""
 HELD = 2
-"""Orders by which a start is judged: position and velocity, of which margins are kept."""
+"""Orders that decide a start: position and velocity, which have margins."""
 BAND = 0.5
 """The last part of a run, of its duration: the largest errors there are the band."""
 STAYS = 0.125
-"""Part of the duration for which the error stays inside the band where it has settled."""
+"""Part of the duration for which a settled error stays inside the band."""
 LATEST = 0.45
-"""Part of the duration by which it has to: a log that never settles counts whole."""
+"""Part of the duration within which the error must settle: otherwise the whole log counts."""
 EDGE, BEYOND = 2.0, 4.0
 """Times the band: inside of which an error has settled, as motions leave more here and less there; and which
 a start must reach. One that does not may be chance, and counts: margins have factors of 1.5 to 3 for it.
@@ -76,7 +76,7 @@ def largest_errors(log: Log, trajectory: Trajectory, path: str) -> dict[str, Arr
 
 
 def tracked(log: Log, trajectory: Trajectory, path: str) -> Tracked:
-    """How far the run left its plan, a start transient by itself.
+    """Tracking errors of the run, with the start transient separate.
 
     A chain counts as the forms of its pieces. Rates are those of the position's error, smoothed without
     phase: a logged velocity has a filter of its own. Rows before and after the trajectory do not count. No
@@ -130,7 +130,7 @@ def _asks_on(t: Array, before: Mask, trajectory: Trajectory) -> bool:
 
 
 def _orders(t: Array, error: Array) -> Array:
-    """(ORDERS, T, k) the error as it is and its smoothed rates, at times t (T,)."""
+    """(ORDERS, T, k) the error and its smoothed derivatives at times t (T,)."""
     rate = median_rate(t)
     grid = uniform_grid(t, rate)
     values = resample(t, error, grid)

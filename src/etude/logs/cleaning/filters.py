@@ -1,6 +1,6 @@
 """Filters over whole logs: grid, resample, smooth, differentiate, average, lag, trim, thin, mask.
 
-Filters of arrays are in `smoothing`; those below take and give whole logs, all channels alike.
+Filters of arrays are in `smoothing`; those here act on all channels of a log.
 """
 
 from __future__ import annotations
@@ -52,12 +52,12 @@ GOLDEN = (math.sqrt(5) - 1) / 2
 
 
 def duration(log: Log) -> float:
-    """Seconds that the log's stretches last together."""
+    """Total duration of the log's stretches, s."""
     return float(sum(np.ptp(log.t[piece]) for piece in segments(log.t)))
 
 
 def longest_stretch(log: Log) -> Log:
-    """The most rows without a pause; a repair is noted if that is not all of them."""
+    """The longest run of rows without a pause; a repair is noted if rows are dropped."""
     longest = max(segments(log.t), key=lambda piece: piece.stop - piece.start)
     rows = longest.stop - longest.start
     if rows == len(log):
@@ -73,7 +73,7 @@ STRETCHES, STRETCH_ROWS, STRETCH_S = 10, 10_000, 10.0
 
 
 def looked_at(log: Log) -> Log:
-    """The log, or of a very long one stretches of it: they say of its motion as much as all of it."""
+    """The log; of a very long one only stretches, which are as informative on its motion."""
     if len(log) <= MANY_ROWS:
         return log
     rows = max(STRETCH_ROWS, round(STRETCH_S * median_rate(log.t)))
@@ -111,7 +111,7 @@ def _continuous(channel: Channel, values: Array) -> Array:
 
 
 def sampled(log: Log, rate: float, *, averaged: bool = True) -> Log:
-    """The log at `rate` Hz or a little above; as it is if its own rate is no higher.
+    """The log at `rate` Hz or slightly above; unchanged if its rate is not higher.
 
     Args:
         log: on a uniform grid.
@@ -174,29 +174,29 @@ def slower(speed: Array, top: Array, fraction: float) -> Mask:
 
 
 def saturated(command: Array, lower: Array, upper: Array, part: float = 1e-3) -> Mask:
-    """(T, J) where a command is within that part of its range of a limit, or beyond."""
+    """(T, J) True where the distance of a command to its limit is less than that part of its range."""
     near = part * (upper - lower)
     return np.asarray((command <= lower + near) | (command >= upper - near))
 
 
-LONGEST_LAG = 0.2  # s: no motor of a vehicle that flies is slower
+LONGEST_LAG = 0.2  # s: largest lag of motors of a flying vehicle
 
 
 def command_lag(logs: Sequence[Log], states: Sequence[str], longest: float = LONGEST_LAG) -> float:
     """The lag in [0, longest] s at which the motion explains the commands best, s.
 
-    The commands of `lag` ago are fitted by least squares with the motion now (all that every state tells) and
-    a constant for each log; the lag that leaves the least squares wins, refined by a parabola. Levels are
-    compared, as a model learns them. Rates of change weigh noise and the quickest motion, which a motor with
-    a time constant lags less: on real flights the lag they gave left models more error.
+    Commands `lag` earlier are fitted by least squares from the present states and a constant for each log.
+    The lag with the least residual wins, refined by a parabola. The fit uses levels, as a model does. Rates
+    of change would emphasise noise and the fastest motion, which a motor with a time constant lags less: on
+    real flights that lag gave models a larger error.
 
     Args:
-        logs: of one robot, whose lag they share. Those that are too slow or short to tell have no say.
-        states: channels that tell of the motion; those that a log lacks are left out of all.
+        logs: of one robot with one lag. Logs that are too slow or too short do not count.
+        states: channels of the motion; a channel that one log lacks is omitted for all.
         longest: s.
 
     Returns:
-        0 if no log can tell.
+        0 if no log is informative.
     """
     # twenty times the longest lag: else a correlation is of too few rows
     able = [log for log in logs if 1 <= int(longest * median_rate(log.t)) < len(log) / 20.0 - 1.0]
@@ -212,7 +212,7 @@ def command_lag(logs: Sequence[Log], states: Sequence[str], longest: float = LON
 
 
 def without_lag(log: Log, lag: float) -> Log:
-    """The log whose commands are those of `lag` s earlier; the samples before the first such are cut.
+    """The log with the commands of `lag` s earlier; its first rows are cut.
 
     Raises:
         DataError: the log is shorter than the lag.

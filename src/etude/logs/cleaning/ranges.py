@@ -11,24 +11,24 @@ from etude.logs.columns.units import Limits
 from etude.types import Array, Channel, Log, Mask, Role
 
 SMALLER = {"degrees": np.pi / 180, "milliradians (or mm)": 1e-3}
-SEEN = 0.02  # of a range: what is less in the other unit is rather far outside in its own
-FAR = 2.0  # ranges outside the limits: no other robot, another unit
-OVERSHOOT = 0.1  # of a range: a controller may overshoot, a description may be a little tight
-COMMAND_EXCESS = 1.5  # times the limit: measured effort exceeds its rating, another unit exceeds it more
-RARE = 0.01  # part of the rows that may be wild
-AT_LIMIT = 0.99  # a command this near to its limit throughout says nothing of the motion
-LIKE = 0.5  # correlation of a rate with its position's slope: below, their ratio says nothing
+SEEN = 0.02  # part of a range: a smaller motion in another unit is rather one outside its range
+FAR = 2.0  # ranges outside the limits: a sign of another unit
+OVERSHOOT = 0.1  # part of a range: a controller may overshoot, and a description may be narrow
+COMMAND_EXCESS = 1.5  # times the limit: measured effort may exceed its rating; another unit exceeds it more
+RARE = 0.01  # largest part of wild rows
+AT_LIMIT = 0.99  # a command this near to its limit throughout is not informative
+LIKE = 0.5  # least correlation of a rate with its position's slope, for a ratio to be meaningful
 
 
 def bounded(log: Log, limits: Limits, roles: Sequence[Role] = ("state",)) -> list[Channel]:
-    """The channels of positions whose limits are known: by default those that models look at."""
+    """The channels of positions with known limits: by default the inputs of models."""
     return [c for n, c in log.channels.items() if n in limits and c.role in roles and not c.derivative_of]
 
 
 def check_positions(log: Log, limits: Limits) -> Log:
     """Notes positions a little outside the limits; refuses degrees, and positions far outside.
 
-    What no model looks at (a vehicle's place) is noted however far outside it is.
+    Channels that are no model input (a vehicle's position) are only noted, however far outside.
     """
     for channel in bounded(log, limits, ("state", "aside")):
         log = _checked_positions(log, channel, *limits[channel.name])
@@ -63,7 +63,7 @@ def _checked_positions(log: Log, channel: Channel, lower: Array, upper: Array) -
 
 
 def _furthest(q: Array, lower: float, upper: float) -> float:
-    """The value that is furthest outside, or nearest to the limits if none is."""
+    """The value furthest outside the limits, or nearest to them if none is outside."""
     return float(q[np.argmax(np.maximum(q - upper, lower - q))])
 
 
@@ -97,7 +97,7 @@ def looks_scaled(log: Log, channels: Sequence[Channel], limits: Limits) -> bool:
             steps = np.diff(log.t)
             for j, q in enumerate(log[channel.name].T):
                 shares.append(float((np.abs(np.diff(q)) > 2 * top[j] * steps).mean()))
-    # a tenth of the rows: more than wild values and rests, less than a wrong unit leaves
+    # a tenth of the rows: more than wild values, fewer than with a wrong unit
     return max(shares) > 0.1
 
 
@@ -122,14 +122,14 @@ def _check_slope(log: Log, values: Array, channel: Channel) -> None:
         slope = np.gradient(values[:, j], log.t)
         product = float(slope @ rate)
         factor = product / float(rate @ rate)
-        # 1e-300: without motion there is no likeness
+        # 1e-300: without motion the correlation is 0
         like = abs(product) / float(np.linalg.norm(slope) * np.linalg.norm(rate) + 1e-300)
         for unit, ratio in {"degrees": 180 / np.pi, "milliradians (or mm)": 1e3}.items():
             for text, expected in (
                 (f"{channel.derivative_of} in {unit}", ratio),
                 (f"{channel.name} in {unit} per second", 1 / ratio),
             ):
-                # a factor is met within a quarter: velocities are filtered, and lose that much
+                # tolerance of a quarter: filters attenuate velocities by that much
                 if like > LIKE and 0.8 < abs(factor) / expected < 1.25:
                     raise DataError(
                         f"{channel.derivative_of} and {channel.name} disagree by a factor {factor:.3g}: "
@@ -153,13 +153,13 @@ def check_commands(log: Log, limits: Limits) -> Log:
 
 
 def _command_limits(channel: Channel, limits: Limits) -> tuple[Array, Array]:
-    """What is expected, else the channel's reach, else anything."""
+    """The expected range, else the channel's reach, else an infinite one."""
     reach = np.array(channel.reach or (np.inf,) * len(channel.parts))
     return limits.get(channel.name, (-reach, reach))
 
 
 def _beyond(values: Array, lower: Array, upper: Array) -> Array:
-    """How far from the middle of the range, in halves of it; 0 where the range has no end."""
+    """Distance from the middle of the range, in half ranges; 0 for an infinite range."""
     with np.errstate(invalid="ignore"):
         share = np.abs(values - 0.5 * (lower + upper)) / (0.5 * (upper - lower))
     return np.asarray(np.where(np.isfinite(upper - lower), share, 0.0))
@@ -182,7 +182,7 @@ def _checked_command(log: Log, channel: Channel, j: int, lower: float, upper: fl
     limit = f"{upper:.4g}{behind}" if lower == -upper else f"{lower:.4g} to {upper:.4g}{behind}"
     where = f"{log.source}, {channel.name} {channel.parts[j]}"
     if excess > COMMAND_EXCESS:
-        # inside the limit as thousandths, and beyond what an overload explains
+        # inside the limit in thousandths, and above any overload
         milli = excess * 1e-3 <= 1.0 and excess > 30.0
         raise DataError(
             f"the command of {channel.parts[j]} reaches {largest:.4g}, its limit is {limit}",

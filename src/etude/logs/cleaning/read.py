@@ -1,6 +1,6 @@
 """Reading of a file into a cleaned Log: columns matched, units checked, rows repaired, for any channels.
 
-Times begin at 0 unless the log itself marks its 0; `identity.align` puts it where the trajectory starts.
+Times begin at 0 unless the log itself marks its 0; `alignment.align` moves 0 to the start of the trajectory.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from etude.logs.readers.log_file import is_log_file, read_log_file
 from etude.logs.readers.registry import cut_sentences, file_head, read_raw, with_rest_reported
 from etude.types import Array, Channel, Log
 
-LEAST_ROWS = 50  # fewer say nothing of a motion
+LEAST_ROWS = 50  # fewer rows are not informative
 Settle = Callable[[Log], Log]
 
 
@@ -51,23 +51,23 @@ def read_log(
     """Reads, checks and repairs a recorded motion.
 
     Args:
-        path: CSV, Parquet, or what another package's reader takes; headers as `logs.columns` describes.
-        channels: of the robot: what a log may hold, and must (`Channel.required`).
-        rate: Hz at which such logs are usually recorded; tells the unit of the times.
+        path: CSV, Parquet, or a format of another package's reader; headers as in `logs.columns`.
+        channels: of the robot: those that a log may have, and must have (`Channel.required`).
+        rate: usual rate of such logs, Hz; it identifies the unit of the times.
         degrees: the file's angles and their rates are degrees; convert them all.
-        limits: lower and upper (parts,) by channel. Of positions, they tell another unit; of their rates,
-            wild cells; of commands, another unit and saturation.
+        limits: lower and upper (parts,) by channel. Those of positions identify another unit; those of rates,
+            wild cells; those of commands, another unit and saturation.
         topics: of a file that holds several.
         config: other names of columns, and topics if none are given.
-        own_clock: times stay as recorded, which `identity.align` uses where a motion repeats itself; a log
-            that answers no trajectory then needs `units.start_at_zero`.
-        settle: asks the log what is asked before ranges are looked at; see `clean_log`.
+        own_clock: keep the recorded times, which `alignment.align` uses for a periodic motion; an unsolicited
+            log then needs `units.start_at_zero`.
+        settle: function that decides on the log before ranges are checked; see `clean_log`.
 
     Raises:
         DataError: the file cannot be used; the message says what, where and what to do.
     """
     path = Path(path)
-    with np.errstate(all="ignore"):  # wild numbers are judged, not warned of
+    with np.errstate(all="ignore"):  # wild numbers are checked below, without NumPy's warnings
         log, stated = matched_log(path, channels, rate, topics, config)
         if degrees:
             log = from_degrees(log, stated)
@@ -82,8 +82,8 @@ def matched_log(
     topics: Sequence[str] = (),
     config: LogConfig | None = None,
 ) -> tuple[Log, set[str]]:
-    """The log in a file with its columns in place, in the units that it states, its rows as recorded; and
-    the channels whose unit is stated. Arguments and errors as `read_log`.
+    """The log in a file with matched columns in SI, by the stated units, its rows as recorded; and the
+    channels with a stated unit. Arguments and errors as of `read_log`.
     """
     if _is_stored(path):
         return _stored(path, channels)
@@ -97,12 +97,12 @@ def clean_log(
     stated: Collection[str] = (),
     settle: Settle | None = None,
 ) -> Log:
-    """The doctor's round over a log whose columns are in place; `read_log` ends with it. Errors as there.
+    """The repairs and checks of a log with matched columns; the last step of `read_log`. Errors as there.
 
     Args:
-        stated: names of channels whose unit the file states, which is believed.
-        settle: the log, its rows in order, to the log whose clock and rates are right; it refuses those
-            whose are not. None: rates of another unit than their positions are refused.
+        stated: names of channels whose unit the file states; it is not questioned.
+        settle: from the log with ordered rows to one with right clock and rates, or a refusal. None: rates in
+            another unit than their positions are refused.
     """
     limits = limits or {}
     log = drop_spikes(order_rows(drop_unreadable(log)))
@@ -114,7 +114,7 @@ def clean_log(
         )
     log = note_pauses(log)
     log = _consistent(log) if settle is None else settle(log)
-    # A leap must not decide the unit, and a wrong unit must not look like leaps.
+    # A leap must not decide the unit, and a wrong unit must not count as leaps.
     if looks_scaled(log, channels, limits):
         log = check_leaps(check_positions(log, limits), channels, limits)
     else:
@@ -128,7 +128,7 @@ def _consistent(log: Log) -> Log:
 
 
 def ending(log: Log) -> str:
-    """The sentence that says why and where a run broke off, or nothing."""
+    """The sentence on why and where a run was cut, or ""."""
     return " ".join(cut_sentences(log))
 
 
@@ -137,7 +137,7 @@ def _is_stored(path: Path) -> bool:
 
 
 def _stored(path: Path, channels: Sequence[Channel]) -> tuple[Log, set[str]]:
-    """A log that Étude wrote, with the robot's own channels, and the channels whose unit is known: all."""
+    """A log written by Étude, with the robot's channels; all of them have a known unit."""
     log = read_log_file(path)
     values = {}
     for channel in channels:
@@ -169,7 +169,7 @@ def _in_order(log: Log, channel: Channel) -> Array:
 def _recorded(
     path: Path, channels: Sequence[Channel], rate: float, topics: Sequence[str], config: LogConfig
 ) -> tuple[Log, set[str]]:
-    """A foreign log with its columns in place, in SI, and the channels whose unit its headers state."""
+    """A log of other software with matched columns in SI, and the channels with a unit in their headers."""
     plain = read_raw(path, topics or config.topics)
     raw = mapped(plain, config)
     matching = _matched(raw, channels, path.name, raw.values.keys() - plain.values.keys())
@@ -178,7 +178,7 @@ def _recorded(
     repairs = [*raw.repairs, *time_repairs, *matching.repairs]
     values = {}
     left = dict(raw.values)
-    del raw  # of a long log there is no room for both
+    del raw  # memory: a long log must not be held twice
     for name, columns in matching.channels.items():
         values[name] = _taken(left, columns)
         units = dict.fromkeys(column.written_unit for column in columns if column.factor != 1.0)
@@ -196,8 +196,8 @@ def _recorded(
 
 
 def _matched(raw: Log, channels: Sequence[Channel], where: str, told: Collection[str]) -> Matching:
-    """Whose columns are whose. DataError: some are missing, with what the reader said, which may tell why; or
-    several families may be the commands.
+    """The columns of each channel. DataError: some are missing, with the reader's notes, which may explain
+    it; or several families may be the commands.
     """
     try:
         found = match_columns([name for name in raw.values if not is_time(name)], channels, where, told)
@@ -208,11 +208,13 @@ def _matched(raw: Log, channels: Sequence[Channel], where: str, told: Collection
         raise DataError(error.fact, where=error.where, next_step=read + error.next_step) from None
 
 
-SAME = 1e-6  # of its deviation: what differs by less is a copy
+SAME = 1e-6  # part of the deviation: columns that differ by less are copies
 
 
 def _check_families(found: Matching, raw: Log, channels: Sequence[Channel], where: str) -> None:
-    """DataError: several families of columns may be the commands. One that stands or is a copy is none."""
+    """Raises a DataError if several families of columns may be the commands; constant ones and copies do not
+    count.
+    """
     values = {name: np.hstack([raw[column] for column in own]) for name, own in found.families.items()}
     first = next(iter(values), "")
     others = {name for name, own in values.items() if name != first and _says_more(own, values[first])}
@@ -238,7 +240,9 @@ def _says_more(values: Array, first: Array) -> bool:
 
 
 def _taken(left: dict[str, Array], columns: Sequence[Column]) -> Array:
-    """The values of a channel in SI; its columns are no longer in `left`, since no other channel has them."""
+    """The values of a channel in SI; its columns are removed from `left`, since no other channel uses
+    them.
+    """
     own = [left.pop(column.name)[:, 0] for column in columns]
     out = np.empty((len(own[0]), len(own)))
     for j, column in enumerate(columns):

@@ -16,17 +16,17 @@ from etude.logs.cleaning.smoothing import GAP_FACTOR, segments
 from etude.logs.columns.units import Limits
 from etude.types import Array, Channel, Finding, Index, Log, Mask
 
-LARGEST_LOSS = 0.2  # of the rows may be unusable; beyond it the log is refused
-LARGEST_PAUSE = 0.5  # of the log's duration may be missing in pauses
-REWIND_SECONDS = 1.0  # time that falls back further, and stays there, is a second recording
+LARGEST_LOSS = 0.2  # largest part of unusable rows; otherwise the log is refused
+LARGEST_PAUSE = 0.5  # largest part of the duration in pauses
+REWIND_SECONDS = 1.0  # s: a larger step back in time that lasts is a second recording
 
 
 def drop_unreadable(log: Log, *, recorded: bool = True) -> Log:
     """Drops optional channels that are mostly empty, then rows with an empty, NaN or infinite cell.
 
     Args:
-        recorded: the log is a recording, in which a rate that stands still while its path moves was never
-            filled; else somebody wrote it so.
+        recorded: the log is a recording: a constant rate of a moving path was never filled. Otherwise the
+            constant is intended.
 
     Raises:
         DataError: too many rows would go.
@@ -66,14 +66,14 @@ def drop_unreadable(log: Log, *, recorded: bool = True) -> Log:
 
 
 def _never_recorded(log: Log, name: str) -> bool:
-    """Whether a rate stands still in every part while what it is the rate of moves: nobody filled it."""
+    """Whether a rate is constant in every part while its path moves: it was never filled."""
     path = log.channels[name].derivative_of
     return path in log and not np.ptp(log[name], axis=0).any() and bool(np.ptp(log[path], axis=0).any())
 
 
 def order_rows(log: Log) -> Log:
-    """Keeps the longest run of rows whose time increases: drops repeats, and stamps that jump or run back.
-    Rows that stand from last to first by their times are turned round.
+    """Keeps the longest increasing sequence of times: drops repeated, jumping and decreasing time stamps.
+    Rows in decreasing order of time are reversed.
 
     Raises:
         DataError: time restarts (two recordings in one file), too many stamps are out of order, or too many
@@ -101,7 +101,7 @@ def order_rows(log: Log) -> Log:
 
 
 def _without_strays(log: Log) -> Log:
-    """Drops few rows whose times lie further from the others than those last: stamps not set yet, garbage."""
+    """Drops a few rows whose times are further from the others than their duration: unset stamps, garbage."""
     pieces = segments(log.t)
     main = max(pieces, key=lambda piece: piece.stop - piece.start)
     first, last = log.t[main.start], log.t[main.stop - 1]
@@ -174,12 +174,15 @@ def note_pauses(log: Log) -> Log:
     )
 
 
-WILD, FURTHER = 20.0, 5.0  # times what rows usually are off the middle of their neighbours; times large steps
-FLICKER = 10.0  # times the least step: less is an encoder at the edge of two counts
+WILD, FURTHER = (
+    20.0,
+    5.0,
+)  # times the usual distance of rows from the mean of their neighbours; times large steps
+FLICKER = 10.0  # times the least step: smaller jumps are an encoder between two counts
 
 
 def drop_spikes(log: Log) -> Log:
-    """Drops single rows that stand far from both neighbours, where these agree."""
+    """Drops single rows far from both neighbours, where these agree."""
     wild = np.zeros(len(log), dtype=np.bool_)
     for channel in log.channels.values():
         if channel.role == "state" and channel.name in log and set(channel.units) <= {"rad", "m"}:
@@ -219,9 +222,9 @@ def check_leaps(log: Log, channels: Sequence[Channel], limits: Limits) -> Log:
 
 
 CHECK = "jump"
-JUMP_FACTOR = 3.0  # a step of more than this many velocity limits is no motion
-STEP_NOISE = 0.01  # of a range: what noise may add to a step
-BESIDE = 10  # rows to either side that a leap is held against
+JUMP_FACTOR = 3.0  # times the velocity limit: larger steps are not motion
+STEP_NOISE = 0.01  # part of a range: largest noise in a step
+BESIDE = 10  # rows on both sides with which a leap is compared
 ALONE = 5.0  # times the largest step beside: a clock in another unit makes all steps large
 RARE_SHARE = 0.01  # of the rows
 
@@ -234,7 +237,7 @@ def leaps(log: Log, channel: Channel, top: Array, size: Array) -> Mask:
     """
     steps, q = np.diff(log.t), log[channel.name]
     found = np.empty((len(steps), q.shape[1]), dtype=bool)
-    for j in range(q.shape[1]):  # one by one: long logs leave no room for all at once
+    for j in range(q.shape[1]):  # one by one, since memory for all at once is missing with long logs
         found[:, j] = np.abs(np.diff(q[:, j])) > JUMP_FACTOR * top[j] * steps + STEP_NOISE * size[j]
     return found
 
@@ -260,7 +263,7 @@ def leap_finding(log: Log, channel: Channel, top: Array, size: Array) -> Finding
 
 
 def jump_in_words(log: Log, channel: Channel, row: int, j: int) -> tuple[str, str]:
-    """What is said of a leap after a row, and the next step."""
+    """Sentence on a leap after a row, and the next step."""
     q, unit = log[channel.name][:, j], channel.units[j]
     step = float(q[row + 1] - q[row])
     fact = f"the position jumps by {step:.3g} {unit} at t = {log.t[row]:.3f} s, faster than it can move"
@@ -290,7 +293,7 @@ def _back(q: Array, leap: Mask) -> Mask:
 
 
 def check_commanded(log: Log) -> Log:
-    """The log. DataError: what moved has a constant command, which the truth tests make no sense of."""
+    """The log. DataError: a moving joint has a constant command, which the plausibility checks cannot use."""
     for channel in [c for c in log.channels.values() if c.role == "command" and c.acts_on in log]:
         moved = np.ptp(log[channel.acts_on], axis=0) > 0
         dead = np.flatnonzero(moved & (np.ptp(log[channel.name], axis=0) == 0)).tolist()
@@ -308,7 +311,7 @@ def check_constant(log: Log) -> Log:
     """Refuses a log where nothing moved or a moving joint's command is constant; notes joints at rest.
 
     Raises:
-        DataError: what is commanded did not move, or moved without a command.
+        DataError: a commanded joint did not move, or a joint moved without a command.
     """
     for channel in [c for c in log.channels.values() if c.role == "command" and c.acts_on in log]:
         moved = np.ptp(log[channel.acts_on], axis=0) > 0

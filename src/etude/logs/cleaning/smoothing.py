@@ -22,16 +22,16 @@ BAND_ENERGY = 0.9  # share of the velocity's energy that defines the motion's ba
 BAND_FACTOR = 20.0  # cutoff over that band: forces have harmonics, and steps where friction changes sign
 PASS_FACTOR = 4.0  # least cutoff over that band: its edge keeps 0.996 of its size
 NYQUIST_SHARE = 0.25  # the cutoff never exceeds this part of half the rate: rate / 8
-NOISE_FACTOR = 20.0  # spectral lines below this many noise levels are taken for noise
+NOISE_FACTOR = 20.0  # spectral lines below this many noise levels count as noise
 CUTOFF_CHOICES = 64  # tried, evenly spaced in logarithm: 8 % apart over two decades
-QUICK_FACTORS = (2, 3, 5, 7, 11)  # of which a transform has loops of its own
+QUICK_FACTORS = (2, 3, 5, 7, 11)  # factors for which the FFT has special loops
 LONG = 10_000  # rows
 GAP_FACTOR = 10.0  # a pause of this many median intervals splits a log
 
 
 @dataclass(frozen=True, eq=False)
 class Smoothed:
-    """A filtered signal on a uniform grid of T rows. Each derivative is computed when it is asked for.
+    """A filtered signal on a uniform grid of T rows. Each derivative is computed on demand.
 
     Attributes:
         t: (T,) s, uniform.
@@ -112,7 +112,7 @@ def smooth(t: Array, values: Array, cutoff_hz: float, order: int = 2) -> Smoothe
 def quick_length(n: int) -> int:
     """Rows, n or a few fewer, that `smooth` filters fast: its period 2 (n - 1) has small factors only.
 
-    A period with a large prime factor takes ten times as long; of a short log no row is worth that.
+    A period with a large prime factor takes ten times as long, so a few rows of a short log are dropped.
     """
     if n < LONG:
         return n

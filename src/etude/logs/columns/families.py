@@ -1,8 +1,8 @@
 """Families of equivalent columns: measured torques, commanded torques, and torques from currents.
 
-A family is a word and a column for each part of a channel: `TorqueSm1`, `TorqueSm2`, or `elbow.effort_raw`
-and `hip.effort_raw`. No name tells which of several is to be learned, so it is asked. The answer stands in
-[log.columns]: `command = "TorqueSm"` names a family as a whole. What was desired is none of them.
+A family is a word with a column for each part of a channel: `TorqueSm1`, `TorqueSm2`, or `elbow.effort_raw`
+and `hip.effort_raw`. Names do not decide which of several families to learn, so Étude asks. The answer is in
+[log.columns]: `command = "TorqueSm"` names a whole family. Desired values are no family.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ OTHER_QUANTITIES = (
     *("const", "constant", "std", "var", "status", "enable", "enabled", "mode", "ff", "fb", "feedforward"),
     *("feedback", "gain", "ratio", "id", "flag", "ext", "external", "friction", "gravity", "coriolis"),
 )
-"""Words in a header that say of a torque that it is another quantity, or a part of one."""
+"""Words in a header that mark a torque as another quantity, or as a part of one."""
 
 
 def members(headers: Iterable[str], family: str) -> dict[str, str]:
@@ -76,6 +76,6 @@ def _may_be(header: str, family: str, words: Sequence[str], channel: Channel) ->
 
 
 def answer(channel: Channel, families: Iterable[str]) -> str:
-    """What to write, and where."""
+    """The next step: the line to write, and its file."""
     lines = " or ".join(f'{channel.name} = "{family}"' for family in families)
     return f"Say which one in the table [log.columns] of campaign.toml, once for all logs: {lines}."

@@ -1,7 +1,7 @@
 """Units in headers, in all common spellings: dimension and factor to SI.
 
 `rad/s`, `rad s^-1`, `radians per second` and `rad*s-1` are one unit. A product is written with a blank, a
-point, a star or a hyphen (`N-m`). Counts have no factor: how many make a unit is the drive's matter.
+point, a star or a hyphen (`N-m`). Counts have no factor, since it depends on the drive.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ class Unit(NamedTuple):
 
     @property
     def counted(self) -> bool:
-        """Whether nobody but the drive knows what it is in SI."""
+        """Whether its size in SI depends on the drive."""
         return self.dimension.counts != 0
 
 
@@ -103,7 +103,7 @@ TOKEN = re.compile(r"[\s*·⋅∙•×._-]*(/?)\s*([a-z°º%‰]+|1)(?:\^?\{?([-
 
 @lru_cache(maxsize=1024)
 def unit_in(text: str) -> Unit | None:
-    """The unit of a text such as `rad/sec`; None of what is none. "": a number as it is."""
+    """The unit of a text such as `rad/sec`; None if it is not a unit. "": a plain number."""
     text = text.strip().lower().translate(HIGH).replace("^-^", "^-")
     for pattern, sign in WRITTEN:
         text = re.sub(pattern, sign, text)
@@ -122,6 +122,6 @@ def unit_in(text: str) -> Unit | None:
 
 
 def same_dimension(one: str, other: str) -> bool:
-    """Whether what is stated in one unit can be converted to the other."""
+    """Whether values in one unit can be converted to the other."""
     a, b = unit_in(one), unit_in(other)
     return a is not None and b is not None and a.dimension == b.dimension

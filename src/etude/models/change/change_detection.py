@@ -30,7 +30,7 @@ FARTHEST = 1e12
 """Deviations beyond which all errors are equally impossible."""
 
 
-def tails(z: Array) -> float:
+def student_freedom(z: Array) -> float:
     """Degrees of freedom of Student's t for errors over predicted deviations; NaN where not held out."""
     fitted = fit_student(z[np.isfinite(z)])
     return FREEDOM if fitted is None else min(MOST_FREEDOM, fitted.freedom)
@@ -44,7 +44,7 @@ def scores(z: Array, freedom: float) -> Array:
     return np.asarray(-np.sign(z) * ndtri(tail))
 
 
-def doubted(variance: Array, noise: Array) -> Array:
+def detection_variances(variance: Array, noise: Array) -> Array:
     """(n, J) variances that errors are held against: of what the model does not know `KAPPA2` times its own.
 
     How far it errs where it knows little is hardly calibrated: no held-out motion went there. A deviation
@@ -90,7 +90,7 @@ def independence(z: Array, freedom: float, t: Array, group: Index, use: Mask) ->
     outputs, since one alone has few blocks. 1 where nothing was held out.
 
     Args:
-        z: (n, J) errors over predicted deviations, NaN where not held out. freedom: their `tails`.
+        z: (n, J) errors over predicted deviations, NaN where not held out. freedom: their `student_freedom`.
         t, group: (n,) s, and the trajectory.
         use: (n, J) samples that say something, as for `evidence`; those of them that were not held out add
             nothing.

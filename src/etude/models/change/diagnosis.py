@@ -180,7 +180,7 @@ GOES_ON = 0.05
 """Of its own range, that a plan moves while its position does not."""
 
 
-def stuck(samples: Samples) -> tuple[int, int] | None:
+def frozen_sensor(samples: Samples) -> tuple[int, int] | None:
     """The output and the sample at which it was certain; None if nothing is, or positions are not known.
 
     A command that stays the same while its joint moves; a position that stays the same while its plan moves.

@@ -9,8 +9,8 @@ from typing import Literal
 import numpy as np
 
 from etude.abilities import SupportsVariations
-from etude.models.change.change_detection import ALARM, doubted, evidence, first_alarm, scores
-from etude.models.change.diagnosis import Cause, ExpectedCommands, Size, alone, cause, size_of, stuck
+from etude.models.change.change_detection import ALARM, detection_variances, evidence, first_alarm, scores
+from etude.models.change.diagnosis import Cause, ExpectedCommands, Size, alone, cause, frozen_sensor, size_of
 from etude.models.learned_model import LearnedModel
 from etude.protocols import Mean
 from etude.types import Array, Mask, Samples
@@ -20,7 +20,7 @@ MOST_ROWS = 200
 
 
 @dataclass(frozen=True, eq=False)
-class Judged:
+class ChangeTest:
     """What became of the test.
 
     Attributes:
@@ -31,7 +31,7 @@ class Judged:
         cause: what has changed; "unknown" as long as there is no alarm.
         output: the command that holds nearly all of the errors, if one does.
         size: of what has changed, where the cause has one number.
-        sizes: (B,) root mean squares of the errors over their deviations, `doubted`, in blocks of
+        sizes: (B,) root mean squares of the errors over their deviations, `detection_variances`, in blocks of
             `drift_onset.BLOCK_S`.
     """
 
@@ -44,7 +44,7 @@ class Judged:
     sizes: Array = field(default_factory=lambda: np.zeros(0))
 
 
-def judged(model: LearnedModel, samples: Samples, body: Mean | None = None) -> Judged:
+def change_test(model: LearnedModel, samples: Samples, body: Mean | None = None) -> ChangeTest:
     """The test of one log's samples, in the order of time, where they move.
 
     Args:
@@ -54,13 +54,13 @@ def judged(model: LearnedModel, samples: Samples, body: Mean | None = None) -> J
         KeyError: the log lacks an input of the model.
     """
     mean, variance, noise = model.parted(samples.log)
-    error, deviation = samples.command - mean, np.sqrt(doubted(variance, noise))
+    error, deviation = samples.command - mean, np.sqrt(detection_variances(variance, noise))
     use = samples.usable & samples.moving
     z = error / deviation
     found = _evidence(scores(z, model.freedom), np.minimum(model.worth(), 1.0), use)
     z2 = float(np.mean(error[use] ** 2 / variance[use])) if use.any() else 0.0
-    at, held = first_alarm(found, ALARM), stuck(samples)
-    quiet = Judged(found, at, z2, sizes=block_sizes(samples.t, np.where(use, z, np.nan)))
+    at, held = first_alarm(found, ALARM), frozen_sensor(samples)
+    quiet = ChangeTest(found, at, z2, sizes=block_sizes(samples.t, np.where(use, z, np.nan)))
     if held is not None:
         first = held[1] if at is None else min(at, held[1])
         return replace(quiet, alarm=first, cause="stuck", output=held[0])

@@ -17,7 +17,7 @@ import numpy as np
 
 from etude.abilities import SupportsVariations
 from etude.models.accuracy import NORMAL_95
-from etude.models.change.change_detection import doubted
+from etude.models.change.change_detection import detection_variances
 from etude.models.learned_model import LearnedModel
 from etude.models.scatter import scattered
 from etude.types import Array, Log, Samples
@@ -77,7 +77,7 @@ def load_of(
         KeyError: the log lacks an input of the model.
     """
     mean, variance, noise = model.parted(samples.log)
-    worth, deviation = np.minimum(model.worth(), 1.0), np.sqrt(doubted(variance, noise))
+    worth, deviation = np.minimum(model.worth(), 1.0), np.sqrt(detection_variances(variance, noise))
     offset = np.sqrt(noise.mean(axis=0))
     x, covariance, left = _regressed(samples.command - mean, deviation, offset, worth, samples, body)
     if apparent is not None and len(apparent):
@@ -122,7 +122,7 @@ def load_forecast(
         mass: kg, about that of the load. apparent: as of `load_of`.
     """
     _, variance, noise = model.parted(log)
-    columns = _columns(log, body, gains / np.sqrt(doubted(variance, noise)))
+    columns = _columns(log, body, gains / np.sqrt(detection_variances(variance, noise)))
     prior = _prior(np.sqrt(noise.mean(axis=0)), mass)
     found = np.linalg.inv(np.einsum("njp,njq->pq", columns, columns) + np.diag(prior**-2))[:4, :4]
     if apparent is not None and len(apparent):

@@ -233,13 +233,13 @@ def block_masks(t: Array, gap_s: float = 0.0) -> tuple[Mask, Mask]:
     # by rank, not by time, so that a log with pauses, or a part of a split one, still has 20 blocks
     rank = np.argsort(np.argsort(t, kind="stable"))
     test = np.isin(rank * COUNT // len(t), held_out_blocks())
-    train = ~test & ~near(t, test, gap_s)
+    train = ~test & ~near_times(t, test, gap_s)
     if not test.any() or not train.any():
         raise DataError("the log is too short to hold out blocks of it", next_step="Record a longer motion.")
     return train, test
 
 
-def near(t: Array, test: Mask, gap_s: float) -> Mask:
+def near_times(t: Array, test: Mask, gap_s: float) -> Mask:
     """Which of t (n,) are less than `gap_s` from a time of the test; rounding decides nothing."""
     if gap_s <= 0.0 or not test.any():
         return np.zeros_like(test)

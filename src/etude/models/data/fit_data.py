@@ -124,7 +124,7 @@ def spread_points(
     """
     candidates = np.flatnonzero(use)
     if spacing > 0:
-        candidates = candidates[apart(t[candidates], group[candidates], spacing)]
+        candidates = candidates[spaced_positions(t[candidates], group[candidates], spacing)]
     if len(candidates) <= count:
         return candidates
     places = (np.arange(count) + rng.uniform()) * (len(candidates) / count)
@@ -152,7 +152,7 @@ def seconds_of(samples: Samples) -> float:
     return float(sum(np.ptp(samples.t[samples.group == number]) for number in np.unique(samples.group)))
 
 
-def apart(t: Array, group: Index, spacing: float) -> Index:
+def spaced_positions(t: Array, group: Index, spacing: float) -> Index:
     """Positions that keep each trajectory's samples `spacing` apart, greedily from its first one."""
     kept, last_t, last_group = [], -np.inf, None
     for i, (time, number) in enumerate(zip(t.tolist(), group.tolist(), strict=True)):
@@ -268,7 +268,7 @@ LENGTH_FACTORS = (1.0, 3.0, 1.0 / 3.0, 10.0, 0.1)
 """Starts of a training: half ranges of the inputs as lengths, times these."""
 
 
-def counted(fit: FitData) -> Index:
+def complete_samples(fit: FitData) -> Index:
     """Positions of the samples at which every command of the group says something."""
     return np.flatnonzero((fit.usable & fit.moving).all(axis=1))
 
@@ -278,14 +278,14 @@ def columns(Y: Array) -> Array:
     return Y[:, 0].copy() if Y.shape[1] == 1 else Y
 
 
-def before(fit: FitData) -> Process | None:
+def previous_process(fit: FitData) -> Process | None:
     """The last round's process, if training is to go on from it."""
     return None if fit.config.schedule == "reinitialise" else fit.start
 
 
 def hyperparameters(fit: FitData) -> tuple[Array, float] | None:
     """theta and noise variance to train on from, if the last round's kernel was the same."""
-    start = before(fit)
+    start = previous_process(fit)
     if start is None:
         return None
     latent = start.latents()[0][0]

@@ -353,7 +353,7 @@ rows.
 """
 
 
-def telling_first(L: Array) -> tuple[Index, Array]:
+def greedy_order(L: Array) -> tuple[Index, Array]:
     """Points (n,) in an order in which each of the first tells most beside those before, and (n, n) the
     inverse of the lower Cholesky factor of their covariance in that order.
 
@@ -388,7 +388,7 @@ def packed(A: Array) -> Array:
     return out
 
 
-def fused(name: str, parts: Sequence[tuple[Code, str, tuple[int, ...]]]) -> Code:
+def merged_functions(name: str, parts: Sequence[tuple[Code, str, tuple[int, ...]]]) -> Code:
     """One function of several, each with its own outputs: (code, its function, places of its outputs)."""
     calls = []
     for _, function, places in parts:

@@ -418,10 +418,10 @@ def standing(columns: Sequence[Column], commands: tuple[str, ...]) -> Kernel:
     Raises:
         UsageError: inputs without a memory, or as `structured`.
     """
-    return structured(columns, commands) + remembering(columns, commands)
+    return structured(columns, commands) + memory_kernel(columns, commands)
 
 
-def remembering(columns: Sequence[Column], commands: tuple[str, ...]) -> Kernel:
+def memory_kernel(columns: Sequence[Column], commands: tuple[str, ...]) -> Kernel:
     """(1 + SE(q_j)) · memory_j + memory of all + noise at rest, for the command of joint j."""
     memory = tuple(i for i, column in enumerate(columns) if column[3] == "memory")
     own, position = own_columns(columns, commands, "memory"), own_columns(columns, commands, "")[:1]

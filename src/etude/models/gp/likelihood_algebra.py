@@ -157,13 +157,13 @@ def solved(K: Array, noise_variance: float, Y: Array) -> Solved:
 
     def attempt(diagonal: Array) -> Solved | None:
         if known is None or len(K) <= LEAST_SIZE:
-            return by_parts(K, diagonal, columns)
-        return in_one(K, diagonal, columns, known)
+            return factor_by_lapack(K, diagonal, columns)
+        return factor_in_one_pass(K, diagonal, columns, known)
 
     return with_jitter(K, noise_variance, attempt)[0]
 
 
-def by_parts(K: Array, diagonal: Array, Y: Array) -> Solved | None:
+def factor_by_lapack(K: Array, diagonal: Array, Y: Array) -> Solved | None:
     """By LAPACK's three, of K with that diagonal (n,) and Y (n, m); None if it is indefinite."""
     A = copied(K)
     diagonal_of(A)[:] = diagonal
@@ -177,7 +177,7 @@ def by_parts(K: Array, diagonal: Array, Y: Array) -> Solved | None:
     return Solved(float(np.sum(Y * alpha)), _log_det(pivots), weights)
 
 
-def in_one(K: Array, diagonal: Array, Y: Array, use: Routines) -> Solved | None:
+def factor_in_one_pass(K: Array, diagonal: Array, Y: Array, use: Routines) -> Solved | None:
     """The same in one pass."""
     way = _Pass(K, diagonal, Y, use)
     for first in range(0, way.n, BLOCK):

@@ -15,7 +15,7 @@ from etude.errors import UsageError
 from etude.models.accuracy import while_any_moves
 from etude.models.config import ModelConfig
 from etude.models.data.cross_validation import Base, HeldOut, process_held_out
-from etude.models.data.fit_data import Folds, Rows, apart, rows_of
+from etude.models.data.fit_data import Folds, Rows, rows_of, spaced_positions
 from etude.models.gp.kernels import own_columns
 from etude.models.learned_model import LearnedModel
 from etude.models.selection.candidate_errors import CandidateErrors, mixed, of_command
@@ -159,7 +159,7 @@ def beside_default(
             source, base = sources.get(name, (folds, bases.get(base_of(structure))))
             every = tuple(j for learned in own for j in learned.candidate.commands)
             for commands in counted([every] if CANDIDATES[name].together else [(j,) for j in every]):
-                wanted = None if len(commands) > 1 else wanted_of(folds, commands[0], own)
+                wanted = None if len(commands) > 1 else compared_samples(folds, commands[0], own)
                 found.append(_learned(source, commands, name, structure, base, rng, previous, wanted))
                 if CANDIDATES[name].own and base is not None:
                     found.append(_alone(source, found[-1], base))
@@ -223,7 +223,7 @@ def resting(folds: Folds) -> Mask:
     rests = (folds.X[:, places] >= RESTS) & while_any_moves(samples)
     for own in rests.T:
         rows = np.flatnonzero(own)
-        own[np.setdiff1d(rows, rows[apart(samples.t[rows], samples.group[rows], REST_S)])] = False
+        own[np.setdiff1d(rows, rows[spaced_positions(samples.t[rows], samples.group[rows], REST_S)])] = False
     return np.asarray(rests)
 
 
@@ -273,7 +273,7 @@ def standing(folds: Folds, commands: Sequence[int]) -> Mask:
     return np.asarray(while_any_moves(folds.samples)[:, own] & ~folds.samples.moving[:, own])
 
 
-def wanted_of(folds: Folds, command: int, defaults: Sequence[LearnedStructure] = ()) -> Mask:
+def compared_samples(folds: Folds, command: int, defaults: Sequence[LearnedStructure] = ()) -> Mask:
     """(n,) samples of a command that `everywhere` compares candidates on: those that judge, or without them
     those of standing joints, and those that the defaults held out.
     """

@@ -41,7 +41,7 @@ def is_physical(candidate: Candidate) -> bool:
     return candidate.structure.removesuffix("+gp") in PHYSICAL
 
 
-def physics_behind(candidate: Candidate, candidates: Sequence[Candidate], believed: bool) -> Mean | None:
+def fallback_physics(candidate: Candidate, candidates: Sequence[Candidate], believed: bool) -> Mean | None:
     """What a candidate's commands fade to: its own physics, or else those that the model has beside it.
 
     A process on the commands themselves may predict best where it was taught. Where it was not it knows

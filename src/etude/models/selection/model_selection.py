@@ -22,7 +22,7 @@ from etude.abilities import SupportsRipple, SupportsSlow
 from etude.codes import stated
 from etude.errors import DataError, UsageError
 from etude.models.accuracy import PredictionScore, figures, prediction_score, trivial_prediction
-from etude.models.change.change_detection import independence, tails
+from etude.models.change.change_detection import independence, student_freedom
 from etude.models.config import ModelConfig
 from etude.models.data.cross_validation import Base, HeldOut, fitted_base, fold_mean, fold_numbers
 from etude.models.data.fit_data import Folds, Rows, in_order, judged_samples, rows_of
@@ -35,7 +35,7 @@ from etude.models.selection.ensemble import (
     averages,
     beside_default,
     candidate_errors,
-    wanted_of,
+    compared_samples,
 )
 from etude.models.selection.linear import LinearPhysics
 from etude.models.selection.selection_rule import TRAJECTORIES, choices, least_variance, notes, warnings_of
@@ -137,24 +137,19 @@ def select_structures(
 
 
 def prequential(
-    model: LearnedModel, new: Samples, trained: Samples | None = None
+    model: LearnedModel, new: Samples, trained: Samples | None = None, together: str = ""
 ) -> dict[str, PredictionScore]:
     """Score of each structure of an earlier model on motion that it has not seen.
 
     Args:
         trained: what it had seen, for the log loss.
+        together: name of one more score where several structures are in use: of these; "": none.
     """
-    complete = [structure for structure in model.structures if _covers(model, structure)]
-    return {
-        structure: prediction_score(new, *model.of_structure(structure).posterior(new.log), trained)
-        for structure in complete
-    }
-
-
-def _covers(model: LearnedModel, structure: str) -> bool:
-    return {j for c in model.candidates if c.structure == structure for j in c.commands} == set(
-        range(len(model.commands))
-    )
+    told = model.posteriors(new.log)
+    mixed = told.pop("")
+    if together and len(model.in_use) > 1:
+        told[together] = mixed
+    return {name: prediction_score(new, *found, trained) for name, found in told.items()}
 
 
 def _folds(
@@ -241,7 +236,7 @@ def _train_group(
         base = bases.get(base_of(structure))
         start = earlier_of(previous, structure, group, folds)
         single = len(group) == 1 and len(folds.numbers) > 1
-        wanted = wanted_of(folds, group[0]) if single and folds.config.weighs else None
+        wanted = compared_samples(folds, group[0]) if single and folds.config.weighs else None
         return with_process(folds, group, rows, structure, base, start, rng, wanted)
 
     late = ["linear+gp"] if auto else []
@@ -386,7 +381,7 @@ def _model(
     config, samples = folds.config, folds.samples
     use = samples.usable & samples.moving
     z = np.where(use, (error - (folds.judge - samples.command)) / np.sqrt(variance), np.nan)
-    freedom = tails(z)
+    freedom = student_freedom(z)
     enough = LEAST_LOGS if config.stacks else LEAST_CALIBRATED
     return LearnedModel(
         inputs=folds.inputs,

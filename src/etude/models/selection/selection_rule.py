@@ -155,7 +155,7 @@ DOUBT = 0.1
 """Part of a command's limit that is the least deviation before that."""
 
 
-def short(folds: Folds) -> Mask:
+def insufficient_data(folds: Folds) -> Mask:
     """(J,) commands of which there is too little motion to hold any out that differs from the rest.
 
     A coordinate that is held sags and swings while others move. Its command is the feedback's answer to that,
@@ -174,7 +174,7 @@ def least_variance(folds: Folds, candidates: Sequence[Candidate]) -> Array | Non
 
     A controller then gives the model no trust, and no stop rule fires. Designs go on looking at the process.
     """
-    few = short(folds)
+    few = insufficient_data(folds)
     if not (few.any() and folds.config.calibrate):
         return None
     samples = folds.samples
@@ -192,7 +192,7 @@ def least_variance(folds: Folds, candidates: Sequence[Candidate]) -> Array | Non
 
 def notes(folds: Folds) -> tuple[Notice, ...]:
     """What the user should know of short motion."""
-    few = short(folds)
+    few = insufficient_data(folds)
     if not few.any() or not folds.config.calibrate:
         return ()
     names = ("all commands",) if few.all() else tuple(np.array(folds.commands)[few].tolist())

@@ -53,14 +53,14 @@ def widths(error: Array, variance: Array, fold: Index, trajectories: int) -> Arr
 def _factor(z2: Array, trajectories: int) -> float:
     """Of one command, by z2 (G,) of each log or block."""
     if trajectories < LEAST_LOGS:
-        return SECOND_LOG * float(z2.mean()) * covering(PRIOR_SPREAD)
+        return SECOND_LOG * float(z2.mean()) * coverage_factor(PRIOR_SPREAD)
     logs, G = np.log(z2), len(z2)
     squares = float(np.sum((logs - logs.mean()) ** 2))
     spread = np.sqrt((PRIOR_LOGS * PRIOR_SPREAD**2 + squares) / (PRIOR_LOGS - 1.0 + G) * (1.0 + 1.0 / G))
-    return float(z2.mean()) * covering(float(spread))
+    return float(z2.mean()) * coverage_factor(float(spread))
 
 
-def covering(spread: float) -> float:
+def coverage_factor(spread: float) -> float:
     """The factor on a variance at which intervals of 95 % hold, where log z2 ~ N(0, spread^2)."""
     from scipy.special import ndtr
 

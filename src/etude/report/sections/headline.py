@@ -12,10 +12,10 @@ from etude.report.markup import (
     baseline,
     duration,
     element,
-    in_telling_order,
     join,
-    missing,
+    missing_data,
     number,
+    ordered_baselines,
     paragraph,
     test_name,
     times,
@@ -104,7 +104,7 @@ def _beaten(shown: Baseline, found: Evaluation, now: Evaluation) -> str:
 
 def _baselines(test: Test) -> list[tuple[Baseline, Evaluation]]:
     """What is known of each baseline, and its newest evaluation, in the order of telling."""
-    names = in_telling_order(list(test.baselines))
+    names = ordered_baselines(list(test.baselines))
     return [(baseline(name), found) for name in names if (found := test.baseline(name))]
 
 
@@ -134,13 +134,13 @@ def _untrained(record: Record) -> Html:
     asked = [r for r in record.state.rounds.values() if r.asked]
     have = "has" if len(asked) == 1 else "have"
     if record.state.ingested:
-        return missing("Logs have been told, and no model has been trained from them yet.")
+        return missing_data("Logs have been told, and no model has been trained from them yet.")
     if asked:
-        return missing(
+        return missing_data(
             f"{_count(len(asked))} {have} been proposed, and no log has "
             "come back yet. Run the trajectory on the robot, then `etude tell` with its log."
         )
-    return missing("Nothing has been asked yet. `etude ask` writes the first trajectory.")
+    return missing_data("Nothing has been asked yet. `etude ask` writes the first trajectory.")
 
 
 def _held_out(record: Record, structure: str | None) -> tuple[Array | None, Array | None]:

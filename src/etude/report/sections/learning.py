@@ -10,7 +10,7 @@ from etude.report.markup import (
     element,
     error_axis,
     grid,
-    missing,
+    missing_data,
     paragraph,
     section,
     table,
@@ -63,7 +63,7 @@ def learning(record: Record) -> Html:
         for structure in structures
     ):
         parts = _prequential(record, record.outputs) + parts
-    nothing = missing("No evaluation yet: there is neither a simulated test nor a held-out score.")
+    nothing = missing_data("No evaluation yet: there is neither a simulated test nor a held-out score.")
     return section("learning", title, *(parts or [nothing]))
 
 

@@ -12,8 +12,9 @@ from etude.campaign.record.events import Trained
 from etude.campaign.record.state import Round
 from etude.errors import EtudeError
 from etude.limits.convex_limits import AxisLimit
+from etude.models.learned_model import LearnedModel
 from etude.protocols import Model
-from etude.report.markup import Html, element, grid, join, missing, paragraph, section, table
+from etude.report.markup import Html, element, grid, join, missing_data, paragraph, section, table
 from etude.report.png import colour_bar, colours, png_address
 from etude.report.record import Quantity, Record, chosen_structure, score, scored_structures, structure_name
 from etude.report.scales import Axis
@@ -31,7 +32,7 @@ def selection(record: Record) -> Html:
     title = "Model selection"
     scored = [r for r in record.state.trained if r.trained and r.trained.models]
     if not scored:
-        return section("selection", title, missing("No model has been scored yet."))
+        return section("selection", title, missing_data("No model has been scored yet."))
     return section("selection", title, *_newest(record, scored[-1]), *_by_round(record))
 
 
@@ -68,8 +69,8 @@ UNCALIBRATED = (
 def calibration(record: Record) -> Html:
     """z² and coverage of the model in use after each round, per output, with the band that is good enough."""
     title = "Held-out calibration"
-    if not any(in_use(r.trained, "z2") is not None for r in record.state.trained):
-        nothing = missing("No held-out score yet: it comes with the second log.")
+    if not any(score_in_use(r.trained, "z2") is not None for r in record.state.trained):
+        nothing = missing_data("No held-out score yet: it comes with the second log.")
         newest = _uncalibrated(record) if record.state.trained else []
         return section("calibration", title, *newest, nothing)
     text = paragraph(
@@ -118,7 +119,7 @@ def _early(record: Record) -> list[Html]:
     return [paragraph(f"The models that predicted {logs} were not calibrated yet.", class_="soft")]
 
 
-def in_use(trained: Trained | None, quantity: Quantity) -> Array | None:
+def score_in_use(trained: Trained | None, quantity: Quantity) -> Array | None:
     """The score of the model in use when the log came, or of the nearest structure that has one."""
     structures = [*trained.models, trained.chosen, trained.predicted_by] if trained else []
     scores = (score(trained, structure, quantity) for structure in reversed(structures) if structure)
@@ -129,7 +130,7 @@ def _lines(record: Record, quantity: Quantity) -> list[Line]:
     scored = [
         (index, values)
         for index, r in enumerate(record.state.trained, start=1)
-        if (values := in_use(r.trained, quantity)) is not None
+        if (values := score_in_use(r.trained, quantity)) is not None
     ]
     x = np.array([index for index, _ in scored], dtype=float)
     columns = np.array([values for _, values in scored]).T
@@ -146,7 +147,7 @@ def _names(record: Record, count: int) -> tuple[str, ...]:
 
 def _verdict(record: Record) -> str:
     last = record.state.trained[-1].trained
-    z2, cover = in_use(last, "z2"), in_use(last, "coverage")
+    z2, cover = score_in_use(last, "z2"), score_in_use(last, "coverage")
     if z2 is None or cover is None:
         return "The newest model has no held-out score."
     names, (least, most) = _names(record, len(z2)), Z2
@@ -175,9 +176,14 @@ def _by_round(record: Record) -> list[Html]:
         structure: {r.number: score(r.trained, structure, "nmse") for r in rounds}
         for structure in scored_structures(record)
     }
-    used = {r.number: in_use(r.trained, "nmse") for r in rounds}
-    left = {structure: {r.number: left_out(r.trained).get(structure) for r in rounds} for structure in seen}
-    chosen = {r.number: left_out(r.trained).get(chosen_structure(r.trained) or "") for r in rounds}
+    used = {r.number: score_in_use(r.trained, "nmse") for r in rounds}
+    left = {
+        structure: {r.number: cross_validation_errors(r.trained).get(structure) for r in rounds}
+        for structure in seen
+    }
+    chosen = {
+        r.number: cross_validation_errors(r.trained).get(chosen_structure(r.trained) or "") for r in rounds
+    }
     panels = [
         _structures(record, "On each new log", "nMSE, mean over commands (1)", seen, used),
         _structures(record, "On told logs left out", f"mean error ({unit})", left, chosen),
@@ -185,7 +191,7 @@ def _by_round(record: Record) -> list[Html]:
     return [text, grid(panels)]
 
 
-def left_out(trained: Trained | None) -> dict[str, Array]:
+def cross_validation_errors(trained: Trained | None) -> dict[str, Array]:
     """(1,) mean absolute error of each structure on logs left out, command units."""
     errors = trained.held_out_mae if trained else {}
     return {
@@ -239,16 +245,18 @@ def uncertainty(record: Record) -> Html:
     trained = [r.number for r in record.state.trained]
     found = [model for n in trained[-1:] if (model := record.model(n)) is not None]
     if not found:
-        return section("uncertainty", TITLE, missing("There is no trained model that can be loaded yet."))
+        return section(
+            "uncertainty", TITLE, missing_data("There is no trained model that can be loaded yet.")
+        )
     data = _learned_motion(record)
     if data is None:
-        nothing = missing("No log can be read, so there is no data to show it around.")
+        nothing = missing_data("No log can be read, so there is no data to show it around.")
         return section("uncertainty", TITLE, nothing)
     try:
         ranges = _ranges(record, data)
         maps = deviation_maps(found[0], data, ranges)
     except EtudeError as error:
-        return section("uncertainty", TITLE, missing(f"The model could not be evaluated: {error}"))
+        return section("uncertainty", TITLE, missing_data(f"The model could not be evaluated: {error}"))
     count = min(len(maps), len(record.outputs))
     panels = [map_panel(record, j, maps[j], data, ranges) for j in range(count)]
     return section("uncertainty", TITLE, paragraph(_text(record)), grid(panels, 4))
@@ -275,9 +283,8 @@ def deviation_maps(model: Model, data: tuple[Array, Array], ranges: tuple[Array,
         orders[0] = middle
         across, up = np.meshgrid(_centres(ranges[0][:, j]), _centres(ranges[1][:, j]))
         orders[0, :, j], orders[1, :, j] = across.ravel(), up.ravel()
-        _, variance = model.posterior(
-            model.inputs.states(Motion(np.arange(GRID * GRID, dtype=float), orders))
-        )
+        one = model.of_command(j) if isinstance(model, LearnedModel) else model
+        _, variance = one.posterior(one.inputs.states(Motion(np.arange(GRID * GRID, dtype=float), orders)))
         maps.append(np.sqrt(np.maximum(variance[:, j], 0.0)).reshape(GRID, GRID))
     return maps
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from etude.errors import EtudeError
-from etude.report.markup import Html, element, missing, paragraph, section, text
+from etude.report.markup import Html, element, missing_data, paragraph, section, text
 from etude.report.motion_in_space import in_space
 from etude.report.record import Record
 from etude.report.scene import (
@@ -15,8 +15,8 @@ from etude.report.scene import (
     camera_of,
     drawn_room,
     figure_along,
+    fixed_objects,
     room_around,
-    standing,
 )
 from etude.report.space import figure_in_space, words
 from etude.report.svg import CHARACTER, polyline
@@ -52,7 +52,7 @@ def motion(record: Record) -> Html:
     try:
         found, space = figure_along(record, path), in_space(record, numbers[-1])
     except EtudeError as error:
-        return section("motion", TITLE, missing(f"The robot cannot be drawn: {error}"))
+        return section("motion", TITLE, missing_data(f"The robot cannot be drawn: {error}"))
     parts = [words(space), figure_in_space(space, record)] if space is not None else []
     parts += [sticks_alone(f"Trajectory {numbers[-1]}", found)] if found is not None else []
     return section("motion", TITLE, *parts) if parts else Html("")
@@ -105,7 +105,7 @@ def stage(title: str, figure: Figure) -> Html:
     """The figure in poses on its way, the first in front, among what stands around it."""
     room = room_around(figure)
     camera, height = camera_of(room, SIZE)
-    things = standing(camera, room, figure.things)
+    things = fixed_objects(camera, room, figure.things)
     ghosts = np.linspace(0, len(figure.points) - 1, GHOSTS + 2).round().astype(int)[1:-1]
     parts = [drawn_room(camera, room), things]
     parts += [_pose(camera, figure, k, "ghost") for k in ghosts.tolist()]

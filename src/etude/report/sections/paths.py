@@ -8,7 +8,17 @@ from itertools import pairwise
 import numpy as np
 
 from etude.errors import EtudeError
-from etude.report.markup import Html, grid, join, missing, paragraph, section, test_title, text, with_unit
+from etude.report.markup import (
+    Html,
+    grid,
+    join,
+    missing_data,
+    paragraph,
+    section,
+    test_title,
+    text,
+    with_unit,
+)
 from etude.report.png import VIRIDIS, colour_bar
 from etude.report.record import Record, tests
 from etude.report.scales import Axis
@@ -23,7 +33,7 @@ TITLE = "Where it went, and where the model was unsure"
 
 
 @dataclass(frozen=True)
-class Gone:
+class DrawnMotion:
     """One motion to draw: its path, and what a model that had not learned it said; None before any model."""
 
     title: str
@@ -87,11 +97,11 @@ def paths(record: Record) -> Html:
     try:
         motions = [*_trained(record), *_tested(record)]
     except EtudeError as error:
-        return section("paths", TITLE, missing(f"The deviations could not be predicted: {error}"))
+        return section("paths", TITLE, missing_data(f"The deviations could not be predicted: {error}"))
     if not motions:
-        return section("paths", TITLE, missing("No log with positions has come back yet."))
+        return section("paths", TITLE, missing_data("No log with positions has come back yet."))
     left_out = len(record.state.trained) - NEWEST
-    omitted = [missing(f"The first {left_out} motions are not drawn.")] if left_out > 0 else []
+    omitted = [missing_data(f"The first {left_out} motions are not drawn.")] if left_out > 0 else []
     room = room_of(record.limits, [motion.path for motion in motions])
     return section(
         "paths", TITLE, paragraph(_text(record)), *omitted, grid(_scenes(record, motions, room), 3)
@@ -108,7 +118,7 @@ def _text(record: Record) -> str:
     )
 
 
-def _trained(record: Record) -> list[Gone]:
+def _trained(record: Record) -> list[DrawnMotion]:
     """Training motions; each in the colours of the model learned before it."""
     assert record.path is not None
     found = []
@@ -120,11 +130,11 @@ def _trained(record: Record) -> list[Gone]:
             continue
         model = record.model(before.number) if before else None
         said = expected_error(record, model, log) if model else None
-        found.append(Gone(f"Motion {now.number}", Path(log.t, places), said))
+        found.append(DrawnMotion(f"Motion {now.number}", Path(log.t, places), said))
     return found
 
 
-def _tested(record: Record) -> list[Gone]:
+def _tested(record: Record) -> list[DrawnMotion]:
     """The newest run of the first test with what was learned, in the colours of the model in use then."""
     assert record.path is not None
     for test in tests(record)[:1]:
@@ -136,18 +146,18 @@ def _tested(record: Record) -> list[Gone]:
         model = record.model(event.number or 0)
         said = expected_error(record, model, log) if model else None
         title = f"{test_title(test.name).capitalize()}, after round {event.number}"
-        return [Gone(title, Path(log.t, places), said)]
+        return [DrawnMotion(title, Path(log.t, places), said)]
     return []
 
 
-def _scenes(record: Record, motions: list[Gone], room: SceneBox) -> list[Html]:
+def _scenes(record: Record, motions: list[DrawnMotion], room: SceneBox) -> list[Html]:
     spreads = [gone.said.spread for gone in motions if gone.said is not None]
     values = np.concatenate(spreads) if spreads else np.ones(1)
     ends = float(values.min()), float(values.max())
     return [_scene(gone, room, ends, record.unit or "1") for gone in motions]
 
 
-def _scene(gone: Gone, room: SceneBox, ends: tuple[float, float], unit: str) -> Html:
+def _scene(gone: DrawnMotion, room: SceneBox, ends: tuple[float, float], unit: str) -> Html:
     said = gone.said
     if said is None or said.path is None:
         return scene(gone.title, room, [gone.path], note="no model yet when it was run")

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from etude.errors import EtudeError
 from etude.protocols import Model
-from etude.report.markup import Html, grid, missing, number, paragraph, section, test_name
+from etude.report.markup import Html, grid, missing_data, number, paragraph, section, test_name
 from etude.report.record import Record, tests
 from etude.report.scales import Axis
 from etude.report.svg import Area, Level, Line, Mark, panel, thinned
@@ -107,9 +107,9 @@ def prediction(record: Record) -> Html:
     try:
         found = newest_expected_error(record)
     except EtudeError as error:
-        return section("prediction", TITLE, missing(f"The prediction could not be made: {error}"))
+        return section("prediction", TITLE, missing_data(f"The prediction could not be made: {error}"))
     if found is None:
-        nothing = missing("This needs two logs: one to learn, one to predict.")
+        nothing = missing_data("This needs two logs: one to learn, one to predict.")
         return section("prediction", TITLE, nothing)
     which, said = found
     moving = said.samples.moving

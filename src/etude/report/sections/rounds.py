@@ -15,7 +15,7 @@ from etude.report.markup import (
     duration,
     element,
     join,
-    missing,
+    missing_data,
     number,
     paragraph,
     section,
@@ -32,7 +32,7 @@ def rounds(record: Record) -> Html:
     """One row per round; without a simulated test only its cost and the model chosen."""
     title = "What each round cost, and what it bought"
     if not record.state.rounds:
-        return section("rounds", title, missing("No round has begun."))
+        return section("rounds", title, missing_data("No round has begun."))
     test = next((test for test in tests(record) if test.learned), None)
     rows = _rows(record, test)
     header = [*COSTS, *(GAINS if test else ()), "model in use"]
@@ -154,7 +154,7 @@ def repairs(record: Record) -> Html:
     title = "Repairs made on the logs"
     ingested = record.state.ingested
     if not ingested:
-        return section("repairs", title, missing("No log has come back yet."))
+        return section("repairs", title, missing_data("No log has come back yet."))
     rows = [[f"{r.number}", sentence] for r in ingested if r.ingested for sentence in r.ingested.repairs]
     if not rows:
         return section("repairs", title, paragraph(f"None: {len(ingested)} logs were used as they came."))
@@ -201,6 +201,6 @@ def _version(package: str) -> str:
 def _config(record: Record) -> Html:
     path = record.folder / "campaign.toml"
     if not path.is_file():
-        return missing("campaign.toml is missing.")
+        return missing_data("campaign.toml is missing.")
     content = path.read_text(encoding="utf-8", errors="replace")
     return element("details", element("summary", "campaign.toml"), element("pre", element("code", content)))

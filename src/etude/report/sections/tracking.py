@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from etude.report.markup import FEEDBACK, Html, grid, missing, paragraph, section, unit_sign
+from etude.report.markup import FEEDBACK, Html, grid, missing_data, paragraph, section, unit_sign
 from etude.report.record import Record
 from etude.report.scales import Axis
 from etude.report.sections.paths import views
@@ -31,7 +31,7 @@ def tracking(record: Record) -> Html:
         readable = ((n, found) for n in reversed(told) if (found := record.log(n)) is not None)
         newest, ingested_log = next(readable, (0, None))
         if ingested_log is None:
-            return section("tracking", TITLE, missing("No log that can be read has come back yet."))
+            return section("tracking", TITLE, missing_data("No log that can be read has come back yet."))
         words, log, alone = f"The newest log, number {newest}.", ingested_log, None
     run = TrackedRun(record, log, alone)
     text = paragraph(f"{words} {run.reading()}")
@@ -74,7 +74,7 @@ class TrackedRun:
                 "This log was run without a feedforward, as training motions are; the next part shows "
                 "what the model would have given."
             )
-        return [missing(sentence) for sentence in sentences]
+        return [missing_data(sentence) for sentence in sentences]
 
     def grids(self) -> list[Html]:
         """A row for each joint; where commands are not the coordinates' own, in a grid of their own."""

@@ -15,7 +15,7 @@ from etude.report.markup import (
     element,
     grid,
     join,
-    missing,
+    missing_data,
     number,
     paragraph,
     section,
@@ -49,7 +49,7 @@ def trajectories(record: Record) -> Html:
     title = "Trajectories, their limits and proved margins"
     numbers = [n for n, r in sorted(record.state.rounds.items()) if r.asked is not None]
     if not numbers:
-        return section("trajectories", title, missing("No trajectory has been proposed yet."))
+        return section("trajectories", title, missing_data("No trajectory has been proposed yet."))
     parts = [_proposal(record, n, unfolded=n == numbers[-1]) for n in reversed(numbers)]
     return section("trajectories", title, paragraph(TEXT), *parts)
 
@@ -58,12 +58,14 @@ def _proposal(record: Record, n: int, *, unfolded: bool) -> Html:
     trajectory, certificate = record.trajectory(n), record.certificate(n)
     parts = _how(record, n)
     if trajectory is None:
-        parts.append(missing("The trajectory's file is missing or unreadable."))
+        parts.append(missing_data("The trajectory's file is missing or unreadable."))
     elif len(record.names) != _dimensions(trajectory):
-        parts.append(missing("The robot's file does not fit this trajectory, so it cannot be drawn."))
+        parts.append(missing_data("The robot's file does not fit this trajectory, so it cannot be drawn."))
     else:
         parts.append(grid(_panels(record, trajectory), 3))
-    parts.append(_proofs(record, certificate) if certificate else missing("There is no certificate for it."))
+    parts.append(
+        _proofs(record, certificate) if certificate else missing_data("There is no certificate for it.")
+    )
     changed = record.changed(f"proposals/{n:04d}/certificate.json") if certificate else ""
     parts += [paragraph(changed, class_="soft")] if changed else []
     length = f" · {duration(trajectory.duration)}" if trajectory else ""
@@ -211,7 +213,7 @@ def _proofs(record: Record, certificate: Facts) -> Html:
     unverified = [str(sentence) for sentence in certificate.get("not_verified", ())]
     unverified += [_unseen(row) for row in certificate["rows"] if row["status"] == "not verified"]
     if unverified:
-        parts.append(missing(f"Not verified by anyone: {' '.join(unverified)}"))
+        parts.append(missing_data(f"Not verified by anyone: {' '.join(unverified)}"))
     return join(parts)
 
 

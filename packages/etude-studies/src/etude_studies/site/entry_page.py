@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from etude.report import Html, element, join, missing, paragraph
+from etude.report import Html, element, join, missing_data, paragraph
 from etude_studies.site.claim_words import deciding, evidence
 from etude_studies.site.context import Study
 from etude_studies.site.downloads import data_links
@@ -42,7 +42,7 @@ def _top(study: Study, entry: Entry, name: str) -> Html:
     unit = unit_name(entry.unit)
     small = section_name(entry.section) + (f" · in {unit}" if unit else "")
     lack = sorted({row.run.partition(":")[0] for row in entry.rows} - {*study.numbers.results.runs})
-    waits = missing(f"Not run yet: {', '.join(lack)}.") if lack and entry.kind != "trace" else ""
+    waits = missing_data(f"Not run yet: {', '.join(lack)}.") if lack and entry.kind != "trace" else ""
     return join([element("h1", f"{name}: {entry.title}"), paragraph(small, class_="soft"), waits])
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
-from etude.report import Html, element, grid, join, missing
+from etude.report import Html, element, grid, join, missing_data
 from etude_studies.site.claim_words import COUNTED
 from etude_studies.site.context import Study
 from etude_studies.site.curve_plot import Curve, curve_plot, letter
@@ -42,7 +42,7 @@ def pictures(study: Study, entry: Entry) -> Html:
     drawn += [_curves(study, entry, column) for column in columns]
     found = [own for own in drawn if own]
     if not found:
-        return missing("There is nothing to draw yet.")
+        return missing_data("There is nothing to draw yet.")
     return join([grid(found), _legend(study, entry)])
 
 
@@ -201,7 +201,7 @@ def _traces(study: Study, entry: Entry) -> Html:
                 drawn.append(figure(f"trace {row.run} {column}", own))
     if not shown:
         runs = ", ".join(f"{row.run}t" for row in entry.rows)
-        return missing(f"No motions over time are kept yet; they come from {runs}.")
+        return missing_data(f"No motions over time are kept yet; they come from {runs}.")
     return join([grid(filter(None, drawn)), legend(list(shown.items()))])
 
 

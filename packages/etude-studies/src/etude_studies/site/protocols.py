@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from etude.report import Html, element, grid, join, missing, paragraph
+from etude.report import Html, element, grid, join, missing_data, paragraph
 from etude_studies.site.context import Study
 from etude_studies.site.curve_plot import Curve, curve_plot
 from etude_studies.site.dot_plot import Dot, Rule, dot_plot
@@ -38,11 +38,11 @@ def protocols_page(study: Study) -> Html:
 def _body(study: Study) -> Sequence[Html]:
     entry = next((own for own in study.ledger.entries if own.id == MAIN), None)
     if entry is None or not entry.beside:
-        return [missing("No table compares the two protocols.")]
+        return [missing_data("No table compares the two protocols.")]
     sources = [(row.label, row.run) for row in entry.rows]
     sources += [(run, run) for run in entry.beside]
     lack = [run for run in entry.beside if not study.numbers.by_k(run, entry.measure, entry.test, "mean")]
-    note = missing(f"Not run yet: {', '.join(lack)}.") if lack else Html("")
+    note = missing_data(f"Not run yet: {', '.join(lack)}.") if lack else Html("")
     pictures = [own for own in (_dots(study, entry, sources), _curves(study, entry, sources)) if own]
     drawn = join([grid(pictures), legend([(n, style_of(i)) for i, (n, _) in enumerate(sources)])])
     settings = [settings_of(study, run) for _, run in sources]

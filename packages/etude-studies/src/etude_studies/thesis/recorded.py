@@ -15,7 +15,7 @@ import msgspec
 import numpy as np
 
 from etude.errors import UsageError
-from etude.models import LinearPhysics, near
+from etude.models import LinearPhysics, near_times
 from etude.threads import threads_for
 from etude.types import Array, Log, Mask, Samples
 from etude_arm import filter_cutoff
@@ -92,7 +92,7 @@ class Recorded:
         test = judged.take(self._left_out(judged.t, edges, fold))
         held = self._left_out(samples.t, edges, fold)
         gap = 1.0 / filter_cutoff(self.log, world.config.data)
-        train = samples.take(~held & ~near(samples.t, held, gap))
+        train = samples.take(~held & ~near_times(samples.t, held, gap))
         piece, model = np.arange(len(train)) * STRETCHES * ROUNDS // len(train) % ROUNDS, None
         for k in range(1, ROUNDS + 1):
             known = replace(train, group=piece).take(piece < k)
