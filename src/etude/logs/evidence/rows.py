@@ -81,7 +81,7 @@ class FilteredRows:
 
     def take(self, which: Index) -> FilteredRows:
         """Some of the rows."""
-        names = ("t", "log", "q", "qd", "qdd", "friction", "drop", "command")
+        names = ("t", "log", "q", "qd", "qdd", "friction", "drop", "turns", "command")
         some = {name: getattr(self, name)[which] for name in names}
         for name in ("torque", "static"):
             known = getattr(self, name)
