@@ -62,14 +62,14 @@ def decided(
     logs, sources = list(new), [*(f"log {n}" for n in numbers), *(log.source for log in new)]
     force = all(unit in FORCES for c in new[0].channels.values() if c.acts_on for unit in c.units)
     fresh = range(len(old), len(old) + len(new))
-    steps = _changes(logs, path, body, answer)
+    steps = _changes(logs, path, body, answer, ("sign",))
     if any(step.what == "open" for step in steps):
         return steps, None
     for _ in range(ROUNDS):
         accepted = {step.finding.check for step in steps if step.what == "accept"}
         found = judge([*old, *logs], path, body, fresh=fresh, force=force, accepted=accepted)
-        if found.level == "silent":
-            return steps, found
+        if found.level == "silent":  # commands that are late look like those of two robots
+            return [*steps, *_changes(logs, path, body, answer, ("load", "robot"))], found
         finding = finding_of(found, path.parts, sources, old)
         own = frozenset(i - len(old) for i in found.logs if i >= len(old))
         if not own and isinstance(finding, Doubt):  # the answer concerns these logs, not their contents
@@ -85,14 +85,16 @@ def decided(
     return steps, found
 
 
-def _changes(logs: Sequence[Log], path: Channel, body: Mean | None, answer: Answer) -> list[Step]:
+def _changes(
+    logs: Sequence[Log], path: Channel, body: Mean | None, answer: Answer, kinds: Sequence[str]
+) -> list[Step]:
     """Steps of what changes within single logs: one model of such a log would tell nothing."""
     from etude.logs.evidence.contradictions import change_finding, change_within
 
     found = []
     for i, log in enumerate(logs):
         change = change_within(log, path, body)
-        if change is not None:
+        if change is not None and change.kind in kinds:
             finding = change_finding(change, log, path.parts)
             what: Literal["accept", "open"] = "accept" if answer(finding) == "accept" else "open"
             found.append(Step(what, finding, frozenset({i})))
