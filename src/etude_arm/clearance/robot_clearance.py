@@ -7,9 +7,12 @@ motion about them is proved.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
+from etude.abilities import SupportsBoxes
+from etude.limits.limit_tables import made_limits
 from etude.types import Array, Margins, Mask, Proof, Reachable
 from etude_arm.clearance.clearance_limit import Clearance
 from etude_arm.clearance.collision_scene import from_file, with_floor
@@ -81,6 +84,8 @@ def search_of(spec: ArmSpec) -> tuple[Array, Array, Array]:
 
 POSES = 1024
 """Random ones that are tried."""
+OWN_POSES, OWN_STEPS = 128, 16
+"""Poses, and places on the way to each, at which limits of the user's own are asked."""
 SEED = 22
 """Of these: the same robot always has the same."""
 LINE = 0.2
@@ -127,11 +132,28 @@ def _seen(clearance: Clearance, home: Array, poses: Array) -> Mask:
 
 
 def reachable_of(spec: ArmSpec) -> Reachable:
-    """Reachable poses of an arm; without shapes, its ranges alone."""
+    """Reachable poses of an arm; without shapes or limits of the user's own, its ranges alone."""
     clearance = clearance_of(spec, {})
     if clearance is not None:
         return of_file(_reachable, spec, lambda: reachable(clearance))
-    return Reachable(*ranges_of(spec), np.zeros((0, spec.dof)))
+    ranges = ranges_of(spec)
+    made = made_limits(spec.limits, spec, None, {}, spec.names)
+    own = [one for one in made if isinstance(one, SupportsBoxes)]
+    return Reachable(*ranges, _allowed(own, *ranges, search_of(spec)[0]) if own else np.zeros((0, spec.dof)))
+
+
+def _allowed(own: Sequence[SupportsBoxes], lower: Array, upper: Array, home: Array) -> Array:
+    """Poses (n, k), home first, that limits of the user's own allow, with all samples of the line to home."""
+    poses = np.random.default_rng(SEED).uniform(lower, upper, (OWN_POSES, len(home)))
+    way = np.linspace(1.0, 0.0, OWN_STEPS, endpoint=False)[:, None]
+
+    def allowed(pose: Array) -> bool:
+        line = home + way * (pose - home)
+        return all(limit.roughly("", pose)(line) for limit in own)
+
+    # a home that is not allowed is refused by name where motions about it are searched
+    seen = [home, *(pose for pose in poses if allowed(pose))] if allowed(home) else []
+    return np.array(seen).reshape(-1, len(home))
 
 
 def ranges_of(spec: ArmSpec) -> tuple[Array, Array]:

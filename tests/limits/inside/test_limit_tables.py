@@ -138,6 +138,9 @@ def test_the_plane_of_the_docs_goes_the_whole_way(place, capsys) -> None:
     (row,) = certificate("lab")
     assert (row["axis"], row["status"]) == ("tool", "proved")
     assert row["proved_lower"] >= row["lower"] == pytest.approx(0.3 + row["tracking_margin"])
+    rows = valid(Path("lab/proposals/0001/certificate.json").read_text())["swept"]
+    swept = {one["axis"]: one["of_range"] for one in rows}
+    assert min(swept[name] for name in ("waist", "elbow", "wrist")) > 0.5, "a limit of the shoulder alone"
     played = valid(Path("lab/proposals/0001/from_home/ros2_csv/certificate.json").read_text())["rows"]
     rows = [row for row in played if row["quantity"].startswith("height")]
     assert {"height", "height, held before the first row"} <= {row["quantity"] for row in rows}

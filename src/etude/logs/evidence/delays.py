@@ -36,11 +36,38 @@ def at_edge_of(judged: JointEvidence) -> bool:
     return int(delays(judged).argmax()) in (0, len(DELAYS) - 1)
 
 
-def in_step(judged: JointEvidence) -> float:
-    """s by which the commands of new logs fit the motion best; 0 where that is not certain, or at an end."""
+def in_step(judged: JointEvidence, shifted: Callable[[float], JointEvidence]) -> float:
+    """s by which the commands of new logs fit the motion best, at one of the delays that are tried or between
+    them; 0 where that is not certain, or at an end.
+    """
     total = delays(judged)
-    certain = total.max() - total[AS_LOGGED] >= CERTAIN and not at_edge_of(judged)
-    return DELAYS[int(total.argmax())] if certain else 0.0
+    best = int(total.argmax())
+    if at_edge_of(judged):
+        return 0.0
+    least_known = total[AS_LOGGED] + CERTAIN
+    by, gain = _between(judged, best)
+    if total[best] + gain >= least_known:
+        between = delays(shifted(by), by)[AS_LOGGED]
+        if between >= max(total[best], least_known):
+            return by
+    return DELAYS[best] if total[best] >= least_known else 0.0
+
+
+LEAST_LEFT = 1e-3  # of what a fit leaves at the best delay tried, by a parabola that may fall below zero
+
+
+def _between(judged: JointEvidence, best: int) -> tuple[float, float]:
+    """A delay about the best one that is tried, s, and about what it gains in log odds.
+
+    What a fit leaves of a command is a parabola in a small shift, in which the command is linear. The
+    evidence falls with half its logarithm for each row.
+    """
+    n, near = len(judged.rows.t), slice(best - 1, best + 2)
+    whole = judged.columns.whole().reshape(len(judged.own), -1)[:, near]
+    left = np.exp(-2.0 / n * (whole - whole[:, 1:2])).mean(axis=0)
+    bend = np.polyfit(DELAYS[near], left, 2)
+    by = float(np.clip(-0.5 * bend[1] / bend[0], DELAYS[best - 1], DELAYS[best + 1]))
+    return by, -0.5 * n * len(whole) * float(np.log(max(float(np.polyval(bend, by)), LEAST_LEFT)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,7 +101,7 @@ class Clock:
 
     def in_step(self) -> list[Log]:
         """All logs, with the commands of these shifted where that is certain."""
-        by = in_step(self.judged)
+        by = in_step(self.judged, self._shifted)
         return [shifted_log(log, by) if by and i in self.which else log for i, log in enumerate(self.logs)]
 
     def decision(self) -> Decision | None:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 from scipy.linalg import block_diag
@@ -29,6 +30,7 @@ EDGE_S = 0.3  # s at either end that hold the filter's own ends
 STEP_SPEED = 0.03  # of a joint's top speed, over which Coulomb friction changes its sign
 FALL = 1.0  # of Coulomb friction, at most, is gone at top speed: with more it would drive the joint
 DROP_SPEED = 0.1  # of a joint's top speed, over which static friction drops to Coulomb's
+WAYS = (0.01, 0.05)  # rad or m over which friction turns round: shorter ones look like a step
 LEAST_S = 1.0  # s of a stretch that is looked at
 STAND_S = 0.5  # s for which a joint that stays below STEP_SPEED stands
 KNOT_S, MOST_KNOTS = 1.0, 60.0  # s between the knots of what it takes then, or more, so that they stay few
@@ -49,6 +51,7 @@ class FilteredRows:
             with viscous friction, any that falls or grows in proportion to speed and drives no joint.
         command: (n, k, d) at each of DELAYS, and then with the commands of each group of logs negated.
         drop: (n, k) its part at low speeds: static friction beyond Coulomb's (Stribeck).
+        turns: (n, k, w) friction that turns round over each of WAYS (Dahl): it lags behind the velocity.
         stands: by joint, (n, m) hat functions of time where it stands: static friction holds any command.
         torque, static: (n, k) what the model file says of the commands, whole and at rest; None without one.
         groups: the logs whose commands are negated in each variant after the delays.
@@ -62,6 +65,7 @@ class FilteredRows:
     qdd: Array
     friction: Array
     drop: Array
+    turns: Array
     stands: tuple[Array, ...]
     command: Array
     torque: Array | None
@@ -77,7 +81,7 @@ class FilteredRows:
 
     def take(self, which: Index) -> FilteredRows:
         """Some of the rows."""
-        names = ("t", "log", "q", "qd", "qdd", "friction", "drop", "command")
+        names = ("t", "log", "q", "qd", "qdd", "friction", "drop", "turns", "command")
         some = {name: getattr(self, name)[which] for name in names}
         for name in ("torque", "static"):
             known = getattr(self, name)
@@ -115,6 +119,7 @@ def rows_of(
         qdd=whole["qdd"],
         friction=whole["friction"],
         drop=whole["drop"],
+        turns=np.stack([whole[f"turns {way}"] for way in WAYS], axis=2),
         stands=tuple(block_diag(*own) for own in zip(*stands, strict=True)),
         command=commands_of(logs, path, groups, late),
         torque=whole.get("torque"),
@@ -204,6 +209,7 @@ def _filtered(
     friction = step - FALL * qd / top
     drop = step * np.exp(-np.abs(qd) / (DROP_SPEED * top))
     parts = {"qd": qd, "qdd": qdd, "friction": friction, "drop": drop}
+    parts |= {f"turns {way}": np.column_stack([_turned(own, way) for own in q.T]) for way in WAYS}
     if body is not None:
         states = states_of(t, path, q, qd, qdd)
         parts |= {"torque": body.predict(states), "static": body.static(states)}
@@ -212,6 +218,18 @@ def _filtered(
     rows |= {"t": t[keep], "q": q[keep]}
     hats = (_hats(t, own, apart) for own in still.T)
     return rows, [smooth(t, own, cutoff, ORDER).value[keep] if own.size else own[keep] for own in hats]
+
+
+def _turned(q: Array, way: float) -> Array:
+    """(T,) friction of size 1 that turns round over a way of positions q (T,). Source: Dahl 1968."""
+    gone = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(q)))])
+    sign = np.sign(np.diff(q))
+    ends = np.concatenate([[0], 1 + np.flatnonzero(np.diff(sign) != 0.0), [len(sign)]])
+    found, last = np.zeros(len(q)), 0.0
+    for a, b in pairwise(ends.tolist()):
+        found[a : b + 1] = sign[a] + (last - sign[a]) * np.exp((gone[a] - gone[a : b + 1]) / way)
+        last = found[b]
+    return found
 
 
 def _stands(t: Array, qd: Array, slow: Array) -> Mask:
