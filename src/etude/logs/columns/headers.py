@@ -62,7 +62,7 @@ class Column:
 
 @dataclass(frozen=True)
 class Claim:
-    """What a header may be.
+    """A possible meaning of a header.
 
     Attributes:
         place: "named", "numbered" or "bare": of `Found`. channel: its name.
@@ -77,7 +77,7 @@ class Claim:
 
 @dataclass
 class Found:
-    """What headers say, by channel: columns by part, by number, and by a part's bare name."""
+    """Meanings of headers, by channel: columns by part, by number, and by a part's bare name."""
 
     named: dict[str, dict[str, list[Column]]] = field(default_factory=dict)
     numbered: dict[str, dict[str, list[Column]]] = field(default_factory=dict)
@@ -106,15 +106,15 @@ class Found:
 
 @dataclass(frozen=True)
 class _Known:
-    """What headers may say of the channels that are looked for."""
+    """Names that headers may have for the required channels."""
 
     named: Mapping[str, tuple[str, str, int]]
     words: dict[str, str]
     bare: Mapping[str, tuple[tuple[str, str], ...]]
 
     def claims(self, text: str) -> tuple[Claim, ...]:
-        """Of a header without its unit: the part that it names, else the number of one, else what its bare
-        name may be.
+        """Meanings of a header without its unit: the part that it names, else its number, else those of its
+        bare name.
         """
         rests = _rests(normal(text))
         hit = next((self.named[rest] for rest in rests if rest in self.named), None)
@@ -133,7 +133,7 @@ COLUMN = re.compile(
 WORDS = {"velocit": "velocity"}
 MEASURED, WANTED = ("feedback", "actual"), ("reference", "desired")
 OUTPUT = "output"
-"""What the controller sends; of it only efforts are commands that are learned."""
+"""Fields of the controller's output; only its efforts are learned commands."""
 
 
 def plain(text: str) -> str:
@@ -163,7 +163,7 @@ def doubles(headers: Sequence[str]) -> set[str]:
 
 
 def read_headers(headers: Sequence[str], channels: Sequence[Channel], where: str) -> Found:
-    """Every header's meaning. DataError: one has a meaning, and an unknown unit.
+    """Meanings of all headers. DataError: a header has a meaning and an unknown unit.
 
     A unit at the end without brackets, `q1_deg`, counts where nothing else names that part, and where the
     channel is whole with it: such a column is no reason to refuse what is whole without it.
@@ -236,7 +236,7 @@ def _rests(text: str) -> list[str]:
 
 
 def words_of(channel: Channel) -> tuple[str, ...]:
-    """The channel's own name, then what else it is called."""
+    """The channel's own name, then its synonyms."""
     words = [normal(channel.name), *SYNONYMS.get(channel.name, ())]
     if channel.role == "command":
         words += [word for unit in dict.fromkeys(channel.units) for word in COMMANDS.get(unit, ())]
@@ -325,7 +325,7 @@ def other_unit(channel: Channel, headers: Sequence[str]) -> tuple[str, str] | No
 
 
 def settle_bare(found: Found, channels: dict[str, Channel], where: str) -> None:
-    """Adds bare names to the one channel that needs them and gets whole by them.
+    """Adds bare names to the one channel that they complete.
 
     Raises:
         DataError: a column may be either of two channels.

@@ -41,7 +41,7 @@ HEAD = """\
 
 
 def mapped(raw: Log, config: LogConfig) -> Log:
-    """The raw columns under the names that the mapping gives.
+    """The raw columns under the names of the mapping.
 
     A log that has none of the mapping's headers, and all of the names that they are to be read as, stays as
     it is: a simulated log of the same campaign, for example. A sentence says so.
@@ -113,7 +113,7 @@ TURNED = re.compile(r"\s*-\s*(.+)")
 
 
 def _sources(columns: Mapping[str, str], headers: Collection[str]) -> dict[str, _Source]:
-    """What to read each column as -> where it comes from; a word for all joints gives one for each."""
+    """Name of each column -> its source in the file; a word for all joints gives one entry for each joint."""
     found: dict[str, _Source] = {}
     for to, text in columns.items():
         header, scale = _source(text, headers)
@@ -137,7 +137,7 @@ def _source(text: str, headers: Collection[str]) -> _Source:
 
 
 def _check_header(raw: Log) -> None:
-    """DataError: the file has no header, so that nobody knows what its columns are."""
+    """Raises a DataError if the file has no header, so that its columns have no meaning."""
     if f"{NUMBERED} 1" in raw.values:
         raise DataError(
             f"the file has no header, only {len(raw.values)} columns of numbers",

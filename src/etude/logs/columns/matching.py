@@ -25,7 +25,7 @@ LISTED = 12  # columns in a message
 
 @dataclass(frozen=True)
 class Matching:
-    """What the headers of a file mean.
+    """Meanings of the headers of a file.
 
     Attributes:
         channels: the columns of each channel in the order of its parts.
@@ -43,10 +43,10 @@ class Matching:
 def match_columns(
     headers: Sequence[str], channels: Sequence[Channel], where: str, told: Collection[str] = ()
 ) -> Matching:
-    """Finds the columns of every channel; of those not required, the ones that are there.
+    """Finds the columns of every channel; optional channels may be absent.
 
     Args:
-        told: headers that the owner gave: where they mean a part, no other column does.
+        told: headers from [log.columns]: a part that one of them names has no other column.
 
     Raises:
         DataError: a required channel lacks a part, a part has two columns, a unit is unknown, or the
@@ -70,7 +70,7 @@ def match_columns(
 
 
 def _preferring(found: Found, channel: Channel, told: Collection[str]) -> Found:
-    """Of parts of this channel that the owner named, without what else may mean them."""
+    """The columns, in which parts named by [log.columns] have no other candidates."""
     if not told:
         return found
 
@@ -138,7 +138,7 @@ def _first_spelling(mine: dict[str, list[Column]], channel: Channel) -> dict[str
 
 
 def _worth(channel: Channel, numbered: dict[str, list[Column]]) -> bool:
-    """Whether numbered columns are taken or refused; of what no log needs, others are just ignored."""
+    """Whether numbered columns are used or refused; those of optional channels may be ignored."""
     needed = channel.required or (channel.role == "state" and channel.name not in SENSORS)
     return needed or len(numbered) == len(channel.parts)
 
@@ -187,7 +187,7 @@ def _check_single(channel: Channel, mine: dict[str, list[Column]], where: str) -
 
 
 def _checked_units(channel: Channel, columns: Sequence[Column], where: str) -> list[str]:
-    """What is to be said of commands in a unit that nobody but the drive knows in SI.
+    """Sentences on commands in a unit of the drive, which has no known factor to SI.
 
     Raises:
         DataError: a command is stated in the unit of another quantity, or the coordinates in counts.

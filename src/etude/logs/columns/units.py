@@ -55,7 +55,7 @@ CLOCK_FACTOR = 50.0  # the log's rate over the usual one, or its inverse: beyond
 
 
 def read_time(raw: Log, rate: float, where: str) -> tuple[Array, list[str]]:
-    """Time (T,) in s of raw columns, from whichever hold it, and a sentence for each thing that was done.
+    """Time (T,) in s from the raw columns that state it, and a sentence for each repair.
 
     A reader that knows the times needs no column for them.
 
@@ -83,7 +83,7 @@ def read_time(raw: Log, rate: float, where: str) -> tuple[Array, list[str]]:
 
 
 def _without_time(headers: list[str]) -> str:
-    """What to do where no header says time."""
+    """Next step if no header names a time."""
     like = [name for name in headers if set(re.split(r"[^a-z]+", name.lower())) & LIKE_TIME]
     known = f"Is it {' or '.join(like[:3])}? " if like else ""
     return (

@@ -24,7 +24,7 @@ _ZONE = r" ?(?:Z|UTC|[+-]\d\d:?\d\d)?"
 ISO = re.compile(rf"(?P<y>\d{{4}})([-/.]?)(?P<m>\d\d)\2(?P<d>\d\d)[T _]{_CLOCK}{_ZONE}")
 MATLAB = re.compile(rf"(?P<d>\d\d)[- ](?P<m>[A-Za-z]{{3}})[- ](?P<y>\d{{4}}) {_CLOCK}{_ZONE}")
 DAY_FIRST = re.compile(rf"(?P<d>\d\d?)\.(?P<m>\d\d?)\.(?P<y>\d{{4}}),? {_CLOCK}")
-# Of 5/6/2024 nobody knows which is the day, and only differences count: the month, unless it is none.
+# 5/6/2024 is ambiguous, and only differences count: the first number is the month if it can be one
 SLASHES = re.compile(rf"(?P<m>\d\d?)/(?P<d>\d\d?)/(?P<y>\d{{4}}),? {_CLOCK}")
 DURATION = re.compile(r"(?:(\d+) days?,? )?(\d+):(\d\d):(\d\d(?:[.,:]\d+)?)")
 MINUTES = re.compile(r"(\d\d):(\d\d[.,]\d+)")

@@ -1,7 +1,7 @@
 """Tables in text as raw logs, block by block: separators, decimal commas, headers, and columns of text.
 
-What a column holds is judged by the beginning of the file: numbers are read as such, block by block, so that
-a long log never stands in memory as text. Cells of a column of numbers that are none are NaN.
+The beginning of the file decides the type of a column. Numbers are parsed block by block, so a long log is
+never in memory as text. Other cells in a column of numbers become NaN.
 
 `ros2 topic echo --csv` writes no header: sec, nanosec, frame, then the names of all joints, their positions,
 velocities and efforts.
@@ -39,7 +39,7 @@ DECIMAL_COMMA = re.compile(r"(?:^|[;\t| ])\s*-?\d*,\d+(?:[eE][-+]?\d+)?\s*(?=[;\
 
 @dataclass(frozen=True)
 class _Form:
-    """How the table is written, and which of its columns hold numbers."""
+    """Form of the table, and which of its columns have numbers."""
 
     names: tuple[str, ...]
     separator: str
@@ -120,7 +120,7 @@ EXCEL = re.compile(r'"?sep=.?"?', re.IGNORECASE)
 
 @dataclass(frozen=True)
 class Header:
-    """What stands above the rows.
+    """The part of the file above the rows.
 
     Attributes:
         names: of the columns. separator: between cells.
@@ -319,8 +319,8 @@ def _named(found: Header) -> Header:
 
 
 def _check(found: Header, rows: Sequence[_TextLine], where: str) -> None:
-    """DataError: a name is a fraction or stands twice, or the first row has more cells than there are
-    columns, so that nobody knows which is which.
+    """Raises a DataError if a name is a fraction or occurs twice, or if the first row has more cells than
+    there are columns.
     """
     number = next((name for name in found.names if is_number(name) and not name.lstrip("+-").isdigit()), "")
     if number:

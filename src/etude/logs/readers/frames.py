@@ -4,8 +4,8 @@ Text is read as numbers where it is one, else NaN. Lists, and columns that are n
 take the names beside them (`name`, `name[0]`), row by row: the order of joints may be any. Entries without
 names are numbered, and matched as numbered columns are: only if there is one for each joint.
 
-A decoder that believes a damaged count asks for more memory than there is, which no exception tells of: the
-program ends. So footer and page headers are read here first, as far as they count something.
+With a damaged count a decoder requests more memory than exists, and the process ends without an exception. So
+the counts in footer and page headers are checked here first.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ TEXTS = 2  # how often a column of text is held while it is read as numbers
 
 
 def raw_log(columns: Mapping[str, Array], source: str, repairs: tuple[str, ...] = ()) -> Log:
-    """A log of a channel for each column (T,), nothing matched or converted; its times are row numbers."""
+    """A log with a channel for each column (T,), neither matched nor converted; its times are row numbers."""
     rows = len(next(iter(columns.values()), []))
     return Log(
         t=np.arange(rows, dtype=np.float64),
