@@ -17,6 +17,7 @@ from etude.campaign.evaluate.stopping import calibration_factor, seen_by_the_rul
 from etude.campaign.record.stored_models import MIXED
 from etude.codes import Warn
 from etude.errors import DataError, StopRuleReached
+from etude.models import LearnedModel
 
 CONFIG = """\
 [trajectory]
@@ -117,7 +118,7 @@ def test_several_logs_are_scored_on_each_other(learned: Campaign) -> None:
 def test_what_is_in_use_is_scored_on_held_out_blocks_where_outputs_use_different_models(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(learning, "label", lambda _: MIXED)
+    monkeypatch.setattr(LearnedModel, "in_use", property(lambda model: (*model.chosen, "another")))
     campaign = make_campaign(tmp_path, config=CONFIG)
     tell(campaign, write_log(tmp_path / "foreign.csv", random_motion(campaign, 8)))
     found = status(campaign)["held_out"]

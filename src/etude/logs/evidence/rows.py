@@ -209,7 +209,9 @@ def _filtered(
     friction = step - FALL * qd / top
     drop = step * np.exp(-np.abs(qd) / (DROP_SPEED * top))
     parts = {"qd": qd, "qdd": qdd, "friction": friction, "drop": drop}
-    parts |= {f"turns {way}": np.column_stack([_turned(own, way) for own in q.T]) for way in WAYS}
+    # a joint that stands turns nothing: noise there is no way
+    moves = np.where(still[1:], 0.0, np.diff(q, axis=0))
+    parts |= {f"turns {way}": np.column_stack([_turned(own, way) for own in moves.T]) for way in WAYS}
     if body is not None:
         states = states_of(t, path, q, qd, qdd)
         parts |= {"torque": body.predict(states), "static": body.static(states)}
@@ -220,14 +222,19 @@ def _filtered(
     return rows, [smooth(t, own, cutoff, ORDER).value[keep] if own.size else own[keep] for own in hats]
 
 
-def _turned(q: Array, way: float) -> Array:
-    """(T,) friction of size 1 that turns round over a way of positions q (T,). Source: Dahl 1968."""
-    gone = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(q)))])
-    sign = np.sign(np.diff(q))
+def _turned(moves: Array, way: float) -> Array:
+    """(T,) friction of size 1 that turns round over a way, for steps of the position (T - 1,). Source: Dahl
+    1968.
+
+    It starts as if the first motion had gone on for long: what was before is unknown, and a transient at the
+    start would tell signs where nothing turns round.
+    """
+    gone, sign = np.concatenate([[0.0], np.cumsum(np.abs(moves))]), np.sign(moves)
     ends = np.concatenate([[0], 1 + np.flatnonzero(np.diff(sign) != 0.0), [len(sign)]])
-    found, last = np.zeros(len(q)), 0.0
+    found, last = np.zeros(len(gone)), float(next(iter(sign[sign != 0.0]), 0.0))
     for a, b in pairwise(ends.tolist()):
-        found[a : b + 1] = sign[a] + (last - sign[a]) * np.exp((gone[a] - gone[a : b + 1]) / way)
+        toward = sign[a] if sign[a] else last
+        found[a : b + 1] = toward + (last - toward) * np.exp((gone[a] - gone[a : b + 1]) / way)
         last = found[b]
     return found
 
