@@ -102,7 +102,7 @@ def test_the_evidence_of_one_joint() -> None:
     [
         ("ur10", [4577, 2324, 3603, 5337, 2507, 617]),
         ("tx40", [1381, 354, 707, 8388, 150, 364]),
-        # the torso stands for most of the log; 1 where noise of a stand counts as a way that friction turns over
+        # the torso stands for most of the log; 1 where noise of a stand counts as motion
         ("tiago", [17, 338, 358, -399, -262]),
     ],
 )
