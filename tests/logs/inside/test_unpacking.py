@@ -135,7 +135,7 @@ def test_packings_of_version_73_that_matlab_does_not_write(tmp_path: Path) -> No
     pytest.importorskip("h5py", reason="version 7.3 is read by the extra 'matlab'")
     own = {"t": np.arange(1000.0), "q": np.zeros(1000)}
     path = write73(tmp_path / "lzf.mat", own, compression="lzf", compression_opts=None)
-    with pytest.raises(DataError, match="packed in a way that is not read"):
+    with pytest.raises(DataError, match="has an encoding that is not read"):
         read_raw(path)
 
 

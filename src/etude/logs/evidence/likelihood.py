@@ -78,10 +78,9 @@ FEW = tuple(
 LEVEL = 4.0  # variance of a command's mean, at least
 SWAY = 0.7  # of the chain's kernel: how much of a weight turns with one joint
 SMALL_WAY = 0.3  # rad: a joint that goes less far is no angle to the springs' kernel
-INERTIA, VISCOUS, COULOMB, DROP, SHORT, LONG, TORQUE = range(7)  # regressors, in the order of their columns
+INERTIA, VISCOUS, COULOMB, DROP, TORQUE = range(5)  # regressors, in the order of their columns
 TERMS = ((INERTIA, VISCOUS, COULOMB), (INERTIA,), (INERTIA, VISCOUS, COULOMB, DROP))  # friction may be none
-TURNING = (INERTIA, VISCOUS, COULOMB, SHORT, LONG)  # friction that turns round over some way
-FRICTION = (VISCOUS, COULOMB, DROP, SHORT, LONG)
+FRICTION = (VISCOUS, COULOMB, DROP)
 NEITHER = np.log(0.05)  # prior of a command that no sign explains
 INVERTED = np.log(0.03)  # prior of an inverted one, where orders and delays are compared
 BEST = 2  # points of a class whose orthants are computed
@@ -95,16 +94,12 @@ class ColumnEvidence:
 
     Attributes:
         right, inverted: of non-negative coefficients, and of an inverted command.
-        turning, turning_inverted: the same where friction may turn round over some way. It lags like a late
-            command, so that only signs are told by it.
         reversed, opposed: of rows that run backwards, and of an inverted command in such rows.
         free: of any coefficients.
     """
 
     right: Array
     inverted: Array
-    turning: Array
-    turning_inverted: Array
     reversed: Array
     opposed: Array
     free: Array
@@ -121,15 +116,15 @@ class ColumnEvidence:
 
     def strange(self) -> Mask:
         """(p,) where neither sign explains the column, which then has no say."""
-        best = np.maximum(log_sum(self.turning, axis=1), log_sum(self.turning_inverted, axis=1))
+        best = np.maximum(log_sum(self.right, axis=1), log_sum(self.inverted, axis=1))
         return np.asarray(NEITHER + log_sum(self.free, axis=1) > best)
 
     def signs(self) -> tuple[Array, Array]:
         """(p,) each: the evidence of right and of inverted, apart by what the least favourable class says."""
         strange = self.strange()
-        best = np.maximum(log_sum(self.turning, axis=1), log_sum(self.turning_inverted, axis=1))
+        best = np.maximum(log_sum(self.right, axis=1), log_sum(self.inverted, axis=1))
         level = np.where(strange, NEITHER + log_sum(self.free, axis=1), best)
-        apart = np.where(strange, 0.0, least(self.turning, self.turning_inverted))
+        apart = np.where(strange, 0.0, least(self.right, self.inverted))
         return level + np.minimum(apart, 0.0), level - np.maximum(apart, 0.0)
 
     def take(self, which: Index | slice) -> ColumnEvidence:
@@ -235,11 +230,10 @@ class WhitenedMotion:
             command: (n, J, d) as that of the rows, of which the joints `own` are looked at; pairs count as
                 indices into these.
         """
-        known = (*TERMS, TURNING)
-        terms: list[tuple[tuple[int, ...], float]] = [(indices, -np.log(len(TERMS))) for indices in known]
+        terms: list[tuple[tuple[int, ...], float]] = [(indices, -np.log(len(TERMS))) for indices in TERMS]
         torque = self.rows.torque
         if torque is not None:
-            terms += [((TORQUE, *indices), -np.log(len(TERMS))) for indices in known]
+            terms += [((TORQUE, *indices), -np.log(len(TERMS))) for indices in TERMS]
         target = columns * command.shape[2] + variants
         square, across = self._products(_columns(command[:, self.own]), joints, target)
         idle = np.zeros(len(self.own), dtype=np.bool_)
@@ -333,7 +327,7 @@ def _columns(command: Array) -> Array:
 
 def _regressors(rows: FilteredRows, own: Index) -> Array:
     """(n, k, r) of each joint, of unit deviation."""
-    parts = [rows.qdd, rows.qd, rows.friction, rows.drop, *np.moveaxis(rows.turns, 2, 0)]
+    parts = [rows.qdd, rows.qd, rows.friction, rows.drop]
     parts += [] if rows.torque is None else [rows.torque]
     return np.stack([unit(part[:, own]) for part in parts], axis=2)
 
@@ -385,9 +379,8 @@ def _ripple(rows: FilteredRows, length: float) -> Array:
 
 def _summed(fits: list[tuple[_Fit, tuple[int, ...]]], grid: tuple[Point, ...]) -> ColumnEvidence:
     """By class: the sum over its best points, each with the probability of its orthants."""
-    # with a drop or a turn of any sign a fit shapes its steps: of another form than a command's friction
-    plain = np.array([not {DROP, LONG} & {*indices} for _, indices in fits])
-    stepped = np.array([LONG not in indices for _, indices in fits])
+    # with a drop of any sign a fit shapes its steps: of another form than a command's friction
+    plain = np.array([DROP not in indices for _, indices in fits])
     top = np.max([fit.evidence.max(axis=0) for (fit, _), one in zip(fits, plain, strict=True) if one], axis=0)
     classes = [np.flatnonzero([(point.length, point.speeds) == one for point in grid]) for one in CLASSES]
     values, inside = [], []
@@ -397,10 +390,8 @@ def _summed(fits: list[tuple[_Fit, tuple[int, ...]]], grid: tuple[Point, ...]) -
         values.append(np.where(value > top - FAR, value, -np.inf))
         inside.append(values[-1] + _orthants(fit, indices, h, np.isfinite(values[-1])))
     free = log_sum(np.concatenate(np.array(values)[plain]), axis=0)
-    both = np.array(inside)
-    right, inverted, back, opposed = np.asarray(log_sum(np.concatenate(both[stepped], axis=1), axis=1))
-    turning, turning_inverted = np.asarray(log_sum(np.concatenate(both[:, :2], axis=1), axis=1))
-    return ColumnEvidence(right.T, inverted.T, turning.T, turning_inverted.T, back.T, opposed.T, free.T)
+    right, inverted, back, opposed = np.asarray(log_sum(np.concatenate(inside, axis=1), axis=1))
+    return ColumnEvidence(right.T, inverted.T, back.T, opposed.T, free.T)
 
 
 def _orthants(fit: _Fit, indices: tuple[int, ...], h: Index, told: Mask) -> Array:

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
 
 import numpy as np
 from scipy.linalg import block_diag
@@ -30,7 +29,6 @@ EDGE_S = 0.3  # s at either end that hold the filter's own ends
 STEP_SPEED = 0.03  # of a joint's top speed, over which Coulomb friction changes its sign
 FALL = 1.0  # of Coulomb friction, at most, is gone at top speed: with more it would drive the joint
 DROP_SPEED = 0.1  # of a joint's top speed, over which static friction drops to Coulomb's
-WAYS = (0.01, 0.05)  # rad or m over which friction turns round: shorter ones look like a step
 LEAST_S = 1.0  # s of a stretch that is looked at
 STAND_S = 0.5  # s for which a joint that stays below STEP_SPEED stands
 KNOT_S, MOST_KNOTS = 1.0, 60.0  # s between the knots of what it takes then, or more, so that they stay few
@@ -51,7 +49,6 @@ class FilteredRows:
             with viscous friction, any that falls or grows in proportion to speed and drives no joint.
         command: (n, k, d) at each of DELAYS, and then with the commands of each group of logs negated.
         drop: (n, k) its part at low speeds: static friction beyond Coulomb's (Stribeck).
-        turns: (n, k, w) friction that turns round over each of WAYS (Dahl): it lags behind the velocity.
         stands: by joint, (n, m) hat functions of time where it stands: static friction holds any command.
         torque, static: (n, k) what the model file says of the commands, whole and at rest; None without one.
         groups: the logs whose commands are negated in each variant after the delays.
@@ -65,7 +62,6 @@ class FilteredRows:
     qdd: Array
     friction: Array
     drop: Array
-    turns: Array
     stands: tuple[Array, ...]
     command: Array
     torque: Array | None
@@ -81,7 +77,7 @@ class FilteredRows:
 
     def take(self, which: Index) -> FilteredRows:
         """Some of the rows."""
-        names = ("t", "log", "q", "qd", "qdd", "friction", "drop", "turns", "command")
+        names = ("t", "log", "q", "qd", "qdd", "friction", "drop", "command")
         some = {name: getattr(self, name)[which] for name in names}
         for name in ("torque", "static"):
             known = getattr(self, name)
@@ -119,7 +115,6 @@ def rows_of(
         qdd=whole["qdd"],
         friction=whole["friction"],
         drop=whole["drop"],
-        turns=np.stack([whole[f"turns {way}"] for way in WAYS], axis=2),
         stands=tuple(block_diag(*own) for own in zip(*stands, strict=True)),
         command=commands_of(logs, path, groups, late),
         torque=whole.get("torque"),
@@ -209,9 +204,6 @@ def _filtered(
     friction = step - FALL * qd / top
     drop = step * np.exp(-np.abs(qd) / (DROP_SPEED * top))
     parts = {"qd": qd, "qdd": qdd, "friction": friction, "drop": drop}
-    # a joint that stands turns nothing: noise there is no way
-    moves = np.where(still[1:], 0.0, np.diff(q, axis=0))
-    parts |= {f"turns {way}": np.column_stack([_turned(own, way) for own in moves.T]) for way in WAYS}
     if body is not None:
         states = states_of(t, path, q, qd, qdd)
         parts |= {"torque": body.predict(states), "static": body.static(states)}
@@ -220,23 +212,6 @@ def _filtered(
     rows |= {"t": t[keep], "q": q[keep]}
     hats = (_hats(t, own, apart) for own in still.T)
     return rows, [smooth(t, own, cutoff, ORDER).value[keep] if own.size else own[keep] for own in hats]
-
-
-def _turned(moves: Array, way: float) -> Array:
-    """(T,) friction of size 1 that turns round over a way, for steps of the position (T - 1,). Source: Dahl
-    1968.
-
-    It starts as if the first motion had gone on for long: what was before is unknown, and a transient at the
-    start would tell signs where nothing turns round.
-    """
-    gone, sign = np.concatenate([[0.0], np.cumsum(np.abs(moves))]), np.sign(moves)
-    ends = np.concatenate([[0], 1 + np.flatnonzero(np.diff(sign) != 0.0), [len(sign)]])
-    found, last = np.zeros(len(gone)), float(next(iter(sign[sign != 0.0]), 0.0))
-    for a, b in pairwise(ends.tolist()):
-        toward = sign[a] if sign[a] else last
-        found[a : b + 1] = toward + (last - toward) * np.exp((gone[a] - gone[a : b + 1]) / way)
-        last = found[b]
-    return found
 
 
 def _stands(t: Array, qd: Array, slow: Array) -> Mask:

@@ -8,7 +8,7 @@ from itertools import product
 
 import numpy as np
 import pytest
-from made_motion import COMMAND, DRY, GRAVITY, INERTIA, NAMES, RATE, Q, command_of, moved
+from made_motion import COMMAND, GRAVITY, INERTIA, NAMES, RATE, Q, command_of, moved
 
 from etude.logs import Decision, finding_of, judge
 from etude.logs.checks.plausibility import repaired
@@ -246,21 +246,6 @@ def test_a_robot_without_friction_half_a_cycle_late_is_not_inverted(seconds: flo
     """Too large a shift looks like friction that drives the joints."""
     log = without_friction(seconds, seed)
     assert judge([log], log.channels["q"]).level == "silent"
-
-
-@pytest.mark.parametrize("way", [0.01, 0.03])
-def test_friction_that_turns_round_over_a_way_is_no_inverted_sign(way: float) -> None:
-    """As in presliding (Dahl 1968): it lags behind the velocity, and is no step."""
-    log = moved().without("qd")
-    turning, q = np.zeros_like(log["q"]), log["q"]
-    for i, step in enumerate(np.diff(q, axis=0)):
-        side = np.sign(step)
-        turning[i + 1] = side + (turning[i] - side) * np.exp(-np.abs(step) / way)
-    smooth = command_of(q, np.zeros_like(q), np.gradient(np.gradient(q, log.t, axis=0), log.t, axis=0))
-    # it may still be taken for a late command
-    found = judge([with_command(log, smooth + DRY * turning)], Q, accepted=("delay",))
-    assert found.level == "silent"
-    assert (found.told >= 0.0).all()
 
 
 @pytest.mark.parametrize("seconds", [0.06, pytest.param(-0.06, marks=pytest.mark.slow)])
