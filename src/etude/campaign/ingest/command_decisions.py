@@ -19,7 +19,7 @@ from etude.campaign.record.stored_models import stored_log
 from etude.errors import EtudeError
 from etude.logs.checks.filtered_motion import joints
 from etude.logs.checks.finding_texts import Doubt, Mendable
-from etude.logs.checks.plausibility import repaired
+from etude.logs.checks.plausibility import SWAPPED, repaired
 from etude.protocols import Mean
 from etude.types import Channel, Finding, Log
 
@@ -64,7 +64,10 @@ def decided(
     fresh = range(len(old), len(old) + len(new))
     steps = _changes(logs, path, body, answer, ("sign",))
     if any(step.what == "open" for step in steps):
-        return steps, None
+        whole = judge([*old, *logs], path, body, fresh=fresh, force=force)
+        if whole.check != SWAPPED or whole.level != "certain":
+            return steps, None
+        steps = []  # exchanged columns fit with one sign here and with the other there
     for _ in range(ROUNDS):
         accepted = {step.finding.check for step in steps if step.what == "accept"}
         found = judge([*old, *logs], path, body, fresh=fresh, force=force, accepted=accepted)
