@@ -64,8 +64,8 @@ def decided(
     fresh = range(len(old), len(old) + len(new))
     steps = _changes(logs, path, body, answer, ("sign",))
     if any(step.what == "open" for step in steps):
-        whole = judge([*old, *logs], path, body, fresh=fresh, force=force)
-        if whole.check != SWAPPED or whole.level != "certain":
+        at_once = judge([*old, *logs], path, body, fresh=fresh, force=force)
+        if at_once.check != SWAPPED or at_once.level != "certain":
             return steps, None
         steps = []  # exchanged columns fit with one sign here and with the other there
     for _ in range(ROUNDS):
