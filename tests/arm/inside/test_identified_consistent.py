@@ -78,12 +78,10 @@ def test_without_logs_the_file_stands_and_with_all_of_them_the_truth() -> None:
     file, true = bodies(rng, 3), bodies(rng, 3)
     none = consistent(np.zeros((30, 30)), np.zeros(30), file)
     np.testing.assert_allclose(none.phi, file, rtol=1e-9, atol=1e-12)
-    assert none.told == 0
     np.testing.assert_allclose(none.covariance, none.prior, rtol=1e-9, atol=1e-12)
     H = 1e10 * np.eye(30)
     whole = consistent(H, H @ true, file)
     np.testing.assert_allclose(whole.phi, true, atol=1e-7)
-    assert whole.told == 30
 
 
 def test_what_the_logs_do_not_show_stays_and_what_they_show_is_met() -> None:
@@ -92,7 +90,6 @@ def test_what_the_logs_do_not_show_stays_and_what_they_show_is_met() -> None:
     rows = rng.normal(size=(7, 20))
     found = consistent(1e9 * rows.T @ rows, 1e9 * rows.T @ (rows @ true), file)
     np.testing.assert_allclose(rows @ found.phi, rows @ true, atol=1e-6)
-    assert found.told == 7
     assert np.linalg.eigvalsh(rows @ found.covariance @ rows.T)[-1] < 2e-9
     assert np.any(np.diag(found.covariance) > 0.5 * np.diag(found.prior))
 

@@ -19,7 +19,7 @@ from etude.campaign.record.stored_models import stored_log
 from etude.errors import EtudeError
 from etude.logs.checks.filtered_motion import joints
 from etude.logs.checks.finding_texts import Doubt, Mendable
-from etude.logs.checks.plausibility import SWAPPED, repaired
+from etude.logs.checks.plausibility import repaired
 from etude.protocols import Mean
 from etude.types import Channel, Finding, Log
 
@@ -55,6 +55,7 @@ def decided(
     if path is None:
         return [], None
     from etude.logs.evidence.command_signs import judge
+    from etude.logs.evidence.file_hypotheses import CONTRADICTS
     from etude.logs.evidence.findings import finding_of
 
     numbers = [number for number, log in told.items() if joints(log) is not None]
@@ -62,17 +63,18 @@ def decided(
     logs, sources = list(new), [*(f"log {n}" for n in numbers), *(log.source for log in new)]
     force = all(unit in FORCES for c in new[0].channels.values() if c.acts_on for unit in c.units)
     fresh = range(len(old), len(old) + len(new))
-    steps = _changes(logs, path, body, answer, ("sign",))
-    if any(step.what == "open" for step in steps):
-        at_once = judge([*old, *logs], path, body, fresh=fresh, force=force)
-        if at_once.check != SWAPPED or at_once.level != "certain":
-            return steps, None
-        steps = []  # exchanged columns fit with one sign here and with the other there
+    steps: list[Step] = []
     for _ in range(ROUNDS):
         accepted = {step.finding.check for step in steps if step.what == "accept"}
         found = judge([*old, *logs], path, body, fresh=fresh, force=force, accepted=accepted)
-        if found.level == "silent":  # commands that are late look like those of two robots
-            return [*steps, *_changes(logs, path, body, answer, ("load", "robot"))], found
+        changes = [] if CONTRADICTS in accepted else _changes(logs, path, body, answer, found)
+        steps += changes
+        if any(step.what == "open" for step in changes):
+            return steps, found if found.level == "silent" else None
+        if changes:
+            continue
+        if found.level == "silent":
+            return steps, found
         finding = finding_of(found, path.parts, sources, old)
         own = frozenset(i - len(old) for i in found.logs if i >= len(old))
         if not own and isinstance(finding, Doubt):  # the answer concerns these logs, not their contents
@@ -89,19 +91,23 @@ def decided(
 
 
 def _changes(
-    logs: Sequence[Log], path: Channel, body: Mean | None, answer: Answer, kinds: Sequence[str]
+    logs: Sequence[Log], path: Channel, body: Mean | None, answer: Answer, found: Decision
 ) -> list[Step]:
-    """Steps of what changes within single logs: one model of such a log would tell nothing."""
+    """Steps of what changes within single logs, where it explains more than the decision on whole logs.
+
+    Of two robots or loads only logs tell whose order, signs and clock are right.
+    """
     from etude.logs.evidence.contradictions import change_finding, change_within
 
-    found = []
+    steps = []
     for i, log in enumerate(logs):
         change = change_within(log, path, body)
-        if change is not None and change.kind in kinds:
-            finding = change_finding(change, log, path.parts)
-            what: Literal["accept", "open"] = "accept" if answer(finding) == "accept" else "open"
-            found.append(Step(what, finding, frozenset({i})))
-    return found
+        if change is None or change.odds <= found.odds or (found.level != "silent" and change.kind != "sign"):
+            continue
+        finding = change_finding(change, log, path.parts)
+        what: Literal["accept", "open"] = "accept" if answer(finding) == "accept" else "open"
+        steps.append(Step(what, finding, frozenset({i})))
+    return steps
 
 
 def _what(found: Decision, answer: str, whole: bool) -> Literal["note", "repair", "accept", "open"]:
