@@ -9,6 +9,7 @@ from itertools import product
 import numpy as np
 import pytest
 from made_motion import COMMAND, GRAVITY, INERTIA, NAMES, RATE, Q, command_of, moved
+from scipy.ndimage import gaussian_filter1d
 
 from etude.logs import Decision, finding_of, judge
 from etude.logs.checks.plausibility import repaired
@@ -197,6 +198,14 @@ def test_commands_that_are_late_or_early_are_noted_and_shifted(seconds: float) -
     rows = slice(200, -200)
     right = np.interp(mended.t, moved().t, moved()["command"][:, 0])
     np.testing.assert_allclose(mended["command"][rows, 0], right[rows], atol=0.05)
+
+
+def test_a_delay_is_asked_about_where_little_tells_it_for_its_length() -> None:
+    """As of a right circle of an arm that sticks, which looks 0.1 s late by e^72."""
+    wrong, rng = late(moved(), 0.08), np.random.default_rng(0)
+    noise = gaussian_filter1d(rng.normal(size=wrong["command"].shape), 10, axis=0)
+    found = decided(with_command(wrong, wrong["command"] + 0.4 * noise / noise.std()))
+    assert (found.level, found.check) == ("ask", "delay")
 
 
 def test_commands_that_are_late_by_much_are_asked_about_and_never_shifted_unasked() -> None:
