@@ -172,7 +172,7 @@ def identity_with(identity: str, payload: float | None) -> str:
 
 
 def is_told_of(told: str, about: About) -> bool:
-    """Whether an identity with a payload is this robot's; the identity alone counts if it tells no payload."""
+    """Whether an identity with a payload is this robot's; the identity alone, if it tells no payload."""
     return (told if about.payload is not None else told.partition(CARRIES)[0]) == about.answers_as
 
 
