@@ -22,10 +22,9 @@ from etude.cli import main
 from etude.codes import Warn
 from etude.errors import UnsafeTrajectoryError
 from etude.limits import CommandLimit, require_certified
-from etude.limits.commands import rest_at
 from etude.protocols import Trajectory
 from etude.trajectories import PointToPoint
-from etude.types import Array
+from etude.types import Array, Motion
 from etude_arm import ArmSpec
 from etude_arm.clearance.clear_pose import clearest
 from etude_arm.command_limits import NO_MOTION, commands_of
@@ -91,7 +90,9 @@ def test_before_any_log_wrong_masses_and_friction_have_room(tmp_path: Path) -> N
     assert limit.deviation is not None
     gyration = math.sqrt((2.0 * 3.0 * 0.3**2 + 0.05) / 3.0)
     wanted = math.hypot(0.3 * 3.0 * gyration * GRAVITY, 0.1 * command)
-    np.testing.assert_allclose(limit.deviation(rest_at(np.zeros(1), 3)), [[wanted]], rtol=1e-6)
+    np.testing.assert_allclose(
+        limit.deviation(Motion(np.zeros(1), np.zeros((3, 1, 1)))), [[wanted]], rtol=1e-6
+    )
     # one mass for the whole motion: of a single joint within 1.96 deviations, however long it lasts
     assert limit.beyond(1.0) == limit.beyond(1000.0) == pytest.approx(1.96, abs=0.001)
 
