@@ -14,10 +14,10 @@ from typing import Any
 import numpy as np
 import polars as pl
 
+from etude.campaign import preset_config
 from etude.models import ModelConfig
 from etude.threads import threads_for
 from etude.types import Array, Log, Samples
-from etude_arm.config import ArmData
 from etude_studies.measured import Measured
 from etude_studies.real_lagrangian import learned_together
 from etude_studies.thesis.arm import joint_rows, tested
@@ -118,8 +118,9 @@ def by_lagrangian(world: World, samples: Samples, rng: np.random.Generator) -> P
 
 
 def with_friction(world: World) -> World:
-    """Whose inputs have columns of friction too."""
-    data = replace(world.config.data, friction_fraction=ArmData.friction_fraction)
+    """Whose inputs have columns of friction too, as the default protocol's."""
+    fraction = preset_config(world.kind, "default").data.friction_fraction
+    data = replace(world.config.data, friction_fraction=fraction)
     return replace(world, config=replace(world.config, data=data))
 
 
