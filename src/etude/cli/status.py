@@ -76,7 +76,7 @@ def _lines(found: Mapping[str, Any]) -> list[str]:
 
 def _forecast(found: Mapping[str, Any]) -> list[str]:
     """What is claimed of motion that was not seen: nothing after one log, or after slow ones."""
-    fraction, head = found["forecast_fraction"], "Expected command error: "
+    fraction, head = found["forecast_fraction"], "Expected command error of moving joints: "
     if found["scored_log"] is None:
         return []
     if fraction is not None:
@@ -150,7 +150,7 @@ def _new_motion(found: Mapping[str, Any]) -> list[str]:
         return []
     rows = {"in use": scores["used"].get("nmse") or [], "linear regression": scores.get("linear") or []}
     return [
-        f"nMSE on new motion, each of {scores['logs']} logs predicted from the others:",
+        f"nMSE on new motion, each of {scores['logs']} motions predicted from the others:",
         _by_output(found, rows),
     ]
 
