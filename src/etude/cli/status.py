@@ -76,14 +76,14 @@ def _lines(found: Mapping[str, Any]) -> list[str]:
 
 def _forecast(found: Mapping[str, Any]) -> list[str]:
     """What is claimed of motion that was not seen: nothing after one log, or after slow ones."""
-    fraction, head = found["forecast_fraction"], "Expected command error of moving joints: "
+    fraction, head = found["forecast_fraction"], "Expected command error: "
     if found["scored_log"] is None:
         return []
     if fraction is not None:
         share = (
             f"{100 * fraction:.2g} % of the limit" if fraction < 1.0 else "as large as the limit, or larger"
         )
-        return [f"{head}{share} (worst axis)."]
+        return [f"{head}{share} (worst axis, while it moves)."]
     slow = any(notice["code"] == Warn.SLOW_MOTION for notice in found["alerts"])
     return [
         f"{head}not known of faster motion."
