@@ -269,6 +269,15 @@ def shared_directions(
     return MASSES_OFF * base_directions(rows, parameter_scale(tree))
 
 
+def deviation_before_logs(rigid: Array, directions: Array, command: Array) -> Array:
+    """(n, J) prior deviations of commands that are forces: of the masses, and of friction at top speed.
+
+    Args:
+        rigid: (n, J, P) regressors. directions: as of `shared_directions`. command: (J,) limits.
+    """
+    return np.asarray(np.sqrt(np.sum((rigid @ directions) ** 2, axis=2) + (VISCOUS * command) ** 2))
+
+
 VISCOUS = 0.1
 """Prior deviation of viscous friction at top speed, as a part of the limit. A wider prior extrapolates the
 Stribeck decrease of friction, which dominates slow motions, to the top speed.
