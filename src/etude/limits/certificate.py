@@ -44,7 +44,7 @@ def utilization(row: Proof) -> float:
     if row.lower == -math.inf and 0.0 < row.upper < math.inf:
         return max(0.0, 1.0 - slack(row) / row.upper)
     if row.lower == -math.inf and row.upper < math.inf:
-        return utilization(replace(row, **_mirrored(row)))
+        return utilization(_mirrored(row))
     if row.upper == math.inf:
         scale = row.lower if row.lower > 0.0 else row.proved_upper - row.proved_lower
         beyond = scale + slack(row)
@@ -53,14 +53,10 @@ def utilization(row: Proof) -> float:
     return 1.0 - slack(row) / half if half > 0.0 else math.inf
 
 
-def _mirrored(row: Proof) -> dict[str, float]:
-    """The ends of the row for the quantity with the other sign."""
-    return {
-        "lower": -row.upper,
-        "upper": -row.lower,
-        "proved_lower": -row.proved_upper,
-        "proved_upper": -row.proved_lower,
-    }
+def _mirrored(row: Proof) -> Proof:
+    """The row of the quantity with the other sign."""
+    ends = replace(row, lower=-row.upper, upper=-row.lower)
+    return replace(ends, proved_lower=-row.proved_upper, proved_upper=-row.proved_lower)
 
 
 TRACKING = "The tracking error, with overshoot."

@@ -198,19 +198,22 @@ def _in_drive_units(
     """
     if not channel.acts_on and channel.role == "command":
         return tuple(columns), []
-    taken, as_they_are = [], []
-    for column, unit in zip(columns, channel.units, strict=True):
-        stated, own = unit_in(column.unit), unit_in(unit)
-        alike = not column.unit or stated is None or own is None or stated.dimension == own.dimension
-        if not alike and channel.role == "command" and (stated.counted or stated.dimension == NUMBER):
-            column = replace(column, factor=1.0)
-            as_they_are.append(column.name)
-        elif not alike and (stated.counted or channel.role == "command"):
-            raise _other_unit(channel, column, unit, where)
-        taken.append(column)
+    taken = tuple(_in_drive_unit(channel, c, u, where) for c, u in zip(columns, channel.units, strict=True))
+    changed = [own.name for own, before in zip(taken, columns, strict=True) if own is not before]
     way = "[log.columns] of campaign.toml takes a scale"
-    said = f"Commands are taken as they are, in the unit of the drive: {', '.join(as_they_are)}; {way}."
-    return tuple(taken), [said] if as_they_are else []
+    said = f"Commands are taken as they are, in the unit of the drive: {', '.join(changed)}; {way}."
+    return taken, [said] if changed else []
+
+
+def _in_drive_unit(channel: Channel, column: Column, unit: str, where: str) -> Column:
+    stated, own = unit_in(column.unit), unit_in(unit)
+    if not column.unit or stated is None or own is None or stated.dimension == own.dimension:
+        return column
+    if channel.role == "command" and (stated.counted or stated.dimension == NUMBER):
+        return replace(column, factor=1.0)
+    if stated.counted or channel.role == "command":
+        raise _other_unit(channel, column, unit, where)
+    return column
 
 
 def _other_unit(channel: Channel, column: Column, unit: str, where: str) -> DataError:
