@@ -10,7 +10,7 @@ from etude_studies.site.context import Study
 from etude_studies.site.downloads import data_links
 from etude_studies.site.entry_more import more
 from etude_studies.site.entry_pictures import joints, pictures
-from etude_studies.site.entry_table import table_of, table_over_k
+from etude_studies.site.entry_table import comparison, table_of, table_over_k
 from etude_studies.site.mathematics import prose
 from etude_studies.site.page import INDEX, chip, command, file_of, folded, link, page
 from etude_studies.site.words import BEYOND, axis_label, entry_name, plural, section_name, unit_name
@@ -31,6 +31,7 @@ def entry_page(study: Study, entry: Entry) -> Html:
         _said(entry),
         pictures(study, entry),
         *_tables(study, entry),
+        comparison(study, entry),
         _again(study, entry),
         joints(study, entry),
         more(study, entry),
@@ -84,7 +85,12 @@ def _tables(study: Study, entry: Entry) -> Sequence[Html]:
     if entry.kind == "trace":
         return []
     if entry.kind == "table":
-        told = "Small and grey: printed in the thesis. Below: the mean over seeds with its 95 % interval."
+        printed = (
+            "Small and grey: printed in the thesis. Below: the"
+            if any(r.printed for r in entry.rows)
+            else "The"
+        )
+        told = f"{printed} mean over seeds with its 95 % interval."
         return [paragraph(told, class_="soft"), table_of(study, entry)]
     column = "mean" if "mean" in entry.columns else entry.columns[0]
     label = axis_label(entry.measure, entry.unit)
