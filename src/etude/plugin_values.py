@@ -3,7 +3,7 @@
 One object stands before another. It has the members that the other has, reads each through the annotations
 of `etude.protocols` and `etude.abilities`, and names the plug-in where a value is another. A shape stands
 beside an array's type, `Annotated[Array, "(k,)"]`; "NaN" after it allows what is not finite. "keys a, b"
-stands beside a mapping's type.
+stands beside a mapping's type, "not empty" beside a sequence's.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from etude.protocols import members
 
 NEXT = "Correct the plug-in: etude.{}.{} says what it owes. Nothing committed was lost."
 WORDS = {"Kind": "kind of robot", "Reader": "reader", "Exporter": "exporter", "Limit": "limit"}
-KEYS = "keys "
+KEYS, NOT_EMPTY = "keys ", "not empty"
 TEXT = 40
 """Characters of a value that a sentence quotes."""
 NUMBERS: Mapping[type, tuple[type, ...]] = {
@@ -205,6 +205,8 @@ def _annotated(value: Any, hint: Any, notes: Sequence[Any], sizes: Sizes, name: 
     for note in notes:
         if isinstance(note, type):
             _has_members(value, note)
+        elif note == NOT_EMPTY:
+            _must(value, len(value) > 0, "nothing: at least one is needed")
         elif note.startswith(KEYS):
             missing = [key for key in note.removeprefix(KEYS).split(", ") if key not in value]
             _must(value, not missing, f"without {', '.join(missing)}")

@@ -76,15 +76,16 @@ class Family(Protocol):
 class Limit(Protocol):
     """One limit: its constraints on a search, its proof of final bytes, and the quantity that it bounds.
 
-    A nonconvex limit has a penalty; its cones only bound the search. The pipeline shrinks a motion towards
-    `Kind.home` until `prove` holds, and then expands it part by part while the proof still holds.
+    A nonconvex limit has a penalty, 0 inside, with its gradient in the motion's orders; its cones only bound
+    the search. The unit is free: the search weighs it. `(0.0, zeros)` only judges, as do no cones with None.
+    The pipeline shrinks a motion towards `Kind.home` until `prove` holds, then expands it part by part.
     """
 
     @property
     def name(self) -> str: ...
     def cones(self, family: Family) -> Sequence[Cone]: ...
     def penalty(self, motion: Motion) -> tuple[float, Array] | None: ...  # 0 inside; gradient (O, T, k)
-    def prove(self, piece: Trajectory) -> Sequence[Proof]: ...
+    def prove(self, piece: Trajectory) -> Annotated[Sequence[Proof], "not empty"]: ...
     def of_motion(self, motion: Motion) -> Array: ...  # (T, r), by the rows of `prove`
 
 

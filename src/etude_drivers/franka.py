@@ -84,11 +84,13 @@ class FrankaArm:
             can_hold=True,
             on_loss="stops",
             silence=self.silence,
+            payload=None if self.robot is None else float(self._state.m_load),
         )
 
     def __enter__(self) -> Self:
         config = self.library.RealtimeConfig
         self.robot = self.library.Robot(self.address, config.kEnforce if self.realtime else config.kIgnore)
+        self._state = self.robot.read_once()
         return self
 
     def __exit__(

@@ -78,7 +78,14 @@ class UrArm:
             silence=0.1,
             real=not self.virtual,
             virtual=self.virtual,
+            payload=self._payload(),
         )
+
+    def _payload(self) -> float | None:
+        """kg that the controller is set to; None without a connection, or where it tells none."""
+        with contextlib.suppress(RuntimeError):
+            return None if self.receive is None else float(self.receive.getPayload())
+        return None
 
     def __enter__(self) -> Self:
         control, receive = self._makers

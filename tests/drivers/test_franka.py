@@ -36,7 +36,7 @@ class Robot:
 
     def __init__(self, address: str, realtime: object) -> None:
         self.q, self.dq, self.torque, self.cycles = POSE.copy(), np.zeros(7), np.zeros(7), 0
-        self.errors, self.written, self.stopped = "[]", [], 0
+        self.errors, self.written, self.stopped, self.load = "[]", [], 0, 0.3
 
     def read_once(self) -> Any:
         stamp = SimpleNamespace(to_sec=lambda: 0.001 * self.cycles)
@@ -46,6 +46,7 @@ class Robot:
             tau_J_d=list(self.torque),
             time=stamp,
             current_errors=self.errors,
+            m_load=self.load,
         )
 
     def start_torque_control(self) -> Robot:
@@ -93,6 +94,16 @@ def test_what_the_robot_reports_is_a_fault_and_kill_is_its_own_stop() -> None:
         arm.ready("feedback")
         arm.stop(kill=True)
         assert arm.robot.stopped == 1
+
+
+def test_the_load_that_it_is_set_to_is_told_once_it_is_connected() -> None:
+    arm = FrankaArm(JOINTS, "robot", {}, LIBRARY)
+    assert arm.about().payload is None
+    with arm:
+        assert arm.about().answers_as == "franka at robot, set to carry 0.3 kg"
+        arm.robot.load = 1.2
+        arm.state()
+        assert arm.about().payload == 1.2
 
 
 def test_joints_go_by_their_numbers() -> None:

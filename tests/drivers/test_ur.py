@@ -23,7 +23,7 @@ class Robot:
     def __init__(self) -> None:
         self.q = np.array([0.3, -1.2, 1.4, -0.5, 0.8, 0.2])
         self.target, self.cycles, self.running = self.q.copy(), 0, False
-        self.protective, self.calls = False, []
+        self.protective, self.calls, self.payload = False, [], 0.3
 
     def __call__(self, address: str) -> Robot:
         return self
@@ -42,6 +42,9 @@ class Robot:
 
     def getActualCurrent(self) -> list[float]:
         return list(10.0 * (self.target - self.q))
+
+    def getPayload(self) -> float:
+        return self.payload
 
     def isProtectiveStopped(self) -> bool:
         return self.protective
@@ -118,6 +121,15 @@ def test_a_protective_stop_is_a_fault_and_ends_set_points() -> None:
         assert own.state().fault == "protective stop"
         with pytest.raises(ConnectionError, match="does not take set-points"):
             own.send(robot.q, np.zeros(6), np.zeros(6), None)
+
+
+def test_the_payload_that_it_is_set_to_is_told_once_it_is_connected() -> None:
+    robot = Robot()
+    with arm(robot) as own:
+        assert own.about().answers_as == "ur at robot, set to carry 0.3 kg"
+        robot.payload = 1.2
+        assert own.about().payload == 1.2
+    assert own.about().payload is None
 
 
 def test_joints_go_by_name_with_any_prefix() -> None:

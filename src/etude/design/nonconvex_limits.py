@@ -56,13 +56,16 @@ class NonconvexLimits:
 
     @classmethod
     def of(cls, limits: Sequence[Limit], family: Family, p: Array) -> NonconvexLimits:
-        """Those of `limits` that return a penalty for the member p (P,)."""
+        """Those of `limits` that return a penalty for the member p (P,), or have no cones either.
+
+        Without both, a limit only judges: motions are shrunk until it is proved.
+        """
         duration = family.trajectory(p).duration
         times = duration * (np.arange(INSTANTS) + 0.5) / INSTANTS
         motion = family.motion(p, times[:1], _orders(limits))  # shows whether there is a penalty
         parts: dict[bool, list[Limit]] = {True: [], False: []}
         for limit in limits:
-            parts[limit.penalty(motion) is None].append(limit)
+            parts[limit.penalty(motion) is None and bool(limit.cones(family))].append(limit)
         boxed = [bool(limit.cones(family)) for limit in parts[False]]
         # limits that restrict the search fail most often: check them first
         own = [parts[False][i] for i in sorted(range(len(boxed)), key=lambda i: not boxed[i])]

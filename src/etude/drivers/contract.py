@@ -107,7 +107,8 @@ class About:
     Attributes:
         name: of the robot. identity: serial number, bus path or address; it is written into every recording,
             and a changed one is asked about. payload: kg that the robot is set to carry, beyond what always
-            hangs there; a changed one is asked about, too; None: it has no such setting.
+            hangs there; a changed one is asked about, too; None: it has no such setting, or tells it only
+            once it is connected.
         joints: by name; matched with the campaign's, never by order alone.
         rate: Hz at which it takes set-points (a Stream) or gives samples (a Player).
         command_unit: "N m", "A", "1", ...: has to be the campaign's. command_of: what `Sample.command` is.
@@ -162,9 +163,17 @@ class About:
         return identity_with(self.identity, self.payload)
 
 
+CARRIES = ", set to carry "
+
+
 def identity_with(identity: str, payload: float | None) -> str:
     """A robot's identity, and the payload that it is set to carry, kg."""
-    return identity if payload is None else f"{identity}, set to carry {payload:g} kg"
+    return identity if payload is None else f"{identity}{CARRIES}{payload:g} kg"
+
+
+def is_told_of(told: str, about: About) -> bool:
+    """Whether an identity with a payload is this robot's; the identity alone, if it tells no payload."""
+    return (told if about.payload is not None else told.partition(CARRIES)[0]) == about.answers_as
 
 
 @dataclass(frozen=True, eq=False)

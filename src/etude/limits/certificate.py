@@ -38,14 +38,25 @@ def utilization(row: Proof) -> float:
 
     A limit without an upper end has the utilization 1 / (1 + slack / scale). The scale is the lower limit if
     that is positive, as for a distance: then the result is the limit divided by the proved value. Otherwise
-    the scale is the width of the proved interval.
+    the scale is the width of the proved interval. A limit without a lower end is its mirror image; a positive
+    upper limit, as of an energy, is the scale of 1 - slack / scale.
     """
+    if row.lower == -math.inf and 0.0 < row.upper < math.inf:
+        return max(0.0, 1.0 - slack(row) / row.upper)
+    if row.lower == -math.inf and row.upper < math.inf:
+        return utilization(_mirrored(row))
     if row.upper == math.inf:
         scale = row.lower if row.lower > 0.0 else row.proved_upper - row.proved_lower
         beyond = scale + slack(row)
         return scale / beyond if beyond > 0.0 else math.inf
     half = 0.5 * (row.upper - row.lower)
     return 1.0 - slack(row) / half if half > 0.0 else math.inf
+
+
+def _mirrored(row: Proof) -> Proof:
+    """The row of the quantity with the other sign."""
+    ends = replace(row, lower=-row.upper, upper=-row.lower)
+    return replace(ends, proved_lower=-row.proved_upper, proved_upper=-row.proved_lower)
 
 
 TRACKING = "The tracking error, with overshoot."

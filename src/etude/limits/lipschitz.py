@@ -9,7 +9,7 @@ and Shubert), until the proved extremes are close to the sampled ones.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from types import FunctionType
 
@@ -45,7 +45,8 @@ class LipschitzLimit:
         function: poses (T, k) of the path -> (T,) its values.
         slopes: (k,) bounds of |d function / d pose|, valid between the ends of a motion's coordinates.
         lower, upper: ends, in the unit of the function; `upper` may be infinite.
-        margins: of tracking, by form of motion; each coordinate's error counts by its slope.
+        margins: of tracking, by form of motion, as `Kind.limits` gets them; each coordinate's error counts by
+            its slope. An empty mapping allows for no tracking error.
         drawn: objects that represent the limit in a drawing.
         order, rest: 0 and False: the limit is on the pose, and requires no rest.
         coordinates: (k,) names of the pose's coordinates, for messages; `made_limits` gives them.
@@ -57,7 +58,7 @@ class LipschitzLimit:
     slopes: Array
     lower: float
     upper: float
-    margins: Margins = field(default_factory=dict)
+    margins: Margins
     drawn: tuple[Thing, ...] = ()
     order: int = 0
     rest: bool = False
@@ -78,6 +79,12 @@ class LipschitzLimit:
                 f"the slopes of {self.quantity} are {slopes.tolist()}: one is negative or no number",
                 where=self._source,
                 next_step="State the largest |df/dq| of each coordinate, 0 where it does not count.",
+            )
+        if not isinstance(self.margins, Mapping):
+            raise UsageError(
+                f"the tracking margins of the limit of {self.quantity} are {type(self.margins).__name__}",
+                where=self._source,
+                next_step="Pass on what the function gets third: def limit(spec, model, margins, *, ...).",
             )
         if self.order != 0 or self.rest:
             raise UsageError(

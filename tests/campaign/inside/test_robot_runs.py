@@ -489,6 +489,35 @@ def test_a_payload_that_the_robot_states_is_asked_about_when_it_changes(tmp_path
     moved(campaign, Robot(payload=1.2), dry=True)
 
 
+class Reticent(Robot):
+    """It tells what it is set to carry once it is connected."""
+
+    def __enter__(self) -> Reticent:
+        self.says["payload"] = self.load
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        del self.says["payload"]
+
+    def __init__(self, load: float, **says: Any) -> None:
+        super().__init__(**says)
+        self.load = load
+
+
+def test_a_payload_that_is_told_with_the_connection_is_asked_about_before_anything_moves(
+    tmp_path: Path,
+) -> None:
+    campaign = lab(tmp_path)
+    moved(campaign, Reticent(0.5))
+    moved(campaign, Reticent(0.5), dry=True)
+    for loaded, named in ((Reticent(1.2), "fake-1"), (Reticent(0.5, identity="fake-2"), "fake-2")):
+        with pytest.raises(UsageError, match=f"set to carry 0.5 kg, and this robot is {named}"):
+            moved(campaign, loaded)
+        assert loaded.sent == []
+    moved(campaign, Reticent(1.2), identity="fake-1, set to carry 1.2 kg", dry=True)
+    moved(campaign, Reticent(1.2, identity="fake-2"), identity="fake-2, set to carry 1.2 kg", dry=True)
+
+
 @pytest.mark.slow
 def test_a_load_that_nobody_states_is_noticed_and_asked_about(tmp_path: Path) -> None:
     """In MuJoCo, whose masses the campaign does not know."""

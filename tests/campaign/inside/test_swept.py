@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -23,9 +24,11 @@ from etude.campaign.propose.proposal import (
 )
 from etude.cli import main
 from etude.codes import Warn
-from etude.protocols import Trajectory
+from etude.design import NonconvexLimits
+from etude.protocols import Family, Trajectory
 from etude.report import build_report
-from etude.trajectories import FourierTrajectory
+from etude.trajectories import FourierConfig, FourierFamily, FourierTrajectory
+from etude.types import Array, Cone, Motion, Proof
 
 QUICK = "[design]\ncandidates = 4\nrefine = 1\nsteps = 3\npoints = 20\nreference_points = 30\n"
 CONFIG = "[trajectory]\nduration = 30.0\n" + QUICK
@@ -96,3 +99,43 @@ def test_what_waits_for_its_log_is_not_among_what_was_visited(tmp_path: Path) ->
     reach = reachable(campaign)
     assert reach is not None
     assert visited_by(campaign, reach).total == 0.0
+
+
+class Energy:
+    """Of the whole robot, with neither cones nor a penalty: it only judges."""
+
+    name = "energy"
+
+    def __init__(self, most: float) -> None:
+        self.most = most
+
+    def cones(self, family: Family) -> Sequence[Cone]:
+        return ()
+
+    def penalty(self, motion: Motion) -> None:
+        return None
+
+    def of_motion(self, motion: Motion) -> Array:
+        return np.asarray((motion.orders[1] ** 2).sum(axis=1, keepdims=True))
+
+    def prove(self, piece: Trajectory) -> Sequence[Proof]:
+        t = np.linspace(0.0, piece.duration, 400)
+        found = self.of_motion(piece.motion(t, 2))
+        ends = float(found.min()), float(found.max())
+        return [Proof("robot", "energy", -np.inf, self.most, *ends, "samples", "sampled")]
+
+
+def test_a_limit_that_only_judges_shrinks_the_motion_and_is_named(tmp_path: Path) -> None:
+    campaign = make_campaign(tmp_path, config=CONFIG)
+    motion = stored_trajectory(campaign, ask(campaign).number)
+    pieces = [piece for _, label, piece in motion.pieces() if label == "segment"]
+    whole = max(Energy(1.0).prove(piece)[0].proved_upper for piece in pieces)
+    rows = swept(campaign, motion, [Energy(whole)])
+    assert {row.held for row in rows if row.held} == {"the limit of energy of robot"}
+    assert {row.held for row in swept(campaign, motion, [Energy(2.0 * whole)]) if row.held} == {NO_TIME}
+    family = FourierFamily.of(FourierConfig(), axes=3)
+    p = np.full(family.size, 0.1)
+    kept = NonconvexLimits.of([Energy(0.01)], family, p)
+    small = kept.shrink_to_home(family, np.zeros(family.size), p)
+    assert 0.0 < np.abs(small).max() < 0.1
+    assert kept.proved(family, small)

@@ -23,6 +23,7 @@ from etude.plugins import _given
 from etude.protocols import Limit, Trajectory
 from etude.testing import LimitSuite
 from etude.trajectories import FourierConfig, FourierFamily
+from etude.types import Proof
 from etude_arm import KIND as ARM
 from etude_quadrotor import KIND as QUADROTOR
 
@@ -62,6 +63,19 @@ class Fails:
 
 def fails(spec, model, margins):
     return Fails()
+
+
+class Silent(Fails):
+    def prove(self, piece):
+        return []
+
+
+def silent(spec, model, margins):
+    return Silent()
+
+
+def exchanged(spec, margins, model):
+    return LipschitzLimit("sum", "all", lambda p: p.sum(axis=1), np.ones(4), -9.0, 9.0, margins)
 
 
 def ends(spec, model, margins):
@@ -122,6 +136,25 @@ def test_a_limit_that_ends_the_program_is_told_as_such(place, capsys: pytest.Cap
     assert cli.main(["ask", "lab", "--json"]) == 2
     error = json.loads(capsys.readouterr().out)["error"]
     assert "the plug-in my_limits:ends raised SystemExit: set FOO first" in error["fact"]
+
+
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        (
+            "silent",
+            "the prove of the limit my_limits:silent returned .*nothing: at least one",
+        ),
+        ("exchanged", "the tracking margins of the limit of sum are NoneType"),
+    ],
+)
+def test_what_a_limit_owes_is_named(place: Path, name: str, said: str) -> None:
+    """A limit without a row, or without tracking margins, would leave a certificate that looks complete."""
+    path = place / "arm.toml"
+    path.write_text(path.read_text().split("[[limit]]")[0] + f'[[limit]]\nkind = "my_limits:{name}"\n')
+    spec = etude.load_robot(path, trust=True)
+    with pytest.raises(UsageError, match=said):
+        made_limits(spec.limits, spec, None, {})[0].prove(a_motion())
 
 
 def test_the_plane_of_the_docs_goes_the_whole_way(place, capsys) -> None:
@@ -242,7 +275,7 @@ def test_a_copied_folder_is_not_trusted(place) -> None:
 class TestWave(LimitSuite):
     """A function that is neither linear nor monotone."""
 
-    limit = LipschitzLimit("wave", "all", lambda q: np.sin(q).sum(axis=1), np.ones(3), -2.5, 2.5)
+    limit = LipschitzLimit("wave", "all", lambda q: np.sin(q).sum(axis=1), np.ones(3), -2.5, 2.5, {})
     family, home = FourierFamily.of(FourierConfig(), axes=3), np.zeros(3)
 
 
@@ -267,12 +300,12 @@ def test_tracking_takes_a_margin_by_the_slopes() -> None:
 @pytest.mark.parametrize("ends", [(1.0, -1.0), (-1.0, np.nan), (-np.inf, 1.0)])
 def test_ends_that_say_nothing_are_refused(ends) -> None:
     with pytest.raises(UsageError, match="the limit of sum runs from"):
-        LipschitzLimit("sum", "all", lambda q: q.sum(axis=1), np.ones(2), *ends)
+        LipschitzLimit("sum", "all", lambda q: q.sum(axis=1), np.ones(2), *ends, {})
 
 
 def reached(**given: Any) -> LipschitzLimit:
     """Of the first two of three coordinates, with the slopes [0.7, 0.3, 0]."""
-    own = {"slopes": np.array([0.7, 0.3, 0.0]), "lower": -5.0, "upper": 5.0, **given}
+    own = {"slopes": np.array([0.7, 0.3, 0.0]), "lower": -5.0, "upper": 5.0, "margins": {}, **given}
     return LipschitzLimit("reach", "tool", lambda q: 0.7 * np.sin(q[:, 0]) - 0.3 * q[:, 1], **own)
 
 
@@ -340,7 +373,7 @@ def test_a_slope_that_is_too_small_is_refused(slopes: list[float], axis: str, ne
 def test_a_slope_that_is_steep_in_places_only_is_found_near_by() -> None:
     """Far pairs see little of it: the function is steep and small."""
     ripple = lambda q: 0.003 * np.sin(1000.0 * q[:, 0])  # noqa: E731
-    limit = LipschitzLimit("ripple", "all", ripple, np.full(3, 2.0), -1.0, 1.0)
+    limit = LipschitzLimit("ripple", "all", ripple, np.full(3, 2.0), -1.0, 1.0, {})
     with pytest.raises(UsageError, match="the slope of ripple in coordinate 1 is 2, and at least"):
         limit.prove(a_motion())
 
@@ -389,9 +422,22 @@ def test_a_function_that_fails_is_named_as_a_plug_in(place, capsys) -> None:
 
 def test_a_plane_below_the_base_is_a_limit_like_any_other() -> None:
     """Without an upper end and below zero: its use is relative to the range that is proved."""
-    limit = LipschitzLimit("sum", "all", lambda q: q.sum(axis=1), np.ones(3), -60.0, np.inf)
+    limit = LipschitzLimit("sum", "all", lambda q: q.sum(axis=1), np.ones(3), -60.0, np.inf, {})
     (row,) = limit.prove(a_motion())
     assert 0.0 < utilization(row) < 1.0
     nearer = replace(row, lower=row.proved_lower)
     assert utilization(nearer) == pytest.approx(1.0)
     assert utilization(replace(row, lower=row.proved_lower + 100.0)) == np.inf
+
+
+def test_a_limit_with_an_upper_end_alone_is_used_like_its_mirror_image() -> None:
+    energy = Proof("arm", "energy", -np.inf, 3.0, 0.0, 2.4, "samples", "sampled")
+    assert utilization(energy) == pytest.approx(0.8)
+    assert utilization(replace(energy, proved_upper=3.0)) == pytest.approx(1.0)
+    height = Proof("tool", "height", -2.0, np.inf, -1.5, 0.5, "samples", "sampled")
+    depth = Proof("tool", "depth", -np.inf, 2.0, -0.5, 1.5, "samples", "sampled")
+    assert 0.0 < utilization(height) < 1.0
+    assert utilization(depth) == pytest.approx(0.75)
+    assert utilization(replace(depth, upper=-0.5, proved_upper=-1.0, proved_lower=-2.0)) == pytest.approx(
+        utilization(replace(height, lower=0.5, proved_lower=1.0, proved_upper=2.0))
+    )

@@ -23,6 +23,7 @@ from etude.campaign.record.stored_files import FULL, stored_trajectory
 from etude.codes import Notice, Warn
 from etude.design.latents import Latent
 from etude.errors import UsageError
+from etude.limits.certificate import utilization
 from etude.protocols import Family, Inputs, Limit, Model, Trajectory
 from etude.types import Array, Reachable
 
@@ -148,13 +149,14 @@ def swept(campaign: Campaign, trajectory: Trajectory, limits: Sequence[Limit]) -
     of_range, of_clear = (VisitedTimes.nothing(own).adding([trajectory]).share() for own in (whole, reach))
     times = [piece.duration * np.linspace(0.0, 1.0, LOOKED_AT) for piece in pieces]
     way = np.concatenate([p.motion(t, 1).orders[0] for p, t in zip(pieces, times, strict=True)])
-    held = [_held(reach, way, j, limits, pieces[0].form) for j in range(len(of_range))]
+    otherwise = _used_up(limits, pieces, campaign.axes) or NO_TIME
+    held = [_held(reach, way, j, limits, pieces[0].form) or otherwise for j in range(len(of_range))]
     rows = zip(campaign.axes, of_range.tolist(), of_clear.tolist(), held, strict=True)
     return tuple(Swept(axis, r, c, "" if r >= WHOLE else why) for axis, r, c, why in rows)
 
 
 def _held(reach: Reachable, way: Array, j: int, limits: Sequence[Limit], form: str) -> str:
-    """The obstacle for the pose farthest out on axis `j`, if this axis alone moves on."""
+    """The obstacle for the pose farthest out on axis `j`, if this axis alone moves on; "" without one."""
     room = way[:, j].min() - reach.lower[j], reach.upper[j] - way[:, j].max()
     at = int(way[:, j].argmin() if room[0] > room[1] else way[:, j].argmax())
     end = reach.lower[j] if room[0] > room[1] else reach.upper[j]
@@ -166,7 +168,20 @@ def _held(reach: Reachable, way: Array, j: int, limits: Sequence[Limit], form: s
         for limit in limits:
             if isinstance(limit, SupportsBlocking) and (found := limit.blocked(form, pose)):
                 return found
-    return NO_TIME
+    return ""
+
+
+def _used_up(limits: Sequence[Limit], pieces: Sequence[Trajectory], axes: Sequence[str]) -> str:
+    """The limits of the whole robot that bound no pose, an energy for example, and that a segment uses up."""
+    rows = [
+        row
+        for limit in limits
+        if not isinstance(limit, SupportsBlocking)
+        for p in pieces
+        for row in limit.prove(p)
+    ]
+    used = {row.quantity: row.axis for row in rows if row.axis not in axes and utilization(row) >= WHOLE}
+    return " and ".join(f"the limit of {quantity} of {axis}" for quantity, axis in used.items())
 
 
 def as_facts(rows: Sequence[Swept]) -> list[dict[str, Any]]:

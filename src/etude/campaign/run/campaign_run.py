@@ -172,10 +172,18 @@ def connected(
     """
     about = player.about()
     with only_one(campaign, about):
-        found = open_points(campaign, about, resume=resume, identity=identity)
-        waived = require_none(campaign, found, simulated=not about.real)
+        _nothing_open(campaign, about, resume, identity)
         with _entered(player), held_on_signals(player):
-            yield RobotSession(campaign, player, about, person, tell, waived=tuple(waived), on=on, seen=seen)
+            # some robots tell what they are set to carry only now
+            about = player.about()
+            waived = _nothing_open(campaign, about, resume, identity)
+            yield RobotSession(campaign, player, about, person, tell, waived=waived, on=on, seen=seen)
+
+
+def _nothing_open(campaign: Campaign, about: About, resume: bool, identity: str) -> tuple[str, ...]:
+    """What a simulation waives. UsageError with all else that blocks."""
+    found = open_points(campaign, about, resume=resume, identity=identity)
+    return tuple(require_none(campaign, found, simulated=not about.real))
 
 
 @contextlib.contextmanager

@@ -15,6 +15,7 @@ from etude.campaign.record.folder import ROBOT, Campaign
 from etude.campaign.run.run_history import last_identity, unfinished
 from etude.deploy.trajectory_files import command_unit, to_confirm
 from etude.drivers import About, VelocityEnvelope
+from etude.drivers.contract import is_told_of
 from etude.drivers.within_limits import velocity_range
 from etude.errors import UsageError, typed
 from etude.types import Array
@@ -195,7 +196,7 @@ def _identity(campaign: Campaign, about: About, stated: str) -> list[Open]:
     if not about.identity:
         return [Open(f"{about.name} has no identity.", "The driver's About has to say it.")]
     now = about.answers_as
-    if before in ("", now) or stated == now:
+    if not before or is_told_of(before, about) or is_told_of(stated, about):
         return []
     sentence = f"Earlier recordings are of {before}, and this robot is {now}."
     step = f"If the campaign is to go on with it: --identity {typed(now)}. Else start another campaign."

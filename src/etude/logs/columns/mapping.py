@@ -65,6 +65,7 @@ def _timed(raw: Log, rate: float) -> Log:
 def _renamed(raw: Log, config: LogConfig) -> Log:
     left = {name: values for name, values in raw.values.items() if name not in config.ignored}
     named = _sources(config.columns, left)
+    _check_once(named, raw.source)
     used = {to: source for to, source in named.items() if source.header in left}
     if not used:
         _check_header(raw)
@@ -74,6 +75,7 @@ def _renamed(raw: Log, config: LogConfig) -> Log:
     if missing:
         near = difflib.get_close_matches(missing[0], list(left), 1)
         hint = f"Did you mean {near[0]}? " if near else ""
+        hint = 'A factor stands first, with a point: "-0.15 * HEADER". ' if "*" in missing[0] else hint
         raise DataError(
             f"there is no column {missing[0]!r}, which [log.columns] names",
             where=raw.source,
@@ -84,6 +86,19 @@ def _renamed(raw: Log, config: LogConfig) -> Log:
     rest = {name: values for name, values in left.items() if name not in taken and name not in read}
     said = ", ".join(f"{source.said} as {to}" for to, source in used.items())
     return _with(raw, {**read, **rest}).repaired(f"By [log.columns], {said} were read.")
+
+
+def _check_once(named: Mapping[str, _Source], where: str) -> None:
+    """Raises a DataError if one column of the file is to be read as two."""
+    first: dict[str, str] = {}
+    for to, source in named.items():
+        other = first.setdefault(source.header, to)
+        if other != to:
+            raise DataError(
+                f"[log.columns] reads the column {source.header!r} as {other} and as {to}",
+                where=where,
+                next_step="Correct one of the two lines in campaign.toml.",
+            )
 
 
 AS_NAMED = "The log has none of the headers of [log.columns], and was read by its own."

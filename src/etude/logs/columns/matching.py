@@ -114,8 +114,8 @@ def _of_channel(channel: Channel, found: Found, repairs: list[str], where: str) 
     if not missing:
         mine = _in_its_unit(channel, mine)
         _check_single(channel, mine, where)
-        columns = tuple(mine[part][0] for part in channel.parts)
-        repairs += _checked_units(channel, columns, where)
+        columns, said = _in_drive_units(channel, tuple(mine[part][0] for part in channel.parts), where)
+        repairs += said
         return columns
     if channel.required or (mine and channel.role == "state" and channel.name not in SENSORS):
         raise DataError(
@@ -186,25 +186,34 @@ def _check_single(channel: Channel, mine: dict[str, list[Column]], where: str) -
         )
 
 
-def _checked_units(channel: Channel, columns: Sequence[Column], where: str) -> list[str]:
-    """Sentences on commands in a unit of the drive, which has no known factor to SI.
+def _in_drive_units(
+    channel: Channel, columns: Sequence[Column], where: str
+) -> tuple[tuple[Column, ...], list[str]]:
+    """The columns, those in a unit of the drive (counts, %) as they are; a sentence names these.
+
+    Such a unit has no known factor to the channel's.
 
     Raises:
         DataError: a command is stated in the unit of another quantity, or the coordinates in counts.
     """
     if not channel.acts_on and channel.role == "command":
-        return []
-    said = []
-    for column, unit in zip(columns, channel.units, strict=True):
-        stated, own = unit_in(column.unit), unit_in(unit)
-        if not column.unit or stated is None or own is None or stated.dimension == own.dimension:
-            continue
-        if channel.role == "command" and (stated.counted or stated.dimension == NUMBER):
-            said.append(column.name)
-        elif stated.counted or channel.role == "command":
-            raise _other_unit(channel, column, unit, where)
+        return tuple(columns), []
+    taken = tuple(_in_drive_unit(channel, c, u, where) for c, u in zip(columns, channel.units, strict=True))
+    changed = [own.name for own, before in zip(taken, columns, strict=True) if own is not before]
     way = "[log.columns] of campaign.toml takes a scale"
-    return [f"Commands are taken in the unit of the drive: {', '.join(said)}; {way}."] if said else []
+    said = f"Commands are taken as they are, in the unit of the drive: {', '.join(changed)}; {way}."
+    return taken, [said] if changed else []
+
+
+def _in_drive_unit(channel: Channel, column: Column, unit: str, where: str) -> Column:
+    stated, own = unit_in(column.unit), unit_in(unit)
+    if not column.unit or stated is None or own is None or stated.dimension == own.dimension:
+        return column
+    if channel.role == "command" and (stated.counted or stated.dimension == NUMBER):
+        return replace(column, factor=1.0)
+    if stated.counted or channel.role == "command":
+        raise _other_unit(channel, column, unit, where)
+    return column
 
 
 def _other_unit(channel: Channel, column: Column, unit: str, where: str) -> DataError:
