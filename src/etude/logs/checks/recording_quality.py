@@ -256,7 +256,8 @@ def spans_of(t: Array, rows: Index) -> tuple[tuple[float, float], ...]:
 NOISY = 0.3  # deviation of the acceleration's noise over that of the acceleration
 THIRD = 20.0  # variance of the third difference of white noise
 STANDING, SMALL = 0.8, 0.2  # of the time; of the limits
-LATE_S, LATEST_S, LATEST = 0.05, 1.0, 1.0 / 25.0  # s, s, and of the log
+# s, s, and of the log; `logs.evidence` tells shorter delays, and knows friction that sticks
+LATE_S, LATEST_S, LATEST = 0.1, 1.0, 1.0 / 25.0
 SAME_CLOCK = "Log command and position with stamps of the same clock."
 
 
