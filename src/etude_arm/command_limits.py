@@ -2,23 +2,27 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 
-from etude.limits.commands import CommandLimit, OpenCommands, by_model, kept_at, rest_at
+from etude.limits.commands import CommandLimit, OpenCommands, by_model, held_at, kept_at, rest_at, weight_at
 from etude.protocols import Model
 from etude.types import Array, Motion
 from etude_arm.loading.load import of_file
 from etude_arm.physics.geometry import has_masses
+from etude_arm.physics.identification import MASSES_OFF, VISCOUS
 from etude_arm.physics.mean import ArmPhysics
 from etude_arm.physics.newton_euler import nominal_commands
 from etude_arm.spec import FORCES, ArmSpec
 
 NOMINAL = "the model file's masses"
 OPEN = (
-    "Torques are those of the model file's masses alone: friction, rotors, and by how much the file is "
-    "wrong, are not in them until a log was learned."
+    "Torques: no log has measured friction, nor by how much the file's masses are wrong. "
+    f"{VISCOUS:.0%} of each limit and {MASSES_OFF:.0%} of each link's mass are assumed as deviations. Rotors "
+    "are not in them."
 )
 NO_MOTION = "No motion is possible by the numbers of the model file"
 """How the sentence begins for which no motion is asked for, as long as it stands in the robot's `confirm`."""
@@ -42,7 +46,9 @@ def commands_of(spec: ArmSpec, model: Model | None, home: Array) -> CommandLimit
         return kept_at(own, home)
     if not has_masses(spec) or spec.command_unit not in FORCES:
         return None
-    return of_file(_known, spec, lambda: _unless_confirmed(kept_at(_nominal(spec), home), spec, home))
+    return of_file(
+        _known, spec, lambda: _unless_confirmed(kept_at(held_at(_nominal(spec), home), home), spec, home)
+    )
 
 
 def _unless_confirmed(
@@ -63,24 +69,38 @@ def _unless_confirmed(
     return replace(found, refused=(f"{NO_MOTION}: at rest at home {', '.join(beyond)}", MEND))
 
 
+def weight_on_drives(spec: ArmSpec) -> Callable[[Array], Array] | None:
+    """Poses (n, J) -> (n,) largest part of a limit at rest with room for its deviation; None: not forces.
+
+    Up to 1 a robot without logs keeps its whole assumed deviation at that home.
+    """
+    if not has_masses(spec) or spec.command_unit not in FORCES:
+        return None
+    limit = _nominal(spec)
+    return lambda poses: weight_at(limit, poses)
+
+
 def _nominal(spec: ArmSpec) -> CommandLimit:
-    """The limit by the rigid body of the model file."""
-    geometry = ArmPhysics(spec, nominal=True).geometry
+    """The limit by the rigid body of the model file, with the deviation of identification's prior."""
+    prior, geometry = ArmPhysics(spec), ArmPhysics(spec, nominal=True).geometry
 
     def mean(motion: Motion) -> Array:
         return nominal_commands(geometry, *motion.orders[:3])
 
-    ends = _ends(spec)
+    def deviation(motion: Motion) -> Array:
+        return prior.deviation_before_logs(*motion.orders[:3])
+
     return CommandLimit(
         _quantity(spec),
         spec.command_units,
         spec.names,
-        *ends,
+        *_ends(spec),
         spec.torque_rate,
         mean,
-        None,
+        deviation,
         NOMINAL,
         said=(OPEN,),
+        lasts=math.inf,
     )
 
 

@@ -16,8 +16,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from etude.errors import UsageError
+from etude.limits import CommandLimit
 from etude.types import Array, Described, Mask
-from etude_arm.command_limits import NO_MOTION
+from etude_arm.command_limits import NO_MOTION, commands_of, weight_on_drives
 from etude_arm.physics.geometry import has_masses, read_geometry
 from etude_arm.physics.newton_euler import nominal_commands
 from etude_arm.physics.transmission import Geometry
@@ -115,6 +116,9 @@ def sentences(spec: ArmSpec, home: Array) -> tuple[str, ...]:
     limit = np.minimum(spec.command, spec.torque)
     weak, loaded = weight.most > limit, weight.moving > 0.0
     found = [_weak(spec, limit, weight)] if weak.any() else []
+    commands = commands_of(spec, None, home)
+    if isinstance(commands, CommandLimit) and commands.share is not None:
+        found.append(f"{commands.said[-1]} Give another [search] home, or correct command in robot.toml.")
     factors = np.divide(spec.command, weight.moving, out=np.full(spec.dof, np.inf), where=loaded)
     factor = float(factors.min()) if loaded.any() else 0.0
     found += [_strong(factor)] if factor > STRONG else _same(spec, factors)
@@ -285,7 +289,7 @@ def describe(
         files |= meshes
         whole, spec = spec, replace(spec, model_file=Path(name))
         final = _loaded_from(spec, files)
-        around, of_around = completed(spec, final, leave, whole_file=whole_file)
+        around, of_around = completed(spec, final, leave, weight_on_drives(whole), whole_file=whole_file)
         if around.collision.look:
             finer += hemmed_in(crowds(final, spec.lower, spec.upper), around.collision.ignore)
         spec = replace(spec, around=around)

@@ -32,6 +32,7 @@ from etude.logs.cleaning.filters import (
     thinned,
     uniform_grid,
 )
+from etude.logs.cleaning.smoothing import quick_length
 from etude.types import TARGET, Array, Index, Log, Mask, Samples, joined_samples
 from etude_arm.config import ArmData
 from etude_arm.memory import remembered, turning
@@ -231,6 +232,8 @@ def _wide_enough(grid: Array, q: Array, command: Array, cutoff: float) -> float:
     Lower ones are not tried: regression would then err less where its model is wrong, and processes would err
     more.
     """
+    quick = quick_length(len(grid), least=2)  # it is judged by errors that a few rows hardly change
+    grid, q, command = grid[:quick], q[:quick], command[:quick]
     wider = [hz for hz in WIDER if cutoff < hz <= median_rate(grid) / ROWS_EACH]
     rows = np.flatnonzero((grid - grid[0] > 1.0 / cutoff) & (grid[-1] - grid > 1.0 / cutoff))
     rows = rows[:: max(1, int(median_rate(grid) / ROWS_HZ))]

@@ -12,6 +12,7 @@ deviation is wrong. If it counted in full, hardly any motion would be allowed, a
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from statistics import NormalDist
@@ -69,6 +70,8 @@ class CommandLimit:
         both: motion -> mean and deviation, at the cost of the deviation alone; None: two separate calls.
         at_most: motion -> mean and a cheap upper bound of the deviations; None: there is none.
         share: (J,) fraction of the deviations that counts, see `credible`; None: all.
+        lasts: s after which two deviations count as independent; inf: one deviation holds for the whole
+            motion, as an assumed one of masses and friction does.
     """
 
     quantity: str
@@ -87,6 +90,7 @@ class CommandLimit:
     both: Both | None = None
     at_most: Both | None = None
     share: Array | None = None
+    lasts: float = DECORRELATED
     _proofs: dict[str, tuple[Proof, ...]] = field(default_factory=dict, repr=False)
 
     @property
@@ -112,7 +116,7 @@ class CommandLimit:
 
         maths: Phi^-1(1 - (1 - SURE)/(2 n)) for n independent deviations.
         """
-        count = max(1.0, duration / DECORRELATED) * len(self.names)
+        count = max(1.0, duration / self.lasts) * len(self.names)
         return NormalDist().inv_cdf(1.0 - (1.0 - SURE) / (2.0 * count))
 
     def penalty(self, motion: Motion) -> tuple[float, Array]:
@@ -179,10 +183,9 @@ class CommandLimit:
 
     def blocked(self, form: str, pose: Array) -> str:  # noqa: ARG002
         """The first command that exceeds its limit at rest at a pose (k,); "" if none does."""
-        orders = np.zeros((self.orders, 1, len(pose)))
-        orders[0, 0] = pose
-        mean = self.mean(Motion(np.zeros(1), orders))[0]
-        beyond = np.flatnonzero((mean < self.lower) | (mean > self.upper))
+        still = rest_at(pose, self.orders)
+        mean, spread = self.mean(still)[0], self.spread(still, 0.0)[0]
+        beyond = np.flatnonzero((mean - spread < self.lower) | (mean + spread > self.upper))
         return f"the {self.quantity} of {self.names[beyond[0]]}" if len(beyond) else ""
 
     def prove(self, piece: Trajectory) -> Sequence[Proof]:
@@ -226,7 +229,8 @@ class CommandLimit:
         own = self._counted(piece.duration)
         most, least = float(own.max()), float(own.min())
         count = f"{most:.2g}" if most == least else f"{least:.2g} to {most:.2g}"
-        return f"{self.source} and {count} of its deviations"
+        assumed = "assumed " if math.isinf(self.lasts) else ""
+        return f"{self.source} and {count} of its {assumed}deviations"
 
     def along(self, piece: Trajectory, spacing: float) -> Motion:
         """The motion sampled every `spacing` s, end included."""
@@ -349,15 +353,41 @@ def after_run(limits: Sequence[Limit], ran: Trajectory) -> list[Limit]:
 def _after(limit: CommandLimit, ran: Trajectory) -> CommandLimit:
     if limit.deviation is None:
         return limit
-    share = credible(limit, ran)
+    return _of_which(
+        limit,
+        credible(limit, ran),
+        "With all of them the motion that the robot has run last would be refused: too little is known yet.",
+    )
+
+
+def held_at(limit: CommandLimit, home: Array) -> CommandLimit:
+    """The limit with the share of each assumed deviation that leaves room beside rest at `home` (k,), where a
+    robot is known to stand.
+    """
+    still = rest_at(home, limit.orders)
+    middle, half = 0.5 * (limit.upper + limit.lower), 0.5 * (limit.upper - limit.lower)
+    room = half - np.abs(limit.mean(still)[0] - middle)
+    share = np.clip(BELIEVED_ROOM * room / limit.spread(still, 0.0)[0], 0.0, 1.0)
+    # a home that the mean alone excludes is another matter, see `kept_at`
+    share = np.where(room > 0.0, share, 1.0)
+    return _of_which(limit, share, "With all of them the robot could hardly be held at home.")
+
+
+def weight_at(limit: CommandLimit, poses: Array) -> Array:
+    """(n,) largest part of a limit at rest at poses (n, k), up to 1 where `held_at` counts all deviations."""
+    still, half = rest_at(poses, limit.orders), 0.5 * (limit.upper - limit.lower)
+    mean, deviation = limit._both(still)
+    off = np.abs(mean - 0.5 * (limit.upper + limit.lower))
+    return np.asarray(np.max((off + limit._counted(0.0) * deviation / BELIEVED_ROOM) / half, axis=1))
+
+
+def _of_which(limit: CommandLimit, share: Array, why: str) -> CommandLimit:
+    """The limit with a share (J,) of its deviations, and a sentence on it if that is not all of them."""
     short = [j for j in range(len(share)) if share[j] < 1.0]
     if not short:
         return limit
     parts = ", ".join(f"{limit.names[j]} {100.0 * share[j]:.0f} %" for j in short)
-    sentence = (
-        f"The {limit.quantity} in full: of the learned model's deviations there count {parts}. With all of "
-        "them it would refuse the motion that the robot has run last: it knows too little yet."
-    )
+    sentence = f"The {limit.quantity} in full: of the deviations of {limit.source} there count {parts}. {why}"
     return replace(limit, share=share, said=(*limit.said, sentence), _proofs={})
 
 
@@ -465,10 +495,11 @@ def require_possible(limits: Sequence[Limit]) -> None:
             raise UnsafeTrajectoryError(fact, next_step=next_step)
 
 
-def rest_at(pose: Array, orders: int) -> Motion:
-    """One sample at rest at a pose (k,)."""
-    still = Motion(np.zeros(1), np.zeros((orders, 1, len(pose))))
-    still.orders[0, 0] = pose
+def rest_at(poses: Array, orders: int) -> Motion:
+    """Samples at rest at a pose (k,), or at each of some (n, k)."""
+    poses = np.atleast_2d(poses)
+    still = Motion(np.zeros(len(poses)), np.zeros((orders, *poses.shape)))
+    still.orders[0] = poses
     return still
 
 

@@ -20,6 +20,8 @@ FAR = 0.12
 """m: larger distances of a pair count as this value."""
 PULL = 0.25
 """Weight of the distance of home from the middle of the ranges, relative to the largest clearance."""
+STRAIN = 2.0
+"""Weight of what rest takes beyond a drive's limit, with its assumed deviation, as a part of the limit."""
 BOX_POSES = 512  # random poses that find a clear box; its motions are proved later
 CLEAR = 0.999
 """Fraction of the box's poses that must be clear."""
@@ -34,9 +36,13 @@ LEAST_BOX = 0.02
 """Smallest side of a joint's box, as a fraction of its range."""
 
 
-def clearest(gaps: Gaps, rng: np.random.Generator) -> Array:
+def clearest(gaps: Gaps, rng: np.random.Generator, weight: Callable[[Array], Array] | None = None) -> Array:
     """The pose (k,) near the middle with the widest gaps, each relative to its largest possible width; rad
     (m).
+
+    Args:
+        gaps: of the robot. rng: of the random poses.
+        weight: poses (n, k) -> (n,) part of the drives' limits that rest takes; above 1 a pose is avoided.
     """
     low, high = gaps.skeleton.lower, gaps.skeleton.upper
     middle, width = 0.5 * (low + high), high - low
@@ -50,6 +56,7 @@ def clearest(gaps: Gaps, rng: np.random.Generator) -> Array:
     # 1 µm avoids division by zero for pairs that touch in every pose
     widest = np.clip(distances.max(axis=0), 1e-6, FAR)
     score = np.minimum(distances / widest, 1.0).min(axis=1) - PULL * aside
+    score = score if weight is None else score - STRAIN * np.maximum(weight(poses) - 1.0, 0.0)
     return np.asarray(poses[int(score.argmax())])
 
 

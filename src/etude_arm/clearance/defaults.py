@@ -7,6 +7,7 @@ link two joints before it, or every pair without a collision in a few thousand p
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -87,7 +88,12 @@ def _places(model_file: Path) -> list[Path]:
 
 
 def settled(
-    loaded: Loaded, lower: Array, upper: Array, around: Surroundings, leave: Pairs = frozenset()
+    loaded: Loaded,
+    lower: Array,
+    upper: Array,
+    around: Surroundings,
+    leave: Pairs = frozenset(),
+    weight: Callable[[Array], Array] | None = None,
 ) -> ClearanceDefaults:
     """Defaults: pairs that overlap by construction are omitted and listed; a clear home; a box about it.
 
@@ -95,6 +101,7 @@ def settled(
         loaded: the robot. lower, upper: (k,) limits of its joints, rad (m).
         around: its surroundings.
         leave: pairs of links that may touch, if they often do.
+        weight: see `clearest`.
 
     Raises:
         UsageError: at home, parts overlap that are no neighbours, or the robot overlaps its surroundings.
@@ -107,7 +114,7 @@ def settled(
         always = [gap for gap, part in zip(gaps.list, share, strict=True) if part > _often(gap, leave)]
         confirm += _sentences(always, "overlap in nearly every pose")
         gaps, around = _without(loaded, gaps, around, always)
-    home = np.round(clearest(gaps, rng), DIGITS) if around.search is None else np.array(around.search.home)
+    home = np.array(around.search.home) if around.search else np.round(clearest(gaps, rng, weight), DIGITS)
     touching = _touching(gaps, home, leave, given=around.search is not None and bool(around.search.lower))
     confirm += _sentences(touching, "overlap at home")
     gaps, around = _without(loaded, gaps, around, touching)

@@ -7,7 +7,7 @@ motion about them is proved.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -22,6 +22,7 @@ from etude_arm.clearance.hull_reduction import said
 from etude_arm.clearance.pairs import excluded_links, gaps_of
 from etude_arm.clearance.skeleton import Skeleton, skeleton_of
 from etude_arm.clearance.surroundings import ADD_FLOOR, Surroundings
+from etude_arm.command_limits import weight_on_drives
 from etude_arm.loading.load import load_arm, of_file
 from etude_arm.loading.loaded_model import Loaded
 from etude_arm.spec import ArmSpec
@@ -163,13 +164,19 @@ def ranges_of(spec: ArmSpec) -> tuple[Array, Array]:
 
 
 def completed(
-    spec: ArmSpec, loaded: Loaded, leave: Pairs = frozenset(), *, whole_file: bool
+    spec: ArmSpec,
+    loaded: Loaded,
+    leave: Pairs = frozenset(),
+    weight: Callable[[Array], Array] | None = None,
+    *,
+    whole_file: bool,
 ) -> tuple[Surroundings, tuple[str, ...]]:
     """The robot's surroundings with all defaults, and sentences for a person to confirm.
 
     Args:
         spec: of the robot. loaded: its model.
         leave: pairs of links that an SRDF disables.
+        weight: as of `weight_on_drives`.
         whole_file: also take the surroundings of the model file, and a floor at 0 if it has none and the base
             does not reach below. Otherwise a robot file describes the surroundings.
 
@@ -187,7 +194,7 @@ def completed(
         confirm += [*of_floor, *said]
     elif loaded.planes and around.floor is None:
         confirm.append(PLANE)
-    found = settled(loaded, spec.lower, spec.upper, around, leave)
+    found = settled(loaded, spec.lower, spec.upper, around, leave, weight)
     return found.around, (*confirm, *found.confirm)
 
 
@@ -219,6 +226,7 @@ def _of(spec: ArmSpec) -> tuple[Loaded, ClearanceDefaults, dict[str, tuple[Proof
 
     def made() -> tuple[Loaded, ClearanceDefaults, dict[str, tuple[Proof, ...]]]:
         loaded = load_arm(spec)
-        return loaded, settled(loaded, spec.lower, spec.upper, spec.around, disabled(file)), {}
+        weight = None if spec.around.search else weight_on_drives(spec)
+        return loaded, settled(loaded, spec.lower, spec.upper, spec.around, disabled(file), weight), {}
 
     return of_file(_known, spec, made)

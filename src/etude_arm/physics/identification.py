@@ -12,7 +12,8 @@ joints identify parameters that a joint's own torque hardly shows.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -153,10 +154,14 @@ LEAST_CORRELATION = 0.5  # s; smoothed commands closer than this repeat each oth
 
 @dataclass(frozen=True, eq=False)
 class Clock:
-    """Times t (n,) of samples in s, and group (n,) of the recording that each belongs to."""
+    """Times t (n,) of samples in s, and group (n,) of the recording that each belongs to.
+
+    known: by lag, which samples follow another; residuals of many fits are correlated over the same lags.
+    """
 
     t: Array
     group: Index
+    known: dict[int, tuple[Mask, float]] = field(default_factory=dict, repr=False)
 
     def information(self, left: Array | None = None) -> float:
         """Weight of one sample against the prior: samples within the correlation time count as one.
@@ -168,7 +173,7 @@ class Clock:
         # a residual correlated over more than 1000 samples is an offset, not less information
         return float(np.clip(self.step / time, 1e-3, 1.0))
 
-    @property
+    @cached_property
     def step(self) -> float:
         """Time between neighbouring samples, s."""
         steps = np.diff(self.t)[np.diff(self.group) == 0]
@@ -180,15 +185,22 @@ class Clock:
         (1 + 2 rho_1 + 2 rho_2 + ..) steps, up to the first rho that is not positive (Geyer, Stat. Sci. 7,
         1992). Errors of the model, such as cogging, are correlated longer than noise.
         """
-        power, step, total = float(np.mean(left**2)), self.step, 1.0
+        power, total = float(np.mean(left**2)), 1.0
         for lag in range(1, len(left)):
-            near = np.abs(self.t[lag:] - self.t[:-lag]) <= (lag + 0.5) * step
-            near &= self.group[lag:] == self.group[:-lag]
+            near, count = self._near(lag)
             product = float(np.sum((left[lag:] * left[:-lag])[near]))
             if product <= 0.0:
                 break
-            total += 2.0 * product / (float(np.sum(near)) * power)
-        return total * step
+            total += 2.0 * product / (count * power)
+        return total * self.step
+
+    def _near(self, lag: int) -> tuple[Mask, float]:
+        """Mask (n - lag,) of samples that follow another after `lag` steps, and their number."""
+        if lag not in self.known:
+            near = np.abs(self.t[lag:] - self.t[:-lag]) <= (lag + 0.5) * self.step
+            near &= self.group[lag:] == self.group[:-lag]
+            self.known[lag] = near, float(np.sum(near))
+        return self.known[lag]
 
 
 @dataclass(frozen=True)
@@ -255,6 +267,15 @@ def shared_directions(
     rigid, _ = command_regressors(tree, drives, friction_velocity, *spread)
     rows = (rigid / spec.command[:, None]).reshape(-1, rigid.shape[2])
     return MASSES_OFF * base_directions(rows, parameter_scale(tree))
+
+
+def deviation_before_logs(rigid: Array, directions: Array, command: Array) -> Array:
+    """(n, J) prior deviations of commands that are forces: of the masses, and of friction at top speed.
+
+    Args:
+        rigid: (n, J, P) regressors. directions: as of `shared_directions`. command: (J,) limits.
+    """
+    return np.asarray(np.sqrt(np.sum((rigid @ directions) ** 2, axis=2) + (VISCOUS * command) ** 2))
 
 
 VISCOUS = 0.1

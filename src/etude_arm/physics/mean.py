@@ -19,6 +19,7 @@ from etude_arm.physics.base_regressor import BaseRegressor, base_regressors
 from etude_arm.physics.geometry import has_masses, read_geometry
 from etude_arm.physics.identification import (
     IdentificationPrior,
+    deviation_before_logs,
     fitted,
     output_priors,
     require_axes,
@@ -226,6 +227,12 @@ class ArmPhysics:
     def regressors(self) -> tuple[BaseRegressor, ...]:
         """One map per command: features in which the command is linear, with prior weights N(0, 1)."""
         return base_regressors(self.spec, *self._body)
+
+    def deviation_before_logs(self, q: Array, qd: Array, qdd: Array) -> Array:
+        """(n, J) prior deviations of forces at q, qd, qdd (n, J), N m (N): masses and friction."""
+        assert self._shared is not None
+        rigid, _ = command_regressors(*self._body, q, qd, qdd)
+        return deviation_before_logs(rigid, self._shared, self.spec.command)
 
     def _told(self, samples: Samples) -> ArmPhysics:
         """This physics, or a copy with the friction velocities of the samples."""

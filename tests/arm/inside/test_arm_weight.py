@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import math
 import re
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -18,10 +21,12 @@ from etude.campaign import RobotPart, create_campaign
 from etude.cli import main
 from etude.codes import Warn
 from etude.errors import UnsafeTrajectoryError
-from etude.limits import require_certified
+from etude.limits import CommandLimit, require_certified
 from etude.protocols import Trajectory
 from etude.trajectories import PointToPoint
+from etude.types import Array, Motion
 from etude_arm import ArmSpec
+from etude_arm.clearance.clear_pose import clearest
 from etude_arm.command_limits import NO_MOTION, commands_of
 from etude_arm.description import sentences, weight_of
 from etude_arm.model_file import spec_from_model
@@ -61,7 +66,7 @@ def test_without_masses_or_forces_nothing_is_said(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("command", "words"),
     [
-        (LEVEL * 1.01, None),
+        (LEVEL * 1.01, "there count lift 1 %. With all of them the robot could hardly be held at home"),
         (LEVEL * 0.99, f"{NO_MOTION}: at rest at home lift takes 8.829 N m of 8.741; at worst lift takes"),
         (LEVEL * 0.01, "lift takes 8.829 N m of 0.08829; at worst"),
         (LEVEL * 8.0, None),
@@ -77,8 +82,42 @@ def test_limits_that_cannot_be_are_said_and_others_are_not(
     assert words is None or words in found[0]
 
 
+def test_before_any_log_wrong_masses_and_friction_have_room(tmp_path: Path) -> None:
+    """A mass in doubt by 30 %, anywhere within the radius of gyration, and friction of 10 % of the limit."""
+    command = 4.0 * LEVEL
+    limit = commands_of(lever(tmp_path, command), None, np.zeros(1))
+    assert isinstance(limit, CommandLimit)
+    assert limit.deviation is not None
+    gyration = math.sqrt((2.0 * 3.0 * 0.3**2 + 0.05) / 3.0)
+    wanted = math.hypot(0.3 * 3.0 * gyration * GRAVITY, 0.1 * command)
+    np.testing.assert_allclose(
+        limit.deviation(Motion(np.zeros(1), np.zeros((3, 1, 1)))), [[wanted]], rtol=1e-6
+    )
+    # one mass for the whole motion: of a single joint within 1.96 deviations, however long it lasts
+    assert limit.beyond(1.0) == limit.beyond(1000.0) == pytest.approx(1.96, abs=0.001)
+
+
+def test_home_is_where_the_drives_hold_the_arm_with_room() -> None:
+    """Everywhere clear: home is the middle, unless the drives need more there than their limit."""
+    ends = np.array([-2.0, -2.0]), np.array([2.0, 2.0])
+    poses = SimpleNamespace(
+        lower=ends[0], upper=ends[1], random_poses=lambda rng, n: rng.uniform(*ends, (n, 2))
+    )
+    gaps = SimpleNamespace(list=["one"], skeleton=poses, of_poses=lambda at: np.ones((len(at), 1)))
+
+    def found(weight: Callable[[Array], Array] | None) -> Array:
+        return clearest(gaps, np.random.default_rng(1), weight)  # type: ignore[arg-type]
+
+    np.testing.assert_array_equal(found(None), 0.0)
+    np.testing.assert_array_equal(found(lambda at: 0.99 * np.cos(at[:, 0])), 0.0)
+    aside = found(lambda at: 2.0 * np.cos(at[:, 0]))
+    assert 2.0 * math.cos(aside[0]) < 1.05
+    assert abs(aside[0]) < 1.4, "no farther than it must"
+
+
 def test_an_arm_that_is_held_at_home_alone_says_where_it_is_not(tmp_path: Path) -> None:
-    (found,) = sentences(arm(tmp_path, 20.0), np.zeros(3))
+    found, less = sentences(arm(tmp_path, 20.0), np.zeros(3))
+    assert "masses there count lift 31 %" in less
     assert not found.startswith(NO_MOTION)
     assert f"lift takes {STRETCHED:.4g} N m of 20 (at [" in found
     assert "reach" not in found, "the slide is held everywhere"
@@ -146,6 +185,8 @@ def test_a_corrected_limit_is_asked_for_and_held(tmp_path: Path) -> None:
     assert "warnings" not in (found.folder / "certificate.json").read_text(), "as it always was"
     (row,) = [row for row in found.certificate.rows if row.quantity == "torque"]
     assert (row.lower, row.upper) == (-30.0, 30.0)
+    assert "assumed deviations" in row.method
+    assert any("are assumed as deviations" in said for said in found.certificate.not_verified)
 
 
 @pytest.mark.slow

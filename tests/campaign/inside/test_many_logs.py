@@ -101,6 +101,21 @@ def test_a_log_is_taken_back_though_the_model_before_it_was_removed(
     assert status(campaign)["problems"] == []
 
 
+def test_a_stored_log_is_read_once_and_its_file_checked_each_time(
+    learned: Campaign, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shutil.copytree(learned.path, tmp_path / "lab")
+    campaign = open_campaign(tmp_path / "lab")
+    first = stored_models.stored_log(campaign, 1)
+    assert stored_models.stored_log(campaign, 1) is first
+    monkeypatch.setattr(stored_models, "KEPT_LOGS", 1)
+    other = stored_models.stored_log(campaign, 2)
+    assert stored_models.stored_log(campaign, 2) is not other, "beyond what is kept, it is read again"
+    campaign.run_file(1).write_bytes(campaign.run_file(2).read_bytes())
+    with pytest.raises(UsageError, match="0001"):
+        stored_models.stored_log(campaign, 1)
+
+
 def test_a_state_is_that_of_all_events_whoever_wrote_them(learned: Campaign, tmp_path: Path) -> None:
     shutil.copytree(learned.path, tmp_path / "lab")
     here, there = open_campaign(tmp_path / "lab"), open_campaign(tmp_path / "lab")

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from etude_studies.thesis.ledger import Claim, Ledger, Part
+from etude_studies.thesis.contrasts import Values
+from etude_studies.thesis.ledger import Claim, Entry, Ledger, Part
 from etude_studies.thesis.ledger_items import Direction
 from etude_studies.thesis.part_verdicts import PartVerdict
 from etude_studies.thesis.parts import MARGIN
@@ -39,6 +40,28 @@ def compare(
     }
     found = judge(Ledger(claims, (), ()), _Given(own))
     return {name: found[str(place)].parts[0] for place, name in enumerate(pairs)}
+
+
+def compared_rows(entry: Entry, values: Values) -> dict[str, PartVerdict]:
+    """Every other row of an entry over the row that it names, by source: "less" of its last count.
+
+    A row counts the seeds that both have; they are corrected together. Empty where no row is named, and
+    without rows that have not been run.
+    """
+    column = "mean" if "mean" in entry.columns else entry.columns[0]
+    own = {
+        row.run: values.values(row.run, entry.measure, (row.at or entry.at)[-1], entry.test, column)
+        for row in entry.rows
+    }
+    base = own.pop(entry.against, {})
+    both = {run: sorted({*figures} & {*base}) for run, figures in own.items()}
+    return compare(
+        {
+            run: ({seed: own[run][seed] for seed in seeds}, {seed: base[seed] for seed in seeds})
+            for run, seeds in both.items()
+            if seeds
+        }
+    )
 
 
 def _claim(place: int, a: BySeed, b: BySeed, claim: Direction, margin: float) -> Claim:

@@ -11,7 +11,7 @@ from __future__ import annotations
 import json
 import sys
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
@@ -89,15 +89,20 @@ def gip_lin(world: World, train: Samples, test: Samples) -> Array:
 
 def all_together(world: World, train: Samples, test: Samples) -> Array:
     """One energy for all commands, and friction of each."""
+    return learned_together(world, train)(test.log)
+
+
+def learned_together(world: World, train: Samples) -> Callable[[Log], Array]:
+    """What predicts commands (n, J) of states, after `all_lin` has learned those of `train`."""
     config = replace(world.alone, steps=60, fit_points=FIT_POINTS)
     inputs = world.inputs(config).fitted(train)
     fold = fold_numbers(train, config.stretch_s)
     names = train.log.channels["command"].parts
     limit = world.kind.limit(world.spec)
     folds = Folds(train, inputs, inputs.of_log(train.log), fold, limit, config, names)
-    floor = config.floors[0]
-    data, units = data_together(folds, floor, None, np.random.default_rng(SEED))
-    return np.asarray(units[0] + all_lin(data).mean(inputs.of_log(test.log)))
+    data, units = data_together(folds, config.floors[0], None, np.random.default_rng(SEED))
+    process = all_lin(data)
+    return lambda states: np.asarray(units[0] + process.mean(inputs.of_log(states)))
 
 
 CHOICES = {"default": default, "gip_lin": gip_lin, "all_lin": all_together}

@@ -22,7 +22,7 @@ from etude.plugins import named_in
 from etude.protocols import Kind, Limit, Model
 from etude.storage import sha256_of, writer_lock
 from etude.toml_tables import decoded, read_text
-from etude.types import Channel, Margins
+from etude.types import Channel, Log, Margins
 
 if TYPE_CHECKING:
     from etude._runtime.pictures import Picture
@@ -88,6 +88,11 @@ class Campaign:
     @cached_property
     def models(self) -> dict[str, LearnedModel]:
         """Stored models that were read, by the hash of their file."""
+        return {}
+
+    @cached_property
+    def logs(self) -> dict[str, Log]:
+        """Stored logs that were read, by the hash of their file."""
         return {}
 
     @cached_property

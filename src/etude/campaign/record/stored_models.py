@@ -98,6 +98,10 @@ def require_stored(campaign: Campaign, number: int) -> str:
     return digest
 
 
+KEPT_LOGS = 2**26
+"""Bytes of stored logs that a campaign keeps in memory: a tell asks for each of them up to three times."""
+
+
 def stored_log(campaign: Campaign, number: int) -> Log:
     """The log of that number as ingested. UsageError: its file is missing or was changed. DataError: it
     cannot be read.
@@ -105,7 +109,18 @@ def stored_log(campaign: Campaign, number: int) -> Log:
     from etude.logs.readers.log_file import read_log_file
 
     require_runs(campaign, [number])
-    return read_log_file(campaign.run_file(number))
+    path, kept = campaign.run_file(number), campaign.logs
+    digest = recorded(campaign.events()).get(name_of(campaign, path), "")
+    if digest in kept:
+        return kept[digest]
+    log = read_log_file(path)
+    if digest and sum(_bytes(one) for one in (*kept.values(), log)) <= KEPT_LOGS:
+        kept[digest] = log
+    return log
+
+
+def _bytes(log: Log) -> int:
+    return log.t.nbytes + sum(values.nbytes for values in log.values.values())
 
 
 def stored_model(campaign: Campaign, number: int) -> LearnedModel:

@@ -109,12 +109,12 @@ def smooth(t: Array, values: Array, cutoff_hz: float, order: int = 2) -> Smoothe
     return Smoothed(t, line, slope, spectrum)
 
 
-def quick_length(n: int) -> int:
+def quick_length(n: int, least: int = LONG) -> int:
     """Rows, n or a few fewer, that `smooth` filters fast: its period 2 (n - 1) has small factors only.
 
-    A period with a large prime factor takes ten times as long, so a few rows of a short log are dropped.
+    A period with a large prime factor takes up to ten times as long. Fewer rows than `least` are all kept.
     """
-    if n < LONG:
+    if n < least:
         return n
     return next(m for m in range(n, 1, -1) if _small_factors(m - 1))
 

@@ -80,11 +80,21 @@ def frame_log(frame: pl.DataFrame, path: Path, repairs: tuple[str, ...] = ()) ->
 
 def parquet_frame(path: Path) -> pl.DataFrame:
     """All columns of a Parquet file. DataError: missing, truncated, or not Parquet."""
+    return parquet_table(path)[0]
+
+
+def parquet_table(path: Path) -> tuple[pl.DataFrame, Mapping[str, str]]:
+    """All columns of a Parquet file, and its `parquet_metadata`. Errors as these."""
     import polars as pl
 
-    frame = _from_parquet(path, pl.read_parquet)
+    def read(file: io.BytesIO) -> tuple[pl.DataFrame, Mapping[str, str]]:
+        facts = pl.read_parquet_metadata(file)
+        file.seek(0)
+        return pl.read_parquet(file), facts
+
+    frame, facts = _from_parquet(path, read)
     guarded(lambda: _count_text(frame, MemoryBudget(path)), path, "Parquet")
-    return frame
+    return frame, facts
 
 
 def _count_text(frame: pl.DataFrame, room: MemoryBudget) -> None:

@@ -14,7 +14,7 @@ import numpy as np
 
 from etude.errors import DataError
 from etude.logs.columns.headers import column_names as column_names
-from etude.logs.readers.frames import parquet_frame, parquet_metadata
+from etude.logs.readers.frames import parquet_metadata, parquet_table
 from etude.storage import sha256_of, write_atomic
 from etude.types import Array, Channel, Log
 
@@ -72,10 +72,9 @@ def read_log_file(path: Path) -> Log:
         DataError: the file is missing, truncated, no Parquet file, or not written by Étude.
     """
     path = Path(path)
-    facts = parquet_metadata(path)
+    frame, facts = parquet_table(path)
     if METADATA_KEY not in facts:
         raise DataError("this Parquet file is not a cleaned log", where=str(path), next_step="Tell it first.")
-    frame = parquet_frame(path)
     try:
         return _log(frame, json.loads(facts[METADATA_KEY]))
     except (KeyError, TypeError, ValueError, AttributeError) as problem:

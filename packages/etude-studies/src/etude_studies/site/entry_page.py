@@ -10,7 +10,7 @@ from etude_studies.site.context import Study
 from etude_studies.site.downloads import data_links
 from etude_studies.site.entry_more import more
 from etude_studies.site.entry_pictures import joints, pictures
-from etude_studies.site.entry_table import table_of, table_over_k
+from etude_studies.site.entry_table import comparison, table_of, table_over_k
 from etude_studies.site.mathematics import prose
 from etude_studies.site.page import INDEX, chip, command, file_of, folded, link, page
 from etude_studies.site.words import BEYOND, axis_label, entry_name, plural, section_name, unit_name
@@ -31,6 +31,7 @@ def entry_page(study: Study, entry: Entry) -> Html:
         _said(entry),
         pictures(study, entry),
         *_tables(study, entry),
+        comparison(study, entry),
         _again(study, entry),
         joints(study, entry),
         more(study, entry),

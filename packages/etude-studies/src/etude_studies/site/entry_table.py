@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from etude.report import Html, element, number
+from etude.report import Html, element, join, number, paragraph, table
+from etude_studies.method_comparison import compared_rows
+from etude_studies.site.claim_words import estimate
 from etude_studies.site.context import Study
 from etude_studies.site.numbers import Summary, counts, printed
-from etude_studies.site.page import file_of, link
+from etude_studies.site.page import file_of, link, word_chip
 from etude_studies.site.words import column_name, line_name, once, plural
 from etude_studies.thesis.ledger import Entry, Row
+from etude_studies.thesis.part_verdicts import NOT_RUN
 
 DECIMALS = 4
 """Of the thesis's printed numbers."""
@@ -48,6 +51,32 @@ def table_over_k(study: Study, entry: Entry, column: str) -> Html:
         rows.append(element("tr", _name(name, source), *cells, _seeds([*found.values()])))
     parts = element("thead", head), element("tbody", *rows)
     return element("div", element("table", *parts, class_="values"), class_="scroll")
+
+
+def comparison(study: Study, entry: Entry) -> Html:
+    """Every row over the one that the entry names: ratio over paired seeds, and the word on "less"."""
+    found = compared_rows(entry, study.numbers)
+    if not found:
+        return Html("")
+    names = {row.run: row.label for row in entry.rows}
+    head = ["", f"over {names[entry.against]}", "less in", "adjusted p", "less?"]
+    rows = [
+        [
+            names[run],
+            estimate(part),
+            f"{part.wins} of {plural(part.seeds, 'seed')}",
+            "" if part.p_adjusted is None else number(part.p_adjusted),
+            word_chip(part.word if part.seeds >= entry.seeds else NOT_RUN),
+        ]
+        for run, part in found.items()
+    ]
+    told = paragraph(
+        "The ratio is that of geometric means over paired seeds, with its 95 % interval. All rows are "
+        "corrected together; a factor within 1.15 is a tie.",
+        class_="soft",
+    )
+    title = element("h2", f"Compared with {names[entry.against]}")
+    return join([title, told, element("div", table(head, rows), class_="scroll")])
 
 
 def _row(study: Study, entry: Entry, row: Row) -> Html:

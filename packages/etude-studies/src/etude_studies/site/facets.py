@@ -13,6 +13,7 @@ ROBOTS: Mapping[str, str] = {
     "K": "none",
     "T": "none",
     "Y5": "quadrotor",
+    "M2": "quadrotor",
 }
 """By run, or by its first letter; others are of the arm."""
 MODELS: Mapping[str, str] = {
@@ -32,6 +33,9 @@ MODELS: Mapping[str, str] = {
     "Y5:ssgp_learned": "SSGP",
     "Y5:ssgp_fixed": "SSGP",
     "Y5:exact": "full GPR",
+    "M1:process": "full GPR",
+    "M2:process": "full GPR",
+    "M": "others",
     "W1": "dictionary",
     "A6": "full GPR",
     "X14": "full GPR",
@@ -43,6 +47,8 @@ MODELS: Mapping[str, str] = {
 none."""
 RUNS_OF_OTHERS = ("R1",)
 """Whose lines are runs: "R1:A7" has a figure of A7."""
+RUNS_OF_METHODS = ("M",)
+"""First letters of runs whose every line is a model that learns."""
 DESIGNED = ("A7", "S9", "X4", "X8", "Q4", "Q5", "Q6d", "Q7d", "Q8d", "P2", "P4", "P5d")
 WITHOUT_MOTIONS = ("B", "K", "T", "L", "O", "Y", "W0")
 LATE = {"DP2": "log_ivr", "DP4": "log_ivr", "X13": "best of 24 random"}
@@ -100,7 +106,7 @@ def chapter(section: str) -> str:
 def _model(run: str, line: str) -> str:
     if f"{run}:{line}" in MODELS:
         return MODELS[f"{run}:{line}"]
-    if line and line not in ("faded", "again"):
+    if line and line not in ("faded", "again") and run[0] not in RUNS_OF_METHODS:
         return "physics or linear"
     for name in (run, run[:2], run[0]):
         if name in MODELS:

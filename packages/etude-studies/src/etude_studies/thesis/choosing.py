@@ -16,7 +16,7 @@ GROUPS: Mapping[str, str] = {
     "thesis": "every table, figure and claim of the thesis, in its own protocol",
     "sensitivity": "what the thesis leaves open, read otherwise",
     "default": "the same questions in Étude's default protocol",
-    "beyond": "criteria, unmodelled physics and ablations in Étude's default protocol",
+    "beyond": "criteria, unmodelled physics and ablations in Étude's default protocol; other methods",
     "descent": "steps of the training as steps of fixed rate along the gradient",
     "rounding": "the runs of chapter 6.3 on logs with other last digits",
     "plants": "the headline claims of chapter 6 on arms with other gains, friction and noise, new seeds",
@@ -69,7 +69,7 @@ def group_of(name: str) -> str:
         return "miniature"
     if name.startswith("DP"):
         return "default"
-    if name.startswith(("D", "R")):
+    if name.startswith(("D", "R", "M")):
         return "beyond"
     if name[0] in VARIED:
         return VARIED[name[0]]

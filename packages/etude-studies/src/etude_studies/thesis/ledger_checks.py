@@ -107,6 +107,8 @@ def _check_entry(entry: Entry, known: Sequence[str]) -> None:
     _measure(entry.measure, where)
     if not entry.rows or not entry.columns:
         _refuse("has no row or no column", where, "Add what the thesis shows.")
+    if entry.against and entry.against not in [row.run for row in entry.rows]:
+        _refuse(f"is compared with {entry.against}, which is no row of it", where, "Name the run of a row.")
     printed = [column for column in entry.columns if column != "mean"]
     for row in entry.rows:
         if row.printed and len(row.printed) != len(printed):

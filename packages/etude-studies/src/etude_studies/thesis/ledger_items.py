@@ -154,6 +154,7 @@ class Entry(_Strict, frozen=True):
         measure, test, part: columns of the results; `part` only where all columns are of one joint.
         at: numbers of trajectories learned, k.
         lines: sources that every table carries beside its rows. beside: the default protocol's runs.
+        against: the source of the row that all others are compared with, by the mean or the first column.
         sensitivity: runs that show what another reading changes. ambiguous: ids of ambiguities.
         printed_words: what the thesis says of a picture whose numbers it does not print.
     """
@@ -171,6 +172,7 @@ class Entry(_Strict, frozen=True):
     part: str = ""
     lines: tuple[str, ...] = ()
     beside: tuple[str, ...] = ()
+    against: str = ""
     sensitivity: tuple[str, ...] = ()
     ambiguous: tuple[str, ...] = ()
     printed_words: str = ""

@@ -10,8 +10,10 @@ from typing import Any, Protocol
 from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
+from etude_studies.method_comparison import compared_rows
 from etude_studies.site.mathematics import plain
 from etude_studies.thesis.ledger import Claim, Entry, Row
+from etude_studies.thesis.part_verdicts import NOT_RUN, PartVerdict
 from etude_studies.thesis.statistics import interval
 from etude_studies.thesis.verdicts import Verdict
 
@@ -110,6 +112,17 @@ def _add(shown: Table, entry: Entry, row: Row, results: Values, k: int, narrow: 
     shown.add_row(row.label, str(k), *texts, str(max(own.asked for own in found)))
 
 
+def comparison_lines(entry: Entry, results: Values) -> list[str]:
+    """A line for every row over the one that the entry names; none without."""
+    names = {row.run: row.label for row in entry.rows}
+    lines = []
+    for run, part in compared_rows(entry, results).items():
+        whole = part.seeds >= entry.seeds
+        word = part.word if whole else f"{NOT_RUN}: {part.seeds} of {entry.seeds} seeds"
+        lines.append(f"{names[run]}: {word}, {_numbers_of(part)}")
+    return [f'"Less than {names[entry.against]}"', *lines] if lines else []
+
+
 HEADLINES = (("error", "fourier", "deg"), ("mae", "uniform", "command unit"))
 """Measure, test and unit by which a run is known, where no figure or table is asked for."""
 
@@ -144,11 +157,16 @@ def numbers(verdict: Verdict) -> list[str]:
         if part.estimate is None or part.low is None or part.high is None:
             lines.append(f"part {part.part + 1}{at}: {part.word} ({part.reason})")
             continue
-        p = "" if part.p_adjusted is None else f", adjusted p {part.p_adjusted:.2g}"
-        power = "" if part.power is None else f", power {part.power:.2g}"
-        needed = "" if part.needed is None else f"; {part.needed} seeds would decide"
-        lines.append(
-            f"part {part.part + 1}{at}: {part.word}, {part.estimate:.3g} [{part.low:.3g}, {part.high:.3g}], "
-            f"{part.wins} of {part.seeds} seeds{p}{power}{needed}"
-        )
+        lines.append(f"part {part.part + 1}{at}: {part.word}, {_numbers_of(part)}")
     return lines
+
+
+def _numbers_of(part: PartVerdict) -> str:
+    """Estimate, interval, wins, p, power and seeds needed, as far as they are there."""
+    if part.estimate is None:
+        return part.reason
+    p = "" if part.p_adjusted is None else f", adjusted p {part.p_adjusted:.2g}"
+    power = "" if part.power is None else f", power {part.power:.2g}"
+    needed = "" if part.needed is None else f"; {part.needed} seeds would decide"
+    interval = f"{part.estimate:.3g} [{part.low:.3g}, {part.high:.3g}]"
+    return f"{interval}, {part.wins} of {part.seeds} seeds{p}{power}{needed}"

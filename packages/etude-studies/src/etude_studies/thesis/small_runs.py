@@ -15,6 +15,12 @@ TIMINGS = 16
 """Repeats of the timings; fewer cannot pass the correction for how many claims are asked."""
 
 
+def regressor_spec(seed: int) -> Spec:
+    """M1 of a seed, with the motions of A6."""
+    draws = Spec("etude_studies.thesis.arm_motions:draws", {"motions": "scaled"}, seed)
+    return Spec("etude_studies.thesis.regressor_runs:on_the_arm", {}, seed, [draws])
+
+
 def _plain(function: str, seed: int) -> Spec:
     return Spec(f"etude_studies.thesis.{function}", {}, seed)
 
@@ -35,6 +41,12 @@ SMALL_RUNS: Mapping[str, tuple[str, int, Callable[[int], Spec]]] = {
         "dictionaries, sparse spectra and full GPR on the quadrotor's flights",
         20,
         partial(_plain, "flight_members:run"),
+    ),
+    "M1": ("methods that the thesis does not have, on A6's samples", 20, regressor_spec),
+    "M2": (
+        "methods that the thesis does not have, on Y5's flights",
+        20,
+        partial(_plain, "regressor_runs:on_flights"),
     ),
     "W0": (
         "feedback alone on an arm on a wheeled base",

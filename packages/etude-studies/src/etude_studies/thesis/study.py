@@ -33,7 +33,13 @@ from etude_studies.thesis.ledger import Claim, Entry, Row
 from etude_studies.thesis.method import with_method
 from etude_studies.thesis.part_verdicts import UNTESTED
 from etude_studies.thesis.parts import run_of
-from etude_studies.thesis.presenting import entry_table, numbers, run_line, verdict_sentence
+from etude_studies.thesis.presenting import (
+    comparison_lines,
+    entry_table,
+    numbers,
+    run_line,
+    verdict_sentence,
+)
 from etude_studies.thesis.verdict_file import Verdict, shown
 from etude_studies.thesis.verdicts import judge
 from etude_studies.world import World
@@ -283,6 +289,7 @@ def entry_lines(entries: Sequence[Entry], results: Results, added: Sequence[Run]
         table = entry_table(entry, results, _more(entry, added), narrow=console.width < WIDE)
         if table.row_count:
             console.print(table)
+            console.print("\n".join(comparison_lines(entry, results)), soft_wrap=True)
     return out.getvalue().rstrip()
 
 

@@ -428,6 +428,21 @@ def test_a_cell_with_fewer_seeds_than_its_row_says_so() -> None:
     assert own.count(f'<span class="interval">{SEEDS - 3} of {SEEDS} seeds</span>') == 1
 
 
+def test_every_row_is_compared_with_the_one_that_its_table_names(site: Path) -> None:
+    """Ratios are those of the numbers; a word waits for all seeds that the table plans."""
+    _, results, _ = small_study()
+    own = Page(read(site, "beyond-methods-arm.html")).text
+    assert "Compared with dictionary by error (thesis)" in own
+    for run in ("A6", "M1:network"):
+        pair = [results.values(source, "error", 6, "fourier", "mean") for source in (run, "A1")]
+        x = np.log([*pair[0].values()]) - np.log([*pair[1].values()])
+        assert f"{np.exp(x.mean()):.3g}" in own
+        assert f"{np.count_nonzero(x < 0)} of {SEEDS} seeds" in own
+    compared = read(site, "beyond-methods-arm.html").partition("Compared with")[2].partition("</table>")[0]
+    assert load_ledger().entry("beyond-methods-arm").seeds > SEEDS
+    assert compared.count(NOT_RUN) == 9
+
+
 def test_what_no_seed_reached_is_not_called_not_run() -> None:
     """Seconds until an error that is never reached are a result."""
     entry = load_ledger().entry("beyond-seconds")

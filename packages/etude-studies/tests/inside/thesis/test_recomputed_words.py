@@ -292,3 +292,32 @@ def test_estimates_are_those_of_the_tables() -> None:
                 x = Asked(part, part["at"], told, WORDS[name].get("block", 0)).x
                 assert math.exp(x.mean()) == pytest.approx(told["estimate"], rel=1e-4), name
                 assert np.count_nonzero(x < 0) == told["wins"] or part["claim"] != "less", name
+
+
+def test_rows_that_the_thesis_does_not_have_get_the_words_that_the_tables_give() -> None:
+    from etude_studies.method_comparison import compared_rows
+    from etude_studies.thesis.kept import kept_results
+    from etude_studies.thesis.ledger import load_ledger
+
+    counted = 0
+    for entry in (own for own in load_ledger().entries if own.against):
+        told = compared_rows(entry, kept_results())
+        ratio = {"statistic": "ratio", "measure": entry.measure, "test": entry.test, "claim": "less"}
+        own = {
+            run: Asked({**ratio, "a": run, "b": entry.against, "at": entry.at}, entry.at, _shown(part), 0)
+            for run, part in told.items()
+        }
+        p, signs = (
+            adjusted(np.array([getattr(m, key) for m in own.values()]), False) for key in ("p", "signs")
+        )
+        others = (p < 0.05).sum() - (p < 0.05)
+        meet = 0.05 / (len(own) - others)
+        for place, (run, one) in enumerate(own.items()):
+            assert told[run].word in one.words(0.05, p[place], signs[place], meet[place]), run
+            assert told[run].estimate == pytest.approx(math.exp(one.x.mean()), rel=1e-4)
+            counted += 1
+    assert counted
+
+
+def _shown(part: Any) -> dict[str, Any]:
+    return {"seeds": part.seeds, "failed": part.failed, "planned": part.seeds}
