@@ -11,7 +11,7 @@ from etude.codes import SENTENCES, Alert, NextStep, Notice, OfFile, Phrase, Refu
 
 KINDS = (Alert, Warn, OfFile, Refusal, Stop, Phrase, NextStep)
 WHERE = Notice(Phrase.LEFT_OUT, {"logs": 3})
-OTHERS = "on 3 logs, each predicted from the others"
+OTHERS = "on 3 motions, each predicted from the others"
 NOTICE = Notice(
     Alert.CONSTANT_AS_GOOD, {"outputs": ("hip", "knee"), "where": WHERE}, NextStep.MOVE_JOINTS, "red"
 )
@@ -44,7 +44,7 @@ def test_json_carries_code_fields_step_and_light() -> None:
     [
         (
             NOTICE,
-            "hip, knee: on 3 logs, each predicted from the others, a constant would have predicted as well",
+            f"hip, knee: {OTHERS}, a constant would have predicted as well",
         ),
         (Notice(Stop.LOGS_MISSING, {"logs": 1}), "1 more log before a rule can fire"),
         (Notice(Stop.LOGS_MISSING, {"logs": 2}), "2 more logs before a rule can fire"),

@@ -184,7 +184,7 @@ SENTENCES: Mapping[Code | NextStep, str] = {
     Stop.LOGS_MISSING: "{logs:|more log|more logs} before a rule can fire",
     Stop.OPEN: "No stop rule applies yet: {open:; }",
     Phrase.PREDICTED: "on log {log}, predicted before it was learned",
-    Phrase.LEFT_OUT: "on {logs} logs, each predicted from the others",
+    Phrase.LEFT_OUT: "on {logs} motions, each predicted from the others",
     Phrase.COVERAGE: "{output} {part:.0f %}",
     Phrase.TAKES: "{command} {most:.3g} {unit} of {limit:.3g}",
     Phrase.LOW_COVERAGE: "its 95 % intervals held only {part:.0f %} of an output's commands",

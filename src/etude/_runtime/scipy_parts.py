@@ -7,13 +7,14 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg.blas import dgemm, dsyr, dsyrk, dtrmm, dtrsm, dtrsv
-from scipy.linalg.lapack import dpotrf, dpotri, dpotrs, dtrtri, dtrtrs
+from scipy.linalg.lapack import dpotrf, dpotri, dpotrs, dpstrf, dtrtri, dtrtrs
 
 __all__ = [
     "dgemm",
     "dpotrf",
     "dpotri",
     "dpotrs",
+    "dpstrf",
     "dsyr",
     "dsyrk",
     "dtrmm",

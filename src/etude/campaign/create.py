@@ -172,6 +172,12 @@ def trust_robot(robot: str) -> None:
         add_trust(path, sha256_of(path))
 
 
+def _shipped(path: Path) -> str:
+    """Where the package has that example; "" if it has none."""
+    found = Path(__file__).parents[1] / path
+    return f"The package has it: {found}. " if not path.is_absolute() and found.is_file() else ""
+
+
 def find_robot(robot: str) -> tuple[Kind, Path]:
     """The kind and the description of a built-in name, or of a file that one kind recognises.
 
@@ -188,7 +194,7 @@ def find_robot(robot: str) -> tuple[Kind, Path]:
     if path.is_dir():
         raise UsageError("this is a folder, not a robot's description", where=robot, next_step=known)
     if not path.is_file():
-        raise UsageError(f"there is no robot and no file {robot!r}", next_step=known)
+        raise UsageError(f"there is no robot and no file {robot!r}", next_step=_shipped(path) + known)
     found = [kind for kind in kinds if _asked(kind.name, partial(kind.recognises, path), broken)]
     if not found:
         _require_known_kind(path, [*(kind.name for kind in kinds), *broken])

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import tyro
 
 from etude.cli.outcome import Common, Folder, Outcome, Say, code_of, opened, table
+from etude.codes import Refusal
 from etude.errors import typed
 
 if TYPE_CHECKING:
@@ -18,6 +19,8 @@ if TYPE_CHECKING:
     from etude.campaign.deployment.promote import Promotion
 
 REFUSED = 3  # exit code of docs/reference: the model is not better
+MORE_LOGS = (Refusal.NOT_DECIDED, Refusal.NOT_CALIBRATED)
+"""Objections that another log answers, whatever the stop rule says."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -45,6 +48,8 @@ class Promote(Common):
         data |= {"refused": [one.facts() for one in found.refused]}
         data |= {"known_faults": [asdict(one) for one in left]}
         lines += faults([asdict(one) | {"sentence": one.sentence} for one in left])
+        if any(one.code in MORE_LOGS for one in found.refused) and not found.promoted:
+            lines.append(f"Next: etude ask {typed(self.folder)} --continue, and tell its log.")
         if found.promoted:
             lines.append(
                 f"Next: etude export {typed(self.folder)} --to c, and etude watch {typed(self.folder)} LOG."

@@ -83,7 +83,7 @@ def _forecast(found: Mapping[str, Any]) -> list[str]:
         share = (
             f"{100 * fraction:.2g} % of the limit" if fraction < 1.0 else "as large as the limit, or larger"
         )
-        return [f"{head}{share} (worst axis)."]
+        return [f"{head}{share} (worst axis, while it moves)."]
     slow = any(notice["code"] == Warn.SLOW_MOTION for notice in found["alerts"])
     return [
         f"{head}not known of faster motion."
@@ -150,7 +150,7 @@ def _new_motion(found: Mapping[str, Any]) -> list[str]:
         return []
     rows = {"in use": scores["used"].get("nmse") or [], "linear regression": scores.get("linear") or []}
     return [
-        f"nMSE on new motion, each of {scores['logs']} logs predicted from the others:",
+        f"nMSE on new motion, each of {scores['logs']} motions predicted from the others:",
         _by_output(found, rows),
     ]
 

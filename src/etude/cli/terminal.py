@@ -78,6 +78,8 @@ def _painted(line: str) -> str:
 PATIENCE_S = 2.0
 """Commands that end before are not interrupted by any word of it."""
 BETWEEN_S = 0.1  # between two repaints, which a person cannot tell apart
+WRONG = 2.0
+"""Times the duration that was said last, above which a new line corrects it where there is no terminal."""
 LEAST_DONE = 0.1
 """Fraction that must be done before its time says anything about the rest."""
 
@@ -103,7 +105,7 @@ class Bar:
     began: float | None = None
     shown: Progress | None = None
     task: TaskID | None = None
-    said: bool = False
+    said: float = 0.0  # s in all
     last: float = 0.0
 
     def told(self, done: float) -> None:
@@ -116,8 +118,8 @@ class Bar:
             return
         if sys.stderr.isatty():
             self._update(done, elapsed)
-        elif not self.said:
-            self.said = True
+        elif elapsed / done > WRONG * self.said:
+            self.said = elapsed / done
             sys.stderr.write(f"{100 * done:.0f} % done, {time_left(done, elapsed)} left.\n")
             sys.stderr.flush()
 

@@ -64,8 +64,9 @@ class ModelConfig:
             a plug-in.
         points: samples each process is conditioned on, or members of its dictionary, or samples of each of
             its local processes, at most; the other approximations learn from every sample that counts.
-        inducing: where twice as many samples count, exact processes learn through so many evenly spread ones,
-            from up to four times as many; else, and with 0, from `points` alone.
+        inducing: where twice as many samples count, exact processes learn from up to four times as many,
+            through those of so many evenly spread ones that tell something; else, and with 0, from `points`
+            alone.
         basis: inducing inputs, spectral points or basis points of a process that has such, at most.
         fit_points: samples for the hyperparameters, at most, of up to four commands; see `for_commands`.
         fit_spacing_s: the latter are at least this far apart: nearer ones repeat each other, and the

@@ -67,20 +67,21 @@ TEACH = 4
 def _exact(fit: FitData) -> Teaching:
     """Exact regression on the samples kept: downsampling is in their choice.
 
-    Where these are `inducing` ones of more, up to `TEACH` times as many teach through them, and an exact
-    process on `points` guides.
+    Where these are `inducing` ones of more, up to `TEACH` times as many teach through those of them that tell
+    something, and an exact process on `points` guides.
     """
     gp, every = trained_process(fit), complete_samples(fit)
     most = min(len(every), TEACH * fit.config.inducing)
     every = every[np.arange(most) * len(every) // most] if fit.config.inducing else every
     if len(fit.kept) != fit.config.inducing or len(every) <= len(fit.kept):
         return Teaching(fit, shared_outputs(gp), fit.kept)
-    from etude.models.gp.inducing import Induced
+    from etude.models.gp.inducing import Induced, telling_inputs
 
     kept, points = fit.kept, min(fit.config.points, len(fit.kept))
     guided = kept[np.arange(points) * len(kept) // points]
     guides = shared_outputs(gp)(fit.X[guided], fit.Y[guided])
-    return Teaching(fit, Induced(gp, fit.X[kept], fit.X[every], every, fit.fold), every, guides)
+    Z = telling_inputs(gp, fit.X[kept])
+    return Teaching(fit, Induced(gp, Z, fit.X[every], every, fit.fold), every, guides)
 
 
 def _inducing(form: Form, fit: FitData) -> Teaching:

@@ -432,7 +432,7 @@ class Clearance:
             )  # beyond the measured distances: the nearest gap is unknown
             counted = float(share[own[i]].min())
             where = "" if far else f"{self.gaps.list[worst[i]].text} at {time:.3g} s"
-            notes = [f"{CUTOFF:g} m or more as planned"] if far and taken[i] > 0.0 else []
+            notes = [f"planned distance {CUTOFF:g} m or more"] if far and taken[i] > 0.0 else []
             if counted < 1.0:
                 notes += [f"tracking errors counted at {math.floor(100.0 * counted)}%: no room for more"]
             limit = float(self.kept[i]), np.inf, float(found.proved[own[i]].min()), CUTOFF

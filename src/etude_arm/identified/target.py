@@ -12,6 +12,7 @@ import numpy as np
 from etude._runtime.options import taken
 from etude.errors import UsageError
 from etude.logs.readers.cells import text_cell
+from etude.models.accuracy import NORMAL_95
 from etude.protocols import Kind
 from etude.types import Array, Delivered, Samples
 from etude_arm.identified.consistent_parameters import Identified, identified
@@ -229,10 +230,10 @@ def digits(value: float) -> str:
 def _readme(name: str, found: Identified, spec: ArmSpec, rows: list[dict[str, Any]], said: list[str]) -> str:
     sentences = "\n".join(f"- {sentence}" for sentence in said)
     possible = all(is_possible(found.result.phi[place]) for _, place in found.links.told_of)
-    head = "| link | parameter | unit | file | found | +- | known |\n|---|---|---|---|---|---|---|\n"
+    head = "| link | parameter | unit | file | found | +- (95 %) | known |\n|---|---|---|---|---|---|---|\n"
     lines = "".join(
         f"| {r['link']} | {r['parameter']} | {r['unit']} | {r['file']:.4g} | {r['found']:.4g} "
-        f"| {r['deviation']:.2g} | {r['known']} |\n"
+        f"| {NORMAL_95 * r['deviation']:.2g} | {r['known']} |\n"
         for r in rows
     )
     return f"""# {name}: {spec.name} with identified inertias

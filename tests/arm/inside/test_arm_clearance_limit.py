@@ -254,8 +254,8 @@ def test_what_is_far_as_planned_names_no_place_and_no_part_of_an_error_is_rounde
     tracked = replace(LIMIT, margins={"fourier": (error, 0.95)}, _proofs={}, _words={}, _shares={})
     rows = {row.axis: row for row in certify(swing(0.0), [tracked]).rows}
     assert rows["hand and upper"].where == "upper and hand at 0 s"
-    assert place_of(rows["fore and floor"]) == "0.3 m or more as planned"
-    beyond = "0.3 m or more as planned; tracking errors counted at 99%: no room for more"
+    assert place_of(rows["fore and floor"]) == "planned distance 0.3 m or more"
+    beyond = "planned distance 0.3 m or more; tracking errors counted at 99%: no room for more"
     assert place_of(rows["hand and floor"]) == beyond
 
 

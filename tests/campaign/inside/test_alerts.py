@@ -126,7 +126,7 @@ def left_out(
 def test_logs_left_out_decide(error: float | None, told: list[tuple[str, str]]) -> None:
     found = campaign_alerts(left_out([0.1, error], [0.2, 0.95]), OUTPUTS, 2)
     assert [(f.code, f.light) for f in found] == told
-    assert all(f.sentence.startswith("knee: on 2 logs, each predicted from the others, ") for f in found)
+    assert all(f.sentence.startswith("knee: on 2 motions, each predicted from the others, ") for f in found)
 
 
 def test_intervals_are_those_of_logs_left_out() -> None:
@@ -212,7 +212,7 @@ def test_an_output_that_nothing_tells_of_stands_at_the_top(
         if number == 1:
             assert "RED" not in said
             assert "tell a second log" in said
-    assert said.startswith("RED: knee: on 2 logs, each predicted from the others, a constant would have")
+    assert said.startswith("RED: knee: on 2 motions, each predicted from the others, a constant would have")
     assert "First mend what is red." in said
 
 

@@ -97,7 +97,7 @@ def test_a_flight_that_tells_less_than_those_before_is_learned_too(tmp_path, cap
         assert main(["tell", str(folder), str(path), "--foreign"]) == 0
         capsys.readouterr()
         assert main(["status", str(folder)]) == 0
-        assert ("(selected now: ", "each of 2 logs predicted from the others")[
+        assert ("(selected now: ", "each of 2 motions predicted from the others")[
             len(widths)
         ] in capsys.readouterr().out
         widths.append(len(load_model(folder).inputs.columns))

@@ -97,7 +97,12 @@ def test_rows_outside_what_was_learned_are_marked_and_counted(fresh: Campaign, t
     assert (spread[3:, 1] > 2.0 * spread[:3, 1].max()).all()
     np.testing.assert_array_equal(found["outside"][:, 1], [0.0, 0.0, 0.0, 1.0, 1.0])
     np.testing.assert_array_equal(found["outside"], model.outside(log))
-    (said,) = found.repairs
+    illegal, said = found.repairs
+    assert illegal.startswith("Beyond the robot's limits, so no motion that may run: knee q ")
+    assert ", hip qd " in illegal
+    assert not any("qdd" in one or "hip q " in one for one in illegal.split(", ")), (
+        "what is legal is not named"
+    )
     assert said.startswith(
         "Outside of what was learned, of all rows: hip 40 %, knee 40 %. There the deviation"
     )
@@ -161,7 +166,7 @@ def test_level_with_physics_is_enough_and_level_with_the_model_in_use_is_not(
 
 
 def test_only_segments_that_the_model_in_use_has_not_learned_are_compared(
-    fresh: Campaign, tmp_path: Path
+    fresh: Campaign, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     promote(fresh)
     one_more(fresh, tmp_path, 6)
@@ -176,6 +181,8 @@ def test_only_segments_that_the_model_in_use_has_not_learned_are_compared(
         "not decided against the model in use, of log 5: 1 segments that neither model was trained on, "
         "4 are needed"
     )
+    assert main(["promote", str(fresh.path)]) == 3
+    assert f"Next: etude ask {fresh.path} --continue, and tell its log." in capsys.readouterr().out
     # of the same log: the ratio is that of two predictions that have not seen it, computed here anew
     from etude.campaign import ingested_samples
     from etude.campaign.record.stored_models import LEFT_OUT

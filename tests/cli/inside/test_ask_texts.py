@@ -8,7 +8,7 @@ from etude.cli import ask
 from etude.cli.entrance import _block
 from etude.types import Proof
 
-PLACE = "upper_forearm_visual and left_finger at 12.3 s of the segment at 141.286 s; 0.3 m or more as planned"
+PLACE = "upper_forearm_visual and finger at 12.3 s of the segment at 14.286 s; planned distance 0.3 m or more"
 
 
 def proof(axis: str, where: str) -> Proof:

@@ -201,6 +201,12 @@ def test_one_plain_line_where_there_is_no_terminal(
     with progress_bar.progress_shown(silent=False):
         _work(clock, 20.0)
     assert capsys.readouterr().err == "10 % done, about 18 s left.\n"
+    with progress_bar.progress_shown(silent=False):  # what comes later takes longer than what is done
+        for done in counted(range(10)):
+            clock[0] += 2.0 if done < 2 else 60.0
+    said = capsys.readouterr().err.splitlines()
+    assert said[0] == "10 % done, about 18 s left."
+    assert 2 < len(said) < 6
     with progress_bar.progress_shown(silent=False):
         _work(clock, 1.9)
     with progress_bar.progress_shown(silent=True):

@@ -262,6 +262,24 @@ def test_too_slow_for_the_rate_offers_the_best_candidate_alone(monkeypatch: pyte
     assert not any(s.startswith("WARNING") for s in C99(both, ARM, arm_spec(), {"rate": 10.0}).said)
 
 
+def test_a_rate_that_only_the_best_candidates_keep_gets_them_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("etude.deploy.c99.target.built", lambda *_: None)
+    both = averaged(arm_model("exact", "ard_se", points=24), arm_model("exact", "structured", points=24))
+    said = {one: C99(both, ARM, arm_spec(), {"single": one}).said for one in (True, False)}
+    alone, whole = (next(_us(s) for s in said[one] if "About" in s) for one in (True, False))
+    assert alone < 0.7 * whole
+    between = 1e6 / (0.5 * (alone + whole))
+    found = C99(both, ARM, arm_spec(), {"rate": between})
+    assert not any(s.startswith("WARNING") for s in found.said)
+    (why,) = (s for s in found.said if "is written alone" in s)
+    assert float(why.split()[3]) == pytest.approx(whole, rel=0.2)
+    assert found.files == C99(both, ARM, arm_spec(), {"rate": between, "single": True}).files
+    # where no rate is named all of them are written, and where none keeps it the points that would are said
+    assert found.files != C99(both, ARM, arm_spec(), {}).files
+    (fewer,) = (s for s in C99(both, ARM, arm_spec(), {"rate": 4.0 * 1e6 / alone}).said if "1/" in s)
+    assert int(fewer.split("1/")[1].split()[0]) >= 2
+
+
 def _us(said: str) -> float:
     return float(said.split("About ")[1].split()[0])
 

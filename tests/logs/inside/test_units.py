@@ -22,7 +22,7 @@ from log_examples import (
 
 from etude.errors import DataError
 from etude.logs import match_columns, raw_log, read_log
-from etude.logs.cleaning.ranges import check_positions
+from etude.logs.cleaning.ranges import check_consistency, check_positions
 from etude.logs.columns.units import from_degrees, read_time, time_factor
 from etude.types import Array, Channel, Log
 
@@ -214,6 +214,18 @@ def test_a_stated_unit_of_time_in_which_nothing_is_recorded_is_refused(
         read_time(raw, RATE, "log.csv")
 
 
+@pytest.mark.parametrize(("unit", "words"), [("m", "q in mm"), ("rad", "q in milliradians")])
+def test_a_rate_that_disagrees_names_the_unit_of_that_joint(unit: str, words: str) -> None:
+    log = make_log()
+    way = np.sin(2.0 * log.t)[:, None]
+    log = log.put(Channel("q", ("lift",), (unit,)), 1000.0 * way)
+    log = log.put(
+        Channel("qd", ("lift",), (f"{unit}/s",), derivative_of="q"), 2.0 * np.cos(2.0 * log.t)[:, None]
+    )
+    with pytest.raises(DataError, match=f"{words}\\?"):
+        check_consistency(log)
+
+
 def test_a_vehicle_far_from_its_room_is_not_in_millimetres() -> None:
     """Its place, which no model looks at: noted. What mm would be goes thousands of m."""
     lower, upper = np.full(3, -5.0), np.full(3, 5.0)
@@ -222,5 +234,5 @@ def test_a_vehicle_far_from_its_room_is_not_in_millimetres() -> None:
     log = Log(np.arange(200.0), {}, {}, "flight.ulg")
     far = check_positions(log.put(channel, 28.0 * way), {"position": (lower, upper)})
     assert far.repairs == tuple(f"{a} went 51 m outside its position limits; kept." for a in "xyz")
-    with pytest.raises(DataError, match=r"look like milliradians \(or mm\)"):
+    with pytest.raises(DataError, match=r"look like mm, not m:"):
         check_positions(log.put(channel, 1000.0 * way), {"position": (lower, upper)})

@@ -8,6 +8,7 @@ import numpy as np
 from learning_examples import PHYSICS, SMALL, Inputs, train, trajectories, trajectory
 
 from etude.models import ExactGP, FixedInducing, InducingGP, SquaredExponential
+from etude.models.gp.inducing import UNEXPLAINED, telling_inputs
 from etude.models.gp.kernels import RestNoise
 from etude.models.gp.shared_exact import condition_shared
 from etude.models.store import model_bytes, model_of
@@ -83,11 +84,30 @@ def test_noise_at_rest_is_each_sample_s_own() -> None:
     np.testing.assert_allclose(variance, latent + gp.noise_variance, atol=1e-5)
 
 
+def test_inputs_that_others_explain_are_left_out() -> None:
+    rounding = 1e-9 * RNG.normal(size=X.shape)
+    kept = telling_inputs(GP, np.concatenate([X, X + rounding]))
+    assert 20 < len(kept) <= 60
+    order = [np.flatnonzero((np.concatenate([X, X + rounding]) == row).all(axis=1))[0] for row in kept]
+    assert order == sorted(order)
+    left = GP.condition(kept, np.zeros(len(kept)))
+    explained = replace(left, noise_variance=1e-9).predict(X)[1]
+    assert explained.max() <= UNEXPLAINED * GP.noise_variance * (1.0 + 1e-3) + 1e-9
+    found, whole = FixedInducing(GP, kept, X).posterior(Y), FixedInducing(GP, X, X).posterior(Y)
+    for mine, theirs in zip(found.predict(AT), whole.predict(AT), strict=True):
+        np.testing.assert_allclose(mine, theirs, atol=0.1 * np.exp(GP.log_noise))
+
+
+def test_what_is_hardly_there_has_inputs_too() -> None:
+    faint = replace(GP, theta=np.array([0.3, -0.2, -8.0]))
+    assert 1 < len(telling_inputs(faint, X)) == len(telling_inputs(replace(faint, log_noise=2.0), X))
+
+
 def test_a_campaign_with_many_samples_learns_from_all_of_them() -> None:
     config = replace(SMALL, points=40, inducing=60, fit_points=60, steps=5)
     model = train(trajectories(2), config)
     (process,) = (c.process for c in model.candidates if c.commands == (0,))
-    assert len(process.own[0].basis) == 60
+    assert 30 < len(process.own[0].basis) <= 60
     assert len(process.guides[0].X) == 40  # what designs see, and what goes on learning on line
     few = train(trajectories(2), replace(config, inducing=1000))
     assert len(few.candidates[0].process.own[0].X) == 40

@@ -24,6 +24,8 @@ from etude.trajectories.json_text import from_json
 from etude.types import Array, Channel, Log, Mask
 
 COMMAND, DEVIATION, OUTSIDE, SINGLE = "command", "deviation", "outside", "row_deviation"
+ROUNDED = 1e-3
+"""Part of a range that noise and rounded digits of a table may lie outside of it."""
 EVERY_ROW = {"rate_hz": 1e6, "lag_s": 0.0}
 """Overrides of keys of [data]: learning drops rows and shifts commands, while prediction needs every row."""
 
@@ -88,7 +90,7 @@ def _lacking(place: Path) -> str:
     """Advice for a table that lacks a state that the model needs."""
     planned = place.with_suffix(".json")
     instead = f"{planned.name} beside it" if planned.is_file() else "the trajectory.json of the motion"
-    return f"Add its columns, named as in logs, or name {instead}."
+    return f"Add velocities and accelerations, named as in logs; or name {instead}, or a longer motion."
 
 
 def states_for(campaign: Campaign, model: LearnedModel, motion: Log) -> Log:
@@ -172,7 +174,22 @@ def _in_units(model: LearnedModel, states: Log, campaign: Campaign, scatter: Arr
     beyond = Channel(OUTSIDE, campaign.command.parts, ("1",) * len(campaign.command.parts), "aside")
     found = replace(found, channels={COMMAND: campaign.command, DEVIATION: aside, OUTSIDE: beyond})
     found = found.put(replace(aside, name=SINGLE), np.hypot(found[DEVIATION], scatter))
-    return found.repaired(*_beyond(model, found[OUTSIDE] > 0.0))
+    return found.repaired(*_illegal(campaign, states), *_beyond(model, found[OUTSIDE] > 0.0))
+
+
+def _illegal(campaign: Campaign, states: Log) -> list[str]:
+    """A sentence on states beyond the robot's limits, which no motion may have."""
+    found = []
+    for name, (lower, upper) in campaign.kind.expected(campaign.spec).limits.items():
+        channel = states.channels.get(name)
+        if channel is None or channel.role == "command" or states[name].shape[1:] != lower.shape:
+            continue
+        low, high, edge = states[name].min(axis=0), states[name].max(axis=0), ROUNDED * (upper - lower)
+        found += [
+            f"{channel.parts[j]} {name} {low[j]:.3g} to {high[j]:.3g} of {lower[j]:.3g} to {upper[j]:.3g}"
+            for j in np.flatnonzero((low < lower - edge) | (high > upper + edge)).tolist()
+        ]
+    return [f"Beyond the robot's limits, so no motion that may run: {', '.join(found)}."] if found else []
 
 
 def _beyond(model: LearnedModel, beyond: Mask) -> list[str]:

@@ -321,7 +321,8 @@ def _check_stop(campaign: Campaign, state: State, gain: float | None) -> None:
     if not state.trained:
         return
     verdict = judge(seen_by_the_rule(campaign, state, gain), campaign.config.stop)
-    first = "Use the model" if verdict.usable else "Do not use the model yet: etude status says why"
+    use = f"Use the model (etude promote {typed(campaign.path)})"
+    first = use if verdict.usable else "Do not use the model yet: etude status says why"
     if verdict.stop:
         raise StopRuleReached(
             f"the stop rule fired ({verdict.rule}): {verdict.reason.rstrip('.')}",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 import shutil
 import subprocess
@@ -125,11 +126,14 @@ def c_files(
     return Files(plan, form, {file: own.encode() for file, own in files.items()}, tables)
 
 
+FEWER_POINTS = "model.points in campaign.toml, then etude learn"
+
+
 def cheaper_options(plan: Plan, form: CForm) -> tuple[str, ...]:
     """What takes less than this export, of what was not asked for yet."""
     found = ["export --no-fade"] if form.fade and not form.variance else []
     found += ["export --single"] if plan.averages else []
-    return (*found, "learn with fewer points (model.points in campaign.toml)")
+    return (*found, f"learn with fewer points ({FEWER_POINTS})")
 
 
 def options_sentence(ways: Sequence[str]) -> str:
@@ -151,7 +155,9 @@ def C99(model: Any, kind: Kind, spec: Any, options: Mapping[str, Any]) -> Delive
         raise UsageError(f"a rate is above 0 Hz, not {asked.rate}", where="--rate")
     form = CForm(asked.real == "float", asked.variance, asked.fade, asked.model_hash)
     rate = float(asked.rate or USUAL)
-    made, said, facts = held(model, kind, spec, form, asked.name, rate=rate, alone=asked.single)
+    made, said, facts = held(
+        model, kind, spec, form, asked.name, rate=rate, alone=asked.single, fit=asked.rate is not None
+    )
     lean, drag = drag_files(model.inputs, made.plan.name, form)
     if drag is None:
         return Delivered(made.files, said, facts)
@@ -243,16 +249,21 @@ def held(
     *,
     rate: float = 0.0,
     alone: bool = False,
+    fit: bool = False,
 ) -> tuple[Files, tuple[str, ...], dict[str, Any]]:
     """The files, held against Python by this machine's compiler if it has one; sentences and facts of them.
 
     Args:
         rate: Hz of calls, or 0. alone: the best candidate of each command alone.
+        fit: take it alone too where only that is done within a period of the rate.
 
     Raises:
         UsageError: what cannot be exported, or float where it would be wrong. EtudeError: the C is wrong.
     """
-    chosen = single_member(model) if alone else model
+    best = single_member(model)
+    whole, least = (_seconds(one, form, form.fade) for one in (model, best))
+    fitted = fit and not alone and least <= 1.0 / rate < whole
+    chosen = best if alone or fitted else model
     made = c_files(chosen, kind, spec, form, name)
     found = built(made.plan.name, made.files, made.tables)
     if form.single:
@@ -260,6 +271,8 @@ def held(
     elif found is not None and found.deviation > EXACT:
         made = c_files(chosen, kind, spec, form, name, _rounding(found))
     said = [*_names(made.plan), _outside(made), *_sizes(made, found), *_times(made, model, rate)]
+    if fitted:
+        said.append(f"All candidates take {1e6 * whole:.0f} us: the best of each command is written alone.")
     return made, (*said, _checked(found)), _facts(made, found)
 
 
@@ -325,26 +338,29 @@ def _times(made: Files, model: LearnedModel, rate: float) -> list[str]:
     if seconds <= 1.0 / rate:
         return [f"{line}: {100 * seconds * rate:.0f} % of the time at {rate:g} Hz."]
     lines = [f"WARNING: {line}, more than the {1e6 / rate:.0f} us at {rate:g} Hz."]
+    best, form = single_member(model), made.form
     if made.plan.averages:
-        lines.append(f"--single takes the best candidate alone: {_offer(model, made)}.")
-    if made.form.fade and not made.form.variance:
-        # us
-        least = 1e6 * made.plan.operations(False) / CLOCK
-        lines.append(f"--no-fade takes about {least:.0f} us; commands outside are then guesses.")
+        alone = 1e6 * _seconds(best, form, form.fade)
+        lines.append(f"--single takes the best candidate alone: about {alone:.0f} us; {errors(best)}.")
+    if form.fade and not form.variance:
+        least, both = 1e6 * made.plan.operations(False) / CLOCK, 1e6 * _seconds(best, form, False)
+        also = f", with --single about {both:.0f} us" if made.plan.averages else ""
+        lines.append(f"--no-fade takes about {least:.0f} us{also}; commands outside are then guesses.")
+    if form.deviations:
+        part = math.ceil(math.sqrt(seconds * rate))
+        lines.append(f"Time falls with the square of the points: learn with 1/{part} ({FEWER_POINTS}).")
     return lines
 
 
-def _offer(model: LearnedModel, made: Files) -> str:
-
-    best = single_member(model)
-    used = [c for c in best.candidates if c.weights.any()]
-    processes = {id(c.process): c.process for c in used}
+def _seconds(model: LearnedModel, form: CForm, fade: bool) -> float:
+    """Of one call at worst, of the processes alone, on a core as `CLOCK`."""
+    deviations = fade or form.variance
+    processes = {id(c.process): c.process for c in model.candidates if c.weights.any()}
     operations = 0
     for number, process in enumerate(processes.values()):
         code = process.c(f"p{number}") if process is not None else None
-        operations += 0 if code is None else sum(code.operations[: 1 + made.form.deviations])
-    operations *= 1 + made.form.fade  # as `Plan.operations`: in doubt it asks twice
-    return f"about {1e6 * operations / CLOCK:.0f} us; {errors(best)}"
+        operations += 0 if code is None else sum(code.operations[: 1 + deviations])
+    return operations * (1 + fade) / CLOCK  # as `Plan.operations`: in doubt it asks twice
 
 
 def _checked(found: Built | None) -> str:

@@ -56,7 +56,9 @@ def ROS2(model: Any, kind: Kind, spec: Any, options: Mapping[str, Any]) -> Deliv
     asked = taken(options, Ros2Options, "ros2")
     form = CForm(False, fade=asked.fade, digest=asked.model_hash)
     rate = float(asked.rate or spec.rate)
-    made, said, facts = held(model, kind, spec, form, asked.name, rate=rate, alone=asked.single)
+    made, said, facts = held(
+        model, kind, spec, form, asked.name, rate=rate, alone=asked.single, fit=asked.rate is not None
+    )
     sources = _sources(made.plan, kind, spec)
     if asked.interface == EFFORT:
         for unit in made.plan.units:

@@ -10,7 +10,7 @@ from etude.errors import DataError
 from etude.logs.columns.units import Limits
 from etude.types import Array, Channel, Log, Mask, Role
 
-SMALLER = {"degrees": np.pi / 180, "milliradians (or mm)": 1e-3}
+SI = {"rad": "radians", "m": "metres"}
 SEEN = 0.02  # part of a range: a smaller motion in another unit is rather one outside its range
 FAR = 2.0  # ranges outside the limits: a sign of another unit
 OVERSHOOT = 0.1  # part of a range: a controller may overshoot, and a description may be narrow
@@ -18,6 +18,13 @@ COMMAND_EXCESS = 1.5  # times the limit: measured effort may exceed its rating; 
 RARE = 0.01  # largest part of wild rows
 AT_LIMIT = 0.99  # a command this near to its limit throughout is not informative
 LIKE = 0.5  # least correlation of a rate with its position's slope, for a ratio to be meaningful
+
+
+def _smaller(units: Sequence[str]) -> dict[str, float]:
+    """Units of positions that logs may have in place of these, and their factors."""
+    angles = {"degrees": np.pi / 180.0} if "rad" in units else {}
+    thousandths = [name for unit, name in (("rad", "milliradians"), ("m", "mm")) if unit in units]
+    return {**angles, " or ".join(thousandths): 1e-3} if thousandths else angles
 
 
 def bounded(log: Log, limits: Limits, roles: Sequence[Role] = ("state",)) -> list[Channel]:
@@ -37,7 +44,7 @@ def check_positions(log: Log, limits: Limits) -> Log:
 
 def _checked_positions(log: Log, channel: Channel, lower: Array, upper: Array) -> Log:
     q, units = log[channel.name], channel.units
-    unit = _suspicion(q, lower, upper, "rad" in units)
+    unit = _suspicion(q, lower, upper, units)
     if unit:
         raise DataError(
             f"the positions look like {unit}, not {'radians' if 'rad' in units else units[0]}: they reach "
@@ -67,14 +74,13 @@ def _furthest(q: Array, lower: float, upper: float) -> float:
     return float(q[np.argmax(np.maximum(q - upper, lower - q))])
 
 
-def _suspicion(values: Array, lower: Array, upper: Array, angles: bool) -> str:
+def _suspicion(values: Array, lower: Array, upper: Array, units: Sequence[str]) -> str:
     """The unit ("degrees", ...) that positions (T, k) outside the limits seem to have, else ''."""
     excess = np.maximum(values.max(axis=0) - upper, lower - values.min(axis=0))
     if not ((excess > FAR * (upper - lower)).any() and np.abs(values).max() > np.pi):
         return ""
-    units = {unit: factor for unit, factor in SMALLER.items() if angles or unit != "degrees"}
     way = np.ptp(values, axis=0) / (upper - lower)
-    for unit, factor in units.items():
+    for unit, factor in _smaller(units).items():
         if _fits(values * factor, lower, upper) and (way * factor > SEEN).any():
             return unit
     return ""
@@ -124,10 +130,11 @@ def _check_slope(log: Log, values: Array, channel: Channel) -> None:
         factor = product / float(rate @ rate)
         # 1e-300: without motion the correlation is 0
         like = abs(product) / float(np.linalg.norm(slope) * np.linalg.norm(rate) + 1e-300)
-        for unit, ratio in {"degrees": 180 / np.pi, "milliradians (or mm)": 1e3}.items():
+        position = log.channels[channel.derivative_of].units[j]
+        for unit, part in _smaller([position]).items():
             for text, expected in (
-                (f"{channel.derivative_of} in {unit}", ratio),
-                (f"{channel.name} in {unit} per second", 1 / ratio),
+                (f"{channel.derivative_of} in {unit}", 1 / part),
+                (f"{channel.name} in {unit} per second", part),
             ):
                 # tolerance of a quarter: filters attenuate velocities by that much
                 if like > LIKE and 0.8 < abs(factor) / expected < 1.25:
@@ -135,7 +142,7 @@ def _check_slope(log: Log, values: Array, channel: Channel) -> None:
                         f"{channel.derivative_of} and {channel.name} disagree by a factor {factor:.3g}: "
                         f"{text}?",
                         where=f"{log.source}, {channel.parts[j]}",
-                        next_step="Convert it to radians, or name the unit in the header.",
+                        next_step=f"Convert it to {SI[position]}, or name the unit in the header.",
                     )
 
 

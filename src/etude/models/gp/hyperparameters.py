@@ -210,13 +210,14 @@ def _require_finite(value: float) -> None:
 
 
 def _lbfgs(objective: Objective, start: Array, steps: int) -> Array:
-    value, _ = objective(start)
-    _require_finite(value)
-    best = (value, start)
+    first = objective(start)
+    _require_finite(first[0])
+    best = (first[0], start)
 
     def remembered(parameters: Array) -> tuple[float, Array]:
         nonlocal best
-        value, gradient = objective(parameters)
+        # the search begins where the objective was just computed
+        value, gradient = first if np.array_equal(parameters, start) else objective(parameters)
         if value < best[0]:
             best = (value, parameters.copy())
         # worse than all that was seen, but finite: the line search turns back by itself

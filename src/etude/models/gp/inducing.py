@@ -15,7 +15,7 @@ from typing import Literal
 
 import numpy as np
 
-from etude._runtime.scipy_parts import dpotrs, dsyrk, dtrmm, dtrtrs
+from etude._runtime.scipy_parts import dpotrs, dpstrf, dsyrk, dtrmm, dtrtrs
 from etude.errors import NumericalError, UsageError
 from etude.models.gp.basis_posterior import BasisPosterior, lower_root
 from etude.models.gp.cholesky import factorise, triangular_inverse
@@ -266,6 +266,21 @@ JITTER = 1e-8
 """Part of the mean prior variance at the inducing inputs that is added to their covariance."""
 ROUNDING = 1e-10
 """Part of the prior that the posterior's variance may lose to rounding."""
+UNEXPLAINED = 0.003
+"""Part of the noise variance, or of the prior variance if that is less, that the other inducing inputs leave
+at most of one that is left out. With 0.01, errors of simulated arms on new motion grew by up to 0.8 %."""
+
+
+def telling_inputs(gp: ExactGP, Z: Array) -> Array:
+    """(r, D) of the inputs (u, D), in their order: those that the others do not explain.
+
+    A pivoted Cholesky factor takes next the input of which most is left (Harbrecht, Peters and Schneider
+    2012), until no more than `UNEXPLAINED` is left of any.
+    """
+    K = np.asfortranarray(gp.kernel.value(gp.theta, Z, Z))
+    most = UNEXPLAINED * min(gp.noise_variance, float(K.diagonal().mean()))
+    _, order, rank, _ = dpstrf(K, tol=most, lower=1, overwrite_a=1)
+    return np.asarray(Z[np.sort(order[: max(rank, 1)] - 1)])
 
 
 @dataclass(frozen=True, eq=False)

@@ -85,7 +85,12 @@ def _tables(study: Study, entry: Entry) -> Sequence[Html]:
     if entry.kind == "trace":
         return []
     if entry.kind == "table":
-        told = "Small and grey: printed in the thesis. Below: the mean over seeds with its 95 % interval."
+        printed = (
+            "Small and grey: printed in the thesis. Below: the"
+            if any(r.printed for r in entry.rows)
+            else "The"
+        )
+        told = f"{printed} mean over seeds with its 95 % interval."
         return [paragraph(told, class_="soft"), table_of(study, entry)]
     column = "mean" if "mean" in entry.columns else entry.columns[0]
     label = axis_label(entry.measure, entry.unit)

@@ -59,14 +59,14 @@ def comparison(study: Study, entry: Entry) -> Html:
     if not found:
         return Html("")
     names = {row.run: row.label for row in entry.rows}
-    head = ["", f"over {names[entry.against]}", "less in", "adjusted p", "less?"]
+    head = ["", "less?", "ratio", "less in", "adjusted p"]  # the word first: a phone shows two columns
     rows = [
         [
             names[run],
+            word_chip(part.word if part.seeds >= entry.seeds else NOT_RUN),
             estimate(part),
             f"{part.wins} of {plural(part.seeds, 'seed')}",
             "" if part.p_adjusted is None else number(part.p_adjusted),
-            word_chip(part.word if part.seeds >= entry.seeds else NOT_RUN),
         ]
         for run, part in found.items()
     ]
