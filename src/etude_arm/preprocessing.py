@@ -36,7 +36,7 @@ from etude.logs.cleaning.smoothing import quick_length
 from etude.types import TARGET, Array, Index, Log, Mask, Samples, joined_samples
 from etude_arm.config import ArmData
 from etude_arm.memory import remembered, turning
-from etude_arm.spec import COMMAND, COMMAND_RATE, MEMORY, PATH, PLAN, TURNING, ArmSpec
+from etude_arm.spec import COMMAND, COMMAND_RATES, MEMORY, PATH, PLAN, TURNING, ArmSpec
 
 ROUNDING = 1e-6  # s: time stamps are sums of steps
 LEFT = 2.0
@@ -288,7 +288,8 @@ def _stretch(
             whole = whole.put(log.channels[known], log[known][rows])
     judged = smooth(grid, recorded, TARGET_HZ).value if math.isfinite(cutoff) else command
     whole = whole.put(replace(whole.channels[COMMAND], name=TARGET, role="aside"), judged)
-    whole = whole.put(replace(whole.channels[COMMAND], name=COMMAND_RATE, role="aside"), filtered.first)
+    for name, values in zip(COMMAND_RATES, (filtered.first, filtered.second), strict=True):
+        whole = whole.put(replace(whole.channels[COMMAND], name=name, role="aside"), values)
     near = _near_reversals(whole, rate, cutoff, spec, config)
     numbers = np.unique(own[inside & (own >= 0)]).tolist()
     pieces = [(n, inside & (own == n)) for n in numbers]

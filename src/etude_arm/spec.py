@@ -18,8 +18,8 @@ from etude_arm.rehearsal.overlay import MotorTable, Simulate
 from etude_arm.space.table import Cartesian
 
 COMMAND = "command"
-COMMAND_RATE = "command_rate"
-"""Derivative of the filtered command, command units per s: by it samples show a small delay."""
+COMMAND_RATES = ("command_rate", "command_bend")
+"""First and second derivative of the filtered command: by them samples show a small delay."""
 PATH = ("q", "qd", "qdd")
 PLAN = ("q_des", "qd_des", "qdd_des")
 MEMORY = "friction_memory"

@@ -45,7 +45,7 @@ from etude_arm.physics.identification import (
 )
 from etude_arm.physics.mean import RigidBodyMean
 from etude_arm.physics.rigid_body import NARROW, SPEED, command_regressors, waves
-from etude_arm.spec import COMMAND_RATE, FORCES, PATH, PLAN, RIPPLES, ArmSpec
+from etude_arm.spec import COMMAND_RATES, FORCES, PATH, PLAN, RIPPLES, ArmSpec
 
 TERMS = ("armature", "viscous", "coulomb", "stribeck", "load", "asymmetry", "offset")
 E = len(TERMS)
@@ -157,8 +157,8 @@ class Settled:
     @property
     def command(self) -> Array:
         """(n, J) commands of the samples, when they take effect."""
-        problem = self.problem
-        return np.asarray(problem.samples.command - DELAY * self.fit.z[-1] * problem.rate)
+        command, rate = self.problem.late
+        return np.asarray(command - DELAY * self.fit.z[-1] * rate)
 
 
 def settled(samples: Samples, spec: ArmSpec, mean: RigidBodyMean) -> Settled:
@@ -253,11 +253,12 @@ class Problem:
     Attributes:
         rigid: (n, J, P); drive: (n, J, E + waves), zero where the shape of friction decides. speed, load:
             (n, J) of the drive, and size of what the rigid body takes.
-        rate: (n, J) of the commands, units per s; zero where samples do not carry it.
+        rates: two (n, J), the commands' derivatives; zero where samples do not carry them.
         directions: (P, r) of the shared rigid body, the last of them zero: that of the delay. shared: (J,)
             commands that the rigid body explains.
         armature: (J,) prior deviation: the inertia of the links at the drive, or `ROTOR`.
         ripple: (J,) prior deviation of each wave of a joint's position.
+        delay: s that commands are taken to act later; a change of it is estimated with all else.
     """
 
     samples: Samples
@@ -267,12 +268,13 @@ class Problem:
     drive: Array
     speed: Array
     load: Array
-    rate: Array
+    rates: tuple[Array, Array]
     priors: tuple[IdentificationPrior, ...]
     directions: Array
     shared: Mask
     armature: Array
     ripple: Array
+    delay: float = 0.0
 
     @staticmethod
     def of(samples: Samples, spec: ArmSpec, mean: RigidBodyMean) -> Problem:
@@ -293,19 +295,38 @@ class Problem:
         ripple = model.deviation * hinges
         rotor = ROTOR * np.array([prior.extra[0] for prior in priors])
         armature = np.maximum(_inertia(spec, mean, model.inertial), rotor)
-        rate = samples.log.get(COMMAND_RATE)
-        rate = np.zeros_like(speed) if rate is None else rate
-        parts = rigid, np.stack(drive, 2), speed, load, rate, priors, directions, shared, armature, ripple
+        found = (samples.log.get(name) for name in COMMAND_RATES)
+        first, second = (np.zeros_like(speed) if rate is None else rate for rate in found)
+        parts = (
+            rigid,
+            np.stack(drive, 2),
+            speed,
+            load,
+            (first, second),
+            priors,
+            directions,
+            shared,
+            armature,
+            ripple,
+        )
         return Problem(samples, spec, mean, *parts)
 
     def with_ripple(self) -> Problem:
-        """The regression with the amplitude of the waves, by expectation maximisation."""
+        """The regression with the amplitude of the waves, by expectation maximisation, and with the delay."""
         found = self
         for _ in range(RIPPLE_ROUNDS):
             fit, _ = found.fitted(self.speeds_of(STRIBECK_SPEEDS[0], 1.0))
             squares = fit.extra[:, E:] ** 2 + fit.spread[:, E:] ** 2
-            found = replace(found, ripple=np.sqrt(squares.mean(axis=1)))
+            delay = found.delay + DELAY * float(fit.z[-1])
+            found = replace(found, ripple=np.sqrt(squares.mean(axis=1)), delay=delay)
         return found
+
+    @property
+    def late(self) -> tuple[Array, Array]:
+        """(n, J) commands at the time at which they act, to second order in the delay, and their rate."""
+        first, second = self.rates
+        command = self.samples.command - self.delay * first + 0.5 * self.delay**2 * second
+        return np.asarray(command), np.asarray(first - self.delay * second)
 
     def fitted(
         self, speeds: Array, dropped: Mask | None = None, bent: Array | None = None
@@ -355,7 +376,8 @@ class Problem:
         rows = self.used[:, j]
         known = prior.nominal if self.shared[j] else model.inertial[j]
         rigid = self.rigid[rows, j] @ self.directions * float(self.shared[j])
-        rigid[:, -1] = DELAY * self.rate[rows, j]
+        command, rate = (part[rows, j] for part in self.late)
+        rigid[:, -1] = DELAY * rate
         level = abs(float(np.sum(model.extra[j, NARROW:-1])))
         _, viscous, coulomb, *_, offset = prior.extra
         offset = min(offset, OFFSET * prior.command)
@@ -365,7 +387,7 @@ class Problem:
         deviations = np.append(deviations, np.full(2 * RIPPLES, self.ripple[j]))
         deviations = np.append(deviations, np.full(drive.shape[1] - len(deviations), SHAPE))
         clock = Clock(samples.t[rows], samples.group[rows])
-        left = samples.command[rows, j] - self.rigid[rows, j] @ known
+        left = command - self.rigid[rows, j] @ known
         return OutputColumns(
             np.concatenate([rigid, drive[rows]], axis=1), left, deviations, model.deviation[j], clock
         )
@@ -428,7 +450,7 @@ def parameter_fit(found: Settled) -> ParameterFit:
         np.append(MASSES_OFF * parameter_scale(problem.mean.model.tree), armature),
         Friction(fit.extra[:, :E], deviation[:, :E], found.evidence, *found.speeds),
         ~problem.shared,
-        (DELAY * float(fit.z[-1]), DELAY * float(np.sqrt(covariance[r - 1, r - 1]))),
+        (problem.delay + DELAY * float(fit.z[-1]), DELAY * float(np.sqrt(covariance[r - 1, r - 1]))),
     )
 
 

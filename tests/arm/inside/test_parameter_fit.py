@@ -30,7 +30,7 @@ from etude_arm.identified.parameter_fit import (
 )
 from etude_arm.identified.parameter_report import friction_c
 from etude_arm.physics.identification import since_reversal
-from etude_arm.spec import COMMAND_RATE
+from etude_arm.spec import COMMAND_RATES
 
 PARAMETERS = plugins.load("etude.targets", "parameters")
 Law = Callable[[np.ndarray, np.ndarray], np.ndarray]
@@ -131,11 +131,14 @@ def late_samples(spec: ArmSpec, path: Path, seed: int) -> Samples:
         return rigid + usual(qd, rigid)
 
     q, qd, qdd = moved(t)
-    rate = (force(t + LATE + 0.005) - force(t + LATE - 0.005)) / 0.01
-    command = force(t + LATE) + 0.05 * rng.normal(size=q.shape)
+    before, now, after = (force(t + LATE + step) for step in (-0.005, 0.0, 0.005))
+    rates = (after - before) / 0.01, (after - 2.0 * now + before) / 0.005**2
+    command = now + 0.05 * rng.normal(size=q.shape)
     channels = {c.name: c for c in spec.channels()}
-    channels[COMMAND_RATE] = replace(channels["command"], name=COMMAND_RATE, role="aside")
-    values = {"q": q, "qd": qd, "qdd": qdd, "command": command, COMMAND_RATE: rate}
+    values = {"q": q, "qd": qd, "qdd": qdd, "command": command}
+    for name, rate in zip(COMMAND_RATES, rates, strict=True):
+        channels[name] = replace(channels["command"], name=name, role="aside")
+        values[name] = rate
     log = Log(np.tile(t, 3), {name: channels[name] for name in values}, values)
     return Samples(log, np.repeat(np.arange(3), len(t)), np.ones(q.shape, bool), np.abs(qd) > 0.02)
 
@@ -143,7 +146,7 @@ def late_samples(spec: ArmSpec, path: Path, seed: int) -> Samples:
 def test_a_small_delay_is_told_from_friction(robot: tuple[ArmSpec, Path]) -> None:
     spec, real = robot
     samples = late_samples(spec, real, 0)
-    apart = replace(samples, log=samples.log.without(COMMAND_RATE))
+    apart = replace(samples, log=samples.log.without(*COMMAND_RATES))
     found, blind = (parameter_fit(settled(one, spec, ArmPhysics(spec)(one))) for one in (samples, apart))
     late, deviation = found.delay
     assert abs(late - LATE) < 3.0 * deviation < 0.3 * LATE
