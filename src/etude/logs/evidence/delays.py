@@ -20,10 +20,8 @@ from etude.logs.evidence.rows import AS_LOGGED, DELAYS, commands_of, rows_of
 from etude.protocols import Mean
 from etude.types import Array, Channel, Log
 
-# log odds from which commands are shifted: 15 in a right simulated log, 28 in real ones
-SHIFT = 3.0 * CERTAIN
-STICKING = 0.04  # s: a longer delay takes as many more odds unasked; a right circle of an arm that sticks had
-# 72 for 0.1 s, where commands that were late by 0.04 s have 74 to 161, by 0.1 s 450
+# log odds from which a delay is asked about, and commands are shifted: right logs of arms that stick had 9
+SAID, SHIFT = CERTAIN, 2.0 * CERTAIN
 LEAST_DELAY = 0.03  # s: real sensors have less without harm
 DELAY_PRIOR = 100.0  # 1/s: log prior that falls with a delay
 
@@ -32,6 +30,14 @@ def delays(judged: JointEvidence, by: float = 0.0) -> Array:
     """(d,) log evidence of each delay, of rows whose commands were shifted by s."""
     whole = judged.columns.whole().reshape(len(judged.own), -1)[:, : len(DELAYS)]
     return np.asarray(whole.sum(axis=0) - DELAY_PRIOR * np.abs(np.array(DELAYS) + by))
+
+
+def agreed(longer: Array, shorter: Array) -> float:
+    """Log odds of a delay to another one from evidences (m, c): by class, of joints without that which says
+    most. All joints have one clock: what one of them says alone is of its friction or its gear.
+    """
+    each = least(longer, shorter)
+    return float(each.sum() - (each.max() if len(each) > 1 else 0.0))
 
 
 def at_edge_of(judged: JointEvidence) -> bool:
@@ -94,7 +100,7 @@ class Clock:
         which = out_of_step(logs, path, fresh)
         if len(which) < len(fresh):
             alone = JointEvidence.of(rows_of([logs[i] for i in which], path, body))
-        return None if alone is None else cls(logs, path, which, alone)
+        return None if alone is None else cls(logs, path, which, alone.of_clock())
 
     @property
     def at_edge(self) -> bool:
@@ -133,7 +139,7 @@ def _own_delay(log: Log, path: Channel) -> tuple[int, float]:
     rows = rows_of([log], path)
     if rows is None or not rows.moving.any():
         return AS_LOGGED, 0.0
-    own, each = np.flatnonzero(rows.moving), []
+    own, each, rows = np.flatnonzero(rows.moving), [], rows.without_turns()
     for length in LENGTHS:
         motion = WhitenedMotion(rows, own, tuple(point for point in FEW if point.length == length))
         each.append(motion.free(rows.command, range(len(DELAYS))))
@@ -145,13 +151,13 @@ def _likeliest(each: Array) -> tuple[int, float]:
     total = np.logaddexp.reduce(each, axis=0).sum(axis=0) - DELAY_PRIOR * np.abs(DELAYS)
     long = np.abs(DELAYS) >= LEAST_DELAY
     best, near = int(total.argmax()), int(np.where(long, -np.inf, total).argmax())
-    odds = float(least(each[..., best].T, each[..., near].T).sum())
+    odds = agreed(each[..., best].T, each[..., near].T)
     return best, odds + DELAY_PRIOR * (abs(DELAYS[near]) - abs(DELAYS[best]))
 
 
 FAR, FARTHEST = (0.25, 0.45), 0.55  # s about which longer delays are looked for, and the longest
-# log odds from which a long delay is asked about: right logs of an arm that sticks had 74, late ones 430
-FAR_ODDS = 150.0
+# log odds from which a long delay is asked about: right logs of arms that stick had 69
+FAR_ODDS = 3.0 * SHIFT
 MOST_KNOWN = 0.5  # of the joints, at least, whose signs are told with such a delay
 
 
@@ -169,7 +175,7 @@ def far_delay(
         by, own = max(tried, key=lambda one: float(delays(one[1], one[0]).max()))
         at = int(delays(own, by).argmax())
         best = by + DELAYS[at]
-    odds = float(least(own.variant(at).by_class(), judged.variant(AS_LOGGED).by_class()).sum())
+    odds = agreed(own.variant(at).by_class(), judged.variant(AS_LOGGED).by_class())
     odds -= DELAY_PRIOR * abs(best)
     right, inverted = own.variant(at).signs()
     known = np.abs(right - inverted) >= LIKELY
@@ -195,9 +201,8 @@ def late(judged: JointEvidence, fresh: Sequence[int]) -> Decision | None:
     if not long[best] or best in (0, len(DELAYS) - 1):  # beyond what is tried it may be any
         return None
     sizes = [judged.variant(i).by_class() for i in (best, near)]
-    odds = float(least(*sizes).sum() + DELAY_PRIOR * (abs(DELAYS[near]) - abs(DELAYS[best])))
-    if odds < SHIFT:
+    odds = agreed(*sizes) + DELAY_PRIOR * (abs(DELAYS[near]) - abs(DELAYS[best]))
+    if odds < SAID:
         return None
-    sure = odds >= SHIFT * max(1.0, abs(DELAYS[best]) / STICKING)
-    level: Level = "note" if sure else "ask"
+    level: Level = "note" if odds >= SHIFT else "ask"
     return judged.decision(level, check=DELAY, logs=tuple(fresh), by=(DELAYS[best],), odds=odds)

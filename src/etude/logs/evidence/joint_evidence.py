@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 
 from etude.logs.evidence.likelihood import ColumnEvidence, WhitenedMotion
-from etude.logs.evidence.rows import AS_LOGGED, FilteredRows
+from etude.logs.evidence.rows import AS_LOGGED, DELAYS, FilteredRows
 from etude.types import Array, Index, Mask
 
 Level = Literal["certain", "ask", "note", "silent"]
@@ -58,11 +58,16 @@ class Decision:
 
 @dataclass(frozen=True, eq=False)
 class JointEvidence:
-    """The evidence of moving joints `own` (m,), computed where it is asked for."""
+    """The evidence of moving joints `own` (m,), computed where it is asked for.
+
+    Attributes:
+        orders: whether other orders of the columns are looked at.
+    """
 
     rows: FilteredRows
     own: Index
     motion: WhitenedMotion
+    orders: bool = True
 
     @classmethod
     def of(cls, rows: FilteredRows | None) -> JointEvidence | None:
@@ -76,12 +81,18 @@ class JointEvidence:
         """The same motion with other commands (n, k, d) on it."""
         return replace(self, rows=replace(self.rows, command=command))
 
+    def of_clock(self) -> JointEvidence:
+        """Of the delays alone, where nothing that friction does in a turn has a say."""
+        rows = replace(self.rows, command=self.rows.command[..., : len(DELAYS)]).without_turns()
+        return JointEvidence(rows, self.own, WhitenedMotion.of_clock(rows, self.own), orders=False)
+
     @cached_property
     def _evidence(self) -> ColumnEvidence:
         (m,), d = self.own.shape, self.rows.command.shape[2]
-        joints = np.concatenate([np.repeat(np.arange(m), d), np.repeat(np.arange(m), m)])
-        columns = np.concatenate([np.repeat(np.arange(m), d), np.tile(np.arange(m), m)])
-        variants = np.concatenate([np.tile(np.arange(d), m), np.full(m * m, AS_LOGGED)])
+        count, every = m if self.orders else 0, np.arange(m)
+        joints = np.concatenate([np.repeat(every, d), np.repeat(every, count)])
+        columns = np.concatenate([np.repeat(every, d), np.tile(every, count)])
+        variants = np.concatenate([np.tile(np.arange(d), m), np.full(m * count, AS_LOGGED)])
         return self.motion.evidence(self.rows.command, joints, columns, variants)
 
     @property

@@ -69,6 +69,8 @@ NEAR_FILE = tuple(
     )
 )
 """With a model file that is right to 0.3, 3 or 15 %."""
+CLOCK = tuple(point for point in GRID if not point.ripple and point.drift != DRIFTS[1][0])
+"""Enough to compare delays."""
 FEW = tuple(
     point._replace(rough=0.1)
     for point in GRID
@@ -182,6 +184,11 @@ class WhitenedMotion:
     def of(cls, rows: FilteredRows, own: Index) -> WhitenedMotion:
         """At as many points as there are sizes and memories."""
         return cls(rows, own, GRID + (NEAR_FILE if rows.torque is not None else ()))
+
+    @classmethod
+    def of_clock(cls, rows: FilteredRows, own: Index) -> WhitenedMotion:
+        """At the points that delays take."""
+        return cls(rows, own, CLOCK + (NEAR_FILE if rows.torque is not None else ()))
 
     def _points(self) -> Iterator[tuple[Array, _Whitened]]:
         """Of each point, the lower Cholesky factor of the covariance, which serves all joints and columns."""

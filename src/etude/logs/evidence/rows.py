@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from scipy.linalg import block_diag
 
 from etude.logs.checks.filtered_motion import goes_far, runs, states_of
@@ -31,6 +32,7 @@ FALL = 1.0  # of Coulomb friction, at most, is gone at top speed: with more it w
 DROP_SPEED = 0.1  # of a joint's top speed, over which static friction drops to Coulomb's
 LEAST_S = 1.0  # s of a stretch that is looked at
 STAND_S = 0.5  # s for which a joint that stays below STEP_SPEED stands
+TURN_SPEED, TURN_S = 0.1, 0.2  # of top speed, below which a joint turns round; s before and after (filter)
 KNOT_S, MOST_KNOTS = 1.0, 60.0  # s between the knots of what it takes then, or more, so that they stay few
 APART, FLOOR = 5.0, 1e-3  # rows that one independent row is worth; of a variance, what nothing explains
 APART_S = 1e4  # s between logs: noise has no memory from one to the next
@@ -50,6 +52,7 @@ class FilteredRows:
         command: (n, k, d) at each of DELAYS, and then with the commands of each group of logs negated.
         drop: (n, k) its part at low speeds: static friction beyond Coulomb's (Stribeck).
         stands: by joint, (n, m) hat functions of time where it stands: static friction holds any command.
+        turning: (n, k) where a joint is slow or was within TURN_S: there friction may have a memory.
         torque, static: (n, k) what the model file says of the commands, whole and at rest; None without one.
         groups: the logs whose commands are negated in each variant after the delays.
         parts, units: of the positions.
@@ -63,6 +66,7 @@ class FilteredRows:
     friction: Array
     drop: Array
     stands: tuple[Array, ...]
+    turning: Mask
     command: Array
     torque: Array | None
     static: Array | None
@@ -77,12 +81,17 @@ class FilteredRows:
 
     def take(self, which: Index) -> FilteredRows:
         """Some of the rows."""
-        names = ("t", "log", "q", "qd", "qdd", "friction", "drop", "command")
+        names = ("t", "log", "q", "qd", "qdd", "friction", "drop", "turning", "command")
         some = {name: getattr(self, name)[which] for name in names}
         for name in ("torque", "static"):
             known = getattr(self, name)
             some[name] = None if known is None else known[which]
         return replace(self, stands=tuple(one[which] for one in self.stands), **some)
+
+    def without_turns(self) -> FilteredRows:
+        """The same where any command may hold a joint that turns round: its friction says nothing there."""
+        each = np.eye(len(self.t))
+        return replace(self, stands=tuple(each[:, slow] for slow in self.turning.T))
 
 
 def rows_of(
@@ -116,6 +125,7 @@ def rows_of(
         friction=whole["friction"],
         drop=whole["drop"],
         stands=tuple(block_diag(*own) for own in zip(*stands, strict=True)),
+        turning=whole["turning"] > 0.0,
         command=commands_of(logs, path, groups, late),
         torque=whole.get("torque"),
         static=whole.get("static"),
@@ -209,7 +219,11 @@ def _filtered(
         parts |= {"torque": body.predict(states), "static": body.static(states)}
     keep = _kept(t, rate)
     rows = {name: smooth(t, values, cutoff, ORDER).value[keep] for name, values in parts.items()}
-    rows |= {"t": t[keep], "q": q[keep]}
+    rows |= {
+        "t": t[keep],
+        "q": q[keep],
+        "turning": _turning(t, qd, TURN_SPEED * top)[keep].astype(np.float64),
+    }
     hats = (_hats(t, own, apart) for own in still.T)
     return rows, [smooth(t, own, cutoff, ORDER).value[keep] if own.size else own[keep] for own in hats]
 
@@ -224,6 +238,13 @@ def _stands(t: Array, qd: Array, slow: Array) -> Mask:
         for a, b in runs(column):
             column[a:b] = b - a >= width
     return found
+
+
+def _turning(t: Array, qd: Array, slow: Array) -> Mask:
+    """(n, k) where joints are below the speeds `slow` (k,), or within TURN_S of it."""
+    near = round(TURN_S * (len(t) - 1) / float(t[-1] - t[0]))
+    speed = np.pad(np.abs(qd), ((near, near), (0, 0)), "edge")
+    return np.asarray(sliding_window_view(speed, 2 * near + 1, axis=0).min(axis=2) < slow)
 
 
 def _hats(t: Array, still: Mask, apart: float) -> Array:

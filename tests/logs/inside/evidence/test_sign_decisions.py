@@ -8,7 +8,7 @@ from itertools import product
 
 import numpy as np
 import pytest
-from made_motion import COMMAND, GRAVITY, INERTIA, NAMES, RATE, Q, command_of, moved
+from made_motion import COMMAND, DRY, GRAVITY, INERTIA, NAMES, RATE, Q, command_of, moved
 from scipy.ndimage import gaussian_filter1d
 
 from etude.logs import Decision, finding_of, judge
@@ -200,12 +200,23 @@ def test_commands_that_are_late_or_early_are_noted_and_shifted(seconds: float) -
     np.testing.assert_allclose(mended["command"][rows, 0], right[rows], atol=0.05)
 
 
-def test_a_delay_is_asked_about_where_little_tells_it_for_its_length() -> None:
-    """As of a right circle of an arm that sticks, which looks 0.1 s late by e^72."""
-    wrong, rng = late(moved(), 0.08), np.random.default_rng(0)
-    noise = gaussian_filter1d(rng.normal(size=wrong["command"].shape), 10, axis=0)
-    found = decided(with_command(wrong, wrong["command"] + 0.4 * noise / noise.std()))
-    assert (found.level, found.check) == ("ask", "delay")
+def rough(log: Log, size: float) -> Log:
+    """Its commands with slow noise, N m."""
+    noise = gaussian_filter1d(np.random.default_rng(0).normal(size=log["command"].shape), 10, axis=0)
+    return with_command(log, log["command"] + size * noise / noise.std())
+
+
+def test_a_delay_is_asked_about_where_little_tells_it() -> None:
+    found = decided(rough(late(moved(), 0.06), 0.1))
+    assert (found.level, found.check, found.by) == ("ask", "delay", (0.06,))
+
+
+def test_friction_that_turns_before_the_joint_does_is_no_delay() -> None:
+    """A joint that sticks: in a turn its friction follows the force on it, and not its velocity."""
+    log = moved()
+    before = np.column_stack([np.interp(log.t + 0.03, log.t, qd) for qd in log["qd"].T])
+    early = DRY * (np.tanh(before / 0.05) - np.tanh(log["qd"] / 0.05))
+    assert decided(rough(with_command(log, log["command"] + early), 0.05)).level == "silent"
 
 
 def test_commands_that_are_late_by_much_are_asked_about_and_never_shifted_unasked() -> None:
