@@ -245,7 +245,8 @@ WEAK = {"baxter": "left_s1 takes 5", "talos_left_arm": "arm_left_2_joint takes 2
 def test_of_the_arms_of_others_only_those_with_wrong_numbers_are_named(arm: Arm) -> None:
     """A UR3 with a UR10's efforts, servos of 2 N m with 35, a balanced PR2, two that tire stretched."""
     spec = spec_from_model(arm.path(), joints=arm.joints).spec
-    found = sentences(spec, 0.5 * (spec.lower + spec.upper))
+    # nobody would choose this home: what it leaves of the assumed deviations is no wrong number
+    found = [one for one in sentences(spec, 0.5 * (spec.lower + spec.upper)) if "in full" not in one]
     words = (PLACEHOLDERS | WEAK).get(arm.path().stem)
     assert len(found) == (words is not None), found
     assert words is None or words in found[0]

@@ -46,8 +46,9 @@ def test_a_lagging_joint_and_one_that_sticks_still_match() -> None:
     ],
 )
 def test_another_motion_is_refused(change, words: str) -> None:  # type: ignore[no-untyped-def]
-    with pytest.raises(DataError, match=words):
+    with pytest.raises(DataError, match=words) as refused:
         aligned(with_values(LOG, q=change(LOG["q"])))
+    assert ("[log.columns]" in refused.value.next_step) == ("joint" in words)
 
 
 @pytest.mark.parametrize("other", [Sines((0.35, 0.15, 0.25)), Sines((0.2, 0.45, 0.1), (0.3, 0.8, 0.9))])

@@ -465,11 +465,18 @@ def _check_match(best: Overlap, unshifted: Overlap, most: float, parts: Sequence
         return
     what = "the motion deviates" if best.pooled > most or cause else "its rates deviate"
     by = best.pooled if best.pooled > most or cause else best.mismatch
+    step = "Tell the log of this proposal, or the number of the proposal that was run."
     raise DataError(
         f"this is not the log of the proposed trajectory: {what} from it by {by:.2g} times its spread{cause}",
         where=log.source,
-        next_step="Tell the log of this proposal, or the number of the proposal that was run.",
+        next_step=f"{COLUMNS} {step}" if cause else step,
     )
+
+
+COLUMNS = (
+    "If positions are in a wrong column, sign or unit, say so in [log.columns] of campaign.toml, as "
+    '"q_elbow" = "-1 * HEADER".'
+)
 
 
 def _cause(overlap: Overlap, parts: Sequence[str]) -> str:
