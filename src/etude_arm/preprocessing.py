@@ -36,7 +36,7 @@ from etude.logs.cleaning.smoothing import quick_length
 from etude.types import TARGET, Array, Index, Log, Mask, Samples, joined_samples
 from etude_arm.config import ArmData
 from etude_arm.memory import remembered, turning
-from etude_arm.spec import COMMAND, MEMORY, PATH, PLAN, TURNING, ArmSpec
+from etude_arm.spec import COMMAND, COMMAND_RATES, MEMORY, PATH, PLAN, TURNING, ArmSpec
 
 ROUNDING = 1e-6  # s: time stamps are sums of steps
 LEFT = 2.0
@@ -271,7 +271,8 @@ def _stretch(
     grid = uniform_grid(log.t, rate)
     motion = _motion(log, grid, cutoff, config)
     recorded = resample(log.t, log[COMMAND], grid)
-    command = smooth(grid, recorded, cutoff).value
+    filtered = smooth(grid, recorded, cutoff)
+    command = filtered.value
     inside = (grid >= max(0.0, grid[0] + trim) - ROUNDING) & (grid <= grid[-1] - trim + ROUNDING)
     rows = np.searchsorted(log.t, grid + ROUNDING, side="right") - 1
     own = group[rows]
@@ -287,6 +288,8 @@ def _stretch(
             whole = whole.put(log.channels[known], log[known][rows])
     judged = smooth(grid, recorded, TARGET_HZ).value if math.isfinite(cutoff) else command
     whole = whole.put(replace(whole.channels[COMMAND], name=TARGET, role="aside"), judged)
+    for name, values in zip(COMMAND_RATES, (filtered.first, filtered.second), strict=True):
+        whole = whole.put(replace(whole.channels[COMMAND], name=name, role="aside"), values)
     near = _near_reversals(whole, rate, cutoff, spec, config)
     numbers = np.unique(own[inside & (own >= 0)]).tolist()
     pieces = [(n, inside & (own == n)) for n in numbers]

@@ -18,6 +18,8 @@ from etude_arm.rehearsal.overlay import MotorTable, Simulate
 from etude_arm.space.table import Cartesian
 
 COMMAND = "command"
+COMMAND_RATES = ("command_rate", "command_bend")
+"""First and second derivative of the filtered command: by them samples show a small delay."""
 PATH = ("q", "qd", "qdd")
 PLAN = ("q_des", "qd_des", "qdd_des")
 MEMORY = "friction_memory"

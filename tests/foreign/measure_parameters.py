@@ -1,11 +1,12 @@
 """Coverage of printed intervals, and their width beside the spread: campaigns of one robot, other seeds.
 
-    python tests/foreign/measure_parameters.py same.jsonl three:5,three:6,ur5:1,z1:1 10 [bare]
+    python tests/foreign/measure_parameters.py same.jsonl three:5,three:6@8,ur5:1,z1:1 10 [bare]
 
 Each campaign asks twice, and pinocchio's arm, whose masses are not the file's, runs it. A robot is a file,
-the seed that draws its masses and drives, and, as in three:5:0.05, the part of the top speed over which its
-friction turns its sign. Campaigns that the file has are not made again; the table is of
-all. With `bare` another campaign, without a model file, is told the logs, and friction is all that it prints.
+the seed that draws its masses and drives, and, as in three:5:0.05@8, the part of the top speed over which its
+friction turns its sign, and ms from a command to its torque. Campaigns that the file has are not made again;
+the table is of all. With `bare` another campaign, without a model file, is told the logs, and friction is all
+that it prints.
 """
 
 from __future__ import annotations
@@ -130,6 +131,7 @@ def coverage(rows: list[dict[str, tuple[float, float, float]]]) -> Coverage:
 
 def robot(name: str) -> tuple[plant.Arm, str]:
     """The plant of a file and a seed, and the text that Étude gets ("" of the small arm)."""
+    name, _, late = name.partition("@")
     file, seed, *turns = name.split(":")
     text = ""
     if file != "three":
@@ -139,6 +141,8 @@ def robot(name: str) -> tuple[plant.Arm, str]:
     arm = plant.arm_of_urdf(text or URDF, seed=int(seed))
     for part in turns:
         arm = replace(arm, drives=replace(arm.drives, smooth=float(part) * arm.speed))
+    if late:
+        arm = replace(arm, drives=replace(arm.drives, delay=1e-3 * float(late)))
     return arm, text
 
 
@@ -150,6 +154,24 @@ def measured(name: str, seeds: Iterator[int], without_masses: bool) -> Iterator[
             campaign = learned(Path(folder), arm, seed, text)
             campaign = bare(campaign, Path(folder)) if without_masses else campaign
             yield {"robot": name, "seed": seed, "rows": printed(campaign, arm)}
+
+
+KINDS = {"armature": r"\S+ armature", "inertia": r".* I[xyz]{2}.*", "viscous": r"\S+ viscous"}
+"""Of printed parameters, by their names. The others: Coulomb friction, masses and centres."""
+
+
+def by_kind(rows: list[dict[str, Any]]) -> None:
+    """A row for each delay and kind of parameter."""
+    found: dict[tuple[str, str], list[float]] = {}
+    for row in rows:
+        late = row["robot"].partition("@")[2] or f"{1e3 * plant.Drives.delay:g}"
+        for name, (value, truth, deviation) in row["rows"].items():
+            kind = next((kind for kind, form in KINDS.items() if re.fullmatch(form, name)), "other")
+            for one in (kind, "all"):
+                found.setdefault((late, one), []).append((value - truth) / deviation)
+    for (late, kind), z in sorted(found.items()):
+        share = np.mean(np.abs(z) <= 1.96)
+        print(f"| {late} ms | {kind} | {len(z)} | {share:.3f} | {np.mean(z):+.2f} | {np.std(z):.2f} |")
 
 
 def summary(rows: list[dict[str, Any]]) -> None:
@@ -167,6 +189,7 @@ def summary(rows: list[dict[str, Any]]) -> None:
             f"{np.median(widths[-1]):.2f}, {widths[-1].max():.1f} | {np.median(np.abs(z)):.2f} | {worst} |"
         )
     print("\n".join(each))
+    by_kind(rows)
     print(f"all: coverage {np.mean(inside):.3f}, median width {np.median(np.concatenate(widths)):.2f}")
 
 

@@ -142,7 +142,7 @@ class WhitenedRows:
         for j, output in enumerate(found.outputs):
             used, noise = problem.used[:, j], float(fit.noise[j])
             both = np.concatenate([rigid[used, j], output.columns[:, first:]], axis=1)
-            rows.append((both / noise, samples.command[used, j] / noise))
+            rows.append((both / noise, found.command[used, j] / noise))
             groups.append(samples.group[used])
         # a term that was dropped stays at zero
         own = np.array([np.maximum(output.deviations, DROPPED) for output in found.outputs])

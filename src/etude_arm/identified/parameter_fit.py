@@ -4,13 +4,15 @@ The estimate is that of `physics.identification`, with textbook friction terms i
 of each hinge's position describe cogging, which gravity would otherwise absorb:
 
     command_j = rigid_j(phi) + armature l'' + viscous l' + asymmetry |l'| + offset + ripple(q_j)
-              + [coulomb + stribeck exp(-(l'/v_s)^2) + load |rigid_j|] s
+              + [coulomb + stribeck exp(-(l'/v_s)^2) + load |rigid_j|] s + delay d command_j / dt
 
-with s = tanh(l'/v0). v_s and v0 are estimated with all else by Gauss and Newton: a shape taken as known makes
-intervals of Coulomb and viscous friction far too narrow. Friction by load and by direction is kept only where
-the logs show it: the density of the value 0 before the logs and after them says by how much (Savage and
-Dickey). Stribeck's dip is kept unless it is below zero. Where a joint turned round a moment ago the filter
-has smeared the step of its friction, and samples are left out.
+with s = tanh(l'/v0). Commands act some ms after they are logged: one delay is common to all. Without it the
+rates of gravity and of inertial forces pass for friction and armature. v_s and v0 are estimated with all else
+by Gauss and Newton: a shape taken as known makes intervals of Coulomb and viscous friction far too narrow.
+Friction by load and by direction is kept only where the logs show it: the density of the value 0 before the
+logs and after them says by how much (Savage and Dickey). Stribeck's dip is kept unless it is below zero.
+Where a joint turned round a moment ago the filter has smeared the step of its friction, and samples are left
+out.
 
 Deviations do not rely on the noise model: they use the scatter of the score between stretches of log longer
 than the correlation time (`models.scatter`), and are at least half of the posterior deviations.
@@ -43,7 +45,7 @@ from etude_arm.physics.identification import (
 )
 from etude_arm.physics.mean import RigidBodyMean
 from etude_arm.physics.rigid_body import NARROW, SPEED, command_regressors, waves
-from etude_arm.spec import FORCES, PATH, PLAN, RIPPLES, ArmSpec
+from etude_arm.spec import COMMAND_RATES, FORCES, PATH, PLAN, RIPPLES, ArmSpec
 
 TERMS = ("armature", "viscous", "coulomb", "stribeck", "load", "asymmetry", "offset")
 E = len(TERMS)
@@ -77,6 +79,8 @@ of a wrist far exceeds its link.
 """
 LOAD_FRICTION = 0.3
 """Prior deviation of load-dependent friction, as a part of the load: gears lose some ten per cent."""
+DELAY = 0.01
+"""Prior deviation of the delay, s: some cycles of a controller. Logs that are later are shifted before."""
 STRETCHES = 2.0
 """Correlation times of the residual in one stretch of log, so that scores are nearly independent."""
 LEAST_STRETCH = 1.0  # s
@@ -116,6 +120,7 @@ class ParameterFit:
         scale: (P + J,) prior scale of each about the file's value.
         friction: of the drives.
         own_scale: (J,) commands that the shared rigid body does not explain, so they identify no mass.
+        delay: s from a logged command to its effect, and its deviation.
     """
 
     theta: Array
@@ -126,6 +131,7 @@ class ParameterFit:
     scale: Array
     friction: Friction
     own_scale: Mask
+    delay: tuple[float, float]
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,7 +139,7 @@ class Settled:
     """The regression as it was settled.
 
     Attributes:
-        outputs: of each command, its columns [r of the rigid body, `TERMS`, ripple].
+        outputs: of each command, its columns [r of the rigid body and the delay, `TERMS`, ripple].
         speeds: (2, J) v_s and v0, rad/s (m/s).
         evidence, prior: (J, E) nats for each term, and its deviation before any data.
         cogs: (J,) whether the logs show cogging. dropped: (J, E) terms that are left out.
@@ -147,6 +153,12 @@ class Settled:
     prior: Array
     cogs: Mask
     dropped: Mask
+
+    @property
+    def command(self) -> Array:
+        """(n, J) commands of the samples, when they take effect."""
+        command, rate = self.problem.late
+        return np.asarray(command - DELAY * self.fit.z[-1] * rate)
 
 
 def settled(samples: Samples, spec: ArmSpec, mean: RigidBodyMean) -> Settled:
@@ -241,9 +253,12 @@ class Problem:
     Attributes:
         rigid: (n, J, P); drive: (n, J, E + waves), zero where the shape of friction decides. speed, load:
             (n, J) of the drive, and size of what the rigid body takes.
-        directions: (P, r) of the shared rigid body. shared: (J,) commands that it explains.
+        rates: two (n, J), the commands' derivatives; zero where samples do not carry them.
+        directions: (P, r) of the shared rigid body, the last of them zero: that of the delay. shared: (J,)
+            commands that the rigid body explains.
         armature: (J,) prior deviation: the inertia of the links at the drive, or `ROTOR`.
         ripple: (J,) prior deviation of each wave of a joint's position.
+        delay: s that commands are taken to act later; a change of it is estimated with all else.
     """
 
     samples: Samples
@@ -253,11 +268,13 @@ class Problem:
     drive: Array
     speed: Array
     load: Array
+    rates: tuple[Array, Array]
     priors: tuple[IdentificationPrior, ...]
     directions: Array
     shared: Mask
     armature: Array
     ripple: Array
+    delay: float = 0.0
 
     @staticmethod
     def of(samples: Samples, spec: ArmSpec, mean: RigidBodyMean) -> Problem:
@@ -272,23 +289,44 @@ class Problem:
         drive += [hinges * wave for wave in np.moveaxis(waves(q), 2, 0)]
         same = np.isclose(model.inertial[:, None], model.inertial[None], rtol=1e-9).all(axis=2)
         shared = (same.sum(axis=1) > min(1, spec.dof - 1)) & (spec.command_unit in FORCES)
-        nothing = np.zeros((rigid.shape[2], 0))
-        directions = shared_directions(spec, *body) if shared.any() else nothing
+        late = np.zeros((rigid.shape[2], 1))
+        directions = np.hstack([shared_directions(spec, *body), late]) if shared.any() else late
         priors = output_priors(spec, *body)
         ripple = model.deviation * hinges
         rotor = ROTOR * np.array([prior.extra[0] for prior in priors])
         armature = np.maximum(_inertia(spec, mean, model.inertial), rotor)
-        parts = rigid, np.stack(drive, 2), speed, load, priors, directions, shared, armature, ripple
+        found = (samples.log.get(name) for name in COMMAND_RATES)
+        first, second = (np.zeros_like(speed) if rate is None else rate for rate in found)
+        parts = (
+            rigid,
+            np.stack(drive, 2),
+            speed,
+            load,
+            (first, second),
+            priors,
+            directions,
+            shared,
+            armature,
+            ripple,
+        )
         return Problem(samples, spec, mean, *parts)
 
     def with_ripple(self) -> Problem:
-        """The regression with the amplitude of the waves, by expectation maximisation."""
+        """The regression with the amplitude of the waves, by expectation maximisation, and with the delay."""
         found = self
         for _ in range(RIPPLE_ROUNDS):
             fit, _ = found.fitted(self.speeds_of(STRIBECK_SPEEDS[0], 1.0))
             squares = fit.extra[:, E:] ** 2 + fit.spread[:, E:] ** 2
-            found = replace(found, ripple=np.sqrt(squares.mean(axis=1)))
+            delay = found.delay + DELAY * float(fit.z[-1])
+            found = replace(found, ripple=np.sqrt(squares.mean(axis=1)), delay=delay)
         return found
+
+    @property
+    def late(self) -> tuple[Array, Array]:
+        """(n, J) commands at the time at which they act, to second order in the delay, and their rate."""
+        first, second = self.rates
+        command = self.samples.command - self.delay * first + 0.5 * self.delay**2 * second
+        return np.asarray(command), np.asarray(first - self.delay * second)
 
     def fitted(
         self, speeds: Array, dropped: Mask | None = None, bent: Array | None = None
@@ -338,6 +376,8 @@ class Problem:
         rows = self.used[:, j]
         known = prior.nominal if self.shared[j] else model.inertial[j]
         rigid = self.rigid[rows, j] @ self.directions * float(self.shared[j])
+        command, rate = (part[rows, j] for part in self.late)
+        rigid[:, -1] = DELAY * rate
         level = abs(float(np.sum(model.extra[j, NARROW:-1])))
         _, viscous, coulomb, *_, offset = prior.extra
         offset = min(offset, OFFSET * prior.command)
@@ -347,7 +387,7 @@ class Problem:
         deviations = np.append(deviations, np.full(2 * RIPPLES, self.ripple[j]))
         deviations = np.append(deviations, np.full(drive.shape[1] - len(deviations), SHAPE))
         clock = Clock(samples.t[rows], samples.group[rows])
-        left = samples.command[rows, j] - self.rigid[rows, j] @ known
+        left = command - self.rigid[rows, j] @ known
         return OutputColumns(
             np.concatenate([rigid, drive[rows]], axis=1), left, deviations, model.deviation[j], clock
         )
@@ -410,6 +450,7 @@ def parameter_fit(found: Settled) -> ParameterFit:
         np.append(MASSES_OFF * parameter_scale(problem.mean.model.tree), armature),
         Friction(fit.extra[:, :E], deviation[:, :E], found.evidence, *found.speeds),
         ~problem.shared,
+        (problem.delay + DELAY * float(fit.z[-1]), DELAY * float(np.sqrt(covariance[r - 1, r - 1]))),
     )
 
 

@@ -15,6 +15,7 @@ from etude.types import Array, Delivered, Samples
 from etude_arm.config import ArmData
 from etude_arm.identified.friction_alone import LEAST_TURNS, friction_alone
 from etude_arm.identified.parameter_fit import (
+    DELAY,
     MEASURED,
     PARTLY,
     SHOWN,
@@ -35,6 +36,8 @@ from etude_arm.loading.load import load_arm
 from etude_arm.physics.mean import RigidBodyMean
 from etude_arm.spec import ArmSpec
 
+HARDLY = 0.5
+"""Part of the delay's prior deviation that is left."""
 TERM_UNITS = ("{u} s^2/{x}", "{u} s/{x}", "{u}", "{u}", "1", "{u} s/{x}", "{u}")
 
 
@@ -48,7 +51,7 @@ def report(spec: ArmSpec, physics: Physics | None, samples: Samples, data: ArmDa
     assert isinstance(mean, RigidBodyMean)
     fit = parameter_fit(settled(samples, spec, mean))
     inertial = _inertial_rows(fit, spec)
-    return _delivered(spec, inertial, fit.friction, _said(fit, spec, inertial))
+    return _delivered(spec, inertial, fit.friction, [*_said(fit, spec, inertial), *_delay(fit)])
 
 
 def _delivered(
@@ -201,6 +204,13 @@ def _said(fit: ParameterFit, spec: ArmSpec, inertial: list[dict[str, Any]]) -> l
         others = [name for name, own in zip(spec.names, fit.own_scale, strict=True) if own]
         said.append(f"The commands of {', '.join(others)} are of another scale: no mass follows from them.")
     return said
+
+
+def _delay(fit: ParameterFit) -> list[str]:
+    """What the logs tell of it; nothing where they tell next to nothing."""
+    value, deviation = 1e3 * np.array(fit.delay)
+    told = deviation < 1e3 * HARDLY * DELAY
+    return [f"Commands act {value:.1f} +- {NORMAL_95 * deviation:.1f} ms after they are logged."] * bool(told)
 
 
 def _friction_sentences(fit: Friction, spec: ArmSpec, rows: list[dict[str, Any]]) -> list[str]:

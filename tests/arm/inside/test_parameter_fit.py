@@ -30,6 +30,7 @@ from etude_arm.identified.parameter_fit import (
 )
 from etude_arm.identified.parameter_report import friction_c
 from etude_arm.physics.identification import since_reversal
+from etude_arm.spec import COMMAND_RATES
 
 PARAMETERS = plugins.load("etude.targets", "parameters")
 Law = Callable[[np.ndarray, np.ndarray], np.ndarray]
@@ -103,6 +104,56 @@ def test_intervals_hold_the_truth(robot: tuple[ArmSpec, Path]) -> None:
     inside = np.mean(np.abs(z) < 1.96)
     assert 0.88 <= inside <= 1.0
     assert 0.5 < np.std(z) < 1.4, "neither far too wide nor far too narrow"
+
+
+LATE = 0.008
+"""s from a command to its effect."""
+
+
+def late_samples(spec: ArmSpec, path: Path, seed: int) -> Samples:
+    """Logs whose commands act later, with the rate that a filter would give."""
+    rng = np.random.default_rng(seed)
+    t = 0.1 * np.arange(300)
+    w = 0.7 * np.arange(1, 5)[:, None]
+    parts = [(rng.uniform(0.1, 0.5, (4, spec.dof)), rng.uniform(0.0, 6.3, (4, spec.dof))) for _ in range(3)]
+
+    def moved(at: np.ndarray) -> list[np.ndarray]:
+        found = []
+        for size, phase in parts:
+            angle = at[:, None, None] * w + phase
+            waves = np.sin(angle), w * np.cos(angle), -(w**2) * np.sin(angle)
+            found.append([(size * wave).sum(axis=1) for wave in waves])
+        return [np.concatenate(one) for one in zip(*found, strict=True)]
+
+    def force(at: np.ndarray) -> np.ndarray:
+        q, qd, qdd = moved(at)
+        rigid = torques(path, spec.names, q, qd, qdd)
+        return rigid + usual(qd, rigid)
+
+    q, qd, qdd = moved(t)
+    before, now, after = (force(t + LATE + step) for step in (-0.005, 0.0, 0.005))
+    rates = (after - before) / 0.01, (after - 2.0 * now + before) / 0.005**2
+    command = now + 0.05 * rng.normal(size=q.shape)
+    channels = {c.name: c for c in spec.channels()}
+    values = {"q": q, "qd": qd, "qdd": qdd, "command": command}
+    for name, rate in zip(COMMAND_RATES, rates, strict=True):
+        channels[name] = replace(channels["command"], name=name, role="aside")
+        values[name] = rate
+    log = Log(np.tile(t, 3), {name: channels[name] for name in values}, values)
+    return Samples(log, np.repeat(np.arange(3), len(t)), np.ones(q.shape, bool), np.abs(qd) > 0.02)
+
+
+def test_a_small_delay_is_told_from_friction(robot: tuple[ArmSpec, Path]) -> None:
+    spec, real = robot
+    samples = late_samples(spec, real, 0)
+    apart = replace(samples, log=samples.log.without(*COMMAND_RATES))
+    found, blind = (parameter_fit(settled(one, spec, ArmPhysics(spec)(one))) for one in (samples, apart))
+    late, deviation = found.delay
+    assert abs(late - LATE) < 3.0 * deviation < 0.3 * LATE
+    off = [(fit.friction.terms[:, 1] - VISCOUS) / fit.friction.deviation[:, 1] for fit in (found, blind)]
+    assert np.abs(off[0]).max() < 3.0
+    assert np.abs(off[1]).max() > 5.0
+    assert blind.delay[0] == 0.0
 
 
 @pytest.mark.slow
