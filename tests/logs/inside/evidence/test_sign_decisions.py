@@ -207,7 +207,7 @@ def rough(log: Log, size: float) -> Log:
 
 
 def test_a_delay_is_asked_about_where_little_tells_it() -> None:
-    found = decided(rough(late(moved(), 0.06), 0.1))
+    found = decided(rough(late(moved(), 0.06), 0.2))
     assert (found.level, found.check, found.by) == ("ask", "delay", (0.06,))
 
 
