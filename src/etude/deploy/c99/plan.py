@@ -196,20 +196,26 @@ def _mean(mean: Mean, prefix: str, means: dict[str, Code], known: dict[int, str]
 
 def _process(candidate: Candidate, prefix: str, processes: dict[str, Code], known: dict[int, str]) -> str:
     process = candidate.process
-    assert process is not None
     if id(process) not in known:
         name = f"{prefix}_process{len(processes)}"
-        try:
-            code = process.c(name)
-        except UnwritableError as error:
-            raise UsageError(
-                f"{error} cannot be exported to C: it has no C code",
-                where=f"structure {candidate.structure} of {', '.join(map(str, candidate.commands))}",
-                next_step=LEARN_OTHERWISE,
-            ) from error
-        processes[name] = _written(code, f"the process {type(process).__name__}", LEARN_OTHERWISE)
+        processes[name] = process_code(candidate, name)
         known[id(process)] = name
     return known[id(process)]
+
+
+def process_code(candidate: Candidate, name: str) -> Code:
+    """C of a candidate's process. UsageError: a posterior or a kernel of it has none."""
+    process = candidate.process
+    assert process is not None
+    try:
+        code = process.c(name)
+    except UnwritableError as error:
+        raise UsageError(
+            f"{error} cannot be exported to C: it has no C code",
+            where=f"structure {candidate.structure} of {', '.join(map(str, candidate.commands))}",
+            next_step=LEARN_OTHERWISE,
+        ) from error
+    return _written(code, f"the process {type(process).__name__}", LEARN_OTHERWISE)
 
 
 def parts_in_c(plan: Plan) -> tuple[list[str], list[str]]:

@@ -16,7 +16,7 @@ import numpy as np
 
 from etude._runtime.options import taken
 from etude.deploy.c99.header import CForm, header
-from etude.deploy.c99.plan import Plan, parts_in_c, planned, renamed
+from etude.deploy.c99.plan import Plan, parts_in_c, planned, process_code, renamed
 from etude.deploy.c99.self_test import EXACT, float_tolerance, golden_vectors, self_test
 from etude.deploy.c99.source import drag_files, source
 from etude.deploy.model_states import outside_training_sentence
@@ -355,11 +355,9 @@ def _times(made: Files, model: LearnedModel, rate: float) -> list[str]:
 def _seconds(model: LearnedModel, form: CForm, fade: bool) -> float:
     """Of one call at worst, of the processes alone, on a core as `CLOCK`."""
     deviations = fade or form.variance
-    processes = {id(c.process): c.process for c in model.candidates if c.weights.any()}
-    operations = 0
-    for number, process in enumerate(processes.values()):
-        code = process.c(f"p{number}") if process is not None else None
-        operations += 0 if code is None else sum(code.operations[: 1 + deviations])
+    owners = {id(c.process): c for c in model.candidates if c.weights.any() and c.process is not None}
+    codes = [process_code(one, f"p{number}") for number, one in enumerate(owners.values())]
+    operations = sum(sum(code.operations[: 1 + deviations]) for code in codes)
     return operations * (1 + fade) / CLOCK  # as `Plan.operations`: in doubt it asks twice
 
 

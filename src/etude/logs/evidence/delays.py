@@ -6,6 +6,7 @@ logs together does not: what it lacks of friction at either speed outweighs a de
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -20,8 +21,9 @@ from etude.logs.evidence.rows import AS_LOGGED, DELAYS, commands_of, rows_of
 from etude.protocols import Mean
 from etude.types import Array, Channel, Log
 
-# log odds from which a delay is asked about, and commands are shifted: right logs of arms that stick had 9
-SAID, SHIFT = CERTAIN, 2.0 * CERTAIN
+# Log odds of the clock from which a delay is told, and of all rows from which commands are shifted: of right
+# logs of arms that stick the clock had 9 at most, and of arms of two joints that are 40 ms late 2 to 30
+SAID, SHIFT = CERTAIN, math.log(1e10)
 LEAST_DELAY = 0.03  # s: real sensors have less without harm
 DELAY_PRIOR = 100.0  # 1/s: log prior that falls with a delay
 
@@ -80,12 +82,18 @@ def _between(judged: JointEvidence, best: int) -> tuple[float, float]:
 
 @dataclass(frozen=True, eq=False)
 class Clock:
-    """The delay of some of the logs, and the evidence of these by themselves. logs: all; which: those."""
+    """The delay of some of the logs, and the evidence of these by themselves.
+
+    Attributes:
+        logs: all. which: those. path: of their positions.
+        judged: of their clock, `JointEvidence.of_clock`. whole: of all their rows.
+    """
 
     logs: Sequence[Log]
     path: Channel
     which: tuple[int, ...]
     judged: JointEvidence
+    whole: JointEvidence
 
     @classmethod
     def of(
@@ -100,7 +108,7 @@ class Clock:
         which = out_of_step(logs, path, fresh)
         if len(which) < len(fresh):
             alone = JointEvidence.of(rows_of([logs[i] for i in which], path, body))
-        return None if alone is None else cls(logs, path, which, alone.of_clock())
+        return None if alone is None else cls(logs, path, which, alone.of_clock(), alone)
 
     @property
     def at_edge(self) -> bool:
@@ -115,7 +123,7 @@ class Clock:
     def decision(self) -> Decision | None:
         """A question on a long delay, or a note on one that is tried."""
         far = far_delay(self.judged, self._shifted, self.which) if self.at_edge else None
-        return far or late(self.judged, self.which)
+        return far or late(self.judged, self.whole, self.which)
 
     def _shifted(self, late: float) -> JointEvidence:
         moved = [shifted_log(self.logs[i], late) for i in self.which]
@@ -157,7 +165,7 @@ def _likeliest(each: Array) -> tuple[int, float]:
 
 FAR, FARTHEST = (0.25, 0.45), 0.55  # s about which longer delays are looked for, and the longest
 # log odds from which a long delay is asked about: right logs of arms that stick had 69
-FAR_ODDS = 3.0 * SHIFT
+FAR_ODDS = 6.0 * CERTAIN
 MOST_KNOWN = 0.5  # of the joints, at least, whose signs are told with such a delay
 
 
@@ -191,18 +199,28 @@ def shifted_log(log: Log, late: float) -> Log:
     return log.put(command, resample(log.t, log[command.name], log.t + late))
 
 
-def late(judged: JointEvidence, fresh: Sequence[int]) -> Decision | None:
-    """Commands of the new logs before or behind the motion, alike in all joints: shifted, or asked about
-    where friction that sticks may look like it.
+def late(clock: JointEvidence, whole: JointEvidence, fresh: Sequence[int]) -> Decision | None:
+    """Commands of the new logs before or behind the motion, alike in all joints: shifted, or asked about.
+
+    Args:
+        clock: where nothing that friction does in a turn has a say. It decides; a short log has little more
+            than turns.
+        whole: of all rows. It confirms: friction that sticks may look like a delay there.
+        fresh: indices of the logs.
     """
-    total = delays(judged)
-    long = np.abs(DELAYS) >= LEAST_DELAY
-    best, near = int(total.argmax()), int(np.where(long, -np.inf, total).argmax())
-    if not long[best] or best in (0, len(DELAYS) - 1):  # beyond what is tried it may be any
+    best = int(delays(clock).argmax())
+    if abs(DELAYS[best]) < LEAST_DELAY or best in (0, len(DELAYS) - 1):  # beyond what is tried it may be any
         return None
+    odds = _odds_of(clock, best)
+    surest = max(odds, _odds_of(whole, best))
+    if odds < LIKELY or (odds < SAID and surest < SHIFT):
+        return None
+    level: Level = "note" if odds >= SAID and surest >= SHIFT else "ask"
+    return clock.decision(level, check=DELAY, logs=tuple(fresh), by=(DELAYS[best],), odds=surest)
+
+
+def _odds_of(judged: JointEvidence, best: int) -> float:
+    """Log odds of one of DELAYS to the likeliest short one, by what the joints agree on."""
+    near = int(np.where(np.abs(DELAYS) >= LEAST_DELAY, -np.inf, delays(judged)).argmax())
     sizes = [judged.variant(i).by_class() for i in (best, near)]
-    odds = agreed(*sizes) + DELAY_PRIOR * (abs(DELAYS[near]) - abs(DELAYS[best]))
-    if odds < SAID:
-        return None
-    level: Level = "note" if odds >= SHIFT else "ask"
-    return judged.decision(level, check=DELAY, logs=tuple(fresh), by=(DELAYS[best],), odds=odds)
+    return agreed(*sizes) + DELAY_PRIOR * (abs(DELAYS[near]) - abs(DELAYS[best]))
