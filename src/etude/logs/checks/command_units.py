@@ -108,4 +108,4 @@ def _guess(slope: Array, limit: Array) -> str:
         return f"they look like {name}."
     if middle < 1.0:
         return f"they look like a current, or like torques before a gear of about {1.0 / middle:.3g}."
-    return "they look like another unit."
+    return "they look like another unit, or masses of that file like placeholders."
