@@ -5,6 +5,7 @@ two robots contradict each other, with the file and without one, and one log con
 from __future__ import annotations
 
 import re
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -74,6 +75,27 @@ def test_a_zero_that_is_off_is_asked_about_with_its_size(
     assert ("too much" in words) is (degrees > 0.0)
     with pytest.raises(DataError, match="reads"):
         tell(lab, path, foreign=True)
+
+
+@pytest.mark.parametrize("masses", [1.0, np.array([1.0, 1.3, 0.8])])
+def test_a_joint_that_turns_the_other_way_is_named_and_its_columns_are_turned(
+    masses: Array | float, lab: Campaign, tmp_path: Path
+) -> None:
+    """Positions and commands of lift are both inverted: only what couples them to others is wrong."""
+    right = log_of(tmp_path / "right.csv", lab, masses=masses)
+    header, rows = right.read_text().splitlines()[0], np.loadtxt(right, delimiter=",", skiprows=1)
+    path = tmp_path / "run.csv"
+    np.savetxt(path, rows * [1, 1, -1, 1, 1, -1, 1], delimiter=",", header=header, comments="")
+    finding = found(path, lab)["reversed"]
+    assert (finding.light, finding.flag) == ("yellow", "reversed")
+    assert "lift turns the other way than in the file" in finding.sentence
+    with pytest.raises(DataError, match="lift turns the other way"):
+        tell(lab, path, foreign=True)
+    shutil.copytree(lab.path, tmp_path / "turned")
+    lines = [f'"{name}" = "-1 * {name}"' for name in header.split(",")[2:6:3]]
+    with (tmp_path / "turned" / "campaign.toml").open("a") as config:
+        config.write("\n".join(["[log.columns]", *lines, ""]))
+    assert [f for f in inspect(path, tmp_path / "turned").findings if f.flag] == []
 
 
 @pytest.mark.parametrize(("clock", "said"), [(2.0, "2 times too slow"), (0.5, "2 times too fast")])

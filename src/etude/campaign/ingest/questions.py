@@ -35,7 +35,7 @@ from etude.types import Channel, Finding, Log
 CHECKS = (
     *exact.NAMES,
     *("time", "direction", "degrees", "velocity", "delay", "swapped", "sign", "scale"),
-    *("gravity", "zero", "contradiction", "mounting"),
+    *("gravity", "zero", "reversed", "contradiction", "mounting"),
     *("ground", "brake", "jump"),
     *("gyroscope", "accelerometer", "motor_delay"),
 )

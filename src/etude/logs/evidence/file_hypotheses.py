@@ -1,5 +1,5 @@
-"""Hypotheses on a model file whose masses are right: a joint's zero offset, a wrong clock, logs of two
-robots, and commands that were computed from the file.
+"""Hypotheses on a model file whose masses are right: a joint's zero offset, joints that turn the other way, a
+wrong clock, logs of two robots, and commands that were computed from the file.
 
 Every hypothesis is one linear fit of all joints over all logs, with an inertia, friction, an offset and a
 factor of the file's torque for each joint. Joints are weighed by what is left of them. Centres of mass that
@@ -17,7 +17,7 @@ import numpy as np
 from etude.abilities import SupportsVariations
 from etude.logs.checks.exact import CERTAIN
 from etude.logs.checks.filtered_motion import measured_rates, states_of
-from etude.logs.checks.finding_texts import accepted
+from etude.logs.checks.finding_texts import accepted, named
 from etude.logs.checks.velocities import clock_finding
 from etude.logs.evidence.rows import APART, AS_LOGGED, FLOOR, FilteredRows, rows_of
 from etude.protocols import Mean
@@ -29,7 +29,7 @@ AHEAD = 15.0  # log odds of an offset to centres of mass that are off
 TRIED = tuple(0.02 * 1.6**k for k in range(11))  # rad or m: offsets that are looked at, both ways
 STEP = 0.01  # rad or m: of differences
 ASKED = 0.05  # rad or m: an offset from which the log is questioned
-ZERO = "zero"
+ZERO, REVERSED = "zero", "reversed"
 COMPUTED, MOST_JOINTS = 2e-3, 0.6  # of a command's variance that is left; part of the joints
 
 
@@ -55,6 +55,9 @@ def file_findings(logs: Sequence[Log], path: Channel, body: Mean | None) -> tupl
     if is_computed(fit):
         fact = "The commands are those that the model file gives, to 0.2 %: they seem computed, not measured."
         return (Finding("computed", "yellow", fact, "Log the measured commands, if the robot has them."),)
+    turned, odds = reversed_joints(fit)
+    if turned:
+        return (_said_reversed(turned, odds, path),)
     zero = zero_of(fit)
     return () if zero is None else (_said(zero, path),)
 
@@ -71,6 +74,20 @@ def _said(zero: Zero, path: Channel) -> Finding:
         return Finding(ZERO, "green", fact)
     step = f"Correct the joint's zero, on the robot or in the model file, and record again; {accepted(ZERO)}."
     return Finding(ZERO, "yellow", fact, step, flag=ZERO)
+
+
+def _said_reversed(turned: Sequence[int], odds: float, path: Channel) -> Finding:
+    names = named(path.parts, np.isin(np.arange(len(path.parts)), turned))
+    verb = "turns" if len(turned) == 1 else "turn"
+    return Finding(
+        REVERSED,
+        "yellow",
+        f"If the model file's masses are right, {names} {verb} the other way than in the file: positions and "
+        f"commands are both inverted (odds e^{odds:.0f} to 1).",
+        "Turn the joint's axis in the model file, or both columns in [log.columns] of campaign.toml "
+        f'("-1 * HEADER"); {accepted(REVERSED)}.',
+        flag=REVERSED,
+    )
 
 
 def file_fit(logs: Sequence[Log], path: Channel, body: Mean | None) -> FileFit | None:
@@ -112,6 +129,18 @@ class FileFit:
         assert rows.torque is not None
         found = [self.body.predict(self._states(q)) for q in (rows.q - offset, rows.q)]
         return np.asarray(rows.torque + found[0] - found[1])
+
+    def turned(self, signs: Array) -> Array:
+        """(n, k) the file's torque if joints with signs (k,) of -1 turn the other way."""
+        rows = self.rows
+        log = states_of(rows.t, self.path, rows.q * signs, rows.qd * signs, rows.qdd * signs)
+        return np.asarray(self.body.predict(log) * signs)
+
+    def follows(self, signs: Array) -> bool:
+        """Whether the commands of joints that turn the other way follow the file's torque then."""
+        command, torque = self.rows.command[..., AS_LOGGED], self.turned(signs)
+        each = [np.corrcoef(command[:, j], torque[:, j])[0, 1] for j in np.flatnonzero(signs < 0.0)]
+        return bool(np.min(each) > 0.0)
 
     def left(self, torque: Array) -> Array:
         """(m,) part of each command's variance that a torque (n, k), friction and a constant leave."""
@@ -218,6 +247,28 @@ def zero_of(fit: FileFit) -> Zero | None:
         return None
     bend = (cost(offset + STEP) - 2.0 * cost(offset) + cost(offset - STEP)) / STEP**2
     return Zero(i, offset, float(1.0 / np.sqrt(bend)) if bend > 0.0 else np.inf, odds)
+
+
+def reversed_joints(fit: FileFit) -> tuple[tuple[int, ...], float]:
+    """Joints whose positions and commands are both inverted against the file, and their log odds; () if none.
+
+    Such a joint alone looks right: what couples it to the others has the other sign. One after the other is
+    turned, the best first, as long as centres of mass that are off do not explain as much.
+    """
+    k = fit.rows.q.shape[1]
+    assert fit.rows.torque is not None
+    signs, first = np.ones(k), fit.score(fit.turned(np.ones(k)))
+    best, odds = first, 0.0
+    for _ in range(k - 1):
+        trials = {i: np.where(np.arange(k) == i, -signs, signs) for i in fit.own.tolist() if signs[i] > 0.0}
+        scores = {i: fit.score(fit.turned(trial)) for i, trial in trials.items()}
+        i = max(scores, key=lambda i: scores[i], default=-1)
+        if i < 0 or scores[i] - best < AHEAD or not fit.follows(trials[i]):
+            break
+        signs, best, odds = trials[i], scores[i], scores[i] - first
+    if odds < SCREEN or odds < AHEAD + _masses(fit) - fit.score(fit.rows.torque):
+        return (), 0.0
+    return tuple(np.flatnonzero(signs < 0.0).tolist()), odds
 
 
 CLOCKS = (2.0, 0.5)  # that times are too long: a rate that was doubled, or halved
