@@ -19,7 +19,7 @@ from etude.logs.checks.finding_texts import Doubt, accepted, named
 from etude.logs.evidence.file_hypotheses import CONTRADICTS, EXPLAINED, contradicting, fit_of
 from etude.logs.evidence.joint_evidence import LEAST_ROWS, MOST_GROUPS
 from etude.logs.evidence.likelihood import FEW, SMALL_WAY, WhitenedMotion
-from etude.logs.evidence.rows import AS_LOGGED, FilteredRows, rows_of
+from etude.logs.evidence.rows import AS_LOGGED, TURN_SPEED, FilteredRows, rows_of
 from etude.protocols import Mean
 from etude.types import Array, Channel, Finding, Index, Log, Mask
 
@@ -170,8 +170,16 @@ def _gains(cut: _Cut) -> tuple[Array, Array]:
     as_is, negated = WhitenedMotion(rows, own, FEW).free(both, (AS_LOGGED, both.shape[2] - 1)).T
     apart = WhitenedMotion(rows, own, FEW, odd=cut.after).free(rows.command)[:, 0]
     found = np.zeros((2, rows.q.shape[1]))
-    found[:, own] = negated - as_is, apart - as_is
+    # with one reversal in all, friction is a sign that turns there
+    turns = _both_ways(rows.qd[cut.after]) & _both_ways(rows.qd[~cut.after])
+    found[:, own] = np.where(turns[own], negated - as_is, 0.0), apart - as_is
     return found[0], found[1]
+
+
+def _both_ways(qd: Array) -> Mask:
+    """(k,) whether joints move forwards and backwards, beyond a part of their top speed."""
+    least = TURN_SPEED * np.abs(qd).max(axis=0)
+    return np.asarray((qd.max(axis=0) > least) & (qd.min(axis=0) < -least))
 
 
 def _sign_change(cuts: Sequence[_Cut], gains: Sequence[Array]) -> Change | None:

@@ -46,7 +46,8 @@ def file_findings(logs: Sequence[Log], path: Channel, body: Mean | None) -> tupl
     """What the model file says of the logs together: a question, a sentence, or nothing.
 
     Args:
-        logs: with positions `path` and commands on them that are forces; the others are settled.
+        logs: with positions `path` and commands on them that are forces; the others are settled. The last one
+            is new.
         body: what the model file says of the commands by itself; None without one.
     """
     fit = file_fit(logs, path, body)
@@ -55,7 +56,8 @@ def file_findings(logs: Sequence[Log], path: Channel, body: Mean | None) -> tupl
     if is_computed(fit):
         fact = "The commands are those that the model file gives, to 0.2 %: they seem computed, not measured."
         return (Finding("computed", "yellow", fact, "Log the measured commands, if the robot has them."),)
-    turned, odds = reversed_joints(fit)
+    new = fit if len(logs) == 1 else file_fit(logs[-1:], path, body)  # right logs before it would outweigh it
+    turned, odds = ((), 0.0) if new is None else reversed_joints(new)
     if turned:
         return (_said_reversed(turned, odds, path),)
     zero = zero_of(fit)
