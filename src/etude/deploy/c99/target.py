@@ -126,7 +126,10 @@ def c_files(
     return Files(plan, form, {file: own.encode() for file, own in files.items()}, tables)
 
 
-FEWER_POINTS = "model.points in campaign.toml, then etude learn"
+FEWER_POINTS = (
+    "model.points in campaign.toml, then etude learn; where a model is in use, then etude promote with "
+    '--force --reason "fewer points"'
+)
 
 
 def cheaper_options(plan: Plan, form: CForm) -> tuple[str, ...]:
