@@ -98,7 +98,7 @@ def test_rows_outside_what_was_learned_are_marked_and_counted(fresh: Campaign, t
     np.testing.assert_array_equal(found["outside"][:, 1], [0.0, 0.0, 0.0, 1.0, 1.0])
     np.testing.assert_array_equal(found["outside"], model.outside(log))
     illegal, said = found.repairs
-    assert illegal.startswith("Beyond the robot's limits, so no motion that may run: knee q ")
+    assert illegal.startswith("These states are beyond the robot's limits: knee q ")
     assert ", hip qd " in illegal
     assert not any("qdd" in one or "hip q " in one for one in illegal.split(", ")), (
         "what is legal is not named"

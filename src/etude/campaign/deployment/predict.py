@@ -189,7 +189,7 @@ def _illegal(campaign: Campaign, states: Log) -> list[str]:
             f"{channel.parts[j]} {name} {low[j]:.3g} to {high[j]:.3g} of {lower[j]:.3g} to {upper[j]:.3g}"
             for j in np.flatnonzero((low < lower - edge) | (high > upper + edge)).tolist()
         ]
-    return [f"Beyond the robot's limits, so no motion that may run: {', '.join(found)}."] if found else []
+    return [f"These states are beyond the robot's limits: {', '.join(found)}."] if found else []
 
 
 def _beyond(model: LearnedModel, beyond: Mask) -> list[str]:

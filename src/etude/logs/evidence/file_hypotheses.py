@@ -56,7 +56,9 @@ def file_findings(logs: Sequence[Log], path: Channel, body: Mean | None) -> tupl
     if is_computed(fit):
         fact = "The commands are those that the model file gives, to 0.2 %: they seem computed, not measured."
         return (Finding("computed", "yellow", fact, "Log the measured commands, if the robot has them."),)
-    new = fit if len(logs) == 1 else file_fit(logs[-1:], path, body)  # right logs before it would outweigh it
+    # right logs before it would outweigh it
+    rows = fit.rows.take(np.flatnonzero(fit.rows.log == len(logs) - 1))
+    new = fit_of(rows, fit.path, fit.body) if len(rows.t) else None
     turned, odds = ((), 0.0) if new is None else reversed_joints(new)
     if turned:
         return (_said_reversed(turned, odds, path),)
