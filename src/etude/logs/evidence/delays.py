@@ -157,10 +157,15 @@ def _own_delay(log: Log, path: Channel) -> tuple[int, float]:
 def _likeliest(each: Array) -> tuple[int, float]:
     """Of log evidences (c, m, d) by class and joint; the odds are those of the least favourable class."""
     total = np.logaddexp.reduce(each, axis=0).sum(axis=0) - DELAY_PRIOR * np.abs(DELAYS)
-    long = np.abs(DELAYS) >= LEAST_DELAY
-    best, near = int(total.argmax()), int(np.where(long, -np.inf, total).argmax())
-    odds = agreed(each[..., best].T, each[..., near].T)
-    return best, odds + DELAY_PRIOR * (abs(DELAYS[near]) - abs(DELAYS[best]))
+    best = int(total.argmax())
+    near, prior = _likeliest_short(total, best)
+    return best, agreed(each[..., best].T, each[..., near].T) + prior
+
+
+def _likeliest_short(total: Array, best: int) -> tuple[int, float]:
+    """By evidences (d,): which short delay is likeliest, and the log prior odds of the delay `best` to it."""
+    near = int(np.where(np.abs(DELAYS) >= LEAST_DELAY, -np.inf, total).argmax())
+    return near, DELAY_PRIOR * (abs(DELAYS[near]) - abs(DELAYS[best]))
 
 
 FAR, FARTHEST = (0.25, 0.45), 0.55  # s about which longer delays are looked for, and the longest
@@ -221,6 +226,5 @@ def late(clock: JointEvidence, whole: JointEvidence, fresh: Sequence[int]) -> De
 
 def _odds_of(judged: JointEvidence, best: int) -> float:
     """Log odds of one of DELAYS to the likeliest short one, by what the joints agree on."""
-    near = int(np.where(np.abs(DELAYS) >= LEAST_DELAY, -np.inf, delays(judged)).argmax())
-    sizes = [judged.variant(i).by_class() for i in (best, near)]
-    return agreed(*sizes) + DELAY_PRIOR * (abs(DELAYS[near]) - abs(DELAYS[best]))
+    near, prior = _likeliest_short(delays(judged), best)
+    return agreed(*(judged.variant(i).by_class() for i in (best, near))) + prior
