@@ -1,4 +1,4 @@
-"""Structures of one group of commands: a mean function with a process on its residuals, or alone."""
+"""Structures of one group of commands: a mean, alone or with a process, and that one's noise floor."""
 
 from __future__ import annotations
 
@@ -136,7 +136,9 @@ def _also_at(found: LearnedStructure, folds: Folds, wanted: Mask) -> LearnedStru
     own = found.candidate
     assert own.process is not None
     more = replace(found.rows, kept=np.flatnonzero(wanted & ~np.isfinite(found.held.error).all(axis=1)))
-    return replace(found, beside=process_held_out(folds, own.commands, more, own.units, own.process, found.base))
+    return replace(
+        found, beside=process_held_out(folds, own.commands, more, own.units, own.process, found.base)
+    )
 
 
 def alone(
