@@ -558,8 +558,9 @@ def _taken(campaign: Campaign, paths: Sequence[Path], how: How, say: Say) -> lis
         open_before, refused = len(campaign.state().proposals), []
         for path in left:
             found[path] = _one(campaign, path, how, survey)
-            say(f"{path.name}: {found[path].sentence}.")
-            refused += [path] if found[path].ingested is None else []
+            lost = found[path].ingested is None
+            say(f"{path.name}: {'refused' if lost else found[path].sentence}.")
+            refused += [path] if lost else []
         # a log that matches none of several open proposals may belong to none
         left = refused if len(campaign.state().proposals) < open_before else []
     return [found[path] for path in dict.fromkeys(paths)]
