@@ -201,12 +201,14 @@ class Block:
             low (K,) <= 0 and high (K,) >= 0.
         """
         use, step = self.slabs @ points.T - self.middle[:, None], self.slabs @ directions.T
-        size, leaning = np.abs(step), np.where(step >= 0.0, 1.0, -1.0) * use
-        ahead, behind = np.full((2, *size.shape), np.inf)
+        bound, changes = np.copysign(1.0, step), step != 0.0  # the side of the slab that lies ahead
+        ahead, behind = np.full((2, *step.shape), np.inf)
         with np.errstate(over="ignore"):  # a row that hardly changes does not bound the line
-            np.divide(np.maximum(1.0 - leaning, 0.0), size, out=ahead, where=size > 0.0)
-            np.divide(np.maximum(1.0 + leaning, 0.0), size, out=behind, where=size > 0.0)
-        lows, highs = [-behind.min(axis=0, initial=np.inf)], [ahead.min(axis=0, initial=np.inf)]
+            np.divide(bound - use, step, out=ahead, where=changes)
+            np.divide(bound + use, step, out=behind, where=changes)
+        # a point that rounding put outside is on the edge: its line ends there
+        lows = [-np.maximum(behind.min(axis=0, initial=np.inf), 0.0)]
+        highs = [np.maximum(ahead.min(axis=0, initial=np.inf), 0.0)]
         for ball in self.balls:
             first, last = ball.reach_along(points, directions)
             lows.append(first)
