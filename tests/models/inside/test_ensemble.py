@@ -19,9 +19,8 @@ from learning_examples import (
 )
 
 from etude.errors import UsageError
-from etude.models import Folds, ModelConfig, select_structures
+from etude.models import ExactPosterior, Folds, ModelConfig, select_structures
 from etude.models.gp import inducing
-from etude.models.gp.exact import ExactPosterior
 from etude.models.process_abilities import share_of
 from etude.models.selection import ensemble
 from etude.models.selection.ensemble import (
