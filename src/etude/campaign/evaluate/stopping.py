@@ -272,5 +272,5 @@ def _evidence(campaign: Campaign, trained: list[Round], gain: float | None, minu
         robot_minutes=facts.robot_seconds / 60.0,
         coverage=min((c for c in coverages(trained[-1]) if c is not None), default=None),
         slow=any(one.code == Warn.SLOW_MOTION for one in facts.warnings),
-        segments=sum(len(r.ingested.segments) for r in trained if r.ingested),
+        segments=sum(len(r.ingested.segments) if r.ingested else 1 for r in trained),
     )
