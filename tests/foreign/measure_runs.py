@@ -3,12 +3,12 @@
     python tests/foreign/measure_runs.py RESULTS [--robots twodof ur3 ...] [--tries 1]
     python tests/foreign/measure_runs.py RESULTS --table
 
-Each robot: `etude init` and `etude run` in simulated time, until the stop rule fires, and nothing else. Masses
-are up to 10 % off the file's, set-points come 4 ms late, and joints have Coulomb, viscous and Stribeck
-friction. Then the robot makes motions that nobody learned from, inside what it visited: by its feedback alone,
-with the model in use fed forward (`etude predict`), and with least squares of the same logs (pinocchio's
-regressor, Coulomb and viscous friction, rotor inertia, offsets; see measure_arms.py). Errors are those beside
-the set-points as they reach the robot, since no command undoes their delay.
+Each robot: `etude init` and `etude run` in simulated time, until the stop rule fires, and nothing else.
+Masses are up to 10 % off the file's, set-points come 4 ms late, and joints have Coulomb, viscous and Stribeck
+friction. Then the robot makes motions that nobody learned from, inside what it visited: by its feedback
+alone, with the model in use fed forward (`etude predict`), and with least squares of the same logs
+(pinocchio's regressor, Coulomb and viscous friction, rotor inertia, offsets; see measure_arms.py). Errors are
+those beside the set-points as they reach the robot, since no command undoes their delay.
 
 RESULTS is a folder: one campaign and one line of JSON a robot. Robots that have a line are not run again.
 """
@@ -78,7 +78,7 @@ ROBOTS = {
     "allegro": of_share("allegro_hand_description/urdf/allegro_right_hand.urdf", "joint_[0-3].0"),
     "cart": Robot(
         ASSETS / "inverted_double_pendulum.xml",
-        words=tuple(["--velocity", "slider=1", "hinge=3", "hinge2=3", "--command", "hinge=30", "hinge2=30"]),
+        words=("--velocity", "slider=1", "hinge=3", "hinge2=3", "--command", "hinge=30", "hinge2=30"),
     ),
     "pusher": Robot(ASSETS / "pusher_v5.xml", ("r_*",), ("--velocity", "*=2", "--command", "*=20")),
     "so101": of_share("so_arm_description/urdf/so101.urdf"),
