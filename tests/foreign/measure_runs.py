@@ -126,7 +126,7 @@ def _with_masses(root: ElementTree.Element, masses: str) -> str:
 
 
 def _on_a_slope(root: ElementTree.Element) -> str:
-    children = {joint.find("child").get("link") for joint in root.iter("joint")}  # type: ignore[union-attr]
+    children = {joint.find("child").get("link") for joint in root.findall("joint")}  # type: ignore[union-attr]
     base = next(link.get("name", "") for link in root.iter("link") if link.get("name") not in children)
     ElementTree.SubElement(root, "link", name="slope")
     bolts = ElementTree.SubElement(root, "joint", name="bolts", type="fixed")
