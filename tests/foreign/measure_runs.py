@@ -53,7 +53,7 @@ class Robot:
     Attributes:
         file: its model. joints: patterns for --joints; (): all. words: more words of `etude init`.
         masses: "file", "none" or "placeholders": what the model that Étude gets says of them.
-        tilted: the base is mounted askew, and robot.toml says so.
+        tilted: the base is mounted askew, a metre above the floor, and robot.toml says so.
     """
 
     file: Path
@@ -78,7 +78,7 @@ ROBOTS = {
     "allegro": of_share("allegro_hand_description/urdf/allegro_right_hand.urdf", "joint_[0-3].0"),
     "cart": Robot(
         ASSETS / "inverted_double_pendulum.xml",
-        words=("--velocity", "slider=1", "hinge=3", "hinge2=3", "--command", "hinge=30", "hinge2=30"),
+        words=("--velocity", "slider=1", "hinge=3", "hinge2=3", "--command", "hinge=150", "hinge2=60"),
     ),
     "pusher": Robot(ASSETS / "pusher_v5.xml", ("r_*",), ("--velocity", "*=2", "--command", "*=20")),
     "so101": of_share("so_arm_description/urdf/so101.urdf"),
@@ -155,7 +155,7 @@ def begun(robot: Robot, folder: Path) -> tuple[str, dict[str, Any]]:
         return made.stderr, {}
     if robot.tilted:
         with (folder / "lab" / "robot.toml").open("a") as file:
-            file.write(f"\n[mounting]\nrotation = {list(TILT)}\n")
+            file.write(f"\n[mounting]\nposition = [0.0, 0.0, 1.0]\nrotation = {list(TILT)}\n")
     settings = {**SETTINGS, "model": str(true)}
     lines = [f"{key} = {json.dumps(value)}" for key, value in settings.items()]
     (folder / "lab" / "run.toml").write_text("\n".join(["[driver]", 'on = "mujoco:virtual"', *lines, ""]))
