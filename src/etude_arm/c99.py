@@ -78,6 +78,32 @@ def rigid_body_code(name: str, mean: Any, friction_scales: Sequence[float]) -> C
     from importlib import resources
 
     model, reads = mean.model, PLAN if mean.desired else PATH
+    B, J = model.tree.bodies, model.tree.joints
+    tables = _rigid_body_tables(model)
+    text = resources.files("etude_arm.physics").joinpath("rigid_body.c").read_text(encoding="utf-8")
+    sizes: dict[str, Any] = {"BODIES": B, "JOINTS": J, "EXTRAS": model.extra.shape[1], "MEAN": name}
+    for word, value in sizes.items():
+        text = text.replace(f"@{word}", str(value))
+    scales = ", ".join(real(s) for s in friction_scales)
+    text = text.replace("@SCALES", scales)
+    text = text.replace("@RIPPLE", _RIPPLE.replace("NAME", name) if model.ripple is not None else "")
+    remembers = bool(model.way.any())
+    if remembers:
+        tables["way"] = np.where(model.way > 0.0, mean.spec.presliding(1.0) * model.way, 1.0)
+    whole = text + "\n" + _remembering(name, reads, J, remembers)
+    data = {f"{name}_{key}": table for key, table in tables.items()}
+    pairs = int(tables["paths"].sum())
+    # products and sums, counted in the template: of a body, a Jacobian, a pair of bodies, and the solution
+    waves = 0 if model.ripple is None else 2 * RIPPLES * J
+    operations = 400 * B + 60 * J * B + 40 * J * pairs + 2 * J**3 + (4 * J + waves) * FUNCTION
+    held = {"memory": 2 * J + 1, "rate": MEMORY_RATE} if remembers else {}
+    return Code(
+        whole, data, reads=reads, work=24 * B + 3 * J * J + 20 * J, operations=(operations, 0), **held
+    )
+
+
+def _rigid_body_tables(model: Any) -> dict[str, Any]:
+    """Arrays of an identified rigid body by their names in the template: tree, drives, parameters."""
     tree, drives = model.tree, model.drives
     B, J = tree.bodies, tree.joints
     paths = np.zeros((B, J), dtype=np.int64)
@@ -114,28 +140,9 @@ def rigid_body_code(name: str, mean: Any, friction_scales: Sequence[float]) -> C
         "site_body": np.resize(bodies, count) if len(bodies) else np.zeros(1, dtype=np.int64),
         "site_point": points if len(points) else np.zeros((1, 3)),
     }
-    text = resources.files("etude_arm.physics").joinpath("rigid_body.c").read_text(encoding="utf-8")
-    sizes: dict[str, Any] = {"BODIES": B, "JOINTS": J, "EXTRAS": model.extra.shape[1], "MEAN": name}
-    for word, value in sizes.items():
-        text = text.replace(f"@{word}", str(value))
-    scales = ", ".join(real(s) for s in friction_scales)
-    text = text.replace("@SCALES", scales)
-    text = text.replace("@RIPPLE", _RIPPLE.replace("NAME", name) if model.ripple is not None else "")
     if model.ripple is not None:
         tables["ripple"] = model.ripple
-    remembers = bool(model.way.any())
-    if remembers:
-        tables["way"] = np.where(model.way > 0.0, mean.spec.presliding(1.0) * model.way, 1.0)
-    whole = text + "\n" + _remembering(name, reads, J, remembers)
-    data = {f"{name}_{key}": table for key, table in tables.items()}
-    pairs = int(paths.sum())
-    # products and sums, counted in the template: of a body, a Jacobian, a pair of bodies, and the solution
-    waves = 0 if model.ripple is None else 2 * RIPPLES * J
-    operations = 400 * B + 60 * J * B + 40 * J * pairs + 2 * J**3 + (4 * J + waves) * FUNCTION
-    held = {"memory": 2 * J + 1, "rate": MEMORY_RATE} if remembers else {}
-    return Code(
-        whole, data, reads=reads, work=24 * B + 3 * J * J + 20 * J, operations=(operations, 0), **held
-    )
+    return tables
 
 
 def _remembering(name: str, reads: Sequence[str], J: int, remembers: bool) -> str:

@@ -272,38 +272,44 @@ def describe(
         spec = replace(spec, around=replace(spec.around, floor=_floor(path, floor)))
     files: dict[str, bytes] = {}
     if spec.model_file is not None:
-        from etude_arm.clearance.defaults import disabled
-        from etude_arm.clearance.robot_clearance import completed
-        from etude_arm.loading.implausible import check_lengths, made_up
-        from etude_arm.loading.load import load_arm
-        from etude_arm.loading.overlapping_links import crowds, hemmed_in, links_that_overlap
-        from etude_arm.loading.pack import packed
-
-        name, leave = f"{MODEL_NAME}{spec.model_file.suffix}", disabled(spec.model_file)
-        loaded = load_arm(spec, mesh_roots=mesh_roots)
-        if whole_file := path.suffix.lower() != ".toml":
-            check_lengths(loaded)
-        overlapping = links_that_overlap(crowds(loaded, spec.lower, spec.upper))
-        finer: list[str] = []
-        files[name], meshes = packed(spec.model_file, mesh_roots, overlapping, finer)
-        files |= meshes
-        whole, spec = spec, replace(spec, model_file=Path(name))
-        final = _loaded_from(spec, files)
-        around, of_around = completed(spec, final, leave, weight_on_drives(whole), whole_file=whole_file)
-        if around.collision.look:
-            finer += hemmed_in(crowds(final, spec.lower, spec.upper), around.collision.ignore)
-        spec = replace(spec, around=around)
-        home = np.array(around.search.home) if around.search else 0.5 * (spec.lower + spec.upper)
-        confirm = (
-            *confirm,
-            *loaded.notes,
-            *made_up(loaded),
-            *finer,
-            *of_around,
-            *sentences(whole, home),
-        )
+        whole_file = path.suffix.lower() != ".toml"
+        spec, files, notes = _packed_model(spec, spec.model_file, mesh_roots, whole_file=whole_file)
+        confirm = (*confirm, *notes)
     spec = replace(spec, confirm=tuple(dict.fromkeys((*spec.confirm, *confirm))))
     return Described({ROBOT_FILE: robot_to_toml(spec).encode(), **files}, spec.confirm)
+
+
+def _packed_model(
+    spec: ArmSpec, model_file: Path, mesh_roots: Sequence[Path], *, whole_file: bool
+) -> tuple[ArmSpec, dict[str, bytes], tuple[str, ...]]:
+    """The robot with a model file of its own and surroundings by it, that file's bytes, and sentences.
+
+    Args:
+        whole_file: the description is the model file alone, without tables of a person.
+    """
+    from etude_arm.clearance.defaults import disabled
+    from etude_arm.clearance.robot_clearance import completed
+    from etude_arm.loading.implausible import check_lengths, made_up
+    from etude_arm.loading.load import load_arm
+    from etude_arm.loading.overlapping_links import crowds, hemmed_in, links_that_overlap
+    from etude_arm.loading.pack import packed
+
+    name, leave = f"{MODEL_NAME}{model_file.suffix}", disabled(model_file)
+    loaded = load_arm(spec, mesh_roots=mesh_roots)
+    if whole_file:
+        check_lengths(loaded)
+    overlapping = links_that_overlap(crowds(loaded, spec.lower, spec.upper))
+    finer: list[str] = []
+    text, meshes = packed(model_file, mesh_roots, overlapping, finer)
+    files = {name: text, **meshes}
+    own = replace(spec, model_file=Path(name))
+    final = _loaded_from(own, files)
+    around, of_around = completed(own, final, leave, weight_on_drives(spec), whole_file=whole_file)
+    if around.collision.look:
+        finer += hemmed_in(crowds(final, own.lower, own.upper), around.collision.ignore)
+    own = replace(own, around=around)
+    home = np.array(around.search.home) if around.search else 0.5 * (own.lower + own.upper)
+    return own, files, (*loaded.notes, *made_up(loaded), *finer, *of_around, *sentences(spec, home))
 
 
 def _floor(path: Path, height: float) -> Floor:

@@ -193,39 +193,49 @@ def _pushing(flight: Flight) -> Finding | None:
     # vertical and horizontal motion have different information: each axis is weighted by its motion
     size = float(np.mean(np.sum((moved - moved.mean(axis=0)) ** 2, axis=1)))
     found: list[Reading] = []
-    for words, changes, R in _attitudes(flight):
-        for frames, one, world, body in (
-            ("", 0, np.eye(3), np.eye(3)),
-            (
-                "the attitude is that of a body x forward, y right, z down in a world north, east, down",
-                1,
-                NED,
-                FRD,
-            ),
-            ("the attitude is that of a body x forward, y right, z down", 2, np.eye(3), FRD),
-        ):
-            for force, two, sense in (
-                ("", 0, np.eye(3)),
-                ("the accelerometer's axes are x forward, y right, z down", 1, FRD),
-                ("the accelerometer has the sign of gravity, -9.81 along z in hover", 1, -np.eye(3)),
-            ):
-                pushed = np.einsum("tij,tj->ti", world @ R @ body, flight.force @ sense.T)
-                pushed = _triangle(pushed - [0.0, 0.0, GRAVITY], span)[kept]
-                for axes, turn in _signed():
-                    off = moved @ turn.T - pushed
-                    off = off - np.clip(off.mean(axis=0), -BIAS, BIAS)
-                    left = float(np.mean(np.sum(off**2, axis=1)))
-                    if not found and np.sqrt(left) < LEAST_PUSH:
-                        return Finding(
-                            FORCE, "green", "The accelerometer matches the motion of the position."
-                        )
-                    parts = [words, frames, force, _axes("the position", axes, turn)]
-                    count = changes + one + two + _count(turn)
-                    # 1e-300: a log without motion explains nothing
-                    found.append(Reading("; ".join(filter(None, parts)), count, left / max(size, 1e-300)))
+    for words, changes, force in _world_forces(flight):
+        pushed = _triangle(force - [0.0, 0.0, GRAVITY], span)[kept]
+        for axes, turn in _signed():
+            off = moved @ turn.T - pushed
+            off = off - np.clip(off.mean(axis=0), -BIAS, BIAS)
+            left = float(np.mean(np.sum(off**2, axis=1)))
+            if not found and np.sqrt(left) < LEAST_PUSH:
+                return Finding(FORCE, "green", "The accelerometer matches the motion of the position.")
+            parts = [*words, _axes("the position", axes, turn)]
+            # 1e-300: a log without motion explains nothing
+            found.append(
+                Reading("; ".join(filter(None, parts)), changes + _count(turn), left / max(size, 1e-300))
+            )
     return _judged(
         FORCE, found, "The accelerometer, turned by the attitude, does not match the motion of the position"
     )
+
+
+def _world_forces(flight: Flight) -> Iterator[tuple[list[str], int, Array]]:
+    """Specific force (T, 3) in the world by each reading of attitude, frames and accelerometer.
+
+    Each has its words, and the number of changes to what the log says.
+    """
+    frames = (
+        ("", 0, np.eye(3), np.eye(3)),
+        (
+            "the attitude is that of a body x forward, y right, z down in a world north, east, down",
+            1,
+            NED,
+            FRD,
+        ),
+        ("the attitude is that of a body x forward, y right, z down", 2, np.eye(3), FRD),
+    )
+    senses = (
+        ("", 0, np.eye(3)),
+        ("the accelerometer's axes are x forward, y right, z down", 1, FRD),
+        ("the accelerometer has the sign of gravity, -9.81 along z in hover", 1, -np.eye(3)),
+    )
+    for attitude, changes, R in _attitudes(flight):
+        for frame, one, world, body in frames:
+            for force, two, sense in senses:
+                turned = np.einsum("tij,tj->ti", world @ R @ body, flight.force @ sense.T)
+                yield [attitude, frame, force], changes + one + two, turned
 
 
 def _triangle(values: Array, span: int) -> Array:

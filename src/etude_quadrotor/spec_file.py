@@ -102,16 +102,7 @@ def spec_from_table(data: dict[str, Any], *, where: str) -> QuadrotorSpec:
         raise UsageError(
             f"kind = {data.get('kind')!r} is no {KIND}", where=where, next_step=f'Write kind = "{KIND}".'
         )
-    try:
-        table = msgspec.convert(data, QuadrotorTable)
-        vehicle = None if table.vehicle is None else msgspec.convert(table.vehicle, Vehicle)
-    except msgspec.ValidationError as problem:
-        named = ", ".join(field.name for field in msgspec.structs.fields(QuadrotorTable))
-        raise UsageError(
-            f"this describes no vehicle: {problem}", where=where, next_step=f"The keys are {named}."
-        ) from None
-    if table.vehicle is not None:
-        _refuse_unknown(table.vehicle, where)
+    table, vehicle = _converted(data, where)
     spec = QuadrotorSpec(
         name=table.name,
         lower=table.lower,
@@ -143,6 +134,21 @@ def spec_from_table(data: dict[str, Any], *, where: str) -> QuadrotorSpec:
             suspicion, where=where, next_step="If the figure is right, set units_checked = true."
         )
     return spec
+
+
+def _converted(data: dict[str, Any], where: str) -> tuple[QuadrotorTable, Vehicle | None]:
+    """The table, and its [vehicle]. UsageError: a key or a type that they do not have."""
+    try:
+        table = msgspec.convert(data, QuadrotorTable)
+        vehicle = None if table.vehicle is None else msgspec.convert(table.vehicle, Vehicle)
+    except msgspec.ValidationError as problem:
+        named = ", ".join(field.name for field in msgspec.structs.fields(QuadrotorTable))
+        raise UsageError(
+            f"this describes no vehicle: {problem}", where=where, next_step=f"The keys are {named}."
+        ) from None
+    if table.vehicle is not None:
+        _refuse_unknown(table.vehicle, where)
+    return table, vehicle
 
 
 def _refuse_unknown(table: dict[str, Any], where: str) -> None:

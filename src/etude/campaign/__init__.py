@@ -6,8 +6,8 @@ from etude._runtime.lazy import face
 
 if TYPE_CHECKING:
     from etude.campaign.create import RobotPart, create_campaign, find_robot
+    from etude.campaign.deployment.payload_motion import ask_to_weigh
     from etude.campaign.deployment.predict import states_for, write_table
-    from etude.campaign.deployment.weighing import ask_to_weigh
     from etude.campaign.evaluate.confirm import ask_to_confirm
     from etude.campaign.ingest.ingest_result import IngestResult
     from etude.campaign.ingest.inspection import Inspected, inspect

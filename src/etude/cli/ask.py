@@ -124,7 +124,7 @@ class Ask(Common):
                 )
             return ask_to_confirm(campaign, new=self.new, formats=self.format, effort=self.effort, say=say)
         if self.payload:
-            from etude.campaign.deployment.weighing import ask_to_weigh
+            from etude.campaign.deployment.payload_motion import ask_to_weigh
 
             if self.tasks or self.control or self.effort:
                 raise UsageError(

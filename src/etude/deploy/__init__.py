@@ -1,4 +1,6 @@
-"""Deployment: trajectory files, and the command expected along them."""
+"""Exports: motions in their receivers' formats (`exporters`), models as code (`c99`, `onnx`, `ros2`), and
+the trajectory files of a proposal with the command expected along them.
+"""
 
 from typing import TYPE_CHECKING
 

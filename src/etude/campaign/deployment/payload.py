@@ -1,4 +1,4 @@
-"""payload: load at the hand in one log, relative to the model in use. Nothing is ingested or learned."""
+"""Payload estimate of `etude payload`: load at the hand in one log; nothing is ingested or learned."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Stop rules: four of them decide whether another trajectory is worth its robot time, with their evidence.
+"""Stop rule: whether another trajectory is worth its robot time, by four rules and their evidence.
 
 The evidence is the prequential score, the calibration factor, the expected command error, and the value of
 the next trajectory. Training error and marginal likelihood are no evidence: the first always falls, and

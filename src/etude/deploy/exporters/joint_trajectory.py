@@ -1,5 +1,5 @@
-"""Joint trajectories (trajectory_msgs/JointTrajectory): in a bag (MCAP or SQLite), as YAML, and as a table
-with its player.
+"""Exporters of motions as trajectory_msgs/JointTrajectory: in a bag (MCAP or SQLite), as YAML, and as a
+table with its player.
 
 joint_trajectory_controller joins points with accelerations by quintics. It joins commands in `effort` by
 lines, and controllers that command effort add them, since ros2_controllers' pull request 1200 (2025). The

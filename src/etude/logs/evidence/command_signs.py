@@ -1,4 +1,4 @@
-"""Signs and order of the commands in logs: one decision on all joints and logs of a robot, with its odds.
+"""Sign test of logs, and the order of their commands: one decision on all joints and logs of a robot.
 
 Hypotheses are weighed in the order in which one spoils the next: signs of some logs against the others,
 commands late, columns exchanged, rows reversed, signs of all logs, gravity taken out. Odds are natural

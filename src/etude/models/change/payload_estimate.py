@@ -1,4 +1,4 @@
-"""Payload at the last link: mass and centre from a model's errors, with their uncertainty.
+"""Payload estimate at the last link: mass and centre from a model's errors, with their uncertainty.
 
     command - predicted = links(states) [m, m c, I] + offset + error
 

@@ -1,4 +1,4 @@
-"""Training data of one group of commands: rows, units, floors, kernels, and hyperparameters."""
+"""Training data of one group of commands: rows, units, noise floor, kernels, and hyperparameters."""
 
 from __future__ import annotations
 

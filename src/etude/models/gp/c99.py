@@ -236,12 +236,30 @@ static real {name}_prior(const real *x)
 def _function(
     name: str, sizes: tuple[int, int, int, int], curved: bool, linear: bool, factored: bool, ordered: bool
 ) -> str:
-    n, size, m, width = sizes
+    """name: mean, and variance if factored. sizes: points, points in whole blocks, outputs, inputs."""
     text = [f"static void {name}(const real *x, real *mean, real *variance)", "{"]
-    if curved:
-        text += [f"    real k[VARIANCE ? {size} : BLOCK], sums[{m}][BLOCK] = {{{{R(0.0)}}}};"]
-        text += ["    int first, i, o;"]
+    text += _mean(name, sizes, curved, linear)
+    if factored:
         text += [
+            "#if VARIANCE",
+            "    if (variance) {",
+            *_variance(name, sizes, linear, ordered),
+            "    }",
+            "#else",
+        ]
+    text += ["    (void)variance;"]
+    text += ["#endif"] if factored else []
+    return "\n".join([*text, "}", ""])
+
+
+def _mean(name: str, sizes: tuple[int, int, int, int], curved: bool, linear: bool) -> list[str]:
+    """The declarations, and the loops of the mean over blocks of points and over slopes."""
+    _, size, m, width = sizes
+    text: list[str] = []
+    if curved:
+        text += [
+            f"    real k[VARIANCE ? {size} : BLOCK], sums[{m}][BLOCK] = {{{{R(0.0)}}}};",
+            "    int first, i, o;",
             f"    for (first = 0; first < {size}; first += BLOCK) {{",
             "        real *const here = k + (VARIANCE ? first : 0);",
             f"        {name}_k(x, first, here);",
@@ -267,10 +285,13 @@ def _function(
             "            mean[o] += w[d] * x[d];",
             "    }",
         ]
-    if not factored:
-        return "\n".join([*text, "    (void)variance;", "}", ""])
-    text += ["#if VARIANCE", "    if (variance) {"]
-    text += [f"        {name}_lines(x, k);"] if linear else []
+    return text
+
+
+def _variance(name: str, sizes: tuple[int, int, int, int], linear: bool, ordered: bool) -> list[str]:
+    """The variance: the prior's less the squares of the factor's solution, which ends once it is enough."""
+    n, size, m, _ = sizes
+    text = [f"        {name}_lines(x, k);"] if linear else []
     points = "k"
     if ordered:
         points = "own"
@@ -280,30 +301,20 @@ def _function(
             f"        for (i = 0; i < {n}; ++i)",
             f"            own[i] = k[{name}_order[i]];",
         ]
-    text += [
-        f"        const real prior = {name}_prior(x);",
-        "        real enough = variance[0];",
-        *(
-            [
-                f"        for (o = 1; o < {m}; ++o)",
-                "            enough = variance[o] < enough ? variance[o] : enough;",
-            ]
-            if m > 1
-            else []
-        ),
+    text += [f"        const real prior = {name}_prior(x);", "        real enough = variance[0];"]
+    if m > 1:
+        text += [
+            f"        for (o = 1; o < {m}; ++o)",
+            "            enough = variance[o] < enough ? variance[o] : enough;",
+        ]
+    return [
+        *text,
         f"        variance[0] = prior - squared({name}_factor, {points}, {n}, prior - enough);",
         "        if (variance[0] < R(0.0))",
         "            variance[0] = R(0.0);",
         f"        for (o = 1; o < {m}; ++o)",
         "            variance[o] = variance[0];",
-        "    }",
-        "#else",
-        "    (void)variance;",
-        "#endif",
-        "}",
-        "",
     ]
-    return "\n".join(text)
 
 
 def _without_linear(

@@ -1,4 +1,4 @@
-"""Structures of one group of commands: a mean function with a process on its residuals, or alone."""
+"""Structures of one group of commands: a mean, alone or with a process, and that one's noise floor."""
 
 from __future__ import annotations
 
@@ -128,12 +128,17 @@ def _with_process(
         if config.floor_of == "deviation":
             start = process
     assert found is not None
-    assert found.candidate.process is not None
-    if wanted is None:
-        return found
-    more = replace(rows, kept=np.flatnonzero(wanted & ~np.isfinite(found.held.error).all(axis=1)))
-    beside = process_held_out(folds, group, more, found.candidate.units, found.candidate.process, base)
-    return replace(found, beside=beside)
+    return found if wanted is None else _also_at(found, folds, wanted)
+
+
+def _also_at(found: LearnedStructure, folds: Folds, wanted: Mask) -> LearnedStructure:
+    """The structure with its held-out errors at those wanted samples that have none yet."""
+    own = found.candidate
+    assert own.process is not None
+    more = replace(found.rows, kept=np.flatnonzero(wanted & ~np.isfinite(found.held.error).all(axis=1)))
+    return replace(
+        found, beside=process_held_out(folds, own.commands, more, own.units, own.process, found.base)
+    )
 
 
 def alone(

@@ -1,4 +1,4 @@
-"""ask --payload: a motion of ten seconds that identifies the load at the hand; no model learns from it."""
+"""Motion of `etude ask --payload`: ten seconds that identify the load; no model learns from it."""
 
 from __future__ import annotations
 
