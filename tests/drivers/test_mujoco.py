@@ -19,8 +19,7 @@ from etude.drivers import Bounds, Ended, Player, Recording, Streamed, Supervisor
 from etude.errors import UsageError
 from etude.trajectories import PointToPoint
 from etude.types import Array
-from etude_drivers import MujocoRobot
-from etude_drivers.machine import Machine, MachineSettings
+from etude_drivers import Machine, MachineSettings, MujocoRobot
 
 UR10 = Path(__file__).parents[2] / "examples" / "ur10" / "ur10.urdf"
 JOINTS = tuple(

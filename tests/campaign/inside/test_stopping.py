@@ -12,7 +12,6 @@ from etude.campaign.evaluate.stopping import LogOutcome, judge
 from etude.campaign.record.config import StopConfig
 from etude.codes import Stop
 from etude.errors import UsageError
-from etude.models.accuracy import LEAST_SEGMENTS
 
 CONFIG = StopConfig(command_tolerance=0.02)
 OPEN = LogOutcome(1, 0.2, 5.0, 0.5, 1.5, 1.0, 0.1, 1.0)
@@ -43,8 +42,8 @@ def test_a_rule_fires_after_two_in_a_row(rule: str, change: dict[str, object]) -
 
 @pytest.mark.parametrize(("rule", "change"), RULES)
 def test_no_rule_fires_before_promote_can_decide(rule: str, change: dict[str, object]) -> None:
-    """It compares models on held-out segments, and a rule that fired is the end of a run."""
-    few = series({**change, "segments": 1}, {**change, "segments": LEAST_SEGMENTS - 1})
+    """From four held-out segments on, and a rule that fired is the end of a run."""
+    few = series({**change, "segments": 1}, {**change, "segments": 3})
     assert judge(few, CONFIG).reason == "1 more log before a rule can fire."
     enough = series(*({**change, "segments": n} for n in (1, 3, 4)))
     assert judge(enough, CONFIG).rule == rule

@@ -19,7 +19,7 @@ from etude.campaign.record.config import StopConfig
 from etude.campaign.record.folder import Campaign
 from etude.campaign.record.state import Round, State
 from etude.codes import Code, Notice, Phrase, Stop, Warn
-from etude.models.accuracy import LEAST_SEGMENTS
+from etude.models.config import LEAST_SEGMENTS
 
 OVERCONFIDENT = 2.0
 """Calibration factor above which an expected command error is not trusted."""
