@@ -317,8 +317,9 @@ def run(arm: Arm, reference: Reference, law: Law = "pd_gravity", *, seed: int = 
     waiting = [first] * late
     seen = np.round(q / drives.encoder) * drives.encoder
     speed, share = np.zeros(n), 1.0 - np.exp(-2.0 * np.pi * 60.0 * dt)  # first-order filter of the difference
-    out = {name: np.empty((count, n)) for name in ("q", "qd", "command", "q_read", "qd_read")}
+    kept = np.empty((5, count, n))
     want_q, want_qd = reference.q, reference.qd
+    above, diagonal = np.triu(np.ones((n, n), dtype=bool)), np.arange(n)
     for i in range(count):
         read = np.round(q / drives.encoder) * drives.encoder
         speed = speed + share * ((read - seen) / dt - speed)
@@ -327,16 +328,18 @@ def run(arm: Arm, reference: Reference, law: Law = "pd_gravity", *, seed: int = 
         if law == "pd_gravity" and reference.effort is None:
             command = command + pin.computeGeneralizedGravity(believed, own, read)
         command = np.minimum(np.maximum(command, -arm.torque), arm.torque)
-        for name, row in (("q", q), ("qd", qd), ("command", command), ("q_read", read), ("qd_read", speed)):
-            out[name][i] = row
+        kept[:, i] = q, qd, command, read, speed
         waiting.append(command)
         push = waiting.pop(0) - drives.ripple(q)
         mass = pin.crba(true, data, q)
-        mass = np.triu(mass) + np.triu(mass, 1).T
+        mass = np.where(above, mass, mass.T)  # the other half is not computed
         bias = pin.nonLinearEffects(true, data, q, qd)
         # friction by its secant, implicit: it never turns a joint's direction within a step
-        qd = np.linalg.solve(mass + dt * np.diag(drives.secant(qd)), mass @ qd + dt * (push - bias))
+        with_friction = mass.copy()
+        with_friction[diagonal, diagonal] += dt * drives.secant(qd)
+        qd = np.linalg.solve(with_friction, mass @ qd + dt * (push - bias))
         q = q + dt * qd
+    out = dict(zip(("q", "qd", "command", "q_read", "qd_read"), kept, strict=True))
     noise = drives.torque_noise * rng.standard_normal((count, n))
     step = np.where(drives.torque_step > 0.0, drives.torque_step, 1.0)
     tau = np.where(

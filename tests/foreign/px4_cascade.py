@@ -143,7 +143,7 @@ def _saturated(thrust: Array, p: Parameters) -> Array:
 
 
 def _norm(v: Array) -> Array:
-    return np.asarray(np.linalg.norm(v, axis=-1, keepdims=True))
+    return np.asarray(np.sqrt((v * v).sum(axis=-1, keepdims=True)))  # half the time of np.linalg.norm
 
 
 @dataclass(frozen=True)

@@ -40,6 +40,9 @@ MOTION = (
     *("position_x", "position_y", "position_z", "velocity_x", "velocity_y", "velocity_z"),
     *("q_w", "q_x", "q_y", "q_z"),
 )
+TURN_P = np.array([6.5, 6.5, 2.8])  # MC_ROLL_P, MC_PITCH_P, MC_YAW_P
+TURN_MOST = np.radians([220.0, 220.0, 200.0])
+RATE_P, RATE_I, RATE_D = np.array([0.15, 0.15, 0.2]), np.array([0.2, 0.2, 0.1]), np.array([0.003, 0.003, 0.0])
 ARMS = {6: 0.2, 8: 0.24}
 """Rotors of a hexacopter and an octocopter, and their distance from the centre, m."""
 
@@ -123,7 +126,7 @@ class NearGround(Multirotor):
     def statedot(self, state: dict[str, Array], control: dict[str, Array], t_step: float) -> dict[str, Array]:
         """As rotorpy's, which packs the state of four rotors."""
         names = ("x", "v", "q", "w", "wind", "rotor_speeds")
-        speeds = np.clip(control["cmd_motor_speeds"], self.rotor_speed_min, self.rotor_speed_max)
+        speeds = within(control["cmd_motor_speeds"], self.rotor_speed_min, self.rotor_speed_max)
         rate = self._s_dot_fn(0.0, np.concatenate([state[name] for name in names]), speeds)
         return {"vdot": rate[3:6], "wdot": rate[10:13]}
 
@@ -178,7 +181,7 @@ class Cascade:
         )
         self.wanted, self.thrust = np.eye(3), 0.0
         self.vertical = np.zeros(3)
-        self.rate_integral, self.filtered = np.zeros(3), np.zeros(3)
+        self.rate_integral, self.filtered, self.turned = np.zeros(3), np.zeros(3), np.zeros(3)
         self.mix = _allocation(self.frame)
 
     def position(self, state: tuple[Array, Array, Array], row: Array, yaw: float, dt: float) -> None:
@@ -201,20 +204,15 @@ class Cascade:
     def motors(self, attitude: Array, rates: Array, dt: float) -> Array:
         """(n,) controls of the allocator."""
         error = Rotation.from_matrix(attitude.T @ self.wanted).as_rotvec()
-        wanted = np.array([6.5, 6.5, 2.8]) * error  # MC_ROLL_P, MC_PITCH_P, MC_YAW_P
-        limit = np.radians([220.0, 220.0, 200.0])
-        miss = np.clip(wanted, -limit, limit) - rates
+        miss = within(TURN_P * error, -TURN_MOST, TURN_MOST) - rates
         turning = (rates - self.filtered) / dt
         share = 1.0 - math.exp(-2.0 * math.pi * 30.0 * dt)  # IMU_DGYRO_CUTOFF
-        self.turned = getattr(self, "turned", np.zeros(3)) + share * (
-            turning - getattr(self, "turned", np.zeros(3))
-        )
+        self.turned = self.turned + share * (turning - self.turned)
         self.filtered = rates.copy()
-        p, i, d = np.array([0.15, 0.15, 0.2]), np.array([0.2, 0.2, 0.1]), np.array([0.003, 0.003, 0.0])
-        torque = self.gain * (p * miss + self.rate_integral - d * self.turned)
-        torque[2] += (1.0 - self.gain) * p[2] * miss[2]
-        self.rate_integral = np.clip(self.rate_integral + i * miss * dt, -0.3, 0.3)
-        return np.asarray(np.clip(self.mix @ np.array([self.thrust, *torque]), 0.0, 1.0))
+        torque = self.gain * (RATE_P * miss + self.rate_integral - RATE_D * self.turned)
+        torque[2] += (1.0 - self.gain) * RATE_P[2] * miss[2]
+        self.rate_integral = within(self.rate_integral + RATE_I * miss * dt, -0.3, 0.3)
+        return within(self.mix @ np.array([self.thrust, *torque]), 0.0, 1.0)
 
 
 @dataclass
@@ -247,7 +245,12 @@ class Geometric(Cascade):
         found = self.own.update(0.0, seen, self.asked)
         controls = self.hover.value * found["cmd_motor_thrusts"] / (0.25 * self.weight)
         self.vertical = attitude[:, 2] * controls.mean()
-        return np.asarray(np.clip(controls, 0.0, 1.0))
+        return within(controls, 0.0, 1.0)
+
+
+def within(values: Array, low: Array | float, high: Array | float) -> Array:
+    """np.clip, in a third of its time for a few numbers."""
+    return np.asarray(np.minimum(np.maximum(values, low), high))
 
 
 def _allocation(frame: Airframe) -> Array:

@@ -17,7 +17,6 @@ import pytest
 
 plant = pytest.importorskip("pinocchio_arm", reason="pinocchio has no wheel for this Python or system")
 
-from receivers import AFTER, BEFORE  # noqa: E402
 from small_arm import URDF, campaign_of_small_arm  # noqa: E402
 from trajectory_controller import Parameters, message_of, play  # noqa: E402
 
@@ -26,6 +25,8 @@ from etude import ask, export, predict, tell  # noqa: E402
 from etude.campaign import Campaign  # noqa: E402
 from etude.trajectories import from_json  # noqa: E402
 
+BEFORE, AFTER = 2.0, 4.0
+"""Seconds that the first and the last row are held; `test_played_by_receiver` holds them longer."""
 GAIN = 0.6
 """Part of the tracking error under feedback and the file's gravity that the learned command may leave."""
 
@@ -45,7 +46,7 @@ class Lab:
         return plant.reference_of_table(table, self.campaign.axes)
 
     def tracked(self, effort: np.ndarray | None) -> plant.Run:
-        """The motion with ten seconds before and after, under the plant's own PD and this effort."""
+        """The motion, held before and after, under the plant's own PD and this effort."""
         own = self.motion
         sent = plant.held(plant.Reference(own.t, own.q, own.qd, own.qdd, effort), BEFORE, AFTER)
         return plant.run(self.arm, sent, "pd_gravity" if effort is None else "pd", seed=9)
@@ -73,7 +74,7 @@ def feedback(lab: Lab) -> np.ndarray:
 
 
 def require_kept(run: plant.Run) -> None:
-    """All limits of the file, from ten seconds before to ten seconds after; rest at the end."""
+    """All limits of the file, before and after the motion too; rest at the end."""
     assert max(run.left().values()) <= 0.0, run.left()
     assert run.saturated == 0.0
     assert np.abs(run.qd[-1000:]).max() < 0.01, "it moves after the end"

@@ -14,6 +14,7 @@ import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -108,22 +109,24 @@ def validate(message: Message, parameters: Parameters) -> None:
 
 def between(a: Point, b: Point, seconds: float) -> Desired:
     """`interpolate_between_points`, that many s after a: lines, cubics or quintics; effort by lines."""
+    powers, whole, effort = _polynomial(a, b)
+    place, i = seconds ** np.arange(len(powers)), np.arange(len(powers))
+    value, first = place @ powers, (i[1:] * place[:-1]) @ powers[1:]
+    second = (i[2:] * i[1:-1] * place[:-2]) @ powers[2:]
+    share = seconds / whole if whole else 0.0
+    return Desired(value, first, second, (1.0 - share) * effort[0] + share * effort[1])
+
+
+@lru_cache(maxsize=4)  # cycles are many between two points
+def _polynomial(a: Point, b: Point) -> tuple[Array, float, Array]:
+    """Coefficients (n, J) of 1, t, ... from a to b, the s between them, and the efforts (2, J) of both."""
     whole = (b.nanoseconds - a.nanoseconds) * 1e-9
     order = 2 if a.accelerations and b.accelerations and a.velocities and b.velocities else 0
     order = order or (1 if a.velocities and b.velocities else 0)
     rows = [[np.array(p.positions), np.array(p.velocities), np.array(p.accelerations)] for p in (a, b)]
     start, end = (row[: order + 1] for row in rows)
-    powers = _hermite(start, end, whole)
-    u = seconds
-    value = sum(c * u**i for i, c in enumerate(powers))
-    first = sum(i * c * u ** (i - 1) for i, c in enumerate(powers) if i > 0)
-    second = sum(i * (i - 1) * c * u ** (i - 2) for i, c in enumerate(powers) if i > 1)
-    size = len(a.positions)
-    effort = np.zeros(size)
-    if a.effort and b.effort:
-        share = u / whole if whole else 0.0
-        effort = (1.0 - share) * np.array(a.effort) + share * np.array(b.effort)
-    return Desired(np.asarray(value), first + np.zeros(size), second + np.zeros(size), effort)
+    effort = np.array([a.effort, b.effort]) if a.effort and b.effort else np.zeros((2, len(a.positions)))
+    return np.array(_hermite(start, end, whole)), whole, effort
 
 
 def _hermite(start: Sequence[Array], end: Sequence[Array], whole: float) -> list[Array]:

@@ -89,7 +89,8 @@ class Tell(Common):
         }
         held = any(file.ingested is not None and file.ingested.awaits_answer for file in many.files)
         code = code_of(changed=held, refused=bool(many.refused))
-        return Outcome("\n".join([*_table(many), following]), data, code)
+        after = [following] if any(file.ingested is not None for file in many.files) else []
+        return Outcome("\n".join([*_table(many), *after]), data, code)
 
 
 def _lines(found: IngestResult) -> list[str]:
@@ -121,14 +122,31 @@ def _learned(numbers: tuple[int, ...]) -> list[str]:
 
 def _table(many: IngestedMany) -> list[str]:
     width = max((len(file.path.name) for file in many.files), default=0)
-    lines = [f"{file.path.name.ljust(width)}  {file.sentence}" for file in many.files]
+    outcomes = ["refused" if file.ingested is None else file.sentence for file in many.files]
+    rows = [f"{file.path.name.ljust(width)}  {one}" for file, one in zip(many.files, outcomes, strict=True)]
+    warnings = [f"Warning: {notice}" for notice in many.warnings]
+    return [*rows, *_explained(many), *_learned(many.learned), *warnings]
+
+
+def _explained(many: IngestedMany) -> list[str]:
+    """What is to be known beside the outcomes: a sentence that several files share stands once."""
+    names: dict[str, list[str]] = {}
     for file in many.files:
-        told = file.ingested
-        lines += [f"{file.path.name}: {sentence}" for sentence in (told.repairs if told else ())]
-        lines += [f"{file.path.name}: {sentence}" for sentence in (_held(told) if told else ())]
-        if file.refused is not None and file.refused.next_step:
-            lines.append(f"{file.path.name}: {file.refused.next_step}")
-    return [*lines, *_learned(many.learned), *(f"Warning: {notice}" for notice in many.warnings)]
+        for sentence in _sentences(file):
+            names.setdefault(sentence, []).append(file.path.name)
+    return [f"{_some(files)}: {sentence}" for sentence, files in names.items()]
+
+
+def _sentences(file: IngestedFile) -> list[str]:
+    if file.ingested is not None:
+        return [*file.ingested.repairs, *_held(file.ingested)]
+    error = file.refused
+    return [] if error is None else [f"{error.fact.rstrip('.')}. {error.next_step}".rstrip()]
+
+
+def _some(names: list[str], most: int = 4) -> str:
+    """The names; of more than `most` the first ones, since the table above has all."""
+    return ", ".join(names if len(names) <= most else [*names[:most], f"{len(names) - most} more"])
 
 
 def _data(found: IngestResult) -> dict[str, Any]:

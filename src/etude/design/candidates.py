@@ -336,8 +336,9 @@ class ClearPoseSource:
         return UnsafeTrajectoryError(
             "no motion about any of the poses that were tried keeps all limits"
             + (f": most of them break {' and '.join(often)}" if often else ""),
-            next_step="Widen the limits, or correct what stands around the robot; confirm, in the robot "
-            "file, names pairs of links whose shapes leave little room.",
+            next_step="In the robot file, correct limits narrower than the data sheet's, and what stands "
+            "around the robot; confirm there names pairs of links whose shapes leave little room. "
+            "Deviations of commands are smaller once a slow log of the robot was told.",
         )
 
     def stand(self, family: Family) -> Callable[[Array], Array]:

@@ -251,8 +251,8 @@ def _home_outside(
     return UnsafeTrajectoryError(
         f"standing still at home does not keep the limits: {'; '.join(facts)}",
         where=", ".join(limit.name for limit in broken),
-        next_step="Widen the limits, or choose another home: of an arm it is `home` of [search] in "
-        "robot.toml, of a vehicle the middle of its room.",
+        next_step="Choose another home: of an arm it is `home` of [search] in robot.toml, of a vehicle the "
+        "middle of its room. Widen only a limit that is narrower than the data sheet's.",
     )
 
 

@@ -185,8 +185,11 @@ class CommandLimit:
         """The first command that exceeds its limit at rest at a pose (k,); "" if none does."""
         still = rest_at(pose, self.orders)
         mean, spread = self.mean(still)[0], self.spread(still, 0.0)[0]
-        beyond = np.flatnonzero((mean - spread < self.lower) | (mean + spread > self.upper))
-        return f"the {self.quantity} of {self.names[beyond[0]]}" if len(beyond) else ""
+        for added, why in ((0.0, ""), (spread, " with its deviation")):
+            beyond = np.flatnonzero((mean - added < self.lower) | (mean + added > self.upper))
+            if len(beyond):
+                return f"the {self.quantity} of {self.names[beyond[0]]}{why}"
+        return ""
 
     def prove(self, piece: Trajectory) -> Sequence[Proof]:
         """A row for each command, and one for each limited rate; all have the status "sampled".

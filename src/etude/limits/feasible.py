@@ -90,13 +90,17 @@ class Ball:
         A = (w * w).sum(axis=0) - slope**2
         B = (u * w).sum(axis=0) - e * slope
         C = np.minimum((u * u).sum(axis=0) - e**2, 0.0)
-        return -_first_root(A, -B, C).min(axis=0), _first_root(A, B, C).min(axis=0)
+        inside = B * B - A * C  # of both roots
+        root = np.sqrt(np.maximum(inside, 0.0))
+        behind, ahead = (_first_root(A, b, C, inside, root) for b in (-B, B))
+        return -behind.min(axis=0), ahead.min(axis=0)
 
 
-def _first_root(A: Array, B: Array, C: Array) -> Array:
-    """Smallest s >= 0 with A s^2 + 2 B s + C = 0, C <= 0, without cancellation; infinite if there is none."""
-    inside = B * B - A * C
-    root = np.sqrt(np.maximum(inside, 0.0))
+def _first_root(A: Array, B: Array, C: Array, inside: Array, root: Array) -> Array:
+    """Smallest s >= 0 with A s^2 + 2 B s + C = 0, C <= 0, without cancellation; infinite if there is none.
+
+    inside: B^2 - A C. root: of that, 0 where it is negative.
+    """
     ahead = (B > 0.0) & (inside >= 0.0)
     out = np.full(A.shape, np.inf)
     np.divide(root - B, A, out=out, where=~ahead & (A > 0.0))
@@ -201,12 +205,14 @@ class Block:
             low (K,) <= 0 and high (K,) >= 0.
         """
         use, step = self.slabs @ points.T - self.middle[:, None], self.slabs @ directions.T
-        size, leaning = np.abs(step), np.where(step >= 0.0, 1.0, -1.0) * use
-        ahead, behind = np.full((2, *size.shape), np.inf)
+        bound, changes = np.copysign(1.0, step), step != 0.0  # the side of the slab that lies ahead
+        ahead, behind = np.full((2, *step.shape), np.inf)
         with np.errstate(over="ignore"):  # a row that hardly changes does not bound the line
-            np.divide(np.maximum(1.0 - leaning, 0.0), size, out=ahead, where=size > 0.0)
-            np.divide(np.maximum(1.0 + leaning, 0.0), size, out=behind, where=size > 0.0)
-        lows, highs = [-behind.min(axis=0, initial=np.inf)], [ahead.min(axis=0, initial=np.inf)]
+            np.divide(bound - use, step, out=ahead, where=changes)
+            np.divide(bound + use, step, out=behind, where=changes)
+        # a point that rounding put outside is on the edge: its line ends there
+        lows = [-np.maximum(behind.min(axis=0, initial=np.inf), 0.0)]
+        highs = [np.maximum(ahead.min(axis=0, initial=np.inf), 0.0)]
         for ball in self.balls:
             first, last = ball.reach_along(points, directions)
             lows.append(first)

@@ -68,7 +68,7 @@ class ModelConfig:
             its local processes, at most; the other approximations learn from every sample that counts.
         inducing: where twice as many samples count, exact processes learn from up to four times as many,
             through those of so many evenly spread ones that tell something; else, and with 0, from `points`
-            alone.
+            alone. So do the defaults beside candidates with samples of their own, from two trajectories on.
         basis: inducing inputs, spectral points or basis points of a process that has such, at most.
         fit_points: samples for the hyperparameters, at most, of up to four commands; see `for_commands`.
         fit_spacing_s: the latter are at least this far apart: nearer ones repeat each other, and the

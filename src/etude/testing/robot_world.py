@@ -5,7 +5,7 @@ from __future__ import annotations
 import atexit
 import shutil
 import tempfile
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -32,6 +32,8 @@ class World:
     family: Family
     limits: tuple[Limit, ...]
     inputs: Inputs
+    drawn: dict[tuple[int, ...], tuple[Any, ...]] = field(default_factory=dict, repr=False)
+    """Parameters by seed and by the parts that they depend on, which laws ask for again and again."""
 
     def feasible(self, rng: np.random.Generator) -> tuple[Family, FeasibleSet]:
         """A drawn member of the family's frequencies, and the parameters that keep every limit."""
@@ -40,9 +42,15 @@ class World:
 
     def parameters(self, seed: int) -> tuple[Family, Array]:
         """A drawn family and random parameters (P,) inside all limits."""
-        rng = np.random.default_rng(seed)
-        family, feasible = self.feasible(rng)
-        return family, uniform(rng, feasible, 1)[0]
+        parts = (self.kind, self.spec, self.family, self.limits)
+        key = (seed, *map(id, parts))
+        if key not in self.drawn:
+            rng = np.random.default_rng(seed)
+            family, feasible = self.feasible(rng)
+            # the parts are kept too, so that no other object gets their id
+            self.drawn[key] = (*parts, family, uniform(rng, feasible, 1)[0])
+        family, p = self.drawn[key][-2:]
+        return family, p.copy()
 
     def trajectory(self, seed: int) -> Trajectory:
         """A random trajectory inside all limits."""

@@ -24,18 +24,17 @@ import numpy as np
 
 from etude.errors import NumericalError
 from etude.types import Array, Index, Mask, Samples
+from etude_arm.identified.combinations import MEASURED, combinations, share_of
 from etude_arm.identified.model_file_writer import APART, FUSED, Dip, JointTerms
 from etude_arm.identified.parameter_fit import (
     FRICTION,
-    MEASURED,
-    OFFSET_TERM,
+    LOST,
     SHOWN,
     STRIBECK,
+    WAVES,
     Settled,
-    combinations,
     parameter_fit,
     settled,
-    share_of,
 )
 from etude_arm.identified.pseudo_inertia import SIZE, basis, coordinates
 from etude_arm.loading.inertia import NO_MASS
@@ -302,6 +301,7 @@ class Identified:
         joints: armature, friction and cogging of each joint with a drive of its own.
         ripple: (J,) rms of the periodic term of each hinge's position (cogging), command units. errors: of
             cross-validation. used: (n, J) samples in which a joint moves away from reversals.
+        lost: (J, 2) dead band, command units, and backlash, rad; zero where the logs show none.
         shown, measured: numbers of base parameters, and of those that the logs identify.
     """
 
@@ -312,6 +312,7 @@ class Identified:
     joints: Mapping[str, JointTerms]
     ripple: Array
     errors: Errors
+    lost: Array
     shown: int
     measured: int
 
@@ -335,7 +336,7 @@ def _joint_terms(
             slow = float(found.speeds[0, j]) / turn
             dip = Dip(rubbed * turn**2, slid * turn, float(own[j, STRIBECK]) * turn, slow)
         armature = max(0.0, float(own[j, 0])) * turn**2
-        waves = _driving(drive.side(j) * turn * own[j, OFFSET_TERM + 1 :]) if found.cogs[j] else ()
+        waves = _driving(drive.side(j) * turn * own[j, WAVES]) if found.cogs[j] else ()
         terms[name] = JointTerms(armature, damping * turn**2, friction * turn, waves, dip)
     return terms
 
@@ -373,16 +374,18 @@ def identified(samples: Samples, spec: ArmSpec, mean: RigidBodyMean) -> Identifi
     result = consistent(*evidence.reduced(whole), links.nominal)
     own = evidence.own_terms(whole, result.phi)
     joints = _joint_terms(spec, links, evidence, own, found)
-    waves = len(links.nominal) + OFFSET_TERM + 1
-    pairs = zip(evidence.rows, own[:, OFFSET_TERM + 1 :], strict=True)
-    ripple = np.array([np.sqrt(np.mean((rows[:, waves:] @ size) ** 2)) for (rows, _), size in pairs])
+    first = len(links.nominal)
+    pairs = zip(evidence.rows, own, strict=True)
+    waves = [rows[:, first:][:, WAVES] @ terms[WAVES] for (rows, _), terms in pairs]
+    ripple = np.array([np.sqrt(np.mean(one**2)) for one in waves])
     ripple *= evidence.deviation
     fit = parameter_fit(found)
     bases, _ = combinations(fit)
     measured = sum(share_of(fit, one) >= MEASURED for one in bases)
     errors = _left_out(evidence, links, samples)
     used = found.problem.used
-    return Identified(links, result, own, used, joints, ripple, errors, len(bases), measured)
+    lost = np.where(fit.friction.evidence[:, LOST] > SHOWN, fit.friction.terms[:, LOST], 0.0)
+    return Identified(links, result, own, used, joints, ripple, errors, lost, len(bases), measured)
 
 
 def _left_out(evidence: WhitenedRows, links: Links, samples: Samples) -> Errors:

@@ -5,14 +5,18 @@ of each hinge's position describe cogging, which gravity would otherwise absorb:
 
     command_j = rigid_j(phi) + armature l'' + viscous l' + asymmetry |l'| + offset + ripple(q_j)
               + [coulomb + stribeck exp(-(l'/v_s)^2) + load |rigid_j|] s + delay d command_j / dt
+              + dead_band tanh(command_j / noise)
+              - sum_k backlash_k/2 tanh(rigid_k / noise) d rigid_j / d q_k
 
 with s = tanh(l'/v0). Commands act some ms after they are logged: one delay is common to all. Without it the
 rates of gravity and of inertial forces pass for friction and armature. v_s and v0 are estimated with all else
 by Gauss and Newton: a shape taken as known makes intervals of Coulomb and viscous friction far too narrow.
 Friction by load and by direction is kept only where the logs show it: the density of the value 0 before the
 logs and after them says by how much (Savage and Dickey). Stribeck's dip is kept unless it is below zero.
-Where a joint turned round a moment ago the filter has smeared the step of its friction, and samples are left
-out.
+Commands within the dead band make no torque. An encoder at the motor is half the backlash ahead of the link,
+on the side that the force decides; gravity shows where the link is. Both are kept where the logs show them,
+which needs forces against the motion. Where a joint turned round a moment ago the filter has smeared the step
+of its friction, and samples are left out.
 
 Deviations do not rely on the noise model: they use the scatter of the score between stretches of log longer
 than the correlation time (`models.scatter`), and are at least half of the posterior deviations.
@@ -25,10 +29,11 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from scipy.special import log_ndtr, logsumexp
 
 from etude.models.scatter import scattered
 from etude.types import Array, Mask, Samples
-from etude_arm.physics.base_parameters import RANK_TOLERANCE, parameter_scale, spread_states
+from etude_arm.physics.base_parameters import parameter_scale, spread_states
 from etude_arm.physics.identification import (
     LEVEL_CHANGE,
     MASSES_OFF,
@@ -47,11 +52,16 @@ from etude_arm.physics.mean import RigidBodyMean
 from etude_arm.physics.rigid_body import NARROW, SPEED, command_regressors, waves
 from etude_arm.spec import COMMAND_RATES, FORCES, PATH, PLAN, RIPPLES, ArmSpec
 
-TERMS = ("armature", "viscous", "coulomb", "stribeck", "load", "asymmetry", "offset")
-E = len(TERMS)
+TERMS = (
+    "armature", "viscous", "coulomb", "stribeck", "load", "asymmetry", "offset", "dead band", "backlash",
+)  # fmt: skip
+E = len(TERMS) - 1
+"""Terms of one drive alone: backlash shows in the commands of all joints before it."""
 VISCOUS, COULOMB, STRIBECK, LOAD = 1, 2, 3, 4
 """Indices of these terms."""
 FRICTION, OFFSET_TERM = slice(1, 6), 6
+DEAD_BAND, BACKLASH_TERM, LOST = 7, 8, slice(7, 9)
+"""Indices of the dead band, of the backlash, and of both."""
 WAVES = slice(E, E + 2 * RIPPLES)
 OPTIONAL = slice(4, 6)
 """Terms that are dropped if the logs do not support them."""
@@ -79,6 +89,14 @@ of a wrist far exceeds its link.
 """
 LOAD_FRICTION = 0.3
 """Prior deviation of load-dependent friction, as a part of the load: gears lose some ten per cent."""
+BAND = 0.03
+"""Prior deviation of a dead band, as a part of the command limit: PWM stages of servos lose some per cent."""
+BACKLASH = 0.05
+"""Prior deviation of the backlash, rad: cheap gears have one to three degrees."""
+BAND_ROUNDS = 3
+"""Fits, each with the sign of the command that the last one predicts; after two, few signs change."""
+SMALL_TURN = 1e-4
+"""rad (m) for differences: far above rounding, far below what bends the torques."""
 DELAY = 0.01
 """Prior deviation of the delay, s: some cycles of a controller. Logs that are later are shifted before."""
 STRETCHES = 2.0
@@ -86,11 +104,6 @@ STRETCHES = 2.0
 LEAST_STRETCH = 1.0  # s
 LEAST_SCATTER = 0.25
 """Of the posterior's variance."""
-MEASURED, PARTLY = 0.99, 0.75
-"""Reduction of the prior variance from which a parameter counts as identified or partly identified: a tenth,
-or half, of its deviation remains."""
-LEAST_PART = 1e-6
-"""Relative factor of a regrouped parameter: smaller ones are rounding errors."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,7 +154,7 @@ class Settled:
     Attributes:
         outputs: of each command, its columns [r of the rigid body and the delay, `TERMS`, ripple].
         speeds: (2, J) v_s and v0, rad/s (m/s).
-        evidence, prior: (J, E) nats for each term, and its deviation before any data.
+        evidence, prior: (J, terms) nats for each of `TERMS`; (J, E) its deviation before any data.
         cogs: (J,) whether the logs show cogging. dropped: (J, E) terms that are left out.
     """
 
@@ -156,26 +169,75 @@ class Settled:
 
     @property
     def command(self) -> Array:
-        """(n, J) commands of the samples, when they take effect."""
+        """(n, J) commands of the samples, when they take effect, without what backlash adds."""
         command, rate = self.problem.late
-        return np.asarray(command - DELAY * self.fit.z[-1] * rate)
+        behind = self.problem.loose @ (BACKLASH * self.fit.z[self.problem.gears])
+        return np.asarray(command - DELAY * self.fit.z[-1] * rate - behind)
 
 
 def settled(samples: Samples, spec: ArmSpec, mean: RigidBodyMean) -> Settled:
     """Fits all samples; mean: the identified physics of the same samples, for friction, noise and scale."""
-    problem = Problem.of(samples, spec, mean).with_ripple()
+    start = Problem.of(samples, spec, mean)
+    found = _settled(start.with_ripple())
+    problem, nats = _nats_of_lost(start, found)
+    has = HAS[np.argmax(nats - SHOWN * HAS.sum(axis=1)[:, None], axis=0)]
+    if has.any():
+        # backlash of one joint shows in the commands of others: all have it, or none
+        has[:, 1] = has[:, 1].any()
+        found = _settled(problem.only(has))
+    # what the terms explain together belongs to neither
+    found.evidence[:, LOST] = np.transpose(
+        [logsumexp(nats[has], axis=0) - logsumexp(nats[~has], axis=0) for has in HAS.T]
+    )
+    return found
+
+
+def _settled(problem: Problem) -> Settled:
     speeds = _shape(problem, ())
     fit, _ = problem.fitted(speeds)
     fit, outputs = problem.fitted(speeds, None, fit.extra[:, :E])
     prior = np.array([o.deviations[:E] for o in outputs])
-    evidence = savage_dickey(fit.extra[:, :E], fit.spread[:, :E], prior)
+    evidence = np.zeros((problem.spec.dof, len(TERMS)))
+    evidence[:, :E] = savage_dickey(fit.extra[:, :E], fit.spread[:, :E], prior)
     evidence[:, STRIBECK] = _nats_of_dip(problem, speeds, fit)
     dropped = np.zeros(prior.shape, dtype=bool)
     dropped[:, OPTIONAL] = evidence[:, OPTIONAL] < SHOWN
+    dropped[:, DEAD_BAND] = ~problem.band.any(axis=0)
     dropped[:, POSITIVE] |= fit.extra[:, POSITIVE] < 0.0
     nats = np.array([_nats_of_waves(fit, j, float(size)) for j, size in enumerate(problem.ripple)])
     fit, outputs, dropped = _without_rise(problem, speeds, dropped)
     return Settled(problem, fit, outputs, speeds, evidence, prior, nats > SHOWN, dropped)
+
+
+HAS = np.array([[False, False], [True, False], [False, True], [True, True]])
+"""Explanations of lost motion: nothing, dead band, backlash, both."""
+
+
+def _nats_of_lost(start: Problem, found: Settled) -> tuple[Problem, Array]:
+    """The regression with dead band and backlash, and (4, J) nats for each of `HAS` over nothing."""
+    problem, fit, outputs = found.problem, found.fit, found.outputs
+    dropped = found.dropped.copy()
+    dropped[:, DEAD_BAND] = False
+    for _ in range(BAND_ROUNDS):
+        problem = start.pushed_by(problem.predicted(fit, outputs), fit.noise).with_ripple()
+        fit, outputs = problem.fitted(found.speeds, dropped)
+    nats = np.zeros((len(HAS), problem.spec.dof))
+    for k, has in enumerate(HAS[1:], start=1):
+        fit, outputs = problem.only(has).fitted(found.speeds, dropped)
+        if has[1]:
+            z, after = fit.z[problem.gears], fit.covariance.diagonal()[: len(fit.z)][problem.gears]
+            nats[k] = _nats_of_positive(z, np.sqrt(after), np.ones_like(z))
+        else:
+            prior = np.array([output.deviations[DEAD_BAND] for output in outputs])
+            nats[k] = _nats_of_positive(fit.extra[:, DEAD_BAND], fit.spread[:, DEAD_BAND], prior)
+    nats[3] += nats[1]
+    return problem, nats
+
+
+def _nats_of_positive(value: Array, deviation: Array, prior: Array) -> Array:
+    """As `savage_dickey`, for a term whose prior is the positive half of the normal one."""
+    half = np.log(2.0) + log_ndtr(value / deviation)
+    return np.asarray(savage_dickey(value, deviation, prior) + half)
 
 
 def _shape(problem: Problem, without: Sequence[int]) -> Array:
@@ -258,6 +320,13 @@ class Problem:
             commands that the rigid body explains.
         armature: (J,) prior deviation: the inertia of the links at the drive, or `ROTOR`.
         ripple: (J,) prior deviation of each wave of a joint's position.
+        own: (J,) prior deviation of the rigid body's directions of a command with a rigid body of its own, in
+            its unit per N m; zero where it is shared.
+        slope: (n, J, J) of the rigid commands by the position of each hinge with a drive of its own, on the
+            side of its drive; zero of others.
+        band: (n, J) column of the dead band; loose: (n, J, J) commands per backlash of each joint. Zero where
+            they are left out.
+        pushed: (n, J, 2) command and rigid command, whose signs made them.
         delay: s that commands are taken to act later; a change of it is estimated with all else.
     """
 
@@ -274,6 +343,11 @@ class Problem:
     shared: Mask
     armature: Array
     ripple: Array
+    own: Array
+    slope: Array
+    band: Array
+    loose: Array
+    pushed: Array
     delay: float = 0.0
 
     @staticmethod
@@ -281,22 +355,25 @@ class Problem:
         model = mean.model
         body = (model.tree, model.drives, model.friction_velocity)
         rigid, extra = command_regressors(*body, *(samples.log[n] for n in (PLAN if mean.desired else PATH)))
-        speed = extra[..., SPEED]
-        load = np.abs(np.einsum("njp,jp->nj", rigid, model.inertial))
-        by_shape = [np.zeros_like(speed)] * 3
-        drive = [extra[..., 0], speed, *by_shape, np.abs(speed), np.ones_like(speed)]
-        q, hinges = samples.log[(PLAN if mean.desired else PATH)[0]], ~model.tree.joint_slides
-        drive += [hinges * wave for wave in np.moveaxis(waves(q), 2, 0)]
         same = np.isclose(model.inertial[:, None], model.inertial[None], rtol=1e-9).all(axis=2)
         shared = (same.sum(axis=1) > min(1, spec.dof - 1)) & (spec.command_unit in FORCES)
-        late = np.zeros((rigid.shape[2], 1))
-        directions = np.hstack([shared_directions(spec, *body), late]) if shared.any() else late
+        one_body = shared_directions(spec, *body)
+        speed = extra[..., SPEED]
+        load = np.abs(np.einsum("njp,jp->nj", rigid, model.inertial))
+        none = np.zeros_like(speed)
+        drive = [extra[..., 0], speed, none, none, none, np.abs(speed), np.ones_like(speed), none]
+        q, hinges = samples.log[(PLAN if mean.desired else PATH)[0]], ~model.tree.joint_slides
+        drive += [hinges * wave for wave in np.moveaxis(waves(q), 2, 0)]
+        if not shared.all():
+            drive += [~shared * column for column in np.moveaxis(rigid @ one_body, 2, 0)]
+        late = np.zeros((rigid.shape[2], spec.dof + 1))
+        directions = np.hstack([one_body, late]) if shared.any() else late
         priors = output_priors(spec, *body)
         ripple = model.deviation * hinges
         rotor = ROTOR * np.array([prior.extra[0] for prior in priors])
         armature = np.maximum(_inertia(spec, mean, model.inertial), rotor)
         found = (samples.log.get(name) for name in COMMAND_RATES)
-        first, second = (np.zeros_like(speed) if rate is None else rate for rate in found)
+        first, second = (none if rate is None else rate for rate in found)
         parts = (
             rigid,
             np.stack(drive, 2),
@@ -308,15 +385,44 @@ class Problem:
             shared,
             armature,
             ripple,
+            ~shared * np.minimum(_root(load) / _root(rigid @ priors[0].nominal), [p.gain for p in priors]),
+            _slope(spec, mean, samples),
+            none,
+            np.zeros((*speed.shape, spec.dof)),
+            np.ones((*speed.shape, 2)),
         )
         return Problem(samples, spec, mean, *parts)
+
+    def predicted(self, fit: SharedFit, outputs: Sequence[OutputColumns]) -> Array:
+        """(n, J) commands by the fit; as they are logged in samples that it does not use."""
+        found = self.late[0].copy()
+        for j, output in enumerate(outputs):
+            known = self.late[0][self.used[:, j], j] - output.left
+            found[self.used[:, j], j] = known + output.columns @ np.append(fit.z, fit.extra[j])
+        return found
+
+    def pushed_by(self, command: Array, noise: Array) -> Problem:
+        """The regression with dead band and backlash, for predicted commands (n, J) and their noise (J,)."""
+        rigid = np.einsum("njp,jp->nj", self.rigid, self.mean.model.inertial)
+        loose = -0.5 * np.tanh(rigid / noise)[:, None] * self.slope
+        pushed = np.stack([command, rigid], axis=2)
+        return replace(self, band=np.tanh(command / noise), loose=loose, pushed=pushed)
+
+    def only(self, has: Mask) -> Problem:
+        """The regression with the dead bands and backlashes of `has`, (2,) or (J, 2), alone."""
+        return replace(self, band=self.band * has[..., 0], loose=self.loose * has[..., 1])
+
+    @property
+    def gears(self) -> slice:
+        """Of the backlashes in z, in `BACKLASH`."""
+        return slice(-1 - self.spec.dof, -1)
 
     def with_ripple(self) -> Problem:
         """The regression with the amplitude of the waves, by expectation maximisation, and with the delay."""
         found = self
         for _ in range(RIPPLE_ROUNDS):
             fit, _ = found.fitted(self.speeds_of(STRIBECK_SPEEDS[0], 1.0))
-            squares = fit.extra[:, E:] ** 2 + fit.spread[:, E:] ** 2
+            squares = fit.extra[:, WAVES] ** 2 + fit.spread[:, WAVES] ** 2
             delay = found.delay + DELAY * float(fit.z[-1])
             found = replace(found, ripple=np.sqrt(squares.mean(axis=1)), delay=delay)
         return found
@@ -342,6 +448,7 @@ class Problem:
         sign, dip, load = np.tanh(self.speed / turns), np.exp(-((self.speed / slow) ** 2)), self.load
         drive = self.drive.copy()
         drive[..., COULOMB : LOAD + 1] = np.stack([sign, dip * sign, load * sign], axis=2)
+        drive[..., DEAD_BAND] = self.band
         if bent is not None:
             level = bent[:, COULOMB] + bent[:, STRIBECK] * dip + bent[:, LOAD] * load
             slopes = slopes_of_shape(self.speed, slow, turns, level, bent[:, STRIBECK])
@@ -356,8 +463,11 @@ class Problem:
 
     @cached_property
     def used(self) -> Mask:
-        """(n, J) samples in which the joint moves away from reversals."""
-        return steady(self.samples, self.speed)
+        """(n, J) samples in which the joint moves away from reversals, of lost motion too."""
+        own = np.einsum("njj->nj", self.loose)
+        lost = np.stack([self.band.any(axis=0), own.any(axis=0)], axis=1)
+        pushed = np.where(lost, self.pushed, 1.0)
+        return steady(self.samples, self.speed, *np.moveaxis(pushed, 2, 0))
 
     def speeds_of(self, slow: float, turns: float) -> Array:
         """(2, J) v_s and v0, as parts of the v0 of the model's friction."""
@@ -378,19 +488,44 @@ class Problem:
         rigid = self.rigid[rows, j] @ self.directions * float(self.shared[j])
         command, rate = (part[rows, j] for part in self.late)
         rigid[:, -1] = DELAY * rate
+        rigid[:, self.gears] = BACKLASH * self.loose[rows, j]
         level = abs(float(np.sum(model.extra[j, NARROW:-1])))
         _, viscous, coulomb, *_, offset = prior.extra
         offset = min(offset, OFFSET * prior.command)
         deviations = np.array(
-            [self.armature[j], viscous, coulomb, level, LOAD_FRICTION, LEVEL_CHANGE * viscous, offset]
+            [self.armature[j], viscous, coulomb, level, LOAD_FRICTION, LEVEL_CHANGE * viscous, offset, 0.0]
         )
+        deviations[DEAD_BAND] = BAND * prior.command
         deviations = np.append(deviations, np.full(2 * RIPPLES, self.ripple[j]))
+        if not self.shared.all():
+            deviations = np.append(deviations, np.full(self.drive.shape[2] - len(deviations), self.own[j]))
         deviations = np.append(deviations, np.full(drive.shape[1] - len(deviations), SHAPE))
         clock = Clock(samples.t[rows], samples.group[rows])
         left = command - self.rigid[rows, j] @ known
         return OutputColumns(
             np.concatenate([rigid, drive[rows]], axis=1), left, deviations, model.deviation[j], clock
         )
+
+
+def _root(force: Array) -> Array:
+    """(J,) root mean squares of (n, J)."""
+    return np.asarray(np.sqrt(np.mean(force**2, axis=0)))
+
+
+def _slope(spec: ArmSpec, mean: RigidBodyMean, samples: Samples) -> Array:
+    """(n, J, J) as of `Problem.slope`."""
+    model = mean.model
+    q, qd, qdd = (samples.log[name] for name in (PLAN if mean.desired else PATH))
+    body = (model.tree, model.drives, model.friction_velocity)
+    found = np.zeros((*q.shape, spec.dof))
+    for k, drive in enumerate(model.drives):
+        if model.tree.joint_slides[k] or not drive.side(k):
+            continue
+        step = SMALL_TURN * (np.arange(spec.dof) == k)
+        ends = (command_regressors(*body, q + side * step, qd, qdd)[0] for side in (1.0, -1.0))
+        more, less = (np.einsum("njp,jp->nj", rigid, model.inertial) for rigid in ends)
+        found[..., k] = drive.side(k) * (more - less) / (2.0 * SMALL_TURN)
+    return found
 
 
 def widened(fit: SharedFit, outputs: Sequence[OutputColumns]) -> Array:
@@ -425,8 +560,7 @@ def parameter_fit(found: Settled) -> ParameterFit:
     """The drives' terms, and theta with its covariances."""
     problem, prior = found.problem, found.prior
     # with the shape's own uncertainty
-    terms = found.fit.extra[:, :E]
-    fit, outputs, _ = _without_rise(problem, found.speeds, found.dropped, terms)
+    fit, outputs, _ = _without_rise(problem, found.speeds, found.dropped, found.fit.extra[:, :E])
     covariance = widened(fit, outputs)
     D, (J, width) = problem.directions, fit.extra.shape
     P, r = D.shape
@@ -440,7 +574,13 @@ def parameter_fit(found: Settled) -> ParameterFit:
     every = np.zeros(fit.extra.shape)
     every[:, :E] = prior
     before = np.concatenate([np.ones(r), every.ravel()]) ** 2
-    deviation = np.sqrt(np.maximum(covariance.diagonal()[r:], 0.0)).reshape(J, width)
+    spread = np.sqrt(np.maximum(covariance.diagonal(), 0.0))
+    deviation, gears = spread[r:].reshape(J, width), spread[:r][problem.gears]
+    loose = BACKLASH * problem.loose.any(axis=(0, 1))
+    terms = np.column_stack([fit.extra[:, :E], loose * fit.z[problem.gears]])
+    friction = Friction(
+        terms, np.column_stack([deviation[:, :E], loose * gears]), found.evidence, *found.speeds
+    )
     return ParameterFit(
         theta,
         nominal,
@@ -448,7 +588,7 @@ def parameter_fit(found: Settled) -> ParameterFit:
         back @ covariance @ back.T,
         _shown(problem),
         np.append(MASSES_OFF * parameter_scale(problem.mean.model.tree), armature),
-        Friction(fit.extra[:, :E], deviation[:, :E], found.evidence, *found.speeds),
+        friction,
         ~problem.shared,
         (problem.delay + DELAY * float(fit.z[-1]), DELAY * float(np.sqrt(covariance[r - 1, r - 1]))),
     )
@@ -475,58 +615,3 @@ def _shown(problem: Problem) -> Array:
     armature = extra[..., 0][..., None] * np.eye(spec.dof)
     rows = np.concatenate([rigid, armature], axis=2) / spec.command[:, None]
     return np.asarray(rows[:, problem.shared].reshape(-1, rows.shape[2]))
-
-
-@dataclass(frozen=True)
-class Combination:
-    """A base parameter: (index in theta, factor) of its members, which no motion separates; the first factor
-    is 1.
-    """
-
-    parts: tuple[tuple[int, float], ...]
-
-    def row(self, size: int) -> Array:
-        """(size,) row such that row @ theta is the value."""
-        found = np.zeros(size)
-        for place, factor in self.parts:
-            found[place] = factor
-        return found
-
-
-def share_of(fit: ParameterFit, one: Combination) -> float:
-    """Part of a base parameter's variance before the logs that they took away."""
-    weights = one.row(len(fit.theta))
-    after, before = (float(weights @ C @ weights) for C in (fit.after, fit.before))
-    return 1.0 - after / before
-
-
-def known(share: float) -> str:
-    """In a word, by the part of the variance that the logs took away."""
-    return "measured" if share >= MEASURED else "partly" if share >= PARTLY else "from the file"
-
-
-def combinations(fit: ParameterFit) -> tuple[list[Combination], list[int]]:
-    """The base parameters (Gautier 1991: QR with pivots), and indices of parameters that affect no
-    command.
-    """
-    from scipy.linalg import qr
-
-    rows = fit.shown * fit.scale
-    silent = np.linalg.norm(rows, axis=0) <= RANK_TOLERANCE * max(
-        float(np.abs(rows).max(initial=0.0)), 1e-300
-    )
-    triangle, order = qr(rows, mode="r", pivoting=True)
-    size = np.abs(np.diag(triangle))
-    rank = int(np.sum(size > RANK_TOLERANCE * size[0])) if len(size) else 0
-    regrouped = np.linalg.solve(triangle[:rank, :rank], triangle[:rank, rank:])
-    found = []
-    for k, first in enumerate(order[:rank].tolist()):
-        others = zip(order[rank:].tolist(), regrouped[k].tolist(), strict=True)
-        # in the units of theta: columns were scaled
-        parts = [
-            (place, factor * float(fit.scale[first] / fit.scale[place]))
-            for place, factor in others
-            if abs(factor) > LEAST_PART
-        ]
-        found.append(Combination(((first, 1.0), *sorted(parts))))
-    return sorted(found, key=lambda one: one.parts[0][0]), np.flatnonzero(silent).tolist()

@@ -13,32 +13,29 @@ from etude.models.accuracy import NORMAL_95
 from etude.protocols import Physics
 from etude.types import Array, Delivered, Samples
 from etude_arm.config import ArmData
+from etude_arm.identified.combinations import MEASURED, PARTLY, Combination, combinations, known, share_of
 from etude_arm.identified.friction_alone import LEAST_TURNS, friction_alone
 from etude_arm.identified.parameter_fit import (
+    BACKLASH_TERM,
+    DEAD_BAND,
     DELAY,
-    MEASURED,
-    PARTLY,
     SHOWN,
     STRIBECK,
     TERMS,
-    Combination,
     Friction,
     ParameterFit,
-    combinations,
-    known,
     parameter_fit,
     settled,
-    share_of,
 )
 from etude_arm.identified.target import NAMES, UNITS, armature_units, digits, table
 from etude_arm.inputs import friction_speeds
 from etude_arm.loading.load import load_arm
 from etude_arm.physics.mean import RigidBodyMean
-from etude_arm.spec import ArmSpec
+from etude_arm.spec import FORCES, ArmSpec
 
 HARDLY = 0.5
 """Part of the delay's prior deviation that is left."""
-TERM_UNITS = ("{u} s^2/{x}", "{u} s/{x}", "{u}", "{u}", "1", "{u} s/{x}", "{u}")
+TERM_UNITS = ("{u} s^2/{x}", "{u} s/{x}", "{u}", "{u}", "1", "{u} s/{x}", "{u}", "{u}", "{x}")
 
 
 def report(spec: ArmSpec, physics: Physics | None, samples: Samples, data: ArmData) -> Delivered:
@@ -51,7 +48,8 @@ def report(spec: ArmSpec, physics: Physics | None, samples: Samples, data: ArmDa
     assert isinstance(mean, RigidBodyMean)
     fit = parameter_fit(settled(samples, spec, mean))
     inertial = _inertial_rows(fit, spec)
-    return _delivered(spec, inertial, fit.friction, [*_said(fit, spec, inertial), *_delay(fit)])
+    said = [*_said(fit, spec, inertial), *_delay(fit), *_undecided(fit.friction, spec)]
+    return _delivered(spec, inertial, fit.friction, said)
 
 
 def _delivered(
@@ -139,8 +137,8 @@ def _friction_rows(fit: Friction, spec: ArmSpec) -> list[dict[str, Any]]:
         for k, term in enumerate(TERMS[1:], start=1):
             value, deviation = float(fit.terms[j, k]), float(fit.deviation[j, k])
             shown = deviation > 0.0 and bool(fit.evidence[j, k] > SHOWN)
-            # where no dip is shown, its size goes with v_s and v0, and no interval says that
-            kept = shown if k == STRIBECK else deviation > 0.0
+            # a dip that is not shown goes with v_s and v0, a backlash with those of other joints
+            kept = shown if k in (STRIBECK, BACKLASH_TERM) else deviation > 0.0
             rows.append(
                 {
                     "joint": axis.name,
@@ -165,7 +163,7 @@ def friction_c(fit: Friction, spec: ArmSpec) -> str:
     name = f"n_{name}" if name[:1].isdigit() else name
     pairs = zip(spec.names, spec.command_units, strict=True)
     units = ", ".join(f"{_plain(joint)} {unit}" for joint, unit in pairs)
-    columns = [*fit.terms[:, 1:6].T, fit.stribeck_speed, fit.v0]
+    columns = [*fit.terms[:, 1:6].T, fit.stribeck_speed, fit.v0, fit.terms[:, DEAD_BAND]]
     rows = ",\n".join(
         f"        {{{', '.join(repr(float(x)) for x in row)}}}" for row in np.transpose(columns)
     )
@@ -175,13 +173,16 @@ def friction_c(fit: Friction, spec: ArmSpec) -> str:
 
 static void {name}_friction(const double qd[{J}], const double load[{J}], double friction[{J}])
 {{
-    /* viscous, coulomb, stribeck, load, asymmetry, speed of stribeck, speed over which friction turns */
-    static const double p[{J}][7] = {{
+    /* viscous, coulomb, stribeck, load, asymmetry, speed of stribeck, speed over which friction turns,
+       dead band */
+    static const double p[{J}][8] = {{
 {rows}}};
     for (int j = 0; j < {J}; ++j) {{
         const double v = qd[j], s = tanh(v / p[j][6]), slow = v / p[j][5];
         const double level = p[j][1] + p[j][2] * exp(-slow * slow) + p[j][3] * fabs(load[j]);
         friction[j] = p[j][0] * v + level * s + p[j][4] * fabs(v);
+        const double whole = load[j] + friction[j];
+        friction[j] += p[j][7] * ((whole > 0.0) - (whole < 0.0));
     }}
 }}
 """
@@ -213,6 +214,14 @@ def _delay(fit: ParameterFit) -> list[str]:
     return [f"Commands act {value:.1f} +- {NORMAL_95 * deviation:.1f} ms after they are logged."] * bool(told)
 
 
+def _undecided(found: Friction, spec: ArmSpec) -> list[str]:
+    """Of commands that are no forces, whose drives may have a dead band."""
+    nats = np.abs(found.evidence[:, DEAD_BAND])
+    names = [name for name, size in zip(spec.names, nats.tolist(), strict=True) if size < SHOWN]
+    said = f"The logs do not decide on a dead band of {', '.join(names)}: Coulomb friction contains one."
+    return [said] * bool(names and spec.command_unit not in FORCES)
+
+
 def _friction_sentences(fit: Friction, spec: ArmSpec, rows: list[dict[str, Any]]) -> list[str]:
     shown = {(row["joint"], row["term"]) for row in rows if row["shown"]}
     return [
@@ -223,7 +232,7 @@ def _friction_sentences(fit: Friction, spec: ArmSpec, rows: list[dict[str, Any]]
 
 WITHOUT = (
     "No model file says masses, so that friction alone follows, as what changes its sign with the speed. "
-    "Armature, friction by load and by direction, and offset are not told."
+    "Armature, friction by load and by direction, offset, dead band and backlash are not told."
 )
 
 
@@ -268,7 +277,9 @@ def _readme(
 {sentences}
 - measured: the logs took away {MEASURED:.0%} of the variance that the file leaves, partly: {PARTLY:.0%}.
 - m c and I are about the link's own origin, along its axes. Drives feel armature and friction as they stand.
-- friction.h is the friction as a C function, with the speeds of Stribeck's dip.
+- friction.h is the friction as a C function, with the speeds of Stribeck's dip and the dead band.
+- Dead band: the largest command that makes no torque. Backlash: between encoder and link. No log shows one
+  between motor and encoder.
 - Evidence: nats for the term against none; a term is shown above {SHOWN:g}.
 
 | parameter | value | 95 % | unit | file | known |

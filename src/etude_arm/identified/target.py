@@ -15,9 +15,9 @@ from etude.logs.readers.cells import text_cell
 from etude.models.accuracy import NORMAL_95
 from etude.protocols import Kind
 from etude.types import Array, Delivered, Samples
+from etude_arm.identified.combinations import MEASURED, PARTLY, known
 from etude_arm.identified.consistent_parameters import Identified, identified
 from etude_arm.identified.model_file_writer import JointTerms, mjcf, with_drives, written
-from etude_arm.identified.parameter_fit import MEASURED, PARTLY, known
 from etude_arm.identified.pseudo_inertia import is_possible
 from etude_arm.identified.replayed import Replayed, replayed
 from etude_arm.physics.geometry import has_masses
@@ -67,6 +67,7 @@ class ModelFile:
         said = [
             *_said(found, spec, rows),
             *_carried(name, spec),
+            *_lost(found, spec),
             *_played_sentences(name, played, found, spec),
         ]
         facts: dict[str, Any] = {"told": found.measured, "segments": found.errors.segments}
@@ -220,6 +221,17 @@ def _carried(name: str, spec: ArmSpec) -> list[str]:
         return []
     place = "is not in the file, as before" if name.endswith(".urdf") else "is in the file"
     return [f"What robot.toml adds, {' and '.join(carried)}, {place}."]
+
+
+def _lost(found: Identified, spec: ArmSpec) -> list[str]:
+    """What no model file has."""
+    parts = [
+        f"{name} {what} {digits(size)} {unit}"
+        for name, own, sizes in zip(spec.names, spec.command_units, found.lost.tolist(), strict=True)
+        for what, size, unit in zip(("dead band", "backlash"), sizes, (own, "rad"), strict=True)
+        if size
+    ]
+    return [f"The file has no dead band and no backlash, and the logs show {', '.join(parts)}."] * bool(parts)
 
 
 def digits(value: float) -> str:

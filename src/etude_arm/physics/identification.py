@@ -508,12 +508,14 @@ ENOUGH = 0.3
 """Least share of a joint's samples that must remain; otherwise reversals are not excluded."""
 
 
-def steady(samples: Samples, speed: Array) -> Mask:
-    """(n, J) samples in which a joint moves away from reversals, by speeds (n, J); all moving samples if too
-    few remain.
+def steady(samples: Samples, *turning: Array) -> Mask:
+    """(n, J) samples in which a joint moves away from reversals of each quantity (n, J), as its speed; all
+    moving samples if too few remain.
     """
     moving = samples.moving & samples.usable
-    found = moving & (since_reversal(samples.t, samples.group, speed) > TURNED)
+    found = moving.copy()
+    for one in turning:
+        found &= since_reversal(samples.t, samples.group, one) > TURNED
     return np.where(found.sum(axis=0) > ENOUGH * moving.sum(axis=0), found, moving)
 
 

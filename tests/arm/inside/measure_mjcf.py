@@ -23,7 +23,7 @@ from pinocchio_arm import Array  # noqa: E402
 import etude  # noqa: E402
 from etude.campaign import Campaign, ingested_samples  # noqa: E402
 from etude_arm.identified.consistent_parameters import WhitenedRows, links_of  # noqa: E402
-from etude_arm.identified.parameter_fit import FRICTION, OFFSET_TERM, STRIBECK, settled  # noqa: E402
+from etude_arm.identified.parameter_fit import FRICTION, OFFSET_TERM, STRIBECK, WAVES, settled  # noqa: E402
 
 ARMATURE_TO_COULOMB = (0, FRICTION.start, FRICTION.start + 1)
 """Of the drive's terms what a joint of an MJCF has."""
@@ -39,7 +39,7 @@ def least(campaign: Campaign) -> tuple[Array, Array]:
     own = [*range(first), *(first + k for k in (*ARMATURE_TO_COULOMB, OFFSET_TERM))]
     found = []
     for (rows, y), unit in zip(evidence.rows, evidence.deviation, strict=True):
-        for columns in (own, [*own, first + STRIBECK, *range(first + OFFSET_TERM + 1, rows.shape[1])]):
+        for columns in (own, [*own, first + STRIBECK, *range(first + WAVES.start, rows.shape[1])]):
             X = rows[:, columns]
             left = y - X @ np.linalg.lstsq(X, y, rcond=1e-8)[0]
             found.append(unit * np.sqrt(np.mean(left**2)))

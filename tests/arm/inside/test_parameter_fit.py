@@ -20,14 +20,8 @@ from compilers import STRICT, run, tool
 from etude import plugins
 from etude.types import Log, Samples
 from etude_arm import KIND, ArmPhysics, ArmSpec
-from etude_arm.identified.parameter_fit import (
-    TERMS,
-    ParameterFit,
-    combinations,
-    parameter_fit,
-    savage_dickey,
-    settled,
-)
+from etude_arm.identified.combinations import combinations
+from etude_arm.identified.parameter_fit import TERMS, ParameterFit, parameter_fit, savage_dickey, settled
 from etude_arm.identified.parameter_report import friction_c
 from etude_arm.physics.identification import since_reversal
 from etude_arm.spec import COMMAND_RATES
@@ -192,6 +186,42 @@ def test_a_term_is_shown_where_it_is_there_alone(
     assert 0.0 < found.friction.deviation[0, k] < 0.5 * wanted
 
 
+BAND, LOOSE = 0.5, 0.06
+
+
+@pytest.mark.parametrize("unit", ["N m", pytest.param("pwm", marks=pytest.mark.slow)])
+def test_a_dead_band_is_told_from_friction_where_gravity_turns(
+    robot: tuple[ArmSpec, Path], fit: ParameterFit, unit: str
+) -> None:
+    """Not of the shoulder, which turns about the vertical."""
+    k, level = TERMS.index("dead band"), TERMS.index("coulomb")
+    assert (fit.friction.evidence[:, k] < 0.0).all()
+    assert (fit.friction.terms[:, k] == 0.0).all()
+    law = lambda qd, rigid: usual(qd, rigid) + BAND * np.sign(rigid + usual(qd, rigid))  # noqa: E731
+    found = fitted((replace(robot[0], command_unit=unit), robot[1]), law).friction
+    assert found.evidence[1, k] > 10.0
+    for term, true in ((k, BAND), (level, FRICTION[1])):
+        assert found.terms[1, term] == pytest.approx(true, abs=3.0 * found.deviation[1, term])
+        assert 0.0 < found.deviation[1, term] < 0.1 * true
+
+
+@pytest.mark.slow
+def test_backlash_is_told_where_gravity_turns(robot: tuple[ArmSpec, Path], fit: ParameterFit) -> None:
+    """Of an encoder at the motor, which leads the link."""
+    spec, real = robot
+    k, band = TERMS.index("backlash"), TERMS.index("dead band")
+    assert (fit.friction.terms[:, k] == 0.0).all()
+    samples = samples_of(spec, real, usual, 0, memory=0.0)
+    rigid = torques(real, spec.names, *(samples.log[name] for name in ("q", "qd", "qdd")))
+    ahead = samples.log["q"] + 0.5 * LOOSE * np.sign(rigid) * (np.arange(spec.dof) == 1)
+    loose = replace(samples, log=replace(samples.log, values={**samples.log.values, "q": ahead}))
+    found = parameter_fit(settled(loose, spec, ArmPhysics(spec)(loose))).friction
+    assert found.evidence[1, k] > 3.0
+    assert found.evidence[1, band] < 3.0
+    assert found.terms[1, k] == pytest.approx(LOOSE, abs=3.0 * found.deviation[1, k])
+    assert found.deviation[1, k] < 0.5 * LOOSE
+
+
 def test_no_drive_sticks_less_than_it_slides(robot: tuple[ArmSpec, Path], fit: ParameterFit) -> None:
     """A friction that rises with speed as no viscous one does: the dip would be below zero."""
     k, level = TERMS.index("stribeck"), TERMS.index("coulomb")
@@ -239,7 +269,9 @@ def test_time_to_a_reversal_stays_within_a_group() -> None:
 def test_the_c_function_is_the_friction(
     robot: tuple[ArmSpec, Path], fit: ParameterFit, tmp_path: Path
 ) -> None:
-    text = friction_c(fit.friction, robot[0])
+    terms = fit.friction.terms.copy()
+    terms[:, TERMS.index("dead band")] = 0.4
+    text = friction_c(replace(fit.friction, terms=terms), robot[0])
     axes = (replace(robot[0].axes[0], unit="m"), *robot[0].axes[1:])
     other = friction_c(fit.friction, replace(robot[0], name="7 Ärm", axes=axes))
     assert "shoulder N, elbow N m" in other
@@ -255,7 +287,7 @@ def test_the_c_function_is_the_friction(
     dip = np.exp(-((qd / fit.friction.stribeck_speed) ** 2))
     level = coulomb + stribeck * dip + by_load * np.abs(load)
     wanted = viscous * qd + level * np.tanh(qd / fit.friction.v0) + asymmetry * np.abs(qd)
-    np.testing.assert_allclose(out, wanted, rtol=1e-12)
+    np.testing.assert_allclose(out, wanted + 0.4 * np.sign(load + wanted), rtol=1e-12)
 
 
 def test_the_tables_say_what_is_known(robot: tuple[ArmSpec, Path]) -> None:

@@ -17,6 +17,7 @@ from etude.campaign import (
     IngestResult,
     abandon,
     create_campaign,
+    inspect,
     open_campaign,
     stored_trajectory,
 )
@@ -221,6 +222,19 @@ class TestTell:
         result = told(campaign, log, foreign=True)
         assert (result.number, result.foreign) == (2, True)
         assert [r.number for r in campaign.state().proposals] == [1]
+
+    def test_inspect_says_which_proposal_a_log_answers(self, campaign: Campaign, tmp_path: Path) -> None:
+        own = write_log(tmp_path / "first.csv", random_motion(campaign, 99))
+        assert "proposal" not in {f.check for f in inspect(own, campaign.path).findings}
+        asked(campaign, 2)
+        found = inspect(log_of(campaign, 1, tmp_path), campaign.path)
+        assert found.findings[-1].sentence == "The motion is that of proposal 1."
+        assert not found.refused
+        other = inspect(own, campaign.path)
+        assert other.refused
+        assert other.findings[-1].check == "proposal"
+        assert "--foreign" in other.findings[-1].step
+        assert not campaign.state().ingested
 
     def test_a_foreign_log_starts_a_campaign(self, campaign: Campaign, tmp_path: Path) -> None:
         result = told(campaign, write_log(tmp_path / "old.csv", random_motion(campaign, 1)))

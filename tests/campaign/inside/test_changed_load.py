@@ -34,7 +34,7 @@ ARM = "\n".join(
     ]
 )
 KG = 0.8
-TIMES = 4  # that a motion of 10 s is run
+TIMES = 2  # that a motion of 10 s is run
 
 
 def arm(folder: Path) -> Campaign:
@@ -46,10 +46,16 @@ def arm(folder: Path) -> Campaign:
 
 
 def written(
-    path: Path, campaign: Campaign, motion: Trajectory, kg: float = 0.0, rub: float = 1.0, seed: int = 0
+    path: Path,
+    campaign: Campaign,
+    motion: Trajectory,
+    kg: float = 0.0,
+    rub: float = 1.0,
+    seed: int = 0,
+    times: int = TIMES,
 ) -> Path:
     """The arm along a motion, again and again, with a load at its last link and so much of its friction."""
-    t = np.arange(0.0, TIMES * motion.duration, 0.02)
+    t = np.arange(0.0, times * motion.duration, 0.02)
     q, qd, qdd = motion.motion(t % motion.duration, 3).orders
     body = body_of(campaign.kind, campaign.spec)
     assert body is not None

@@ -229,8 +229,8 @@ def test_a_sign_that_turns_within_a_log_is_asked_about_with_joint_and_time(
 
 def test_a_load_taken_up_within_a_log_is_weighed(lab: Campaign, tmp_path: Path) -> None:
     motion = random_motion(lab, 7)
-    plain = written(tmp_path / "plain.csv", lab, motion)
-    loaded = written(tmp_path / "loaded.csv", lab, motion, kg=1.5)
+    plain = written(tmp_path / "plain.csv", lab, motion, times=4)
+    loaded = written(tmp_path / "loaded.csv", lab, motion, kg=1.5, times=4)
     finding = found(halves(tmp_path / "both.csv", plain, loaded), lab)["contradiction"]
     assert float(finding.sentence.split(" kg more")[0].split()[-1]) == pytest.approx(1.5, rel=0.15)
     put_down = found(halves(tmp_path / "less.csv", loaded, plain), lab)["contradiction"]

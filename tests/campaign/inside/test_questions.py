@@ -44,6 +44,16 @@ def test_a_wrong_sign_is_a_question_and_nothing_is_stored(campaign: Campaign, tm
     assert not campaign.state().ingested
 
 
+def test_what_several_files_share_is_said_once(campaign: Campaign, tmp_path: Path, capsys) -> None:
+    paths = [changed(campaign, tmp_path / f"log{seed}.csv", seed, tau_hip=-1.0) for seed in (1, 2)]
+    assert main(["tell", str(campaign.path), *map(str, paths)]) == 3
+    out = capsys.readouterr().out.splitlines()
+    assert out[:2] == ["log1.csv  refused", "log2.csv  refused"]
+    assert out[2].startswith("log1.csv, log2.csv: The sign of the commands of hip is inverted in all 2 logs")
+    assert out[2].count("--repair sign") == 1
+    assert len(out) == 3  # nothing was stored: no next step that needs a log
+
+
 def test_a_repair_turns_the_sign_and_says_so(campaign: Campaign, tmp_path: Path) -> None:
     wrong = changed(campaign, tmp_path / "wrong.csv", 1, tau_hip=-1.0)
     right = write_log(tmp_path / "right.csv", random_motion(campaign, 1), 1)

@@ -75,5 +75,6 @@ def test_of_an_assumed_deviation_counts_what_home_leaves_room_for() -> None:
     np.testing.assert_array_equal(weight > 1.0, [True, True])
     assert weight[1] == pytest.approx(spread / BELIEVED_ROOM / 8.0)
     np.testing.assert_array_equal(held.blocked("", home), "")
-    assert limit.blocked("", home) == "the torque of b"
+    assert limit.blocked("", home) == "the torque of b with its deviation"
+    assert replace(limit, upper=np.full(2, 1.0)).blocked("", home) == "the torque of a"
     assert len(rest_at(poses, 3).t) == 2

@@ -10,7 +10,11 @@ from typing import TypedDict
 from etude.campaign.ingest.questions import Answers, LogQuestions
 from etude.campaign.ingest.recordings import evidence_in, log_of
 from etude.campaign.record.folder import Campaign
+from etude.campaign.record.state import State
+from etude.campaign.record.stored_files import is_committed, speed_folder, stored_trajectory
 from etude.codes import Notice
+from etude.deploy.trajectory_files import COEFFICIENTS, SPEEDS
+from etude.errors import DataError, UsageError
 from etude.logs.alignment.alignment import align
 from etude.logs.cleaning.read import Settle, clean_log, read_log
 from etude.protocols import Trajectory
@@ -75,6 +79,41 @@ def aligned_with(campaign: Campaign, log: Log, trajectory: Trajectory) -> Log:
     expected = campaign.kind.expected(campaign.spec)
     path = campaign.kind.path
     return align(log, trajectory, campaign.channels, path, expected.scale, rest=expected.rest)
+
+
+def answered_proposal(
+    campaign: Campaign, state: State, log: Log, number: int | None = None
+) -> tuple[Log, int, int] | None:
+    """The log in the time of the proposal that it answers, the proposal's number, and the speed in percent.
+
+    None without proposals to compare with.
+
+    Args:
+        number: of the only proposal that is tried; None: the open ones, newest first, then abandoned ones.
+
+    Raises:
+        DataError: it is of another motion; the message compares it with the first proposal tried.
+    """
+    given_up = [r.number for r in state.rounds.values() if r.teaches and r.abandoned]
+    opened = [r.number for r in state.proposals]
+    refused: DataError | None = None
+    for candidate in [*reversed(opened), *reversed(given_up)] if number is None else [number]:
+        for speed in SPEEDS[::-1]:
+            if not is_committed(campaign, speed_folder(campaign, candidate, speed) / COEFFICIENTS):
+                continue
+            try:
+                trajectory = stored_trajectory(campaign, candidate, speed)
+                return aligned_with(campaign, log, trajectory), candidate, speed
+            except DataError as error:
+                refused = refused or error
+            except UsageError:
+                # an abandoned proposal with a damaged file must not block all other logs
+                if candidate in opened or candidate == number:
+                    raise
+    if refused is None:
+        return None
+    foreign = "If it answers no proposal at all, tell it with --foreign."
+    raise DataError(refused.fact, where=refused.where, next_step=f"{refused.next_step} {foreign}".strip())
 
 
 def read(

@@ -12,9 +12,12 @@ import numpy as np
 
 from etude.campaign.create import find_robot, reading
 from etude.campaign.ingest.command_decisions import told_logs
+from etude.campaign.ingest.ingest_result import answered_proposal
 from etude.campaign.ingest.questions import Answers, LogQuestions, clock_by_file_of, judged_commands
+from etude.campaign.ingest.recordings import is_recording
 from etude.campaign.record.config_file import CONFIG
 from etude.campaign.record.folder import Campaign, open_campaign
+from etude.campaign.record.stored_files import FULL
 from etude.errors import DataError, EtudeError
 from etude.logs.checks.exact import judge_numbers
 from etude.logs.checks.filtered_motion import Seen, seen
@@ -60,7 +63,8 @@ class Inspected:
 class _KnownRobot:
     """Known facts of the robot, described by its kind or guessed from the headers.
 
-    why: reason why there are no channels. told: its logs so far, by number.
+    why: reason why there are no channels. told: its logs so far, by number. campaign: None without one.
+    log: the file.
     """
 
     channels: Sequence[Channel]
@@ -72,6 +76,8 @@ class _KnownRobot:
     config: LogConfig = field(default_factory=LogConfig)
     why: str = ""
     told: Mapping[int, Log] = field(default_factory=dict)
+    campaign: Campaign | None = None
+    log: Path = Path()
 
 
 def inspect(
@@ -94,7 +100,7 @@ def inspect(
     known = None if robot is None else _described(str(robot))
     try:
         with np.errstate(all="ignore"):
-            known = known or _guessed(path, topics)
+            known = replace(known or _guessed(path, topics), log=path)
             log, stated = _read(path, known, topics)
             if degrees:
                 log = from_degrees(log, stated)
@@ -110,7 +116,7 @@ def mapping_of(path: Path, robot: str, topics: Sequence[str] = ()) -> str:
 
 
 def _described(robot: str) -> _KnownRobot:
-    config, told = LogConfig(), {}
+    config, told, campaign = LogConfig(), {}, None
     if (Path(robot) / CONFIG).is_file():
         campaign = open_campaign(Path(robot))
         kind, spec, config = campaign.kind, campaign.spec, campaign.config.log
@@ -121,7 +127,15 @@ def _described(robot: str) -> _KnownRobot:
             spec = kind.spec(place)
     expected = kind.expected(spec)
     return _KnownRobot(
-        tuple(kind.channels(spec)), expected.limits, expected.rate, kind.path, kind, spec, config, told=told
+        tuple(kind.channels(spec)),
+        expected.limits,
+        expected.rate,
+        kind.path,
+        kind,
+        spec,
+        config,
+        told=told,
+        campaign=campaign,
     )
 
 
@@ -251,6 +265,8 @@ def _judged(log: Log, known: _KnownRobot, stated: set[str]) -> Inspected:
     own = _tried("robot", lambda: _own(clean, known))
     asked = any(f.flag or f.light == "red" for f in found)  # tell asks these first, and judges again
     found += [*ranges, *(f for f in own if not (asked and f.flag))]
+    if not is_recording(known.log):  # a recording of a run names its proposal itself
+        found += _tried("proposal", lambda: _proposal(clean, known.campaign))
     return Inspected(rows, tuple(found))
 
 
@@ -316,6 +332,18 @@ def _commands(log: Log, known: _KnownRobot, motion: Seen | None) -> tuple[Findin
 def _own(log: Log, known: _KnownRobot) -> Sequence[Finding]:
     """Findings of the checks of the kind of robot."""
     return () if known.kind is None else known.kind.checks(known.spec, log)
+
+
+def _proposal(log: Log, campaign: Campaign | None) -> Sequence[Finding]:
+    """Which proposal of a campaign the log answers. DataError: of none, though one is open."""
+    if campaign is None or not (state := campaign.state()).proposals:
+        return ()
+    found = answered_proposal(campaign, state, log)
+    if found is None:
+        return ()
+    _, number, speed = found
+    slower = "" if speed == FULL else f", run at {speed} %"
+    return (Finding("proposal", "green", f"The motion is that of proposal {number}{slower}."),)
 
 
 def _tried(check: str, action: Callable[[], Sequence[Finding]]) -> tuple[Finding, ...]:

@@ -16,7 +16,13 @@ import numpy as np
 
 from etude.campaign.ingest.command_decisions import MOST_NEW, Survey, told_logs
 from etude.campaign.ingest.confirmation_runs import check_may_teach, take_run
-from etude.campaign.ingest.ingest_result import How, IngestResult, aligned_with, read, read_settled
+from etude.campaign.ingest.ingest_result import (
+    How,
+    IngestResult,
+    answered_proposal,
+    read,
+    read_settled,
+)
 from etude.campaign.ingest.questions import Answers, LogQuestions, answers_of, body_of, questions_of
 from etude.campaign.ingest.recordings import evidence_in, placed
 from etude.campaign.ingest.robot_changed import answer, change_found
@@ -27,16 +33,14 @@ from etude.campaign.record.folder import Campaign, Say
 from etude.campaign.record.state import Round, State
 from etude.campaign.record.stored_files import (
     FULL,
-    is_committed,
     require_description,
-    speed_folder,
     stored_trajectory,
     take_up,
 )
 from etude.campaign.record.stored_models import mixed, stored_log
 from etude.campaign.training import Learner, learn_pending
 from etude.codes import Notice
-from etude.deploy.trajectory_files import COEFFICIENTS, PLANNED, SPEEDS
+from etude.deploy.trajectory_files import PLANNED
 from etude.errors import DataError, EtudeError, UsageError, typed
 from etude.logs.alignment.alignment import holds_enough
 from etude.logs.cleaning.filters import median_rate
@@ -303,36 +307,20 @@ def _identify(
     campaign: Campaign, state: State, path: Path, number: int | None, foreign: bool, log: Log
 ) -> tuple[Log, int | None, int]:
     """The aligned log, its proposal (None: no proposal), and the speed of the run."""
-    open_numbers = [r.number for r in state.proposals]
+    refused: DataError | None = None
     if number is not None and not foreign:
         check_asked(state, number)
-        candidates = [number]
-    else:
-        given_up = [r.number for r in state.rounds.values() if r.teaches and r.abandoned]
-        candidates = [] if foreign else [*reversed(open_numbers), *reversed(given_up)]
-    refused: DataError | None = None
-    for candidate in candidates:
-        for speed in SPEEDS[::-1]:
-            if not is_committed(campaign, speed_folder(campaign, candidate, speed) / COEFFICIENTS):
-                continue
-            try:
-                trajectory = stored_trajectory(campaign, candidate, speed)
-                return aligned_with(campaign, log, trajectory), candidate, speed
-            except DataError as error:
-                refused = refused or error
-            except UsageError:
-                # an abandoned proposal with a damaged file must not block all other logs
-                if candidate in open_numbers or candidate == number:
-                    raise
+    try:
+        found = None if foreign else answered_proposal(campaign, state, log, number)
+    except DataError as error:
+        found, refused = None, error
+    if found is not None:
+        return found
     if number is None or foreign:
         check_may_teach(campaign, state, log, path)
-    if refused is None or (number is None and not open_numbers):
+    if refused is None or (number is None and not state.proposals):
         return start_at_zero(log), None, FULL
-    raise DataError(
-        refused.fact,
-        where=refused.where or str(path),
-        next_step=f"{refused.next_step} If it answers no proposal at all, tell it with --foreign.".strip(),
-    )
+    raise refused
 
 
 def _with_motion(campaign: Campaign, number: int, log: Log, fact: Ingested, control: str) -> Ingested:
@@ -558,8 +546,9 @@ def _taken(campaign: Campaign, paths: Sequence[Path], how: How, say: Say) -> lis
         open_before, refused = len(campaign.state().proposals), []
         for path in left:
             found[path] = _one(campaign, path, how, survey)
-            say(f"{path.name}: {found[path].sentence}.")
-            refused += [path] if found[path].ingested is None else []
+            lost = found[path].ingested is None
+            say(f"{path.name}: {'refused' if lost else found[path].sentence}.")
+            refused += [path] if lost else []
         # a log that matches none of several open proposals may belong to none
         left = refused if len(campaign.state().proposals) < open_before else []
     return [found[path] for path in dict.fromkeys(paths)]

@@ -328,7 +328,19 @@ def _unsigned(numbers: Numbers) -> Iterator[Finding]:
             visits += _brief_visits(size / size.max(), numbers.step)
     fact = f"No command ever changes its sign, and {visits} times one comes to zero and turns back"
     step = "Log commands with their sign: a model of magnitudes is wrong for the opposite motion."
+    if bit := _sign_bit(numbers.u):
+        step = f"The sign is in bit {bit}: write {2**bit} - value for values from {2**bit} on."
     yield from _asked(UNSIGNED, visits * math.log(2.0), fact, step)
+
+
+def _sign_bit(commands: Array) -> int:
+    """Bit of integers (T, J) that holds their sign, as of Feetech's servos; 0 for none."""
+    bit = int(np.log2(max(float(commands.max()), 1.0)))
+    read = np.where(commands >= 2.0**bit, 2.0**bit - commands, commands)
+    most, before = (np.abs(np.diff(one, axis=0)).max(initial=0.0) for one in (read, commands))
+    # each change of the sign is a jump by the bit: all are gone, and where it is no sign there are more
+    jumps = most < 0.5 * 2.0**bit < before
+    return bit if jumps and (commands == np.round(commands)).all() else 0
 
 
 def _brief_visits(size: Array, step: float) -> int:

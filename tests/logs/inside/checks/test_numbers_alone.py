@@ -326,6 +326,10 @@ def test_unsigned_commands_are_refused_in_a_long_log_and_asked_of_a_short_one() 
     assert (brief.check, brief.light, brief.flag) == ("unsigned", "yellow", "unsigned")
     assert " times one comes to zero and turns back (odds " in brief.sentence
     assert "--accept unsigned" in brief.step
+    counts = np.round(20.0 * log["command"])
+    in_a_bit = changed(log, command=np.where(counts < 0.0, 1024.0 - counts, counts))
+    assert any("bit 10: write 1024 - value" in found.step for found in told(in_a_bit))
+    assert "bit" not in one(changed(log, command=np.abs(counts))).step
     signed = wrong["command"].copy()
     signed[:, 1] = log["command"][:, 1]
     assert told(changed(log, command=signed)) == []
