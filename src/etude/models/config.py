@@ -29,6 +29,8 @@ SPECTRAL = ("ssgp_fixed", "ssgp_learned")
 """Members that stand for the squared exponential kernel alone."""
 OFFERED = ("default", "standing", "slow", "ripple", "gip_lin", "all_lin")
 """Names of `candidates`."""
+LEAST_SEGMENTS = 4
+"""Of held-out motion; fewer decide nothing between two models."""
 USUAL_COMMANDS = 4
 """Of the robots on which `fit_points` was set; more commands gain by docs/decisions/0050-short-logs.md."""
 LEAST_VALUES = {
