@@ -207,14 +207,13 @@ def test_telling_and_stopping(
     code, again = run_json(capsys, "tell", str(lab), str(log))
     assert (code, again["repeated"], again["learned"]) == (0, True, [])
     path = lab / "campaign.toml"
-    tolerant = path.read_text().replace("command_tolerance = 0.0", "command_tolerance = 0.02")
-    path.write_text(tolerant.replace("consecutive = 2", "consecutive = 1"))
+    path.write_text(path.read_text().replace("budget_trajectories = 20", "budget_trajectories = 1"))
     code, found = run_json(capsys, "ask", str(lab))
     assert (code, found["error"]["kind"]) == (5, "StopRuleReached")
     assert "--continue" in found["error"]["next_step"]
     assert len(list((lab / "proposals").iterdir())) == 1
     code, standing = run_json(capsys, "status", str(lab))
-    assert standing["verdict"]["rule"] == "tolerance"
+    assert standing["verdict"]["rule"] == "budget"
 
 
 def test_an_unsafe_trajectory_is_4(

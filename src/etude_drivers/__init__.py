@@ -9,7 +9,7 @@ if TYPE_CHECKING:
     from etude_drivers.dds import DdsTopics, JointRow, Points, Topics, message_of, types
     from etude_drivers.franka import FrankaArm
     from etude_drivers.lerobot import LeRobotArm
-    from etude_drivers.machine import MachineSettings
+    from etude_drivers.machine import Machine, MachineSettings
     from etude_drivers.mujoco import MujocoRobot
     from etude_drivers.px4 import Px4Vehicle
     from etude_drivers.ros2 import Ros2Controller
@@ -21,6 +21,7 @@ __all__ = [
     "FrankaArm",
     "JointRow",
     "LeRobotArm",
+    "Machine",
     "MachineSettings",
     "MujocoRobot",
     "Points",

@@ -34,6 +34,8 @@ HELD = 1e7
 """Damping and inertia of joints that are not the campaign's."""
 SAG = 0.02
 """rad or m by which gravity and friction move a joint off its set-point, at most."""
+STRIBECK = 0.05
+"""rad/s or m/s at which stiction has fallen to 1/e."""
 
 
 @dataclass(frozen=True)
@@ -42,10 +44,12 @@ class MachineSettings:
 
     Attributes:
         model: URDF or MJCF. rate: Hz of set-points and samples.
-        start: pose at the beginning by name, rad or m; else 0, or the middle of a range without it.
+        start: pose at the beginning by name, rad or m; else the campaign's home. Joints that it leaves out,
+            and all without a campaign: 0, or the middle of a range without it.
         bandwidth: Hz of the position controller.
         friction, viscous: Coulomb friction, and friction at 1 rad/s, in parts of what gravity and an
-            acceleration of 1 rad/s^2 ask of the joint at most.
+            acceleration of 1 rad/s^2 ask of the joint at most. stiction: what Coulomb friction is more at
+            rest, as a part of it.
         wrong_masses: masses and inertias are up to this part off the model's. payload: kg at the last body.
         delay: s of set-points. noise: rad or m of measured positions. seed: of both and of masses.
         adds_gravity: the robot holds its (wrong) weight itself, and its commands are without it.
@@ -58,6 +62,7 @@ class MachineSettings:
     bandwidth: float = 4.0
     friction: float = 0.05
     viscous: float = 0.02
+    stiction: float = 0.0
     wrong_masses: float = 0.0
     payload: float = 0.0
     delay: float = 0.0
@@ -73,9 +78,14 @@ class MachineSettings:
         known = [own.name for own in fields(cls)]
         require_known(table, known, "mujoco")
         made = cls(**table)
-        if not (made.rate > 0 and made.bandwidth > 0 and min(made.friction, made.viscous, made.delay) >= 0):
+        if not (
+            made.rate > 0
+            and made.bandwidth > 0
+            and min(made.friction, made.viscous, made.stiction, made.delay) >= 0
+        ):
             raise UsageError(
-                "rate and bandwidth have to be positive, and friction, viscous and delay not negative",
+                "rate and bandwidth have to be positive, and friction, viscous, stiction and delay not "
+                "negative",
                 where="run.toml [driver]",
                 next_step="Give such numbers.",
             )
@@ -185,6 +195,9 @@ class Machine:
         # the velocity's part of the feedback is the model's damping, which MuJoCo integrates implicitly
         added = self.damping * self.data.qvel[self._dofs] + (0.0 if self._weight is None else self._gravity())
         self.data.qfrc_applied[self._dofs] = own + added
+        if self.settings.stiction:
+            slow = np.exp(-((self.data.qvel[self._dofs] / STRIBECK) ** 2))
+            self.model.dof_frictionloss[self._dofs] = self._coulomb * (1.0 + self.settings.stiction * slow)
         mujoco.mj_step(self.model, self.data)
         self._age += self.model.opt.timestep
         return own
@@ -267,7 +280,8 @@ class Machine:
     def _as_it_is(self) -> None:
         """What the campaign's model does not know."""
         own = self.settings
-        self.model.dof_frictionloss[self._dofs] += own.friction * self._scale
+        self._coulomb = self.model.dof_frictionloss[self._dofs] + own.friction * self._scale
+        self.model.dof_frictionloss[self._dofs] = self._coulomb
         self.model.dof_damping[self._dofs] += own.viscous * self._scale + self.damping
         factors = 1.0 + own.wrong_masses * self._rng.uniform(-1.0, 1.0, self.model.nbody)
         self.model.body_mass[:] *= factors

@@ -36,10 +36,18 @@ SHOWN = 1 / 30
 """s between two pictures."""
 
 
-def driver(joints: tuple[str, ...], address: str, settings: Mapping[str, Any]) -> MujocoRobot:
-    """`--on mujoco:MODEL`, `mujoco:MODEL,virtual`, `mujoco:MODEL,view`; [driver] has `MachineSettings`."""
+def driver(
+    joints: tuple[str, ...],
+    address: str,
+    settings: Mapping[str, Any],
+    home: Mapping[str, float] | None = None,
+) -> MujocoRobot:
+    """`--on mujoco:MODEL`, `mujoco:MODEL,virtual`, `mujoco:MODEL,view`; [driver] has `MachineSettings`.
+
+    home: pose at the beginning, where [driver] has no `start`.
+    """
     words = [word for word in address.split(",") if word]
-    table = dict(settings)
+    table = {"start": home, **settings}
     for word in words:
         table.update({word: True} if word in OPTIONS else {"model": word})
     made = MachineSettings.of(table)

@@ -19,7 +19,7 @@ from etude.drivers import Bounds, Ended, Player, Recording, Streamed, Supervisor
 from etude.errors import UsageError
 from etude.trajectories import PointToPoint
 from etude.types import Array
-from etude_drivers import MujocoRobot
+from etude_drivers import Machine, MachineSettings, MujocoRobot
 
 UR10 = Path(__file__).parents[2] / "examples" / "ur10" / "ur10.urdf"
 JOINTS = tuple(
@@ -86,6 +86,33 @@ def test_the_same_settings_give_the_same_robot_and_wrong_masses_another() -> Non
     np.testing.assert_array_equal(same[0].q, same[1].q)
     other = once({"wrong_masses": 0.1})
     assert np.abs(other.command[:50] - same[0].command[:50]).max() > 1.0
+
+
+def test_a_robot_that_nobody_places_begins_at_home() -> None:
+    home = {name: 0.2 * (i - 2) for i, name in enumerate(JOINTS)}
+    for settings, elbow in (({}, home["elbow_joint"]), ({"start": {"elbow_joint": 0.9}}, 0.9)):
+        where = find_driver(f"mujoco:{UR10},virtual", JOINTS, settings, home=home).where()
+        assert where.asked is not None
+        assert where.asked[2] == pytest.approx(elbow)
+
+
+def test_stiction_is_friction_that_speed_takes_away() -> None:
+    """At speeds far below and far above that of Stribeck, through the pose where the arm hangs."""
+
+    def friction(speed: float, stiction: float) -> float:
+        own = MachineSettings(model=str(UR10), friction=0.5, viscous=0.0, stiction=stiction, noise=0.0)
+        commands = []
+        for way in (1.0, -1.0):
+            machine, joint = Machine(("wrist_3_joint",), own), np.zeros(1)
+            for cycle in range(200):
+                machine.ask(joint + way * speed * cycle * machine.period, joint + way * speed, joint, None)
+                machine.cycle()
+            commands.append(float(machine.command[0]))
+        return 0.5 * (commands[0] - commands[1])
+
+    slow, fast = (friction(v, 0.5) / friction(v, 0.0) for v in (0.002, 0.5))
+    assert slow == pytest.approx(1.5, rel=0.03), "the solver of MuJoCo softens friction"
+    assert fast == pytest.approx(1.0, rel=0.03)
 
 
 def test_effort_is_added_to_feedback() -> None:

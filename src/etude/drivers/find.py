@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import inspect
 import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -17,7 +18,13 @@ GROUP = "etude.drivers"
 FORMS = "NAME, NAME:ADDRESS, module:factory or file.py:factory"
 
 
-def find_driver(on: str, joints: Sequence[str], settings: Mapping[str, Any] | None = None) -> Player:
+def find_driver(
+    on: str,
+    joints: Sequence[str],
+    settings: Mapping[str, Any] | None = None,
+    *,
+    home: Mapping[str, float] | None = None,
+) -> Player:
     """The driver, not yet connected; a stream is given its clock loop.
 
     Args:
@@ -25,6 +32,8 @@ def find_driver(on: str, joints: Sequence[str], settings: Mapping[str, Any] | No
             the file's folder is.
         joints: of the campaign, by name.
         settings: table [driver] of run.toml.
+        home: pose by joint, rad or m, that a factory with an argument `home` is given: where a simulation
+            that nobody has placed begins.
 
     Raises:
         UsageError: no such driver, one that cannot be loaded, a library that it needs is missing, or it is
@@ -32,7 +41,8 @@ def find_driver(on: str, joints: Sequence[str], settings: Mapping[str, Any] | No
     """
     factory, address = _resolved(on)
     try:
-        driver = factory(tuple(joints), address, dict(settings or {}))
+        more = {"home": home} if "home" in inspect.signature(factory).parameters else {}
+        driver = factory(tuple(joints), address, dict(settings or {}), **more)
     except UsageError:
         raise
     except Exception as error:

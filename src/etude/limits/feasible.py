@@ -90,13 +90,17 @@ class Ball:
         A = (w * w).sum(axis=0) - slope**2
         B = (u * w).sum(axis=0) - e * slope
         C = np.minimum((u * u).sum(axis=0) - e**2, 0.0)
-        return -_first_root(A, -B, C).min(axis=0), _first_root(A, B, C).min(axis=0)
+        inside = B * B - A * C  # of both roots
+        root = np.sqrt(np.maximum(inside, 0.0))
+        behind, ahead = (_first_root(A, b, C, inside, root) for b in (-B, B))
+        return -behind.min(axis=0), ahead.min(axis=0)
 
 
-def _first_root(A: Array, B: Array, C: Array) -> Array:
-    """Smallest s >= 0 with A s^2 + 2 B s + C = 0, C <= 0, without cancellation; infinite if there is none."""
-    inside = B * B - A * C
-    root = np.sqrt(np.maximum(inside, 0.0))
+def _first_root(A: Array, B: Array, C: Array, inside: Array, root: Array) -> Array:
+    """Smallest s >= 0 with A s^2 + 2 B s + C = 0, C <= 0, without cancellation; infinite if there is none.
+
+    inside: B^2 - A C. root: of that, 0 where it is negative.
+    """
     ahead = (B > 0.0) & (inside >= 0.0)
     out = np.full(A.shape, np.inf)
     np.divide(root - B, A, out=out, where=~ahead & (A > 0.0))

@@ -16,6 +16,7 @@ from typing import Literal
 import numpy as np
 
 from etude.errors import DataError, UsageError
+from etude.models.config import LEAST_SEGMENTS
 from etude.models.student_t import StudentT
 from etude.types import Array, Index, Mask, Samples
 
@@ -190,8 +191,6 @@ def score_trajectories(
     return TrajectoryScores(numbers, *np.array(rows).T)
 
 
-LEAST_SEGMENTS = 4
-"""Fewer decide nothing."""
 NARROW, WIDE = 0.6744897501960817, 1.959963984540054
 """Deviations of the 50 % and the 95 % interval of a normal distribution."""
 LEAST_COVERED = 0.85

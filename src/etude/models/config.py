@@ -29,6 +29,8 @@ SPECTRAL = ("ssgp_fixed", "ssgp_learned")
 """Members that stand for the squared exponential kernel alone."""
 OFFERED = ("default", "standing", "slow", "ripple", "gip_lin", "all_lin")
 """Names of `candidates`."""
+LEAST_SEGMENTS = 4
+"""Of held-out motion; fewer decide nothing between two models."""
 USUAL_COMMANDS = 4
 """Of the robots on which `fit_points` was set; more commands gain by docs/decisions/0050-short-logs.md."""
 LEAST_VALUES = {
@@ -66,7 +68,7 @@ class ModelConfig:
             its local processes, at most; the other approximations learn from every sample that counts.
         inducing: where twice as many samples count, exact processes learn from up to four times as many,
             through those of so many evenly spread ones that tell something; else, and with 0, from `points`
-            alone.
+            alone. So do the defaults beside candidates with samples of their own, from two trajectories on.
         basis: inducing inputs, spectral points or basis points of a process that has such, at most.
         fit_points: samples for the hyperparameters, at most, of up to four commands; see `for_commands`.
         fit_spacing_s: the latter are at least this far apart: nearer ones repeat each other, and the

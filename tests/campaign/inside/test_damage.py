@@ -94,7 +94,12 @@ def test_any_damaged_file(lab: Path, capsys: pytest.CaptureFixture[str], name: s
         assert said(capsys, command, str(lab))[0] in (0, 2, 3)
 
 
-@pytest.mark.parametrize("harm", HARMS)
+RARE = ("garbage", "nested", "object")
+TOLD = [pytest.param(own, marks=[pytest.mark.slow] * (own in RARE)) for own in HARMS]
+"""Every day those that differ when a log is told; `test_any_damaged_file` reads the others."""
+
+
+@pytest.mark.parametrize("harm", TOLD)
 def test_a_damaged_proposal(lab: Path, whole: Path, capsys: pytest.CaptureFixture[str], harm: str) -> None:
     """Its own log cannot answer it; and once it is given up, it stands in the way of no other."""
     path = lab / "proposals" / "0003" / "trajectory.json"

@@ -60,7 +60,7 @@ def test_a_forecast_of_slow_logs_stops_nothing_and_is_not_shown(campaign: Campai
     notice = Notice(Warn.SLOW_MOTION, {"axes": ("hip",), "part": 0.15}, NextStep.TELL_FASTER)
     good = {"forecast_deviation": [0.01, 0.01], "moved": 0.0, "latent_deviation": [9.0, 9.0]}
     for warnings, code in (([], Stop.TOLERANCE), ([notice.to_json()], Stop.DOUBTED)):
-        evidence = seen_by_the_rule(campaign, state([1.0, 1.0], [1.0, 1.0], **good, warnings=warnings))
+        evidence = seen_by_the_rule(campaign, state(*[[1.0, 1.0]] * 4, **good, warnings=warnings))
         config = replace(campaign.config.stop, command_tolerance=0.01)
         assert judge(evidence, config).said.code == code
         assert (expected_error(state([1.0, 1.0]), evidence) is None) == bool(warnings)

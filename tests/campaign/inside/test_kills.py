@@ -58,10 +58,17 @@ class Full:
         return call
 
 
+ENOUGH = 0.6
+"""Part of a log that has half of the motion; it stands still for a second before."""
+
+
 def test_a_full_disk_at_every_write(tmp_path: Path) -> None:
     campaign = make_campaign(tmp_path)
     ask(campaign)
     log = write_log(tmp_path / "run.csv", stored_trajectory(campaign, 1))
+    # what answers the proposal and no more: it is read at every step
+    rows = log.read_text().splitlines(keepends=True)
+    log.write_text("".join(rows[: round(ENOUGH * len(rows))]))
     committed = campaign.events()
     step = 1
     while True:

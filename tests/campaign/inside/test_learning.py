@@ -150,7 +150,9 @@ def test_the_same_facts_ask_and_learn_the_same(learned: Campaign, tmp_path: Path
     assert json.loads(texts[0])["form"] == "fourier"
 
 
-def test_the_gain_of_the_designed_trajectory_can_stop(learned: Campaign, tmp_path: Path) -> None:
+def test_the_gain_of_the_designed_trajectory_can_stop(
+    learned: Campaign, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     import shutil
 
     from etude.campaign import open_campaign
@@ -161,6 +163,7 @@ def test_the_gain_of_the_designed_trajectory_can_stop(learned: Campaign, tmp_pat
         path.read_text() + "[stop]\ngain_per_minute = 1e6\ncommand_tolerance = 0\nnoise_fraction = 0\n"
     )
     campaign = open_campaign(tmp_path / "lab")
+    monkeypatch.setattr("etude.campaign.evaluate.stopping.LEAST_SEGMENTS", 3)  # a log has one here
     with pytest.raises(StopRuleReached, match=r"\(gain\)"):
         ask(campaign)
     assert not campaign.proposal(4).exists()

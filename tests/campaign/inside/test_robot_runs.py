@@ -316,6 +316,29 @@ def test_a_joint_that_sticks_is_stopped_and_the_next_run_is_slower(tmp_path: Pat
     assert sent
 
 
+class Weak(Robot):
+    """Its commands end at this limit, N m, and one of its joints lags behind from a set-point on."""
+
+    def state(self) -> Sample:
+        sample = super().state()
+        assert sample.command is not None
+        return replace(sample, command=np.clip(sample.command, -self.most, self.most))
+
+    most = np.inf
+
+
+@pytest.mark.parametrize("part", [1.0, 0.5])
+def test_a_command_at_its_limit_is_named_as_the_cause_of_a_stop(tmp_path: Path, part: float) -> None:
+    campaign, robot = lab(tmp_path), Weak()
+    robot.most = part * float(campaign.kind.limit(campaign.spec)[1])
+    robot.at = {1: lambda: robot.blocked.__setitem__(0, True)}
+    with pytest.raises(RobotStopped) as found:
+        moved(campaign, robot)
+    said = found.value.next_step
+    assert ("command of knee was at its limit" in said) == (part == 1.0)
+    assert "See to it, then: etude run" in said
+
+
 def test_a_whole_motion_that_was_stopped_is_given_up_and_another_asked_for(tmp_path: Path) -> None:
     campaign, robot = lab(tmp_path), Robot()
 
@@ -679,6 +702,16 @@ def test_a_notebook_has_the_same_robot(driven: Campaign) -> None:
         assert facts(driven, MotionSent) == []
         with pytest.raises(UsageError, match="another etude run works in this campaign"):
             moved(driven, Robot(), dry=True)
+
+
+def test_a_simulation_is_told_where_home_is(driven: Campaign, tmp_path: Path) -> None:
+    (tmp_path / "bot.py").write_text(
+        BOT.replace("settings):", "settings, home=None):").replace(
+            "**settings", "start=[*home.values()], **settings"
+        )
+    )
+    with etude.connect(driven, yes=True) as robot:
+        assert robot.pose() == {"hip": 0.0, "knee": -0.5}, "the middle of its ranges"
 
 
 def test_a_dry_run_at_the_terminal(driven: Campaign, capsys: pytest.CaptureFixture[str]) -> None:

@@ -41,6 +41,16 @@ def test_a_rule_fires_after_two_in_a_row(rule: str, change: dict[str, object]) -
 
 
 @pytest.mark.parametrize(("rule", "change"), RULES)
+def test_no_rule_fires_before_promote_can_decide(rule: str, change: dict[str, object]) -> None:
+    """From four held-out segments on, and a rule that fired is the end of a run."""
+    few = series({**change, "segments": 1}, {**change, "segments": 3})
+    assert judge(few, CONFIG).reason == "1 more log before a rule can fire."
+    enough = series(*({**change, "segments": n} for n in (1, 3, 4)))
+    assert judge(enough, CONFIG).rule == rule
+    assert judge(few, replace(CONFIG, budget_trajectories=2)).rule == "budget"
+
+
+@pytest.mark.parametrize(("rule", "change"), RULES)
 def test_a_rule_can_be_switched_off(rule: str, change: dict[str, object]) -> None:
     off = StopConfig(command_tolerance=0, noise_fraction=0, gain_per_minute=0, budget_trajectories=0)
     assert not judge(series(change, change, change), off).stop

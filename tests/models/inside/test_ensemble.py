@@ -6,10 +6,20 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from learning_examples import LIMIT, NAMES, PHYSICS, SMALL, Inputs, selection, trajectories, trajectory
+from learning_examples import (
+    LIMIT,
+    NAMES,
+    PHYSICS,
+    SMALL,
+    Identified,
+    Inputs,
+    selection,
+    trajectories,
+    trajectory,
+)
 
 from etude.errors import UsageError
-from etude.models import Folds, ModelConfig, select_structures
+from etude.models import ExactPosterior, Folds, ModelConfig, select_structures
 from etude.models.gp import inducing
 from etude.models.process_abilities import share_of
 from etude.models.selection import ensemble
@@ -25,6 +35,7 @@ from etude.models.selection.ensemble import (
 )
 from etude.models.selection.structures import LearnedStructure
 from etude.models.store import model_bytes, model_of
+from etude.types import Samples
 
 BOTH = replace(SMALL, candidates=("default", "gip_lin"))
 
@@ -218,3 +229,31 @@ def test_each_process_through_inducing_inputs_is_made_once(monkeypatch: pytest.M
     processes = {id(one.process) for one in found.model.candidates}
     assert len(found.model.candidates) == 4
     assert len(made) == len(processes)
+
+
+class Waves(Identified):
+    """Physics that say nothing of slow samples, and have waves of nothing."""
+
+    def rippled(self, samples: Samples) -> tuple[Samples, Waves]:
+        return samples, self
+
+
+@pytest.mark.parametrize("logs", [1, 2])
+def test_from_two_logs_on_defaults_beside_others_with_samples_of_their_own_learn_from_points(
+    logs: int,
+) -> None:
+    config = replace(
+        SMALL,
+        rung="identified+gp",
+        candidates=("default", "ripple"),
+        inducing=40,
+        points=30,
+        fit_points=30,
+        steps=2,
+    )
+    for physics, exact in ((Waves(), logs > 1), (Identified(), False)):
+        physics_of = {"identified": physics}
+        found = selection(trajectories(logs), config, physics=physics_of).model.candidates
+        defaults = [c for c in found if c.name == "default"]
+        assert all(isinstance(p, ExactPosterior) == exact for c in defaults for p in c.process.own)
+        assert all(len(c.process.conditioned_on) == 30 for c in defaults if exact)

@@ -10,7 +10,8 @@ from scipy.stats import norm, ttest_1samp
 
 from etude.errors import DataError
 from etude.models import read_residuals
-from etude.models.accuracy import LEAST_SEGMENTS, NARROW, WIDE, by_segment, compared, coverage, uncalibrated
+from etude.models.accuracy import NARROW, WIDE, by_segment, compared, coverage, uncalibrated
+from etude.models.config import LEAST_SEGMENTS
 from etude.models.selection.model_selection import CrossValidationResiduals
 
 

@@ -18,13 +18,13 @@ from etude.codes import Notice, Phrase, Refusal
 from etude.errors import DataError, UsageError, typed
 from etude.models.accuracy import (
     LEAST_COVERED,
-    LEAST_SEGMENTS,
     ErrorRatio,
     by_segment,
     compared,
     coverage,
     uncalibrated,
 )
+from etude.models.config import LEAST_SEGMENTS
 from etude.models.data.fit_data import in_order, judge
 from etude.models.learned_model import LearnedModel
 from etude.models.selection.model_selection import CONSTANT, CrossValidationResiduals, read_residuals

@@ -19,6 +19,7 @@ from etude.campaign.record.config import StopConfig
 from etude.campaign.record.folder import Campaign
 from etude.campaign.record.state import Round, State
 from etude.codes import Code, Notice, Phrase, Stop, Warn
+from etude.models.config import LEAST_SEGMENTS
 
 OVERCONFIDENT = 2.0
 """Calibration factor above which an expected command error is not trusted."""
@@ -43,6 +44,7 @@ class LogOutcome:
         coverage: fraction of an output's commands inside its 95 % intervals, on logs left out; smallest over
             the outputs, None if unknown.
         red: the red alerts. slow: the logs hold slow motion alone, so the forecast is of no faster one.
+        segments: learned so far. Fewer than `promote` needs to compare models call for another log.
     """
 
     number: int
@@ -56,6 +58,7 @@ class LogOutcome:
     coverage: float | None = None
     red: tuple[Notice, ...] = ()
     slow: bool = False
+    segments: int = LEAST_SEGMENTS
 
 
 RULES: Mapping[Code, str] = {
@@ -125,8 +128,11 @@ def judge(evidence: Sequence[LogOutcome], config: StopConfig) -> Verdict:
     spent = _budget(evidence, config)
     if spent is not None:
         return Verdict(spent, harm)
-    if len(recent) < config.consecutive:
-        return Verdict(Notice(Stop.LOGS_MISSING, {"logs": config.consecutive - len(recent)}), harm)
+    missing = config.consecutive - len(recent)
+    if evidence and evidence[-1].segments < LEAST_SEGMENTS:
+        missing = max(missing, 1)  # a model that nothing can be said for would be the end
+    if missing > 0:
+        return Verdict(Notice(Stop.LOGS_MISSING, {"logs": missing}), harm)
     return Verdict(_said(recent, config), harm)
 
 
@@ -266,4 +272,5 @@ def _evidence(campaign: Campaign, trained: list[Round], gain: float | None, minu
         robot_minutes=facts.robot_seconds / 60.0,
         coverage=min((c for c in coverages(trained[-1]) if c is not None), default=None),
         slow=any(one.code == Warn.SLOW_MOTION for one in facts.warnings),
+        segments=sum(len(r.ingested.segments) if r.ingested else 1 for r in trained),
     )

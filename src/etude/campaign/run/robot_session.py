@@ -46,6 +46,8 @@ STATUS_S = 1.0
 """Between two lines of status."""
 MEAN_S = 0.1
 """Over which residuals of commands are averaged."""
+BEFORE_STOP_S, SATURATED = 0.5, 0.99
+"""s before a stop in which a command counts as its cause, from this part of its limit."""
 BYTES_A_VALUE, LEAST_FREE = 8, 64 * 2**20
 """Of a recording before it is packed; bytes that stay free on the disk beside it."""
 JOURNAL_WAIT_S = 600.0
@@ -247,7 +249,27 @@ class RobotSession:
                 where=where,
                 next_step=f"{does[0].upper()}{does[1:]}. {again}",
             )
-        raise RobotStopped(f"stopped: {why}", where=where, next_step=again)
+        weak = self._too_weak(result.recording)
+        raise RobotStopped(f"stopped: {why}", where=where, next_step=weak + again)
+
+    def _too_weak(self, recording: Recording) -> str:
+        """What to do about a command that was at its limit just before the end; "" if none was."""
+        if recording.command is None or not len(recording.t):
+            return ""
+        at = recording.at
+        last = (at > recording.reached - BEFORE_STOP_S) & (at <= recording.reached)
+        limit = np.asarray(self.campaign.kind.limit(self.campaign.spec), dtype=float)
+        used = np.abs(recording.command[last][:, self.columns]) / limit
+        if self.campaign.command.acts_on != self.campaign.kind.path or not len(used):
+            return ""
+        joint = int(np.argmax(used.max(axis=0)))
+        if not used[:, joint].max() >= SATURATED:
+            return ""
+        return (
+            f"The command of {self.campaign.axes[joint]} was at its limit, {limit[joint]:.3g} "
+            f"{self.campaign.command.units[joint]}: if nothing was in its way, lower its velocity and "
+            f"acceleration in robot.toml, and ask anew: etude ask {typed(self.campaign.path)} --new. "
+        )
 
 
 def after_loss(about: About) -> str:

@@ -6,6 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+import numpy as np
+
 from etude._runtime.trusted_folders import folder_id
 from etude.campaign.record.config_file import trusting
 from etude.campaign.record.folder import Campaign
@@ -74,8 +76,10 @@ def read_settings(campaign: Campaign, on: str = "") -> RunSettings:
 
 def driver_of(campaign: Campaign, settings: RunSettings) -> Player:
     """The driver, not connected. What a file names as module:attribute is run only of a trusted folder."""
+    at_home = np.asarray(campaign.kind.home(campaign.spec), dtype=float).tolist()
+    home = dict(zip(campaign.axes, at_home, strict=True))
     if not settings.of_file:
-        return find_driver(settings.on, campaign.axes, settings.driver)
+        return find_driver(settings.on, campaign.axes, settings.driver, home=home)
     path, folder = campaign.path / FILE, campaign.path
     with named_in(path, folder, folder_id(folder / JOURNAL), trusting(folder)):
-        return find_driver(settings.on, campaign.axes, settings.driver)
+        return find_driver(settings.on, campaign.axes, settings.driver, home=home)

@@ -30,6 +30,7 @@ from etude.models.learned_model import LearnedModel
 from etude.models.process_abilities import EnsembleMember
 from etude.models.selection.candidate_errors import CandidateErrors
 from etude.models.selection.ensemble import (
+    CANDIDATES,
     Average,
     Sources,
     averages,
@@ -60,6 +61,8 @@ OFFERED = ("gp", "identified+gp", "identified", "nominal", "linear", "linear+gp"
 LEAST_CALIBRATED = 4
 """Trajectories from which z² of those held out tells how wrong a new one will be; widths hold from
 `LEAST_LOGS` on."""
+OWN = tuple(name for name, member in CANDIDATES.items() if member.own)
+"""Candidates with samples and physics of their own, where these may be so."""
 STRUCTURES = 0.3
 """About the part of the time that the structures take; the rest is that of the candidates beside them."""
 
@@ -122,13 +125,13 @@ def select_structures(
     known = {"linear": LinearPhysics(folds.inputs), **physics}
     names = dict.fromkeys(["linear", *(base_of(structure) for structure in offered)])
     bases = {name: fitted_base(folds, name, known[name]) for name in names if name}
-    groups = []
+    sources = _sources(folds, known)
+    defaults, groups = _of_defaults(folds, sources), []
     with part(STRUCTURES):
         for group in counted(folds.groups):
-            rows = rows_of(folds, group, rng)
-            groups.append(_train_group(folds, group, rows, offered, bases, rng, previous))
+            rows = rows_of(defaults, group, rng)
+            groups.append(_train_group(defaults, group, rows, offered, bases, rng, previous))
     with part(1.0 - STRUCTURES):
-        sources = _sources(folds, known)
         more, broken = beside_default(folds, groups, bases, sources, rng, previous)
     every = candidate_errors(folds, groups, more) if more or config.stacks else []
     selection = _assembled(folds, groups, every, bases["linear"])
@@ -190,9 +193,10 @@ def _sources(folds: Folds, physics: Mapping[str, Physics]) -> Sources:
     and what returns with a joint's position.
     """
     own: object = physics.get("identified")
-    names, told = folds.config.candidates, dict[str, tuple[Samples, Physics]]()
-    if not folds.config.stacks:
+    config, told = folds.config, dict[str, tuple[Samples, Physics]]()
+    if not (config.stacks and config.averages):
         return {}
+    names = [name for name in config.candidates if name in OWN and CANDIDATES[name].offered(folds, ())]
     if "slow" in names and isinstance(own, SupportsSlow) and (slow := own.slow(folds.samples)) is not None:
         told["slow"] = slow, physics["identified"]
     if "ripple" in names and isinstance(own, SupportsRipple) and (rippled := own.rippled(folds.samples)):
@@ -202,6 +206,18 @@ def _sources(folds: Folds, physics: Mapping[str, Physics]) -> Sources:
         source = replace(folds, samples=samples)
         found[name] = source, fitted_base(source, "identified", one)
     return found
+
+
+def _of_defaults(folds: Folds, sources: Sources) -> Folds:
+    """What the default's processes learn from: where others have samples and physics of their own, and there
+    is a log to leave out, `points` alone.
+
+    Beside those others, all samples through inducing inputs took half the time of a training and had nearly
+    no weight (docs/decisions/0061-stacking.md).
+    """
+    if not sources or folds.trajectories < LEAST_LOGS:
+        return folds
+    return replace(folds, config=replace(folds.config, inducing=0))
 
 
 def _offered(config: ModelConfig, physics: Mapping[str, Physics]) -> list[str]:
