@@ -95,6 +95,15 @@ class SupportsFastCheck(Protocol):
 
 
 @runtime_checkable
+class SupportsViolation(Protocol):
+    """`Limit` that finds from a few samples that a motion violates it, at less cost than a proof; False: only
+    a proof decides.
+    """
+
+    def violated(self, piece: Trajectory) -> bool: ...
+
+
+@runtime_checkable
 class SupportsBoxes(Protocol):
     """`Limit` on the path alone, at any speed, so that a search may widen a motion to one side.
 
@@ -495,6 +504,7 @@ ABILITIES: Mapping[str, tuple[type, ...]] = {
         SupportsRefusal,
         SupportsRoomCheck,
         SupportsFastCheck,
+        SupportsViolation,
         SupportsBoxes,
         SupportsBlocking,
         SupportsOffsets,

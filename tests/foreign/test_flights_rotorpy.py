@@ -44,7 +44,7 @@ def test_a_motion_of_ones_own_leaves_with_the_learned_drag(lab: Path, tmp_path: 
     plain = table.copy()
     plain[:, 6:9] -= drag
     told, own = (
-        fly(rows[:500], frame=FRAME, controller=Geometric, seed=7).error(4.0) for rows in (table, plain)
+        fly(rows[:350], frame=FRAME, controller=Geometric, seed=7).error(3.0) for rows in (table, plain)
     )
     assert told <= 0.10
     assert told < 0.4 * own

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from etude.abilities import SupportsFastCheck, SupportsOrders
+from etude.abilities import SupportsFastCheck, SupportsOrders, SupportsViolation
 from etude.design.objective import SearchFunction
 from etude.errors import UnsafeTrajectoryError
 from etude.limits.certificate import slack, tracked_in_words
@@ -267,6 +267,8 @@ def _beyond(row: Proof) -> str:
 def _holds(limit: Limit, piece: Trajectory, quickly: bool) -> bool:
     if quickly and isinstance(limit, SupportsFastCheck):
         return limit.keeps(piece)
+    if isinstance(limit, SupportsViolation) and limit.violated(piece):
+        return False
     return all(slack(row) >= 0.0 for row in limit.prove(piece) if row.status != "not verified")
 
 

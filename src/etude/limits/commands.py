@@ -156,6 +156,14 @@ class CommandLimit:
             return True
         return bool(np.all(self.spread(motion, piece.duration, SELDOM) <= room))
 
+    def violated(self, piece: Trajectory) -> bool:
+        """Whether a sample exceeds the limit, so that no proof can hold; such a proof takes ten times as
+        long.
+        """
+        mean, deviation = self._both(self.along(piece, LOOK))
+        middle, half = 0.5 * (self.upper + self.lower), 0.5 * (self.upper - self.lower)
+        return bool(np.any(np.abs(mean - middle) + self._counted(piece.duration) * deviation > half))
+
     def _at_first_look(self, piece: Trajectory) -> bool | None:
         """Decision from few samples: True if they use so little of each limit that the gaps cannot matter,
         False if they exceed it, None if only finer samples can decide.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 import pytest
@@ -102,6 +102,36 @@ def test_what_is_drawn_home_ends_close_to_the_last_point_that_holds() -> None:
     said = r"home does not keep the limits: disc of arm is \S+, limit 0\.6"
     with pytest.raises(UnsafeTrajectoryError, match=said):
         NonconvexLimits.of([Disc(tuple(arm_home()), 0.6)], family, at).shrink_to_home(family, home, at)
+
+
+@dataclass(frozen=True)
+class Sampled(Disc):
+    """The disc, which a few samples may show to be hit."""
+
+    asked: tuple[list[Trajectory], list[Trajectory]] = field(default_factory=lambda: ([], []))
+
+    def violated(self, piece: Trajectory) -> bool:
+        self.asked[0].append(piece)
+        return (
+            float(self.of_motion(piece.motion(np.linspace(0.0, piece.duration, 99), 1)).min()) < self.radius
+        )
+
+    def prove(self, piece: Trajectory) -> Sequence[Proof]:
+        self.asked[1].append(piece)
+        return super().prove(piece)
+
+
+def test_no_proof_is_made_of_what_samples_refute_and_the_result_is_proved() -> None:
+    family, rng = arm_family(), np.random.default_rng(1)
+    home, at = arm_point(rng, family, 0.0), arm_point(rng, family, 4.0)
+    disc = Sampled(DISC.middle, DISC.radius)
+    found = NonconvexLimits.of([disc], family, at).settled(family, home, at)
+    looked, proofs = disc.asked
+    assert len(looked) > len(proofs) > 0
+    plain = NonconvexLimits.of([DISC], family, at)
+    np.testing.assert_array_equal(found, plain.settled(family, home, at))
+    assert plain.proved(family, found)
+    assert not plain.proved(family, home + (found - home) * 1.01)
 
 
 @pytest.mark.parametrize("seed", range(4))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import replace
 from types import SimpleNamespace
@@ -106,6 +107,20 @@ def test_searches_ask_what_the_proof_will_say() -> None:
         own = replace(LIMIT, upper=np.full(2, part * most), lower=-np.full(2, 20.0), _proofs={})
         assert own.keeps(SWING) == kept
         assert certify(SWING, [own]).ok == kept
+
+
+def test_what_few_samples_exceed_no_proof_holds() -> None:
+    spread = replace(LIMIT, deviation=lambda motion: 0.1 * np.abs(motion.orders[1]), _proofs={})
+    (least, most), _ = ((row.proved_lower, row.proved_upper) for row in spread.prove(SWING))
+    told = {}
+    for low, high in itertools.product((0.8, 0.97, 1.001, 1.5), repeat=2):
+        ends = {"lower": np.array([low * least, -99.0]), "upper": np.array([high * most, 99.0])}
+        own = replace(spread, **ends, _proofs={})
+        told[low, high] = own.violated(SWING)
+        assert not told[low, high] or not certify(SWING, [own]).ok
+    assert told[0.8, 1.5]
+    assert told[1.5, 0.8]
+    assert not told[1.001, 1.001]
 
 
 def test_a_first_look_passes_only_what_is_far_inside() -> None:

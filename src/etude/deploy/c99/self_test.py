@@ -107,6 +107,15 @@ def _flags(plan: Plan, states: Array, unknown: Array, fade: bool) -> Index:
     return np.asarray(UNTRAINED * beyond.any(axis=1).astype(int) | FAR * far.any(axis=1).astype(int))
 
 
+CALLS = {
+    "mean": "mean(&state, inputs[i], command)",
+    "instant": "instant(inputs[i], command)",
+    "gravity": "gravity(inputs[i], command)",
+    "predict": "predict(&state, inputs[i], command, variance)",
+}
+"""Functions of the header that are compared; the last one where it has deviations."""
+
+
 def self_test(plan: Plan, form: CForm, vectors: Golden, exact: float) -> str:
     """The program; it prints its largest deviation and ends with 0 where all are small.
 
@@ -115,21 +124,9 @@ def self_test(plan: Plan, form: CForm, vectors: Golden, exact: float) -> str:
     """
     own, upper = plan.name, plan.name.upper()
     count = len(vectors.inputs)
-    checked = [
-        ("mean", "mean(&state, inputs[i], command)"),
-        ("instant", "instant(inputs[i], command)"),
-        ("gravity", "gravity(inputs[i], command)"),
-    ]
-    if form.deviations:
-        checked.append(("predict", "predict(&state, inputs[i], command, variance)"))
-    wanted = {"mean": vectors.mean, "gravity": vectors.gravity, "instant": vectors.instant}
-    tables = [_table("inputs", f"static const {own}_real", vectors.inputs, form.single)]
-    for name in dict.fromkeys("mean" if name == "predict" else name for name, _ in checked):
-        tables.append(_table(f"want_{name}", "static const double", wanted[name], False))
-    if form.deviations:
-        tables.append(_table("want_variance", "static const double", vectors.variance, False))
     flags = ", ".join(str(int(flag)) for flag in vectors.flags)
-    parts = "\n".join(_part(own, upper, name, call, count) for name, call in checked)
+    checked = CALLS if form.deviations else {name: CALLS[name] for name in CALLS if name != "predict"}
+    parts = "\n".join(_part(own, upper, name, call, count) for name, call in checked.items())
     deviation = f", variance[{upper}_COMMANDS]" if form.deviations else ""
     return f"""/* {own}_test.c: {count} states and what the model said of them where it was learned. */
 #include "{own}.h"
@@ -143,7 +140,7 @@ def self_test(plan: Plan, form: CForm, vectors: Golden, exact: float) -> str:
 #define SMALL {exact if not form.single else float_tolerance(plan)!r}
 #endif
 
-{"".join(tables)}
+{_tables(own, form, vectors)}
 static const unsigned flags[{count}] = {{
     {flags}}};
 
@@ -169,6 +166,15 @@ int main(void)
     return worst <= SMALL && !wrong ? 0 : 1;
 }}
 """
+
+
+def _tables(own: str, form: CForm, vectors: Golden) -> str:
+    """States, and what the model says of them."""
+    wanted = {"mean": vectors.mean, "instant": vectors.instant, "gravity": vectors.gravity}
+    wanted |= {"variance": vectors.variance} if form.deviations else {}
+    tables = [_table("inputs", f"static const {own}_real", vectors.inputs, form.single)]
+    tables += [_table(f"want_{name}", "static const double", wanted[name], False) for name in wanted]
+    return "".join(tables)
 
 
 def _table(name: str, kind: str, values: Array, single: bool) -> str:
