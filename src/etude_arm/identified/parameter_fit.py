@@ -185,6 +185,12 @@ def settled(samples: Samples, spec: ArmSpec, mean: RigidBodyMean) -> Settled:
         # backlash of one joint shows in the commands of others: all have it, or none
         has[:, 1] = has[:, 1].any()
         found = _settled(problem.only(has))
+        more = has[:, 0] & (found.fit.extra[:, COULOMB] < 0.0)
+        if more.any():
+            # it takes more than all Coulomb friction, so that nothing tells the two apart
+            nats[:, more] = 0.0
+            has[:, 0] &= ~more
+            found = _settled(problem.only(has))
     # what the terms explain together belongs to neither
     found.evidence[:, LOST] = np.transpose(
         [logsumexp(nats[has], axis=0) - logsumexp(nats[~has], axis=0) for has in HAS.T]
@@ -219,7 +225,8 @@ def _nats_of_lost(start: Problem, found: Settled) -> tuple[Problem, Array]:
     dropped = found.dropped.copy()
     dropped[:, DEAD_BAND] = False
     for _ in range(BAND_ROUNDS):
-        problem = start.pushed_by(problem.predicted(fit, outputs), fit.noise).with_ripple()
+        band = fit.extra[:, DEAD_BAND]
+        problem = start.pushed_by(problem.predicted(fit, outputs), fit.noise, band).with_ripple()
         fit, outputs = problem.fitted(found.speeds, dropped)
     nats = np.zeros((len(HAS), problem.spec.dof))
     for k, has in enumerate(HAS[1:], start=1):
@@ -401,11 +408,13 @@ class Problem:
             found[self.used[:, j], j] = known + output.columns @ np.append(fit.z, fit.extra[j])
         return found
 
-    def pushed_by(self, command: Array, noise: Array) -> Problem:
-        """The regression with dead band and backlash, for predicted commands (n, J) and their noise (J,)."""
+    def pushed_by(self, command: Array, noise: Array, band: Array) -> Problem:
+        """The regression with dead band and backlash, for predicted commands (n, J), their noise (J,) and the
+        dead bands (J,) known so far, within which no command has a direction.
+        """
         rigid = np.einsum("njp,jp->nj", self.rigid, self.mean.model.inertial)
         loose = -0.5 * np.tanh(rigid / noise)[:, None] * self.slope
-        pushed = np.stack([command, rigid], axis=2)
+        pushed = np.stack([np.where(np.abs(command) > band, command, 0.0), rigid], axis=2)
         return replace(self, band=np.tanh(command / noise), loose=loose, pushed=pushed)
 
     def only(self, has: Mask) -> Problem:
