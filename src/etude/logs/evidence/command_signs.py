@@ -71,8 +71,9 @@ def judge(
         order = None if alone is None else order_of(alone)
         exchanged = None
         if alone is not None and order is not None and order.odds >= ORDER:
-            exchanged = _exchanged(alone, new, path, body, order)
-        turned = _signs(stepped, fresh, order, -np.inf if timed or alone is None else _backwards(alone))
+            exchanged = _calm(_exchanged(alone, new, path, body, order), alone)
+        backwards = -np.inf if timed or alone is None else _backwards(alone)
+        turned = _calm(_signs(stepped, fresh, order, backwards), stepped)
         late = None if clock is None else clock.decision()  # it makes an order doubtful
         far = late is not None and late.level == "ask"
         # of a periodic motion a delay of half a period looks like a sign
@@ -93,6 +94,21 @@ def judge(
         return stepped.decision("silent", why="late" if clock is not None and clock.at_edge else "")
     found = found if found.logs else replace(found, logs=fresh)
     return replace(found, positions=_positions(found, stepped, path, body))
+
+
+def _calm(found: Decision | None, judged: JointEvidence) -> Decision | None:
+    """The decision, if rows where no joint turns round do not deny it: friction that sticks in a turn makes
+    right commands fit another joint, or the other sign.
+    """
+    if found is None or len(found.logs) <= judged.rows.log.max() > 0 < len(found.logs):
+        return found  # of some logs against the others the same friction is on both sides
+    calm, by = judged.calm(orders=found.check == SWAPPED), np.array(found.by)[judged.own]
+    if found.check == SIGN:
+        right, inverted = calm.variant(AS_LOGGED).signs()
+        return found if (inverted >= right)[by < 0.0].all() else None
+    columns = np.searchsorted(judged.own, by)
+    fits = _fits(calm)[np.arange(len(columns)), columns]
+    return found if fits.sum() >= 0.0 and (fits >= -LIKELY).all() else None
 
 
 def _positions(found: Decision, judged: JointEvidence, path: Channel, body: Mean | None) -> float:
@@ -256,14 +272,19 @@ ORDER = CERTAIN  # log odds from which anything is said: of 430 right logs one h
 PAIR, ANY_ORDER = 0.05, 0.005  # prior of one exchanged pair, of any other order
 
 
-def _gains(judged: JointEvidence) -> Array:
-    """(m, m) how much better column k fits joint j than its own joint, by the least favourable class, and no
-    more than the sign of k is known by under j: what depends on the place fits any joint by chance.
-    """
+def _fits(judged: JointEvidence) -> Array:
+    """(m, m) how much better column k fits joint j than its own joint, by the least favourable class."""
     size, m = judged.crossed.by_class(), len(judged.own)
-    right, inverted = judged.crossed.signs()
     own = np.tile(size[np.arange(m) * m + np.arange(m)], (m, 1))
-    gains = np.minimum(least(size, own), np.abs(right - inverted)).reshape(m, m)
+    return least(size, own).reshape(m, m)
+
+
+def _gains(judged: JointEvidence) -> Array:
+    """(m, m) as `_fits`, but no more than the sign of k is known by under j: what depends on the place fits
+    any joint by chance.
+    """
+    right, inverted = judged.crossed.signs()
+    gains = np.minimum(_fits(judged), np.abs(right - inverted).reshape(len(judged.own), -1))
     np.fill_diagonal(gains, 0.0)
     return gains
 

@@ -19,6 +19,7 @@ from scipy.stats import multivariate_normal
 
 import etude
 from etude.logs.evidence import likelihood
+from etude.logs.evidence.joint_evidence import JointEvidence
 from etude.logs.evidence.likelihood import ColumnEvidence, WhitenedMotion, least, log_orthant
 from etude.logs.evidence.rows import AS_LOGGED, DELAYS, FilteredRows, rows_of
 from etude.types import Array, Channel, Log
@@ -151,6 +152,46 @@ def test_a_joint_that_stands_may_hold_any_command() -> None:
             rows_with(log.put(log.channels["command"], sign * log["command"]))
         ).signs()
         assert sign * (right - inverted) > 20.0
+
+
+STUCK_S, STATIC = (
+    0.7,
+    0.3,
+)  # s for which a joint sticks at a reversal; of Coulomb friction, what it takes more
+
+
+def sticking(periods: tuple[float, float]) -> Log:
+    """Two slow joints that stick at each reversal, while feedback winds up to the other sign, and then catch
+    up: in the step of the command the speed has been zero for long.
+    """
+    t = np.arange(3000) / RATE
+    q, command = np.zeros((2, len(t), 2))
+    for j, period in enumerate(periods):
+        turns, since = np.divmod(t + 0.15 * period, 0.5 * period)
+        way, free = 1.0 - 2.0 * (turns % 2.0), since - STUCK_S
+        angle = 2.0 * np.pi / period
+        behind = (np.cos(angle * STUCK_S) - 1.0) * np.exp(-np.maximum(free, 0.0) / 0.1)
+        q[:, j] = way * np.where(free < 0.0, -1.0, behind - np.cos(angle * since))
+        wound = np.interp(since, [0.0, STUCK_S], [-1.0, 1.0 + STATIC])
+        command[:, j] = way * np.where(free < 0.0, wound, 1.0 + STATIC * np.exp(-free / 0.15))
+        command[:, j] += 0.1 * np.gradient(q[:, j], t) / angle
+    command += 0.02 * np.random.default_rng(0).standard_normal(command.shape)
+    path = Channel("q", ("hip", "knee"), ("rad", "rad"))
+    log = Log(t, {}, {}, "made").put(path, q)
+    return log.put(Channel("command", path.parts, ("N m",) * 2, "command", acts_on="q"), command)
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize("periods", [(12.0, 16.0), (9.0, 13.0)])
+def test_a_joint_that_sticks_tells_its_sign_beside_its_turns(
+    periods: tuple[float, float], sign: float
+) -> None:
+    """With its turns the log odds of the first joint are 0 and 8."""
+    log = sticking(periods)
+    judged = JointEvidence.of(rows_with(log.put(log.channels["command"], sign * log["command"])))
+    assert judged is not None
+    odds = np.subtract(*judged.calm(orders=False).variant(AS_LOGGED).signs())
+    assert (sign * odds > 100.0).all()
 
 
 def rubbing(static: float = 0.0, *, fall: float = 0.0, ripple: float = 0.0, period: float = 40.0) -> Log:
