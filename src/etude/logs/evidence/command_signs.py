@@ -71,9 +71,9 @@ def judge(
         order = None if alone is None else order_of(alone)
         exchanged = None
         if alone is not None and order is not None and order.odds >= ORDER:
-            exchanged = _calm(_exchanged(alone, new, path, body, order), alone)
+            exchanged = _without_turns(_exchanged(alone, new, path, body, order), alone)
         backwards = -np.inf if timed or alone is None else _backwards(alone)
-        turned = _calm(_signs(stepped, fresh, order, backwards), stepped)
+        turned = _without_turns(_signs(stepped, fresh, order, backwards), stepped)
         late = None if clock is None else clock.decision()  # it makes an order doubtful
         far = late is not None and late.level == "ask"
         # of a periodic motion a delay of half a period looks like a sign
@@ -96,18 +96,18 @@ def judge(
     return replace(found, positions=_positions(found, stepped, path, body))
 
 
-def _calm(found: Decision | None, judged: JointEvidence) -> Decision | None:
-    """The decision, if rows where no joint turns round do not deny it: friction that sticks in a turn makes
-    right commands fit another joint, or the other sign.
+def _without_turns(found: Decision | None, judged: JointEvidence) -> Decision | None:
+    """The decision, unless rows where no joint reverses contradict it: stiction in a turn makes right
+    commands fit another joint, or the other sign.
     """
-    if found is None or len(found.logs) <= judged.rows.log.max() > 0 < len(found.logs):
-        return found  # of some logs against the others the same friction is on both sides
-    calm, by = judged.calm(orders=found.check == SWAPPED), np.array(found.by)[judged.own]
+    if found is None or 0 < len(found.logs) < len(np.unique(judged.rows.log)):
+        return found  # of some logs against the others: all have the same friction
+    by = np.array(found.by)[judged.own]
     if found.check == SIGN:
-        right, inverted = calm.variant(AS_LOGGED).signs()
+        right, inverted = judged.without_turns.variant(AS_LOGGED).signs()
         return found if (inverted >= right)[by < 0.0].all() else None
-    columns = np.searchsorted(judged.own, by)
-    fits = _fits(calm)[np.arange(len(columns)), columns]
+    fits = _fits(replace(judged.without_turns, orders=True))
+    fits = np.take_along_axis(fits, np.searchsorted(judged.own, by)[:, None], axis=1)
     return found if fits.sum() >= 0.0 and (fits >= -LIKELY).all() else None
 
 

@@ -86,7 +86,7 @@ class Clock:
 
     Attributes:
         logs: all. which: those. path: of their positions.
-        judged: of their clock, `JointEvidence.of_clock`. whole: of all their rows.
+        judged: of their clock, `JointEvidence.without_turns`. whole: of all their rows.
     """
 
     logs: Sequence[Log]
@@ -108,7 +108,7 @@ class Clock:
         which = out_of_step(logs, path, fresh)
         if len(which) < len(fresh):
             alone = JointEvidence.of(rows_of([logs[i] for i in which], path, body))
-        return None if alone is None else cls(logs, path, which, alone.of_clock(), alone)
+        return None if alone is None else cls(logs, path, which, alone.without_turns, alone)
 
     @property
     def at_edge(self) -> bool:

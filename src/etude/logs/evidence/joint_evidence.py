@@ -81,15 +81,9 @@ class JointEvidence:
         """The same motion with other commands (n, k, d) on it."""
         return replace(self, rows=replace(self.rows, command=command))
 
-    def calm(self, orders: bool) -> JointEvidence:
-        """Where nothing that friction does in a turn has a say, of the commands as they were logged."""
-        at = slice(AS_LOGGED, AS_LOGGED + 1)
-        command = np.repeat(self.rows.command[..., at], len(DELAYS), axis=2)
-        rows = replace(self.rows, command=command).without_turns()
-        return JointEvidence(rows, self.own, WhitenedMotion.of_clock(rows, self.own), orders=orders)
-
-    def of_clock(self) -> JointEvidence:
-        """Of the delays alone, where nothing that friction does in a turn has a say."""
+    @cached_property
+    def without_turns(self) -> JointEvidence:
+        """Of the delays alone, in rows where nothing that friction does in a turn has a say."""
         rows = replace(self.rows, command=self.rows.command[..., : len(DELAYS)]).without_turns()
         return JointEvidence(rows, self.own, WhitenedMotion.of_clock(rows, self.own), orders=False)
 

@@ -190,7 +190,7 @@ def test_a_joint_that_sticks_tells_its_sign_beside_its_turns(
     log = sticking(periods)
     judged = JointEvidence.of(rows_with(log.put(log.channels["command"], sign * log["command"])))
     assert judged is not None
-    odds = np.subtract(*judged.calm(orders=False).variant(AS_LOGGED).signs())
+    odds = np.subtract(*judged.without_turns.variant(AS_LOGGED).signs())
     assert (sign * odds > 100.0).all()
 
 
