@@ -1,4 +1,4 @@
-"""Tracking margins: the part of each limit that is kept for the robot's tracking error.
+"""Tracking margins, before and after a log: the part of each limit kept for the robot's tracking error.
 
 Before the first log of a form of motion the margin is assumed. Where the feedback's gains are known, it is
 the error that they allow: at an extremum of the error e its rate is zero, so a proportional gain K produces

@@ -1,4 +1,4 @@
-"""Constraints of a proposal: tracking margins after earlier logs, with the facts behind them."""
+"""Constraints of a proposal: its limits, with the tracking errors of the logs, and the facts behind them."""
 
 from __future__ import annotations
 

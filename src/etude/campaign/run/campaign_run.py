@@ -262,7 +262,11 @@ def what_will_happen(session: RobotSession, options: RunOptions, first: Certifie
     """What a person reads before agreeing: who moves, where, how long, what stops it, what was assumed."""
     campaign, about, pose = session.campaign, session.about, session.pose()
     where = ", ".join(f"{axis} {value:.3g}" for axis, value in zip(campaign.axes, pose.tolist(), strict=True))
-    rounds = f"{options.rounds} motions" if options.rounds else "as many motions as the stop rule asks for"
+    rounds = (
+        f"{options.rounds} motion{'s' * (options.rounds > 1)}"
+        if options.rounds
+        else "as many motions as the stop rule asks for"
+    )
     rounds = rounds if first is not None else "the motion that confirms alone, since the stop rule has fired"
     real = "It is real: keep a hand on its emergency stop." if about.real else "It is a simulation."
     return [
