@@ -254,13 +254,14 @@ class RobotSession:
 
     def _too_weak(self, recording: Recording) -> str:
         """What to do about a command that was at its limit just before the end; "" if none was."""
-        if recording.command is None or not len(recording.t):
+        by_joint = self.campaign.command.acts_on == self.campaign.kind.path  # a vehicle has other commands
+        if recording.command is None or not by_joint:
             return ""
         at = recording.at
         last = (at > recording.reached - BEFORE_STOP_S) & (at <= recording.reached)
         limit = np.asarray(self.campaign.kind.limit(self.campaign.spec), dtype=float)
         used = np.abs(recording.command[last][:, self.columns]) / limit
-        if self.campaign.command.acts_on != self.campaign.kind.path or not len(used):
+        if not len(used):
             return ""
         joint = int(np.argmax(used.max(axis=0)))
         if not used[:, joint].max() >= SATURATED:
