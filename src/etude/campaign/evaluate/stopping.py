@@ -130,7 +130,7 @@ def judge(evidence: Sequence[LogOutcome], config: StopConfig) -> Verdict:
         return Verdict(spent, harm)
     missing = config.consecutive - len(recent)
     if evidence and evidence[-1].segments < LEAST_SEGMENTS:
-        missing = max(missing, 1)  # a model that nothing can be said for would be the end
+        missing = max(missing, 1)  # `promote` could not compare the model
     if missing > 0:
         return Verdict(Notice(Stop.LOGS_MISSING, {"logs": missing}), harm)
     return Verdict(_said(recent, config), harm)

@@ -32,6 +32,7 @@ from etude.logs.columns.matching import match_columns
 from etude.logs.columns.units import Limits, check_lengths, from_degrees, read_time
 from etude.logs.columns.vocabulary import COMMANDS, PREFIXES, is_time, normal, split_suffix, split_unit
 from etude.logs.config import LogConfig
+from etude.logs.readers.log_file import sha256_of_log
 from etude.logs.readers.registry import cut_sentences, end_findings, read_raw, with_rest_reported
 from etude.protocols import Kind
 from etude.types import Array, Channel, Finding, Log
@@ -266,7 +267,7 @@ def _judged(log: Log, known: _KnownRobot, stated: set[str]) -> Inspected:
     asked = any(f.flag or f.light == "red" for f in found)  # tell asks these first, and judges again
     found += [*ranges, *(f for f in own if not (asked and f.flag))]
     if not is_recording(known.log):  # a recording of a run names its proposal itself
-        found += _tried("proposal", lambda: _proposal(clean, known.campaign))
+        found += _tried("proposal", lambda: _proposal(clean, known.campaign, known.log))
     return Inspected(rows, tuple(found))
 
 
@@ -334,10 +335,13 @@ def _own(log: Log, known: _KnownRobot) -> Sequence[Finding]:
     return () if known.kind is None else known.kind.checks(known.spec, log)
 
 
-def _proposal(log: Log, campaign: Campaign | None) -> Sequence[Finding]:
+def _proposal(log: Log, campaign: Campaign | None, path: Path) -> Sequence[Finding]:
     """Which proposal of a campaign the log answers. DataError: of none, though one is open."""
     if campaign is None or not (state := campaign.state()).proposals:
         return ()
+    known = state.round_of_log(sha256_of_log(path))
+    if known is not None:
+        return (Finding("proposal", "green", f"This log was told before, as {known.number}."),)
     found = answered_proposal(campaign, state, log)
     if found is None:
         return ()
