@@ -725,10 +725,13 @@ def test_a_notebook_has_the_same_robot(driven: Campaign) -> None:
 
 
 def test_a_simulation_is_told_where_home_is(driven: Campaign, tmp_path: Path) -> None:
+    placed = (
+        "class Placed(FakeRobot):\n"
+        "    def place(self, pose):\n"
+        "        self.__init__(self.joints, start=[pose[joint] for joint in self.joints])\n"
+    )
     (tmp_path / "bot.py").write_text(
-        BOT.replace("settings):", "settings, home=None):").replace(
-            "**settings", "start=[*home.values()], **settings"
-        )
+        BOT.replace("def bot", f"{placed}def bot").replace("return FakeRobot", "return Placed")
     )
     with etude.connect(driven, yes=True) as robot:
         assert robot.pose() == {"hip": 0.0, "knee": -0.5}, "the middle of its ranges"
