@@ -342,3 +342,15 @@ def test_the_best_signs_are_those_of_all_sets() -> None:
         assert found.odds == pytest.approx(weights[best] - none)
         rest = np.logaddexp.reduce([value for key, value in weights.items() if key != best])
         assert weights[best] - rest - np.log(2.0) < found.ahead < weights[best] - rest + 1e-9
+
+
+@pytest.mark.parametrize("why", ["", "time"])
+def test_a_model_file_is_asked_for_only_where_there_was_none(why: str) -> None:
+    none, some = np.zeros(2), np.ones(2, dtype=bool)
+    own = Decision("ask", none, some, ~some, "sign", (0,), (1.0, -1.0), odds=20.0, ahead=2.0, why=why)
+    alone, beside = (
+        finding_of(replace(own, positions=p), ("hip", "knee"), ["a.csv"]).step for p in (0.0, -200.0)
+    )
+    assert "model file with masses" in alone
+    assert "model file" not in beside
+    assert "log with " in beside
