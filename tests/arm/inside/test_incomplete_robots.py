@@ -8,12 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from etude import load_robot, open_campaign
-from etude.campaign.ingest.questions import body_of, unit_findings
+from etude import open_campaign
 from etude.cli import main
 from etude.errors import UsageError
-from etude.types import Log
-from etude_arm import KIND as ARM
 from etude_arm.loading.load import load
 
 LIMIT = '<limit lower="-1.2" upper="1.2" velocity="1" effort="50"/>'
@@ -105,28 +102,6 @@ def test_placeholder_inertias_are_one_line_to_confirm(text: str, said: str, tmp_
     lines = [line for line in made(tmp_path, text)[1] if "look like placeholders" in line]
     assert len(lines) == bool(said)
     assert all(re.search(said, line) for line in lines)
-
-
-@pytest.mark.parametrize("links", [((1.0, 1.0),) * 3, ((3, 0.02), (2, 0.01), (1, 0.005))])
-def test_a_file_of_placeholders_judges_no_commands(
-    links: tuple[tuple[float, float], ...], tmp_path: Path
-) -> None:
-    """Commands a tenth of the file's are of another unit; where its masses are made up they may be right."""
-    (tmp_path / "arm.urdf").write_text(arm("", *(inertial(m, i) for m, i in links)))
-    spec = load_robot(tmp_path / "arm.urdf")
-    t = np.arange(0.0, 20.0, 0.01)
-    turns = np.array([0.31, 0.23, 0.17]) * 2.0 * np.pi
-    angle = np.outer(t, turns)
-    orders = (0.8 * np.sin(angle), 0.8 * turns * np.cos(angle), -0.8 * turns**2 * np.sin(angle))
-    log = Log(t, {}, {}, "a.csv")
-    for channel, values in zip(ARM.channels(spec), orders, strict=False):
-        log = log.put(channel, values)
-    body, made_up = body_of(ARM, spec), links[0] == (1.0, 1.0)
-    assert body is not None
-    command = next(c for c in ARM.channels(spec) if c.role == "command")
-    log = log.put(command, 0.1 * body.predict(log))
-    (found,) = unit_findings(ARM, spec, log)
-    assert ("placeholders" in found.sentence, found.flag) == ((True, "") if made_up else (False, "scale"))
 
 
 @pytest.mark.parametrize(
