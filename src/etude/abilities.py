@@ -488,6 +488,16 @@ class SupportsPayload(Protocol):
 
 
 @runtime_checkable
+class SupportsPlacement(Protocol):
+    """`Driver` of a simulation that begins at a pose, rad or m by joint, unless its settings have another.
+
+    Called before it is connected.
+    """
+
+    def place(self, pose: Mapping[str, float]) -> None: ...
+
+
+@runtime_checkable
 class SupportsNeeds(Protocol):
     """Target, names of `campaign.supplied` that become options; Criterion: "reference" or "identified"."""
 
@@ -541,6 +551,7 @@ ABILITIES: Mapping[str, tuple[type, ...]] = {
     ),
     "[trajectory]": (SupportsStatedLimits,),
     "Exporter": (SupportsFileNotes, SupportsCommandedFiles),
+    "Driver": (SupportsPlacement,),
     "Target": (SupportsNeeds,),
     "Criterion": (SupportsNeeds,),
 }

@@ -21,6 +21,7 @@ Light = Literal["red", "yellow", ""]
 class Alert(StrEnum):
     """Alerts, which are shown before any figure."""
 
+    MOTION_OPEN = "motion_open"
     LOG_FINDING = "log_finding"
     NARROW_INTERVALS = "narrow_intervals"
     NEVER_MOVED = "never_moved"
@@ -105,6 +106,7 @@ class Phrase(StrEnum):
 class NextStep(StrEnum):
     """Next steps: what to do about a notice. They use the notice's fields."""
 
+    LOOK_AND_RESUME = "look_and_resume"
     OF_CHECK = "of_check"
     TELL_SUCH_MOTION = "tell_such_motion"
     MOVE_OUTPUT = "move_output"
@@ -127,6 +129,8 @@ Code = Alert | Warn | OfFile | Refusal | Stop | Phrase
 ERRED = "{command}: the held-out error of the process is {ratio:.3g} times that of linear regression"
 
 SENTENCES: Mapping[Code | NextStep, str] = {
+    Alert.MOTION_OPEN: "the {part} of proposal {number} was sent at {time}, and nothing says how it ended: "
+    "the robot may have moved",
     Alert.LOG_FINDING: "log {log}: {found}",
     Alert.NARROW_INTERVALS: "the model's intervals are too narrow: {where}, its 95 % intervals held "
     "{coverage}",
@@ -199,6 +203,8 @@ SENTENCES: Mapping[Code | NextStep, str] = {
     Phrase.OPEN_GAIN: "{rate:.2g %} of the variance left per minute (threshold {threshold:g %})",
     Phrase.GAIN_UNKNOWN: "etude ask computes what the next motion would add",
     Phrase.NO_RULE: "no rule but the budget is switched on",
+    NextStep.LOOK_AND_RESUME: "Look where the robot stands, unless it still runs; then: etude run "
+    "{folder:typed} --resume. Nothing is replayed.",
     NextStep.OF_CHECK: "{step}",
     NextStep.TELL_SUCH_MOTION: "Do not use its deviations yet: tell another log of a motion like those that "
     "the model is for.",

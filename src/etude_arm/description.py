@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from etude.errors import UsageError
-from etude.limits import CommandLimit
+from etude.limits import CommandLimit, made_limits
 from etude.types import Array, Described, Mask
 from etude_arm.command_limits import NO_MOTION, commands_of, weight_on_drives
 from etude_arm.physics.geometry import has_masses, read_geometry
@@ -268,6 +268,7 @@ def describe(
         UsageError: no robot, or a model file that cannot be read or completed.
     """
     spec, confirm = read(path, joints, held, limits, joint_limits)
+    made_limits(spec.limits, spec, None, {}, spec.names)  # a wrong name in a table is refused now
     if floor is not None:
         spec = replace(spec, around=replace(spec.around, floor=_floor(path, floor)))
     files: dict[str, bytes] = {}

@@ -13,7 +13,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from etude.logs.checks.filtered_motion import MOVING, Seen, seen, states_of
-from etude.logs.checks.finding_texts import accepted
+from etude.logs.checks.finding_texts import OfRecorder, accepted
 from etude.logs.checks.plausibility import brake_finding
 from etude.logs.cleaning.filters import median_rate
 from etude.types import Array, Finding, Log
@@ -173,10 +173,10 @@ def _mounting(spec: ArmSpec, log: Log) -> tuple[Finding, ...]:
     return () if found is None else (found,)
 
 
-def _rate(spec: ArmSpec, log: Log) -> Finding:
+def _rate(spec: ArmSpec, log: Log) -> OfRecorder:
     rate = median_rate(log.t)
     said = f"The log has {rate:.4g} rows a second, the robot file says {spec.rate:.4g}."
     if 1.0 / ALIKE < rate / spec.rate < ALIKE:
-        return Finding(ROBOT_RATE, "green", said)
+        return OfRecorder(ROBOT_RATE, "green", said)
     step = "If rows were thinned or the robot file is wrong, all is well; else the clock of the log is off."
-    return Finding(ROBOT_RATE, "yellow", said, step)
+    return OfRecorder(ROBOT_RATE, "yellow", said, step)

@@ -106,21 +106,26 @@ class Machine:
         self.data = mujoco.MjData(self.model)
         self._places, self._dofs = self._found()
         self._rng = np.random.default_rng(settings.seed)
-        self._set_start()
+        self._set_start(settings.start or {})
         self.stiffness, self.damping = self._gains()
         self._as_it_is()
         self.period = 1.0 / settings.rate
         self.parts = int(np.ceil(self.period / self.model.opt.timestep - 1e-9))
         self.model.opt.timestep = self.period / self.parts
         self.effort_limit = self._effort_limits()
+        self._zero = np.zeros(len(self.joints))
+        self._weight = mujoco.MjData(self.model) if settings.adds_gravity else None
+        self.place(settings.start or {})
+
+    def place(self, pose: Mapping[str, float]) -> None:
+        """Begins at that pose, rad or m by joint; joints that it leaves out as `MachineSettings.start`."""
+        self._set_start(pose)
         self.t = 0.0
         self.asked = self.data.qpos[self._places].copy()
-        self.command = np.zeros(len(self.joints))
-        self._zero = np.zeros(len(self.joints))
+        self.command = self._zero.copy()
         self._reference = self.asked.copy(), self._zero, self._zero, self._zero
         self._age, self._follows = np.inf, True
         self._queue: deque[tuple[float, tuple[Array, Array, Array, Array]]] = deque()
-        self._weight = mujoco.MjData(self.model) if settings.adds_gravity else None
         for _ in range(int(1.0 / self.period)):  # it hangs in its feedback before anybody looks
             self.cycle()
         self.t = 0.0
@@ -241,15 +246,15 @@ class Machine:
         self.model.dof_damping[held] += HELD
         return self.model.jnt_qposadr[index], self.model.jnt_dofadr[index]
 
-    def _set_start(self) -> None:
+    def _set_start(self, pose: Mapping[str, float]) -> None:
         low, high = self.limits
         middle = 0.5 * (np.maximum(low, -10) + np.minimum(high, 10))
         start = np.where((low < 0) & (high > 0), 0.0, middle)
-        for name, value in (self.settings.start or {}).items():
+        for name, value in pose.items():
             if name not in self.joints:
                 raise UsageError(f"start names {name!r}, which is none of {', '.join(self.joints)}")
             start[self.joints.index(name)] = value
-        self.data.qpos[self._places] = start
+        self.data.qpos[self._places], self.data.qvel[:] = start, 0.0
         mujoco.mj_forward(self.model, self.data)
 
     def _gains(self) -> tuple[Array, Array]:
@@ -289,7 +294,6 @@ class Machine:
         last = self.model.jnt_bodyid[self.model.joint(self.joints[-1]).id]
         self.model.body_mass[last] += own.payload
         mujoco.mj_setConst(self.model, self.data)
-        self._set_start()
 
     def _effort_limits(self) -> Array:
         index = [self.model.joint(name).id for name in self.joints]

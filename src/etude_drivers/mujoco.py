@@ -36,18 +36,10 @@ SHOWN = 1 / 30
 """s between two pictures."""
 
 
-def driver(
-    joints: tuple[str, ...],
-    address: str,
-    settings: Mapping[str, Any],
-    home: Mapping[str, float] | None = None,
-) -> MujocoRobot:
-    """`--on mujoco:MODEL`, `mujoco:MODEL,virtual`, `mujoco:MODEL,view`; [driver] has `MachineSettings`.
-
-    home: pose at the beginning, where [driver] has no `start`.
-    """
+def driver(joints: tuple[str, ...], address: str, settings: Mapping[str, Any]) -> MujocoRobot:
+    """`--on mujoco:MODEL`, `mujoco:MODEL,virtual`, `mujoco:MODEL,view`; [driver] has `MachineSettings`."""
     words = [word for word in address.split(",") if word]
-    table = {"start": home, **settings}
+    table = dict(settings)
     for word in words:
         table.update({word: True} if word in OPTIONS else {"model": word})
     made = MachineSettings.of(table)
@@ -66,6 +58,12 @@ class MujocoRobot:
         self._machine = Machine(joints, settings)  # a wrong model is told here, before anything starts
         self._link: _Link | None = None
         self._stopped = False
+
+    def place(self, pose: Mapping[str, float]) -> None:
+        """Begins at that pose, rad or m by joint, unless [driver] has a `start`."""
+        if self.settings.start is None:
+            self.settings = replace(self.settings, start=dict(pose))
+            self._machine.place(pose)
 
     def about(self) -> About:
         own, (low, high) = self.settings, self._machine.limits

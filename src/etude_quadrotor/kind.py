@@ -110,9 +110,13 @@ class QuadrotorKind:
 
     def described(self, path: Path) -> Described:
         """robot.toml alone: a vehicle has no other files."""
+        from etude.limits import made_limits
+        from etude_quadrotor.channels import AXES
         from etude_quadrotor.spec_file import spec_to_toml
 
-        return Described({"robot.toml": spec_to_toml(self.spec(path)).encode()})
+        spec = self.spec(path)
+        made_limits(spec.limits, spec, None, {}, AXES)  # a wrong name in a table is refused now
+        return Described({"robot.toml": spec_to_toml(spec).encode()})
 
     def spec(self, path: Path) -> QuadrotorSpec:
         """The vehicle of a robot file. UsageError if it cannot be one."""

@@ -196,6 +196,15 @@ def test_a_delay_is_told_however_long(rows: int, ms: int, right: Path, robot: Pa
     assert told == pytest.approx(ms, abs=10)
 
 
+def test_a_log_that_tell_shifts_is_not_taken_as_it_is(right: Path, robot: Path, capsys) -> None:  # type: ignore[no-untyped-def]
+    late = edited(right, lambda r: np.column_stack([r[:-2, :1], r[:-2, 1:3], r[2:, 3:]]))
+    assert main(["inspect", str(late), "--robot", str(robot)]) == 0
+    said = capsys.readouterr().out
+    assert "They are shifted by that when the log is told" in said
+    assert "tell would take this log, repaired as said above" in said
+    assert "tell would take this log as it is" not in said
+
+
 @pytest.mark.parametrize(
     "seconds", [-0.35, 0.3, *(pytest.param(own, marks=pytest.mark.slow) for own in (-0.2, 0.2, 0.45))]
 )

@@ -221,13 +221,13 @@ def _run(given: list[str]) -> int:
         if clash := conflict():
             _tell(f"Warning: {clash}.\n{OWN_ENVIRONMENT}")
         return 0
-    from etude.cli.outcome import to_json
+    from etude.cli.outcome import TRUSTED, to_json
     from etude.cli.parse import command as command_of
     from etude.cli.terminal import fitted, progress_shown
 
     command = command_of(given)
-    if command.trust:
-        _tell(f"Trusted from now on, by you: code that the files in {command.trust_files()} name.")
+    if command.trust and (files := command.trust_files()) is not None:
+        _tell(TRUSTED.format(files))
     # a plug-in may print: what a machine reads from stdout is one line of JSON
     aside = command.json and not command.prints
     plain = contextlib.redirect_stdout(sys.stderr) if aside else contextlib.nullcontext()

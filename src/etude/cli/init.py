@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from etude.cli.outcome import Common, Folder, Outcome, Say
+from etude.cli.outcome import TRUSTED, Common, Folder, Outcome, Say
 from etude.errors import typed
 
 if TYPE_CHECKING:
@@ -53,15 +53,11 @@ class Init(Common):
     mesh_root: tuple[Path, ...] = ()
     """Folders to look for meshes in first, with their package's name or without."""
 
-    def trust_files(self) -> Path:
-        """The robot's file: its folder is not made yet, and will be trusted as it is made."""
-        from etude.campaign.create import trust_robot
+    def trust_files(self) -> None:
+        """The robot's file is remembered once the campaign is made, which its folder is then, too."""
 
-        trust_robot(self.robot)
-        return Path(self.robot)
-
-    def run(self, _: Say) -> Outcome:
-        from etude.campaign.create import RobotPart, create_campaign
+    def run(self, say: Say) -> Outcome:
+        from etude.campaign.create import RobotPart, create_campaign, trust_robot
         from etude.errors import UsageError
 
         if self.seed < 0:
@@ -74,7 +70,12 @@ class Init(Common):
             self.floor,
             self.joint_limits,
         )
-        campaign, confirm = create_campaign(self.folder, self.robot, self.preset, self.seed, part)
+        campaign, confirm = create_campaign(
+            self.folder, self.robot, self.preset, self.seed, part, trust=self.trust
+        )
+        if self.trust:
+            trust_robot(self.robot)
+            say(TRUSTED.format(self.robot))
         lines = [f"Campaign {self.folder} for {campaign.name}: {_moves(campaign)}."]
         if confirm:
             lines += [

@@ -75,12 +75,15 @@ def _draw(found: Inspected, path: Path, source: Path) -> None:
 
 
 def _text(found: Inspected, described: bool) -> str:
+    from etude.logs.checks.finding_texts import Mendable
+
     width = max(len(f.check) for f in found.findings)
     lines = [line for f in found.findings for line in _lines(f, width)]
     counts = Counter(f.light for f in found.findings)
     summary = ", ".join(f"{counts[light]} {light}" for light in ("green", "yellow", "red", "cannot tell"))
     asked = " ".join(dict.fromkeys(f"--accept {f.flag}" for f in found.findings if f.flag))
-    end = "tell would take this log as it is."
+    mended = any(isinstance(f, Mendable) and f.light != "green" for f in found.findings)
+    end = f"tell would take this log{', repaired as said above' if mended else ' as it is'}."
     if not described:
         end = "nothing speaks against this log; what tell would say depends on the robot (--robot)."
     if any(f.light == "red" and not f.flag for f in found.findings):

@@ -34,8 +34,10 @@ class Common:
     trust: bool = False
     """Run code that the folder's files name as module:attribute; remembered for you and this folder."""
 
-    def trust_files(self) -> Path:
-        """Puts what the command names on this user's list. UsageError: it has no campaign's folder."""
+    def trust_files(self) -> Path | None:
+        """Puts what the command names on this user's list, before it runs; None: the command does so itself.
+        UsageError: it has no campaign's folder.
+        """
         from etude.campaign.record.config_file import trust_campaign
         from etude.errors import UsageError
 
@@ -57,6 +59,7 @@ def opened(folder: Path) -> Campaign:
 
 
 Say = Callable[[str], None]
+TRUSTED = "Trusted from now on, by you: code that the files in {} name."
 CHANGED, UNUSABLE = 6, 3
 """Exit codes: the robot has changed, so that somebody has to say what it is now; a file cannot be used."""
 
@@ -86,8 +89,8 @@ class Command(Protocol):
     @property
     def prints(self) -> bool: ...
 
-    def trust_files(self) -> Path:
-        """Trusts them, and says which."""
+    def trust_files(self) -> Path | None:
+        """Trusts them, and says which; None: `run` does it."""
         ...
 
     def run(self, say: Say, /) -> Outcome:

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import importlib.util
-import inspect
 import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from etude.abilities import SupportsPlacement
 from etude.drivers.contract import Player, Stream
 from etude.drivers.streaming import Streamed
 from etude.errors import UsageError
@@ -32,8 +32,7 @@ def find_driver(
             the file's folder is.
         joints: of the campaign, by name.
         settings: table [driver] of run.toml.
-        home: pose by joint, rad or m, that a factory with an argument `home` is given: where a simulation
-            that nobody has placed begins.
+        home: pose by joint, rad or m, where a simulation that nobody has placed begins.
 
     Raises:
         UsageError: no such driver, one that cannot be loaded, a library that it needs is missing, or it is
@@ -41,8 +40,9 @@ def find_driver(
     """
     factory, address = _resolved(on)
     try:
-        more = {"home": home} if "home" in inspect.signature(factory).parameters else {}
-        driver = factory(tuple(joints), address, dict(settings or {}), **more)
+        driver = factory(tuple(joints), address, dict(settings or {}))
+        if home is not None and isinstance(driver, SupportsPlacement):
+            driver.place(home)
     except UsageError:
         raise
     except Exception as error:

@@ -105,7 +105,8 @@ def _made(
     from etude.limits.lipschitz import LipschitzLimit
     from etude.plugin_values import guarded  # robot files are read without these
 
-    where, mend = f"[[limit]] {table.kind}", "Correct its table in robot.toml, or the plug-in."
+    where, names = f"[[limit]] {table.kind}", ", ".join(coordinates)
+    mend = f"Correct its table in the robot's file, or the plug-in. This robot has {names or 'no names'}."
     try:
         found = table.make(spec, model, margins, **table.parameters)
     except EtudeError:

@@ -16,7 +16,6 @@ from robot_runs import lab
 
 from etude.campaign import Campaign, open_campaign
 from etude.campaign.record.events import Ingested, MotionEnded, MotionSent, RunEnded
-from etude.campaign.run.run_history import unfinished
 
 DRIVER = """\
 from etude.testing import FakeRobot
@@ -78,7 +77,7 @@ def test_a_kill_at_any_instant_surprises_nobody(campaign: Campaign, seed: int) -
     time.sleep(random.Random(seed).uniform(0.5, 6.0))
     process.kill()
     process.communicate()
-    left = unfinished(campaign.events())
+    left = campaign.state().sent
     before = len(campaign.events())
     plain = started(campaign, "virtual")
     out, _ = plain.communicate(timeout=120)

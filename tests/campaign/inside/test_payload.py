@@ -98,7 +98,10 @@ def test_the_motion_that_is_asked_for_shows_most(
     assert (again.number, again.new) == (asked.number, False)
     motion = stored_trajectory(own, asked.number)
     log = carrying(tmp_path / "run.csv", own, motion, KG, motion.duration)
-    designed = payload(own, log).load
+    found = payload(own, log)
+    designed = found.load
+    assert not any("etude ask" in sentence for sentence in found.said), "it was just recorded"
+    assert "This log is of the motion that shows most of it." in found.said, "y cannot be told"
     assert abs(designed.mass - KG) < 2.5 * designed.deviation
     random = [
         payload(own, carrying(tmp_path / "random.csv", own, random_motion(own, seed), KG, 10.0)).load

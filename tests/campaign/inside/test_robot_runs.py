@@ -24,7 +24,8 @@ from robot_runs import JOINTS, QUICK, Robot, Somebody, events, facts, home, lab,
 
 import etude
 from etude import cli, tell, untell
-from etude.campaign import Campaign, Trained, newest_model, open_campaign
+from etude.campaign import Campaign, Trained, inspect, newest_model, open_campaign
+from etude.campaign.ingest.ingest_result import read
 from etude.campaign.ingest.recordings import Evidence, file_gravity, log_of, planned_log
 from etude.campaign.ingest.robot_changed import answer
 from etude.campaign.record.events import Ingested, MotionEnded, MotionSent, RunEnded
@@ -70,6 +71,20 @@ def test_what_moves_is_in_the_journal_first(done: tuple[Campaign, Robot, Any]) -
         )
         assert ended.fact.ended == "done"
     assert facts(campaign, RunEnded)[-1].exit_code == 0
+
+
+def test_its_own_recording_is_not_told_that_its_rate_is_another(
+    done: tuple[Campaign, Robot, Any], tmp_path: Path
+) -> None:
+    own = Path(shutil.copytree(done[0].path, tmp_path / "lab"))
+    text = (own / "robot.toml").read_text()
+    (own / "robot.toml").write_text(text.replace("rate = 50", "rate = 100"))
+    campaign, recording = open_campaign(own), next((own / "recordings").glob("0001.motion.*.parquet"))
+    assert campaign.spec.rate == 2.0 * done[1].about().rate
+    assert not any("rows a second" in sentence for sentence in read(campaign, recording).repairs)
+    found = [one.check for one in inspect(recording, own).findings]
+    assert "commands" in found or "units and ranges" in found, found
+    assert "robot rate" not in found
 
 
 def test_a_control_is_tried_slowly_before_a_whole_motion(done: tuple[Campaign, Robot, Any]) -> None:
@@ -483,7 +498,12 @@ def test_after_a_crash_it_asks_and_plans_anew_from_where_it_stands(tmp_path: Pat
     with pytest.raises(UsageError, match="the robot may have moved"):
         moved(campaign, elsewhere)
     assert elsewhere.sent == []
+    alert = etude.status(campaign)["alerts"][0]
+    assert (alert["code"], alert["light"]) == ("motion_open", "red")
+    assert "the robot may have moved" in alert["sentence"]
+    assert f"etude run {campaign.path} --resume" in alert["step"]
     moved(campaign, elsewhere, resume=True)
+    assert all(one["code"] != "motion_open" for one in etude.status(campaign)["alerts"])
     approach = facts(campaign, MotionSent)[1]
     assert approach.part == "approach"
     assert approach.start == pytest.approx((-0.3, 0.2))
@@ -705,10 +725,13 @@ def test_a_notebook_has_the_same_robot(driven: Campaign) -> None:
 
 
 def test_a_simulation_is_told_where_home_is(driven: Campaign, tmp_path: Path) -> None:
+    placed = (
+        "class Placed(FakeRobot):\n"
+        "    def place(self, pose):\n"
+        "        self.__init__(self.joints, start=[pose[joint] for joint in self.joints])\n"
+    )
     (tmp_path / "bot.py").write_text(
-        BOT.replace("settings):", "settings, home=None):").replace(
-            "**settings", "start=[*home.values()], **settings"
-        )
+        BOT.replace("def bot", f"{placed}def bot").replace("return FakeRobot", "return Placed")
     )
     with etude.connect(driven, yes=True) as robot:
         assert robot.pose() == {"hip": 0.0, "knee": -0.5}, "the middle of its ranges"

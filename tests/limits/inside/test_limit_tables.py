@@ -15,6 +15,7 @@ import pytest
 import etude
 from certificate_schema import valid
 from etude import cli
+from etude._runtime.trusted_folders import trust_file
 from etude.abilities import SupportsBlocking, SupportsBoxes, SupportsDrawing
 from etude.errors import UsageError
 from etude.limits import LipschitzLimit, made_limits, utilization
@@ -80,6 +81,11 @@ def exchanged(spec, margins, model):
 
 def ends(spec, model, margins):
     raise SystemExit("set FOO first")
+
+
+def of_joint(spec, model, margins, *, joint: str):
+    column = spec.names.index(joint)
+    return LipschitzLimit("turn", joint, lambda q: q[:, column], np.ones(4), -9.0, 9.0, margins)
 """
 
 
@@ -128,12 +134,31 @@ def test_an_error_in_a_limit_of_ones_own_is_told_as_such(
     assert f"my_limits.py:{line}" in error["where"]
 
 
+def test_a_joint_that_is_none_is_refused_before_anything_is_made_or_trusted(
+    place: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = place / "arm.toml"
+    text = path.read_text().split("[[limit]]")[0] + '[[limit]]\nkind = "my_limits:of_joint"\njoint = "elbw"\n'
+    path.write_text(text)
+    assert cli.main(["init", "lab", "--robot", "arm.toml", "--trust", "--json"]) == 2
+    told = capsys.readouterr()
+    error = json.loads(told.out)["error"]
+    names = etude.load_robot(place / "arm.toml", trust=True).names
+    assert "ValueError" in error["fact"]
+    assert ", ".join(names) in error["next_step"]
+    assert not Path("lab").exists()
+    assert not trust_file().exists()
+    assert "Trusted" not in told.err
+    path.write_text(text.replace("elbw", names[-1]))
+    assert cli.main(["init", "lab", "--robot", "arm.toml", "--trust"]) == 0
+    assert "Trusted" in capsys.readouterr().err
+    assert str(path) in trust_file().read_text()
+
+
 def test_a_limit_that_ends_the_program_is_told_as_such(place, capsys: pytest.CaptureFixture[str]) -> None:
     path = place / "arm.toml"
     path.write_text(path.read_text().split("[[limit]]")[0] + '[[limit]]\nkind = "my_limits:ends"\n')
-    assert cli.main(["init", "lab", "--robot", str(path), "--trust"]) == 0
-    capsys.readouterr()
-    assert cli.main(["ask", "lab", "--json"]) == 2
+    assert cli.main(["init", "lab", "--robot", str(path), "--trust", "--json"]) == 2
     error = json.loads(capsys.readouterr().out)["error"]
     assert "the plug-in my_limits:ends raised SystemExit: set FOO first" in error["fact"]
 

@@ -9,18 +9,18 @@ from pathlib import Path
 import numpy as np
 
 from etude.abilities import SupportsPayload, SupportsVariations, SupportsWithout
-from etude.campaign.ingest.ingest_result import read
+from etude.campaign.ingest.ingest_result import answered_proposal, read
 from etude.campaign.ingest.questions import answers_of, body_of, questions_of
 from etude.campaign.record.deployed_model import DeployedModel, deployed_model
 from etude.campaign.record.folder import ROBOT, Campaign, Say
 from etude.campaign.record.stored_models import ingested_samples, of_another_body
-from etude.errors import DataError, UsageError, typed
+from etude.errors import DataError, EtudeError, UsageError, typed
 from etude.logs.columns.units import start_at_zero
 from etude.models.accuracy import NORMAL_95
 from etude.models.change.payload_estimate import Load, apparent_loads, load_of
 from etude.models.learned_model import LearnedModel
 from etude.storage import write_atomic
-from etude.types import Array
+from etude.types import Array, Log
 
 TOLD = 0.05
 """m: a centre with a wider half of the 95 % interval is not reported."""
@@ -31,6 +31,7 @@ SCALE = "scale"
 MUCH_LEFT = 4.0
 """Ratio of squared errors with the load to the predicted variance; above it more than a load has changed."""
 MOTION = "Record the motion that shows most of it: etude ask {} --payload."
+ITS_MOTION = "This log is of the motion that shows most of it."
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,8 +85,9 @@ def payload(
         load = load_of(used.model, samples, body, apparent_of(campaign, used.model, body))
     except KeyError as error:
         raise DataError(f"the log lacks an input of the model ({error.args[0]})", where=str(log)) from None
-    said = _sentences(load, campaign.path)
-    return Weighed(used, load, said, _written(campaign, used, load) if write else None)
+    better = ITS_MOTION if _weighs(campaign, rows) else MOTION.format(typed(campaign.path))
+    said = _sentences(load, better)
+    return Weighed(used, load, said, _written(campaign, used, load, better) if write else None)
 
 
 def weighable(campaign: Campaign) -> SupportsVariations:
@@ -117,9 +119,21 @@ def apparent_of(campaign: Campaign, model: LearnedModel, body: SupportsVariation
     return apparent_loads(physics.without(told, told.group), model, told, body)
 
 
-def _sentences(load: Load, folder: Path) -> tuple[str, ...]:
-    """The load, and whether it explains the log."""
-    found = _load_sentences(load, folder)
+def _weighs(campaign: Campaign, log: Log) -> bool:
+    """Whether the log is of a motion that was designed to weigh, at any speed."""
+    state = campaign.state()
+    for own in state.weighings:
+        try:
+            answered_proposal(campaign, state, log, own.number)
+        except EtudeError:
+            continue
+        return True
+    return False
+
+
+def _sentences(load: Load, better: str) -> tuple[str, ...]:
+    """The load, and whether it explains the log. better: a sentence on the motion that shows more."""
+    found = _load_sentences(load, better)
     if load.left <= MUCH_LEFT:
         return found
     other = (
@@ -129,11 +143,10 @@ def _sentences(load: Load, folder: Path) -> tuple[str, ...]:
     return (*found, other)
 
 
-def _load_sentences(load: Load, folder: Path) -> tuple[str, ...]:
+def _load_sentences(load: Load, better: str) -> tuple[str, ...]:
     low, high = load.interval
-    motion = MOTION.format(typed(folder))
     if load.verdict == "cannot tell":
-        return (f"The motion cannot tell a load: {low:.2g} to {high:.2g} kg. {motion}",)
+        return (f"The motion cannot tell a load: {low:.2g} to {high:.2g} kg. {better}",)
     if load.verdict == "none":
         shows = "No load shows" if low <= 0.0 <= high else "Less than four deviations, which is no load yet"
         return (f"{shows}: {low:.2g} to {high:.2g} kg.",)
@@ -146,19 +159,19 @@ def _load_sentences(load: Load, folder: Path) -> tuple[str, ...]:
     ]
     found.append(f"Centre of mass, in the frame of the link that the last axis moves: {', '.join(told)}.")
     if (NORMAL_95 * load.centre_deviation > TOLD).any():
-        found.append(motion)
+        found.append(better)
     return tuple(found)
 
 
-def _written(campaign: Campaign, used: DeployedModel, load: Load) -> Path:
+def _written(campaign: Campaign, used: DeployedModel, load: Load, better: str) -> Path:
     kind, place = campaign.kind, campaign.path / ROBOT
     if load.verdict != "load" or not isinstance(kind, SupportsPayload):
-        raise UsageError(f"nothing to write: {_sentences(load, campaign.path)[0]}", where=str(place))
+        raise UsageError(f"nothing to write: {_sentences(load, better)[0]}", where=str(place))
     if NORMAL_95 * load.deviation > ROUGH * abs(load.mass):
         raise UsageError(
-            f"the load is known too roughly to be written: {_sentences(load, campaign.path)[0]}",
+            f"the load is known too roughly to be written: {_sentences(load, better)[0]}",
             where=str(place),
-            next_step=MOTION.format(typed(campaign.path)),
+            next_step=better,
         )
     if of_another_body(campaign, used.number):
         raise UsageError(

@@ -7,7 +7,7 @@ from dataclasses import asdict
 from typing import Any
 
 from etude.campaign.evaluate.stopping import LogOutcome, calibration_factor, judge, seen_by_the_rule
-from etude.campaign.record.alerts import campaign_alerts
+from etude.campaign.record.alerts import campaign_alerts, motion_open
 from etude.campaign.record.confirmation import confirmed
 from etude.campaign.record.events import plain
 from etude.campaign.record.folder import Campaign
@@ -40,7 +40,10 @@ def status(campaign: Campaign) -> dict[str, Any]:
     state = campaign.state()
     evidence = seen_by_the_rule(campaign, state)
     verdict = judge(evidence, campaign.config.stop)
-    alerts = campaign_alerts(state, campaign.command.parts, len(campaign.axes))
+    alerts = (
+        *motion_open(state, campaign.path),
+        *campaign_alerts(state, campaign.command.parts, len(campaign.axes)),
+    )
     trained = state.trained
     newest = state.newest
     return {

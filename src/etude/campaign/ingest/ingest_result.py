@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TypedDict
 
 from etude.campaign.ingest.questions import Answers, LogQuestions
-from etude.campaign.ingest.recordings import evidence_in, log_of
+from etude.campaign.ingest.recordings import evidence_in, is_recording, log_of
 from etude.campaign.record.folder import Campaign
 from etude.campaign.record.state import State
 from etude.campaign.record.stored_files import is_committed, speed_folder, stored_trajectory
@@ -135,7 +135,8 @@ def read(
             of the kind.
     """
     asked = asked or LogQuestions(campaign.kind, campaign.spec, Answers())
-    return asked.cleaned(read_settled(campaign, path, asked.whole, degrees=degrees, topics=topics))
+    log = read_settled(campaign, path, asked.whole, degrees=degrees, topics=topics)
+    return asked.cleaned(log, own=is_recording(path))
 
 
 def read_settled(

@@ -13,7 +13,13 @@ import numpy as np
 from etude.campaign.create import find_robot, reading
 from etude.campaign.ingest.command_decisions import told_logs
 from etude.campaign.ingest.ingest_result import answered_proposal
-from etude.campaign.ingest.questions import Answers, LogQuestions, clock_by_file_of, judged_commands
+from etude.campaign.ingest.questions import (
+    Answers,
+    LogQuestions,
+    checks_of,
+    clock_by_file_of,
+    judged_commands,
+)
 from etude.campaign.ingest.recordings import is_recording
 from etude.campaign.record.config_file import CONFIG
 from etude.campaign.record.folder import Campaign, open_campaign
@@ -332,7 +338,9 @@ def _commands(log: Log, known: _KnownRobot, motion: Seen | None) -> tuple[Findin
 
 def _own(log: Log, known: _KnownRobot) -> Sequence[Finding]:
     """Findings of the checks of the kind of robot."""
-    return () if known.kind is None else known.kind.checks(known.spec, log)
+    if known.kind is None:
+        return ()
+    return checks_of(known.kind, known.spec, log, own=is_recording(known.log))
 
 
 def _proposal(log: Log, campaign: Campaign | None, path: Path) -> Sequence[Finding]:

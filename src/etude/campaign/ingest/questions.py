@@ -20,7 +20,7 @@ from etude.campaign.record.state import State
 from etude.errors import DataError, UsageError
 from etude.logs.checks import exact
 from etude.logs.checks.filtered_motion import Seen, joints
-from etude.logs.checks.finding_texts import Doubt, Excludable, Mendable
+from etude.logs.checks.finding_texts import Doubt, Excludable, Mendable, OfRecorder
 from etude.logs.checks.plausibility import (
     REPAIRS,
     judge_motion,
@@ -144,13 +144,14 @@ class LogQuestions:
             return log.repaired(self._taken(step.finding).sentence)
         return repaired(log, step.finding)
 
-    def cleaned(self, log: Log) -> Log:
-        """The cleaned log after the checks of the kind. Errors as in `motion`.
+    def cleaned(self, log: Log, *, own: bool = False) -> Log:
+        """The cleaned log after the checks of the kind; own: a recording of Étude's. Errors as in `motion`.
 
         Removes rows of a vehicle on the ground at either end, and rows of an arm whose drives are off, unless
         the user accepted the latter.
         """
-        found = [f for f in self.kind.checks(self.spec, log) if f.light in ("red", "yellow")]
+        every = checks_of(self.kind, self.spec, log, own=own)
+        found = [f for f in every if f.light in ("red", "yellow")]
         for finding in [f for f in found if f.light == "red"]:
             if finding.check not in self.answers.accept:
                 raise refusal([finding], log.source)
@@ -196,6 +197,11 @@ class LogQuestions:
 
     def _note(self, what: str, finding: Finding) -> None:
         self.given.append((what, *_what(finding)))
+
+
+def checks_of(kind: Kind, spec: Any, log: Log, *, own: bool) -> list[Finding]:
+    """Findings of the checks of the kind of robot; own: a recording of Étude's."""
+    return [f for f in kind.checks(spec, log) if not (own and isinstance(f, OfRecorder))]
 
 
 def questions_of(

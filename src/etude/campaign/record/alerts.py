@@ -6,9 +6,10 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
+from pathlib import Path
 from typing import Any
 
-from etude.campaign.record.events import Evaluated, PrequentialScore, summary
+from etude.campaign.record.events import Evaluated, MotionSent, PrequentialScore, summary
 from etude.campaign.record.state import CHANGED, Round, State
 from etude.codes import Alert, NextStep, Notice, Phrase, Warn
 
@@ -34,6 +35,19 @@ def campaign_alerts(state: State, outputs: Sequence[str], axes: int) -> tuple[No
     """
     found = [*_of_logs(state), *_of_training(state), *_of_scores(state, outputs), *_of_tests(state, axes)]
     return tuple(sorted(found, key=lambda notice: notice.light != "red"))
+
+
+def motion_open(state: State, folder: str | Path) -> tuple[Notice, ...]:
+    """An alert about a motion of the robot that nothing says the end of, as after a crash; () without one.
+
+    Args:
+        state: of the campaign. folder: its own, as it is typed.
+    """
+    if state.sent is None or not isinstance(state.sent.fact, MotionSent):
+        return ()
+    fields = {"part": state.sent.fact.part, "number": state.sent.number, "time": state.sent.time[:16]}
+    fields |= {"folder": str(folder)}
+    return (Notice(Alert.MOTION_OPEN, fields, NextStep.LOOK_AND_RESUME, "red"),)
 
 
 def _of_logs(state: State) -> list[Notice]:

@@ -14,6 +14,7 @@ from etude.campaign.record.events import (
     Evaluated,
     Event,
     Ingested,
+    MotionSent,
     Promoted,
     RobotMotion,
     RolledBack,
@@ -92,6 +93,7 @@ class State:
         rounds: by number.
         evaluated: simulated test runs with the number of the tested model's round, oldest first.
         promoted: promotions in force with the number of the model's round; the deployed one last.
+        sent: the motion of the robot that was sent last, if nothing says how it ended.
         events: number of replayed events.
     """
 
@@ -99,6 +101,7 @@ class State:
     rounds: dict[int, Round] = field(default_factory=dict)
     evaluated: tuple[tuple[int, Evaluated], ...] = ()
     promoted: tuple[tuple[int, Promoted], ...] = ()
+    sent: Event | None = None
     events: int = 0
 
     @property
@@ -193,8 +196,8 @@ def _apply(state: State, event: Event) -> State:
             return replace(state, promoted=(*state.promoted, (number, fact)))
         case RolledBack():
             return replace(state, promoted=state.promoted[:-1])
-        case RobotMotion():  # what moved changes nothing that is known; its log does
-            return state
+        case RobotMotion() as fact:  # changes nothing that is known; its log does
+            return replace(state, sent=event if isinstance(fact, MotionSent) else None)
     return state if event.number is None else _in_round(state, event, event.number)
 
 

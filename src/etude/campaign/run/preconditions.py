@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 
 from etude.abilities import SupportsJointTables
+from etude.campaign.record.alerts import motion_open
 from etude.campaign.record.controls import LEARNED
-from etude.campaign.record.events import MotionSent
 from etude.campaign.record.folder import ROBOT, Campaign
-from etude.campaign.run.run_history import last_identity, unfinished
+from etude.campaign.run.run_history import last_identity
 from etude.deploy.trajectory_files import command_unit, to_confirm
 from etude.drivers import About, VelocityEnvelope
 from etude.drivers.contract import is_told_of
@@ -204,17 +204,8 @@ def _identity(campaign: Campaign, about: About, stated: str) -> list[Open]:
 
 
 def _unfinished(campaign: Campaign, resume: bool) -> list[Open]:
-    left = unfinished(campaign.events())
-    if left is None or resume:
-        return []
-    fact: Any = left.fact
-    assert isinstance(fact, MotionSent)
-    sentence = (
-        f"The {fact.part} of proposal {left.number} was sent at {left.time[:16]} and nothing says how it "
-        "ended: the robot may have moved."
-    )
-    step = "Look where the robot stands; then run again with --resume. Nothing is replayed."
-    return [Open(sentence, step)]
+    found = () if resume else motion_open(campaign.state(), campaign.path)
+    return [Open(f"{one.sentence[:1].upper()}{one.sentence[1:]}.", one.step) for one in found]
 
 
 def _waiting(campaign: Campaign) -> list[Open]:

@@ -1,5 +1,5 @@
-"""Earlier runs in the journal: a motion without an end, the robot's identity, the slow speeds passed by
-each control, and the measured tracking errors.
+"""Earlier runs in the journal: the robot's identity, the slow speeds passed by each control, and the measured
+tracking errors.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import numpy as np
 
 from etude.campaign.ingest.recordings import is_even
 from etude.campaign.record.controls import FEEDBACK, LEARNED
-from etude.campaign.record.events import Event, Figures, Ingested, MotionEnded, MotionSent, RunBegan
+from etude.campaign.record.events import Event, Figures, Ingested, MotionEnded, RunBegan
 from etude.campaign.record.folder import Campaign
 from etude.drivers import Ended, identity_with, read_recording
 from etude.limits.tracking_margins import LOGS_CONSIDERED, factor
@@ -46,12 +46,6 @@ def next_step(events: Sequence[Event], control: str) -> SpeedStep:
         elif fact.ended in FAILED:
             at = max(at - 1, 0)
     return steps[at]
-
-
-def unfinished(events: Sequence[Event]) -> Event | None:
-    """The motion that was sent last, if nothing says how it ended."""
-    last = next((e for e in reversed(events) if isinstance(e.fact, MotionSent | MotionEnded)), None)
-    return last if last is not None and isinstance(last.fact, MotionSent) else None
 
 
 def untold_recordings(campaign: Campaign) -> list[tuple[int, Path]]:

@@ -32,6 +32,10 @@ class Mendable(Doubt):
     free: bool = False
 
 
+class OfRecorder(Finding):
+    """A finding about who wrote the log; Étude's own recordings have none."""
+
+
 class Excludable(Finding):
     """A finding whose spans are no training data; a cleaned log has them removed."""
 

@@ -172,14 +172,19 @@ OTHERS = {
 
 
 def _settled(decision: Decision, parts: Sequence[str]) -> str:
-    """What would settle it."""
+    """What would settle it; a model file with masses only where none was there."""
     if decision.why == "time":
-        return "A log with velocities, or a model file with masses, settles it"
+        other = "" if decision.positions else ", or a model file with masses,"
+        return f"A log with velocities{other} settles it"
     if decision.why == "weight":
         return "Check the signs at the robot, and masses and mounting in the model file"
     unsure = named(parts, np.asarray(decision.moving & (np.abs(decision.told) < LIKELY)))
-    motion = f"a log with more reversals of {unsure}" if unsure else "a longer motion"
-    return f"A model file with masses, or {motion}, tells more"
+    motion = f" log with more reversals of {unsure}" if unsure else " longer motion"
+    return (
+        f"A{motion} tells more"
+        if decision.positions
+        else f"A model file with masses, or a{motion}, tells more"
+    )
 
 
 def _swapped(decision: Decision, parts: Sequence[str], where: str) -> Finding:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from etude.campaign.record.alerts import campaign_alerts
+from etude.campaign.record.alerts import campaign_alerts, motion_open
 from etude.codes import Notice
 from etude.report.markup import (
     Baseline,
@@ -54,7 +54,7 @@ def headline(record: Record) -> Html:
 def _alerts(record: Record) -> list[Html]:
     """One paragraph for each alert, red ones first."""
     found = campaign_alerts(record.state, record.outputs, len(record.names))
-    return [_told(notice) for notice in found]
+    return [_told(notice) for notice in (*motion_open(record.state, record.folder), *found)]
 
 
 def _told(notice: Notice) -> Html:
