@@ -5,7 +5,7 @@ Settings, seeds and use were announced before a row was looked at (docs/decision
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any, Literal
 
@@ -14,7 +14,7 @@ import numpy as np
 from etude.abilities import SupportsRegressors
 from etude.limits import SAMPLERS, FeasibleSet
 from etude.protocols import Trajectory
-from etude.trajectories import FourierFamily
+from etude.trajectories import FourierFamily, FourierTrajectory
 from etude.types import Array, Samples
 from etude_studies.thesis.arm_settings import ArmSettings
 
@@ -32,7 +32,7 @@ ABSENT = 1e-9
 """Part of the largest below which a parameter does not act on a command, or two are the same to rounding."""
 
 
-def wave(settings: ArmSettings, name: Wave, rng: np.random.Generator) -> Trajectory:
+def wave(settings: ArmSettings, name: Wave, rng: np.random.Generator) -> FourierTrajectory:
     """A chirp or a binary motion of every joint, enlarged to the limits.
 
     Both are Fourier series of `HARMONICS`, so that limits are proved and enlarged as for all others.
@@ -40,7 +40,7 @@ def wave(settings: ArmSettings, name: Wave, rng: np.random.Generator) -> Traject
     world = settings.world
     config: Any = replace(
         world.config,
-        trajectory=replace(world.config.trajectory, harmonics=HARMONICS),  # type: ignore[type-var]
+        trajectory=replace(world.config.trajectory, harmonics=HARMONICS),
     )
     family: Any = world.kind.family(world.spec, config)
     home = world.kind.home(world.spec)
@@ -50,7 +50,7 @@ def wave(settings: ArmSettings, name: Wave, rng: np.random.Generator) -> Traject
     still: Array = family.coefficients(room.centre)
     coefficients = still + series_of(velocities)
     p: Array = family.parameters(coefficients)
-    found: Trajectory = family.trajectory(room.enlarge(p))
+    found: FourierTrajectory = family.trajectory(room.enlarge(p))
     return found
 
 
@@ -59,7 +59,7 @@ def chirp(rng: np.random.Generator) -> Array:
     s = np.arange(INSTANTS) / INSTANTS
     angle = 2.0 * np.pi * (s + 0.5 * (HARMONICS - 1) * s**2)
     velocity = np.cos(angle + rng.uniform(0.0, 2.0 * np.pi))
-    return velocity if rng.random() < 0.5 else velocity[::-1]
+    return np.asarray(velocity if rng.random() < 0.5 else velocity[::-1])
 
 
 def binary(rng: np.random.Generator) -> Array:
@@ -99,11 +99,12 @@ def least_condition(settings: ArmSettings, samples: Samples, rng: np.random.Gene
     return family.trajectory(_searched(score, room, rng))
 
 
-def _searched(score: Any, room: FeasibleSet, rng: np.random.Generator) -> Array:
-    points = list(SAMPLERS["scaled"](rng, room, DRAWN))
+def _searched(score: Callable[[Array], float], room: FeasibleSet, rng: np.random.Generator) -> Array:
+    points: list[Array] = list(SAMPLERS["scaled"](rng, room, DRAWN))
     values = [score(p) for p in points]
     place = int(np.argmin(values))
-    best, least, widths = points[place], values[place], room.widths()
+    best: Array = points[place]
+    least, widths = values[place], room.widths()
     for _ in range(TRIED - DRAWN):
         p = room.shrink(best + STEP * widths * rng.normal(size=len(best)) * (rng.random(len(best)) < 0.2))
         value = score(p)
@@ -134,4 +135,4 @@ def _gram(own: Any, X: Array) -> Array:
 
 
 def _states(samples: Samples) -> Array:
-    return np.concatenate([samples.log[name] for name in ("q", "qd", "qdd")], axis=1)
+    return np.concatenate([np.asarray(samples.log[name]) for name in ("q", "qd", "qdd")], axis=1)

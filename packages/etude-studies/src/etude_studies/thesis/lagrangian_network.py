@@ -99,9 +99,8 @@ def outputs(joints: int) -> int:
 
 def forces(weights: Weights, friction: Array, motion: Motion) -> Array:
     """(n, J) scaled forces."""
-    return _lagrange(motion, *_energies(_layers(weights, motion.q), motion.q.shape[1])[:4]) + np.einsum(
-        "njf,jf->nj", motion.friction, friction
-    )
+    rigid = _lagrange(motion, *_energies(_layers(weights, motion.q), motion.q.shape[1]))
+    return np.asarray(rigid + np.einsum("njf,jf->nj", motion.friction, friction))
 
 
 def loss_gradient(
@@ -112,7 +111,7 @@ def loss_gradient(
     """
     J = motion.q.shape[1]
     kept = _layers(weights, motion.q)
-    L, dL, H, dV = _energies(kept, J)[:4]
+    L, dL, H, dV = _energies(kept, J)
     told = _lagrange(motion, L, dL, H, dV) + np.einsum("njf,jf->nj", motion.friction, friction)
     wrong = (told - target) / spread
     loss = 0.5 * float(np.mean(wrong**2)) + 0.5 * decay * sum(float(np.sum(W**2)) for W, _ in weights)
@@ -181,7 +180,7 @@ def _through_inertia(e: Array, motion: Motion, L: Array, dL: Array) -> tuple[Arr
 
 def _symmetric(a: Array, b: Array) -> Array:
     outer = np.einsum("na,nb->nab", a, b)
-    return 0.5 * (outer + outer.transpose(0, 2, 1))
+    return np.asarray(0.5 * (outer + outer.transpose(0, 2, 1)))
 
 
 def _back(
