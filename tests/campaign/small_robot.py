@@ -50,6 +50,8 @@ steps = 3
 points = 20
 reference_points = 30
 """
+ALONE = '[model]\ncandidates = ["default"]\n'
+"""Trainings of one member, a fifth of the work: what several members do is tested in `tests/models`."""
 
 
 def stub_learner(campaign: Campaign, state: State, number: int) -> TrainingOutcome:
@@ -68,7 +70,7 @@ def stub_learner(campaign: Campaign, state: State, number: int) -> TrainingOutco
     return TrainingOutcome([path], learned)
 
 
-def make_campaign(folder: Path, seed: int = 5, config: str = SHORT) -> Campaign:
+def make_campaign(folder: Path, seed: int = 5, config: str = SHORT + ALONE) -> Campaign:
     """A campaign of 12 s trajectories for the pair."""
     from etude.campaign import open_campaign
 

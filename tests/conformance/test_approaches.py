@@ -19,7 +19,7 @@ EDGE = "hip=1.0,knee=0.0"
 """Inside the limits, outside of what is left of them beside the margin of tracking."""
 
 
-@pytest.mark.parametrize("name", ["quadrotor", "quadrotor_rough"])
+@pytest.mark.parametrize("name", ["quadrotor", pytest.param("quadrotor_rough", marks=pytest.mark.slow)])
 def test_each_flight_in_motion_at_its_ends_is_reached_from_the_ground(name: str) -> None:
     """3 of 10 were refused for their tilt in the approach, which one septic made."""
     spec, config = KIND.spec(KIND.built_in()[name]), FlightConfig(2, 15.0, tilt=0.4363)

@@ -153,6 +153,7 @@ def either(call, *kinds: type[EtudeError]) -> LearnedModel | None:
         return None
 
 
+@pytest.mark.thinned
 @NAMES
 @BOTH
 @pytest.mark.parametrize("value", [0.0, 3.7])
@@ -163,6 +164,7 @@ def test_constant_outputs_are_predicted_or_refused(name, settings, value) -> Non
     assert process is None or error_of(process, X, y) < 1e-6
 
 
+@pytest.mark.thinned
 @NAMES
 @pytest.mark.parametrize("signal", [0.3, 0.02])
 def test_a_small_signal_about_a_load_is_commanded_as_it_was_learned(name, signal) -> None:
@@ -187,6 +189,7 @@ def test_far_outside_a_load_is_held_and_nothing_beyond_what_was_commanded(name) 
     assert np.all((far >= y.min()) & (far <= y.max()))
 
 
+@pytest.mark.thinned
 @NAMES
 @BOTH
 def test_repeated_samples_do_no_harm(name, settings) -> None:
@@ -195,6 +198,7 @@ def test_repeated_samples_do_no_harm(name, settings) -> None:
     assert error_of(learned(name, settings, data, X, y), X, y) < 0.2 * np.std(y)
 
 
+@pytest.mark.thinned
 @NAMES
 @BOTH
 def test_one_place_repeated_gives_the_mean_of_its_outputs(name, settings) -> None:
@@ -204,6 +208,7 @@ def test_one_place_repeated_gives_the_mean_of_its_outputs(name, settings) -> Non
     assert error_of(process, X, y) <= 1.05 * np.std(y)
 
 
+@pytest.mark.thinned
 @NAMES
 @BOTH
 def test_fewer_samples_than_inputs_are_no_worse_than_their_mean(name, settings) -> None:
@@ -222,6 +227,7 @@ def test_no_or_one_sample_that_moves_is_refused(name) -> None:
         assert "a" in caught.value.where
 
 
+@pytest.mark.thinned
 @NAMES
 @pytest.mark.parametrize("unit", [1e6, 1e-6])
 def test_the_unit_of_the_inputs_does_not_matter(name, unit) -> None:
@@ -241,6 +247,7 @@ def test_inputs_far_from_zero_and_a_column_that_never_changes(name) -> None:
         assert error_of(learned(name, SMALL, data, X, y), X, y) < bound(name, 0.2) * np.std(y)
 
 
+@pytest.mark.thinned
 @NAMES
 @BOTH
 def test_noise_free_data_are_learned_or_refused(name, settings) -> None:

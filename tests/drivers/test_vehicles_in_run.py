@@ -78,6 +78,7 @@ def lab(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder / "lab"
 
 
+@pytest.mark.thinned(2)
 @pytest.mark.parametrize(
     ("library", "on", "code", "says"),
     [

@@ -99,6 +99,7 @@ COMMANDS = (
 )
 
 
+@pytest.mark.slow
 def test_installed_it_does_the_whole_loop(installed: Path, tmp_path: Path) -> None:
     done = subprocess.run(
         [installed, "-c", LOOP],

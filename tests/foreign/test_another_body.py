@@ -99,6 +99,7 @@ def test_other_edits_change_nothing(learned: Path, tmp_path: Path) -> None:
     assert not any("robot.toml changed" in sentence for sentence in found.certificate.not_verified)
 
 
+@pytest.mark.slow
 def test_the_advice_for_a_wrong_description_can_be_followed(learned: Path, tmp_path: Path) -> None:
     lab = edited(learned, tmp_path, PAYLOAD)
     etude.untell(open_campaign(lab), 1)

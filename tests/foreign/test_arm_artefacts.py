@@ -25,6 +25,8 @@ from etude import ask, export, predict, tell  # noqa: E402
 from etude.campaign import Campaign  # noqa: E402
 from etude.trajectories import from_json  # noqa: E402
 
+pytestmark = pytest.mark.slow
+"""Every day `test_exported_model` holds the C against `predict`, `tests/deploy` the efforts of ROS 2."""
 BEFORE, AFTER = 2.0, 4.0
 """Seconds that the first and the last row are held; `test_played_by_receiver` holds them longer."""
 GAIN = 0.6
@@ -81,7 +83,7 @@ def require_kept(run: plant.Run) -> None:
     assert np.abs(run.q[-1] - run.reference.q[-1]).max() < 0.02
 
 
-@pytest.mark.parametrize("name", ["ros2_yaml", pytest.param("ros2_csv", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("name", ["ros2_yaml", "ros2_csv"])
 def test_the_effort_of_a_joint_trajectory(name: str, lab: Lab, feedback: np.ndarray) -> None:
     place = lab.campaign.proposal(2) / f"{name}_effort"
     files = {file.name: file.read_bytes() for file in place.iterdir()}
@@ -94,7 +96,6 @@ def test_the_effort_of_a_joint_trajectory(name: str, lab: Lab, feedback: np.ndar
     assert np.linalg.norm(run.tracking) < GAIN * np.linalg.norm(feedback)
 
 
-@pytest.mark.slow  # every day `test_exported_model` holds the C against `predict`
 def test_the_c_of_the_model(lab: Lab, feedback: np.ndarray) -> None:
     """Called once a millisecond along the motion, from the first row held to the last row held."""
     export(lab.campaign, "c", lab.folder / "c", name="arm")
@@ -120,7 +121,6 @@ def test_the_c_of_the_model(lab: Lab, feedback: np.ndarray) -> None:
     assert np.linalg.norm(run.tracking) < GAIN * np.linalg.norm(feedback)
 
 
-@pytest.mark.slow
 def test_the_graph_of_the_model(lab: Lab) -> None:
     """onnxruntime, row by row with its memory carried, says along the motion what `predict` says."""
     runtime = pytest.importorskip("onnxruntime", reason="graphs are run by the extra 'onnx'")

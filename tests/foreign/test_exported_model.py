@@ -87,7 +87,7 @@ def same_in_c(folder: Path, program: Path) -> None:
     np.testing.assert_array_equal(flags & UNTRAINED > 0, beyond)
 
 
-@pytest.fixture(scope="module", params=EVERYDAY)
+@pytest.fixture(scope="module", params=["physics", pytest.param("process", marks=pytest.mark.slow)])
 def learned(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return lab(tmp_path_factory.mktemp(request.param.replace(" ", "_")), **EVERYDAY[request.param])
 
@@ -164,6 +164,7 @@ def exact(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return lab(tmp_path_factory.mktemp("exact"), ideal=True, rung="nominal+gp", candidates=["default"])
 
 
+@pytest.mark.slow
 def test_gravity_is_right_at_every_legal_pose(exact: Path, tmp_path: Path) -> None:
     """The clamp that stood before physics froze it at the edge of what was trained."""
     orders = legal(300)

@@ -17,6 +17,8 @@ from rotorpy_vehicle import Airframe, Array, Cascade, Geometric, fly
 from etude import plugins
 from etude.trajectories import from_json
 
+pytestmark = pytest.mark.slow
+"""Every day `test_px4_flights` and `test_flight_feedforward` fly, in faster plants."""
 FRAME = Airframe(curve=1.0)
 
 
@@ -94,9 +96,7 @@ def up_and_down() -> Array:
     return rows
 
 
-@pytest.mark.parametrize(
-    ("controller", "curve"), [(Geometric, 1.0), pytest.param(Cascade, 0.0, marks=pytest.mark.slow)]
-)
+@pytest.mark.parametrize(("controller", "curve"), [(Geometric, 1.0), (Cascade, 0.0)])
 def test_on_board_no_force_is_commanded_twice(
     lab: Path, tmp_path: Path, controller: type[Cascade], curve: float
 ) -> None:

@@ -65,6 +65,7 @@ def test_a_first_motion_sweeps_most_of_the_clear_range(folder: Path) -> None:
     assert found.links <= 0.25
 
 
+@pytest.mark.slow
 def test_it_keeps_clear_by_distances_of_others_links_and_all(folder: Path) -> None:
     # the best of few sweeps less, and so does a short one; both are as clear
     motion, ruler = first_of("ur5", folder, candidates=4, seconds=24.0)

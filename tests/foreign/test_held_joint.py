@@ -34,6 +34,7 @@ def walk(arm: plant.Arm) -> plant.Reference:
     return plant.Reference(t, q, qd, np.gradient(qd, t, axis=0))
 
 
+@pytest.mark.slow
 def test_the_command_of_a_held_joint_is_gravity_and_not_the_feedbacks_law(tmp_path: Path) -> None:
     arm = plant.arm_of_urdf(URDF, seed=5, wrong=1.0)
     # no friction where it hangs: it sags

@@ -61,6 +61,7 @@ def require_rest(played: Played, speed: np.ndarray) -> None:
     assert np.all(jump <= speed * (1.0 + SLACK) / RATE + 1e-6), "a step in position"
 
 
+@pytest.mark.thinned
 @pytest.mark.parametrize("start", STARTS)
 @pytest.mark.parametrize("name", NAMES)
 def test_from_rest_to_rest_inside_the_margins(name: str, start: str, asked: Asked) -> None:

@@ -123,7 +123,7 @@ def played(ros: Ros, folder: Path, own: Planned, monkeypatch: pytest.MonkeyPatch
     ("seed", "ground", "how"),
     [
         (1, True, {"version": 1}),
-        (3, True, {"body": Body(hover=0.53, drag=0.2)}),
+        pytest.param(3, True, {"body": Body(hover=0.53, drag=0.2)}, marks=pytest.mark.slow),
         (2, False, {"off": (0.12, -0.12, 0.08)}),
     ],
     ids=["from the ground", "heavier than it thinks", "it hovers beside the start"],

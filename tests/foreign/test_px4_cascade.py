@@ -18,6 +18,7 @@ def test_it_hovers_where_it_is_told_to_also_with_a_wrong_hover_thrust() -> None:
     assert np.abs(heavy.position - heavy.setpoint)[-1].max() < 1e-3, "and the integral finds it"
 
 
+@pytest.mark.slow
 def test_small_steps_answer_as_the_linear_loop_does() -> None:
     """z: 1/s^2 behind the motors' lag, acceleration 4 (1 (r - z) - v) + 2 int(1 (r - z) - v)."""
     from scipy.signal import TransferFunction, step

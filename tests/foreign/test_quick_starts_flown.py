@@ -19,9 +19,8 @@ from etude_quadrotor import NED, POLY4D
 ROOT = Path(__file__).parents[2]
 
 
-@pytest.mark.parametrize(
-    ("page", "library"), [("px4", "pyulog"), pytest.param("crazyflie", "numpy", marks=pytest.mark.slow)]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize(("page", "library"), [("px4", "pyulog"), ("crazyflie", "numpy")])
 def test_it_is_flown_from_the_ground_to_the_ground(
     page: str, library: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -27,6 +27,7 @@ EVERY_ROOM = pytest.mark.parametrize("limits", ROOMS.values(), ids=ROOMS.keys())
 EVERY_FLIGHT = pytest.mark.parametrize("family", FLIGHTS.values(), ids=FLIGHTS.keys())
 
 
+@pytest.mark.thinned
 @EVERY_ARM
 @pytest.mark.parametrize("jerk", [None, 0.5])
 def test_what_an_arms_cones_admit_is_proved_and_touches_a_limit(config, jerk) -> None:
@@ -45,6 +46,7 @@ def test_what_an_arms_cones_admit_is_proved_and_touches_a_limit(config, jerk) ->
             assert most > 0.995 if jerk is None else 0.9
 
 
+@pytest.mark.thinned
 @EVERY_ROOM
 @EVERY_FLIGHT
 def test_what_the_cones_of_flights_admit_is_proved(limits, family) -> None:
@@ -81,6 +83,7 @@ PERIODIC = {
 }
 
 
+@pytest.mark.thinned
 @pytest.mark.parametrize("name", LONELY)
 @pytest.mark.parametrize("family", PERIODIC.values(), ids=PERIODIC.keys())
 def test_each_limit_alone(name: str, family) -> None:

@@ -57,11 +57,10 @@ def start_of(robot: Robot, trajectory: Trajectory, log: Log) -> float:
     return float(log.t[0] - found.t[0])
 
 
-NAMES = pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=[pytest.mark.slow] * (i % 2)) for i, name in enumerate(ROBOTS)]
-)
+NAMES = pytest.mark.parametrize("name", ROBOTS)
 
 
+@pytest.mark.thinned(3)
 @NAMES
 def test_logs_of_the_proposal_are_aligned_to_a_sample(name: str) -> None:
     robot = ROBOTS[name]
@@ -74,6 +73,7 @@ def test_logs_of_the_proposal_are_aligned_to_a_sample(name: str) -> None:
         assert abs(error) <= 1.0 / robot.rate + 1e-6, (what, error, period)
 
 
+@pytest.mark.thinned(3)
 @NAMES
 def test_the_controllers_lag_is_no_shift_of_a_clock_that_fits(name: str) -> None:
     robot = ROBOTS[name]
@@ -84,6 +84,7 @@ def test_the_controllers_lag_is_no_shift_of_a_clock_that_fits(name: str) -> None
     assert late - 2.0 == pytest.approx(LAG, abs=1.0 / robot.rate + 1e-6)
 
 
+@pytest.mark.thinned(4)
 @NAMES
 def test_logs_of_another_motion_are_refused(name: str) -> None:
     robot = ROBOTS[name]
@@ -94,6 +95,7 @@ def test_logs_of_another_motion_are_refused(name: str) -> None:
             align(other, trajectory, robot.channels, robot.path, robot.scale)
 
 
+@pytest.mark.thinned
 @pytest.mark.parametrize("times", [2, 3, 6, 12, 20])
 @pytest.mark.parametrize("rest", ["nullspace", "ramp", "none"])
 def test_a_motion_that_repeats_itself(times: int, rest: str) -> None:

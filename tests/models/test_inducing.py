@@ -75,6 +75,7 @@ def test_the_formulas_written_out(kernel, form) -> None:
     np.testing.assert_allclose(posterior.covariance(T, T), covariance, atol=1e-9)
 
 
+@pytest.mark.thinned
 @FORMS
 @BOTH
 @pytest.mark.parametrize("jitter", [0.0, 1e-8, 1e-2])

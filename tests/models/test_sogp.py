@@ -147,6 +147,7 @@ def test_at_capacity_the_weakest_point_goes(deletion) -> None:
     np.testing.assert_allclose(process.Q @ K, np.eye(16), atol=1e-8)
 
 
+@pytest.mark.thinned
 @FORMS
 @pytest.mark.parametrize("tolerance", [1e-8, 1e-6, 1e-3])
 @pytest.mark.parametrize("noise", [1.1e-5, 1e-3, 0.1])
@@ -198,6 +199,7 @@ def test_a_posterior_is_a_copy() -> None:
         np.testing.assert_array_equal(ours, theirs)
 
 
+@pytest.mark.thinned
 @pytest.mark.parametrize("capacity", [1, 2, 10])
 @pytest.mark.parametrize(
     "spoil",

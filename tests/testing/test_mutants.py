@@ -190,6 +190,7 @@ def test_the_family_itself_is_green() -> None:
     assert not any(laws(family_suite(lambda f: f)).values())
 
 
+@pytest.mark.thinned(2)
 @pytest.mark.parametrize("change", FAMILIES.values(), ids=FAMILIES)
 def test_wrong_families(change: Callable[[Any], Any]) -> None:
     assert_noticed(family_suite(change))
@@ -316,6 +317,7 @@ def test_the_inputs_themselves_are_green() -> None:
     assert not any(laws(world_suite(InputsSuite)).values())
 
 
+@pytest.mark.thinned(2)
 @pytest.mark.parametrize("change", INPUTS.values(), ids=INPUTS)
 def test_wrong_inputs(change: Callable[[Any], Any]) -> None:
     assert_noticed(world_suite(InputsSuite, inputs=change(arm().inputs)))
@@ -407,6 +409,7 @@ def test_the_robot_itself_is_green() -> None:
     assert not any(laws(robot_suite(lambda r: r)).values())
 
 
+@pytest.mark.thinned(2)
 @pytest.mark.parametrize("change", ROBOTS.values(), ids=ROBOTS)
 def test_wrong_robots(change: Callable[[Any], Any]) -> None:
     assert_noticed(robot_suite(change))

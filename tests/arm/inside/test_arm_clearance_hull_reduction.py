@@ -110,7 +110,7 @@ def test_the_radius_is_the_largest_distance_of_a_point_from_what_was_taken(
 
 def test_in_every_direction_it_reaches_as_far_and_by_no_more_than_its_radius_farther() -> None:
     rng = np.random.default_rng(5)
-    points, directions = cloud(rng, 3000), rng.standard_normal((3, 20_000))
+    points, directions = cloud(rng, 3000), rng.standard_normal((3, 5_000))
     directions /= np.linalg.norm(directions, axis=0)
     for close in (0.0, 6e-3):
         found = fewer(points, 100, close)
@@ -169,7 +169,7 @@ def test_shapes_that_are_close_at_home_stay_as_they_are() -> None:
     assert set(whole) == {"base#0", "fore#0", "hand#0"}
     near = next(i for i, gap in enumerate(exact.list) if gap.names == ("base", "hand"))
     taken = sum(whole[f"{link}#0"].radius for link in ("base", "hand"))
-    poses = exact.skeleton.random_poses(np.random.default_rng(3), 20_000)
+    poses = exact.skeleton.random_poses(np.random.default_rng(3), 6_000)
     distances = exact.of_poses(poses)
     others = np.delete(distances, near, axis=1).min(axis=1) > 0.05
     close = others & (distances[:, near] > 0.0) & (distances[:, near] < 0.9 * ROOM_FACTOR * taken)
@@ -186,7 +186,7 @@ def test_what_is_proved_of_stand_ins_the_shapes_keep() -> None:
         if not all(row.proved_lower >= row.lower for row in rows):
             continue
         proofs += 1
-        true = clearance(exact).of_motion(motion.motion(np.linspace(0.0, 2.0 * np.pi, 4001), 1)).min(axis=0)
+        true = clearance(exact).of_motion(motion.motion(np.linspace(0.0, 2.0 * np.pi, 1001), 1)).min(axis=0)
         assert [row.axis for row in rows] == [" and ".join(row) for row in clearance(exact).rows]
         assert np.all(np.array([row.proved_lower for row in rows]) <= true)
     assert proofs >= 3

@@ -51,6 +51,7 @@ def test_forward_dynamics_undo_the_inverse(name: str, q: np.ndarray, qd: np.ndar
     np.testing.assert_allclose(data.qacc, qdd, atol=1e-7)
 
 
+@pytest.mark.thinned
 @pytest.mark.parametrize("engine", ["mujoco", "compiled"])
 @pytest.mark.parametrize("name", ARMS)
 def test_the_inverse_drives_the_arm_along_the_motion(name: str, engine: str) -> None:

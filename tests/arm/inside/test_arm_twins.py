@@ -18,6 +18,7 @@ SPEC = KIND.spec(KIND.built_in()["arm4"])
 four = st.lists(st.floats(-1.0, 1.0), min_size=4, max_size=4).map(np.array)
 
 
+@pytest.mark.thinned
 @pytest.mark.parametrize("seed", [None, 7])
 @pytest.mark.parametrize("name", ARMS)
 def test_a_minute_of_closed_loop_agrees_to_a_thousandth_of_a_degree(name: str, seed: int | None) -> None:

@@ -203,6 +203,7 @@ def test_a_motion_beyond_what_drives_hold_is_drawn_back(tmp_path: Path) -> None:
         require_certified(reaching_out(), etude.open_campaign(tmp_path / "lab").limits())
 
 
+@pytest.mark.thinned
 @pytest.mark.parametrize("name", ["panda", "z1", pytest.param("tiago", marks=pytest.mark.slow)])
 @pytest.mark.parametrize("times", [1000.0, 0.001])
 def test_one_limit_in_another_unit_is_named_and_no_other(name: str, times: float) -> None:

@@ -135,6 +135,7 @@ def test_it_is_the_growth_of_the_parameters_log_determinant() -> None:
         assert found == pytest.approx(2.0 * value_of(info_gain, [output], X, gains[:, j : j + 1]), rel=1e-12)
 
 
+@pytest.mark.thinned(2)
 @pytest.mark.parametrize("criterion", [criterion_named(n) for n in plugins.BUILT_IN["etude.criteria"]])
 def test_gradients_through_the_regressor(criterion) -> None:
     """Every criterion, not only d_opt, works on the identified model's posterior."""

@@ -110,6 +110,7 @@ class TestAsk:
         assert ask(campaign, speed=25).number == 1
         assert [e.event for e in campaign.events()] == ["created", "asked", "exported"]
 
+    @pytest.mark.thinned
     @pytest.mark.parametrize("name", ["trajectory.json", "trajectory.csv", "certificate.json"])
     @pytest.mark.parametrize("speed", [100, 25])
     @pytest.mark.parametrize("harm", ["missing", "changed"])

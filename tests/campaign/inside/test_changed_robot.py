@@ -64,6 +64,7 @@ def test_an_unchanged_robot_is_learned(fresh: Campaign, tmp_path: Path) -> None:
     assert (told.awaits_answer, told.findings, told.learned) == (False, (), (4,))
 
 
+@pytest.mark.thinned(2)
 @pytest.mark.parametrize("words", CHANGES)
 def test_a_changed_one_waits_and_is_named(fresh: Campaign, tmp_path: Path, words: str) -> None:
     model = (fresh.model_folder(3) / "model.npz").read_bytes()

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 from small_robot import make_campaign, write_log
-from test_learning import CONFIG as LEARNING
+from test_learning import CONFIG
 
 from etude import ask, cli, storage, tell
 from etude.campaign import Campaign, create_campaign, newest_model, open_campaign, stored_trajectory
@@ -23,7 +23,6 @@ from etude.errors import DataError, UsageError
 from etude.models import LearnedModel, load_model, save_model
 from etude.trajectories import from_json
 
-CONFIG = LEARNING.replace("[model]", '[model]\ncandidates = ["default"]')
 GARBAGE = bytes(np.random.default_rng(0).integers(0, 256, 600, dtype=np.uint8)) + b"\n"
 NESTED = b"[" * 100_000 + b"\n"
 Harm = Callable[[Path], object]
@@ -79,22 +78,16 @@ FILES = (
 )
 
 
-EITHER = [
-    pytest.param(name, harm, marks=[pytest.mark.slow] * ((i + j) % 2))
-    for i, name in enumerate(FILES)
-    for j, harm in enumerate(("half", "garbage", "nested", "folder"))
-]
-"""Every day each file meets two of the harms, and each harm every second file."""
-
-
-@pytest.mark.parametrize(("name", "harm"), EITHER)
+@pytest.mark.thinned
+@pytest.mark.parametrize("harm", ["half", "garbage", "nested", "folder"])
+@pytest.mark.parametrize("name", FILES)
 def test_any_damaged_file(lab: Path, capsys: pytest.CaptureFixture[str], name: str, harm: str) -> None:
     HARMS[harm](lab / name)
     for command in ("status", "report", "ask"):
         assert said(capsys, command, str(lab))[0] in (0, 2, 3)
 
 
-RARE = ("garbage", "nested", "object")
+RARE = ("garbage", "nested", "object", "folder")
 TOLD = [pytest.param(own, marks=[pytest.mark.slow] * (own in RARE)) for own in HARMS]
 """Every day those that differ when a log is told; `test_any_damaged_file` reads the others."""
 
@@ -115,6 +108,7 @@ def test_a_damaged_proposal(lab: Path, whole: Path, capsys: pytest.CaptureFixtur
     assert [r.number for r in open_campaign(lab).state().ingested] == [1, 2, 4]
 
 
+@pytest.mark.thinned
 @pytest.mark.parametrize("command", ["status", "ask", "report"])
 @pytest.mark.parametrize(
     "data",
@@ -132,7 +126,7 @@ def test_a_journal_that_is_no_text(
     assert f"where: {journal}:1" in words
 
 
-@pytest.mark.parametrize("harm", HARMS)
+@pytest.mark.parametrize("harm", TOLD)
 def test_a_damaged_model(lab: Path, whole: Path, capsys: pytest.CaptureFixture[str], harm: str) -> None:
     HARMS[harm](lab / "models" / "0002" / MODEL)
     for command in (["ask", str(lab), "--new"], ["tell", str(lab), str(whole / "3.csv")]):
@@ -235,6 +229,7 @@ def deny(patch: pytest.MonkeyPatch, owner: Any, name: str, which: Callable[[Path
     patch.setattr(owner, name, call)
 
 
+@pytest.mark.thinned
 @pytest.mark.parametrize("name", ["campaign.toml", "journal.jsonl"])
 @pytest.mark.parametrize("command", ["status", "ask", "report"])
 def test_a_file_that_may_not_be_read(

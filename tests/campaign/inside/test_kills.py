@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from small_robot import make_campaign, stub_learner, write_log
+from small_robot import SHORT, make_campaign, stub_learner, write_log
 
 from etude import ask, storage, tell
 from etude.campaign import Campaign, create_campaign, open_campaign, stored_trajectory
@@ -63,7 +63,7 @@ ENOUGH = 0.6
 
 
 def test_a_full_disk_at_every_write(tmp_path: Path) -> None:
-    campaign = make_campaign(tmp_path)
+    campaign = make_campaign(tmp_path, config=SHORT.replace("duration = 12.0", "duration = 4.0"))
     ask(campaign)
     log = write_log(tmp_path / "run.csv", stored_trajectory(campaign, 1))
     # what answers the proposal and no more: it is read at every step

@@ -15,6 +15,7 @@ from etude.campaign import Campaign, ingested_samples, label, newest_model, stor
 from etude.campaign import training as learning
 from etude.campaign.evaluate.stopping import calibration_factor, seen_by_the_rule
 from etude.campaign.record.stored_models import MIXED
+from etude.cli import main
 from etude.codes import Warn
 from etude.errors import DataError, StopRuleReached
 from etude.models import LearnedModel
@@ -26,6 +27,7 @@ duration = 20.0
 cutoff_hz = 5.0
 [model]
 rung = "gp"
+candidates = ["default"]
 points = 100
 fit_points = 60
 steps = 5
@@ -116,7 +118,7 @@ def test_several_logs_are_scored_on_each_other(learned: Campaign) -> None:
 
 
 def test_what_is_in_use_is_scored_on_held_out_blocks_where_outputs_use_different_models(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(LearnedModel, "in_use", property(lambda model: (*model.chosen, "another")))
     campaign = make_campaign(tmp_path, config=CONFIG)
@@ -124,6 +126,10 @@ def test_what_is_in_use_is_scored_on_held_out_blocks_where_outputs_use_different
     found = status(campaign)["held_out"]
     assert found["chosen"] == MIXED
     assert found["nmse"][MIXED] == found["nmse"]["gp"]  # the only one that there is
+    assert main(["status", str(campaign.path)]) == 0
+    said = capsys.readouterr().out
+    assert "nMSE within log 1, blocks 3, 8, 13, 18 of 20 from the others" in said
+    assert "tell a second log" in said
 
 
 def test_the_stored_model_predicts(learned: Campaign) -> None:
@@ -170,9 +176,12 @@ def test_the_gain_of_the_designed_trajectory_can_stop(
     assert ask(campaign, go_on=True).number == 4
 
 
-@pytest.mark.parametrize("structure", ["linear", "linear+gp", "auto"])
+@pytest.mark.parametrize(
+    "structure", [*(pytest.param(own, marks=pytest.mark.slow) for own in ("linear", "linear+gp")), "auto"]
+)
 def test_every_rung_can_be_learned_forecast_and_designed_with(structure: str, tmp_path: Path) -> None:
-    campaign = make_campaign(tmp_path, config=CONFIG.replace('rung = "gp"', f'rung = "{structure}"'))
+    members = 'rung = "gp"\ncandidates = ["default"]'  # here with all that are trained by default
+    campaign = make_campaign(tmp_path, config=CONFIG.replace(members, f'rung = "{structure}"'))
     for seed in (1, 2):
         tell(campaign, write_log(tmp_path / f"{seed}.csv", random_motion(campaign, seed)), foreign=True)
     facts = campaign.state().trained[-1].trained

@@ -38,8 +38,8 @@ reference_points = 20
         ("dictionary_variance", "ExactPosterior"),
         pytest.param("ssgp_fixed", "SparseSpectrumPosterior", marks=pytest.mark.slow),
         pytest.param("vfe", "BasisPosterior", marks=pytest.mark.slow),
-        ("local_gp", "LocalPosterior"),
-        ("lwpr", "LWPRPosterior"),
+        pytest.param("local_gp", "LocalPosterior", marks=pytest.mark.slow),
+        pytest.param("lwpr", "LWPRPosterior", marks=pytest.mark.slow),
     ],
 )
 def test_a_campaign_learns_and_designs_with_it(process, kind, tmp_path) -> None:

@@ -77,6 +77,7 @@ def test_every_proposal_is_certified_from_its_bytes(flown):
         assert {row["quantity"] for row in proof["rows"]} == {row.quantity for row in found.rows}
 
 
+@pytest.mark.slow
 def test_replay_is_live_and_asking_is_pure(flown, tmp_path):
     campaign, _ = flown
     first = ask(campaign, go_on=True)

@@ -83,6 +83,7 @@ def test_the_same_motion_again_is_no_new_group(
     assert _scores(None, None, alone, 1) == {}  # type: ignore[arg-type]
 
 
+@pytest.mark.slow
 def test_a_slower_run_of_it_is_another_motion(told_once: tuple[Campaign, Trajectory], tmp_path: Path) -> None:
     campaign, motion = told_once
     assert repeats(asked_and_run(campaign, tmp_path, motion.slowed(2.0))) == []

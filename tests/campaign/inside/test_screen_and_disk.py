@@ -47,7 +47,7 @@ URDF = """<robot name="two">
 </robot>
 """
 SHORT = {"candidates = 24": "candidates = 1", "refine = 2": "refine = 0", "duration = 60.0": "duration = 8.0"}
-DAILY, ALL, LOT = 8, 1000, 50
+DAILY, ALL, LOT = 3, 1000, 50
 """Edits a day, and of all; these are lots of tests of their own, so that a run that was stopped goes on:
 pytest -m slow -k 'lot7'."""
 FORMAT = "ros2_csv"
@@ -388,7 +388,12 @@ SETTING = ("campaign.toml", "^candidates = 1", "candidates = 2")
 
 @pytest.mark.parametrize(
     ("edit", "take_up"),
-    [(REMARK, _asked_again), (PAYLOAD, _asked_again), (PAYLOAD, _told_again), (SETTING, _told_again)],
+    [
+        (REMARK, _asked_again),
+        (PAYLOAD, _asked_again),
+        pytest.param(PAYLOAD, _told_again, marks=pytest.mark.slow),
+        (SETTING, _told_again),
+    ],
 )
 def test_what_people_edit_is_no_problem_and_the_next_ask_or_tell_takes_it_up(
     copy: Path,

@@ -185,6 +185,7 @@ def test_the_file_says_what_it_takes_and_gives() -> None:
     assert found.facts["deviation"] <= 1e-4
 
 
+@pytest.mark.thinned
 @pytest.mark.parametrize("real", ["double", "float"])
 @pytest.mark.parametrize("fade", [True, "no"])
 @pytest.mark.parametrize("variance", [False, "yes"])

@@ -66,6 +66,7 @@ def test_samples_that_do_not_count_change_nothing() -> None:
     assert once < half < known.predict(planned[:1])[1]
 
 
+@pytest.mark.thinned(2)
 @pytest.mark.parametrize("seen", ["with shared factors", "by the bare contract", "planned noise", "twice"])
 def test_its_gradients_are_differences(seen: str) -> None:
     known = posterior()

@@ -45,6 +45,7 @@ def arm_aim(criterion: str, family_name: str, stick: float = 0.02) -> tuple[Obje
     return objective(criterion, model, family, reference), arm_point(rng, family)
 
 
+@pytest.mark.thinned
 @EVERY
 @FAMILY
 @pytest.mark.parametrize("stick", [0.0, 0.03])
@@ -55,6 +56,7 @@ def test_gradient_for_an_arm(criterion: str, family: str, stick: float) -> None:
     assert_same(gradient, central(aim.value, at))
 
 
+@pytest.mark.thinned
 @EVERY
 @pytest.mark.parametrize("shared", [False, True])
 @pytest.mark.parametrize("rest", [False, True])

@@ -62,12 +62,14 @@ def search(kind: str, criterion: str = "ivr", seed: int = 2) -> tuple[Search, np
     return Search(aim, start.feasible), start.p, given
 
 
+@pytest.mark.thinned
 @EVERY
 @KINDS
 def test_gradient_outside_the_limits(criterion: str, kind: str) -> None:
     check_gradient(criterion, kind, 3.0)
 
 
+@pytest.mark.thinned
 @KINDS
 @pytest.mark.parametrize("stretch", [0.5, 1.0])
 def test_gradient_inside_and_near_the_limits(kind: str, stretch: float) -> None:

@@ -66,6 +66,7 @@ def flight(seed: int = 0, *, known=None, limits=None, rest: bool = False, **chan
     )
 
 
+@pytest.mark.thinned
 @pytest.mark.parametrize("criterion", CRITERIA)
 @pytest.mark.parametrize("family", FAMILIES)
 def test_a_design_for_an_arm_is_certified_and_never_worse_than_its_candidates(criterion, family) -> None:
@@ -83,6 +84,7 @@ def test_a_design_for_an_arm_is_certified_and_never_worse_than_its_candidates(cr
         )
 
 
+@pytest.mark.thinned
 @pytest.mark.parametrize("criterion", CRITERIA)
 @pytest.mark.parametrize("shared", [False, True])
 def test_a_design_for_a_vehicle_is_certified_and_better_than_its_candidates(criterion, shared) -> None:

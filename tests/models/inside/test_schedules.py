@@ -64,6 +64,7 @@ def firsts():
     return {name: model_of(2, replace(ML, process=name)) for name in MEMBERS}
 
 
+@pytest.mark.thinned(2)
 @NAMES
 def test_constant_keeps_the_first_hyperparameters_bit_for_bit_whatever_comes(name, firsts, tmp_path) -> None:
     config, model = replace(ML, process=name, schedule="constant"), firsts[name]
@@ -113,6 +114,7 @@ def test_first_learns_from_the_first_trajectory_alone_and_keeps_its_units(floor)
     np.testing.assert_allclose(anew.candidates[0].units[0], first.mean(axis=0))
 
 
+@pytest.mark.thinned(2)
 @pytest.mark.parametrize("name", [name for name in MEMBERS if name not in THESIS])
 def test_reinitialise_ignores_the_hyperparameters_before(name, firsts) -> None:
     config = replace(ML, process=name, schedule="reinitialise")
@@ -169,15 +171,9 @@ def test_update_carries_the_spectral_points_and_reinitialise_draws_them(name, fi
     assert np.abs(posteriors(anew)[0].points - before[0].points).max() > 0.1
 
 
-EITHER = [
-    pytest.param(name, schedule, marks=[pytest.mark.slow] * ((i + j) % 2))
-    for i, name in enumerate(MEMBERS)
-    for j, schedule in enumerate(SCHEDULES)
-]
-"""Every day each member meets two of the schedules, and each schedule every second member."""
-
-
-@pytest.mark.parametrize(("name", "schedule"), EITHER)
+@pytest.mark.thinned
+@pytest.mark.parametrize("schedule", SCHEDULES)
+@NAMES
 def test_a_stored_model_goes_on_as_the_one_in_memory(name, schedule, firsts, tmp_path) -> None:
     config = replace(ML, process=name, schedule=schedule, steps=2)
     kept, again = (model_of(3, config, start) for start in (firsts[name], stored(firsts[name], tmp_path)))

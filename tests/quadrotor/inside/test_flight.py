@@ -230,6 +230,7 @@ def fast_px4(model: Any, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.thinned(2)
 @pytest.mark.parametrize("hostile", list(REJECTED.values()), ids=list(REJECTED))
 def test_px4_of_a_rejected_set_point_nothing_is_added(
     px4: Path, fast_px4: Path, hostile: dict[int, float]
@@ -249,6 +250,7 @@ def test_px4_of_a_rejected_set_point_nothing_is_added(
     np.testing.assert_allclose(drive(px4, rows)[:, 1:5], 0.5, atol=1e-7)
 
 
+@pytest.mark.thinned(2)
 @pytest.mark.parametrize("hover", [np.inf, -np.inf, np.nan, 3.0, -0.2])
 def test_px4_a_hover_thrust_that_is_none_is_the_models_own(px4: Path, fast_px4: Path, hover: float) -> None:
     rows = px4_rows(motion())
@@ -295,7 +297,7 @@ def crazyflie_rows(own: Motion, yaw: float = 0.0) -> Array:
     return np.concatenate([wishes, *own.orders[:4], np.tile([yaw, 0.0], (COUNT, 1))], axis=1)
 
 
-@pytest.mark.parametrize("flags", [("-DCOMPENSATED",), ()])
+@pytest.mark.parametrize("flags", [("-DCOMPENSATED",), pytest.param((), marks=pytest.mark.slow)])
 def test_what_a_crazyflies_motors_get_is_what_was_learned(
     model: Any, tmp_path: Path, flags: tuple[str, ...]
 ) -> None:
@@ -338,6 +340,7 @@ def test_a_crazyflies_heading_turns_the_world_and_old_set_points_fade(model: Any
         np.testing.assert_allclose(late[:, -2:], np.tile([1.0, 2.0], (40, 1)), atol=1e-4)
 
 
+@pytest.mark.thinned(2)
 @pytest.mark.parametrize(
     ("column", "value"),
     [(11, 1e20), (13, -9.0), (14, 1e30), (17, np.nan)],
@@ -382,6 +385,7 @@ def test_who_has_no_numbered_motors_is_refused(model: Any) -> None:
         CRAZYFLIE(model, QUADROTOR, spec(), {"rate": 400})
 
 
+@pytest.mark.thinned(2)
 @pytest.mark.parametrize(
     ("given", "offered"),
     [

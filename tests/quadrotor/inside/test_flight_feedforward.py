@@ -225,7 +225,7 @@ PINNED = {
 }
 
 
-@pytest.mark.parametrize("name", ["quadrotor", "pelican"])
+@pytest.mark.parametrize("name", [pytest.param("quadrotor", marks=pytest.mark.slow), "pelican"])
 def test_the_simulated_world_stays_as_it_is(name: str) -> None:
     """Errors in m of version 0.1, to which figures that were published refer."""
     spec = KIND.spec(KIND.built_in()[name])

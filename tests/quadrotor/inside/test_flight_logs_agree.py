@@ -115,6 +115,7 @@ def inspected(folder: Path, own: Array, *more: str) -> int:
     return main(["inspect", str(path), "--robot", str(ROBOT), *more])
 
 
+@pytest.mark.thinned(2)
 @pytest.mark.parametrize("case", list(WRONG))
 def test_columns_that_contradict_each_other_are_named(
     case: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
@@ -126,6 +127,7 @@ def test_columns_that_contradict_each_other_are_named(
     assert named in " ".join(capsys.readouterr().out.split())
 
 
+@pytest.mark.thinned(2)
 @pytest.mark.parametrize("seed", range(4))
 def test_instruments_that_agree_are_believed(
     seed: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]

@@ -53,6 +53,7 @@ def _difference(vehicle: SimulatedVehicle, plan: FlightPlan, seed: int | None, s
     )
 
 
+@pytest.mark.thinned
 @pytest.mark.parametrize(("seed", "start"), [(None, "hover"), (4, "moving")])
 @pytest.mark.parametrize("name", PLANTS)
 def test_the_twins_agree(name: str, seed: int | None, start: str) -> None:

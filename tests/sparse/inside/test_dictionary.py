@@ -52,6 +52,7 @@ RULES = {
 }
 
 
+@pytest.mark.thinned
 @pytest.mark.parametrize("config", RULES.values(), ids=RULES.keys())
 @pytest.mark.parametrize("structured", [False, True], ids=["ARD-SE", "structured"])
 def test_the_choice_is_that_of_plain_inverses(config: DictionaryConfig, structured: bool) -> None:

@@ -36,7 +36,7 @@ def outside(motion: FourierTrajectory, t: np.ndarray) -> float:
     return worst
 
 
-@pytest.mark.parametrize("ramped", [False, True], ids=["plain", "ramp"])
+@pytest.mark.parametrize("ramped", [pytest.param(False, marks=pytest.mark.slow), True], ids=["plain", "ramp"])
 def test_the_bound_holds_at_a_hundred_thousand_instants(ramped: bool) -> None:
     rng = np.random.default_rng(0)
     for _ in range(6):

@@ -17,7 +17,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, fields, replace
-from functools import cached_property
+from functools import cache, cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -200,7 +200,7 @@ class WhitenedMotion:
 
     @cached_property
     def _covariance(self) -> Callable[[Point], Array]:
-        covariance, odd = _covariances(self.rows), self.odd
+        covariance, odd = covariances(self.rows), self.odd
         if odd is None:
             return covariance
         same = np.equal.outer(odd, odd)
@@ -209,7 +209,7 @@ class WhitenedMotion:
     @cached_property
     def _right(self) -> tuple[Array, list[tuple[int, slice]]]:
         """(n, k r + m) regressors and stands, and where those of each joint that stands are."""
-        stands, X = [self.rows.stands[j] for j in self.own], _regressors(self.rows, self.own)
+        stands, X = [self.rows.stands[j] for j in self.own], regressors(self.rows, self.own)
         if self.odd is not None:
             X = np.concatenate([X * self.odd[:, None, None], X * ~self.odd[:, None, None]], axis=2)
         flat = X.reshape(len(X), -1)
@@ -332,30 +332,30 @@ def _columns(command: Array) -> Array:
     return np.asarray(Y.reshape(len(command), -1))
 
 
-def _regressors(rows: FilteredRows, own: Index) -> Array:
-    """(n, k, r) of each joint, of unit deviation."""
+def regressors(rows: FilteredRows, own: Index) -> Array:
+    """(n, k, r) of each joint, of unit deviation: INERTIA, VISCOUS, COULOMB, DROP, and TORQUE with a file."""
     parts = [rows.qdd, rows.qd, rows.friction, rows.drop]
     parts += [] if rows.torque is None else [rows.torque]
     return np.stack([unit(part[:, own]) for part in parts], axis=2)
 
 
-def _covariances(rows: FilteredRows) -> Callable[[Point], Array]:
-    """The covariance (n, n) of a point; what points share is computed once."""
-    places = {length: _place(rows, length) for length in LENGTHS}
+def covariances(rows: FilteredRows) -> Callable[[Point], Array]:
+    """The covariance (n, n) of a point; what points share is computed once, where it is asked for."""
     qd, qdd = unit(rows.qd), unit(rows.qdd)
     joints = rows.q.shape[1]
     fast = (qdd @ qdd.T + (qd @ qd.T) ** 2 / joints) / joints
-    process = {(length, speeds): places[length] * (1.0 + speeds * fast) for length, speeds in CLASSES}
-    ripple = {length: RIPPLE**2 * _ripple(rows, length) for length in RIPPLES}
     apart = np.abs(np.subtract.outer(rows.t, rows.t))
-    memory = {tau: np.exp(-apart / tau) for tau in {memory for _, memory in DRIFTS}}
+    place = cache(lambda length: _place(rows, length))
+    process = cache(lambda length, speeds: place(length) * (1.0 + speeds * fast))
+    ripple = cache(lambda length: RIPPLE**2 * _ripple(rows, length))
+    memory = cache(lambda tau: np.exp(-apart / tau))
 
     def of(point: Point) -> Array:
-        K = point.size**2 * process[point.length, point.speeds]
-        K += point.drift**2 * memory[point.memory]
+        K = point.size**2 * process(point.length, point.speeds)
+        K += point.drift**2 * memory(point.memory)
         K += max(LEVEL, point.size**2)
         if point.ripple:
-            K += ripple[point.ripple]
+            K += ripple(point.ripple)
         K.flat[:: len(K) + 1] += point.rough**2
         return np.asarray(K.T)  # symmetric, and in the order that factors want
 

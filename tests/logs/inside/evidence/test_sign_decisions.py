@@ -50,7 +50,7 @@ WRONG: dict[str, tuple[Callable[[Log], Log], str, tuple[float, ...]]] = {
 }
 
 
-@pytest.mark.parametrize("seed", [0, 1, pytest.param(2, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("seed", [0, *(pytest.param(own, marks=pytest.mark.slow) for own in (1, 2))])
 def test_right_logs_are_not_asked_about(seed: int) -> None:
     log, other = moved(seed=seed), moved(seed=seed + 10)
     for logs in ((log,), (log.without("qd"),), (log, other)):
@@ -86,7 +86,9 @@ def test_all_logs_have_one_decision() -> None:
     assert "in all 3 logs" in finding_of(found, NAMES, ["a", "b", "c"]).sentence
 
 
-@pytest.mark.parametrize(("odd", "signs"), [(0, SIGNS), (1, -np.ones(3)), (2, SIGNS)])
+@pytest.mark.parametrize(
+    ("odd", "signs"), [(0, SIGNS), (1, -np.ones(3)), pytest.param(2, SIGNS, marks=pytest.mark.slow)]
+)
 def test_one_log_against_its_fellows(odd: int, signs: Array) -> None:
     logs = [moved(seed=seed) for seed in range(3)]
     logs[odd] = inverted(logs[odd], signs)
@@ -225,7 +227,7 @@ def test_commands_that_are_late_by_much_are_asked_about_and_never_shifted_unaske
     assert decided(repaired(wrong, finding_of(found, NAMES, ["a.csv"]))).level == "silent"
 
 
-@pytest.mark.parametrize("lag", [0.02, -0.02])
+@pytest.mark.parametrize("lag", [0.02, pytest.param(-0.02, marks=pytest.mark.slow)])
 def test_signs_and_order_are_judged_in_step_with_the_motion(lag: float) -> None:
     """A delay too short to be said would make them doubtful."""
     log = moved()

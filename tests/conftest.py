@@ -1,0 +1,34 @@
+"""Marker `thinned`: of the cases of one law some run every day, and all of them with the slow tests at night.
+
+`@pytest.mark.thinned` leaves as many as meet each value of each parameter, `thinned(3)` every third.
+"""
+
+from __future__ import annotations
+
+import pytest
+
+from thinning import daily
+
+
+@pytest.hookimpl(tryfirst=True)  # before those that deselect
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    laws: dict[str, list[pytest.Item]] = {}
+    for item in items:
+        if item.get_closest_marker("thinned"):
+            laws.setdefault(item.nodeid.partition("[")[0], []).append(item)
+    for cases in laws.values():
+        (*step,) = cases[0].get_closest_marker("thinned").args  # type: ignore[union-attr]
+        kept = daily([_values(case) for case in cases], *step)
+        for place, case in enumerate(cases):
+            if place not in kept:
+                case.add_marker(pytest.mark.slow)
+
+
+def _values(case: pytest.Item) -> dict[str, tuple[int, ...]]:
+    """The objects of a case by parameter; arguments that one list gives together are one parameter."""
+    given = {name: id(value) for name, value in case.callspec.params.items()}  # type: ignore[attr-defined]
+    found = {}
+    for mark in case.iter_markers("parametrize"):
+        names = mark.args[0].split(",") if isinstance(mark.args[0], str) else mark.args[0]
+        found[",".join(names)] = tuple(given.pop(name.strip()) for name in names)
+    return found | {name: (value,) for name, value in given.items()}
