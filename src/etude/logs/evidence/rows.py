@@ -27,7 +27,7 @@ MOTION_HZ, COMMAND_HZ = 5.0, 2.0  # cutoffs of positions, and of commands and th
 ORDER = 3  # of the Butterworth filter whose squared gain is applied
 EDGE_S = 0.3  # s at either end that hold the filter's own ends
 STEP_SPEED = 0.03  # of a joint's top speed, over which Coulomb friction changes its sign
-# rad (m: a quarter) over which friction turns round, to 1/e (Dahl 1968): gears have 0.001 to 0.02, slides less
+# rad (m: a quarter) over which friction turns round, to 1/e (Dahl 1968): gears have 0.001 to 0.02
 DISTANCES, OF_SLIDES = tuple(0.0005 * 2.0**i for i in range(7)), 0.25
 WIDTHS = (0.06, 0.12)  # of a joint's top speed, over which it may turn round as well
 FALL = 1.0  # of Coulomb friction, at most, is gone at top speed: with more it would drive the joint
