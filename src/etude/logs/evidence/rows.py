@@ -200,7 +200,7 @@ def _passed(apart: Array, cutoff: float) -> Array:
     """What the filter of the commands leaves of a moment, so many s beside it; 1 at the moment itself."""
     t = np.linspace(-8.0, 8.0, 1601) / cutoff  # beyond, less than 1e-6 is left
     response = smooth(t, (t == 0.0).astype(np.float64)[:, None], cutoff, ORDER).value[:, 0]
-    return np.interp(np.abs(apart), t, response / response.max(), right=0.0)
+    return np.asarray(np.interp(np.abs(apart), t, response / response.max(), right=0.0))
 
 
 def _commands(log: Log, path: Channel, rate: float, delays: Sequence[float]) -> Array:
