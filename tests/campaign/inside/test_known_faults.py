@@ -86,7 +86,7 @@ def log_of(campaign: Campaign, number: int) -> Path:
     ("root", "mounting", "named"),
     [
         ("world", "rotation = [0.0, 0.3, 0.0]", True),
-        ("world", "position = [0.0, 0.0, 0.5]", True),
+        pytest.param("world", "position = [0.0, 0.0, 0.5]", True, marks=pytest.mark.slow),
         ("world", "rotation = [0.0, 0.0, 0.0]", False),
         ("world", "", False),
         ("base", "rotation = [0.0, 0.3, 0.0]", False),
