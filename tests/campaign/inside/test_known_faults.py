@@ -31,7 +31,12 @@ URDF = """<robot name="two">
 <axis xyz="0 1 0"/><limit lower="-0.8" upper="0.9" velocity="1.2" effort="60"/></joint>
 </robot>
 """
-SHORT = {"candidates = 24": "candidates = 1", "refine = 2": "refine = 0", "duration = 60.0": "duration = 8.0"}
+SHORT = {
+    "candidates = 24": "candidates = 1",
+    "refine = 2": "refine = 0",
+    "duration = 60.0": "duration = 8.0",
+    ', "standing", "slow", "ripple", "gip_lin", "all_lin"': "",
+}
 Made = Callable[..., Path]
 
 

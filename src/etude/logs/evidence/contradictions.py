@@ -13,12 +13,14 @@ from typing import Literal
 
 import numpy as np
 
+from etude.abilities import SupportsVariations
 from etude.logs.checks.exact import LIKELY
-from etude.logs.checks.filtered_motion import goes_far
+from etude.logs.checks.filtered_motion import goes_far, states_of
 from etude.logs.checks.finding_texts import Doubt, accepted, named
-from etude.logs.evidence.file_hypotheses import CONTRADICTS, EXPLAINED, contradicting, fit_of
+from etude.logs.evidence.changed_masses import changed_masses
+from etude.logs.evidence.file_hypotheses import CONTRADICTS, contradicting
 from etude.logs.evidence.joint_evidence import LEAST_ROWS, MOST_GROUPS
-from etude.logs.evidence.likelihood import FEW, SMALL_WAY, WhitenedMotion
+from etude.logs.evidence.likelihood import FEW, SMALL_WAY, WhitenedMotion, log_sum
 from etude.logs.evidence.rows import AS_LOGGED, TURN_SPEED, FilteredRows, rows_of
 from etude.protocols import Mean
 from etude.types import Array, Channel, Finding, Index, Log, Mask
@@ -87,11 +89,12 @@ def contradiction_without_file(logs: Sequence[Log], path: Channel, sources: Sequ
 
 
 CUTS = 8  # times at which a log is cut in two; the rows about it, up to midway to the next, are left out
+LOAD_CUTS = 16  # times at which a load may be taken up
 CUT_ROWS = 150  # that are looked at: a change that is told by fewer only is silent
 PRIOR = float(np.log(0.002))  # that a log changes anywhere, in any way
-# log odds: of a sign that turns, right logs had 17 at most, turned ones 38 to 480; of a load by the model
-# file, right logs had 5, 1 kg 24 to 220
-TURNS, LOADED = 30.0, 20.0
+GRIPS = float(np.log(0.01))  # that a load is taken up or put down in it
+TURNS = 30.0  # log odds of a sign that turns: right logs had 17 at most, turned ones 38 to 480
+SOME_WAY = 0.5  # of a joint's way, before a load is taken up and after
 SOME_JOINTS = 0.5  # of those that have a say: a load shows in some of them only
 Kind = Literal["sign", "load", "robot"]
 
@@ -136,17 +139,24 @@ def change_within(log: Log, path: Channel, body: Mean | None) -> Change | None:
     rows = rows_of([log], path, body)
     if rows is None or len(rows.t) < 2 * LEAST_ROWS:
         return None
-    cuts = list(_cuts(rows.take(np.arange(0, len(rows.t), -(-len(rows.t) // CUT_ROWS)))))
+    rows = rows.take(np.arange(0, len(rows.t), -(-len(rows.t) // CUT_ROWS)))
+    cuts = list(_cuts(rows))
     if not cuts:
         return None
     turned, apart = zip(*(_gains(cut) for cut in cuts), strict=True)
-    return _sign_change(cuts, turned) or _load_change(cuts, path, body) or _change_of_all(cuts, apart)
+    found = [_sign_change(cuts, turned), _load_change(rows, path, body)]
+    likeliest = max((one for one in found if one is not None), key=lambda one: one.odds, default=None)
+    return likeliest or _change_of_all(cuts, apart)
+
+
+def _spans(rows: FilteredRows, count: int) -> list[tuple[float, float]]:
+    """s of the stretches about times at which a log is cut; the first and the last part are twice as long."""
+    start, step = float(rows.t[0]), float(np.ptp(rows.t)) / (count + 1)
+    return [(start + (k - 0.5) * step, start + (k + 0.5) * step) for k in range(1, count + 1)]
 
 
 def _cuts(rows: FilteredRows) -> Iterator[_Cut]:
-    start, step = float(rows.t[0]), float(np.ptp(rows.t)) / (CUTS + 1)
-    for k in range(1, CUTS + 1):
-        span = start + (k - 0.5) * step, start + (k + 0.5) * step
+    for span in _spans(rows, CUTS):
         part = rows.take(np.flatnonzero((rows.t < span[0]) | (rows.t > span[1])))
         after = part.t > span[1]
         if min(after.sum(), (~after).sum()) < 2:
@@ -188,26 +198,31 @@ def _sign_change(cuts: Sequence[_Cut], gains: Sequence[Array]) -> Change | None:
     total = np.maximum(each, 0.0).sum(axis=1)
     best = int(total.argmax())
     odds = float(total[best]) + PRIOR - float(np.log(len(cuts)))
-    return None if odds < TURNS else Change("sign", each[best] >= LIKELY, _span(cuts, total), odds)
+    span = _span([cut.span for cut in cuts], total)
+    return None if odds < TURNS else Change("sign", each[best] >= LIKELY, span, odds)
 
 
-def _load_change(cuts: Sequence[_Cut], path: Channel, body: Mean | None) -> Change | None:
-    """A load at the last link, by the model file, that explains most of what two models do."""
-    if body is None:
+def _load_change(rows: FilteredRows, path: Channel, body: Mean | None) -> Change | None:
+    """A load at the last link, by the model file."""
+    if body is None or not isinstance(body, SupportsVariations):
         return None
-    fits = [(cut, fit) for cut in cuts if (fit := fit_of(cut.rows, path, body)) is not None]
-    loads = [fit.load_odds(cut.after) for cut, fit in fits]
-    if not loads:
-        return None
-    total = _above_usual(np.array([odds for _, odds, _ in loads]))
-    best = int(total.argmax())
-    cut, fit = fits[best]
-    kg, _, explained = loads[best]
-    odds = float(total[best]) + PRIOR - float(np.log(len(cuts)))
-    if odds < LOADED or explained < EXPLAINED * fit.apart(cut.after).sum():
+    own = np.flatnonzero(rows.moving & (rows.command[..., AS_LOGGED].std(axis=0) > 0.0))
+    states = states_of(rows.t, path, rows.q, rows.qd, rows.qdd)
+    spans = _spans(rows, LOAD_CUTS)
+    after = np.stack([np.clip((rows.t - a) / (b - a), 0.0, 1.0) for a, b in spans], axis=1)
+    heard = np.array([_goes_on(rows.q, rows.t < a) & _goes_on(rows.q, rows.t > b) for a, b in spans])[:, own]
+    found = changed_masses(rows, own, body.links(states)[:, :, -1, :1], after, heard)
+    best = int(found.odds.argmax())
+    odds = float(log_sum(found.odds)) + GRIPS - float(np.log(len(spans)))
+    if odds < LIKELY:
         return None
     none = np.zeros(len(path.parts), dtype=np.bool_)
-    return Change("load", none, _span([cut for cut, _ in fits], total), odds, kg)
+    return Change("load", none, _span(spans, found.odds), odds, float(found.kg[best, 0]))
+
+
+def _goes_on(q: Array, some: Mask) -> Mask:
+    """(k,) whether joints go a part of their way (n, k) in some rows: a start from rest is another motion."""
+    return np.asarray(np.ptp(q[some], axis=0) > SOME_WAY * np.ptp(q, axis=0))
 
 
 def _change_of_all(cuts: Sequence[_Cut], gains: Sequence[Array]) -> Change | None:
@@ -218,7 +233,7 @@ def _change_of_all(cuts: Sequence[_Cut], gains: Sequence[Array]) -> Change | Non
     odds = float(total[best]) + PRIOR - float(np.log(len(cuts)))
     if odds < ODDS or likely[cuts[best].own].mean() < SOME_JOINTS:
         return None
-    return Change("robot", likely, _span(cuts, total), odds)
+    return Change("robot", likely, _span([cut.span for cut in cuts], total), odds)
 
 
 def _above_usual(gains: Array) -> Array:
@@ -226,10 +241,10 @@ def _above_usual(gains: Array) -> Array:
     return np.asarray(gains - np.maximum(np.median(gains, axis=0), 0.0))
 
 
-def _span(cuts: Sequence[_Cut], total: Array) -> tuple[float, float]:
+def _span(spans: Sequence[tuple[float, float]], total: Array) -> tuple[float, float]:
     """s between which the change is: the cuts that gain at least half as much as the best."""
     near = np.flatnonzero(total >= 0.5 * total.max())
-    return cuts[int(near[0])].span[0], cuts[int(near[-1])].span[1]
+    return spans[int(near[0])][0], spans[int(near[-1])][1]
 
 
 def change_finding(change: Change, log: Log, parts: Sequence[str]) -> Finding:
