@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import numpy as np
+
+from etude.types import Array
 from etude_arm.loading.load import of_file
 from etude_arm.physics.transmission import Geometry
 from etude_arm.spec import ArmSpec
@@ -9,6 +12,7 @@ from etude_arm.spec import ArmSpec
 _known: dict[str, bool] = {}
 """Whether a file has masses."""
 _geometries: dict[str, Geometry] = {}
+_friction: dict[str, Array] = {}
 
 
 def read_geometry(spec: ArmSpec) -> Geometry | None:
@@ -58,3 +62,20 @@ def has_masses(spec: ArmSpec) -> bool:
         return root.tag != "robot" or bool(masses_of(read_tree(root, str(file)), spec.names).elements)
 
     return of_file(_known, spec, made)
+
+
+def file_friction(spec: ArmSpec) -> Array:
+    """(J,) Coulomb friction (frictionloss) of the joints by the model file, N m or N.
+
+    0 where it is no less than the limit of the command: no drive moves against such a number.
+    """
+
+    def made() -> Array:
+        from etude_arm.loading.load import load_arm
+
+        loaded = load_arm(spec, shapes=False, drives=True)
+        model = loaded.model()
+        own = np.array([float(model.joint(name).frictionloss[0]) for name in spec.names])
+        return np.asarray(np.where(own < spec.command, own, 0.0))
+
+    return of_file(_friction, spec, made)
