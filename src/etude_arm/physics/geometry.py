@@ -65,17 +65,19 @@ def has_masses(spec: ArmSpec) -> bool:
 
 
 def file_friction(spec: ArmSpec) -> Array:
-    """(J,) Coulomb friction (frictionloss) of the joints by the model file, N m or N.
+    """(2, J) friction of the joints by the model file: Coulomb (frictionloss), N m or N, and viscous
+    (damping), N m s/rad or N s/m.
 
-    0 where it is no less than the limit of the command: no drive moves against such a number.
+    Coulomb friction is 0 where it is no less than the command's limit: no drive moves against such a number.
     """
 
     def made() -> Array:
         from etude_arm.loading.load import load_arm
 
-        loaded = load_arm(spec, shapes=False, drives=True)
-        model = loaded.model()
-        own = np.array([float(model.joint(name).frictionloss[0]) for name in spec.names])
-        return np.asarray(np.where(own < spec.command, own, 0.0))
+        model = load_arm(spec, shapes=False, drives=True).model()
+        joints = [model.joint(name) for name in spec.names]
+        dry = np.array([float(joint.frictionloss[0]) for joint in joints])
+        viscous = np.array([float(joint.damping.flat[0]) for joint in joints])
+        return np.stack([np.where(dry < spec.command, dry, 0.0), viscous])
 
     return of_file(_friction, spec, made)
