@@ -152,7 +152,7 @@ def test_angles_from_0_to_a_turn_are_refused_and_repaired_when_asked(
     def wrapping(rows: np.ndarray) -> np.ndarray:
         return np.column_stack([rows[:, 0], rows[:, 1:3] % (2.0 * np.pi), rows[:, 3:]])
 
-    motion = random_motion(campaign, 1)
+    motion = random_motion(campaign, 7)
     right = write_log(tmp_path / "right.csv", motion, 1)
     wrong = rewritten(write_log(tmp_path / "wrong.csv", motion, 1), wrapping)
     with pytest.raises(DataError, match="jumps of one turn") as refused:
