@@ -275,7 +275,7 @@ def test_as_a_program(tmp_path: Path) -> None:
     os.close(write_end)
 
 
-@pytest.mark.parametrize("first", ["random", "designed"])
+@pytest.mark.parametrize("first", [pytest.param("random", marks=pytest.mark.slow), "designed"])
 def test_asking_loads_nothing_it_does_not_need(lab: Path, first: str) -> None:
     config = lab / "campaign.toml"
     text = config.read_text()

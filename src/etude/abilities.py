@@ -434,6 +434,20 @@ class SupportsConfirmation(Protocol):
 
 
 @runtime_checkable
+class SupportsAgreement(Protocol):
+    """Description: the same once a person has confirmed all of it, as motions of a simulation take it."""
+
+    def agreed(self) -> Any: ...
+
+
+@runtime_checkable
+class SupportsFileDoubt(Protocol):
+    """`Kind`: whether the masses of the model file look like placeholders, which judge no log."""
+
+    def made_up(self, spec: Any) -> bool: ...
+
+
+@runtime_checkable
 class SupportsJointTables(Protocol):
     """Description: the table of each joint in its file, by keys, among them "lower", "upper", "velocity",
     "acceleration", "jerk", "torque_rate" and "envelope"; None where a value is not stated.
@@ -541,11 +555,13 @@ ABILITIES: Mapping[str, tuple[type, ...]] = {
         SupportsParameters,
         SupportsKnownFaults,
         SupportsPayload,
+        SupportsFileDoubt,
     ),
     "Description": (
         SupportsCommandUnit,
         SupportsTableRate,
         SupportsConfirmation,
+        SupportsAgreement,
         SupportsJointTables,
         SupportsPlant,
     ),

@@ -264,6 +264,12 @@ class ArmKind:
 
         return report(spec, self.physics(spec, config).get("identified"), samples, config.data)
 
+    def made_up(self, spec: ArmSpec) -> bool:
+        """Whether the inertias of the model file look like placeholders: those of most links are the same."""
+        from etude_arm.loading.implausible import alike
+
+        return alike(spec)
+
     def checks(self, spec: ArmSpec, log: Log) -> Sequence[Finding]:
         """Findings of the arm's own log checks, such as another rate than that of the robot file."""
         from etude_arm.log_checks import findings

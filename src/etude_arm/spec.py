@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -136,6 +136,10 @@ class ArmSpec:
     gains: Gains | None = None
     confirm: tuple[str, ...] = ()
     limits: tuple[LimitTable, ...] = ()
+
+    def agreed(self) -> ArmSpec:
+        """The robot without open assumptions."""
+        return replace(self, confirm=())
 
     @property
     def dof(self) -> int:

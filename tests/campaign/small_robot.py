@@ -40,7 +40,7 @@ command = 10.0
 """
 SHORT = """\
 [trajectory]
-duration = 12.0
+duration = 8.0
 [data]
 cutoff_hz = 5.0
 [design]

@@ -10,7 +10,7 @@ import pytest
 from small_robot import SHORT, make_campaign, write_log
 
 from etude import ask, cli, plugins
-from etude.campaign import stored_trajectory
+from etude.campaign import Campaign, stored_trajectory
 
 KERNELS = """
 from etude.models import SquaredExponential
@@ -85,3 +85,18 @@ def test_a_broken_package_beside_takes_its_own_candidates_and_no_more(
     listed = " ".join(capsys.readouterr().out.split())
     assert "(!) gip_lin of etude.kernels" in listed
     assert "(!) structured" not in listed
+
+
+def test_status_shows_what_it_can_where_a_package_is_missing(
+    campaign: Campaign, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "config"))
+    monkeypatch.setattr(plugins, "_given", set())
+    with (campaign.path / "robot.toml").open("a") as file:
+        file.write('\n[[limit]]\nkind = "nowhere:plane"\n')
+    assert cli.main(["status", str(campaign.path), "--trust"]) == 2
+    said = " ".join(capsys.readouterr().err.split())
+    before, shown, after = said.partition("More cannot be shown:")
+    assert shown
+    assert f"{campaign.name} ({', '.join(campaign.axes)})" in before
+    assert "No module named 'nowhere'" in after

@@ -55,7 +55,7 @@ def table(files: dict[str, bytes], *, learned: bool) -> Array:
     return own
 
 
-@pytest.mark.parametrize("extra", ["", "\nradius = 2.4\n"])
+@pytest.mark.parametrize("extra", [pytest.param("", marks=pytest.mark.slow), "\nradius = 2.4\n"])
 def test_a_vehicle_without_the_drag_strays_no_further_than_the_row_says(extra: str, tmp_path: Path) -> None:
     """In PX4's cascade, which is another program, with and without the learned part."""
     what, allowed = flight(0.35, tmp_path, extra)

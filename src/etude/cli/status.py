@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 from etude.cli.outcome import Common, Folder, Outcome, Say, opened, table
 from etude.codes import Warn
-from etude.errors import typed
+from etude.errors import UsageError, typed
 
 NO_MATTER = 0.05
 """Part of the variance below which the choice of a motion is not worth a thought."""
@@ -30,11 +31,29 @@ class Status(Common):
 
     folder: Folder
 
-    def run(self, _: Say) -> Outcome:
+    def run(self, say: Say) -> Outcome:
         from etude.campaign.evaluate.status import status
 
-        found = status(opened(self.folder))
+        try:
+            campaign = opened(self.folder)
+        except UsageError:
+            for line in _known(self.folder):
+                say(line)
+            raise
+        found = status(campaign)
         return Outcome("\n".join(_lines(found)), found)
+
+
+def _known(folder: Path) -> list[str]:
+    """What the journal says of a campaign that cannot be opened, as where a plug-in's package is missing."""
+    from etude.campaign.evaluate.status import status_without_robot
+
+    found = status_without_robot(folder)
+    if found is None:
+        return []
+    head = f"{found['robot']} ({', '.join(found['axes'])}), preset {found['preset']}, seed {found['seed']}"
+    rest = (*_trajectories(found), *_deployed_model(found), *_problems(found))
+    return [*_alerts(found), head, *rest, "More cannot be shown:"]
 
 
 def _lines(found: Mapping[str, Any]) -> list[str]:
@@ -69,9 +88,12 @@ def _lines(found: Mapping[str, Any]) -> list[str]:
     lines += faults(found["known_faults"])
     lines += [f"Look: {one['sentence']}. {one['step']}" for one in found["proved_otherwise"]]
     lines += [f"Edited: {one['sentence']}. {one['step']}" for one in found["edited"]]
-    lines += [f"Problem: {one['sentence']}." for one in found["problems"]]
-    lines += [MEND] * bool(found["problems"])
-    return lines
+    return [*lines, *_problems(found)]
+
+
+def _problems(found: Mapping[str, Any]) -> list[str]:
+    """Files that were damaged."""
+    return [*(f"Problem: {one['sentence']}." for one in found["problems"]), *[MEND] * bool(found["problems"])]
 
 
 def _forecast(found: Mapping[str, Any]) -> list[str]:

@@ -12,11 +12,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from etude.errors import UsageError
+from etude_arm.loading.inertia import NO_MASS
+from etude_arm.loading.load import load_arm, of_file
 from etude_arm.loading.loaded_model import Loaded
+from etude_arm.spec import ArmSpec
 
 if TYPE_CHECKING:
     import mujoco
-from etude_arm.loading.inertia import NO_MASS
 
 LEAST_ALIKE, ALIKE_SHARE = 3, 0.5
 """Least number of parts with equal inertia, and least share of all parts: two links of one size are common.
@@ -27,12 +29,27 @@ SHOWN = 5
 """Largest number of names in a sentence."""
 
 
+_known: dict[str, bool] = {}
+
+
+def alike(spec: ArmSpec) -> bool:
+    """Whether most moving parts of the robot's model file share one inertia; no mesh is read."""
+    if spec.model_file is None or not spec.model_file.is_file():
+        return False
+    return of_file(_known, spec, lambda: bool(_alike(*_parts(load_arm(spec, shapes=False)))))
+
+
+def _parts(loaded: Loaded) -> tuple[mujoco.MjModel, list[int]]:
+    """The model, and its moving parts that have a mass."""
+    model = loaded.model()
+    return model, [b for b in range(1, model.nbody) if model.body_weldid[b] and model.body_mass[b] > NO_MASS]
+
+
 def made_up(loaded: Loaded) -> tuple[str, ...]:
     """A sentence on placeholder inertias of the moving parts; () if there are none."""
-    model = loaded.model()
-    parts = [b for b in range(1, model.nbody) if model.body_weldid[b] and model.body_mass[b] > NO_MASS]
-    alike, large = _alike(model, parts), _large(model, parts)
-    why = [f"those of {_few(alike)} are the same"] if alike else []
+    model, parts = _parts(loaded)
+    same, large = _alike(model, parts), _large(model, parts)
+    why = [f"those of {_few(same)} are the same"] if same else []
     why += [f"those of {_few(large)} are of bodies larger than these links"] if large else []
     if not why:
         return ()

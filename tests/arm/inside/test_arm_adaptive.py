@@ -117,7 +117,7 @@ def followed(controller, offset: float, ticks: int, fed_back: bool = True):
 
 def test_the_lyapunov_function_of_slotine_and_li_falls() -> None:
     start = slotine_li(PHYSICS, Adaptation(bandwidth=6.0, rate=20.0, smoothing=0.0, leak=0.0))
-    energy, error = followed(start, offset=0.04, ticks=300)
+    energy, error = followed(start, offset=0.04, ticks=150)
     assert np.all(np.diff(energy[5::25]) < 0.0)
     assert energy[-1] < 0.9 * energy[0]
     assert np.abs(error).max() < 0.02

@@ -21,7 +21,7 @@ from etude.protocols import Trajectory
 from etude.trajectories import FourierTrajectory, from_json
 from etude.types import Array
 
-RANDOM = '[trajectory]\nduration = 12.0\n[data]\ncutoff_hz = 5.0\n[design]\nfirst = "random"\n'
+RANDOM = '[trajectory]\nduration = 8.0\n[data]\ncutoff_hz = 5.0\n[design]\nfirst = "random"\n'
 
 
 @pytest.fixture

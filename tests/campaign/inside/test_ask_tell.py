@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from small_robot import ROBOT, make_campaign, random_motion, stub_learner, write_log
+from small_robot import ROBOT, SHORT, make_campaign, random_motion, stub_learner, write_log
 
 from etude import ask, tell
 from etude.campaign import (
@@ -187,7 +187,7 @@ class TestTell:
         state = campaign.state()
         assert state.rounds[1].trained is not None
         assert state.rounds[1].ingested is not None
-        assert abs(state.rounds[1].ingested.robot_seconds - 12.5) < 0.1
+        assert abs(state.rounds[1].ingested.robot_seconds - 8.5) < 0.1
         source = (campaign.path / "runs" / "0001.source.toml").read_text()
         assert str(tmp_path / "run1.csv") in source
         assert damaged_files(campaign.path, campaign.events()) == []
@@ -353,7 +353,7 @@ REST_S = 1.0
 def test_a_log_that_ends_early_teaches_and_answers_from_half_on(
     part: float, answered: bool, tmp_path: Path
 ) -> None:
-    campaign = make_campaign(tmp_path)
+    campaign = make_campaign(tmp_path, config=SHORT.replace("duration = 8.0", "duration = 12.0"))
     number = ask(campaign).number
     motion = stored_trajectory(campaign, number)
     lines = write_log(tmp_path / "whole.csv", motion, number).read_text().splitlines()

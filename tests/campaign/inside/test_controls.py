@@ -37,7 +37,7 @@ from etude.errors import UsageError
 from etude.limits import HIDDEN
 from etude.types import Array
 
-RANDOM = '[trajectory]\nduration = 12.0\n[data]\ncutoff_hz = 5.0\n[design]\nfirst = "random"\n'
+RANDOM = '[trajectory]\nduration = 8.0\n[data]\ncutoff_hz = 5.0\n[design]\nfirst = "random"\n'
 LEARNS = """\
 [model]
 rung = "linear"

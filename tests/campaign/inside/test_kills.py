@@ -63,7 +63,7 @@ ENOUGH = 0.6
 
 
 def test_a_full_disk_at_every_write(tmp_path: Path) -> None:
-    campaign = make_campaign(tmp_path, config=SHORT.replace("duration = 12.0", "duration = 4.0"))
+    campaign = make_campaign(tmp_path, config=SHORT.replace("duration = 8.0", "duration = 4.0"))
     ask(campaign)
     log = write_log(tmp_path / "run.csv", stored_trajectory(campaign, 1))
     # what answers the proposal and no more: it is read at every step

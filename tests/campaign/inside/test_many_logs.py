@@ -24,6 +24,7 @@ duration = 8.0
 cutoff_hz = 5.0
 [model]
 rung = "gp"
+candidates = ["default"]
 points = 60
 inducing = 80
 fit_points = 40

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -14,9 +14,12 @@ import etude
 from etude import tell, untell
 from etude.campaign import Campaign, IngestResult
 from etude.campaign.ingest.ingest_result import read as read_told
+from etude.campaign.ingest.questions import body_of, unit_findings
 from etude.cli import main
 from etude.errors import DataError, UsageError
 from etude.logs import read_log_file
+from etude.types import Log
+from etude_arm import KIND as ARM
 
 
 def told(campaign: Campaign, path: Path, **answers: tuple[str, ...]) -> IngestResult:
@@ -149,7 +152,7 @@ def test_angles_from_0_to_a_turn_are_refused_and_repaired_when_asked(
     def wrapping(rows: np.ndarray) -> np.ndarray:
         return np.column_stack([rows[:, 0], rows[:, 1:3] % (2.0 * np.pi), rows[:, 3:]])
 
-    motion = random_motion(campaign, 1)
+    motion = random_motion(campaign, 7)
     right = write_log(tmp_path / "right.csv", motion, 1)
     wrong = rewritten(write_log(tmp_path / "wrong.csv", motion, 1), wrapping)
     with pytest.raises(DataError, match="jumps of one turn") as refused:
@@ -209,3 +212,39 @@ def test_a_command_that_was_not_recorded_is_no_gravity_taken_out(tmp_path: Path)
     table.write_csv(tmp_path / "log.csv")
     with pytest.raises(DataError, match=r"command of shoulder_pan_joint, .* is constant although it moved"):
         read_told(campaign, tmp_path / "log.csv")
+
+
+def tower(links: Sequence[tuple[float, float]]) -> str:
+    """A URDF of links on top of one another, each with mass and moments of inertia."""
+    parts = ['<link name="l0"/>']
+    for k, (mass, moment) in enumerate(links, 1):
+        moments = " ".join(f'i{a}{a}="{moment}"' for a in "xyz")
+        parts.append(
+            f'<link name="l{k}"><inertial><origin xyz="0 0 0.1"/><mass value="{mass}"/>'
+            f'<inertia {moments} ixy="0" ixz="0" iyz="0"/></inertial></link>'
+            f'<joint name="j{k}" type="revolute"><parent link="l{k - 1}"/><child link="l{k}"/>'
+            f'<origin xyz="0 0 0.3"/><axis xyz="{"0 1 0" if k % 2 else "0 0 1"}"/>'
+            '<limit lower="-1.2" upper="1.2" velocity="1" effort="50"/></joint>'
+        )
+    return f'<robot name="tower">{"".join(parts)}</robot>'
+
+
+@pytest.mark.parametrize("links", [((1.0, 1.0),) * 3, ((3.0, 0.02), (2.0, 0.01), (1.0, 0.005))])
+def test_a_file_of_placeholders_judges_no_commands(
+    links: tuple[tuple[float, float], ...], tmp_path: Path
+) -> None:
+    """Commands a tenth of the file's are of another unit; where its masses are made up they may be right."""
+    (tmp_path / "arm.urdf").write_text(tower(links))
+    spec = etude.load_robot(tmp_path / "arm.urdf")
+    t = np.arange(0.0, 20.0, 0.01)
+    turns = np.array([0.31, 0.23, 0.17]) * 2.0 * np.pi
+    angle = np.outer(t, turns)
+    orders = (0.8 * np.sin(angle), 0.8 * turns * np.cos(angle), -0.8 * turns**2 * np.sin(angle))
+    log = Log(t, {}, {}, "a.csv")
+    for channel, values in zip(ARM.channels(spec), orders, strict=False):
+        log = log.put(channel, values)
+    body, made_up = body_of(ARM, spec), links[0] == (1.0, 1.0)
+    assert body is not None
+    command = next(c for c in ARM.channels(spec) if c.role == "command")
+    (found,) = unit_findings(ARM, spec, log.put(command, 0.1 * body.predict(log)))
+    assert ("placeholders" in found.sentence, found.flag) == ((True, "") if made_up else (False, "scale"))

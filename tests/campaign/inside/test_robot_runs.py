@@ -279,6 +279,18 @@ def test_a_dry_run_moves_nothing_and_says_what_would(tmp_path: Path) -> None:
     assert any("the beginning of motion 1 at 25 %" in own for own in said)
 
 
+def test_masses_that_allow_no_motion_are_waived_in_a_simulation(tmp_path: Path) -> None:
+    campaign = weighing(tmp_path, effort=2.0)
+    assert any("No motion is possible by the numbers" in line for line in campaign.spec.confirm)
+    with pytest.raises(UnsafeTrajectoryError, match="No motion is possible by the numbers"):
+        etude.ask(campaign)
+    with pytest.raises(UsageError, match="No motion is possible by the numbers"):
+        moved(campaign, Robot(("hip", "knee"), real=True), dry=True)
+    found = moved(campaign, Robot(("hip", "knee")), dry=True)
+    assert found.planned is not None
+    assert any("No motion is possible by the numbers" in line for line in found.said)
+
+
 def test_a_dry_run_draws_the_way_from_where_the_robot_stands(tmp_path: Path) -> None:
     campaign = weighing(tmp_path)
     (tmp_path / "bot.py").write_text(BOT)
@@ -686,7 +698,7 @@ def bot(joints, address, settings):
 """
 
 
-def weighing(folder: Path, duration: float = 4.0) -> Campaign:
+def weighing(folder: Path, duration: float = 4.0, effort: float = 60.0) -> Campaign:
     """A campaign of two joints in a row that carry weight, by a model file."""
     links = "".join(
         f'<link name="{n}"><inertial><origin xyz="0.2 0 0"/><mass value="2"/><inertia ixx="0.01" iyy="0.02"'
@@ -695,7 +707,7 @@ def weighing(folder: Path, duration: float = 4.0) -> Campaign:
     )
     joints = "".join(
         f'<joint name="{n}" type="revolute"><parent link="{a}"/><child link="{b}"/><origin xyz="0.4 0 0"/>'
-        '<axis xyz="0 1 0"/><limit lower="-1.5" upper="1.5" velocity="1" effort="60"/></joint>'
+        f'<axis xyz="0 1 0"/><limit lower="-1.5" upper="1.5" velocity="1" effort="{effort}"/></joint>'
         for n, a, b in (("hip", "base", "upper"), ("knee", "upper", "fore"))
     )
     (folder / "two.urdf").write_text(f'<robot name="two">{links}{joints}</robot>')

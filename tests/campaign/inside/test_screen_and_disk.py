@@ -46,7 +46,12 @@ URDF = """<robot name="two">
 <axis xyz="0 1 0"/><limit lower="-0.8" upper="0.9" velocity="1.2" effort="60"/></joint>
 </robot>
 """
-SHORT = {"candidates = 24": "candidates = 1", "refine = 2": "refine = 0", "duration = 60.0": "duration = 8.0"}
+SHORT = {
+    "candidates = 24": "candidates = 1",
+    "refine = 2": "refine = 0",
+    "duration = 60.0": "duration = 8.0",
+    ', "standing", "slow", "ripple", "gip_lin", "all_lin"': "",
+}
 DAILY, ALL, LOT = 3, 1000, 50
 """Edits a day, and of all; these are lots of tests of their own, so that a run that was stopped goes on:
 pytest -m slow -k 'lot7'."""
@@ -476,8 +481,8 @@ def test_an_open_motion_that_leaves_the_new_limits_names_what_helps(
 @pytest.mark.parametrize(
     ("name", "gone"),
     [
-        ("from_home/approach.csv", False),
-        ("from_home/certificate.json", True),
+        pytest.param("from_home/approach.csv", False, marks=pytest.mark.slow),
+        pytest.param("from_home/certificate.json", True, marks=pytest.mark.slow),
         ("from_home/ros2_csv/points.csv", False),
         ("ros2_csv/play.py", True),
     ],

@@ -19,7 +19,7 @@ from etude.trajectories import FourierTrajectory
 from etude.types import Proof
 from journal_facts import fact
 
-RANDOM = '[trajectory]\nduration = 12.0\n[data]\ncutoff_hz = 5.0\n[design]\nfirst = "random"\n'
+RANDOM = '[trajectory]\nduration = 8.0\n[data]\ncutoff_hz = 5.0\n[design]\nfirst = "random"\n'
 
 
 @pytest.fixture

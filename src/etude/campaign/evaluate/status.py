@@ -4,16 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict
+from pathlib import Path
 from typing import Any
 
 from etude.campaign.evaluate.stopping import LogOutcome, calibration_factor, judge, seen_by_the_rule
 from etude.campaign.record.alerts import campaign_alerts, motion_open
 from etude.campaign.record.confirmation import confirmed
-from etude.campaign.record.events import plain
+from etude.campaign.record.events import Created, plain
 from etude.campaign.record.folder import Campaign
-from etude.campaign.record.journal import damaged_files
+from etude.campaign.record.journal import damaged_files, read_events
 from etude.campaign.record.known_faults import affected
-from etude.campaign.record.state import Round, State
+from etude.campaign.record.state import Round, State, replay
 from etude.campaign.record.stored_files import edited, proved_otherwise
 
 
@@ -77,6 +78,28 @@ def status(campaign: Campaign) -> dict[str, Any]:
         ],
         "edited": [one.facts() for one in edited(campaign, events)],
         "problems": [one.facts() for one in damaged_files(campaign.path, events)],
+    }
+
+
+def status_without_robot(folder: Path) -> dict[str, Any] | None:
+    """What the journal alone says, by the same keys, where the campaign cannot be opened; None: nothing."""
+    events = read_events(folder)
+    created = next((e.fact for e in events if isinstance(e.fact, Created)), None)
+    if created is None:
+        return None
+    state = replay(events)
+    return {
+        "alerts": [notice.facts() for notice in motion_open(state, folder)],
+        "folder": str(folder),
+        "kind": created.kind,
+        "robot": created.robot,
+        "axes": list(created.axes),
+        "preset": created.preset,
+        "seed": state.seed,
+        "trajectories": [_trajectory(r) for _, r in sorted(state.rounds.items())],
+        "robot_seconds": state.robot_seconds,
+        "in_use": _in_use(state),
+        "problems": [one.facts() for one in damaged_files(folder, events)],
     }
 
 

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 from functools import cache
 from typing import Any
 
+from etude.abilities import SupportsFileDoubt
 from etude.campaign.ingest.command_decisions import Step, decided, told_logs
 from etude.campaign.record.config import preset_config
 from etude.campaign.record.events import Given
@@ -19,6 +20,7 @@ from etude.campaign.record.folder import Campaign
 from etude.campaign.record.state import State
 from etude.errors import DataError, UsageError
 from etude.logs.checks import exact
+from etude.logs.checks.command_units import SCALE
 from etude.logs.checks.filtered_motion import Seen, joints
 from etude.logs.checks.finding_texts import Doubt, Excludable, Mendable, OfRecorder
 from etude.logs.checks.plausibility import (
@@ -132,7 +134,7 @@ class LogQuestions:
         return log.repaired(*(f.sentence for f in by_file if f.light == "yellow" and not f.flag))
 
     def _alone(self, log: Log) -> Sequence[Step]:
-        return decided([log], {}, self.answers.to, body_of(self.kind, self.spec))[0]
+        return decided([log], {}, self.answers.to, judging_body(self.kind, self.spec))[0]
 
     def _stepped(self, log: Log, step: Step) -> Log:
         """The log after one decision. DataError: the decision is an open question."""
@@ -220,7 +222,7 @@ def questions_of(
     def judged(log: Log) -> Sequence[Step]:
         if steps is not None:
             return steps
-        return decided([log], told(), answers.to, body_of(campaign.kind, campaign.spec))[0]
+        return decided([log], told(), answers.to, judging_body(campaign.kind, campaign.spec))[0]
 
     return LogQuestions(campaign.kind, campaign.spec, answers, judged, told)
 
@@ -249,7 +251,7 @@ def judged_commands(
         motion: the filtered motion of the log, if it was computed already.
         told: earlier logs of the robot, by number.
     """
-    body = None if kind is None else body_of(kind, spec)
+    body = None if kind is None else judging_body(kind, spec)
     steps, last = decided([log], told or {}, lambda _: "", body)
     found = [step.finding for step in steps]
     if any(step.what == "open" for step in steps) or last is None:
@@ -264,10 +266,17 @@ def judged_commands(
     return (*found, *right, *unit)
 
 
+MADE_UP = "Inertias of the model file look like placeholders, so it judges neither units nor signs."
+
+
 def unit_findings(kind: Kind, spec: Any, log: Log, motion: Seen | None = None) -> tuple[Finding, ...]:
     """The unit of the commands, by a model file; nothing without one, or where they act on no joint."""
-    body = body_of(kind, spec) if any(c.acts_on for c in log.channels.values()) else None
-    found = None if body is None else judge_unit(log, body, kind.limit(spec), motion)
+    if not any(c.acts_on for c in log.channels.values()) or body_of(kind, spec) is None:
+        return ()
+    body = judging_body(kind, spec)
+    if body is None:
+        return (Finding(SCALE, "cannot tell", MADE_UP, "Correct its masses, or check signs and units."),)
+    found = judge_unit(log, body, kind.limit(spec), motion)
     return () if found is None else (found,)
 
 
@@ -299,7 +308,7 @@ def file_findings_of(kind: Kind, spec: Any, log: Log, told: Mapping[int, Log]) -
 def path_and_body(kind: Kind, spec: Any, log: Log) -> tuple[Channel, Mean] | None:
     """The positions that commands act on, and the model file's prediction of these commands; None without."""
     path = joints(log)
-    body = None if path is None else body_of(kind, spec)
+    body = None if path is None else judging_body(kind, spec)
     return None if path is None or body is None else (path, body)
 
 
@@ -307,3 +316,10 @@ def body_of(kind: Kind, spec: Any) -> Mean | None:
     """The model file's prediction of the commands; None without a file, or for other units."""
     found = kind.physics(spec, preset_config(kind, "default"))
     return found["nominal"](None) if "nominal" in found else None
+
+
+def judging_body(kind: Kind, spec: Any) -> Mean | None:
+    """The same where it may judge a log: None of a file whose masses look like placeholders."""
+    if isinstance(kind, SupportsFileDoubt) and kind.made_up(spec):
+        return None
+    return body_of(kind, spec)

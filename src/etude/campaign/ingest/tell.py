@@ -23,7 +23,7 @@ from etude.campaign.ingest.ingest_result import (
     read,
     read_settled,
 )
-from etude.campaign.ingest.questions import Answers, LogQuestions, answers_of, body_of, questions_of
+from etude.campaign.ingest.questions import Answers, LogQuestions, answers_of, judging_body, questions_of
 from etude.campaign.ingest.recordings import evidence_in, placed
 from etude.campaign.ingest.robot_changed import answer, change_found
 from etude.campaign.propose.constraints import start_in_words, with_tracking_errors
@@ -572,7 +572,7 @@ def surveyed(campaign: Campaign, paths: Sequence[Path], how: How) -> Survey | No
         with contextlib.suppress(DataError):  # the error is reported when the file is ingested
             if state.round_of_log(sha256_of_log(path)) is None:
                 found |= _prepared(campaign, path, how, answers)
-    body = body_of(campaign.kind, campaign.spec)
+    body = judging_body(campaign.kind, campaign.spec)
     return Survey(found, told_logs(campaign, state), answers.to, body)
 
 

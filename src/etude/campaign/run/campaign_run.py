@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from etude.abilities import SupportsAgreement
 from etude.campaign.deployment.promote import Promotion, promote
 from etude.campaign.evaluate.confirm import ask_to_confirm
 from etude.campaign.ingest.recordings import is_even
@@ -177,6 +178,8 @@ def connected(
             # some robots tell what they are set to carry only now
             about = player.about()
             waived = _nothing_open(campaign, about, resume, identity)
+            if waived and isinstance(campaign.spec, SupportsAgreement):
+                campaign = replace(campaign, spec=campaign.spec.agreed())
             yield RobotSession(campaign, player, about, person, tell, waived=waived, on=on, seen=seen)
 
 

@@ -16,7 +16,7 @@ from etude.logs.checks.exact import CERTAIN, LIKELY
 from etude.logs.checks.plausibility import DELAY
 from etude.logs.cleaning.smoothing import resample
 from etude.logs.evidence.joint_evidence import MOST_GROUPS, Decision, JointEvidence, Level
-from etude.logs.evidence.likelihood import FEW, LENGTHS, WhitenedMotion, least
+from etude.logs.evidence.likelihood import CLOCK_TERMS, FEW, LENGTHS, WhitenedMotion, least
 from etude.logs.evidence.rows import AS_LOGGED, DELAYS, commands_of, rows_of
 from etude.protocols import Mean
 from etude.types import Array, Channel, Log
@@ -149,7 +149,7 @@ def _own_delay(log: Log, path: Channel) -> tuple[int, float]:
         return AS_LOGGED, 0.0
     own, each, rows = np.flatnonzero(rows.moving), [], rows.without_turns()
     for length in LENGTHS:
-        motion = WhitenedMotion(rows, own, tuple(point for point in FEW if point.length == length))
+        motion = WhitenedMotion(rows, own, tuple(p for p in FEW if p.length == length), terms=CLOCK_TERMS)
         each.append(motion.free(rows.command, range(len(DELAYS))))
     return _likeliest(np.array(each))
 

@@ -24,7 +24,7 @@ import numpy as np
 from scipy.special import erfcx, log_ndtr
 
 from etude._runtime.scipy_parts import dpotrf, dtrsm
-from etude.logs.evidence.rows import AS_LOGGED, FilteredRows
+from etude.logs.evidence.rows import AS_LOGGED, DISTANCES, WIDTHS, FilteredRows
 from etude.types import Array, Index, Mask
 
 log_sum = np.logaddexp.reduce  # over the first axis, or another one
@@ -81,8 +81,13 @@ LEVEL = 4.0  # variance of a command's mean, at least
 SWAY = 0.7  # of the chain's kernel: how much of a weight turns with one joint
 SMALL_WAY = 0.3  # rad: a joint that goes less far is no angle to the springs' kernel
 INERTIA, VISCOUS, COULOMB, DROP, TORQUE = range(5)  # regressors, in the order of their columns
+GRADUAL = tuple(range(TORQUE + 1, TORQUE + 1 + len(DISTANCES) + len(WIDTHS)))
 TERMS = ((INERTIA, VISCOUS, COULOMB), (INERTIA,), (INERTIA, VISCOUS, COULOMB, DROP))  # friction may be none
-FRICTION = (VISCOUS, COULOMB, DROP)
+FRICTION = (VISCOUS, COULOMB, DROP, *GRADUAL)
+CLOCK_TERMS = TERMS + tuple(
+    (INERTIA, VISCOUS, held, *more) for held, more in itertools.product(GRADUAL, ((), (DROP,)))
+)
+"""Where delays are compared: friction that turns round over a distance looks late."""
 NEITHER = np.log(0.05)  # prior of a command that no sign explains
 INVERTED = np.log(0.03)  # prior of an inverted one, where orders and delays are compared
 BEST = 2  # points of a class whose orthants are computed
@@ -172,23 +177,25 @@ class WhitenedMotion:
 
     Attributes:
         odd: (n,) rows that share no model with the others, but for the size of their noise; None: all do.
+        terms: the sets of regressors that are tried.
     """
 
     rows: FilteredRows
     own: Index
     grid: tuple[Point, ...]
     odd: Mask | None = None
+    terms: tuple[tuple[int, ...], ...] = TERMS
     known: list[_Whitened] = field(default_factory=list)
 
     @classmethod
     def of(cls, rows: FilteredRows, own: Index) -> WhitenedMotion:
         """At as many points as there are sizes and memories."""
-        return cls(rows, own, GRID + (NEAR_FILE if rows.torque is not None else ()))
+        return cls(rows, own, GRID + (NEAR_FILE if rows.torque is not None else ()), terms=TERMS)
 
     @classmethod
     def of_clock(cls, rows: FilteredRows, own: Index) -> WhitenedMotion:
         """At the points that delays take."""
-        return cls(rows, own, CLOCK + (NEAR_FILE if rows.torque is not None else ()))
+        return cls(rows, own, CLOCK + (NEAR_FILE if rows.torque is not None else ()), terms=CLOCK_TERMS)
 
     def _points(self) -> Iterator[tuple[Array, _Whitened]]:
         """Of each point, the lower Cholesky factor of the covariance, which serves all joints and columns."""
@@ -209,7 +216,8 @@ class WhitenedMotion:
     @cached_property
     def _right(self) -> tuple[Array, list[tuple[int, slice]]]:
         """(n, k r + m) regressors and stands, and where those of each joint that stands are."""
-        stands, X = [self.rows.stands[j] for j in self.own], regressors(self.rows, self.own)
+        last = max(TORQUE, *(i for indices in self.terms for i in indices))
+        stands, X = [self.rows.stands[j] for j in self.own], regressors(self.rows, self.own, last)
         if self.odd is not None:
             X = np.concatenate([X * self.odd[:, None, None], X * ~self.odd[:, None, None]], axis=2)
         flat = X.reshape(len(X), -1)
@@ -237,16 +245,16 @@ class WhitenedMotion:
             command: (n, J, d) as that of the rows, of which the joints `own` are looked at; pairs count as
                 indices into these.
         """
-        terms: list[tuple[tuple[int, ...], float]] = [(indices, -np.log(len(TERMS))) for indices in TERMS]
-        torque = self.rows.torque
+        terms, torque = self.terms, self.rows.torque
         if torque is not None:
-            terms += [((TORQUE, *indices), -np.log(len(TERMS))) for indices in TERMS]
+            terms += tuple((TORQUE, *indices) for indices in terms)
         target = columns * command.shape[2] + variants
         square, across = self._products(_columns(command[:, self.own]), joints, target)
         idle = np.zeros(len(self.own), dtype=np.bool_)
         idle |= False if torque is None else torque[:, self.own].std(axis=0) == 0.0
         fits = []
-        for indices, prior in terms:
+        prior = -np.log(len(self.terms))
+        for indices in terms:
             fit = self._fitted(square, across, indices, joints)
             unknown = idle[joints] if TORQUE in indices else np.zeros(len(joints), dtype=bool)
             fits.append((replace(fit, evidence=np.where(unknown, -np.inf, fit.evidence + prior)), indices))
@@ -262,7 +270,7 @@ class WhitenedMotion:
         target = joints * command.shape[2] + np.tile(variants, len(self.own))
         square, across = self._products(_columns(command[:, self.own]), joints, target)
         copies, found = 1 if self.odd is None else 2, []
-        for indices in TERMS:
+        for indices in self.terms:
             each = [i + across.shape[2] // copies * copy for copy in range(copies) for i in indices]
             found.append(self._fitted(square, across, tuple(each), joints).evidence)
         return np.asarray(log_sum(np.concatenate(found), axis=0)).reshape(-1, len(variants))
@@ -332,11 +340,13 @@ def _columns(command: Array) -> Array:
     return np.asarray(Y.reshape(len(command), -1))
 
 
-def regressors(rows: FilteredRows, own: Index) -> Array:
-    """(n, k, r) of each joint, of unit deviation: INERTIA, VISCOUS, COULOMB, DROP, and TORQUE with a file."""
-    parts = [rows.qdd, rows.qd, rows.friction, rows.drop]
-    parts += [] if rows.torque is None else [rows.torque]
-    return np.stack([unit(part[:, own]) for part in parts], axis=2)
+def regressors(rows: FilteredRows, own: Index, last: int = TORQUE) -> Array:
+    """(n, k, last + 1) of each joint, of unit deviation: INERTIA, VISCOUS, COULOMB, DROP, TORQUE (0 without a
+    file) and GRADUAL.
+    """
+    torque = np.zeros_like(rows.q) if rows.torque is None else rows.torque
+    parts = [rows.qdd, rows.qd, rows.friction, rows.drop, torque, *np.moveaxis(rows.gradual, 2, 0)]
+    return np.stack([unit(part[:, own]) for part in parts[: last + 1]], axis=2)
 
 
 def covariances(rows: FilteredRows) -> Callable[[Point], Array]:

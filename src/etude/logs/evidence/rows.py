@@ -11,7 +11,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 from scipy.linalg import block_diag
 
 from etude.logs.checks.filtered_motion import goes_far, runs, states_of
@@ -28,11 +27,14 @@ MOTION_HZ, COMMAND_HZ = 5.0, 2.0  # cutoffs of positions, and of commands and th
 ORDER = 3  # of the Butterworth filter whose squared gain is applied
 EDGE_S = 0.3  # s at either end that hold the filter's own ends
 STEP_SPEED = 0.03  # of a joint's top speed, over which Coulomb friction changes its sign
+# rad (m: a quarter) over which friction turns round, to 1/e (Dahl 1968): gears have 0.001 to 0.02
+DISTANCES, OF_SLIDES = tuple(0.0005 * 2.0**i for i in range(7)), 0.25
+WIDTHS = (0.06, 0.12)  # of a joint's top speed, over which it may turn round as well
 FALL = 1.0  # of Coulomb friction, at most, is gone at top speed: with more it would drive the joint
 DROP_SPEED = 0.1  # of a joint's top speed, over which static friction drops to Coulomb's
 LEAST_S = 1.0  # s of a stretch that is looked at
 STAND_S = 0.5  # s for which a joint that stays below STEP_SPEED stands
-TURN_SPEED, TURN_S = 0.1, 0.2  # of top speed, below which a joint turns round; s before and after (filter)
+TURN_SPEED = 0.1  # of top speed, below which a joint turns round
 KNOT_S, MOST_KNOTS = 1.0, 60.0  # s between the knots of what it takes then, or more, so that they stay few
 APART, FLOOR = 5.0, 1e-3  # rows that one independent row is worth; of a variance, what nothing explains
 APART_S = 1e4  # s between logs: noise has no memory from one to the next
@@ -50,11 +52,13 @@ class FilteredRows:
         friction: (n, k) a smooth sign of the velocity less its part of the top speed, through the filter:
             with viscous friction, any that falls or grows in proportion to speed and drives no joint.
         command: (n, k, d) at each of DELAYS, and then with the commands of each group of logs negated.
+        gradual: (n, k, e) the same, turned round over each of DISTANCES, and over each of WIDTHS.
         drop: (n, k) its part at low speeds: static friction beyond Coulomb's (Stribeck).
         stands: by joint, (n, m) hat functions of time where it stands: static friction holds any command.
-        turning: (n, k) where a joint is slow or was within TURN_S: there friction may have a memory.
+        turning: (n, k) where a joint is slow: there friction may have a memory of more than its way.
         torque, static: (n, k) what the model file says of the commands, whole and at rest; None without one.
         groups: the logs whose commands are negated in each variant after the delays.
+        cutoff: Hz of the filter of commands and regressors.
         parts, units: of the positions.
     """
 
@@ -64,6 +68,7 @@ class FilteredRows:
     qd: Array
     qdd: Array
     friction: Array
+    gradual: Array
     drop: Array
     stands: tuple[Array, ...]
     turning: Mask
@@ -71,6 +76,7 @@ class FilteredRows:
     torque: Array | None
     static: Array | None
     groups: tuple[tuple[int, ...], ...]
+    cutoff: float
     parts: tuple[str, ...]
     units: tuple[str, ...]
 
@@ -81,7 +87,7 @@ class FilteredRows:
 
     def take(self, which: Index) -> FilteredRows:
         """Some of the rows."""
-        names = ("t", "log", "q", "qd", "qdd", "friction", "drop", "turning", "command")
+        names = ("t", "log", "q", "qd", "qdd", "friction", "gradual", "drop", "turning", "command")
         some = {name: getattr(self, name)[which] for name in names}
         for name in ("torque", "static"):
             known = getattr(self, name)
@@ -89,8 +95,10 @@ class FilteredRows:
         return replace(self, stands=tuple(one[which] for one in self.stands), **some)
 
     def without_turns(self) -> FilteredRows:
-        """The same where any command may hold a joint that turns round: its friction says nothing there."""
-        each = np.eye(len(self.t))
+        """The same where any command may hold a joint that turns round: its friction says nothing there, nor
+        beside it, as far as the filter of the commands carries it.
+        """
+        each = _passed(np.subtract.outer(self.t, self.t), self.cutoff)
         return replace(self, stands=tuple(each[:, slow] for slow in self.turning.T))
 
 
@@ -123,6 +131,7 @@ def rows_of(
         qd=whole["qd"],
         qdd=whole["qdd"],
         friction=whole["friction"],
+        gradual=whole["gradual"].reshape(len(which), len(path.parts), -1),
         drop=whole["drop"],
         stands=tuple(block_diag(*own) for own in zip(*stands, strict=True)),
         turning=whole["turning"] > 0.0,
@@ -130,6 +139,7 @@ def rows_of(
         torque=whole.get("torque"),
         static=whole.get("static"),
         groups=tuple(groups),
+        cutoff=_cutoff(rate),
         parts=path.parts,
         units=path.units,
     )
@@ -186,6 +196,13 @@ def _cutoff(rate: float) -> float:
     return min(COMMAND_HZ, 0.35 * max(rate, 2.0))
 
 
+def _passed(apart: Array, cutoff: float) -> Array:
+    """What the filter of the commands leaves of a moment, so many s beside it; 1 at the moment itself."""
+    t = np.linspace(-8.0, 8.0, 1601) / cutoff  # beyond, less than 1e-6 is left
+    response = smooth(t, (t == 0.0).astype(np.float64)[:, None], cutoff, ORDER).value[:, 0]
+    return np.asarray(np.interp(np.abs(apart), t, response / response.max(), right=0.0))
+
+
 def _commands(log: Log, path: Channel, rate: float, delays: Sequence[float]) -> Array:
     """(n, k, d) the rows' commands in one stretch, at each of the delays."""
     grid, thin = _grid(log)
@@ -213,7 +230,12 @@ def _filtered(
     step = np.where(still, 0.0, np.tanh(qd / (STEP_SPEED * top)))
     friction = step - FALL * qd / top
     drop = step * np.exp(-np.abs(qd) / (DROP_SPEED * top))
+    slides = np.array([unit != "rad" for unit in path.units])
+    gradual = _turned_round(q, np.outer(np.where(slides, OF_SLIDES, 1.0), DISTANCES))
+    soft = np.stack([np.tanh(qd / (part * top)) for part in WIDTHS], axis=2)
+    gradual = np.concatenate([gradual, soft], axis=2) - (FALL * qd / top)[:, :, None]
     parts = {"qd": qd, "qdd": qdd, "friction": friction, "drop": drop}
+    parts["gradual"] = gradual.reshape(len(q), -1)
     if body is not None:
         states = states_of(t, path, q, qd, qdd)
         parts |= {"torque": body.predict(states), "static": body.static(states)}
@@ -222,10 +244,20 @@ def _filtered(
     rows |= {
         "t": t[keep],
         "q": q[keep],
-        "turning": _turning(t, qd, TURN_SPEED * top)[keep].astype(np.float64),
+        "turning": (np.abs(qd) < TURN_SPEED * top)[keep].astype(np.float64),
     }
     hats = (_hats(t, own, apart) for own in still.T)
     return rows, [smooth(t, own, cutoff, ORDER).value[keep] if own.size else own[keep] for own in hats]
+
+
+def _turned_round(q: Array, distances: Array) -> Array:
+    """(n, k, e) the sign of the motion of positions (n, k), approached over each of `distances` (k, e)."""
+    steps = np.diff(q, axis=0, prepend=q[:1])[:, :, None]
+    kept = np.exp(-np.abs(steps) / distances)
+    found, value = np.sign(steps) * (1.0 - kept), np.zeros(distances.shape)
+    for i in range(len(q)):
+        value = found[i] = found[i] + kept[i] * value
+    return np.asarray(found)
 
 
 def _stands(t: Array, qd: Array, slow: Array) -> Mask:
@@ -238,13 +270,6 @@ def _stands(t: Array, qd: Array, slow: Array) -> Mask:
         for a, b in runs(column):
             column[a:b] = b - a >= width
     return found
-
-
-def _turning(t: Array, qd: Array, slow: Array) -> Mask:
-    """(n, k) where joints are below the speeds `slow` (k,), or within TURN_S of it."""
-    near = round(TURN_S * (len(t) - 1) / float(t[-1] - t[0]))
-    speed = np.pad(np.abs(qd), ((near, near), (0, 0)), "edge")
-    return np.asarray(sliding_window_view(speed, 2 * near + 1, axis=0).min(axis=2) < slow)
 
 
 def _hats(t: Array, still: Mask, apart: float) -> Array:

@@ -208,7 +208,7 @@ def rough(log: Log, size: float) -> Log:
 
 
 def test_a_delay_is_asked_about_where_little_tells_it() -> None:
-    found = decided(rough(late(moved(), 0.06), 0.2))
+    found = decided(rough(late(moved(), 0.06), 0.04))
     assert (found.level, found.check, found.by) == ("ask", "delay", (0.06,))
 
 
@@ -218,6 +218,26 @@ def test_friction_that_turns_before_the_joint_does_is_no_delay() -> None:
     before = np.column_stack([np.interp(log.t + 0.03, log.t, qd) for qd in log["qd"].T])
     early = DRY * (np.tanh(before / 0.05) - np.tanh(log["qd"] / 0.05))
     assert decided(rough(with_command(log, log["command"] + early), 0.05)).level == "silent"
+
+
+def presliding(distance: float) -> Log:
+    """Its friction turns round over a distance, rad, and not in a moment (Dahl 1968); backward Euler."""
+    log, held = moved(), np.zeros(3)
+    friction = np.empty_like(log["qd"])
+    for i, step in enumerate(log["qd"] / RATE / distance):
+        held = friction[i] = (held + step) / (1.0 + np.abs(step))
+    return with_command(log, log["command"] + DRY * (friction - np.tanh(log["qd"] / 0.05)))
+
+
+@pytest.mark.parametrize(
+    "distance", [0.004, *(pytest.param(far, marks=pytest.mark.slow) for far in (0.002, 0.008, 0.016))]
+)
+def test_friction_that_turns_round_over_a_distance_is_no_delay(distance: float) -> None:
+    """By friction that turns in a moment it is 60 to 190 ms late, with odds of e^260 and more."""
+    log = presliding(distance)
+    assert decided(log).level == "silent"
+    found = decided(late(log, 0.06))
+    assert (found.level, found.check, found.by) == ("note", "delay", (0.06,))
 
 
 def test_commands_that_are_late_by_much_are_asked_about_and_never_shifted_unasked() -> None:

@@ -37,6 +37,8 @@ from etude_studies.world import World
 
 PRIMARY = "fourier"
 """The test that lines and the faded feedforward are measured on too."""
+DESIGNED = ("designed", "condition")
+"""Motions that depend on what was learned."""
 AHEAD = ("ahead_variance", "ahead_mae")
 TAUGHT = 500
 """Samples at which the density of the training data is judged."""
@@ -87,8 +89,8 @@ def stages(
     for number in range(1, settings.rounds + 1):
         began = time.process_time()
         motion = drawn[number - 1]
-        if model is not None and settings.motions == "designed":
-            motion = designed(settings, model, seed, number)
+        if model is not None and settings.motions in DESIGNED:
+            motion = designed(settings, model, world.samples(*logs), seed, number)
         spent = {"cpu_design": time.process_time() - began}
         logs.append(recorded(settings, motion, seed, number))
         if found is not None and model is not None:

@@ -18,8 +18,9 @@ from etude.limits import SAMPLERS, FeasibleSet
 from etude.models import LearnedModel
 from etude.protocols import Family, Trajectory
 from etude.trajectories import FourierTrajectory
-from etude.types import Array, Log
+from etude.types import Array, Log, Samples
 from etude_studies.thesis.arm_settings import ArmSettings
+from etude_studies.thesis.excitations import WAVES, least_condition, wave
 from etude_studies.thesis.own_omega0 import JointByJoint
 
 TRAIN, TEST, RUN, NOISE, DESIGN, LEARN, ROUND = range(7)
@@ -49,6 +50,8 @@ def draws(settings: Mapping[str, Any], seed: int, _: Mapping[str, pl.DataFrame])
 def _drawn(settings: ArmSettings, seed: int, number: int) -> tuple[FourierTrajectory, ...]:
     """One series; or one for each joint, if each has its own base frequency."""
     rng = np.random.default_rng([seed, TRAIN, settings.draw, number])
+    if settings.motions in WAVES and number > 1:
+        return (wave(settings, settings.motions, rng),)
     world, family = settings.world, settings.family.drawn(rng)
     limits = world.kind.limits(world.spec, world.config, None, {})
     room = FeasibleSet.of(limits, family, world.kind.home(world.spec))
@@ -108,8 +111,13 @@ def _rounded(log: Log, rng: np.random.Generator) -> Log:
     return replace(log, values={name: beside(values) for name, values in log.values.items()})
 
 
-def designed(settings: ArmSettings, model: LearnedModel, seed: int, number: int) -> Trajectory:
-    """The motion that teaches the model most, by the criterion of the settings."""
+def designed(
+    settings: ArmSettings, model: LearnedModel, samples: Samples, seed: int, number: int
+) -> Trajectory:
+    """The motion that teaches the model most by the criterion of the settings, or that of least condition."""
+    rng = np.random.default_rng([seed, DESIGN, number])
+    if settings.motions == "condition":
+        return least_condition(settings, samples, rng)
     world, config = settings.world, settings.config
     family: Family = settings.family
     limits = world.kind.limits(world.spec, config, None, {})
@@ -120,7 +128,7 @@ def designed(settings: ArmSettings, model: LearnedModel, seed: int, number: int)
         model.inputs,
         model,
         config.design,
-        np.random.default_rng([seed, DESIGN, number]),
+        rng,
         rate=float(world.spec.rate),
         physics=world.kind.physics(world.spec, config),
     ).trajectory

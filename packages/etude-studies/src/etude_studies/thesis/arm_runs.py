@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import Any, Literal
 
 from etude_studies.spec import Spec
+from etude_studies.thesis.excitations import WAVES
 
 ROUNDS, LONG = 6, 10
 DOWNSAMPLED = {"rate_hz": 100.0 / 12.0, "offset": "first"}
@@ -168,7 +169,8 @@ def arm_spec(settings: Mapping[str, Any], seed: int) -> Spec:
     """A run with the motions that it shares with others of its seed."""
     shared = ("robot", "preset", "draw", "own_omega0")
     own = {name: settings[name] for name in shared if name in settings}
-    own["motions"] = "amplitude" if settings.get("motions") == "amplitude" else "scaled"
+    motions = settings.get("motions", "scaled")
+    own["motions"] = motions if motions in ("amplitude", *WAVES) else "scaled"
     draws = Spec("etude_studies.thesis.arm_motions:draws", own, seed)
     return Spec("etude_studies.thesis.arm:run", settings, seed, [draws])
 

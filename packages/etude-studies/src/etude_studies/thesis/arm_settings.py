@@ -15,7 +15,7 @@ from etude.protocols import Family, Robot
 from etude_studies.thesis.own_omega0 import JointByJointFamily
 from etude_studies.world import World
 
-Motions = Literal["scaled", "amplitude", "designed"]
+Motions = Literal["scaled", "amplitude", "designed", "chirp", "prbs", "condition"]
 
 
 @dataclass(frozen=True)
@@ -24,8 +24,8 @@ class ArmSettings:
 
     Attributes:
         robot: a built-in simulated arm. preset: of its kind.
-        motions: random ones enlarged to the limits, random ones of random amplitude, or designed after the
-            first, which is random and enlarged.
+        motions: random ones enlarged to the limits, random ones of random amplitude, or, after a first one
+            that is random and enlarged: designed, chirps, binary ones, or of least condition number.
         rounds: trajectories, K.
         data, model, design: keys other than the preset's.
         draw: which draw of the random motions; tests do not depend on it.

@@ -30,7 +30,7 @@ def _process(rung: str, robot: str = "arm4", criterion: str = "", **other: Any) 
     if criterion:
         found |= {"motions": "designed", "design": {"criterion": criterion}}
     for table, keys in other.items():
-        found[table] = {**found.get(table, {}), **keys}
+        found[table] = {**found.get(table, {}), **keys} if isinstance(keys, Mapping) else keys
     return found
 
 
@@ -38,6 +38,15 @@ def _criteria() -> dict[str, tuple[str, Settings]]:
     return {
         f"DC_{name}": (f"default protocol, process alone, designed by {name}", _process("gp", criterion=name))
         for name in CRITERIA
+    }
+
+
+def _excitations() -> dict[str, tuple[str, Settings]]:
+    return {
+        "DE_chirp": ("DP1 on chirps", _process("gp", motions="chirp")),
+        "DE_prbs": ("DP1 on pseudo-random binary velocities", _process("gp", motions="prbs")),
+        "DE_condition": ("DP1 on motions of least condition number", _process("gp", motions="condition")),
+        "DE_d_opt": ("DP1 designed by d_opt", _process("gp", criterion="d_opt")),
     }
 
 
@@ -64,7 +73,12 @@ def _ablations() -> dict[str, tuple[str, Settings]]:
     }
 
 
-BEYOND_RUNS: Mapping[str, tuple[str, Settings]] = {**_criteria(), **_unmodelled(), **_ablations()}
+BEYOND_RUNS: Mapping[str, tuple[str, Settings]] = {
+    **_criteria(),
+    **_excitations(),
+    **_unmodelled(),
+    **_ablations(),
+}
 BEYOND_LINES: Mapping[str, tuple[str, str]] = {
     "DU_pd": ("arm with unmodelled physics, feedback alone", "pd"),
     "DU_nominal": ("arm with unmodelled physics, exact inverse of the arm without", "nominal"),

@@ -19,7 +19,7 @@ Item = TypeVar("Item")
 CLAIMS, TABLES, BEYOND = "claims.toml", "tables.toml", "beyond.toml"
 OWN = "beyond-"
 """How ids of entries begin that the thesis has not."""
-SOURCE = re.compile(r"([A-Z]{1,2}\d+[a-z]?|D[ACU]_[a-z_]+)(:\w+)?")
+SOURCE = re.compile(r"([A-Z]{1,2}\d+[a-z]?|D[ACEU]_[a-z_]+)(:\w+)?")
 """A run, or one and a model beside its own."""
 FIGURES = ("2.3", *(f"5.{i}" for i in range(1, 9)), *(f"6.{i}" for i in range(1, 19)))
 TABLES_PRINTED = tuple(f"6.{i}" for i in range(1, 13))

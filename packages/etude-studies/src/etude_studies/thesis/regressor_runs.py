@@ -30,9 +30,11 @@ from etude_studies.thesis.flight_measures import PARTS, by_command
 from etude_studies.thesis.flight_rounds import TRAIN, processes, random_flights
 from etude_studies.thesis.flight_settings import FlightSettings, flights_of
 from etude_studies.thesis.flight_tests import SETS, flown_tests
+from etude_studies.thesis.lagrangian_network import lagrangian_network
 from etude_studies.thesis.regressors import (
     NetworkSetting,
     TreeSetting,
+    best_of,
     boosted,
     features,
     independent,
@@ -117,6 +119,15 @@ def by_lagrangian(world: World, samples: Samples, rng: np.random.Generator) -> P
     return learned_together(with_friction(world), samples)
 
 
+def by_lagrangian_network(world: World, samples: Samples, rng: np.random.Generator) -> Predictor:
+    """A deep Lagrangian network of states and friction inputs of the plan."""
+    rough = with_friction(world)
+    inputs, settings = rough.inputs(rough.config.model), [NetworkSetting.drawn(rng) for _ in range(SETTINGS)]
+    X = inputs.of_log(samples.log)
+    predict = best_of(lagrangian_network, settings, X, samples.command, samples.group, rng)
+    return lambda states: predict(inputs.of_log(states))
+
+
 def with_friction(world: World) -> World:
     """Whose inputs have columns of friction too, as the default protocol's."""
     fraction = preset_config(world.kind, "default").data.friction_fraction
@@ -132,18 +143,19 @@ ANYWHERE: Mapping[str, Method] = {
     "variational": by_inducing,
     "process": by_process,
 }
-ON_ARMS: Mapping[str, Method] = {**ANYWHERE, "lagrangian": by_lagrangian}
+OF_M1: Mapping[str, Method] = {**ANYWHERE, "lagrangian": by_lagrangian}
+ON_ARMS: Mapping[str, Method] = {**OF_M1, "lagrangian_network": by_lagrangian_network}
 
 
 def on_the_arm(settings: Mapping[str, Any], seed: int, needs: Mapping[str, pl.DataFrame]) -> list[Measured]:
-    """M1: tracking error of each method's feedforward after six trajectories, on A6's samples.
+    """M1 and M3: tracking error of each method's feedforward after six trajectories, on A6's samples.
 
     Args:
-        settings: `methods`, names of `ON_ARMS`, and `rounds`; all and six if not given. Others are those of
-            `ArmSettings`. seed: of the study. needs: the table of `arm_motions.draws`.
+        settings: `methods`, names of `ON_ARMS`, and `rounds`; those of M1 and six if not given. Others are
+            those of `ArmSettings`. seed: of the study. needs: the table of `arm_motions.draws`.
     """
     given = {"rounds": ROUNDS, "data": DOWNSAMPLED, **settings}
-    names = given.pop("methods", tuple(ON_ARMS))
+    names = given.pop("methods", tuple(OF_M1))
     own = ArmSettings(**given)
     drawn = training_motions(next(iter(needs.values())))[: own.rounds]
     with threads_for(0):

@@ -66,6 +66,22 @@ def tuned(
     group: Index,
     rng: np.random.Generator,
 ) -> Predict:
+    """`best_of` what is fitted in standard units."""
+
+    def scaled(setting: Drawn, X: Array, Y: Array, rng: np.random.Generator) -> Predict:
+        return standardised(partial(fit, setting), X, Y, rng)
+
+    return best_of(scaled, settings, X, Y, group, rng)
+
+
+def best_of(
+    fit: Callable[[Drawn, Array, Array, np.random.Generator], Predict],
+    settings: Sequence[Drawn],
+    X: Array,
+    Y: Array,
+    group: Index,
+    rng: np.random.Generator,
+) -> Predict:
     """Fitted with the setting of least error on groups left out, every `FOLDS`-th at a time.
 
     A group alone is cut into `FOLDS` pieces of time.
@@ -79,12 +95,12 @@ def tuned(
         total = 0.0
         for out in range(FOLDS):
             own, test = fold != out, fold == out
-            fitted = standardised(partial(fit, setting), X[own], Y[own], np.random.default_rng(seed))
+            fitted = fit(setting, X[own], Y[own], np.random.default_rng(seed))
             total += float(np.sum(((fitted(X[test]) - Y[test]) / spread) ** 2))
         return total
 
     best = settings[int(np.argmin([error(setting) for setting in settings]))]
-    return standardised(partial(fit, best), X, Y, np.random.default_rng(seed))
+    return fit(best, X, Y, np.random.default_rng(seed))
 
 
 @dataclass(frozen=True)
@@ -111,22 +127,41 @@ def network(setting: NetworkSetting, X: Array, Y: Array, rng: np.random.Generato
     """Two hidden layers of tanh for all commands together, by Adam in single precision."""
     X, Y = X.astype(np.float32), Y.astype(np.float32)
     weights = first_weights((X.shape[1], setting.width, setting.width, Y.shape[1]), rng)
-    means = [(np.zeros_like(W), np.zeros_like(b)) for W, b in weights]
-    squares = [(np.zeros_like(W), np.zeros_like(b)) for W, b in weights]
-    batches = max(1, len(X) // BATCH)
+
+    def slopes(rows: Index) -> Sequence[NDArray[Any]]:
+        _, gradient = loss_gradient(weights, X[rows], Y[rows], setting.decay)
+        return [part for layer in gradient for part in layer]
+
+    by_adam([part for layer in weights for part in layer], slopes, len(X), setting.rate, rng)
+    return lambda new: layers(weights, new.astype(np.float32))[-1].astype(float)
+
+
+def by_adam(
+    values: Sequence[NDArray[Any]],
+    slopes: Callable[[Index], Sequence[NDArray[Any]]],
+    count: int,
+    rate: float,
+    rng: np.random.Generator,
+) -> None:
+    """Changes `values` by `EPOCHS` of Adam in batches of `BATCH` of `count` samples; steps fall to 0 as a
+    cosine (Loshchilov and Hutter 2017).
+
+    Args:
+        slopes: gradient of each of the values at samples of these numbers.
+    """
+    means, squares = ([np.zeros_like(w) for w in values] for _ in range(2))
+    batches = max(1, count // BATCH)
     steps, t = EPOCHS * batches, 0
     for _ in range(EPOCHS):
-        for own in np.array_split(rng.permutation(len(X)), batches):
-            _, gradient = loss_gradient(weights, X[own], Y[own], setting.decay)
+        for own in np.array_split(rng.permutation(count), batches):
+            gradient = slopes(own)
             t += 1
-            rate = 0.5 * setting.rate * (1.0 + np.cos(np.pi * t / steps))
-            rate *= np.sqrt(1.0 - FORGETS_SQUARES**t) / (1.0 - FORGETS**t)
-            for values, slopes, mean, square in zip(weights, gradient, means, squares, strict=True):
-                for w, g, m, s in zip(values, slopes, mean, square, strict=True):
-                    m += (1.0 - FORGETS) * (g - m)
-                    s += (1.0 - FORGETS_SQUARES) * (g * g - s)
-                    w -= np.float32(rate) * m / (np.sqrt(s) + DIVISOR)
-    return lambda new: layers(weights, new.astype(np.float32))[-1].astype(float)
+            now = 0.5 * rate * (1.0 + np.cos(np.pi * t / steps))
+            now *= np.sqrt(1.0 - FORGETS_SQUARES**t) / (1.0 - FORGETS**t)
+            for w, g, m, s in zip(values, gradient, means, squares, strict=True):
+                m += (1.0 - FORGETS) * (g - m)
+                s += (1.0 - FORGETS_SQUARES) * (g * g - s)
+                w -= w.dtype.type(now) * m / (np.sqrt(s) + DIVISOR)
 
 
 def first_weights(sizes: Sequence[int], rng: np.random.Generator) -> Weights:

@@ -15,10 +15,15 @@ TIMINGS = 16
 """Repeats of the timings; fewer cannot pass the correction for how many claims are asked."""
 
 
-def regressor_spec(seed: int) -> Spec:
-    """M1 of a seed, with the motions of A6."""
+def regressor_spec(seed: int, *methods: str) -> Spec:
+    """M1 of a seed, or these methods alone, with the motions of A6."""
     draws = Spec("etude_studies.thesis.arm_motions:draws", {"motions": "scaled"}, seed)
-    return Spec("etude_studies.thesis.regressor_runs:on_the_arm", {}, seed, [draws])
+    own = {"methods": list(methods)} if methods else {}
+    return Spec("etude_studies.thesis.regressor_runs:on_the_arm", own, seed, [draws])
+
+
+def _network_spec(seed: int) -> Spec:
+    return regressor_spec(seed, "lagrangian_network")
 
 
 def _plain(function: str, seed: int) -> Spec:
@@ -48,6 +53,7 @@ SMALL_RUNS: Mapping[str, tuple[str, int, Callable[[int], Spec]]] = {
         20,
         partial(_plain, "regressor_runs:on_flights"),
     ),
+    "M3": ("a deep Lagrangian network on A6's samples", 20, _network_spec),
     "W0": (
         "feedback alone on an arm on a wheeled base",
         20,

@@ -141,7 +141,7 @@ def test_ambiguities_are_all_there_and_each_matters_somewhere(ledger: Ledger) ->
 
 
 def test_only_planned_runs_are_named(ledger: Ledger) -> None:
-    beyond = {name for name in ledger.runs() if name.startswith(("DA_", "DC_", "DU_", "R1", "M"))}
+    beyond = {name for name in ledger.runs() if name.startswith(("DA_", "DC_", "DE_", "DU_", "R1", "M"))}
     assert set(ledger.runs()) - beyond == PLANNED
     assert {"A1:linear", "A1:identified_measured", "Q4:nominal"} <= set(ledger.sources())
 

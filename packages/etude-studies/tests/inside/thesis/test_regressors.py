@@ -122,7 +122,8 @@ def test_tuning_takes_the_setting_that_predicts_groups_left_out() -> None:
 @pytest.mark.slow
 def test_every_method_leaves_less_error_on_the_arm_than_feedback_alone() -> None:
     seed, drawn = 100, draws({"motions": "scaled"}, 100, {})
-    arm = regressor_runs.on_the_arm({"rounds": 2}, seed, {"draws": drawn})
+    every = {"rounds": 2, "methods": list(regressor_runs.ON_ARMS)}
+    arm = regressor_runs.on_the_arm(every, seed, {"draws": drawn})
     alone = baseline({"robot": "arm4", "rounds": 1, "controller": "pd"}, seed, {})
     for test in ("fourier", "moves", "common"):
         found = _by_model(arm, "error", test)
