@@ -1,7 +1,8 @@
 """Unit of commands by the model file: slope and correlation of each command on the file's torque.
 
 Only commands correlated with it (above 0.7) are judged. Correct ones have a slope near 1; other units differ
-by a factor of 19 or more. A joint that hardly moves only reacts to the others, and is not judged.
+by a factor of 19 or more. A joint that hardly moves only reacts to the others, and is not judged. Rotors and
+friction raise a slope where the motion has one frequency, as a circle: they are set aside then.
 """
 
 from __future__ import annotations
@@ -14,7 +15,9 @@ from etude.types import Array, Finding, Mask
 
 SCALE = "scale"
 FOLLOWS, SLOPE = 0.7, 3.0  # correlation from which a slope is judged, and how far off it may be
+MOST_OWN = 30.0  # times the file's torque that rotors and friction may take: those of right logs took 4 to 14
 FAINT = 1e-3  # of the largest torque in the file: what moves by less says nothing of a unit
+STEP = 0.03  # of a joint's top speed, over which friction changes its sign
 UNITS = {
     "thousandths of N m": 1e3,
     "kN m": 1e-3,
@@ -37,6 +40,10 @@ def scale_finding(seen: Seen, torque: Array, limit: Array) -> Finding | None:
     slope, like = slopes(seen.command, torque)
     size = torque.std(axis=0)
     judged = (like > FOLLOWS) & (size > FAINT * size.max()) & goes_far(seen.q)
+    high = judged & (slope > SLOPE) & (slope < MOST_OWN)
+    if high.any():  # a unit shows beside what is the joint's own; on a circle that follows the file's torque
+        beside, follows = slopes(*_beside_own(seen, torque))
+        judged &= ~high | ((beside > SLOPE) & (follows > FOLLOWS))
     wrong = judged & ((np.abs(slope) > SLOPE) | (np.abs(slope) < 1.0 / SLOPE))
     if wrong.any():
         return _unit(seen, slope, wrong, limit)
@@ -45,6 +52,21 @@ def scale_finding(seen: Seen, torque: Array, limit: Array) -> Finding | None:
     values = ", ".join(f"{value:.2g}" for value in slope[judged])
     said = f"Commands of {named(seen.parts, judged)} are {values} times the file's {_words(seen, judged)[0]}."
     return Finding(SCALE, "green", said)
+
+
+def _beside_own(seen: Seen, torque: Array) -> tuple[Array, Array]:
+    """(n, k) command and torque less what a constant, inertia and friction of the joint's own explain: a file
+    need hold neither rotors nor friction.
+    """
+    assert seen.command is not None
+    command, rest = seen.command.copy(), torque.copy()
+    slow = STEP * np.abs(seen.qd).max(axis=0) + np.finfo(float).tiny
+    for j, friction in enumerate(np.tanh(seen.qd / slow).T):
+        own = np.column_stack([np.ones(len(rest)), seen.qdd[:, j], seen.qd[:, j], friction])
+        Q = np.linalg.qr(own / np.maximum(np.linalg.norm(own, axis=0), np.finfo(float).tiny))[0]
+        command[:, j] -= Q @ (Q.T @ command[:, j])
+        rest[:, j] -= Q @ (Q.T @ rest[:, j])
+    return command, rest
 
 
 def load_beside(seen: Seen, torque: Array, per_kg: Array) -> float:

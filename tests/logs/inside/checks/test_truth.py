@@ -316,6 +316,32 @@ def test_a_torque_that_the_file_hardly_knows_says_nothing_of_a_unit() -> None:
     assert "toe" not in found.sentence
 
 
+def test_a_rotor_that_no_file_holds_is_no_unit_on_a_circle() -> None:
+    """One frequency: its torque, and friction, follow those of the file."""
+    t = np.arange(3000) / RATE
+    angle = np.pi * t[:, None] / 3.0 + np.array([0.0, 0.5 * np.pi, 1.0])
+    q, qd, qdd = np.sin(angle), np.cos(angle) * np.pi / 3.0, -np.sin(angle) * (np.pi / 3.0) ** 2
+    seen = commanded(Log(t, {}, {}, "made").put(Q, q).put(COMMAND, command_of(q, qd, 8.0 * qdd)))
+    assert seen is not None
+    assert seen.command is not None
+    torque = command_of(seen.q, 0.0 * seen.qd, seen.qdd) - GRAVITY * np.sin(seen.q)
+    for factor, light in ((1.0, "cannot tell"), (180.0 / np.pi, "yellow")):
+        unit = replace(seen, command=factor * (seen.command - GRAVITY * np.sin(seen.q)))
+        found = scale_finding(unit, torque, np.full(3, 100.0))
+        assert found is not None
+        assert found.light == light
+
+
+def test_a_unit_shows_beside_what_is_a_joints_own() -> None:
+    seen = commanded(moved())
+    assert seen is not None
+    assert seen.command is not None
+    found = scale_finding(replace(seen, command=8.0 * seen.command), seen.command, np.full(3, 100.0))
+    assert found is not None
+    assert found.light == "yellow"
+    assert "hip, knee and toe are 8, 8, 8 times" in found.sentence
+
+
 def test_one_position_in_degrees_is_said_to_be() -> None:
     log = moved()
     (found,) = told(log.put(Q, log["q"] * [1.0, 180.0 / np.pi, 1.0])).values()
