@@ -122,6 +122,7 @@ FAULTS = {
 }
 
 
+@pytest.mark.thinned(2)
 @pytest.mark.parametrize("name", FAULTS)
 def test_every_fault_has_its_light_and_its_sentence(name: str, right: Path, robot: Path) -> None:
     change, check, light = FAULTS[name]

@@ -161,6 +161,7 @@ def test_a_load_in_one_of_two_logs_is_what_they_differ_by(lab: Campaign, tmp_pat
     assert "in loaded.csv explains it" in said
 
 
+@pytest.mark.slow
 def test_logs_of_one_robot_do_not_contradict(lab: Campaign, tmp_path: Path) -> None:
     logs = [log_of(tmp_path / f"{k}.csv", lab, masses=np.array([0.8, 1.2, 0.9]), seed=k) for k in (7, 8)]
     survey = surveyed(lab, logs, {"foreign": True})

@@ -7,8 +7,9 @@ where it gains far more than its halves, and a change has to gain more than righ
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cache, partial
 from typing import Literal
 
 import numpy as np
@@ -19,7 +20,7 @@ from etude.logs.checks.filtered_motion import goes_far
 from etude.logs.checks.finding_texts import Doubt, accepted, named
 from etude.logs.evidence.changed_parameters import ChangeEvidence
 from etude.logs.evidence.joint_evidence import LEAST_ROWS, MOST_GROUPS
-from etude.logs.evidence.likelihood import FEW, SMALL_WAY, WhitenedMotion, log_sum
+from etude.logs.evidence.likelihood import FEW, SMALL_WAY, Point, WhitenedMotion, covariances, log_sum
 from etude.logs.evidence.rows import AS_LOGGED, TURN_SPEED, FilteredRows, rows_of
 from etude.protocols import Mean
 from etude.types import Array, Channel, Finding, Index, Log, Mask
@@ -237,12 +238,14 @@ class _Cut:
 
     Attributes:
         own: (m,) joints that go far before and after it.
+        covariance: of a point of the grid: that of all rows, of which these are some.
     """
 
     rows: FilteredRows
     after: Mask
     span: tuple[float, float]
     own: Index
+    covariance: Callable[[Point], Array]
 
 
 def change_within(log: Log, path: Channel, body: Mean | None) -> Change | None:
@@ -272,8 +275,10 @@ def _spans(rows: FilteredRows, count: int) -> list[tuple[float, float]]:
 
 
 def _cuts(rows: FilteredRows) -> Iterator[_Cut]:
+    whole = cache(covariances(rows))
     for span in _spans(rows, CUTS):
-        part = rows.take(np.flatnonzero((rows.t < span[0]) | (rows.t > span[1])))
+        out = slice(*np.searchsorted(rows.t, span).tolist())
+        part = rows.take(np.r_[: out.start, out.stop : len(rows.t)])
         after = part.t > span[1]
         if min(after.sum(), (~after).sum()) < 2:
             continue
@@ -283,18 +288,32 @@ def _cuts(rows: FilteredRows) -> Iterator[_Cut]:
             & (np.ptp(part.command[..., AS_LOGGED], axis=0) > 0)
         )
         if far.any():
-            yield _Cut(part, after, span, np.flatnonzero(far))
+            yield _Cut(part, after, span, np.flatnonzero(far), partial(_of_some, whole, out))
+
+
+def _of_some(whole: Callable[[Point], Array], out: slice, point: Point) -> Array:
+    """The covariance of the rows without some that are next to each other; blocks are copied, not rows."""
+    K = whole(point)
+    n, m = len(K), len(K) - (out.stop - out.start)
+    kept = ((slice(0, out.start), slice(0, out.start)), (slice(out.stop, n), slice(out.start, m)))
+    found = np.empty((m, m), order="F")  # the order that factors want
+    for from_row, row in kept:
+        for from_column, column in kept:
+            found[row, column] = K[from_row, from_column]
+    return found
 
 
 def _gains(cut: _Cut) -> tuple[Array, Array]:
     """(k,) each: what the commands negated after the cut gain, and a model of its own there; 0 of joints that
     have no say.
     """
-    rows, own = cut.rows, cut.own
+    rows, own, known = cut.rows, cut.own, cut.covariance
     turned = np.where(cut.after[:, None], -1.0, 1.0) * rows.command[..., AS_LOGGED]
     both = np.concatenate([rows.command, turned[..., None]], axis=2)
-    as_is, negated = WhitenedMotion(rows, own, FEW).free(both, (AS_LOGGED, both.shape[2] - 1)).T
-    apart = WhitenedMotion(rows, own, FEW, odd=cut.after).free(rows.command)[:, 0]
+    as_is, negated = (
+        WhitenedMotion(rows, own, FEW, covariance=known).free(both, (AS_LOGGED, both.shape[2] - 1)).T
+    )
+    apart = WhitenedMotion(rows, own, FEW, cut.after, known).free(rows.command)[:, 0]
     found = np.zeros((2, rows.q.shape[1]))
     # with one reversal in all, friction is a sign that turns there
     turns = _both_ways(rows.qd[cut.after]) & _both_ways(rows.qd[~cut.after])
