@@ -12,7 +12,7 @@ from etude.limits.commands import CommandLimit, OpenCommands, by_model, held_at,
 from etude.protocols import Model
 from etude.types import Array, Motion
 from etude_arm.loading.load import of_file
-from etude_arm.physics.geometry import has_masses
+from etude_arm.physics.geometry import file_friction, has_masses
 from etude_arm.physics.identification import MASSES_OFF, VISCOUS
 from etude_arm.physics.mean import ArmPhysics
 from etude_arm.physics.newton_euler import nominal_commands
@@ -24,6 +24,7 @@ OPEN = (
     f"{VISCOUS:.0%} of each limit and {MASSES_OFF:.0%} of each link's mass are assumed as deviations. Rotors "
     "are not in them."
 )
+OF_FILE = "Torques: Coulomb and viscous friction are the model file's."
 NO_MOTION = "No motion is possible by the numbers of the model file"
 """How the sentence begins for which no motion is asked for, as long as it stands in the robot's `confirm`."""
 MEND = (
@@ -83,9 +84,11 @@ def weight_on_drives(spec: ArmSpec) -> Callable[[Array], Array] | None:
 def _nominal(spec: ArmSpec) -> CommandLimit:
     """The limit by the rigid body of the model file, with the deviation of identification's prior."""
     prior, geometry = ArmPhysics(spec), ArmPhysics(spec, nominal=True).geometry
+    (dry, viscous), turning = file_friction(spec), prior.friction_velocity
 
     def mean(motion: Motion) -> Array:
-        return nominal_commands(geometry, *motion.orders[:3])
+        q, qd, qdd = motion.orders[:3]
+        return nominal_commands(geometry, q, qd, qdd, dry * np.tanh(qd / turning) + viscous * qd)
 
     def deviation(motion: Motion) -> Array:
         return prior.deviation_before_logs(*motion.orders[:3])
@@ -99,7 +102,7 @@ def _nominal(spec: ArmSpec) -> CommandLimit:
         mean,
         deviation,
         NOMINAL,
-        said=(OPEN,),
+        said=(OPEN, *[OF_FILE] * bool(dry.any() or viscous.any())),
         lasts=math.inf,
     )
 

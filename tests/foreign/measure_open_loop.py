@@ -108,7 +108,7 @@ def table(rows: Sequence[dict[str, Any]]) -> str:
 
 
 def _ends(values: Array, form: str) -> str:
-    return f"{form.format(values.min())} to {form.format(values.max())}"
+    return f"{form.format(values.min())} .. {form.format(values.max())}"
 
 
 def main() -> None:

@@ -349,10 +349,16 @@ def table(rows: Sequence[dict[str, Any]]) -> str:
             ended = "in use"
         else:
             cells += ["", "", ""]
-            ended = str(row.get("why_not", ""))
+            ended = _fact(row.get("why_not", ""))
         cells += [f"{row.get('cpu_minutes', 0):.1f}", f"{row['exit_code']}: {ended}"]
         lines.append(f"| {' | '.join(cells)} |")
     return "\n".join(lines)
+
+
+def _fact(why: Any) -> str:
+    """The beginning of an error, or of what was said."""
+    said = why.get("fact", "") if isinstance(why, dict) else why if isinstance(why, str) else "; ".join(why)
+    return str(said).partition(":")[0]
 
 
 def main() -> None:

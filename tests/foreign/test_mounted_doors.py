@@ -177,6 +177,7 @@ def graph(lab: Path, folder: Path, orders: Array) -> Array:
     return np.stack(found)
 
 
+@pytest.mark.slow
 def test_a_ur5_on_a_wall(tmp_path: Path) -> None:
     require_one_answer(mounted("ur5", tmp_path, "nominal+gp"), tmp_path, SMALL)
 

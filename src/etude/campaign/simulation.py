@@ -291,6 +291,11 @@ def simulate(
     left = interrupted_round(campaign, say)
     if left is not None:  # otherwise its tests would be missing from the curve
         loop.evaluate_round(left)
+    yield from _learned_rounds(campaign, loop, rounds, say)
+
+
+def _learned_rounds(campaign: Campaign, loop: Loop, rounds: int, say: Say) -> Iterator[SimulatedRound]:
+    """Learn so many runs and evaluate each, until a log waits for an answer. DataError: too few counted."""
     done = 0
     for _ in range(MOST_TRIES * rounds):
         if done == rounds:

@@ -176,6 +176,23 @@ class WhitenedRows:
             ]
         )
 
+    def fitted(self, normal: Normal, nominal: Array) -> tuple[WhitenedRows, Consistent, Array]:
+        """The minimum near the file's parameters (P,) and the drives' terms (J, E), with no rotor inertia
+        below zero; such a one is held at zero in the rows that come back.
+
+        A file of large inertias would else keep them, less a rotor's, where only the sum moves.
+        """
+        rows = self
+        while True:
+            result = consistent(*rows.reduced(normal), nominal)
+            own = rows.own_terms(normal, result.phi)
+            below = (own[:, ARMATURE] < 0.0) & (rows.own[:, ARMATURE] > DROPPED)
+            if not below.any():
+                return rows, result, own
+            held = rows.own.copy()
+            held[below, ARMATURE] = DROPPED
+            rows = replace(rows, own=held)
+
     def squared_error(self, phi: Array, own: Array, groups: Sequence[int]) -> Array:
         """(J,) mean squared error on those groups, command units squared."""
         found = []
@@ -186,6 +203,7 @@ class WhitenedRows:
         return np.asarray(np.array(found) * self.deviation**2)
 
 
+ARMATURE = 0  # of a drive's own terms
 WEIGHT = 1.0
 """Weight of D. At the file's values D is half the squared length of the coordinates, so each coordinate has a
 prior deviation of 1: a mass deviates by itself, for example.
@@ -335,7 +353,7 @@ def _joint_terms(
             slid, rubbed = _nearest(columns, np.where(np.arange(own.shape[1]) == STRIBECK, 0.0, own[j]))
             slow = float(found.speeds[0, j]) / turn
             dip = Dip(rubbed * turn**2, slid * turn, float(own[j, STRIBECK]) * turn, slow)
-        armature = max(0.0, float(own[j, 0])) * turn**2
+        armature = max(0.0, float(own[j, ARMATURE])) * turn**2
         waves = _driving(drive.side(j) * turn * own[j, WAVES]) if found.cogs[j] else ()
         terms[name] = JointTerms(armature, damping * turn**2, friction * turn, waves, dip)
     return terms
@@ -370,9 +388,7 @@ def identified(samples: Samples, spec: ArmSpec, mean: RigidBodyMean) -> Identifi
     links = links_of(spec)
     found = settled(samples, spec, mean)
     evidence = WhitenedRows.of(links, found)
-    whole = evidence.normal()
-    result = consistent(*evidence.reduced(whole), links.nominal)
-    own = evidence.own_terms(whole, result.phi)
+    evidence, result, own = evidence.fitted(evidence.normal(), links.nominal)
     joints = _joint_terms(spec, links, evidence, own, found)
     first = len(links.nominal)
     pairs = zip(evidence.rows, own, strict=True)

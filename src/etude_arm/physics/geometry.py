@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import numpy as np
+
+from etude.types import Array
 from etude_arm.loading.load import of_file
 from etude_arm.physics.transmission import Geometry
 from etude_arm.spec import ArmSpec
@@ -9,6 +12,7 @@ from etude_arm.spec import ArmSpec
 _known: dict[str, bool] = {}
 """Whether a file has masses."""
 _geometries: dict[str, Geometry] = {}
+_friction: dict[str, Array] = {}
 
 
 def read_geometry(spec: ArmSpec) -> Geometry | None:
@@ -58,3 +62,22 @@ def has_masses(spec: ArmSpec) -> bool:
         return root.tag != "robot" or bool(masses_of(read_tree(root, str(file)), spec.names).elements)
 
     return of_file(_known, spec, made)
+
+
+def file_friction(spec: ArmSpec) -> Array:
+    """(2, J) friction of the joints by the model file: Coulomb (frictionloss), N m or N, and viscous
+    (damping), N m s/rad or N s/m.
+
+    Coulomb friction is 0 where it is no less than the command's limit: no drive moves against such a number.
+    """
+
+    def made() -> Array:
+        from etude_arm.loading.load import load_arm
+
+        model = load_arm(spec, shapes=False, drives=True).model()
+        joints = [model.joint(name) for name in spec.names]
+        dry = np.array([float(joint.frictionloss[0]) for joint in joints])
+        viscous = np.array([float(joint.damping.flat[0]) for joint in joints])
+        return np.stack([np.where(dry < spec.command, dry, 0.0), viscous])
+
+    return of_file(_friction, spec, made)

@@ -17,11 +17,16 @@ _PLACES = np.array([[0, 3, 4], [3, 1, 5], [4, 5, 2]])
 """Of xx yy zz xy xz yz in the inertia."""
 
 
-def nominal_commands(geometry: Geometry, q: Array, qd: Array, qdd: Array) -> Array:
-    """Commands (n, J) by the model file's masses at q, qd, qdd (n, J), in N m or N of the drives."""
+def nominal_commands(
+    geometry: Geometry, q: Array, qd: Array, qdd: Array, friction: Array | float = 0.0
+) -> Array:
+    """Commands (n, J) by the model file's masses at q, qd, qdd (n, J), in N m or N of the drives.
+
+    friction: (n, J) of the joints, N m or N.
+    """
     motion = body_motion(geometry.tree, q, qd, qdd)
     drive = drive_motion(geometry.tree, geometry.drives, motion, qd, qdd)
-    return drive.to_drive(joint_forces(geometry.tree, motion))
+    return drive.to_drive(joint_forces(geometry.tree, motion) + friction)
 
 
 def joint_forces(tree: KinematicTree, motion: BodyMotion) -> Array:

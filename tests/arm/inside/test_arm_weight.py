@@ -276,3 +276,24 @@ def test_a_lone_slide_and_one_of_two_hinges_in_another_unit_are_named(
     found = sentences(replace(spec, axes=axes), np.zeros(3))
     assert len(found) == bool(words), found
     assert re.search(words, " ".join(found))
+
+
+def test_friction_of_the_file_is_in_the_limit_before_the_first_log(tmp_path: Path) -> None:
+    """Against the motion, and nowhere at rest; no number that the drive could not move against."""
+    level, commands = np.zeros((3, 1)), []
+    for friction in (0.0, 5.0, 80.0):
+        folder = tmp_path / f"{friction:g}"
+        folder.mkdir()
+        spec = lever(folder, 60.0)
+        assert spec.model_file is not None
+        text = LEVER.replace('damping="7"', f'damping="7" friction="{friction}"')
+        assert spec.model_file.read_text() == LEVER
+        spec.model_file.write_text(text)
+        limit = commands_of(spec, None, np.zeros(1))
+        assert isinstance(limit, CommandLimit)
+        speeds = np.array([[-1.0], [0.0], [1.0]])
+        commands.append(limit.mean(Motion(np.zeros(3), np.stack([level, speeds, level, level])))[:, 0])
+        assert any("friction are the model file's" in line for line in limit.said)
+    assert commands[0][2] - commands[0][0] == pytest.approx(2.0 * 7.0)
+    np.testing.assert_allclose(commands[1] - commands[0], [-5.0, 0.0, 5.0], atol=1e-9)
+    np.testing.assert_allclose(commands[2], commands[0], atol=1e-12)

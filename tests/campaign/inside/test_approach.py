@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from small_robot import make_campaign, stub_learner, write_log
+from small_robot import ALONE, make_campaign, stub_learner, write_log
 
 from etude import ask, tell
 from etude.campaign import Campaign, stored_trajectory
@@ -21,7 +21,7 @@ from etude.protocols import Trajectory
 from etude.trajectories import FourierTrajectory, from_json
 from etude.types import Array
 
-RANDOM = '[trajectory]\nduration = 8.0\n[data]\ncutoff_hz = 5.0\n[design]\nfirst = "random"\n'
+RANDOM = '[trajectory]\nduration = 8.0\n[data]\ncutoff_hz = 5.0\n[design]\nfirst = "random"\n' + ALONE
 
 
 @pytest.fixture

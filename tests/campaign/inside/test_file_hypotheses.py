@@ -161,11 +161,26 @@ def test_a_load_in_one_of_two_logs_is_what_they_differ_by(lab: Campaign, tmp_pat
     assert "in loaded.csv explains it" in said
 
 
+@pytest.mark.slow
 def test_logs_of_one_robot_do_not_contradict(lab: Campaign, tmp_path: Path) -> None:
     logs = [log_of(tmp_path / f"{k}.csv", lab, masses=np.array([0.8, 1.2, 0.9]), seed=k) for k in (7, 8)]
     survey = surveyed(lab, logs, {"foreign": True})
     assert survey is not None
     assert [step for path in logs for step in survey.of(path)] == []
+
+
+def test_friction_that_differs_between_logs_is_named_and_warmth_is_not(lab: Campaign, tmp_path: Path) -> None:
+    masses = np.array([0.8, 1.2, 0.9])
+    logs = [log_of(tmp_path / f"{k}.csv", lab, masses=masses, seed=k) for k in (7, 8)]
+    warm = log_of(tmp_path / "warm.csv", lab, masses=masses, friction=0.8, seed=9)
+    assert steps_of(lab, [*logs, warm]) == [[], [], []]
+    greased = log_of(tmp_path / "greased.csv", lab, masses=masses, friction=0.5, seed=9)
+    survey = surveyed(lab, [*logs, greased], {"foreign": True})
+    assert survey is not None
+    ((step,),) = {tuple(survey.of(path)) for path in (*logs, greased)}
+    said = re.search(r"Friction ([\d.]+) times as large in greased\.csv explains it", step.finding.sentence)
+    assert said is not None
+    assert float(said[1]) == pytest.approx(0.5, abs=0.05)
 
 
 @pytest.fixture

@@ -248,3 +248,28 @@ def test_a_file_of_placeholders_judges_no_commands(
     command = next(c for c in ARM.channels(spec) if c.role == "command")
     (found,) = unit_findings(ARM, spec, log.put(command, 0.1 * body.predict(log)))
     assert ("placeholders" in found.sentence, found.flag) == ((True, "") if made_up else (False, "scale"))
+
+
+def test_a_mounting_written_after_init_turns_gravity_and_is_told(tmp_path: Path) -> None:
+    (tmp_path / "arm.urdf").write_text(tower(((3.0, 0.02), (2.0, 0.01), (1.0, 0.005))))
+    lab = etude.create_campaign(tmp_path / "lab", tmp_path / "arm.urdf")[0]
+
+    def weight(campaign: Campaign) -> np.ndarray:
+        still = Log(np.arange(3.0), {}, {}, "still")
+        for channel, values in zip(
+            campaign.channels, (0.5 * np.ones((3, 3)), *2 * [np.zeros((3, 3))]), strict=False
+        ):
+            still = still.put(channel, values)
+        body = body_of(campaign.kind, campaign.spec)
+        assert body is not None
+        return body.predict(still)
+
+    upright = weight(lab)
+    with (lab.path / "robot.toml").open("a") as file:
+        file.write(f"\n[mounting]\nposition = [0.0, 0.0, 2.0]\nrotation = [{np.pi}, 0.0, 0.0]\n")
+    hanging = etude.open_campaign(lab.path)
+    np.testing.assert_allclose(weight(hanging), -upright, atol=1e-9)
+    assert np.abs(upright).max() > 1.0
+    (told,) = etude.status(hanging)["edited"]
+    assert "robot.toml was edited" in told["sentence"]
+    assert hanging.kind.body(hanging.spec) != lab.kind.body(lab.spec)

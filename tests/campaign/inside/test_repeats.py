@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from small_robot import make_campaign, random_motion, stub_learner, write_log
+from small_robot import ALONE, make_campaign, random_motion, stub_learner, write_log
 
 from etude import ask, status, tell
 from etude.campaign import (
@@ -27,7 +27,7 @@ from etude.protocols import Trajectory
 from etude.trajectories import from_json
 
 QUICK = "[design]\nfirst = 'random'\ncandidates = 4\nrefine = 0\npoints = 20\nreference_points = 30\n"
-CONFIG = "[trajectory]\nduration = 12.0\n[data]\ncutoff_hz = 5.0\n" + QUICK
+CONFIG = "[trajectory]\nduration = 12.0\n[data]\ncutoff_hz = 5.0\n" + QUICK + ALONE
 
 
 def asked_and_run(campaign: Campaign, folder: Path, motion: Trajectory | None = None) -> IngestResult:

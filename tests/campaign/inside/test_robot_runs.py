@@ -531,6 +531,7 @@ def test_another_identity_is_asked_about(tmp_path: Path) -> None:
     moved(campaign, Robot(identity="fake-2"), identity="fake-2", dry=True)
 
 
+@pytest.mark.slow
 def test_a_payload_that_the_robot_states_is_asked_about_when_it_changes(tmp_path: Path) -> None:
     campaign = lab(tmp_path)
     moved(campaign, Robot(payload=0.5))

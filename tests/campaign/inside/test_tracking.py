@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from small_robot import make_campaign, write_log
+from small_robot import ALONE, make_campaign, write_log
 
 from certificate_schema import valid
 from etude import ask, tell
@@ -19,7 +19,7 @@ from etude.trajectories import FourierTrajectory
 from etude.types import Proof
 from journal_facts import fact
 
-RANDOM = '[trajectory]\nduration = 8.0\n[data]\ncutoff_hz = 5.0\n[design]\nfirst = "random"\n'
+RANDOM = '[trajectory]\nduration = 8.0\n[data]\ncutoff_hz = 5.0\n[design]\nfirst = "random"\n' + ALONE
 
 
 @pytest.fixture

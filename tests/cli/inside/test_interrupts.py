@@ -20,7 +20,8 @@ PRESSES = 3
 """As many as the driver has delays; each is a round of a campaign."""
 
 
-@pytest.mark.parametrize("presses", [PRESSES, pytest.param(4 * PRESSES, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("presses", [PRESSES, 4 * PRESSES])
 def test_ctrl_c_in_compiled_code(presses: int, tmp_path: Path) -> None:
     places = os.pathsep.join(part for part in (str(HERE), os.environ.get("PYTHONPATH")) if part)
     environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1", "PYTHONPATH": places}

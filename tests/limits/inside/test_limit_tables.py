@@ -182,6 +182,7 @@ def test_what_a_limit_owes_is_named(place: Path, name: str, said: str) -> None:
         made_limits(spec.limits, spec, None, {})[0].prove(a_motion())
 
 
+@pytest.mark.slow
 def test_the_plane_of_the_docs_goes_the_whole_way(place, capsys) -> None:
     assert cli.main(["init", "lab", "--robot", "arm.toml"]) == 2
     said = capsys.readouterr().err

@@ -55,7 +55,7 @@ def decided(
     if path is None:
         return [], None
     from etude.logs.evidence.command_signs import judge
-    from etude.logs.evidence.file_hypotheses import CONTRADICTS
+    from etude.logs.evidence.contradictions import CONTRADICTS
     from etude.logs.evidence.findings import finding_of
 
     numbers = [number for number, log in told.items() if joints(log) is not None]
@@ -160,8 +160,7 @@ class Survey:
         path = joints(logs[0]) if len(logs) > 1 else None
         if path is None:
             return None
-        from etude.logs.evidence.contradictions import contradiction_without_file
-        from etude.logs.evidence.file_hypotheses import contradiction
+        from etude.logs.evidence.contradictions import contradiction, contradiction_without_file
 
         sources = [log.source for log in logs]
         if self.body is None:

@@ -65,7 +65,7 @@ def _by_file(campaign: Campaign, state: State, log: Log) -> Finding | None:
     known = None if newest is None else path_and_body(campaign.kind, campaign.spec, log)
     if newest is None or known is None:
         return None
-    from etude.logs.evidence.file_hypotheses import contradiction
+    from etude.logs.evidence.contradictions import contradiction
 
     told = told_logs(campaign, state)
     numbers = [n for n in newest.logs if n in told][-MOST_BY_FILE:]

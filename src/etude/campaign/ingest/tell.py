@@ -24,7 +24,7 @@ from etude.campaign.ingest.ingest_result import (
     read_settled,
 )
 from etude.campaign.ingest.questions import Answers, LogQuestions, answers_of, judging_body, questions_of
-from etude.campaign.ingest.recordings import evidence_in, placed
+from etude.campaign.ingest.recordings import Evidence, evidence_in, placed
 from etude.campaign.ingest.robot_changed import answer, change_found
 from etude.campaign.propose.constraints import start_in_words, with_tracking_errors
 from etude.campaign.record.controls import required
@@ -253,48 +253,58 @@ def take(
     required(control)
     answers = answers_of(state, how.get("accept", ()), how.get("repair", ()))
     asked = questions_of(campaign, state, answers, None if survey is None else survey.of(path))
-    log = read(campaign, path, degrees=how.get("degrees", False), topics=how.get("topics", ()), asked=asked)
-    if evidence is not None:
-        log, answered = placed(campaign, evidence, log)
-        speed, number = FULL, None if answered is None else number
-        if answered is not None:
-            check_asked(state, answered)
-    else:
-        log, answered, speed = _identify(campaign, state, path, number, how.get("foreign", False), log)
-    if answered is not None and not holds_enough(log, stored_trajectory(campaign, answered, speed).duration):
-        log = log.repaired(
-            f"Less than half of proposal {answered} is in it, so that stays open: run it again, or give it "
-            f"up with etude abandon {typed(campaign.path)} {answered}."
-        )
-        number = answered = None
-    number = answered if answered is not None else free_number(state, number)
-    # a log that gives no samples is refused
-    samples = campaign.kind.samples(
-        campaign.spec, campaign.config, [log], [np.zeros(len(log), dtype=np.int64)]
-    )
+    log, number, answers_it, speed = _aligned(campaign, state, path, number, evidence, asked, how)
+    group = np.zeros(len(log), dtype=np.int64)  # a log without samples is refused
+    samples = campaign.kind.samples(campaign.spec, campaign.config, [log], [group])
     change, again = change_found(campaign, state, log, samples), repeated(campaign, state, number, log)
-    findings = (
-        *asked.accepted,
-        *([] if change is None else [change]),
-        *([] if again is None else [warning(*again)]),
-    )
+    found = (change, None if again is None else warning(*again))
+    findings = (*asked.accepted, *(one for one in found if one is not None))
     fact = Ingested(
         sha256=digest,
         source=path.name,
         robot_seconds=_seconds(log),
         rows=len(log),
         repairs=log.repairs,
-        foreign=answered is None,
+        foreign=not answers_it,
         speed=speed,
         answers=tuple(asked.given),
         findings=findings,
         repeats=None if again is None else again[0],
     )
-    if answered is not None:
+    if answers_it:
         fact = _with_motion(campaign, number, log, fact, control)
     _store(campaign, number, log, path, fact)
     start = start_in_words(campaign, fact)
-    return IngestResult(number, False, answered is None, log.repairs, (), findings=findings, start=start)
+    return IngestResult(number, False, not answers_it, log.repairs, (), findings=findings, start=start)
+
+
+def _aligned(
+    campaign: Campaign,
+    state: State,
+    path: Path,
+    number: int | None,
+    evidence: Evidence | None,
+    asked: LogQuestions,
+    how: How,
+) -> tuple[Log, int, bool, int]:
+    """The aligned log in `path`, its number, whether it answers that proposal, and its speed in percent."""
+    log = read(campaign, path, degrees=how.get("degrees", False), topics=how.get("topics", ()), asked=asked)
+    if evidence is not None:
+        log, answered = placed(campaign, evidence, log)
+        speed, number = FULL, None
+        if answered is not None:
+            check_asked(state, answered)
+    else:
+        log, answered, speed = _identify(campaign, state, path, number, how.get("foreign", False), log)
+    if answered is None:
+        return log, free_number(state, number), False, speed
+    if holds_enough(log, stored_trajectory(campaign, answered, speed).duration):
+        return log, answered, True, speed
+    log = log.repaired(
+        f"Less than half of proposal {answered} is in it, so that stays open: run it again, or give it "
+        f"up with etude abandon {typed(campaign.path)} {answered}."
+    )
+    return log, free_number(state, None), False, speed
 
 
 def newest_warnings(campaign: Campaign, state: State) -> tuple[Notice, ...]:

@@ -7,20 +7,20 @@ where it gains far more than its halves, and a change has to gain more than righ
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cache, partial
 from typing import Literal
 
 import numpy as np
 
 from etude.abilities import SupportsVariations
 from etude.logs.checks.exact import LIKELY
-from etude.logs.checks.filtered_motion import goes_far, states_of
+from etude.logs.checks.filtered_motion import goes_far
 from etude.logs.checks.finding_texts import Doubt, accepted, named
-from etude.logs.evidence.changed_masses import changed_masses
-from etude.logs.evidence.file_hypotheses import CONTRADICTS, contradicting
+from etude.logs.evidence.changed_parameters import ChangeEvidence
 from etude.logs.evidence.joint_evidence import LEAST_ROWS, MOST_GROUPS
-from etude.logs.evidence.likelihood import FEW, SMALL_WAY, WhitenedMotion, log_sum
+from etude.logs.evidence.likelihood import FEW, SMALL_WAY, Point, WhitenedMotion, covariances, log_sum
 from etude.logs.evidence.rows import AS_LOGGED, TURN_SPEED, FilteredRows, rows_of
 from etude.protocols import Mean
 from etude.types import Array, Channel, Finding, Index, Log, Mask
@@ -77,6 +77,119 @@ def _of_halves(log: Log, path: Channel, own: Index) -> Array:
     return np.maximum(_apart(rows, own, 0) - together, 0.0)
 
 
+CONTRADICTS = "contradiction"
+LOADED, OTHER = 30.0, 45.0  # log odds of a load, and of other masses: right logs had 21 and 34
+# of friction: a factor, log odds over the joints that have it, and their part; right logs had -31 % in a half
+FACTOR, RUBBED, MOST_RUB = 1.35, 40.0, 0.6
+
+
+@dataclass(frozen=True, eq=False)
+class _Difference:
+    """How a log differs from others by the model file; odds of -inf where nothing shows.
+
+    Attributes:
+        kg: more at its last link; None where the masses of links differ. factor: of its friction; None where
+            it does not differ; 0 where joints differ.
+    """
+
+    odds: float
+    kg: float | None = 0.0
+    factor: float | None = None
+
+    def inverse(self) -> _Difference:
+        """The same of the others."""
+        return replace(self, kg=self.kg and -self.kg, factor=self.factor and 1.0 / self.factor)
+
+    @property
+    def causes(self) -> list[str]:
+        """What explains it."""
+        found = ["other masses of its links"] if self.kg is None else []
+        if self.kg:
+            found = [f"{abs(self.kg):.2g} kg {'more' if self.kg > 0.0 else 'less'} at the last link"]
+        if self.factor is not None:
+            found += [f"friction {self.factor:.2g} times as large" if self.factor else "other friction"]
+        return found
+
+
+def contradiction(
+    logs: Sequence[Log], path: Channel, body: Mean | None, sources: Sequence[str], old: int = 0
+) -> Finding | None:
+    """The finding that a log is of another robot than the others by the model file; None of none.
+
+    Args:
+        old: how many of them, the first, are not doubted.
+    """
+    rows = None if body is None or len(logs) < 2 else rows_of(logs, path, body)
+    if rows is None or body is None or not isinstance(body, SupportsVariations):
+        return None
+    told = np.unique(rows.log).tolist()
+    two = len(told) == 2
+    doubted = [i for i in told if i >= old][-1 if two else -MOST_GROUPS :]
+    if len(told) < 2 or not doubted:
+        return None
+    found = _differences(rows, doubted, path, body)
+    odd, best = max(zip(doubted, found, strict=True), key=lambda one: one[1].odds)
+    if not best.causes:
+        return None
+    if two and best.kg is not None and best.kg < 0.0:  # of two, that with the load is named
+        odd, best = sum(told) - odd, best.inverse()
+    verb = "explains" if len(best.causes) == 1 else "explain"
+    why = f"{' and '.join(best.causes)} in {sources[odd]} {verb} it"
+    fact = f"no model of one robot with one load explains them (odds e^{best.odds:.0f} to 1)"
+    return contradicting(sources, odd, told, fact, why[0].upper() + why[1:])
+
+
+def _differences(rows: FilteredRows, doubted: Sequence[int], path: Channel, body: Mean) -> list[_Difference]:
+    """Of each of the doubted logs."""
+    step = float(np.median(np.diff(rows.t)))
+    rows = rows.take(np.arange(0, len(rows.t), max(1, round(ROWS_APART / step))))
+    own = np.flatnonzero(rows.moving & (rows.command[..., AS_LOGGED].std(axis=0) > 0.0))
+    after = np.stack([rows.log == i for i in doubted], axis=1)
+    heard = np.array([goes_far(rows.q[one]) & goes_far(rows.q[~one]) for one in after.T])[:, own]
+    if len(own) < 2:
+        return [_Difference(-np.inf)] * len(doubted)
+    evidence = ChangeEvidence.of(rows, own, path, body, after.astype(np.float64), heard)
+    speeds, others = (
+        np.array([rows.qd[some].std(axis=0) for some in which])[:, own] for which in (after.T, ~after.T)
+    )
+    alike = (speeds < SPEEDS * others) & (others < SPEEDS * speeds)
+    return [_difference(evidence, i, alike[i]) for i in range(len(doubted))]
+
+
+def _difference(evidence: ChangeEvidence, which: int, alike: Mask) -> _Difference:
+    """Of one change. alike: (k,) joints whose speeds compare: slow ones stick, and rub less or more."""
+    (load, kg), masses = evidence.load(which), evidence.masses(which)
+    odds, factor = evidence.friction(which)
+    differ = alike & (odds >= LIKELY) & ((factor > FACTOR) | (factor < 1.0 / FACTOR))
+    rubs, found = float(odds[differ].sum()), _Difference(-np.inf)
+    if load >= LOADED or masses >= OTHER:
+        found = _Difference(max(load, masses), kg if load >= MOST_OF * masses else None)
+    if rubs >= RUBBED and differ.sum() >= MOST_RUB * evidence.heard[which].sum():
+        found = replace(found, odds=max(rubs, found.odds), factor=_in_common(factor[differ]))
+    return found
+
+
+def _in_common(factor: Array) -> float:
+    """The median of factors (k,); 0 where they are not alike."""
+    middle = float(np.median(factor))
+    return middle if (np.abs(factor - middle) < ALIKE * middle).all() else 0.0
+
+
+def contradicting(sources: Sequence[str], odd: int, told: Sequence[int], fact: str, why: str) -> Finding:
+    """The finding that the log `odd` contradicts the others of those told."""
+    who = f"{sources[odd]} contradicts the other logs"
+    if len(told) == 2:
+        who = f"{' and '.join(sources[i] for i in told)} contradict each other"
+    return Finding(
+        CONTRADICTS,
+        "yellow",
+        f"{who}: {fact}. {why}.",
+        f"Tell the logs of one robot, with one load; another one is a campaign of its own. "
+        f"{accepted(CONTRADICTS).capitalize()}.",
+        flag=CONTRADICTS,
+    )
+
+
 def contradiction_without_file(logs: Sequence[Log], path: Channel, sources: Sequence[str]) -> Finding | None:
     """The finding that logs are not of one robot; None of none."""
     found = odd_log(logs, path)
@@ -94,6 +207,10 @@ CUT_ROWS = 150  # that are looked at: a change that is told by fewer only is sil
 PRIOR = float(np.log(0.002))  # that a log changes anywhere, in any way
 GRIPS = float(np.log(0.01))  # that a load is taken up or put down in it
 TURNS = 30.0  # log odds of a sign that turns: right logs had 17 at most, turned ones 38 to 480
+ROWS_APART = 0.2  # s, of rows of several logs
+MOST_OF = 0.8  # of what other masses gain, by a load: then it is a load
+SPEEDS = 3.0  # ratio of speeds, up to which friction compares
+ALIKE = 0.4  # of a factor of friction, by which joints may differ from it
 SOME_WAY = 0.5  # of a joint's way, before a load is taken up and after
 SOME_JOINTS = 0.5  # of those that have a say: a load shows in some of them only
 Kind = Literal["sign", "load", "robot"]
@@ -121,12 +238,14 @@ class _Cut:
 
     Attributes:
         own: (m,) joints that go far before and after it.
+        covariance: of a point of the grid: that of all rows, of which these are some.
     """
 
     rows: FilteredRows
     after: Mask
     span: tuple[float, float]
     own: Index
+    covariance: Callable[[Point], Array]
 
 
 def change_within(log: Log, path: Channel, body: Mean | None) -> Change | None:
@@ -156,8 +275,10 @@ def _spans(rows: FilteredRows, count: int) -> list[tuple[float, float]]:
 
 
 def _cuts(rows: FilteredRows) -> Iterator[_Cut]:
+    whole = cache(covariances(rows))
     for span in _spans(rows, CUTS):
-        part = rows.take(np.flatnonzero((rows.t < span[0]) | (rows.t > span[1])))
+        out = slice(*np.searchsorted(rows.t, span).tolist())
+        part = rows.take(np.r_[: out.start, out.stop : len(rows.t)])
         after = part.t > span[1]
         if min(after.sum(), (~after).sum()) < 2:
             continue
@@ -167,18 +288,32 @@ def _cuts(rows: FilteredRows) -> Iterator[_Cut]:
             & (np.ptp(part.command[..., AS_LOGGED], axis=0) > 0)
         )
         if far.any():
-            yield _Cut(part, after, span, np.flatnonzero(far))
+            yield _Cut(part, after, span, np.flatnonzero(far), partial(_of_some, whole, out))
+
+
+def _of_some(whole: Callable[[Point], Array], out: slice, point: Point) -> Array:
+    """The covariance of the rows without some that are next to each other; blocks are copied, not rows."""
+    K = whole(point)
+    n, m = len(K), len(K) - (out.stop - out.start)
+    kept = ((slice(0, out.start), slice(0, out.start)), (slice(out.stop, n), slice(out.start, m)))
+    found = np.empty((m, m), order="F")  # the order that factors want
+    for from_row, row in kept:
+        for from_column, column in kept:
+            found[row, column] = K[from_row, from_column]
+    return found
 
 
 def _gains(cut: _Cut) -> tuple[Array, Array]:
     """(k,) each: what the commands negated after the cut gain, and a model of its own there; 0 of joints that
     have no say.
     """
-    rows, own = cut.rows, cut.own
+    rows, own, known = cut.rows, cut.own, cut.covariance
     turned = np.where(cut.after[:, None], -1.0, 1.0) * rows.command[..., AS_LOGGED]
     both = np.concatenate([rows.command, turned[..., None]], axis=2)
-    as_is, negated = WhitenedMotion(rows, own, FEW).free(both, (AS_LOGGED, both.shape[2] - 1)).T
-    apart = WhitenedMotion(rows, own, FEW, odd=cut.after).free(rows.command)[:, 0]
+    as_is, negated = (
+        WhitenedMotion(rows, own, FEW, covariance=known).free(both, (AS_LOGGED, both.shape[2] - 1)).T
+    )
+    apart = WhitenedMotion(rows, own, FEW, cut.after, known).free(rows.command)[:, 0]
     found = np.zeros((2, rows.q.shape[1]))
     # with one reversal in all, friction is a sign that turns there
     turns = _both_ways(rows.qd[cut.after]) & _both_ways(rows.qd[~cut.after])
@@ -207,17 +342,16 @@ def _load_change(rows: FilteredRows, path: Channel, body: Mean | None) -> Change
     if body is None or not isinstance(body, SupportsVariations):
         return None
     own = np.flatnonzero(rows.moving & (rows.command[..., AS_LOGGED].std(axis=0) > 0.0))
-    states = states_of(rows.t, path, rows.q, rows.qd, rows.qdd)
     spans = _spans(rows, LOAD_CUTS)
     after = np.stack([np.clip((rows.t - a) / (b - a), 0.0, 1.0) for a, b in spans], axis=1)
     heard = np.array([_goes_on(rows.q, rows.t < a) & _goes_on(rows.q, rows.t > b) for a, b in spans])[:, own]
-    found = changed_masses(rows, own, body.links(states)[:, :, -1, :1], after, heard)
-    best = int(found.odds.argmax())
-    odds = float(log_sum(found.odds)) + GRIPS - float(np.log(len(spans)))
+    evidence = ChangeEvidence.of(rows, own, path, body, after, heard, most=1)
+    each, kg = np.array([evidence.load(i) for i in range(len(spans))]).T
+    odds = float(log_sum(each)) + GRIPS - float(np.log(len(spans)))
     if odds < LIKELY:
         return None
     none = np.zeros(len(path.parts), dtype=np.bool_)
-    return Change("load", none, _span(spans, found.odds), odds, float(found.kg[best, 0]))
+    return Change("load", none, _span(spans, each), odds, float(kg[each.argmax()]))
 
 
 def _goes_on(q: Array, some: Mask) -> Mask:

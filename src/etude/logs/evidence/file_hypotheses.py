@@ -1,5 +1,5 @@
 """Hypotheses on a model file whose masses are right: a joint's zero offset, joints that turn the other way, a
-wrong clock, logs of two robots, and commands that were computed from the file.
+wrong clock, and commands that were computed from the file.
 
 Every hypothesis is one linear fit of all joints over all logs, with an inertia, friction, an offset and a
 factor of the file's torque for each joint. Joints are weighed by what is left of them. Centres of mass that
@@ -21,7 +21,7 @@ from etude.logs.checks.finding_texts import accepted, named
 from etude.logs.checks.velocities import clock_finding
 from etude.logs.evidence.rows import APART, AS_LOGGED, FLOOR, FilteredRows, rows_of
 from etude.protocols import Mean
-from etude.types import Array, Channel, Finding, Index, Log, Mask
+from etude.types import Array, Channel, Finding, Index, Log
 
 ROUNDS = 8  # of weighing joints by what is left of them
 SCREEN = 10.0  # log odds by a straight line from which an offset is looked for
@@ -161,39 +161,6 @@ class FileFit:
             [np.ones_like(torque), torque, rows.qdd[:, j], rows.qd[:, j], rows.friction[:, j]]
         )
 
-    def apart(self, some: Mask) -> Array:
-        """(m,) logarithm of what is left of each command over what is left if some rows (n,) have a model of
-        their own. Springs and cables, which the file lacks, are a wave of the joint's own position.
-        """
-        rows, found = self.rows, []
-        assert rows.torque is not None
-        for j in self.own.tolist():
-            y = rows.command[:, j, AS_LOGGED]
-            springs = np.sin(rows.q[:, [j]]), np.cos(rows.q[:, [j]])
-            X = np.hstack([self._own_columns(j, rows.torque[:, j]), *springs])
-            floor = FLOOR * float(y.var()) * len(y)
-            both = _left(X[some], y[some]) + _left(X[~some], y[~some])
-            found.append(np.log((_left(X, y) + floor) / (both + floor)))
-        return np.array(found)
-
-    def loaded(self, some: Mask) -> tuple[float, Array]:
-        """kg at the last link in some rows (n,) that explain most, and what is left of each command (m,)."""
-        assert isinstance(self.body, SupportsVariations)
-        assert self.rows.torque is not None
-        columns = self.body.links(self.states)[:, :, -1, :1] * some[:, None, None]
-        left, found = self.shared(columns, self.rows.torque)
-        return float(found[0]), left
-
-    def load_odds(self, some: Mask) -> tuple[float, float, float]:
-        """kg at the last link in some rows (n,) that explain most, their log odds to none, and the sum over
-        joints of the logarithm of what is left without, over what is left with them.
-        """
-        assert self.rows.torque is not None
-        kg, left = self.loaded(some)
-        without = self.left(self.rows.torque)
-        odds = self._likelihood(left) - self._likelihood(without)
-        return kg, odds, float(np.log((without + FLOOR) / (left + FLOOR)).sum())
-
     def score(self, torque: Array) -> float:
         """Log likelihood of a torque (n, k) of the file, of independent rows."""
         return self._likelihood(self.left(torque))
@@ -293,53 +260,6 @@ def clock_by_file(log: Log, path: Channel, body: Mean | None) -> Finding | None:
     fact = f"beside the weight, the commands hold about {best**2:g} times the torque of the model file"
     found = clock_finding(best, f"{fact}, over all joints (odds e^{odds[best]:.0f} to 1)")
     return replace(found, light="yellow")
-
-
-CONTRADICTS = "contradiction"
-TIMES = 3.0  # what logs leave together over what they leave apart, in half of the joints: right ones 1.1
-EXPLAINED = 0.5  # of the logarithms of that, by a load
-
-
-def contradiction(
-    logs: Sequence[Log], path: Channel, body: Mean | None, sources: Sequence[str], old: int = 0
-) -> Finding | None:
-    """The log that no model explains with the others, beside which each group is explained; None of none.
-
-    Args:
-        old: how many of them, the first, are not doubted.
-    """
-    fit = file_fit(logs, path, body) if len(logs) > 1 else None
-    if fit is None:
-        return None
-    told = np.unique(fit.rows.log).tolist()
-    apart = {i: fit.apart(fit.rows.log == i) for i in told if len(told) > 1 and i >= old}
-    odd = max(apart, key=lambda i: float(np.median(apart[i])), default=-1)
-    if odd < 0 or np.median(apart[odd]) < np.log(TIMES):
-        return None
-    kg, _, load = fit.load_odds(fit.rows.log == odd)
-    why, two = "No sign, order, delay or load explains it", len(told) == 2
-    if load > EXPLAINED * float(apart[odd].sum()):
-        loaded = sum(told) - odd if two and kg < 0.0 else odd  # of two, that with the load
-        more = "less" if kg < 0.0 and not two else "more"
-        why = f"{abs(kg):.2g} kg {more} at the last link in {sources[loaded]} explains it"
-    ratio = float(np.exp(np.median(apart[odd])))
-    fact = f"one model leaves {ratio:.2g} times as much of the commands as one for each"
-    return contradicting(sources, odd, told, fact, why)
-
-
-def contradicting(sources: Sequence[str], odd: int, told: Sequence[int], fact: str, why: str) -> Finding:
-    """The finding that the log `odd` contradicts the others of those told."""
-    who = f"{sources[odd]} contradicts the other logs"
-    if len(told) == 2:
-        who = f"{' and '.join(sources[i] for i in told)} contradict each other"
-    return Finding(
-        CONTRADICTS,
-        "yellow",
-        f"{who}: {fact}. {why}.",
-        f"Tell the logs of one robot, with one load; another one is a campaign of its own. "
-        f"{accepted(CONTRADICTS).capitalize()}.",
-        flag=CONTRADICTS,
-    )
 
 
 EARTH, HELD = 9.81, 0.5  # m/s^2; part of it that commands hold in another direction

@@ -178,12 +178,14 @@ class WhitenedMotion:
     Attributes:
         odd: (n,) rows that share no model with the others, but for the size of their noise; None: all do.
         terms: the sets of regressors that are tried.
+        covariance: (n, n) of each point; None: by these rows alone.
     """
 
     rows: FilteredRows
     own: Index
     grid: tuple[Point, ...]
     odd: Mask | None = None
+    covariance: Callable[[Point], Array] | None = None
     terms: tuple[tuple[int, ...], ...] = TERMS
     known: list[_Whitened] = field(default_factory=list)
 
@@ -207,7 +209,7 @@ class WhitenedMotion:
 
     @cached_property
     def _covariance(self) -> Callable[[Point], Array]:
-        covariance, odd = covariances(self.rows), self.odd
+        covariance, odd = self.covariance or covariances(self.rows), self.odd
         if odd is None:
             return covariance
         same = np.equal.outer(odd, odd)
