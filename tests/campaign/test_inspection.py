@@ -12,6 +12,8 @@ from small_robot import ROBOT, SHORT, make_campaign, random_motion, write_log
 
 from etude.campaign import Campaign, Inspected, inspect
 from etude.cli import main
+from etude.logs import Mendable
+from etude.types import Finding
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 LIGHTS = ("green", "yellow", "red", "cannot tell")
@@ -204,13 +206,17 @@ def test_a_delay_is_told_however_long(rows: int, ms: int, right: Path, robot: Pa
     assert told == pytest.approx(ms, abs=10)
 
 
-def test_a_log_that_tell_shifts_is_not_taken_as_it_is(right: Path, robot: Path, capsys) -> None:  # type: ignore[no-untyped-def]
-    late = edited(right, lambda r: np.column_stack([r[:-2, :1], r[:-2, 1:3], r[2:, 3:]]))
-    assert main(["inspect", str(late), "--robot", str(robot)]) == 0
+@pytest.mark.parametrize("mends", [False, True])
+def test_a_log_that_tell_repairs_is_not_taken_as_it_is(
+    mends: bool, right: Path, robot: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    kind = Mendable if mends else Finding
+    found = Inspected(None, (kind("delay", "yellow", "They are late.", "They are shifted by that."),))
+    monkeypatch.setattr("etude.campaign.ingest.inspection.inspect", lambda *_, **__: found)
+    assert main(["inspect", str(right), "--robot", str(robot)]) == 0
     said = capsys.readouterr().out
-    assert "They are shifted by that when the log is told" in said
-    assert "tell would take this log, repaired as said above" in said
-    assert "tell would take this log as it is" not in said
+    assert ("tell would take this log, repaired as said above" in said) == mends
+    assert ("tell would take this log as it is" in said) != mends
 
 
 @pytest.mark.parametrize(

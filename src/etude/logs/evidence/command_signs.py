@@ -85,6 +85,7 @@ def judge(
         yield exchanged  # of several logs, one that is inverted looks like another order
         yield None if timed or alone is None else _reversed(alone)
         yield turned
+        yield _by_calm_rows(stepped, fresh, order, timed)
         weight = None if alone is None else _weights(alone, force)
         yield None if weight is not None and weight_elsewhere(new, path, body) else weight
 
@@ -109,6 +110,22 @@ def _without_turns(found: Decision | None, judged: JointEvidence) -> Decision | 
     fits = _fits(replace(judged.without_turns, orders=True))
     fits = np.take_along_axis(fits, np.searchsorted(judged.own, by)[:, None], axis=1)
     return found if fits.sum() >= 0.0 and (fits >= -LIKELY).all() else None
+
+
+def _by_calm_rows(
+    judged: JointEvidence, fresh: Sequence[int], order: ColumnOrder | None, timed: bool
+) -> Decision | None:
+    """A question on signs that rows without turns tell, where all rows leave them open: friction that turns
+    round over a distance blurs them there.
+    """
+    calm = judged.without_turns
+    calm = replace(calm, rows=replace(calm.rows, groups=()))
+    found = _signs(calm, fresh, order, -np.inf if timed else _backwards(calm))
+    if found is None or found.odds < CERTAIN:  # of frictionless arms half a cycle late 7 at most
+        return None
+    right, inverted = judged.variant(AS_LOGGED).signs()
+    stands = (inverted >= right)[np.array(found.by)[judged.own] < 0.0].all()
+    return replace(found, level="ask") if stands else None
 
 
 def _positions(found: Decision, judged: JointEvidence, path: Channel, body: Mean | None) -> float:

@@ -240,6 +240,12 @@ def test_friction_that_turns_round_over_a_distance_is_no_delay(distance: float) 
     assert (found.level, found.check, found.by) == ("note", "delay", (0.06,))
 
 
+def test_a_sign_that_turns_blur_is_told_beside_them() -> None:
+    """All rows leave it open: log odds of 0.1, where rows without turns have more than 1,000."""
+    found = decided(inverted(presliding(0.016), np.array([-1.0, 1.0, 1.0])))
+    assert (found.level, found.check, found.by) == ("ask", "sign", (-1.0, 1.0, 1.0))
+
+
 def test_commands_that_are_late_by_much_are_asked_about_and_never_shifted_unasked() -> None:
     wrong = late(moved(), 0.15)
     found = decided(wrong)
