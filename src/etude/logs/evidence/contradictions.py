@@ -277,7 +277,7 @@ def _spans(rows: FilteredRows, count: int) -> list[tuple[float, float]]:
 def _cuts(rows: FilteredRows) -> Iterator[_Cut]:
     whole = cache(covariances(rows))
     for span in _spans(rows, CUTS):
-        out = slice(*np.searchsorted(rows.t, span).tolist())
+        out = slice(int(np.searchsorted(rows.t, span[0])), int(np.searchsorted(rows.t, span[1], "right")))
         part = rows.take(np.r_[: out.start, out.stop : len(rows.t)])
         after = part.t > span[1]
         if min(after.sum(), (~after).sum()) < 2:
