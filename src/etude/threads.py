@@ -32,11 +32,26 @@ def _controller() -> Any:
     return ThreadpoolController()
 
 
+_limited: list[Any] = []
+"""Limits of the blocks that are open, the outermost first."""
+
+
 @contextmanager
 def threads_for(order: int) -> Iterator[None]:
-    """One BLAS thread inside the block if matrices of this order are small; the user's setting otherwise."""
-    if order > SMALL:
-        yield
-        return
-    with _controller().limit(limits=1, user_api="blas"):
+    """One BLAS thread inside the block if matrices of this order are small, else as many as the user has set.
+
+    A block of large matrices inside one of small ones gets the user's number, too. It decorates functions.
+    """
+    if order <= SMALL:
+        with _controller().limit(limits=1, user_api="blas") as limit:
+            _limited.append(limit)
+            try:
+                yield
+            finally:
+                _limited.pop()
+    elif _limited:
+        before = _limited[0].get_original_num_threads()["blas"]
+        with _controller().limit(limits=before, user_api="blas"):
+            yield
+    else:
         yield

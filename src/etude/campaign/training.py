@@ -54,6 +54,7 @@ from etude.models.store import save_model
 from etude.progress import part
 from etude.protocols import Candidate, Inputs
 from etude.storage import write_atomic
+from etude.threads import threads_for
 from etude.types import Array, Mask, Samples
 
 MOST_LOGS, MOST_SECONDS = 100, 1200.0
@@ -86,6 +87,7 @@ Learner = Callable[[Campaign, State, int], TrainingOutcome]
 """Function that learns log `number` with all logs ingested before it; `learn_log` except in tests."""
 
 
+@threads_for(0)
 def learn_pending(campaign: Campaign, learner: Learner | None = None, say: Say = lambda _: None) -> list[int]:
     """Learn every ingested log that waits for no answer, all together; return their numbers.
 

@@ -41,6 +41,7 @@ from etude.logs.config import LogConfig
 from etude.logs.readers.log_file import sha256_of_log
 from etude.logs.readers.registry import cut_sentences, end_findings, read_raw, with_rest_reported
 from etude.protocols import Kind
+from etude.threads import threads_for
 from etude.types import Array, Channel, Finding, Log
 
 USUAL_RATE = 200.0
@@ -87,6 +88,7 @@ class _KnownRobot:
     log: Path = Path()
 
 
+@threads_for(0)
 def inspect(
     path: str | Path, robot: str | Path | None = None, *, degrees: bool = False, topics: Sequence[str] = ()
 ) -> Inspected:

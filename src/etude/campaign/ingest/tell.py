@@ -47,6 +47,7 @@ from etude.logs.cleaning.filters import median_rate
 from etude.logs.columns.units import start_at_zero
 from etude.logs.readers.log_file import bytes_of_log, log_bytes, sha256_of_log
 from etude.storage import write_atomic
+from etude.threads import threads_for
 from etude.trajectories.chain import segment_starts
 from etude.types import Array, Finding, Log
 
@@ -225,6 +226,7 @@ def warning(earlier: int, share: float) -> Finding:
     )
 
 
+@threads_for(0)
 def take(
     campaign: Campaign,
     path: Path,
@@ -571,6 +573,7 @@ def _one(campaign: Campaign, path: Path, how: How, survey: Survey | None) -> Ing
         return IngestedFile(path, None, error)
 
 
+@threads_for(0)
 def surveyed(campaign: Campaign, paths: Sequence[Path], how: How) -> Survey | None:
     """The new logs in these files, so that their commands are judged together; None if there are none."""
     if how.get("confirm") or not any(c.acts_on for c in campaign.channels):

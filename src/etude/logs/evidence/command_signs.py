@@ -23,12 +23,14 @@ from etude.logs.evidence.joint_evidence import CLEAR, MOST_GROUPS, Decision, Joi
 from etude.logs.evidence.likelihood import NEITHER, WhitenedMotion, least, log_sum
 from etude.logs.evidence.rows import APART, AS_LOGGED, DELAYS, FLOOR, FilteredRows, commands_of, rows_of
 from etude.protocols import Mean
+from etude.threads import threads_for
 from etude.types import Array, Channel, Index, Log, Mask
 
 GRAVITY = "gravity"
 LEAST_HALF = 20  # rows of a half: fewer tell nothing
 
 
+@threads_for(0)
 def judge(
     logs: Sequence[Log],
     path: Channel,
