@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
+import scipy.linalg.lapack  # noqa: F401  its own BLAS
 import threadpoolctl
 
-import etude._runtime.scipy_parts  # noqa: F401  SciPy's own BLAS is loaded
 from etude.threads import SMALL, threads_for
 
 
