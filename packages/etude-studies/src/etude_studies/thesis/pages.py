@@ -60,7 +60,8 @@ def _counts(claims: Sequence[Claim], verdicts: dict[str, Verdict]) -> str:
     """Of claims that say something of their own."""
     own = [claim.id for claim in claims if not claim.alias_of and claim.id in verdicts]
     counted = Counter(shown(verdicts[id]) for id in own)
-    told = ", ".join(f"**{counted[word]}** {word}" for word in (*reversed(WORDS), DEPENDS, NOT_RUN))
+    words = [word for word in (*reversed(WORDS), DEPENDS, NOT_RUN) if counted[word]]
+    told = ", ".join(f"**{counted[word]}** {word}" for word in words)
     return f"Of {len(own)} distinct claims: {told}. {len(claims) - len(own)} more say one of them again.\n"
 
 
