@@ -36,7 +36,7 @@ def lab(tmp_path_factory: pytest.TempPathFactory) -> Lab:
     folder = tmp_path_factory.mktemp("slow")
     campaign, arm = campaign_of_small_arm(folder, 24.0), plant.arm_of_urdf(URDF, seed=4, wrong=1.3)
     file = campaign.path / "campaign.toml"
-    file.write_text(file.read_text().replace('["default"]', '["default", "slow"]'))
+    file.write_text(file.read_text().replace('["default"]', '["default", "standing", "slow"]'))
     campaign = open_campaign(campaign.path)
     run = plant.run(arm, motion(arm, 60.0, 0.0), seed=1)
     (folder / "log.csv").write_bytes(run.log())

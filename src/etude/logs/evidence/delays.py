@@ -216,9 +216,10 @@ def late(clock: JointEvidence, whole: JointEvidence, fresh: Sequence[int]) -> De
     best = int(delays(clock).argmax())
     if abs(DELAYS[best]) < LEAST_DELAY or best in (0, len(DELAYS) - 1):  # beyond what is tried it may be any
         return None
-    odds = _odds_of(clock, best)
-    surest = max(odds, _odds_of(whole, best))
-    if odds < LIKELY or (odds < SAID and surest < SHIFT):
+    odds, of_all = _odds_of(clock, best), _odds_of(whole, best)
+    surest = max(odds, of_all)
+    # friction that turns round over speeds looks early to the clock; to all rows it does not
+    if odds < LIKELY or of_all < 0.0 or (odds < SAID and surest < SHIFT):
         return None
     level: Level = "note" if odds >= SAID and surest >= SHIFT else "ask"
     return clock.decision(level, check=DELAY, logs=tuple(fresh), by=(DELAYS[best],), odds=surest)
