@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import numpy as np
 
@@ -19,15 +19,15 @@ from etude.types import Array, Samples
 from etude_studies.thesis.arm_settings import ArmSettings
 
 Wave = Literal["chirp", "prbs"]
-WAVES: tuple[Wave, ...] = ("chirp", "prbs")
+WAVES: tuple[Wave, ...] = get_args(Wave)
 HARMONICS = 30
 """Of a minute: 0.5 Hz, the highest frequency of both."""
 INSTANTS = 2048
 """Of a period, from which its coefficients are computed."""
-DRAWN, TRIED, SHARE, STEP = 24, 300, 50, 0.2
-"""Motions drawn first, as many as `design` draws; motions tried in all; planned instants of each; a step's
-deviation as a part of each parameter's width.
-"""
+DRAWN, TRIED, PLANNED = 24, 300, 50
+"""Motions drawn first, as many as `design` draws; motions tried in all; planned instants of each."""
+STEP, MOVED = 0.2, 0.2
+"""A step's deviation as a part of each parameter's width, and the part of the parameters that it moves."""
 ABSENT = 1e-9
 """Part of the largest below which a parameter does not act on a command, or two are the same to rounding."""
 
@@ -89,8 +89,8 @@ def least_condition(settings: ArmSettings, samples: Samples, rng: np.random.Gene
     assert isinstance(physics, SupportsRegressors)
     maps = physics.regressors()
     known = [_gram(own, _states(samples)) for own in maps]
-    t = np.linspace(0.0, family.duration, SHARE)
-    weight = len(samples) / SHARE / max(1, len(np.unique(samples.group)))  # a motion counts as one logged
+    t = np.linspace(0.0, family.duration, PLANNED)
+    weight = len(samples) / PLANNED / max(1, len(np.unique(samples.group)))  # a motion counts as one logged
 
     def score(p: Array) -> float:
         X = np.concatenate(list(family.motion(p, t).orders), axis=1)
@@ -106,7 +106,7 @@ def _searched(score: Callable[[Array], float], room: FeasibleSet, rng: np.random
     best: Array = points[place]
     least, widths = values[place], room.widths()
     for _ in range(TRIED - DRAWN):
-        p = room.shrink(best + STEP * widths * rng.normal(size=len(best)) * (rng.random(len(best)) < 0.2))
+        p = room.shrink(best + STEP * widths * rng.normal(size=len(best)) * (rng.random(len(best)) < MOVED))
         value = score(p)
         if value < least:
             best, least = p, value

@@ -85,8 +85,7 @@ def lagrangian_network(setting: NetworkSetting, X: Array, Y: Array, rng: np.rand
     values = [*(w for layer in weights for w in layer), friction]
 
     def slopes(rows: Index) -> Sequence[Array]:
-        found = loss_gradient(weights, friction, motion.take(rows), target[rows], spread, setting.decay)[1]
-        return found
+        return loss_gradient(weights, friction, motion.take(rows), target[rows], spread, setting.decay)[1]
 
     by_adam(values, slopes, len(X), setting.rate, rng)
     return lambda new: scales.force * forces(weights, friction, scales.motion(new))
@@ -112,8 +111,8 @@ def loss_gradient(
     J = motion.q.shape[1]
     kept = _layers(weights, motion.q)
     L, dL, H, dV = _energies(kept, J)
-    told = _lagrange(motion, L, dL, H, dV) + np.einsum("njf,jf->nj", motion.friction, friction)
-    wrong = (told - target) / spread
+    predicted = _lagrange(motion, L, dL, H, dV) + np.einsum("njf,jf->nj", motion.friction, friction)
+    wrong = (predicted - target) / spread
     loss = 0.5 * float(np.mean(wrong**2)) + 0.5 * decay * sum(float(np.sum(W**2)) for W, _ in weights)
     e = wrong / spread / wrong.size
     in_L, in_dL = _through_inertia(e, motion, L, dL)

@@ -40,7 +40,7 @@ from etude_studies.thesis.regressors import (
     independent,
     network,
     orthogonal,
-    tuned,
+    standardised,
 )
 from etude_studies.world import World
 
@@ -58,7 +58,7 @@ def by_network(world: World, samples: Samples, rng: np.random.Generator) -> Pred
     """A network on the thesis's inputs."""
     inputs, settings = world.inputs(world.config.model), [NetworkSetting.drawn(rng) for _ in range(SETTINGS)]
     X, Y = inputs.of_log(samples.log), samples.command
-    predict = tuned(network, settings, X, Y, samples.group, rng)
+    predict = best_of(standardised(network), settings, X, Y, samples.group, rng)
     return lambda states: predict(inputs.of_log(states))
 
 
@@ -67,7 +67,7 @@ def by_trees(world: World, samples: Samples, rng: np.random.Generator) -> Predic
     inputs, settings = world.inputs(world.config.model), [TreeSetting.drawn(rng) for _ in range(SETTINGS)]
     physics = world.kind.physics(world.spec, world.config)["identified"](samples)
     X, left = inputs.of_log(samples.log), samples.command - physics.predict(samples.log)
-    predict = tuned(boosted, settings, X, left, samples.group, rng)
+    predict = best_of(standardised(boosted), settings, X, left, samples.group, rng)
     return lambda states: np.asarray(physics.predict(states) + predict(inputs.of_log(states)))
 
 

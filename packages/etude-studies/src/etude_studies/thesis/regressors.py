@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import partial
 from itertools import pairwise
 from typing import Any, TypeVar
 
@@ -20,10 +19,10 @@ from scipy.linalg import cho_factor, cho_solve
 from etude.types import Array, Index
 
 Predict = Callable[[Array], Array]
-Regressor = Callable[[Array, Array, np.random.Generator], Predict]
-"""From X (n, D), Y (n, J), both standardised, to what predicts (m, J) at (m, D)."""
 Weights = list[tuple[NDArray[Any], NDArray[Any]]]
 Drawn = TypeVar("Drawn")
+Fit = Callable[[Drawn, Array, Array, np.random.Generator], Predict]
+"""From a setting, X (n, D) and Y (n, J) to what predicts (m, J) at (m, D)."""
 
 FOLDS = 2
 TINY = 1e-12
@@ -51,31 +50,19 @@ class Units:
         return np.asarray(self.mean + self.deviation * columns)
 
 
-def standardised(fit: Regressor, X: Array, Y: Array, rng: np.random.Generator) -> Predict:
-    """What predicts Y's units of X's, fitted in standard units."""
-    inputs, outputs = Units.of(X), Units.of(Y)
-    predict = fit(inputs.removed(X), outputs.removed(Y), rng)
-    return lambda new: outputs.restored(predict(inputs.removed(new)))
+def standardised(fit: Fit[Drawn]) -> Fit[Drawn]:
+    """The same in standard units of X and Y."""
 
+    def fitted(setting: Drawn, X: Array, Y: Array, rng: np.random.Generator) -> Predict:
+        inputs, outputs = Units.of(X), Units.of(Y)
+        predict = fit(setting, inputs.removed(X), outputs.removed(Y), rng)
+        return lambda new: outputs.restored(predict(inputs.removed(new)))
 
-def tuned(
-    fit: Callable[[Drawn, Array, Array, np.random.Generator], Predict],
-    settings: Sequence[Drawn],
-    X: Array,
-    Y: Array,
-    group: Index,
-    rng: np.random.Generator,
-) -> Predict:
-    """`best_of` what is fitted in standard units."""
-
-    def scaled(setting: Drawn, X: Array, Y: Array, rng: np.random.Generator) -> Predict:
-        return standardised(partial(fit, setting), X, Y, rng)
-
-    return best_of(scaled, settings, X, Y, group, rng)
+    return fitted
 
 
 def best_of(
-    fit: Callable[[Drawn, Array, Array, np.random.Generator], Predict],
+    fit: Fit[Drawn],
     settings: Sequence[Drawn],
     X: Array,
     Y: Array,

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from functools import partial
-
 import numpy as np
 import pytest
 
@@ -16,6 +14,7 @@ from etude_studies.thesis.flight_tests import flown_tests
 from etude_studies.thesis.regressors import (
     NetworkSetting,
     TreeSetting,
+    best_of,
     boosted,
     features,
     first_weights,
@@ -25,7 +24,6 @@ from etude_studies.thesis.regressors import (
     network,
     orthogonal,
     standardised,
-    tuned,
 )
 
 RNG = np.random.default_rng
@@ -52,7 +50,7 @@ def test_the_gradient_of_a_network_is_that_of_its_loss() -> None:
 def test_a_network_learns_a_plane() -> None:
     X = RNG(1).normal(size=(600, 2))
     plane = X @ np.array([[1.0, 0.5], [-2.0, 1.0]]) + 3.0
-    predict = standardised(partial(network, NetworkSetting(32, 0.01, 0.0)), X[:500], plane[:500], RNG(2))
+    predict = standardised(network)(NetworkSetting(32, 0.01, 0.0), X[:500], plane[:500], RNG(2))
     # tanh layers bend a plane a little at the edge of the data
     assert np.abs(predict(X[500:]) - plane[500:]).mean() < 0.03 * plane.std()
 
@@ -115,7 +113,7 @@ def test_tuning_takes_the_setting_that_predicts_groups_left_out() -> None:
         weights = np.linalg.lstsq(np.vander(X[:, 0], degree + 1), Y, rcond=None)[0]
         return lambda new: np.vander(new[:, 0], degree + 1) @ weights
 
-    tuned(fit, [0, 1, 15], X, Y, group, rng)
+    best_of(standardised(fit), [0, 1, 15], X, Y, group, rng)
     assert seen[-1] == 1
 
 
