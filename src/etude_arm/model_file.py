@@ -302,8 +302,8 @@ def _require_believable(spec: ArmSpec, path: Path) -> None:
         raise UsageError(
             suspicion.sentence,
             where=str(path),
-            next_step=f"{units} Give the right one with --{suspicion.option} {arguments}, or correct the file. "
-            "A robot file written by hand may say units_checked = true.",
+            next_step=f"{units} Give the right one with --{suspicion.option} {arguments}, or correct the "
+            "file. A robot file written by hand may say units_checked = true.",
         )
 
 
