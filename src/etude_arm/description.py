@@ -118,7 +118,7 @@ def sentences(spec: ArmSpec, home: Array) -> tuple[str, ...]:
     found = [_weak(spec, limit, weight)] if weak.any() else []
     commands = commands_of(spec, None, home)
     if isinstance(commands, CommandLimit) and commands.share is not None:
-        found.append(f"{commands.said[-1]} Give another [search] home, or correct command in robot.toml.")
+        found.append(f"{commands.gaps[-1]} Give another [search] home, or correct command in robot.toml.")
     factors = np.divide(spec.command, weight.moving, out=np.full(spec.dof, np.inf), where=loaded)
     factor = float(factors.min()) if loaded.any() else 0.0
     found += [_strong(factor)] if factor > STRONG else _same(spec, factors)
