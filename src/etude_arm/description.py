@@ -118,7 +118,7 @@ def sentences(spec: ArmSpec, home: Array) -> tuple[str, ...]:
     lines = [_weak_joints(spec, limit, weight)] if weak.any() else []
     commands = commands_of(spec, None, home)
     if isinstance(commands, CommandLimit) and commands.share is not None:
-        lines.append(f"{commands.said[-1]} Give another [search] home, or correct command in robot.toml.")
+        lines.append(f"{commands.gaps[-1]} Give another [search] home, or correct command in robot.toml.")
     factors = np.divide(spec.command, weight.moving, out=np.full(spec.dof, np.inf), where=loaded)
     factor = float(factors.min()) if loaded.any() else 0.0
     lines += [_loose_limits(factor)] if factor > STRONG else _equal_limits(spec, factors)

@@ -139,9 +139,9 @@ def test_the_search_box_is_not_a_proof_and_motions_may_grow_beyond_it(tmp_path) 
     home, low, high = search_of(spec)
     source = Source(found, own, home, "scaled")
     drawn = source.typical(rng, 4)
-    grown = source.typical(np.random.default_rng(0), 4, grown=True)
+    expanded = source.typical(np.random.default_rng(0), 4, expanded=True)
     beyond = 0
-    for one, other in zip(drawn, grown, strict=True):
+    for one, other in zip(drawn, expanded, strict=True):
         assert certify(one.trajectory, own).ok
         assert certify(other.trajectory, own).ok
         t = np.linspace(0.0, 20.0, 2001)
@@ -162,9 +162,9 @@ def test_growing_heeds_worth(tmp_path) -> None:
     half = drawn.feasible.centre + 0.5 * (drawn.p - drawn.feasible.centre)
     home = drawn.feasible.centre
     assert np.array_equal(
-        kept.grown(drawn.family, home, half, lambda p: -float(np.abs(p - half).sum())), half
+        kept.expand(drawn.family, home, half, lambda p: -float(np.abs(p - half).sum())), half
     )
-    assert not np.array_equal(kept.grown(drawn.family, home, half), half)
+    assert not np.array_equal(kept.expand(drawn.family, home, half), half)
 
 
 def test_the_robot_file_holds_what_stands_around(tmp_path) -> None:
