@@ -95,8 +95,8 @@ class SupportsFastCheck(Protocol):
 
 
 @runtime_checkable
-class SupportsWitness(SupportsFastCheck, Protocol):
-    """`Limit` that remembers the instants at which `keeps` last failed, and tests these alone; False: only
+class SupportsWitness(Protocol):
+    """`Limit` with `keeps` that remembers where this last failed, and tests these instants alone; False: only
     `keeps` decides.
     """
 
