@@ -40,8 +40,8 @@ def gaps_of(
     """
     spec = _spec(loaded, around)
     put(spec, hull_proxies)
-    grown = {name: one.radius for name, one in hull_proxies.items()}
-    skeleton = skeleton_of(_compiled(spec, loaded), loaded.joints, lower, upper, grown)
+    enlargements = {name: one.radius for name, one in hull_proxies.items()}
+    skeleton = skeleton_of(_compiled(spec, loaded), loaded.joints, lower, upper, enlargements)
     _check_names(skeleton, around)
     ignored = {frozenset(pair) for pair in around.collision.ignore}
     excluded = {frozenset(pair) for pair in loaded.excluded}
@@ -110,13 +110,13 @@ def excluded_links(skeleton: Skeleton, loaded: Loaded) -> tuple[tuple[str, str],
 
 def _own(skeleton: Skeleton, excluded: Collection[frozenset[str]]) -> list[Gap]:
     """Pairs of the robot's shapes that a joint can bring together."""
-    found = []
+    gaps = []
     for i, k in _meeting(skeleton):
         one, other = skeleton.shapes[i], skeleton.shapes[k]
         if frozenset((one.name, other.name)) not in excluded:
             first, second = sorted((one.part, other.part))
-            found.append(Gap(i, k, (one.link, other.link), (skeleton.parts[second], skeleton.parts[first])))
-    return found
+            gaps.append(Gap(i, k, (one.link, other.link), (skeleton.parts[second], skeleton.parts[first])))
+    return gaps
 
 
 def _meeting(skeleton: Skeleton) -> Iterator[tuple[int, int]]:
@@ -176,11 +176,11 @@ def _check_names(skeleton: Skeleton, around: Surroundings) -> None:
     things = [box.name for box in around.box] + [wall.name for wall in around.walls]
     things += ["floor", "room", "column"]
     links = {shape.link for shape in skeleton.shapes if not shape.box}
-    known = links | set(skeleton.parts) | set(map(skeleton.called, things))
-    unknown = sorted({name for pair in around.collision.ignore for name in pair} - known)
+    names = links | set(skeleton.parts) | set(map(skeleton.called, things))
+    unknown = sorted({name for pair in around.collision.ignore for name in pair} - names)
     if unknown:
         raise UsageError(
             f"nothing is called {', '.join(unknown)}",
             where="collision.ignore",
-            next_step=f"Links with shapes, and what stands around: {', '.join(sorted(known))}.",
+            next_step=f"Links with shapes, and what stands around: {', '.join(sorted(names))}.",
         )

@@ -42,21 +42,21 @@ def report(spec: ArmSpec, physics: Physics | None, samples: Samples, data: ArmDa
     """Tables, sentences and friction.h; only friction for a robot without masses in a model file."""
     if physics is None:
         v0 = friction_speeds(spec, data.friction_fraction or ArmData.friction_fraction)
-        found = friction_alone(spec, samples, v0, desired=data.desired)
-        return _delivered(spec, [], found, [WITHOUT, *_uncertain(found, spec)])
+        friction = friction_alone(spec, samples, v0, desired=data.desired)
+        return _delivered(spec, [], friction, [WITHOUT, *_uncertain(friction, spec)])
     mean = physics(samples)
     assert isinstance(mean, RigidBodyMean)
     fit = parameter_fit(settled(samples, spec, mean))
     inertial = _inertial_rows(fit, spec)
-    said = [*_said(fit, spec, inertial), *_delay(fit), *_undecided(fit.friction, spec)]
-    return _delivered(spec, inertial, fit.friction, said)
+    sentences = [*_said(fit, spec, inertial), *_delay(fit), *_undecided(fit.friction, spec)]
+    return _delivered(spec, inertial, fit.friction, sentences)
 
 
 def _delivered(
-    spec: ArmSpec, inertial: list[dict[str, Any]], friction: Friction, said: Sequence[str]
+    spec: ArmSpec, inertial: list[dict[str, Any]], friction: Friction, lines: Sequence[str]
 ) -> Delivered:
     rows = _friction_rows(friction, spec)
-    sentences = [*said, *_friction_sentences(friction, spec, rows)]
+    sentences = [*lines, *_friction_sentences(friction, spec, rows)]
     files = {
         "parameters.csv": table([_flat(row) for row in inertial]) if inertial else "",
         "parameters.json": json.dumps(inertial, indent=1) + "\n",
@@ -75,9 +75,9 @@ def _names(spec: ArmSpec) -> list[tuple[str, str, str]]:
     model = loaded.model()
     bodies = [str(model.body(b).name) for b in range(1, model.nbody)]
     links = [loaded.links.get(body, body) for body in bodies]
-    found = [(link, name, unit) for link in links for name, unit in zip(NAMES, UNITS, strict=True)]
+    inertial = [(link, name, unit) for link in links for name, unit in zip(NAMES, UNITS, strict=True)]
     rotors = zip(spec.names, armature_units(spec), strict=True)
-    return [*found, *((name, "armature", unit) for name, unit in rotors)]
+    return [*inertial, *((name, "armature", unit) for name, unit in rotors)]
 
 
 def _inertial_rows(fit: ParameterFit, spec: ArmSpec) -> list[dict[str, Any]]:
@@ -138,7 +138,7 @@ def _friction_rows(fit: Friction, spec: ArmSpec) -> list[dict[str, Any]]:
             value, deviation = float(fit.terms[j, k]), float(fit.deviation[j, k])
             shown = deviation > 0.0 and bool(fit.evidence[j, k] > SHOWN)
             # a dip that is not shown goes with v_s and v0, a backlash with those of other joints
-            kept = shown if k in (STRIBECK, BACKLASH_TERM) else deviation > 0.0
+            has_interval = shown if k in (STRIBECK, BACKLASH_TERM) else deviation > 0.0
             rows.append(
                 {
                     "joint": axis.name,
@@ -146,7 +146,7 @@ def _friction_rows(fit: Friction, spec: ArmSpec) -> list[dict[str, Any]]:
                     "value": value,
                     **(
                         _interval(value, deviation)
-                        if kept
+                        if has_interval
                         else dict.fromkeys(("lower", "upper", "deviation"))
                     ),
                     "unit": TERM_UNITS[k].format(u=unit, x=axis.unit),
@@ -200,26 +200,30 @@ def _said(fit: ParameterFit, spec: ArmSpec, inertial: list[dict[str, Any]]) -> l
     counts = [sum(row["known"] == word for row in inertial) for word in KNOWN]
     base = len(inertial) - counts[-1]
     parts = ", ".join(f"{n} {word}" for n, word in zip(counts, KNOWN, strict=True) if n)
-    said = [f"Any motion could show {base} combinations of {len(fit.theta)} parameters: {parts}."]
+    sentences = [f"Any motion could show {base} combinations of {len(fit.theta)} parameters: {parts}."]
     if fit.own_scale.any():
-        others = [name for name, own in zip(spec.names, fit.own_scale, strict=True) if own]
-        said.append(f"The commands of {', '.join(others)} are of another scale: no mass follows from them.")
-    return said
+        others = [name for name, is_own in zip(spec.names, fit.own_scale, strict=True) if is_own]
+        sentences.append(
+            f"The commands of {', '.join(others)} are of another scale: no mass follows from them."
+        )
+    return sentences
 
 
 def _delay(fit: ParameterFit) -> list[str]:
     """What the logs tell of it; nothing where they tell next to nothing."""
     value, deviation = 1e3 * np.array(fit.delay)
-    told = deviation < 1e3 * HARDLY * DELAY
-    return [f"Commands act {value:.1f} +- {NORMAL_95 * deviation:.1f} ms after they are logged."] * bool(told)
+    is_known = deviation < 1e3 * HARDLY * DELAY
+    return [f"Commands act {value:.1f} +- {NORMAL_95 * deviation:.1f} ms after they are logged."] * bool(
+        is_known
+    )
 
 
-def _undecided(found: Friction, spec: ArmSpec) -> list[str]:
+def _undecided(friction: Friction, spec: ArmSpec) -> list[str]:
     """Of commands that are no forces, whose drives may have a dead band."""
-    nats = np.abs(found.evidence[:, DEAD_BAND])
+    nats = np.abs(friction.evidence[:, DEAD_BAND])
     names = [name for name, size in zip(spec.names, nats.tolist(), strict=True) if size < SHOWN]
-    said = f"The logs do not decide on a dead band of {', '.join(names)}: Coulomb friction contains one."
-    return [said] * bool(names and spec.command_unit not in FORCES)
+    sentence = f"The logs do not decide on a dead band of {', '.join(names)}: Coulomb friction contains one."
+    return [sentence] * bool(names and spec.command_unit not in FORCES)
 
 
 def _friction_sentences(fit: Friction, spec: ArmSpec, rows: list[dict[str, Any]]) -> list[str]:
@@ -236,10 +240,10 @@ WITHOUT = (
 )
 
 
-def _uncertain(found: Friction, spec: ArmSpec) -> list[str]:
+def _uncertain(friction: Friction, spec: ArmSpec) -> list[str]:
     """Of joints whose terms have no interval."""
-    known = np.any(found.terms, axis=1) & ~np.any(found.deviation, axis=1)
-    names = [name for name, one in zip(spec.names, known.tolist(), strict=True) if one]
+    without_interval = np.any(friction.terms, axis=1) & ~np.any(friction.deviation, axis=1)
+    names = [name for name, one in zip(spec.names, without_interval.tolist(), strict=True) if one]
     few = f"fewer than {LEAST_TURNS} reversals in the logs do not separate friction from gravity"
     return [f"No interval is stated for {', '.join(names)}: {few}. Tell a log with more."] * bool(names)
 
@@ -259,9 +263,9 @@ def _friction_words(
 
 
 def _readme(
-    spec: ArmSpec, said: list[str], inertial: list[dict[str, Any]], friction: list[dict[str, Any]]
+    spec: ArmSpec, lines: list[str], inertial: list[dict[str, Any]], friction: list[dict[str, Any]]
 ) -> str:
-    sentences = "\n".join(f"- {sentence}" for sentence in said)
+    sentences = "\n".join(f"- {sentence}" for sentence in lines)
     bases = "".join(
         f"| {row['parameter']} | {row['value']:.4g} | {_range(row)} | {row['unit']} | {row['file']:.4g} "
         f"| {row['known']} |\n"

@@ -118,21 +118,23 @@ def too_heavy(spec: ArmSpec, gravity: Array, torque: Array) -> None:
 
 
 def sentences(
-    spec: ArmSpec, loop: Simulate, motors: Motors, said: Mapping[str, Array], scales: Scales
+    spec: ArmSpec, loop: Simulate, motors: Motors, stated: Mapping[str, Array], scales: Scales
 ) -> tuple[str, ...]:
     """Sentences on the loop, each drive, unused values of the file, and limits that the drives cannot
     reach.
     """
-    found = [f"{_loop(spec, loop)} {DEFAULTS}"]
-    found += [_motor(spec, motors, j) for j in range(spec.dof)]
+    lines = [f"{_loop(spec, loop)} {DEFAULTS}"]
+    lines += [_motor(spec, motors, j) for j in range(spec.dof)]
     unused = [
         f"{name} (damping {d:g}, friction {f:g})"
-        for name, d, f in zip(spec.names, said["damping"].tolist(), said["friction"].tolist(), strict=True)
+        for name, d, f in zip(
+            spec.names, stated["damping"].tolist(), stated["friction"].tolist(), strict=True
+        )
         if d or f
     ]
     if unused:
-        found.append(f"The file's own damping and friction are not used: {', '.join(unused)}.")
-    return tuple(found + _hard(spec, motors, scales) + _large(spec, motors, scales))
+        lines.append(f"The file's own damping and friction are not used: {', '.join(unused)}.")
+    return tuple(lines + _hard(spec, motors, scales) + _large(spec, motors, scales))
 
 
 def _loop(spec: ArmSpec, loop: Simulate) -> str:
@@ -195,18 +197,18 @@ def rehearsed(spec: ArmSpec) -> RehearsedRobot:
             cannot carry its own weight.
     """
     loop, loaded = settled(spec), from_file(spec)
-    said, body = said_of_drives(loaded, spec), bare_body(loaded, spec)
+    stated, body = said_of_drives(loaded, spec), bare_body(loaded, spec)
     for name in spec.names:
         body.joint(name).armature = 0.0
     model = body.compile()
     light = scales_of(model, spec, np.zeros(spec.dof))
-    torque = torque_limit(spec, said, light.gravity)
+    torque = torque_limit(spec, stated, light.gravity)
     too_heavy(spec, light.gravity, torque)
-    armature = armature_of(spec, said, light.median, torque)
+    armature = armature_of(spec, stated, light.median, torque)
     scales = replace(light, felt=scales_of(model, spec, armature).felt)
     motors = motors_of(spec, loop, scales, torque, armature)
     made = Made(spec, loaded, loop, motors)
-    return RehearsedRobot(made, sentences(spec, loop, motors, said, scales))
+    return RehearsedRobot(made, sentences(spec, loop, motors, stated, scales))
 
 
 def settled(spec: ArmSpec) -> Simulate:
