@@ -219,7 +219,7 @@ def _largest_scale(
     It bisects. If the last limit has a cheap test of its worst instants, the largest scale that passes this
     test is tried first, since it is nearly always the answer. A failure there shows a worse instant.
     """
-    last, steps = limits[-1], 2**halvings
+    last, steps = limits[-1], int(2**halvings)
     witness = last if quickly and isinstance(last, SupportsWitness) else None
 
     def at(scale: int) -> Array:
