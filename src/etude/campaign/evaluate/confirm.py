@@ -80,13 +80,14 @@ def _asked(campaign: Campaign, new: bool, formats: Sequence[str], effort: bool, 
     else:
         number, constraints = state.next_number, constraints_now(campaign, state, FEEDBACK, LEARNED)
         made = _propose(campaign, state, number, constraints, say)
-    found = present(campaign, number, constraints, made, FULL, lambda files: _fed(campaign, number, files))
+    proposal = present(campaign, number, constraints, made, FULL, lambda files: _fed(campaign, number, files))
     motion = stored_trajectory(campaign, number)
     written = [
-        export(campaign, number, motion, found.folder, name, effort=effort, drag=effort) for name in formats
+        export(campaign, number, motion, proposal.folder, name, effort=effort, drag=effort)
+        for name in formats
     ]
     take_up(campaign)
-    return replace(found, exported=tuple(written))
+    return replace(proposal, exported=tuple(written))
 
 
 def _fed(campaign: Campaign, number: int, files: TrajectoryFiles) -> dict[Path, bytes]:
@@ -161,9 +162,15 @@ def _candidates(campaign: Campaign, rng: np.random.Generator) -> Iterator[tuple[
 def _rendered(
     campaign: Campaign, motion: Trajectory, limits: Sequence[Limit], constraints: Constraints
 ) -> TrajectoryFiles:
-    own = constraints.of(motion)
+    motion_constraints = constraints.of(motion)
     return render(
-        motion, campaign.kind, campaign.spec, campaign.config, limits, own.unenforced, control=own.control
+        motion,
+        campaign.kind,
+        campaign.spec,
+        campaign.config,
+        limits,
+        motion_constraints.unenforced,
+        control=motion_constraints.control,
     )
 
 
