@@ -88,12 +88,12 @@ def create_campaign(
     config = replace(preset_config(kind, preset_name), seed=seed)
     text = config_text(config, kind).encode()
     files = {**described.files, CONFIG: text}
-    with _taken_back(path, files):
+    with _removed_on_failure(path, files):
         _make_folder(path)
         with writer_lock(path):
             _require_empty(path)
             _require_free(path, files)
-            written = _written(path, described)
+            written = _write_description(path, described)
             with reading(description, trust=trust):
                 spec = kind.spec(path / ROBOT)
             axes = next(c.parts for c in kind.channels(spec) if c.name == kind.path)
@@ -185,7 +185,7 @@ def find_robot(robot: str) -> tuple[Kind, Path]:
         UsageError: no such name or file, a folder, or a file that no kind, or more than one, recognises.
     """
     kinds, broken = _kinds()
-    built_in = {kind.name: _asked(kind.name, kind.built_in, broken) or {} for kind in kinds}
+    built_in = {kind.name: _call_plugin(kind.name, kind.built_in, broken) or {} for kind in kinds}
     names = {name: (kind, path) for kind in kinds[::-1] for name, path in built_in[kind.name].items()}
     if robot in names:
         return names[robot]
@@ -195,7 +195,7 @@ def find_robot(robot: str) -> tuple[Kind, Path]:
         raise UsageError("this is a folder, not a robot's description", where=robot, next_step=choices)
     if not path.is_file():
         raise UsageError(f"there is no robot and no file {robot!r}", next_step=_shipped(path) + choices)
-    matches = [kind for kind in kinds if _asked(kind.name, partial(kind.recognises, path), broken)]
+    matches = [kind for kind in kinds if _call_plugin(kind.name, partial(kind.recognises, path), broken)]
     if not matches:
         _require_known_kind(path, [*(kind.name for kind in kinds), *broken])
         hint = "".join(f" {name} cannot be used: {why}." for name, why in broken.items())
@@ -255,7 +255,7 @@ def _kinds() -> tuple[list[Kind], dict[str, str]]:
     return kinds, broken
 
 
-def _asked(name: str, question: Callable[[], T], broken: dict[str, str]) -> T | None:
+def _call_plugin(name: str, question: Callable[[], T], broken: dict[str, str]) -> T | None:
     """The answer of a kind; None, and the reason in `broken`, where a plug-in fails."""
     try:
         return question()
@@ -267,7 +267,7 @@ def _asked(name: str, question: Callable[[], T], broken: dict[str, str]) -> T | 
 
 
 @contextlib.contextmanager
-def _taken_back(folder: Path, files: Mapping[str, bytes]) -> Iterator[None]:
+def _removed_on_failure(folder: Path, files: Mapping[str, bytes]) -> Iterator[None]:
     """Context that, on failure, removes the files written in it and the folder if it was made."""
     new = [folder / name for name in files if not (folder / name).exists()]
     above = [directory for directory in (folder, *folder.parents) if not directory.exists()]
@@ -282,7 +282,7 @@ def _taken_back(folder: Path, files: Mapping[str, bytes]) -> Iterator[None]:
         raise
 
 
-def _written(folder: Path, described: Described) -> list[Path]:
+def _write_description(folder: Path, described: Described) -> list[Path]:
     """Write the description's files, robot.toml last, since only that file makes a campaign."""
     names = sorted(described.files, key=lambda name: name == ROBOT)
     for name in names:

@@ -111,7 +111,7 @@ class Loop:
         """Propose, run and ingest one trajectory; return its number, or None if its log was refused."""
         campaign = self.campaign
         with part(ASKING):
-            number, beside = self._asked(say)
+            number, beside = self._next_motion(say)
         say(f"Running trajectory {number} on the simulated {campaign.name}.")
         rng = np.random.default_rng([campaign.state().seed, number, RUN_STREAM])
         log = self.robot.run(stored_trajectory(campaign, number), beside, rng)
@@ -136,7 +136,7 @@ class Loop:
                 say(f"Log {ingested.number} is not learned yet: {finding.sentence}. {finding.step}")
         return ingested.number
 
-    def _asked(self, say: Say) -> tuple[int, Controller | None]:
+    def _next_motion(self, say: Say) -> tuple[int, Controller | None]:
         """The next trajectory, and its controller beside the feedback, which its margins are for."""
         campaign = self.campaign
         control = "" if campaign.state().proposals else _control(self._collecting())
@@ -201,10 +201,10 @@ class Loop:
             unit=units[0] if len(set(units)) == 1 else "mixed",
         )
         with self.campaign.writing():
-            self.campaign.commit(evaluation, number, self._kept(number, baseline, test, log))
+            self.campaign.commit(evaluation, number, self._store_run(number, baseline, test, log))
         return evaluation
 
-    def _kept(self, number: int, baseline: str, test: str, log: Log) -> list[Path]:
+    def _store_run(self, number: int, baseline: str, test: str, log: Log) -> list[Path]:
         """Stores the runs that the report draws: the learned controller's, and the feedback's alone."""
         if baseline not in ("", next(iter(self.baselines), "")):
             return []

@@ -353,7 +353,7 @@ def _trained(
         calibrated=selection.model.calibrated,
         row_scatter=_row_scatter(campaign, logs, samples),
         robot_seconds=float(sum(one.robot_seconds for one in ingested)),
-        recipe=tuple(_said(state, logs, samples)),
+        recipe=tuple(_recipe_sentences(state, logs, samples)),
         inputs={name: np.asarray(a).tolist() for name, a in inputs.arrays().items()},
         warnings=(*_notes(inputs), *_some(every, logs), *selection.model.warnings),
         body=body_of(campaign),
@@ -421,7 +421,9 @@ def _comparable(campaign: Campaign, trained: Sequence[Round], inputs: Inputs) ->
 def _scores(
     before: LearnedModel | None, inputs: Inputs, samples: Samples, earlier: int
 ) -> dict[str, PrequentialScore]:
-    """Scores of each structure of the earlier model on all but the first `earlier` groups, and the baseline."""
+    """Scores of each structure of the earlier model and of the baseline, on the groups after the first
+    `earlier`.
+    """
     newest = samples.group >= earlier
     if not newest.any():  # repeated logs contain no new motion
         return {}
@@ -435,7 +437,7 @@ def _scores(
     return {structure: _plain(one) for structure, one in scores.items()}
 
 
-def _said(state: State, logs: Sequence[int], samples: Samples) -> list[str]:
+def _recipe_sentences(state: State, logs: Sequence[int], samples: Samples) -> list[str]:
     """Sentences of the recipe, beside the repairs of each log: the lag of motors, for example."""
     facts = [state.rounds[n].ingested for n in logs]
     ingested = {sentence for one in facts if one is not None for sentence in one.repairs}

@@ -59,10 +59,10 @@ def bounded_motion(campaign: Campaign, motion: str | Path | Trajectory | None) -
     Raises:
         UsageError: no such file, no proposal, or a changed file.
     """
-    return _proposed(campaign) if motion is None else _given(campaign, motion)
+    return _newest_proposal(campaign) if motion is None else _named_motion(campaign, motion)
 
 
-def _given(campaign: Campaign, motion: str | Path | Trajectory) -> MotionWithLimits:
+def _named_motion(campaign: Campaign, motion: str | Path | Trajectory) -> MotionWithLimits:
     if isinstance(motion, str | Path):
         place = Path(motion)
         if not place.is_file():
@@ -88,7 +88,7 @@ def _read(campaign: Campaign, place: Path) -> Trajectory:
         ) from None
 
 
-def _proposed(campaign: Campaign) -> MotionWithLimits:
+def _newest_proposal(campaign: Campaign) -> MotionWithLimits:
     """The newest proposal, with or without a log."""
     proposals = [r for _, r in sorted(campaign.state().rounds.items()) if r.asked is not None]
     if not proposals:

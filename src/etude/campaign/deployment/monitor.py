@@ -52,7 +52,7 @@ class WatchedLog:
     evidence: float = 0.0
     z2: float = 0.0
     command: str = ""
-    found: ChangeTest | None = None
+    test: ChangeTest | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,7 +118,7 @@ def watch(
     changed = [one for one in results if one.verdict == "changed"]
     if not changed:
         return Watched(used, results, "", "cannot tell", _quiet(results))
-    kind, how = _kind(changed), drift_onset([one.found.sizes for one in results if one.found is not None])
+    kind, how = _kind(changed), drift_onset([one.test.sizes for one in results if one.test is not None])
     worst = next(one for one in changed if one.kind == kind) if kind != "unknown" else changed[0]
     cause = worst.cause if kind != "unknown" else "unknown"
     sentence = f"The robot has changed: {CAUSES[cause]}. {DRIFT_ONSETS[how]}".rstrip()
@@ -146,7 +146,7 @@ def of_samples(path: Path, test: ChangeTest, samples: Samples) -> WatchedLog:
     most, z2 = float(test.evidence.max(initial=0.0)), test.z2
     if test.alarm is None:
         sentence = f"the robot that the model knows (squared errors {test.z2:.3g} times their variance)"
-        return WatchedLog(path, "unchanged", sentence, evidence=most, z2=z2, found=test)
+        return WatchedLog(path, "unchanged", sentence, evidence=most, z2=z2, test=test)
     seconds = float(samples.t[test.alarm] - samples.t[0])
     command = "" if test.output is None else samples.log.channels["command"].parts[test.output]
     where = f", nearly all in {command}" if command else ""

@@ -117,12 +117,12 @@ def _as_learning(campaign: Campaign, motion: Log, missing: Sequence[str]) -> Log
     groups = [np.zeros(len(motion), dtype=np.int64)]
     samples = campaign.kind.samples(campaign.spec, config, [motion], groups)
     note = f"{' and '.join(missing)} made of the positions by learning's own filter; its ends are cut."
-    derived = _as_given(motion, samples.log, missing)
+    derived = _with_recorded_rates(motion, samples.log, missing)
     repairs = [sentence for sentence in motion.repairs if sentence not in derived.repairs]
     return derived.repaired(*repairs, note[0].upper() + note[1:])
 
 
-def _as_given(motion: Log, made: Log, missing: Sequence[str]) -> Log:
+def _with_recorded_rates(motion: Log, made: Log, missing: Sequence[str]) -> Log:
     """The derived states, with the rates of the motion where it has them."""
     rows = np.searchsorted(motion.t, made.t).clip(0, len(motion) - 1)
     if not np.array_equal(motion.t[rows], made.t):
@@ -201,8 +201,8 @@ def _beyond(model: LearnedModel, beyond: Mask) -> list[str]:
         f"{name} {share:.3g} %" for name, share in zip(model.commands, shares, strict=True) if share > 0.0
     ]
     return [
-        f"Outside of what was learned, of all rows: {', '.join(texts)}. There the deviation is more than twice "
-        "that of training, and where nothing is known the command is physics alone, or a level without."
+        f"Outside of what was learned, of all rows: {', '.join(texts)}. There the deviation is more than "
+        "twice that of training, and where nothing is known the command is physics alone, or a level without."
     ]
 
 

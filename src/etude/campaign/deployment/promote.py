@@ -99,7 +99,7 @@ def promote(
                 pin(campaign, path)
             check_pinned(campaign, *state.promoted[-1])
             return Promotion(number, digest, True, repeated=True)
-        promotion = _judged(campaign, state, number, digest, force, say)
+        promotion = _compare_models(campaign, state, number, digest, force, say)
         if promotion.promoted:
             copy, digest = pin(campaign, path)
             fact = replace(_recorded(promotion, reason), sha256=digest, logs=_learned_logs(state))
@@ -131,7 +131,9 @@ def rollback(campaign: Campaign, *, reason: str = "") -> tuple[int, int]:
         return number, before
 
 
-def _judged(campaign: Campaign, state: State, number: int, digest: str, force: bool, say: Say) -> Promotion:
+def _compare_models(
+    campaign: Campaign, state: State, number: int, digest: str, force: bool, say: Say
+) -> Promotion:
     """The comparisons and the decision; with `force` also where comparisons are impossible."""
     try:
         left_out = read_residuals(campaign.model_folder(number) / LEFT_OUT)

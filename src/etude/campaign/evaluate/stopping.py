@@ -133,10 +133,10 @@ def judge(evidence: Sequence[LogOutcome], config: StopConfig) -> Verdict:
         missing = max(missing, 1)  # `promote` could not compare the model
     if missing > 0:
         return Verdict(Notice(Stop.LOGS_MISSING, {"logs": missing}), harm)
-    return Verdict(_said(recent, config), harm)
+    return Verdict(_apply_rules(recent, config), harm)
 
 
-def _said(recent: Sequence[LogOutcome], config: StopConfig) -> Notice:
+def _apply_rules(recent: Sequence[LogOutcome], config: StopConfig) -> Notice:
     """Result of the rules on the logs that must agree."""
     tolerable, doubt = all(_tolerable(e, config) for e in recent), _doubt(recent[-1])
     forecast = {"forecast": recent[-1].forecast, "goal": config.command_tolerance}

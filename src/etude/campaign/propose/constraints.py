@@ -184,7 +184,7 @@ def _under(
         dict.fromkeys([*SINGLE, *(form for r in state.ingested if r.ingested for form in r.ingested.tracked)])
     )
     required_margins = _meeting(
-        margins_of(campaign.config.tracking, ranges, errors, forms, _known(campaign)), errors
+        margins_of(campaign.config.tracking, ranges, errors, forms, _error_bounds(campaign)), errors
     )
     young = {form for form, tables in errors.items() if control == LEARNED and len(tables) < SETTLED}
     margins, by_form = {}, {}
@@ -308,7 +308,7 @@ def _meeting(margins: Margins, errors: Mapping[str, Sequence[Array]]) -> Margins
     return out
 
 
-def _known(campaign: Campaign) -> Array | None:
+def _error_bounds(campaign: Campaign) -> Array | None:
     """Largest position errors (k,) that the feedback gains allow; None for unknown gains."""
     kind = campaign.kind
     return np.asarray(kind.largest_error(campaign.spec)) if isinstance(kind, SupportsLargestError) else None
@@ -319,7 +319,8 @@ def _short(campaign: Campaign, needed: Array, available: Array) -> list[str]:
     units = campaign.channel(campaign.kind.path).units
     return [
         f"Tracking: the error in {QUANTITIES[order]} of {axis} may reach {needed[order, j]:.3g} {units[j]}"
-        f"{'/s' * order}; the margin is only {available[order, j]:.3g}, since more leaves too little for motion."
+        f"{'/s' * order}; the margin is only {available[order, j]:.3g}, since more leaves too little for "
+        "motion."
         for order in range(len(needed))
         for j, axis in enumerate(campaign.axes)
         if available[order, j] < needed[order, j]

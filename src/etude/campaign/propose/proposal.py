@@ -35,8 +35,8 @@ FIRST = {"scaled": "random, scaled to the limits", "uniform": "random, uniform o
 
 
 @dataclass(frozen=True, eq=False)
-class Known:
-    """Basis of a design: inputs, knowledge of the robot, and whether a model was learned."""
+class DesignBasis:
+    """Basis of a design: inputs, model or prior of the robot, and whether a model was learned."""
 
     inputs: Inputs
     model: Model | Sequence[Latent]
@@ -62,24 +62,22 @@ def proposed(
         open_ones: proposals that await their logs; their information counts as known.
         limits: less the tracking margins. say: receives one sentence per step.
     """
-    knowledge = _known(campaign, model)
-    if knowledge is None:
+    basis = _design_basis(campaign, model)
+    if basis is None:
         trajectory, asked = _random(campaign, rng, limits)
     else:
-        what = "from what was learned" if knowledge.learned else "from the limits alone"
+        what = "from what was learned" if basis.learned else "from the limits alone"
         say(f"Designing the next trajectory {what}.")
-        trajectory, asked = _designed(
-            campaign, knowledge, rng, tasks if knowledge.learned else (), open_ones, limits
-        )
+        trajectory, asked = _designed(campaign, basis, rng, tasks if basis.learned else (), open_ones, limits)
     return from_rest(campaign, trajectory, limits), asked
 
 
-def _known(campaign: Campaign, model: Model | None) -> Known | None:
+def _design_basis(campaign: Campaign, model: Model | None) -> DesignBasis | None:
     """Basis of the design; None before any log, or if campaign.toml turns the design off."""
     from etude.design.latents import prior_latents
 
     if model is not None:
-        return Known(model.inputs, model, True)
+        return DesignBasis(model.inputs, model, True)
     kind, spec, config = campaign.kind, campaign.spec, campaign.config
     if config.design.first == "random":
         return None
@@ -87,7 +85,7 @@ def _known(campaign: Campaign, model: Model | None) -> Known | None:
     latents = prior_latents(
         inputs, kind.expected(spec).limits, kind.limit(spec), config.model, campaign.command.parts
     )
-    return None if latents is None else Known(inputs, latents, False)
+    return None if latents is None else DesignBasis(inputs, latents, False)
 
 
 def _random(
@@ -247,7 +245,7 @@ def visited_by(campaign: Campaign, reach: Reachable) -> VisitedTimes:
 
 def _designed(
     campaign: Campaign,
-    knowledge: Known,
+    basis: DesignBasis,
     rng: np.random.Generator,
     tasks: Sequence[Trajectory],
     open_ones: Sequence[Trajectory],
@@ -258,13 +256,13 @@ def _designed(
 
     kind, spec, config = campaign.kind, campaign.spec, campaign.config
     family = kind.family(spec, config)
-    mixed = knowledge.learned and config.design.reference == "mixed"
+    mixed = basis.learned and config.design.reference == "mixed"
     design = design_chain(
         family,
         limits,
         kind.home(spec),
-        knowledge.inputs,
-        knowledge.model,
+        basis.inputs,
+        basis.model,
         config.design,
         rng,
         tasks,
@@ -278,8 +276,8 @@ def _designed(
     )
     first, last = design.segments[0], design.segments[-1]
     asked = Asked(
-        status=design.status if knowledge.learned else f"from the limits alone: {design.status}",
-        gain=design.variance_removed if knowledge.learned else None,
+        status=design.status if basis.learned else f"from the limits alone: {design.status}",
+        gain=design.variance_removed if basis.learned else None,
         criterion=last.criterion,
         value=last.value,
         baseline_value=last.baseline,

@@ -28,7 +28,7 @@ def required(control: str, effort: bool = False) -> str:
         UsageError: the control is unknown, or the learned command is sent with another control.
     """
     if control and control not in IN_WORDS:
-        raise UsageError(f"there is no control {control!r}", where="--control", next_step=_known())
+        raise UsageError(f"there is no control {control!r}", where="--control", next_step=_list_controls())
     if effort and control not in ("", LEARNED):
         raise UsageError(
             f"a motion that is sent with the learned command is not run under {IN_WORDS[control]}",
@@ -92,5 +92,5 @@ def in_words(controls: Sequence[str]) -> str:
     return " or ".join(IN_WORDS[control] for control in controls)
 
 
-def _known() -> str:
+def _list_controls() -> str:
     return f"Known: {', '.join(IN_WORDS)}."

@@ -82,7 +82,7 @@ class Campaign:
         return str(self.spec.name)
 
     @cached_property
-    def _known(self) -> _Replayed:
+    def _replayed(self) -> _Replayed:
         return _Replayed()
 
     @cached_property
@@ -142,15 +142,15 @@ class Campaign:
 
     def state(self) -> State:
         """The state after all committed events; a repeated call replays new events alone."""
-        events, known = self.events(), self._known
-        count = known.state.events
+        events, replayed = self.events(), self._replayed
+        count = replayed.state.events
         if not (
-            0 < count <= len(events) and events[count - 1] is known.last
+            0 < count <= len(events) and events[count - 1] is replayed.last
         ):  # the same line, so the same chain
-            count, known.state = 0, State()
-        known.state = replay(events[count:], known.state)
-        known.last = events[-1] if events else None
-        return known.state
+            count, replayed.state = 0, State()
+        replayed.state = replay(events[count:], replayed.state)
+        replayed.last = events[-1] if events else None
+        return replayed.state
 
     def commit(self, fact: Fact, number: int | None = None, files: Sequence[Path] = ()) -> None:
         """Appends a fact to the journal, with the hashes of robot.toml and campaign.toml.

@@ -209,7 +209,7 @@ def _in_round(state: State, event: Event, number: int) -> State:
         case Changed() as fact:
             state = _answered(state, fact.aside)
         case Trained() as fact:
-            state = _taken_in(state, number, fact.together)
+            state = _with_training(state, number, fact.together)
     old = state.rounds.get(number, Round(number))
     order = 1 + len(state.trained) if isinstance(event.fact, Trained) else 0
     return replace(state, rounds={**state.rounds, number: _next(old, event, order)})
@@ -239,7 +239,7 @@ def _awaits_answer(ingested: Ingested) -> bool:
     return any(f.check == CHANGED and f.light == "red" for f in ingested.findings)
 
 
-def _taken_in(state: State, number: int, together: Iterable[int]) -> State:
+def _with_training(state: State, number: int, together: Iterable[int]) -> State:
     """The state after a training, with the logs that were learned together."""
     rounds = dict(state.rounds)
     for other in set(together) - {number}:

@@ -231,9 +231,9 @@ TAKE_UP = (Created, Edited, Asked, Ingested, Trained, Changed, Confirmed)
 def edited(campaign: Campaign, events: Sequence[Event]) -> list[Notice]:
     """A notice for robot.toml and campaign.toml each, if it was edited since the last event about it."""
     notices = []
-    for name, (then, when) in _taken_up(events).items():
+    for name, (then, when) in _last_hashes(events).items():
         if then not in ("", _now(campaign)[name]):
-            fields = {"file": name, "when": _in_words(when), "folder": str(campaign.path)}
+            fields = {"file": name, "when": _format_time(when), "folder": str(campaign.path)}
             notices.append(Notice(OfFile.EDITED, fields, NextStep.TAKE_UP))
     return notices
 
@@ -241,7 +241,7 @@ def edited(campaign: Campaign, events: Sequence[Event]) -> list[Notice]:
 def take_up(campaign: Campaign) -> None:
     """Commits that both files are in use, unless the journal says so. The caller holds the lock."""
     now = _now(campaign)
-    if any(then != now[name] for name, (then, _) in _taken_up(campaign.events()).items()):
+    if any(then != now[name] for name, (then, _) in _last_hashes(campaign.events()).items()):
         campaign.commit(Edited())
 
 
@@ -249,7 +249,7 @@ def _now(campaign: Campaign) -> Mapping[str, str]:
     return {ROBOT: campaign.robot_sha256, CONFIG: campaign.config_sha256}
 
 
-def _taken_up(events: Sequence[Event]) -> Mapping[str, tuple[str, str]]:
+def _last_hashes(events: Sequence[Event]) -> Mapping[str, tuple[str, str]]:
     """Hash and time of both files at their last event; the hash is "" where no event has it."""
     robot = config = ("", "")
     for event in events:
@@ -261,7 +261,7 @@ def _taken_up(events: Sequence[Event]) -> Mapping[str, tuple[str, str]]:
     return {ROBOT: robot, CONFIG: config}
 
 
-def _in_words(time: str) -> str:
+def _format_time(time: str) -> str:
     """2026-11-26 00:51 UTC."""
     return f"{datetime.fromisoformat(time):%Y-%m-%d %H:%M} UTC"
 
