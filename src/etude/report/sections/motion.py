@@ -18,7 +18,7 @@ from etude.report.scene import (
     fixed_objects,
     room_around,
 )
-from etude.report.space import figure_in_space, describe_motion
+from etude.report.space import describe_motion, figure_in_space
 from etude.report.svg import CHARACTER, polyline
 from etude.types import Array, Figure, Thing
 
@@ -59,7 +59,7 @@ def motion(record: Record) -> Html:
 
 
 def sticks_alone(title: str, figure: Figure) -> Html:
-    """The drawing with its describe_motion, which a page shows where it shows nothing in space."""
+    """The drawing with its captions, for pages that show nothing in space."""
     tips = "its tip" if len(figure.tips) == 1 else "its tips"
     captions = paragraph(TEXT.format(tips=tips)), paragraph(_of_things(figure))
     return element("div", *captions, stage(title, figure), class_="sticks")
