@@ -47,7 +47,7 @@ def typical_motions(
     family, home = kind.family(spec, config), kind.home(spec)
     inside = tuple(campaign.limits() if limits is None else limits)
     source = Source(family, inside, home, config.design.sampler)
-    return [drawn.trajectory for drawn in source.typical(rng, count, grown=grown)]
+    return [drawn.trajectory for drawn in source.typical(rng, count, expanded=grown)]
 
 
 def reference_motions(campaign: Campaign, rng: np.random.Generator) -> list[Trajectory]:
