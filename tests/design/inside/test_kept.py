@@ -199,7 +199,7 @@ def test_a_limit_that_remembers_its_worst_instant_needs_few_full_checks(seed: in
         assert not limit.keeps(family.trajectory(at))
         limit.full.clear()
         kept = NonconvexLimits.of([limit], family, at)
-        shrunk.append(kept.shrink_to_home(family, home, at, quickly=True))
+        shrunk.append(kept.shrink_to_home(family, home, at, fast_check=True))
         counts.append(len(limit.full))
     np.testing.assert_array_equal(*shrunk)
     assert counts[0] <= 4 < 12 <= counts[1] <= 18, counts
