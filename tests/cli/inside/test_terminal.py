@@ -323,8 +323,8 @@ def test_the_doctor_says_what_is_missing_and_the_line_that_installs_it(
 def test_a_library_that_is_needed_and_missing_is_red(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    needs = doctor._libraries
-    monkeypatch.setattr(doctor, "_libraries", lambda extra: [*needs(extra), *(["no_such_library"] * (not extra))])
+    libraries, missing = doctor._libraries, ["no_such_library"]
+    monkeypatch.setattr(doctor, "_libraries", lambda extra: [*libraries(extra), *(missing * (not extra))])
     assert cli.main(["doctor"]) == 1
     assert "WRONG  no_such_library" in capsys.readouterr().out
 
