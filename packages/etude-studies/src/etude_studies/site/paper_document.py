@@ -118,7 +118,10 @@ def _latex(
         else:
             caption_text = tex(caption(entry, results) + _claims_sentence(entry, ledger, verdicts))
             drawn = rf"\includegraphics{{{entry.id}.pdf}}"
-            yield rf"\begin{{figure}}\centering{drawn}\caption{{{caption_text}}}\label{{{entry.id}}}\end{{figure}}"
+            yield (
+                rf"\begin{{figure}}\centering{drawn}\caption{{{caption_text}}}\label{{{entry.id}}}"
+                + r"\end{figure}"
+            )
     yield r"\end{document}"
 
 
