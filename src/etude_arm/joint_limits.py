@@ -180,7 +180,7 @@ def tightened(
             (values["velocity"] for values in (values, before) if "velocity" in values), default=math.inf
         )
         _require_possible(limits[joint], fastest, joint, moving[joint], path)
-    return limits, _said(moveit, loose, [name for name in arm if name not in moveit.limits])
+    return limits, _sentences(moveit, loose, [name for name in arm if name not in moveit.limits])
 
 
 def _require_known(moveit: Read, arm: Sequence[str], moving: Mapping[str, Moving], path: Path) -> None:
@@ -227,7 +227,7 @@ def _require_possible(
         )
 
 
-def _said(moveit: Read, loose: Sequence[str], missing: Sequence[str]) -> tuple[str, ...]:
+def _sentences(moveit: Read, loose: Sequence[str], missing: Sequence[str]) -> tuple[str, ...]:
     lines = []
     if loose:
         lines.append(f"The model file's limits count where {FILE} is looser: {', '.join(loose)}.")

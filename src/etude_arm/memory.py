@@ -60,7 +60,7 @@ def bristles_along(q: Array, bend: Array) -> Array:
     return _followed(faded, np.sign(ways) * bend * (1.0 - faded))
 
 
-def pulled(q: Array, play: Array, length: Array, on_sigma: Array) -> Array:
+def memory_vjp(q: Array, play: Array, length: Array, on_sigma: Array) -> Array:
     """Gradient (T, J) in q of sum(on_sigma * sigma), for a memory that starts at the first row."""
     states = remembered(q, play, length)
     sigma, steps = states[:, 0], np.diff(states[:, 1], axis=0, prepend=q[:1])

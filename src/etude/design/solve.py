@@ -449,7 +449,7 @@ def refine(objective: Merit, feasible: FeasibleSet, start: Array, steps: int) ->
         return -scale * value, -scale * gradient
 
     # 20 pairs of the inverse Hessian for tens of parameters; 10 evaluations a line search at most
-    minimise(cost, first, steps=steps, kept=20, searched=10)
+    minimise(cost, first, steps=steps, corrections=20, searched=10)
     p, value = _to_the_edge(objective, feasible, search.inside(best.y), best.value)
     return Refinement(p, value, best.count + len(feasible.blocks))
 

@@ -18,7 +18,7 @@ from etude_arm.clearance.clearance_limit import Clearance
 from etude_arm.clearance.collision_scene import from_file, with_floor
 from etude_arm.clearance.defaults import ClearanceDefaults, Pairs, disabled, settled
 from etude_arm.clearance.distances import TOLERANCE
-from etude_arm.clearance.hull_reduction import said
+from etude_arm.clearance.hull_reduction import hull_sentences
 from etude_arm.clearance.pairs import excluded_links, gaps_of
 from etude_arm.clearance.skeleton import Skeleton, skeleton_of
 from etude_arm.clearance.surroundings import ADD_FLOOR, Surroundings
@@ -47,7 +47,12 @@ def clearance_of(spec: ArmSpec, margins: Margins) -> Clearance | None:
     out = [
         f"The distance of {a} and {b}, which the file excludes." for a, b in excluded_links(skeleton, loaded)
     ]
-    unverified = (*out, *beside_base(skeleton), *said(skeleton), *not_verified(loaded, complete.around))
+    unverified = (
+        *out,
+        *beside_base(skeleton),
+        *hull_sentences(skeleton),
+        *not_verified(loaded, complete.around),
+    )
     margin = complete.around.collision.margin
     # proofs without tracking margins are remembered beyond one limit: a command asks for its limits often
     cache = {} if margins else proofs
@@ -108,7 +113,7 @@ def reachable(clearance: Clearance) -> Reachable:
     lower, upper = one_turn(skeleton.lower, skeleton.upper, home, skeleton.slides)
     tried = np.random.default_rng(SEED).uniform(lower, upper, (POSES, len(home)))
     poses = tried[_clear(clearance, tried)]
-    visible = poses[_seen(clearance, home, poses)]
+    visible = poses[_visible_from_home(clearance, home, poses)]
     return Reachable(lower, upper, np.concatenate([home[None], visible]))
 
 
@@ -117,7 +122,7 @@ def _clear(clearance: Clearance, poses: Array) -> Mask:
     return np.asarray(np.all(clearance.gaps.of_poses(poses) - TOLERANCE >= clearance.sought, axis=1))
 
 
-def _seen(clearance: Clearance, home: Array, poses: Array) -> Mask:
+def _visible_from_home(clearance: Clearance, home: Array, poses: Array) -> Mask:
     """Mask (T,) of poses with a straight clear line to home; a line ends at its first overlap."""
     visible = np.ones(len(poses), dtype=np.bool_)
     longest = np.abs(poses - home).max(axis=1)

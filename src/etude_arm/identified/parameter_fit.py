@@ -327,8 +327,8 @@ class Problem:
             commands that the rigid body explains.
         armature: (J,) prior deviation: the inertia of the links at the drive, or `ROTOR`.
         ripple: (J,) prior deviation of each wave of a joint's position.
-        own: (J,) prior deviation of the rigid body's directions of a command with a rigid body of its own, in
-            its unit per N m; zero where it is shared.
+        separate: (J,) prior deviation of the directions of a command with a rigid body of its own, in its
+            unit per N m; zero where it is shared.
         slope: (n, J, J) of the rigid commands by the position of each hinge with a drive of its own, on the
             side of its drive; zero of others.
         band: (n, J) column of the dead band; loose: (n, J, J) commands per backlash of each joint. Zero where
@@ -350,7 +350,7 @@ class Problem:
     shared: Mask
     armature: Array
     ripple: Array
-    own: Array
+    separate: Array
     slope: Array
     band: Array
     loose: Array
@@ -507,7 +507,9 @@ class Problem:
         deviations[DEAD_BAND] = BAND * prior.command
         deviations = np.append(deviations, np.full(2 * RIPPLES, self.ripple[j]))
         if not self.shared.all():
-            deviations = np.append(deviations, np.full(self.drive.shape[2] - len(deviations), self.own[j]))
+            deviations = np.append(
+                deviations, np.full(self.drive.shape[2] - len(deviations), self.separate[j])
+            )
         deviations = np.append(deviations, np.full(drive.shape[1] - len(deviations), SHAPE))
         clock = Clock(samples.t[rows], samples.group[rows])
         left = command - self.rigid[rows, j] @ nominal

@@ -147,7 +147,7 @@ def _masses(
         mask = part == j
         mass, expected_mass = float(model.body_mass[mask].sum()), float(expected.mass[j])
         if abs(mass - expected_mass) > NEGLIGIBLE + SHARE * expected_mass:
-            why = _lost(expected_mass - mass, expected)
+            why = _missing_load(expected_mass - mass, expected)
             yield f"what joint '{name}' moves weighs {mass:.6g} kg, to be {expected_mass:.6g}{why}"
             continue
         if not placed or expected_mass <= NEGLIGIBLE:
@@ -174,7 +174,7 @@ def _inertia(model: mujoco.MjModel, data: mujoco.MjData, bodies: Index, centre: 
     return inertia
 
 
-def _lost(less: float, expected: Expected) -> str:
+def _missing_load(less: float, expected: Expected) -> str:
     """Names of the tool or payload whose mass equals the missing mass."""
     for what, mass in expected.carried.items():
         # masses in files have three digits or more

@@ -218,7 +218,7 @@ class MeshPaths:
         for starts in (self.roots, self.model.resolve().parents):
             places = [start / tail for start in starts for tail in tails if tail]
             files = {path.resolve(): path for path in places if path.is_file()}
-            free = [path for real, path in files.items() if real not in self._meant]
+            free = [path for real, path in files.items() if real not in self._named_files]
             if len(free) > 1:
                 self._several[name] = free
                 return None
@@ -229,7 +229,7 @@ class MeshPaths:
         return None
 
     @cached_property
-    def _meant(self) -> set[Path]:
+    def _named_files(self) -> set[Path]:
         """Files that a name of the model file refers to, which no guess may use."""
         return {path.resolve() for name in self.names if (path := self._named(name)) is not None}
 

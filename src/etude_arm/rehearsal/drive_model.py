@@ -132,8 +132,8 @@ class RehearsedRun:
     def __init__(self, made: Made, q: Array) -> None:
         self._made, self._model = made, made.driven
         self._data = mujoco.MjData(self._model)
-        self._own = rows(self._model, made.spec)
-        self._data.qpos[self._own] = q
+        self._dofs = rows(self._model, made.spec)
+        self._data.qpos[self._dofs] = q
         self._waiting: Array | None = None  # controls sent and not yet felt, one physics step a row
         self._before: Array | None = None
         self._rate = np.zeros(made.spec.dof)
@@ -166,8 +166,8 @@ class RehearsedRun:
         states = rollout.rollout(self._model, self._data, start[None], padded[None])[0][0]
         mujoco.mj_setState(self._model, self._data, states[-1], STATE)
         path = np.concatenate([start[None], states])
-        q = path[:, 1 + self._own]
-        qd = path[:, 1 + self._model.nq + self._own]
+        q = path[:, 1 + self._dofs]
+        qd = path[:, 1 + self._model.nq + self._dofs]
         torque = _servo(self._made.motors, controls, q, qd)
         command = torque.reshape(ticks, inputs.substeps, dof).mean(axis=1) / self._made.motors.gain
         true = q[:: inputs.substeps][:ticks]
@@ -176,7 +176,7 @@ class RehearsedRun:
     def _outside(self, inputs: LoopInputs, k: int) -> Trace:
         """One tick: encoders, feedback, a command that is held."""
         made, loop = self._made.motors, self._made.loop
-        true = self._data.qpos[self._own].copy()
+        true = self._data.qpos[self._dofs].copy()
         q = self._measured(true + inputs.noise[k])
         if self._before is not None:
             share = loop.velocity_filter

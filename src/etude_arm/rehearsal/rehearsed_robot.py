@@ -12,7 +12,7 @@ from etude.errors import UsageError
 from etude.types import Array
 from etude_arm.plant.feedback_loop import Following
 from etude_arm.plant.trace import LoopInputs, Running, Trace
-from etude_arm.rehearsal.body import bare_body, from_file, said_of_drives
+from etude_arm.rehearsal.body import bare_body, from_file, stated_of_drives
 from etude_arm.rehearsal.drive_model import Made
 from etude_arm.rehearsal.motors import Motors, Scales, armature_of, effort, motors_of, scales_of, torque_limit
 from etude_arm.rehearsal.overlay import Simulate
@@ -134,7 +134,7 @@ def sentences(
     ]
     if unused:
         lines.append(f"The file's own damping and friction are not used: {', '.join(unused)}.")
-    return tuple(lines + _hard(spec, motors, scales) + _large(spec, motors, scales))
+    return tuple(lines + _torque_deficits(spec, motors, scales) + _torque_excesses(spec, motors, scales))
 
 
 def _loop(spec: ArmSpec, loop: Simulate) -> str:
@@ -157,7 +157,7 @@ def _motor(spec: ArmSpec, motors: Motors, j: int) -> str:
     )
 
 
-def _hard(spec: ArmSpec, motors: Motors, scales: Scales) -> list[str]:
+def _torque_deficits(spec: ArmSpec, motors: Motors, scales: Scales) -> list[str]:
     """Joints whose torque is insufficient for their limits of speed and acceleration."""
     # gravity at the 95 % quantile of poses: position limits seldom allow the worst ones
     needed = np.quantile(np.abs(scales.gravity), 0.95, axis=0) + motors.coulomb
@@ -172,7 +172,7 @@ def _hard(spec: ArmSpec, motors: Motors, scales: Scales) -> list[str]:
     ]
 
 
-def _large(spec: ArmSpec, motors: Motors, scales: Scales) -> list[str]:
+def _torque_excesses(spec: ArmSpec, motors: Motors, scales: Scales) -> list[str]:
     """Joints whose torque limits are far above any motion, although friction and armature depend on them."""
     # as above: the 95 % quantile of poses
     needed = np.quantile(np.abs(scales.gravity), 0.95, axis=0) + scales.median * spec.acceleration
@@ -197,7 +197,7 @@ def rehearsed(spec: ArmSpec) -> RehearsedRobot:
             cannot carry its own weight.
     """
     loop, loaded = settled(spec), from_file(spec)
-    stated, body = said_of_drives(loaded, spec), bare_body(loaded, spec)
+    stated, body = stated_of_drives(loaded, spec), bare_body(loaded, spec)
     for name in spec.names:
         body.joint(name).armature = 0.0
     model = body.compile()
