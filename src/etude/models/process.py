@@ -27,7 +27,7 @@ from etude.models.process_abilities import (
 from etude.protocols import FitData, Posterior
 from etude.types import Array, Code, Index
 
-WORDS = "metadata"
+WORDS = "words"
 Condition = Callable[[Array, Array], tuple[Posterior, ...]]
 
 
