@@ -104,7 +104,7 @@ def _nominal(spec: ArmSpec) -> CommandLimit:
         mean,
         deviation,
         NOMINAL,
-        said=(OPEN, *[OF_FILE] * bool(dry.any() or viscous.any())),
+        gaps=(OPEN, *[OF_FILE] * bool(dry.any() or viscous.any())),
         lasts=math.inf,
     )
 

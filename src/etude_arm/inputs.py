@@ -16,7 +16,7 @@ import numpy as np
 from etude._runtime.operators import Piece
 from etude.errors import UsageError
 from etude.types import Array, Channel, Code, Column, Index, Log, Motion, Planned, Row, Samples
-from etude_arm.memory import MEMORY_RATE, pulled, remembered, turning
+from etude_arm.memory import MEMORY_RATE, memory_vjp, remembered, turning
 from etude_arm.spec import MEMORY, ORDERS, PATH, PLAN, TURNING, ArmSpec
 
 FRICTION_SCALES = (1.0, 4.0, 16.0)
@@ -205,12 +205,12 @@ class ArmInputs:
 
         def vjp(in_X: Array, in_gains: Array) -> Array:
             gradient = np.zeros((ORDERS, *whole.shape), dtype=motion.orders.dtype)
-            direct, on_sigma = self._pulled(qd, in_X, sigma[rows])
+            direct, on_sigma = self._columns_vjp(qd, in_X, sigma[rows])
             gradient[:, rows] = direct + np.stack([0.0 * gains, in_gains * slopes, 0.0 * gains])
             if self.presliding is not None and self.play is not None:
                 in_sigma = np.zeros(whole.shape)
                 in_sigma[rows] = on_sigma
-                gradient[0] += pulled(whole, self.play, self.presliding, in_sigma)
+                gradient[0] += memory_vjp(whole, self.play, self.presliding, in_sigma)
             return gradient
 
         return Planned(self._columns(q, qd, qdd, sigma[rows]), gains, vjp)
@@ -306,7 +306,7 @@ class ArmInputs:
             friction += [sigma * standstill, standstill]
         return np.concatenate([q, qd, qdd, *friction], axis=1)
 
-    def _pulled(self, qd: Array, in_X: Array, sigma: Array) -> tuple[Array, Array]:
+    def _columns_vjp(self, qd: Array, in_X: Array, sigma: Array) -> tuple[Array, Array]:
         """Gradient (3, T, J) of sum(in_X * X) in q, qd and qdd with sigma held fixed, and that in sigma."""
         scales = len(self.thresholds)
         blocks = np.stack(np.split(in_X, ORDERS + scales + (0 if self.slow is None else 2), axis=1))

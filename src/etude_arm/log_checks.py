@@ -65,10 +65,10 @@ def mounting_finding(
     size = float(np.linalg.norm(estimate))
     if not EARTH / OFF < size < EARTH * OFF:
         return None
-    best, file = (_left(parts, g) for g in (estimate, _scaled(parts, weights, gravity)))
+    best, file = (_mean_squares(parts, g) for g in (estimate, _scaled(parts, weights, gravity)))
     count = motion.seconds[joints] / APART_S
     margin = float(0.5 * (count * np.log(file / np.maximum(best, np.finfo(float).tiny))).sum())
-    whole = _left(parts, np.zeros(3))
+    whole = _mean_squares(parts, np.zeros(3))
     clear = (best < LEFT * whole) & (file > CLEARER * best)
     if (
         angle_between(estimate, gravity) < TURNED
@@ -77,7 +77,7 @@ def mounting_finding(
         or clear.sum() < JOINTS
     ):
         return None
-    return _told(estimate, gravity, base)
+    return _as_finding(estimate, gravity, base)
 
 
 def _without_friction(motion: Seen, j: int, command: Array, pull: Array) -> tuple[Array, Array]:
@@ -101,7 +101,7 @@ def _fitted(parts: list[tuple[Array, Array]]) -> tuple[Array, Array]:
         gravity = np.linalg.lstsq(rows[:, :3], rows[:, 3], rcond=None)[0]
         # a thousandth of a command at least: one joint that fits exactly would get all the weight
         least = [1e-6 * float((y * y).mean()) + tiny for y, _ in parts]
-        weights = 1.0 / np.maximum(_left(parts, gravity), least)
+        weights = 1.0 / np.maximum(_mean_squares(parts, gravity), least)
     return gravity, weights
 
 
@@ -114,7 +114,7 @@ def _scaled(parts: list[tuple[Array, Array]], weights: Array, gravity: Array) ->
     return max(0.0, product / max(square, np.finfo(float).tiny)) * gravity
 
 
-def _left(parts: list[tuple[Array, Array]], gravity: Array) -> Array:
+def _mean_squares(parts: list[tuple[Array, Array]], gravity: Array) -> Array:
     """Residual mean square (k,) of each joint's command with this gravity."""
     return np.array([float(((y - G @ gravity) ** 2).mean()) for y, G in parts])
 
@@ -122,7 +122,7 @@ def _left(parts: list[tuple[Array, Array]], gravity: Array) -> Array:
 NEAR_QUARTER = 0.15  # rad: bases are mounted at quarter turns, and masses are known to so much
 
 
-def _told(estimate: Array, gravity: Array, base: Array) -> Finding:
+def _as_finding(estimate: Array, gravity: Array, base: Array) -> Finding:
     """The finding, with roll and pitch that turn gravity (3,) down in the base's present frame `base`."""
     fits, file = (", ".join(f"{x:.3g}" for x in np.round(g, 1) + 0.0) for g in (estimate, gravity))
     angle = angle_between(estimate, gravity)

@@ -27,7 +27,7 @@ def solids(spec: ArmSpec) -> tuple[Solid, ...]:
     """The rigid parts, in the frames of their bodies; empty without shapes."""
     if spec.model_file is None:
         return ()
-    return of_file(_known, spec, lambda: _made(_skeleton(spec)))
+    return of_file(_known, spec, lambda: _compiled_solids(_skeleton(spec)))
 
 
 def placed(spec: ArmSpec, q: Array) -> Array:
@@ -55,8 +55,8 @@ def _bodies(skeleton: Skeleton) -> Index:
     return np.unique(np.asarray(skeleton.model.body_weldid, dtype=np.int64))
 
 
-def _made(skeleton: Skeleton) -> tuple[Solid, ...]:
-    shapes = [shape for shape in skeleton.shapes if not shape.box] or _drawn(skeleton)
+def _compiled_solids(skeleton: Skeleton) -> tuple[Solid, ...]:
+    shapes = [shape for shape in skeleton.shapes if not shape.box] or _visual_shapes(skeleton)
     solid_parts = []
     for part, name in enumerate(skeleton.parts):
         meshes = [_in_part(skeleton, shape) for shape in shapes if shape.part == part]
@@ -67,7 +67,7 @@ def _made(skeleton: Skeleton) -> tuple[Solid, ...]:
     return tuple(solid_parts)
 
 
-def _drawn(skeleton: Skeleton) -> list[Shape]:
+def _visual_shapes(skeleton: Skeleton) -> list[Shape]:
     """Shapes of a model without collisions, for drawing alone."""
     model, bodies = skeleton.model, _bodies(skeleton)
     shapes = []
@@ -95,7 +95,7 @@ def _in_part(skeleton: Skeleton, shape: Shape) -> tuple[Array, Index]:
 def _mesh(size: Array, shape: Shape) -> tuple[Array, Index]:
     """Points (V, 3) m in the geom's frame, and triangles, of all within its radius of its points."""
     radius = (
-        shape.radius - shape.grown
+        shape.radius - shape.thickness
     )  # a hull that stands for a finer one is drawn without what it is grown
     points = _ball() * size if shape.smooth else shape.points
     if radius > 0.0:

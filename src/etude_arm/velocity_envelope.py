@@ -67,7 +67,7 @@ class EnvelopeLimit:
         """Whether samples keep the limit; for searches, whose result is proved later."""
         count = max(2, math.ceil(piece.duration / SEARCH_STEP)) + 1
         motion = piece.motion(np.linspace(0.0, piece.duration, count), 2)
-        return bool(np.all(self._left(motion, piece.form) >= 0.0))
+        return bool(np.all(self._slack(motion, piece.form) >= 0.0))
 
     def prove(self, piece: Trajectory) -> Sequence[Proof]:
         """One row for each joint."""
@@ -75,19 +75,19 @@ class EnvelopeLimit:
 
     def of_motion(self, motion: Motion) -> Array:
         """Slack (T, n), rad/s (m/s), without tracking margins."""
-        return self._left(motion, "")
+        return self._slack(motion, "")
 
     def _rows(self, piece: Trajectory) -> tuple[Proof, ...]:
         t = np.linspace(0.0, piece.duration, max(2, math.ceil(piece.duration / FIRST_STEP)) + 1)
         motion = piece.motion(t, 2)
-        values, rates = self._left(motion, piece.form), self._rates(piece)
-        confidence = self._kept(piece.form)[2]
-        margins = (self._left(motion, "") - values).max(axis=0).tolist()
+        values, rates = self._slack(motion, piece.form), self._rates(piece)
+        confidence = self._tracking(piece.form)[2]
+        margins = (self._slack(motion, "") - values).max(axis=0).tolist()
         rows = []
         for j, name in enumerate(self.names):
 
             def at(instants: Array, j: int = j) -> Array:
-                return self._left(piece.motion(instants, 2), piece.form)[:, j]
+                return self._slack(piece.motion(instants, 2), piece.form)[:, j]
 
             least, most = extremes(at, t, values[:, j], float(rates[j]), TOLERANCE * float(self.velocity[j]))
             how = f"samples, and a rate of at most {rates[j]:.3g} per s between them"
@@ -100,21 +100,21 @@ class EnvelopeLimit:
         """Bound (n,) of the slack's rate: |qdd| and |qd| times the envelope's slope."""
         none = np.zeros(len(self.axes))
         q, qd, qdd = (bound_of(piece, order, 1, list(self.axes), none).range() for order in range(3))
-        error = self._kept(piece.form)[0]
+        error = self._tracking(piece.form)[0]
         steepest = np.maximum(self._top(q[1] + error, 1.0)[1], self._top(-(q[0] - error), -1.0)[1])
         speed, change = (np.maximum(np.abs(low), np.abs(high)) for low, high in (qd, qdd))
         return np.asarray(change + steepest * speed)
 
-    def _left(self, motion: Motion, form: str) -> Array:
+    def _slack(self, motion: Motion, form: str) -> Array:
         """Slack (T, n) in the tighter of both directions."""
-        error, speed, _ = self._kept(form)
+        error, speed, _ = self._tracking(form)
         slacks = []
         for sign in (1.0, -1.0):
             q, qd = self._towards(motion, sign)
             slacks.append(self._top(q + error, sign)[0] - speed - qd)
         return np.minimum(*slacks)
 
-    def _kept(self, form: str) -> tuple[Array, Array, Array]:
+    def _tracking(self, form: str) -> tuple[Array, Array, Array]:
         """Tracking margins (n,) of position and velocity, and their confidence."""
         places = list(self.axes)
         (error, sure), (speed, quick) = (tracked(0.0, self.margins, form, order, places) for order in (0, 1))

@@ -61,7 +61,7 @@ AT_HOME = 0.5
 """Largest margin as a fraction of a pair's distance at home, so that home stays allowed."""
 
 
-def kept(gaps: Gaps, row_of: Index, home: Array, margin: float) -> Array:
+def margins_of_rows(gaps: Gaps, row_of: Index, home: Array, margin: float) -> Array:
     """Margin (r,) m of each row of a certificate.
 
     Args:
@@ -153,13 +153,13 @@ class Nearest:
 
     Attributes:
         proved: (n,) m, lower bounds for all times; if `touched`, the smallest of the samples.
-        seen: (n,) m, the smallest of the samples. x: (n,) its place on the path.
+        sampled: (n,) m, the smallest of the samples. x: (n,) its place on the path.
         touched: whether a sample is below the wanted distance.
         evaluations: number of poses.
     """
 
     proved: Array
-    seen: Array
+    sampled: Array
     x: Array
     touched: bool
     evaluations: int
@@ -174,7 +174,7 @@ class Samples:
     x: Array
     poses: Array
     rates: Array
-    found: Array
+    values: Array
 
     @classmethod
     def of(cls, path: PosePath, distances: Callable[[Array], Array], x: Array) -> Samples:
@@ -185,19 +185,19 @@ class Samples:
         """Adds samples and returns their indices."""
         more = Samples.of(self.path, self.distances, x)
         first = len(self.x)
-        for name in ("x", "poses", "rates", "found"):
+        for name in ("x", "poses", "rates", "values"):
             setattr(self, name, np.concatenate([getattr(self, name), getattr(more, name)]))
         return np.arange(first, len(self.x))
 
     def bounds(self, left: Index, right: Index, reach: Array) -> Array:
         """Lower bounds (I, n) of the distances between the samples `left` and `right`, m."""
         fall = self.path.variation(self.x, self.poses, self.rates, left, right) @ reach.T
-        one, other = self.found[left], self.found[right]
+        one, other = self.values[left], self.values[right]
         return np.asarray(np.maximum(0.5 * (one + other - fall), np.minimum(one, other) - fall))
 
     def nearest(self, proved: Array, *, touched: bool) -> Nearest:
-        least = self.found.argmin(axis=0)
-        sampled = self.found[least, np.arange(self.found.shape[1])]
+        least = self.values.argmin(axis=0)
+        sampled = self.values[least, np.arange(self.values.shape[1])]
         return Nearest(
             sampled if touched else np.minimum(proved, sampled), sampled, self.x[least], touched, len(self.x)
         )
@@ -222,7 +222,7 @@ def nearest(
         excess: poses -> (T, n) m by which distances may be too large; only for samples that the proof uses.
     """
     first = Samples.of(path, distances, path.knots[::QUICK])
-    if np.any(first.found < required):
+    if np.any(first.values < required):
         return first.nearest(required, touched=True)
     samples = Samples.of(path, distances, path.knots)
     left, right = np.arange(len(path.knots) - 1), np.arange(1, len(path.knots))
@@ -231,7 +231,7 @@ def nearest(
         bounds = samples.bounds(left, right, reach)
         open_ = np.any(bounds < required, axis=1)
         closed.append((left[~open_], right[~open_]))
-        touched = bool(np.any(samples.found < required))
+        touched = bool(np.any(samples.values < required))
         if touched or len(samples.x) + int(open_.sum()) > MOST_EVALUATIONS:
             return samples.nearest(bounds.min(axis=0), touched=touched)
         left, right = left[open_], right[open_]
@@ -239,10 +239,10 @@ def nearest(
             middle = samples.add(0.5 * (samples.x[left] + samples.x[right]))
             left, right = np.concatenate([left, middle]), np.concatenate([middle, right])
     if excess is not None:
-        samples.found = samples.found - excess(samples.poses)
+        samples.values = samples.values - excess(samples.poses)
     left, right = (np.concatenate(ends) for ends in zip(*closed, strict=True))
     proved = samples.bounds(left, right, reach).min(axis=0)
-    return samples.nearest(proved, touched=bool(np.any(samples.found < required)))
+    return samples.nearest(proved, touched=bool(np.any(samples.values < required)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -256,7 +256,7 @@ class Clearance:
         gaps: the checked distances.
         names: (k,) of the joints.
         home: (k,) a clear pose, rad (m).
-        margin: m to keep; neighbours may keep less, see `kept`.
+        margin: m to keep; neighbours may keep less, see `margins_of_rows`.
         lower, upper: (k,) the box, rad (m).
         margins: of tracking, by form of motion.
         not_verified: sentences on what this limit does not cover.
@@ -273,7 +273,7 @@ class Clearance:
     looks_at: tuple[str, ...] = (COLLISIONS,)
     name: str = "clearance"
     _proofs: dict[str, tuple[Proof, ...]] = field(default_factory=dict, repr=False)
-    _words: dict[str, bool] = field(default_factory=dict, repr=False)
+    _verdicts: dict[str, bool] = field(default_factory=dict, repr=False)
     _shares: dict[bytes, Array] = field(default_factory=dict, repr=False)
 
     @cached_property
@@ -288,12 +288,12 @@ class Clearance:
         return np.array([place[gap.row] for gap in self.gaps.list], dtype=np.int64)
 
     @cached_property
-    def kept(self) -> Array:
+    def row_margins(self) -> Array:
         """Margin (r,) m of each row."""
         key = self.home.tobytes() + np.float64(self.margin).tobytes()
-        cache = self.gaps.kept_at  # cached, since a command makes its limits repeatedly
+        cache = self.gaps.cached_margins  # cached, since a command makes its limits repeatedly
         if key not in cache:
-            cache[key] = kept(self.gaps, self.row_of, self.home, self.margin)
+            cache[key] = margins_of_rows(self.gaps, self.row_of, self.home, self.margin)
         return cache[key]
 
     def _by_row(self, distances: Array) -> Array:
@@ -320,10 +320,12 @@ class Clearance:
         """Warning that hardly any motion is possible, if shapes close to each other at home are the cause."""
         at_home = self.gaps.of_poses(self.home[None])[0]
         nearest = int(at_home.argmin())
-        ways = [path_of(piece) for _, _, piece in trajectory.pieces() if isinstance(piece, FourierTrajectory)]
-        if at_home[nearest] >= 2.0 * self.margin or not ways:
+        paths = [
+            path_of(piece) for _, _, piece in trajectory.pieces() if isinstance(piece, FourierTrajectory)
+        ]
+        if at_home[nearest] >= 2.0 * self.margin or not paths:
             return ()
-        poses = np.concatenate([path.at(path.knots)[0] for path in ways])
+        poses = np.concatenate([path.at(path.knots)[0] for path in paths])
         part = np.ptp(poses, axis=0) / (self.gaps.skeleton.upper - self.gaps.skeleton.lower)
         if part.max() >= SMALL:
             return ()
@@ -332,18 +334,18 @@ class Clearance:
 
     def keeps(self, piece: Trajectory) -> bool:
         """Whether samples keep all margins with a reserve; for searches, whose result is proved later."""
-        return memoized(self._words, piece.to_json(), lambda: self._sampled(piece))
+        return memoized(self._verdicts, piece.to_json(), lambda: self._sampled(piece))
 
     def _sampled(self, piece: Trajectory) -> bool:
         path, error = path_of(piece), self._error(piece)[0]
         x = path.knots[::LOOK]
         first, others = x[::QUICK], np.delete(x, np.s_[::QUICK])  # most that collide do so there
-        return all(self._kept_at(path.at(some)[0], error) for some in (first, others))
+        return all(self._margins_hold(path.at(some)[0], error) for some in (first, others))
 
     def blocked(self, form: str, pose: Array) -> str:
         """The gap that falls most below its margin at the pose (k,); "" if none does."""
         error, _ = tracked(0.0, self.margins, form, 0, list(range(len(self.names))))
-        spared = self._distances(pose[None], error)[0] - self._wanted
+        spared = self._distances(pose[None], error)[0] - self._gap_margins
         nearest = int(spared.argmin())
         return self.gaps.list[nearest].text if spared[nearest] < 0.0 else ""
 
@@ -360,26 +362,30 @@ class Clearance:
         sought = self.sought + TOLERANCE
         if error.any():
             at = self.gaps.of_poses(pose[None]) - TOLERANCE
-            sought = sought + self._share(error) * lost(self.gaps, pose[None], at, error, self._wanted)[0]
+            sought = (
+                sought + self._share(error) * lost(self.gaps, pose[None], at, error, self._gap_margins)[0]
+            )
         sought = np.minimum(sought, CUTOFF)
         return lambda poses: bool(np.all(self.gaps.of_poses(poses) >= sought))
 
-    def _kept_at(self, poses: Array, error: Array) -> bool:
+    def _margins_hold(self, poses: Array, error: Array) -> bool:
         """Whether `_distances` at poses (T, k) all keep the margins of searches."""
         distances = self.gaps.of_poses(poses) - TOLERANCE
-        if not error.any() or np.any(distances < self._wanted):
+        if not error.any() or np.any(distances < self._gap_margins):
             return bool(np.all(distances >= self.sought))
-        return all_keep(self.gaps, poses, distances, error, self._share(error), self._wanted, self.sought)
+        return all_keep(
+            self.gaps, poses, distances, error, self._share(error), self._gap_margins, self.sought
+        )
 
     @cached_property
-    def _wanted(self) -> Array:
+    def _gap_margins(self) -> Array:
         """Margin (n,) m of each gap."""
-        return np.asarray(self.kept[self.row_of])
+        return np.asarray(self.row_margins[self.row_of])
 
     @cached_property
     def sought(self) -> Array:
         """Margin (n,) m of each gap at samples in searches."""
-        return np.asarray(self._wanted + np.minimum(BOX_ROOM, 0.5 * self._wanted))
+        return np.asarray(self._gap_margins + np.minimum(BOX_ROOM, 0.5 * self._gap_margins))
 
     def _error(self, piece: Trajectory) -> tuple[Array, float]:
         """Tracking margins (k,) of the joints, rad (m), and their confidence."""
@@ -390,15 +396,15 @@ class Clearance:
         self, path: PosePath, error: Array, excess: Callable[[Array], Array] | None = None
     ) -> Nearest:
         return nearest(
-            path, lambda poses: self._distances(poses, error), self.gaps.reach, self._wanted, excess
+            path, lambda poses: self._distances(poses, error), self.gaps.reach, self._gap_margins, excess
         )
 
     def _distances(self, poses: Array, error: Array) -> Array:
         """Lower bounds (T, n) m of the gaps at poses (T, k) and anywhere within the error (k,) of them."""
         distances = self.gaps.of_poses(poses) - TOLERANCE
-        if not error.any() or np.any(distances < self._wanted):  # too close even without the error
+        if not error.any() or np.any(distances < self._gap_margins):  # too close even without the error
             return distances
-        return distances - self._share(error) * lost(self.gaps, poses, distances, error, self._wanted)
+        return distances - self._share(error) * lost(self.gaps, poses, distances, error, self._gap_margins)
 
     def _share(self, error: Array) -> Array:
         """Fraction (n,) of the effect of tracking that counts.
@@ -410,7 +416,7 @@ class Clearance:
         key = error.tobytes()
         if key not in self._shares:
             at_home = self.gaps.of_poses(self.home[None]) - TOLERANCE
-            taken = lost(self.gaps, self.home[None], at_home, error, self._wanted)[0]
+            taken = lost(self.gaps, self.home[None], at_home, error, self._gap_margins)[0]
             room = TAKEN * np.maximum(at_home[0] - self.sought, 0.0)
             self._shares[key] = np.minimum(1.0, room / np.maximum(taken, np.finfo(float).tiny))
         return self._shares[key]
@@ -420,10 +426,10 @@ class Clearance:
         result = self._nearest(path, error, lambda poses: excess(self.gaps, poses))
         status: Literal["proved", "sampled"] = "sampled" if result.touched else "proved"
         groups = [np.flatnonzero(self.row_of == i) for i in range(len(self.rows))]
-        worst = np.array([gaps[np.argmin(result.seen[gaps])] for gaps in groups])
+        worst = np.array([gaps[np.argmin(result.sampled[gaps])] for gaps in groups])
         x = result.x[worst]
         planned = self.gaps.of_poses(path.at(x)[0])[np.arange(len(worst)), worst] - TOLERANCE
-        taken = np.maximum(planned - result.seen[worst], 0.0) if error.any() else np.zeros(len(worst))
+        taken = np.maximum(planned - result.sampled[worst], 0.0) if error.any() else np.zeros(len(worst))
         share = self._share(error) if error.any() else np.ones(len(self.gaps.list))
         rows = []
         for i, (row, time) in enumerate(zip(self.rows, path.time(x), strict=True)):
@@ -435,7 +441,7 @@ class Clearance:
             notes = [f"planned distance {CUTOFF:g} m or more"] if far and taken[i] > 0.0 else []
             if counted < 1.0:
                 notes += [f"tracking errors counted at {math.floor(100.0 * counted)}%: no room for more"]
-            limit = float(self.kept[i]), np.inf, float(result.proved[groups[i]].min()), CUTOFF
+            limit = float(self.row_margins[i]), np.inf, float(result.proved[groups[i]].min()), CUTOFF
             tracking = float(taken[i]), confidence if counted == 1.0 else ASSUMED
             own_row = Proof(" and ".join(row), self.name, *limit, METHOD, status, *tracking, where)
             rows.append(replace(own_row, note="; ".join(notes)))
@@ -450,8 +456,10 @@ class Clearance:
         distances = self.gaps.of_poses(poses) - TOLERANCE
         distance = self._by_row(distances)
         near = neighbour_rows(self.gaps, self.row_of, len(self.rows))
-        narrowest = np.argsort(distance - self.kept + 2.0 * CUTOFF * near, axis=1, kind="stable")[:, :lines]
+        narrowest = np.argsort(distance - self.row_margins + 2.0 * CUTOFF * near, axis=1, kind="stable")[
+            :, :lines
+        ]
         groups = [np.flatnonzero(self.row_of == i) for i in range(len(self.rows))]
         gap_of = np.stack([gaps[distances[:, gaps].argmin(axis=1)] for gaps in groups], axis=1)
         ends = self.gaps.ends(poses, np.take_along_axis(gap_of, narrowest, axis=1))
-        return Nearby(self.rows, self.kept, near, distance, narrowest, ends, CUTOFF - TOLERANCE)
+        return Nearby(self.rows, self.row_margins, near, distance, narrowest, ends, CUTOFF - TOLERANCE)

@@ -130,22 +130,26 @@ def from_file(
     """
     walls = tuple(wall for wall in loaded.planes if not level(wall))
     boxes, others = _boxes(loaded)
-    tried = replace(
+    trial = replace(
         around,
         box=tuple(boxes.values()),
         wall=walls,
         collision=replace(around.collision, boxed=tuple(boxes)),
     )
-    held = _held(gaps_of(loaded, lower, upper, tried)) if boxes or walls else set()
+    held = _touching_objects(gaps_of(loaded, lower, upper, trial)) if boxes or walls else set()
     taken = {shape: box for shape, box in boxes.items() if box.name not in held}
     free = tuple(wall for wall in walls if wall.name not in held)
     collision = replace(around.collision, boxed=tuple(taken))
     complete = replace(
         around, box=(*around.box, *taken.values()), wall=(*around.wall, *free), collision=collision
     )
-    left = [loaded.beside[shape] for shape in boxes if shape not in taken]
+    parts_of_base = [loaded.beside[shape] for shape in boxes if shape not in taken]
     out = [wall.name for wall in walls if wall.name in held]
-    return complete, (*_taken(list(taken.values()), free), *_base(left, others), *_left_out(out))
+    return complete, (
+        *_object_sentences(list(taken.values()), free),
+        *_base_sentences(parts_of_base, others),
+        *_plane_sentences(out),
+    )
 
 
 def _boxes(loaded: Loaded) -> tuple[dict[str, Box], list[str]]:
@@ -185,7 +189,7 @@ def _box(model: mujoco.MjModel, data: mujoco.MjData, geom: int, name: str) -> Bo
     return Box(name, (x, y, z), (a, b, c), round(yaw, DIGITS))
 
 
-def _held(gaps: Gaps) -> set[str]:
+def _touching_objects(gaps: Gaps) -> set[str]:
     """Objects, or boxes as close as these, that touch a link in nearly every pose: its base."""
     distances = gaps.of_poses(gaps.skeleton.random_poses(np.random.default_rng(SEED), OVERLAP_POSES))
     touching = set()
@@ -197,7 +201,7 @@ def _held(gaps: Gaps) -> set[str]:
     return touching
 
 
-def _taken(boxes: Sequence[Box], walls: Sequence[Wall]) -> list[str]:
+def _object_sentences(boxes: Sequence[Box], walls: Sequence[Wall]) -> list[str]:
     parts = [f"box {box.name} ({_numbers(box.size, ' x ')} m at {_numbers(box.centre)})" for box in boxes]
     parts += [f"wall {wall.name} (through {_numbers(wall.point)})" for wall in walls]
     if not parts:
@@ -208,7 +212,7 @@ def _taken(boxes: Sequence[Box], walls: Sequence[Wall]) -> list[str]:
     ]
 
 
-def _base(on: Sequence[str], others: Sequence[str]) -> list[str]:
+def _base_sentences(on: Sequence[str], others: Sequence[str]) -> list[str]:
     """Sentences on objects in the file's world that no table of a robot file describes."""
     if not on and not others:
         return []
@@ -220,7 +224,7 @@ def _base(on: Sequence[str], others: Sequence[str]) -> list[str]:
     ]
 
 
-def _left_out(walls: Sequence[str]) -> list[str]:
+def _plane_sentences(walls: Sequence[str]) -> list[str]:
     if not walls:
         return []
     return [

@@ -50,14 +50,14 @@ class Gaps:
         skeleton: the robot; its model has one sensor for each of the first gaps.
         sensed: gaps between geoms. walled: gaps to planes or to a column.
         planes: of `walled`.
-        kept_at: margins of rows, by home and margin; a cache of `Clearance`.
+        cached_margins: margins of rows, by home and margin; a cache of `Clearance`.
     """
 
     skeleton: Skeleton
     sensed: tuple[Gap, ...]
     walled: tuple[Gap, ...]
     planes: tuple[tuple[Wall, ...] | Column, ...]
-    kept_at: dict[bytes, Array] = field(default_factory=dict, repr=False)
+    cached_margins: dict[bytes, Array] = field(default_factory=dict, repr=False)
 
     @property
     def list(self) -> tuple[Gap, ...]:
@@ -86,10 +86,10 @@ class Gaps:
         return numbers[np.array([(gap.one, gap.other) for gap in self.sensed], dtype=np.int64).reshape(-1, 2)]
 
     @cached_property
-    def _grown(self) -> Array:
+    def _thickness(self) -> Array:
         """Excess of the shapes over the geoms that represent them, (number of sensed gaps,) m."""
         shapes = self.skeleton.shapes
-        return np.array([shapes[gap.one].grown + shapes[gap.other].grown for gap in self.sensed])
+        return np.array([shapes[gap.one].thickness + shapes[gap.other].thickness for gap in self.sensed])
 
     @cached_property
     def _batch(self) -> Any:
@@ -164,7 +164,7 @@ class Gaps:
         batch, count = self._batch, len(poses)
         batch.qpos[:count, self.skeleton.addresses] = poses
         batch.forward(ids=np.arange(count), stage=mujoco.mjtStage.mjSTAGE_POS)
-        sensed = batch.sensordata[:count, : len(self.sensed)] - self._grown
+        sensed = batch.sensordata[:count, : len(self.sensed)] - self._thickness
         if not self.walled:
             return np.asarray(sensed)
         return np.concatenate(

@@ -161,13 +161,13 @@ def put(spec: Any, hulls: Mapping[str, Fewer]) -> None:
             spec.delete(mesh)
 
 
-def said(skeleton: Skeleton) -> tuple[str, ...]:
+def hull_sentences(skeleton: Skeleton) -> tuple[str, ...]:
     """A sentence that names the links with a reduced, larger hull; () without such links."""
-    links = {shape.link: shape.grown for shape in skeleton.shapes if shape.grown > 0.0}
+    links = {shape.link: shape.thickness for shape in skeleton.shapes if shape.thickness > 0.0}
     if not links:
         return ()
     # mm, rounded up to a tenth
-    most = np.ceil(1e4 * max(shape.grown for shape in skeleton.shapes)) / 10.0
+    most = np.ceil(1e4 * max(shape.thickness for shape in skeleton.shapes)) / 10.0
     return (
         f"The shapes themselves of {', '.join(links)}, of more than {MANY:,} points: hulls of fewer points "
         f"that hold them, up to {most:.1f} mm larger, are used in their place.",

@@ -45,7 +45,7 @@ def gaps_of(
     _check_names(skeleton, around)
     ignored = {frozenset(pair) for pair in around.collision.ignore}
     excluded = {frozenset(pair) for pair in loaded.excluded}
-    sensed = [gap for gap in _own(skeleton, excluded) if not _is_ignored(gap, ignored)]
+    sensed = [gap for gap in _self_pairs(skeleton, excluded) if not _is_ignored(gap, ignored)]
     boxes = [gap for gap in _boxed(skeleton) if not _is_ignored(gap, ignored)]
     walled = [(gap, planes) for gap, planes in _walled(skeleton, around) if not _is_ignored(gap, ignored)]
     for gap in (*sensed, *boxes):
@@ -104,11 +104,11 @@ def excluded_links(skeleton: Skeleton, loaded: Loaded) -> tuple[tuple[str, str],
     """Links that a joint can bring together although an MJCF excludes their contact."""
     pairs = {frozenset(pair) for pair in loaded.excluded}
     shapes = [(skeleton.shapes[i], skeleton.shapes[k]) for i, k in _meeting(skeleton)]
-    left = [(one.link, other.link) for one, other in shapes if frozenset((one.name, other.name)) in pairs]
-    return tuple(dict.fromkeys(left))
+    links = [(one.link, other.link) for one, other in shapes if frozenset((one.name, other.name)) in pairs]
+    return tuple(dict.fromkeys(links))
 
 
-def _own(skeleton: Skeleton, excluded: Collection[frozenset[str]]) -> list[Gap]:
+def _self_pairs(skeleton: Skeleton, excluded: Collection[frozenset[str]]) -> list[Gap]:
     """Pairs of the robot's shapes that a joint can bring together."""
     gaps = []
     for i, k in _meeting(skeleton):
@@ -162,7 +162,7 @@ def _add_sensor(spec: Any, skeleton: Skeleton, gap: Gap) -> None:
     import mujoco
 
     ends = [skeleton.shapes[i] for i in (gap.one, gap.other)]
-    cutoff = CUTOFF + sum(end.grown for end in ends)
+    cutoff = CUTOFF + sum(end.thickness for end in ends)
     geom, kind = mujoco.mjtObj.mjOBJ_GEOM, mujoco.mjtSensor.mjSENS_GEOMDIST
     names = {"objname": ends[0].name, "refname": ends[1].name}
     spec.add_sensor(type=kind, objtype=geom, reftype=geom, cutoff=cutoff, **names)

@@ -18,7 +18,7 @@ from etude_arm.clearance.clearance_limit import Clearance
 from etude_arm.clearance.collision_scene import from_file, with_floor
 from etude_arm.clearance.defaults import ClearanceDefaults, Pairs, disabled, settled
 from etude_arm.clearance.distances import TOLERANCE
-from etude_arm.clearance.hull_reduction import said
+from etude_arm.clearance.hull_reduction import hull_sentences
 from etude_arm.clearance.pairs import excluded_links, gaps_of
 from etude_arm.clearance.skeleton import Skeleton, skeleton_of
 from etude_arm.clearance.surroundings import ADD_FLOOR, Surroundings
@@ -47,7 +47,12 @@ def clearance_of(spec: ArmSpec, margins: Margins) -> Clearance | None:
     out = [
         f"The distance of {a} and {b}, which the file excludes." for a, b in excluded_links(skeleton, loaded)
     ]
-    unverified = (*out, *beside_base(skeleton), *said(skeleton), *not_verified(loaded, complete.around))
+    unverified = (
+        *out,
+        *beside_base(skeleton),
+        *hull_sentences(skeleton),
+        *not_verified(loaded, complete.around),
+    )
     margin = complete.around.collision.margin
     # proofs without tracking margins are remembered beyond one limit: a command asks for its limits often
     cache = {} if margins else proofs
@@ -106,9 +111,9 @@ def reachable(clearance: Clearance) -> Reachable:
     """Reachable poses of an arm with shapes, within `clearance`."""
     skeleton, home = clearance.gaps.skeleton, clearance.home
     lower, upper = one_turn(skeleton.lower, skeleton.upper, home, skeleton.slides)
-    tried = np.random.default_rng(SEED).uniform(lower, upper, (POSES, len(home)))
-    poses = tried[_clear(clearance, tried)]
-    visible = poses[_seen(clearance, home, poses)]
+    candidates = np.random.default_rng(SEED).uniform(lower, upper, (POSES, len(home)))
+    poses = candidates[_clear(clearance, candidates)]
+    visible = poses[_visible_from_home(clearance, home, poses)]
     return Reachable(lower, upper, np.concatenate([home[None], visible]))
 
 
@@ -117,7 +122,7 @@ def _clear(clearance: Clearance, poses: Array) -> Mask:
     return np.asarray(np.all(clearance.gaps.of_poses(poses) - TOLERANCE >= clearance.sought, axis=1))
 
 
-def _seen(clearance: Clearance, home: Array, poses: Array) -> Mask:
+def _visible_from_home(clearance: Clearance, home: Array, poses: Array) -> Mask:
     """Mask (T,) of poses with a straight clear line to home; a line ends at its first overlap."""
     visible = np.ones(len(poses), dtype=np.bool_)
     longest = np.abs(poses - home).max(axis=1)
@@ -140,8 +145,8 @@ def reachable_of(spec: ArmSpec) -> Reachable:
     if clearance is not None:
         return of_file(_reachable, spec, lambda: reachable(clearance))
     ranges = ranges_of(spec)
-    made = made_limits(spec.limits, spec, None, {}, spec.names)
-    user_limits = [one for one in made if isinstance(one, SupportsBoxes)]
+    limits = made_limits(spec.limits, spec, None, {}, spec.names)
+    user_limits = [one for one in limits if isinstance(one, SupportsBoxes)]
     return Reachable(
         *ranges,
         _allowed(user_limits, *ranges, search_of(spec)[0]) if user_limits else np.zeros((0, spec.dof)),

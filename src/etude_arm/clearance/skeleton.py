@@ -38,7 +38,7 @@ class Shape:
         geom: number in the model. part: number of its rigid part.
         points: (V, 3) m in the geom's frame. radius: m.
         smooth: the geom has no corners, so that the points enclose it only loosely.
-        grown: m of the radius that the geom does not have: a reduced hull stands for a larger one.
+        thickness: m of the radius that the geom does not have: a reduced hull stands for a larger one.
         box: it is a box of the surroundings. A link may have the same name.
     """
 
@@ -48,7 +48,7 @@ class Shape:
     points: Array
     radius: float
     smooth: bool = False
-    grown: float = 0.0
+    thickness: float = 0.0
     box: bool = False
 
     @property

@@ -40,7 +40,7 @@ def share_of(fit: ParameterFit, one: Combination) -> float:
     return 1.0 - after / before
 
 
-def known(share: float) -> str:
+def identifiability(share: float) -> str:
     """In a word, by the part of the variance that the logs took away."""
     return "measured" if share >= MEASURED else "partly" if share >= PARTLY else "from the file"
 

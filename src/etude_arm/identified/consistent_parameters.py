@@ -55,13 +55,13 @@ class Errors:
     """Root mean square errors on segments left out, (J,) each, command units.
 
     Attributes:
-        file: with the model file's inertias. found: with the identified ones. In both, friction, armature and
-            offset of each drive are fitted to the other segments.
+        file: with the model file's inertias. identified: with the identified ones. The other segments give
+            friction, armature and offset of each drive in both.
         segments: their number; 0: a single one, so cross-validation is impossible.
     """
 
     file: Array
-    found: Array
+    identified: Array
     segments: int
 
 
@@ -90,7 +90,7 @@ class Links:
     nominal: Array
 
     @property
-    def told_of(self) -> tuple[tuple[str, slice], ...]:
+    def identifiable(self) -> tuple[tuple[str, slice], ...]:
         """Names and places in phi of the bodies with identifiable parameters."""
         places = [slice(10 * b, 10 * b + 10) for b in range(len(self.names))]
         pairs = zip(self.names, places, strict=True)
@@ -118,14 +118,14 @@ class WhitenedRows:
         rows: for each command its regressors (n, P + E) and values (n,), both divided by the noise deviation.
         group: of each command (n,), which segment a row is of.
         weights: (J,) of one sample, since residuals of neighbours are correlated.
-        own: (J, E) prior deviations of each drive's own terms, as of `parameter_fit`.
+        drive_prior: (J, E) prior deviations of each drive's own terms, as of `parameter_fit`.
         deviation: (J,) the noise's, command units.
     """
 
     rows: Sequence[tuple[Array, Array]]
     group: Sequence[Index]
     weights: tuple[float, ...]
-    own: Array
+    drive_prior: Array
     deviation: Array
 
     @staticmethod
@@ -158,21 +158,21 @@ class WhitenedRows:
 
     def reduced(self, normal: Normal) -> tuple[Array, Array]:
         """H (P, P) and g (P,) of phi alone, with the drives' own terms eliminated."""
-        P = normal.A.shape[1] - self.own.shape[1]
+        P = normal.A.shape[1] - self.drive_prior.shape[1]
         H, g = np.zeros((P, P)), np.zeros(P)
-        for A, b, prior in zip(normal.A, normal.b, self.own, strict=True):
+        for A, b, prior in zip(normal.A, normal.b, self.drive_prior, strict=True):
             gain = np.linalg.solve(A[P:, P:] + np.diag(prior**-2), A[P:, :P]).T
             H += A[:P, :P] - gain @ A[P:, :P]
             g += b[:P] - gain @ b[P:]
         return 0.5 * (H + H.T), g
 
-    def own_terms(self, normal: Normal, phi: Array) -> Array:
+    def drive_terms(self, normal: Normal, phi: Array) -> Array:
         """(J, E) the drives' best own terms given phi."""
         P = len(phi)
         return np.array(
             [
                 np.linalg.solve(A[P:, P:] + np.diag(prior**-2), b[P:] - A[P:, :P] @ phi)
-                for A, b, prior in zip(normal.A, normal.b, self.own, strict=True)
+                for A, b, prior in zip(normal.A, normal.b, self.drive_prior, strict=True)
             ]
         )
 
@@ -185,13 +185,13 @@ class WhitenedRows:
         rows = self
         while True:
             result = consistent(*rows.reduced(normal), nominal)
-            terms = rows.own_terms(normal, result.phi)
-            below = (terms[:, ARMATURE] < 0.0) & (rows.own[:, ARMATURE] > DROPPED)
+            terms = rows.drive_terms(normal, result.phi)
+            below = (terms[:, ARMATURE] < 0.0) & (rows.drive_prior[:, ARMATURE] > DROPPED)
             if not below.any():
                 return rows, result, terms
-            held = rows.own.copy()
+            held = rows.drive_prior.copy()
             held[below, ARMATURE] = DROPPED
-            rows = replace(rows, own=held)
+            rows = replace(rows, drive_prior=held)
 
     def squared_error(self, phi: Array, terms: Array, groups: Sequence[int]) -> Array:
         """(J,) mean squared error on those groups, command units squared."""
@@ -315,7 +315,7 @@ class Identified:
     """The result of `identified`.
 
     Attributes:
-        links: the bodies of the file. result: their parameters. own: (J, E) terms of the drives.
+        links: the bodies of the file. result: their parameters. drive_terms: (J, E) terms of the drives.
         joints: armature, friction and cogging of each joint with a drive of its own.
         ripple: (J,) rms of the periodic term of each hinge's position (cogging), command units. errors: of
             cross-validation. used: (n, J) samples in which a joint moves away from reversals.
@@ -325,7 +325,7 @@ class Identified:
 
     links: Links
     result: Consistent
-    own: Array
+    drive_terms: Array
     used: Mask
     joints: Mapping[str, JointTerms]
     ripple: Array
@@ -400,13 +400,13 @@ def identified(samples: Samples, spec: ArmSpec, mean: RigidBodyMean) -> Identifi
     fit = parameter_fit(base_fit)
     bases, _ = combinations(fit)
     measured = sum(share_of(fit, one) >= MEASURED for one in bases)
-    errors = _left_out(evidence, links, samples)
+    errors = _cross_validated(evidence, links, samples)
     used = base_fit.problem.used
     lost = np.where(fit.friction.evidence[:, LOST] > SHOWN, fit.friction.terms[:, LOST], 0.0)
     return Identified(links, result, drive_terms, used, joints, ripple, errors, lost, len(bases), measured)
 
 
-def _left_out(evidence: WhitenedRows, links: Links, samples: Samples) -> Errors:
+def _cross_validated(evidence: WhitenedRows, links: Links, samples: Samples) -> Errors:
     groups = np.unique(samples.group)
     folds = np.array_split(groups, min(len(groups), MOST_FOLDS))
     if len(folds) < 2:
@@ -418,7 +418,7 @@ def _left_out(evidence: WhitenedRows, links: Links, samples: Samples) -> Errors:
         result = consistent(*evidence.reduced(others), links.nominal)
         squares.append(
             [
-                evidence.squared_error(phi, evidence.own_terms(others, phi), fold.tolist())
+                evidence.squared_error(phi, evidence.drive_terms(others, phi), fold.tolist())
                 for phi in (links.nominal, result.phi)
             ]
         )

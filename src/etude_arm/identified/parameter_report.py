@@ -13,7 +13,14 @@ from etude.models.accuracy import NORMAL_95
 from etude.protocols import Physics
 from etude.types import Array, Delivered, Samples
 from etude_arm.config import ArmData
-from etude_arm.identified.combinations import MEASURED, PARTLY, Combination, combinations, known, share_of
+from etude_arm.identified.combinations import (
+    MEASURED,
+    PARTLY,
+    Combination,
+    combinations,
+    identifiability,
+    share_of,
+)
 from etude_arm.identified.friction_alone import LEAST_TURNS, friction_alone
 from etude_arm.identified.parameter_fit import (
     BACKLASH_TERM,
@@ -43,12 +50,16 @@ def report(spec: ArmSpec, physics: Physics | None, samples: Samples, data: ArmDa
     if physics is None:
         v0 = friction_speeds(spec, data.friction_fraction or ArmData.friction_fraction)
         friction = friction_alone(spec, samples, v0, desired=data.desired)
-        return _delivered(spec, [], friction, [WITHOUT, *_uncertain(friction, spec)])
+        return _delivered(spec, [], friction, [WITHOUT, *_interval_sentences(friction, spec)])
     mean = physics(samples)
     assert isinstance(mean, RigidBodyMean)
     fit = parameter_fit(settled(samples, spec, mean))
     inertial = _inertial_rows(fit, spec)
-    sentences = [*_said(fit, spec, inertial), *_delay(fit), *_undecided(fit.friction, spec)]
+    sentences = [
+        *_inertial_sentences(fit, spec, inertial),
+        *_delay_sentences(fit),
+        *_dead_band_sentences(fit.friction, spec),
+    ]
     return _delivered(spec, inertial, fit.friction, sentences)
 
 
@@ -105,7 +116,7 @@ def _base_row(fit: ParameterFit, one: Combination, names: Sequence[tuple[str, st
         **_interval(value, float(np.sqrt(weights @ fit.after @ weights))),
         "unit": names[one.parts[0][0]][2],
         "file": file,
-        "known": known(share_of(fit, one)),
+        "known": identifiability(share_of(fit, one)),
         "parts": [{"of": of, "parameter": name, "factor": factor} for of, name, factor in parts],
     }
 
@@ -193,7 +204,7 @@ def _plain(name: str) -> str:
     return re.sub(r"[^A-Za-z0-9_]", "_", name)
 
 
-def _said(fit: ParameterFit, spec: ArmSpec, inertial: list[dict[str, Any]]) -> list[str]:
+def _inertial_sentences(fit: ParameterFit, spec: ArmSpec, inertial: list[dict[str, Any]]) -> list[str]:
     """Of the inertial parameters."""
     if not inertial:
         return [f"Commands are in {spec.command_unit}: without the motors' constants no mass follows."]
@@ -209,7 +220,7 @@ def _said(fit: ParameterFit, spec: ArmSpec, inertial: list[dict[str, Any]]) -> l
     return sentences
 
 
-def _delay(fit: ParameterFit) -> list[str]:
+def _delay_sentences(fit: ParameterFit) -> list[str]:
     """What the logs tell of it; nothing where they tell next to nothing."""
     value, deviation = 1e3 * np.array(fit.delay)
     is_known = deviation < 1e3 * HARDLY * DELAY
@@ -218,7 +229,7 @@ def _delay(fit: ParameterFit) -> list[str]:
     )
 
 
-def _undecided(friction: Friction, spec: ArmSpec) -> list[str]:
+def _dead_band_sentences(friction: Friction, spec: ArmSpec) -> list[str]:
     """Of commands that are no forces, whose drives may have a dead band."""
     nats = np.abs(friction.evidence[:, DEAD_BAND])
     names = [name for name, size in zip(spec.names, nats.tolist(), strict=True) if size < SHOWN]
@@ -229,7 +240,7 @@ def _undecided(friction: Friction, spec: ArmSpec) -> list[str]:
 def _friction_sentences(fit: Friction, spec: ArmSpec, rows: list[dict[str, Any]]) -> list[str]:
     shown = {(row["joint"], row["term"]) for row in rows if row["shown"]}
     return [
-        f"Friction of {name}: {_friction_words(fit.terms[j], fit.deviation[j], unit, name, shown)}."
+        f"Friction of {name}: {_friction_text(fit.terms[j], fit.deviation[j], unit, name, shown)}."
         for j, (name, unit) in enumerate(zip(spec.names, spec.command_units, strict=True))
     ]
 
@@ -240,7 +251,7 @@ WITHOUT = (
 )
 
 
-def _uncertain(friction: Friction, spec: ArmSpec) -> list[str]:
+def _interval_sentences(friction: Friction, spec: ArmSpec) -> list[str]:
     """Of joints whose terms have no interval."""
     without_interval = np.any(friction.terms, axis=1) & ~np.any(friction.deviation, axis=1)
     names = [name for name, one in zip(spec.names, without_interval.tolist(), strict=True) if one]
@@ -251,9 +262,7 @@ def _uncertain(friction: Friction, spec: ArmSpec) -> list[str]:
 KNOWN = ("measured", "partly", "from the file", "not identifiable")
 
 
-def _friction_words(
-    terms: Array, deviation: Array, unit: str, joint: str, shown: set[tuple[str, str]]
-) -> str:
+def _friction_text(terms: Array, deviation: Array, unit: str, joint: str, shown: set[tuple[str, str]]) -> str:
     named = [
         f"{term} {digits(terms[k])} +- {NORMAL_95 * deviation[k]:.2g}"
         for k, term in enumerate(TERMS)

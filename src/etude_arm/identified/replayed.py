@@ -59,7 +59,7 @@ def replayed(
 
     def played(name: str) -> Array:
         model = mujoco.MjModel.from_xml_string(files[name].decode(), assets)
-        return error(moved.to_drive(inverse(model, spec, *motion)) + fit.own[:, OFFSET_TERM])
+        return error(moved.to_drive(inverse(model, spec, *motion)) + fit.drive_terms[:, OFFSET_TERM])
 
     file = played(plain)
     return Replayed(

@@ -15,7 +15,7 @@ from etude.logs.readers.cells import text_cell
 from etude.models.accuracy import NORMAL_95
 from etude.protocols import Kind
 from etude.types import Array, Delivered, Samples
-from etude_arm.identified.combinations import MEASURED, PARTLY, known
+from etude_arm.identified.combinations import MEASURED, PARTLY, identifiability
 from etude_arm.identified.consistent_parameters import Identified, identified
 from etude_arm.identified.model_file_writer import JointTerms, mjcf, with_drives, written
 from etude_arm.identified.pseudo_inertia import is_possible
@@ -59,15 +59,15 @@ class ModelFile:
         mean = kind.physics(spec, file_options.config)["identified"](file_options.samples)
         assert isinstance(mean, RigidBodyMean)
         fit = identified(file_options.samples, spec, mean)
-        bodies = {name: fit.result.phi[place] for name, place in fit.links.told_of}
+        bodies = {name: fit.result.phi[place] for name, place in fit.links.identifiable}
         written = self.write(spec, bodies, fit.joints)
         name, *_ = written
         played = _played(name, written, file_options.samples, spec, fit, mean)
         rows = _rows(fit)
         sentences = [
-            *_said(fit, spec, rows),
-            *_carried(name, spec),
-            *_lost(fit, spec),
+            *_summary_sentences(fit, spec, rows),
+            *_addition_sentences(name, spec),
+            *_lost_motion_sentences(fit, spec),
             *_played_sentences(name, played, fit, spec),
         ]
         facts: dict[str, Any] = {"told": fit.measured, "segments": fit.errors.segments}
@@ -154,7 +154,7 @@ def _require_forces(spec: Any) -> None:
 
 def _rows(fit: Identified) -> list[dict[str, Any]]:
     result, rows = fit.result, []
-    for body, place in fit.links.told_of:
+    for body, place in fit.links.identifiable:
         after, before = (np.sqrt(np.diag(C)[place]) for C in (result.covariance, result.prior))
         for k, name in enumerate(NAMES):
             share = max(0.0, float(1.0 - (after[k] / before[k]) ** 2))
@@ -167,7 +167,7 @@ def _rows(fit: Identified) -> list[dict[str, Any]]:
                     "found": float(result.phi[place][k]),
                     "deviation": float(after[k]),
                     "share": share,
-                    "known": known(share),
+                    "known": identifiability(share),
                 }
             )
     return rows
@@ -188,7 +188,7 @@ def _count(rows: list[dict[str, Any]], source: str) -> int:
     return sum(row["known"] == source for row in rows)
 
 
-def _said(fit: Identified, spec: ArmSpec, rows: list[dict[str, Any]]) -> list[str]:
+def _summary_sentences(fit: Identified, spec: ArmSpec, rows: list[dict[str, Any]]) -> list[str]:
     errors = fit.errors
     sentences = [
         f"Any motion could show {fit.shown} combinations of inertial parameters and armatures; the logs "
@@ -198,12 +198,12 @@ def _said(fit: Identified, spec: ArmSpec, rows: list[dict[str, Any]]) -> list[st
         f"{_count(rows, 'from the file')} are the file's.",
     ]
     if errors.segments:
-        pairs = zip(spec.names, spec.command_units, errors.file, errors.found, strict=True)
+        pairs = zip(spec.names, spec.command_units, errors.file, errors.identified, strict=True)
         parts = ", ".join(
             f"{name} {digits(before)} -> {digits(after)} {unit}" for name, unit, before, after in pairs
         )
         sentences.append(f"Error on segments left out: {parts}.")
-        ratios = dict(zip(spec.names, errors.found / errors.file, strict=True))
+        ratios = dict(zip(spec.names, errors.identified / errors.file, strict=True))
         worse = [name for name, ratio in ratios.items() if ratio > 1.0 + NOTHING]
         if worse:
             sentences.append(
@@ -216,7 +216,7 @@ def _said(fit: Identified, spec: ArmSpec, rows: list[dict[str, Any]]) -> list[st
     return sentences
 
 
-def _carried(name: str, spec: ArmSpec) -> list[str]:
+def _addition_sentences(name: str, spec: ArmSpec) -> list[str]:
     added = (("tool", spec.tool), ("payload", spec.payload), ("mounting", spec.mounting))
     carried = [name for name, one in added if one is not None]
     if not carried:
@@ -225,7 +225,7 @@ def _carried(name: str, spec: ArmSpec) -> list[str]:
     return [f"What robot.toml adds, {' and '.join(carried)}, {place}."]
 
 
-def _lost(fit: Identified, spec: ArmSpec) -> list[str]:
+def _lost_motion_sentences(fit: Identified, spec: ArmSpec) -> list[str]:
     """What no model file has."""
     parts = [
         f"{name} {what} {digits(size)} {unit}"
@@ -245,7 +245,7 @@ def _readme(
     name: str, fit: Identified, spec: ArmSpec, rows: list[dict[str, Any]], conclusions: list[str]
 ) -> str:
     sentences = "\n".join(f"- {sentence}" for sentence in conclusions)
-    possible = all(is_possible(fit.result.phi[place]) for _, place in fit.links.told_of)
+    possible = all(is_possible(fit.result.phi[place]) for _, place in fit.links.identifiable)
     head = "| link | parameter | unit | file | found | +- (95 %) | known |\n|---|---|---|---|---|---|---|\n"
     lines = "".join(
         f"| {r['link']} | {r['parameter']} | {r['unit']} | {r['file']:.4g} | {r['found']:.4g} "

@@ -140,21 +140,21 @@ def choose(
     Raises:
         UsageError: no arm or several, an unknown moving joint, or a position outside its joint's range.
     """
-    joints = _only_arm(moving, where) if patterns is None else _named(moving, patterns, where)
-    held, unverified = _held(moving, joints, positions, where)
+    joints = _only_arm(moving, where) if patterns is None else _selected(moving, patterns, where)
+    held, unverified = _held_positions(moving, joints, positions, where)
     notes = [
         f"{sentence[0].upper()}{sentence[1:]}: clearances and torques of what it carries are wrong."
         for sentence in unverified
     ]
     if patterns is None:
-        notes += _left(moving, held) + _perhaps_finger(moving, joints)
+        notes += _held_sentences(moving, held) + _finger_sentences(moving, joints)
     if held:
         stays = ", ".join(f"{name} at {at:.4g}" for name, at in held.items())
         unverified = [f"held joints are taken to stay where they are: {stays}", *unverified]
     return Choice(joints, held, tuple(notes), tuple(unverified))
 
 
-def _left(moving: Sequence[Moving], held: Mapping[str, float]) -> list[str]:
+def _held_sentences(moving: Sequence[Moving], held: Mapping[str, float]) -> list[str]:
     """One sentence on all independent joints that are not part of the arm."""
     joints = _by_name(moving)
     units = {name: "m" if joints[name].slides else "rad" for name in held}
@@ -162,7 +162,7 @@ def _left(moving: Sequence[Moving], held: Mapping[str, float]) -> list[str]:
     return [f"Joints are held: {', '.join(stand)}. Name in --joints what should move."] if stand else []
 
 
-def _perhaps_finger(moving: Sequence[Moving], joints: Sequence[str]) -> list[str]:
+def _finger_sentences(moving: Sequence[Moving], joints: Sequence[str]) -> list[str]:
     """A sentence for an arm whose last joint moves a link named as a gripper, without moving fingers."""
     tip = _by_name(moving)[joints[-1]]
     carrying = any(joint.before == tip.name for joint in moving)
@@ -182,16 +182,16 @@ def _leader(moving: Sequence[Moving], name: str) -> str:
     return _by_name(moving)[name].leader
 
 
-def _named(moving: Sequence[Moving], patterns: Sequence[str], where: str) -> tuple[str, ...]:
+def _selected(moving: Sequence[Moving], patterns: Sequence[str], where: str) -> tuple[str, ...]:
     """The joints that names and patterns select, in their order; those of a pattern from the base
     outwards.
     """
     names = [joint.name for joint in moving]
     chosen: list[str] = []
     for word in patterns:
-        meant = [name for name in names if name == word] or [n for n in names if fnmatchcase(n, word)]
-        chosen += [name for name in meant if name not in chosen]
-        _require_joints([] if meant else [word], names, where)
+        matches = [name for name in names if name == word] or [n for n in names if fnmatchcase(n, word)]
+        chosen += [name for name in matches if name not in chosen]
+        _require_joints([] if matches else [word], names, where)
     for name in chosen:
         if leader := _leader(moving, name):
             raise UsageError(
@@ -249,14 +249,14 @@ def _without_fingers(moving: Sequence[Moving]) -> list[Moving]:
     """Independent joints without fingers and without joints that fingers carry. A single finger alone is the
     arm.
     """
-    left: list[Moving] = []
+    independent: list[Moving] = []
     dropped: set[str] = set()
     for joint in moving:
         if joint.leader or joint.before in dropped or FINGER.search(joint.name):
             dropped.add(joint.name)
         else:
-            left.append(joint)
-    return left or [joint for joint in moving if not joint.leader]
+            independent.append(joint)
+    return independent or [joint for joint in moving if not joint.leader]
 
 
 def _next(
@@ -279,7 +279,7 @@ def _next(
     return long[0] if long else None
 
 
-def _held(
+def _held_positions(
     moving: Sequence[Moving], chosen: Sequence[str], positions: Mapping[str, float], where: str
 ) -> tuple[dict[str, float], list[str]]:
     """Positions of all joints that are not chosen, and the followers that are held although they should move.

@@ -85,9 +85,9 @@ def _workspace(root: Path, installed: bool) -> tuple[Path, ...]:
     """
     visited: set[Path] = set()
     folders: list[Path] = []
-    left = [root]
-    while left:
-        folder = left.pop(0)
+    pending = [root]
+    while pending:
+        folder = pending.pop(0)
         real = folder.resolve()
         if real in visited:
             continue
@@ -100,7 +100,7 @@ def _workspace(root: Path, installed: bool) -> tuple[Path, ...]:
         for one in children:
             built = one.name in (*BUILT, *INSTALLED) and (SOURCES in names or _ignored(one))
             if (installed and one.name in INSTALLED) or (not built and not _ignored(one)):
-                left.append(one)
+                pending.append(one)
     return tuple(folders[1:])
 
 
@@ -218,7 +218,7 @@ class MeshPaths:
         for starts in (self.roots, self.model.resolve().parents):
             places = [start / tail for start in starts for tail in tails if tail]
             files = {path.resolve(): path for path in places if path.is_file()}
-            free = [path for real, path in files.items() if real not in self._meant]
+            free = [path for real, path in files.items() if real not in self._named_files]
             if len(free) > 1:
                 self._several[name] = free
                 return None
@@ -229,7 +229,7 @@ class MeshPaths:
         return None
 
     @cached_property
-    def _meant(self) -> set[Path]:
+    def _named_files(self) -> set[Path]:
         """Files that a name of the model file refers to, which no guess may use."""
         return {path.resolve() for name in self.names if (path := self._named(name)) is not None}
 

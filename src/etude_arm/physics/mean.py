@@ -171,14 +171,14 @@ class ArmPhysics:
             return self._mean(nominal_model(*self._body))
         if samples is None:
             raise UsageError("an identified model needs samples", next_step="Tell a log first.")
-        physics = self._told(samples)
+        physics = self._with_friction_speeds(samples)
         return physics._mean(physics._fitted(samples, physics._regressors(samples)))
 
     def without(self, samples: Samples, fold: Index) -> Mapping[int, Array]:
         """Capability `abilities.SupportsWithout`: regressors are computed once, not once for each fold."""
         if self.nominal:
             return dict.fromkeys(np.unique(fold).tolist(), self(None).predict(samples.log))
-        physics = self._told(samples)
+        physics = self._with_friction_speeds(samples)
         regressors = physics._regressors(samples)
         predictions = {}
         for number in np.unique(fold).tolist():
@@ -240,7 +240,7 @@ class ArmPhysics:
         rigid, _ = command_regressors(*self._body, q, qd, qdd)
         return deviation_before_logs(rigid, self._shared, self.spec.command)
 
-    def _told(self, samples: Samples) -> ArmPhysics:
+    def _with_friction_speeds(self, samples: Samples) -> ArmPhysics:
         """This physics, or a copy with the friction velocities of the samples."""
         v0 = samples.log.get(FRICTION)
         if v0 is None:

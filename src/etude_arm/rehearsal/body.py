@@ -100,7 +100,7 @@ def tips(loaded: Loaded, joints: Sequence[str]) -> list[Array]:
     return points
 
 
-def said_of_drives(loaded: Loaded, spec: ArmSpec) -> dict[str, Array]:
+def stated_of_drives(loaded: Loaded, spec: ArmSpec) -> dict[str, Array]:
     """Values of the file for the joints (J,): armature, damping, friction (0: not stated), effort (inf: not
     stated).
     """

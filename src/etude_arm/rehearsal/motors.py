@@ -99,7 +99,7 @@ class Motors:
         return np.asarray(self.coulomb + (self.static - self.coulomb) * np.exp(-((qd / self.stribeck) ** 2)))
 
 
-class Given:
+class StatedValues:
     """The owner's values of the drives at the joints; defaults for the others."""
 
     def __init__(self, spec: ArmSpec) -> None:
@@ -119,9 +119,9 @@ def torque_limit(spec: ArmSpec, stated: Mapping[str, Array], gravity: Array) -> 
     """(J,) N m at the largest command: the owner's, the command limit itself, the file's effort, or 3 times
     the largest torque that gravity asks for."""
     if spec.command_unit in FORCES:
-        return Given(spec)("torque", spec.command)
+        return StatedValues(spec)("torque", spec.command)
     limit = np.where(np.isfinite(stated["effort"]), stated["effort"], 3.0 * np.abs(gravity).max(axis=0))
-    return Given(spec)("torque", limit)
+    return StatedValues(spec)("torque", limit)
 
 
 def armature_of(spec: ArmSpec, stated: Mapping[str, Array], median: Array, torque: Array) -> Array:
@@ -130,7 +130,7 @@ def armature_of(spec: ArmSpec, stated: Mapping[str, Array], median: Array, torqu
     assumed = np.minimum(
         np.maximum(floor, torque / 500.0), np.maximum(torque / (3.0 * spec.acceleration), floor)
     )
-    return Given(spec)("armature", np.where(stated["armature"] > 0.0, stated["armature"], assumed))
+    return StatedValues(spec)("armature", np.where(stated["armature"] > 0.0, stated["armature"], assumed))
 
 
 POSES = 300  # over which a robot's inertia and gravity are averaged
@@ -163,7 +163,7 @@ def scales_of(model: mujoco.MjModel, spec: ArmSpec, armature: Array) -> Scales:
 
     data, dofs = mujoco.MjData(model), rows(model, spec)
     poses = np.random.default_rng(SEED).uniform(spec.lower, spec.upper, (POSES, spec.dof))
-    inertia, gravity, felt = np.empty((3, POSES, spec.dof))
+    inertia, gravity, apparent = np.empty((3, POSES, spec.dof))
     M = np.empty((model.nv, model.nv))
     for k, q in enumerate(poses):
         data.qpos[dofs] = q
@@ -171,8 +171,8 @@ def scales_of(model: mujoco.MjModel, spec: ArmSpec, armature: Array) -> Scales:
         mujoco.mj_fullM(model, data, M)
         full = M[np.ix_(dofs, dofs)]
         inertia[k], gravity[k] = np.diag(full), data.qfrc_bias[dofs] - data.qfrc_passive[dofs]
-        felt[k] = 1.0 / np.diag(np.linalg.inv(full + np.diag(armature)))
-    return Scales(inertia, felt.min(axis=0), gravity)
+        apparent[k] = 1.0 / np.diag(np.linalg.inv(full + np.diag(armature)))
+    return Scales(inertia, apparent.min(axis=0), gravity)
 
 
 def effort(model: mujoco.MjModel, spec: ArmSpec, motion: tuple[Array, Array, Array]) -> Array:
@@ -190,7 +190,7 @@ def effort(model: mujoco.MjModel, spec: ArmSpec, motion: tuple[Array, Array, Arr
 
 def motors_of(spec: ArmSpec, loop: Simulate, scales: Scales, torque: Array, armature: Array) -> Motors:
     """Every drive; `loop` is settled (`settled`)."""
-    value_of, size = Given(spec), spec.presliding(1.0)
+    value_of, size = StatedValues(spec), spec.presliding(1.0)
     coulomb = value_of("coulomb", 0.03 * torque)
     viscous = value_of("viscous", 0.03 * torque / spec.velocity)
     stiffness = value_of("stiffness", np.maximum(coulomb, 1e-9) / (BRISTLE * size))
@@ -220,7 +220,7 @@ def gains(
     spec: ArmSpec, loop: Simulate, scales: Scales, armature: Array, coulomb: Array, drag: Array
 ) -> tuple[Array, Array]:
     """Kp and Kd (J,) of the feedback, N m/rad and N m s/rad."""
-    value_of, heaviest = Given(spec), scales.inertia.max(axis=0) + armature
+    value_of, heaviest = StatedValues(spec), scales.inertia.max(axis=0) + armature
     load = np.quantile(np.abs(scales.gravity), 0.95, axis=0) + coulomb + 0.5 * drag * spec.velocity
     load = load + (0.3 * armature + 0.5 * scales.median) * spec.acceleration
     kp = np.maximum(load / (WANTED * spec.presliding(1.0)), 100.0 * heaviest)
