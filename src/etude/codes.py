@@ -66,6 +66,7 @@ class Refusal(StrEnum):
 
     NOT_COMPARED = "not_compared"
     NOT_DECIDED = "not_decided"
+    NOT_YET_BETTER = "not_yet_better"
     NOT_BETTER = "not_better"
     NOT_CALIBRATED = "not_calibrated"
     INTERVALS_MISS = "intervals_miss"
@@ -172,6 +173,8 @@ SENTENCES: Mapping[Code | NextStep, str] = {
     Refusal.NOT_COMPARED: "not compared: {why}",
     Refusal.NOT_DECIDED: "not decided against {against}: {segments} segments that neither model was "
     "trained on, {needed} are needed",
+    Refusal.NOT_YET_BETTER: "not yet better than {against}: errors {ratio:.3g} times as large (95 %: "
+    "{lower:.3g} to {upper:.3g}, {segments} segments), which more logs decide",
     Refusal.NOT_BETTER: "not better than {against}: errors {ratio:.3g} times as large (95 %: {lower:.3g} to "
     "{upper:.3g}, {segments} segments)",
     Refusal.NOT_CALIBRATED: "too few trajectories were held out for its intervals to be calibrated",
