@@ -39,7 +39,7 @@ def thesis_dictionary(rule: Rule, fit: FitData) -> tuple[ExactGP, Index]:
     first = not len(members)
     if first:
         members = _filled(fit)
-        learned = _on(fit, members)
+        learned = _trained_on(fit, members)
         begun = learned.condition(fit.X[members], columns(fit.Y[members, :1]))
         fit = replace(fit, start=Posteriors((begun,)), config=replace(fit.config, schedule="update"))
     moving = complete_samples(fit)
@@ -51,10 +51,10 @@ def thesis_dictionary(rule: Rule, fit: FitData) -> tuple[ExactGP, Index]:
         members = _selected(gp, fit, rule, members, new)
     elif first:
         return learned, members
-    return _on(fit, members), members
+    return _trained_on(fit, members), members
 
 
-def _on(fit: FitData, members: Index) -> ExactGP:
+def _trained_on(fit: FitData, members: Index) -> ExactGP:
     """The process trained on the members."""
     return trained_process(replace(fit, chosen=members))
 
@@ -65,8 +65,8 @@ def _carried(fit: FitData) -> Index:
     points = earlier.X if isinstance(earlier, ExactPosterior) else fit.X[:0]
     moving = complete_samples(fit)
     place = {row.tobytes(): i for i, row in zip(moving, fit.X[moving], strict=True)}
-    found = np.unique([place[row.tobytes()] for row in points if row.tobytes() in place]).astype(np.int64)
-    return _spread(found, fit.config.points)
+    positions = np.unique([place[row.tobytes()] for row in points if row.tobytes() in place]).astype(np.int64)
+    return _spread(positions, fit.config.points)
 
 
 def _filled(fit: FitData) -> Index:

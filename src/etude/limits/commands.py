@@ -64,7 +64,7 @@ class CommandLimit:
         mean: motion -> (T, J). deviation: motion -> (T, J); None: the mean is all that is known.
         source: where the prediction comes from, for the certificate.
         orders: number of derivative orders of the motion that `mean` and `deviation` need.
-        said: sentences for the certificate on what is not verified.
+        gaps: sentences for the certificate on what is not verified.
         most: (J,) deviations that are rarely exceeded. A search computes the costly actual deviations only
             where these would exceed the limit. None: unknown.
         both: motion -> mean and deviation, at the cost of the deviation alone; None: two separate calls.
@@ -84,7 +84,7 @@ class CommandLimit:
     deviation: Answer | None
     source: str
     orders: int = 3
-    said: tuple[str, ...] = ()
+    gaps: tuple[str, ...] = ()
     looks_at: tuple[str, ...] = (COMMANDS,)
     most: Array | None = None
     both: Both | None = None
@@ -92,6 +92,7 @@ class CommandLimit:
     share: Array | None = None
     lasts: float = DECORRELATED
     _proofs: dict[str, tuple[Proof, ...]] = field(default_factory=dict, repr=False)
+    _witness: list[Array] = field(default_factory=list, repr=False)
 
     @property
     def name(self) -> str:
@@ -100,7 +101,7 @@ class CommandLimit:
     @property
     def not_verified(self) -> tuple[str, ...]:
         """Sentences on what is not verified."""
-        return self.said
+        return self.gaps
 
     @property
     def rated(self) -> list[int]:
@@ -143,18 +144,45 @@ class CommandLimit:
     def keeps(self, piece: Trajectory) -> bool:
         """Whether coarse samples keep the limit; for searches, whose result is proved afterwards."""
         if piece.duration / FEW >= 2.0 * LOOK and not self.rated:
-            kept = self._at_first_look(piece)
-            if kept is not None:
-                return kept
+            decided = self._at_first_look(piece)
+            if decided is not None:
+                return decided
         motion = self.along(piece, LOOK)
         mean, middle = self.mean(motion), 0.5 * (self.upper + self.lower)
         rates = np.abs(np.diff(mean, axis=0)) / np.diff(motion.t)[:, None]
         room = CLOSE * 0.5 * (self.upper - self.lower) - np.abs(mean - middle)
-        if np.any(room < 0.0) or np.any(rates > CLOSE * self.rate):
-            return False  # the cheap mean alone already decides
-        if self._clear(mean, piece.duration):
+        if np.any(rates > CLOSE * self.rate):
+            return False
+        if np.any(room < 0.0) or self._clear(mean, piece.duration):  # the cheap mean alone already decides
+            return self._remembered(motion, -room, piece.duration)
+        return self._remembered(motion, self.spread(motion, piece.duration, SELDOM) - room, piece.duration)
+
+    def fails_again(self, piece: Trajectory) -> bool:
+        """Whether a motion fails at the instants at which `keeps` last found the largest excess."""
+        if not self._witness:
+            return False
+        t, rows = np.unique(self._witness[0] * piece.duration, return_inverse=True)
+        mean, deviation = self._both(piece.motion(t, self.orders))
+        _, at, left, right = rows.reshape(4, -1)
+        off = np.abs(mean[at] - 0.5 * (self.upper + self.lower))
+        spread = self._counted(piece.duration) * np.maximum(deviation[left], deviation[right])
+        return bool(np.any(off + spread > CLOSE * 0.5 * (self.upper - self.lower)))
+
+    def _remembered(self, motion: Motion, excess: Array, duration: float, apart: float = SELDOM) -> bool:
+        """Whether no excess (T, J) is positive; else each such command's worst instant is kept for
+        `fails_again`.
+
+        With it are kept the instant before, which shows friction the direction, and the two samples `apart`
+        seconds from each other whose deviations `spread` takes there.
+        """
+        if np.all(excess <= 0.0):
             return True
-        return bool(np.all(self.spread(motion, piece.duration, SELDOM) <= room))
+        rows = np.unique(excess.argmax(axis=0)[~np.all(excess <= 0.0, axis=0)])
+        every = max(1, whole_down(apart / float(motion.t[1] - motion.t[0])))
+        left = rows // every * every
+        places = np.stack([rows - 1, rows, left, left + (every if apart else 0)]).clip(0, len(motion.t) - 1)
+        self._witness[:] = [motion.t[places] / duration]
+        return False
 
     def violated(self, piece: Trajectory) -> bool:
         """Whether a sample exceeds the limit, so that no proof can hold; such a proof takes ten times as
@@ -170,17 +198,16 @@ class CommandLimit:
         """
         motion, counted = self.along(piece, piece.duration / FEW), self._counted(piece.duration)
         middle, half = 0.5 * (self.upper + self.lower), 0.5 * (self.upper - self.lower)
-        beyond = False
         for ask in (self._both,) if self.at_most is None else (self.at_most, self._both):
             mean, deviation = ask(motion)
             off = np.abs(mean - middle)
             if np.any(off > CLOSE * half):
-                return False
+                return self._remembered(motion, off - CLOSE * half, piece.duration, 0.0)
             most = np.maximum(off[:-1], off[1:]) + counted * np.maximum(deviation[:-1], deviation[1:])
             if np.all(most <= AMPLE * half):
                 return True
-            beyond = bool(np.any(off + counted * deviation > CLOSE * half))
-        return False if beyond else None
+            excess = off + counted * deviation - CLOSE * half
+        return None if self._remembered(motion, excess, piece.duration, 0.0) else False
 
     def _both(self, motion: Motion) -> tuple[Array, Array]:
         """(T, J) means and deviations."""
@@ -237,8 +264,8 @@ class CommandLimit:
     def _whose(self, piece: Trajectory) -> str:
         if self.deviation is None:
             return self.source
-        own = self._counted(piece.duration)
-        most, least = float(own.max()), float(own.min())
+        counts = self._counted(piece.duration)
+        most, least = float(counts.max()), float(counts.min())
         count = f"{most:.2g}" if most == least else f"{least:.2g} to {most:.2g}"
         assumed = "assumed " if math.isinf(self.lasts) else ""
         return f"{self.source} and {count} of its {assumed}deviations"
@@ -263,12 +290,12 @@ class CommandLimit:
         every = max(1, whole_down(apart / step))
         places = np.arange(0, len(motion.t) - 1 + every, every)
         places[-1] = len(motion.t) - 1
-        found = self.deviation(Motion(motion.t[places], motion.orders[:, places]))
+        deviations = self.deviation(Motion(motion.t[places], motion.orders[:, places]))
         left = np.minimum(
             np.searchsorted(places, np.arange(len(motion.t)), side="right") - 1, len(places) - 1
         )
         right = np.minimum(left + 1, len(places) - 1)
-        return np.asarray(self._counted(duration) * np.maximum(found[left], found[right]))
+        return np.asarray(self._counted(duration) * np.maximum(deviations[left], deviations[right]))
 
     def _counted(self, duration: float) -> Array:
         """(J,) factor on the deviations: b times the fraction that counts."""
@@ -302,16 +329,16 @@ def by_model(
         return np.asarray(model.posterior(log)[0] if fast is None else fast.mean(log))
 
     def both(motion: Motion) -> tuple[Array, Array]:
-        found, variance = model.posterior(inputs.states(motion))
-        return np.asarray(found), np.asarray(np.sqrt(variance))
+        mean, variance = model.posterior(inputs.states(motion))
+        return np.asarray(mean), np.asarray(np.sqrt(variance))
 
     def deviation(motion: Motion) -> Array:
         return both(motion)[1]
 
     def at_most(motion: Motion) -> tuple[Array, Array]:
         assert fast is not None
-        found, variance = fast.at_most(inputs.states(motion))
-        return np.asarray(found), np.asarray(np.sqrt(variance))
+        bound, variance = fast.at_most(inputs.states(motion))
+        return np.asarray(bound), np.asarray(np.sqrt(variance))
 
     # the mean of a model that claims a minimal variance may be completely wrong
     most = None if fast is None or fast.least is not None else MORE * fast.prior_deviation
@@ -332,10 +359,10 @@ def by_model(
 
 
 def _row(
-    axis: str, quantity: str, limit: tuple[float, float], found: tuple[float, float], method: str
+    axis: str, quantity: str, limit: tuple[float, float], interval: tuple[float, float], method: str
 ) -> Proof:
     low, high = map(float, limit)
-    least, most = map(float, found)
+    least, most = map(float, interval)
     return Proof(axis, quantity, low, high, least, most, f"{method} by second differences", "sampled")
 
 
@@ -399,7 +426,7 @@ def _of_which(limit: CommandLimit, share: Array, why: str) -> CommandLimit:
         return limit
     parts = ", ".join(f"{limit.names[j]} {100.0 * share[j]:.0f} %" for j in short)
     sentence = f"The {limit.quantity} in full: of the deviations of {limit.source} there count {parts}. {why}"
-    return replace(limit, share=share, said=(*limit.said, sentence), _proofs={})
+    return replace(limit, share=share, gaps=(*limit.gaps, sentence), _proofs={})
 
 
 def credible(limit: CommandLimit, ran: Trajectory) -> Array:
@@ -429,13 +456,13 @@ class OpenCommands:
     """Commands that cannot be verified: a limit without rows, listed on the certificate as not verified.
 
     Attributes:
-        said: sentences for the list of what is not verified.
+        gaps: sentences for the list of what is not verified.
         limit: the limit that even rest violates.
         refused: why no motion is allowed, and what to do; "" where the user has stated, or a log has shown,
             that a limit is not real.
     """
 
-    said: tuple[str, ...]
+    gaps: tuple[str, ...]
     limit: CommandLimit | None = None
     refused: tuple[str, str] = ("", "")
     looks_at: tuple[str, ...] = (COMMANDS,)
@@ -444,7 +471,7 @@ class OpenCommands:
     @property
     def not_verified(self) -> tuple[str, ...]:
         """The reason."""
-        return self.said
+        return self.gaps
 
     def warned(self, trajectory: Trajectory) -> tuple[Notice, ...]:
         """Warnings of the certificate: by how much the mean command of this motion exceeds its limits."""
@@ -454,8 +481,8 @@ class OpenCommands:
         beyond = np.flatnonzero((high > self.limit.upper) | (low < self.limit.lower))
         if not len(beyond):
             return ()
-        own = tuple(_takes(self.limit, j, float(max(high[j], -low[j]))) for j in beyond.tolist())
-        fields = {"quantity": self.limit.quantity, "source": self.limit.source, "beyond": own}
+        excesses = tuple(_takes(self.limit, j, float(max(high[j], -low[j]))) for j in beyond.tolist())
+        fields = {"quantity": self.limit.quantity, "source": self.limit.source, "beyond": excesses}
         return (Notice(Warn.BEYOND_LIMITS, fields),)
 
     def cones(self, family: Family) -> Sequence[Cone]:  # noqa: ARG002

@@ -45,7 +45,7 @@ def _parts(loaded: Loaded) -> tuple[mujoco.MjModel, list[int]]:
     return model, [b for b in range(1, model.nbody) if model.body_weldid[b] and model.body_mass[b] > NO_MASS]
 
 
-def made_up(loaded: Loaded) -> tuple[str, ...]:
+def placeholder_sentences(loaded: Loaded) -> tuple[str, ...]:
     """A sentence on placeholder inertias of the moving parts; () if there are none."""
     model, parts = _parts(loaded)
     same, large = _alike(model, parts), _large(model, parts)
@@ -76,7 +76,7 @@ def _large(model: mujoco.MjModel, parts: list[int]) -> list[str]:
     The mass of a body lies inside it. So its radius of gyration about the centre of mass is at most the
     distance from there to its farthest point. Parts without shapes are skipped.
     """
-    found = []
+    large = []
     for b in parts:
         centre, shown = model.body_ipos[b], []
         for g in np.flatnonzero(model.geom_bodyid == b):
@@ -87,8 +87,8 @@ def _large(model: mujoco.MjModel, parts: list[int]) -> list[str]:
         shown += [float(np.linalg.norm(end - centre)) for end in (np.zeros(3), *ends)]
         radius = float(np.sqrt(model.body_inertia[b].max() / model.body_mass[b]))
         if radius > max(shown):
-            found.append(f"{model.body(b).name} ({radius:.2g} m of {max(shown):.2g})")
-    return found
+            large.append(f"{model.body(b).name} ({radius:.2g} m of {max(shown):.2g})")
+    return large
 
 
 def _few(names: list[str]) -> str:

@@ -12,8 +12,8 @@ from etude.errors import UsageError
 from etude.types import Array
 from etude_arm.plant.feedback_loop import Following
 from etude_arm.plant.trace import LoopInputs, Running, Trace
-from etude_arm.rehearsal.body import bare_body, from_file, said_of_drives
-from etude_arm.rehearsal.drive_model import Made
+from etude_arm.rehearsal.body import bare_body, from_file, stated_of_drives
+from etude_arm.rehearsal.drive_model import RunParameters
 from etude_arm.rehearsal.motors import Motors, Scales, armature_of, effort, motors_of, scales_of, torque_limit
 from etude_arm.rehearsal.overlay import Simulate
 from etude_arm.spec import FORCES, ArmSpec
@@ -24,13 +24,13 @@ class RehearsedRobot(Following):
     """A robot simulated from its model file and its drives (implements `protocols.Robot`).
 
     Attributes:
-        made: its bodies, loop, drives and payload.
+        parameters: its bodies, loop, drives and payload.
         assumed: one sentence for each assumption, with the figures.
         lead_in: s at rest in the first desired position before t = 0, kept in the log.
         sensor: (J,) offset of the logged command, command units; (): none.
     """
 
-    made: Made
+    parameters: RunParameters
     assumed: tuple[str, ...] = ()
     lead_in: float = 2.0
     sensor: tuple[float, ...] = ()
@@ -41,19 +41,19 @@ class RehearsedRobot(Following):
 
     @property
     def spec(self) -> ArmSpec:  # type: ignore[override]
-        return self.made.spec
+        return self.parameters.spec
 
     @property
-    def physics(self) -> Made:
-        return self.made
+    def physics(self) -> RunParameters:
+        return self.parameters
 
     @property
     def substeps(self) -> int:
-        return round(1.0 / (self.spec.rate * self.made.loop.timestep))
+        return round(1.0 / (self.spec.rate * self.parameters.loop.timestep))
 
     @property
     def deviation(self) -> Array:
-        return self.made.loop.encoder_noise * self.made.motors.tick
+        return self.parameters.loop.encoder_noise * self.parameters.motors.tick
 
     def whole(self, inputs: LoopInputs) -> Trace:
         return self.begin(inputs.q_des[0]).advance(inputs)
@@ -61,31 +61,35 @@ class RehearsedRobot(Following):
     def begin(self, q: Array) -> Running:
         from etude_arm.rehearsal.drive_model import RehearsedRun
 
-        return RehearsedRun(self.made, q)
+        return RehearsedRun(self.parameters, q)
 
     def inverse(self, q: Array, qd: Array, qdd: Array) -> Array:
-        made, torque = self.made, self._frictionless(q, qd, qdd)
-        return np.asarray((torque + made.motors.friction(qd, made.loop.friction)) / made.motors.gain)
+        parameters, torque = self.parameters, self._frictionless(q, qd, qdd)
+        return np.asarray(
+            (torque + parameters.motors.friction(qd, parameters.loop.friction)) / parameters.motors.gain
+        )
 
     def inverse_along(self, q: Array, qd: Array, qdd: Array) -> Array:
         """With bristles that deflect and slip along the motion; `inverse` has steady friction instead."""
-        if self.made.loop.friction != "lugre":
+        if self.parameters.loop.friction != "lugre":
             return self.inverse(q, qd, qdd)
         torque = self._frictionless(q, qd, qdd)
-        return np.asarray((torque + self.made.motors.bristles(q, qd)) / self.made.motors.gain)
+        return np.asarray((torque + self.parameters.motors.bristles(q, qd)) / self.parameters.motors.gain)
 
     def _frictionless(self, q: Array, qd: Array, qdd: Array) -> Array:
         """(T, J) N m of bodies and rotors along the motion."""
         for name, rows in (("q", q), ("qd", qd), ("qdd", qdd)):
             self.check(name, rows, len(q))
-        return effort(self.made.rigid, self.made.spec, (q, qd, qdd))
+        return effort(self.parameters.rigid, self.parameters.spec, (q, qd, qdd))
 
     def altered(self, name: str, value: float) -> RehearsedRobot:
         if not (math.isfinite(value) and (value > 0.0 or (value == 0.0 and name == "payload"))):
             raise UsageError(f"{name} = {value} is not possible", where=self.name)
         if name == "payload":
-            return replace(self, made=replace(self.made, payload=self.made.payload + value))
-        return replace(self, made=replace(self.made, motors=self.made.motors.rougher(value)))
+            return replace(self, parameters=replace(self.parameters, payload=self.parameters.payload + value))
+        return replace(
+            self, parameters=replace(self.parameters, motors=self.parameters.motors.rougher(value))
+        )
 
 
 HARD = 0.95
@@ -118,21 +122,23 @@ def too_heavy(spec: ArmSpec, gravity: Array, torque: Array) -> None:
 
 
 def sentences(
-    spec: ArmSpec, loop: Simulate, motors: Motors, said: Mapping[str, Array], scales: Scales
+    spec: ArmSpec, loop: Simulate, motors: Motors, stated: Mapping[str, Array], scales: Scales
 ) -> tuple[str, ...]:
     """Sentences on the loop, each drive, unused values of the file, and limits that the drives cannot
     reach.
     """
-    found = [f"{_loop(spec, loop)} {DEFAULTS}"]
-    found += [_motor(spec, motors, j) for j in range(spec.dof)]
+    lines = [f"{_loop(spec, loop)} {DEFAULTS}"]
+    lines += [_motor(spec, motors, j) for j in range(spec.dof)]
     unused = [
         f"{name} (damping {d:g}, friction {f:g})"
-        for name, d, f in zip(spec.names, said["damping"].tolist(), said["friction"].tolist(), strict=True)
+        for name, d, f in zip(
+            spec.names, stated["damping"].tolist(), stated["friction"].tolist(), strict=True
+        )
         if d or f
     ]
     if unused:
-        found.append(f"The file's own damping and friction are not used: {', '.join(unused)}.")
-    return tuple(found + _hard(spec, motors, scales) + _large(spec, motors, scales))
+        lines.append(f"The file's own damping and friction are not used: {', '.join(unused)}.")
+    return tuple(lines + _torque_deficits(spec, motors, scales) + _torque_excesses(spec, motors, scales))
 
 
 def _loop(spec: ArmSpec, loop: Simulate) -> str:
@@ -155,7 +161,7 @@ def _motor(spec: ArmSpec, motors: Motors, j: int) -> str:
     )
 
 
-def _hard(spec: ArmSpec, motors: Motors, scales: Scales) -> list[str]:
+def _torque_deficits(spec: ArmSpec, motors: Motors, scales: Scales) -> list[str]:
     """Joints whose torque is insufficient for their limits of speed and acceleration."""
     # gravity at the 95 % quantile of poses: position limits seldom allow the worst ones
     needed = np.quantile(np.abs(scales.gravity), 0.95, axis=0) + motors.coulomb
@@ -170,7 +176,7 @@ def _hard(spec: ArmSpec, motors: Motors, scales: Scales) -> list[str]:
     ]
 
 
-def _large(spec: ArmSpec, motors: Motors, scales: Scales) -> list[str]:
+def _torque_excesses(spec: ArmSpec, motors: Motors, scales: Scales) -> list[str]:
     """Joints whose torque limits are far above any motion, although friction and armature depend on them."""
     # as above: the 95 % quantile of poses
     needed = np.quantile(np.abs(scales.gravity), 0.95, axis=0) + scales.median * spec.acceleration
@@ -195,18 +201,18 @@ def rehearsed(spec: ArmSpec) -> RehearsedRobot:
             cannot carry its own weight.
     """
     loop, loaded = settled(spec), from_file(spec)
-    said, body = said_of_drives(loaded, spec), bare_body(loaded, spec)
+    stated, body = stated_of_drives(loaded, spec), bare_body(loaded, spec)
     for name in spec.names:
         body.joint(name).armature = 0.0
     model = body.compile()
     light = scales_of(model, spec, np.zeros(spec.dof))
-    torque = torque_limit(spec, said, light.gravity)
+    torque = torque_limit(spec, stated, light.gravity)
     too_heavy(spec, light.gravity, torque)
-    armature = armature_of(spec, said, light.median, torque)
+    armature = armature_of(spec, stated, light.median, torque)
     scales = replace(light, felt=scales_of(model, spec, armature).felt)
     motors = motors_of(spec, loop, scales, torque, armature)
-    made = Made(spec, loaded, loop, motors)
-    return RehearsedRobot(made, sentences(spec, loop, motors, said, scales))
+    parameters = RunParameters(spec, loaded, loop, motors)
+    return RehearsedRobot(parameters, sentences(spec, loop, motors, stated, scales))
 
 
 def settled(spec: ArmSpec) -> Simulate:

@@ -98,12 +98,12 @@ def _ticks(flight: Flight, plan: FlightPlan, rate: float) -> int:
             where=flight.source,
             next_step="Give the plan that the flight was made from.",
         )
-    own = (len(plan) - 1) / float(plan.t[-1] - plan.t[0]) if len(plan) > 1 else rate
-    ticks = own / rate if np.isfinite(rate) and rate > 0.0 else 0.0
+    plan_rate = (len(plan) - 1) / float(plan.t[-1] - plan.t[0]) if len(plan) > 1 else rate
+    ticks = plan_rate / rate if np.isfinite(rate) and rate > 0.0 else 0.0
     # times of a plan are rounded: a millionth of a tick is a whole one
     if ticks < 1.0 - 1e-6 or abs(ticks - round(ticks)) > 1e-6 * ticks:
         raise UsageError(
-            f"a log at {rate:g} Hz cannot be taken from a simulation at {own:g} Hz",
+            f"a log at {rate:g} Hz cannot be taken from a simulation at {plan_rate:g} Hz",
             where="rate",
             next_step="Choose a divisor of the simulation's rate.",
         )
@@ -180,11 +180,11 @@ class SimulatedFlights:
         parameters, air = self.vehicle.parameters, self.air
         if "payload" in what:
             mass = _not_negative("payload", what["payload"]) + parameters.payload.mass
-            parameters = _with(parameters, "payload", mass=mass)
+            parameters = _replaced(parameters, "payload", mass=mass)
         if "drag" in what:
             factor = _not_negative("drag", what["drag"])
             drag = tuple(factor * d for d in parameters.air.drag)
-            parameters = _with(parameters, "air", drag=drag, quadratic=factor * parameters.air.quadratic)
+            parameters = _replaced(parameters, "air", drag=drag, quadratic=factor * parameters.air.quadratic)
         if "sag" in what:
             air = replace(air, sag=what["sag"])
         if "wind" in what:
@@ -209,7 +209,7 @@ def simulated_robot(spec: QuadrotorSpec, config: Any) -> SimulatedFlights:
     return SimulatedFlights(vehicle, spec, trajectory.start, data.averaged, TEST_DURATION)
 
 
-def _with(parameters: Any, table: str, **changes: Any) -> Any:
+def _replaced(parameters: Any, table: str, **changes: Any) -> Any:
     """The parameters with changes in one of their tables."""
     part = msgspec.structs.replace(getattr(parameters, table), **changes)
     return msgspec.structs.replace(parameters, **{table: part})
