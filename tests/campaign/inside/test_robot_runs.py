@@ -25,11 +25,11 @@ from small_robot import make_campaign
 
 import etude
 from etude import cli, tell, untell
-from etude.campaign import Campaign, Trained, inspect, newest_model, open_campaign
+from etude.campaign import Campaign, Event, Trained, inspect, newest_model, open_campaign
 from etude.campaign.ingest.ingest_result import read
 from etude.campaign.ingest.recordings import Evidence, file_gravity, log_of, planned_log
 from etude.campaign.ingest.robot_changed import answer
-from etude.campaign.record.events import Event, Ingested, MotionEnded, MotionSent, RunEnded
+from etude.campaign.record.events import Ingested, MotionEnded, MotionSent, RunEnded
 from etude.campaign.run.campaign_run import MOST_AFTER_STOP, connected, learn
 from etude.campaign.run.certified_motions import COMMAND_HZ, Learned, proposal_motion
 from etude.campaign.run.next_proposal import NextProposal
