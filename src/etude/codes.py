@@ -207,7 +207,7 @@ SENTENCES: Mapping[Code | NextStep, str] = {
     Phrase.GAIN_UNKNOWN: "etude ask computes what the next motion would add",
     Phrase.NO_RULE: "no rule but the budget is switched on",
     NextStep.LOOK_AND_RESUME: "Look where the robot stands, unless it still runs; then: etude run "
-    "{folder:typed} --resume, with --on as before. Nothing is replayed.",
+    "{folder:typed} --on {driver:typed} --resume. Nothing is replayed.",
     NextStep.OF_CHECK: "{step}",
     NextStep.TELL_SUCH_MOTION: "Do not use its deviations yet: tell another log of a motion like those that "
     "the model is for.",

@@ -545,7 +545,7 @@ def test_after_a_crash_it_asks_and_plans_anew_from_where_it_stands(tmp_path: Pat
     alert = etude.status(campaign)["alerts"][0]
     assert (alert["code"], alert["light"]) == ("motion_open", "red")
     assert "the robot may have moved" in alert["sentence"]
-    assert f"etude run {campaign.path} --resume" in alert["step"]
+    assert f"etude run {campaign.path} --on small --resume" in alert["step"]
     moved(campaign, elsewhere, resume=True)
     assert all(one["code"] != "motion_open" for one in etude.status(campaign)["alerts"])
     approach = facts(campaign, MotionSent)[1]
