@@ -375,6 +375,7 @@ def test_a_command_at_its_limit_is_named_as_the_cause_of_a_stop(tmp_path: Path, 
     said = found.value.next_step
     assert ("command of knee was at its limit" in said) == (part == 1.0)
     assert "See to it, then: etude run" in said
+    assert f"limits, masses or home in robot.toml, and ask anew: etude ask {campaign.path} --new" in said
 
 
 def test_a_whole_motion_that_was_stopped_is_given_up_and_another_asked_for(tmp_path: Path) -> None:

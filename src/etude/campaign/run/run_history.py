@@ -32,6 +32,11 @@ class SpeedStep:
     first: bool
 
 
+def slowest(control: str) -> int:
+    """Per cent of the first beginning of a motion under that control."""
+    return CAREFUL.get(control, CAREFUL[FEEDBACK])[0]
+
+
 def next_step(events: Sequence[Event], control: str) -> SpeedStep:
     """One step up after each motion that ended well, one down after each that was stopped, on its way too; a
     whole motion at full speed is the last step.
