@@ -1,7 +1,7 @@
 """Guard of online learning: which measurements the model learns from, and its share in the command.
 
 Two walls, each of which holds nearly alone. The gate compares the measured command with what was sent and
-what the feedback added; the hedge judges the learners by the feedback's effort, which no sensor of the
+what the feedback added. The hedge scores the learners by the feedback's effort, which no sensor of the
 command can falsify. For both the guard has to know the feedback.
 """
 

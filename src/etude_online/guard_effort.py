@@ -126,7 +126,7 @@ def feedback_of(
 def _decisions(
     log: Log, path: str, limits: tuple[Array, Array], rate: float
 ) -> list[tuple[Array, Array, Array, Array]]:
-    """Mean error, its slope, mean of what was fed back and of the error's integral since the log's start, of
+    """Mean error, its slope, mean feedback and mean integral of the error since the log's start, for
     stretches as long as a decision.
     """
     planned, n = log.get(path + PLANNED), decision_ticks(rate)

@@ -1,7 +1,7 @@
 """Online model: a controller over rows of channels that learns while the robot runs.
 
-A channel of another length is a mistake of the program around, and no fault of a wire: it is refused in
-words, where arithmetic would raise, spread one number over all joints, or hold the last command for ever.
+A channel of another length is a mistake of the calling program, not a fault of a wire. It is refused with a
+message: arithmetic would raise, spread one number over all joints, or hold the last command for ever.
 """
 
 from __future__ import annotations
@@ -132,9 +132,8 @@ class OnlineModel:
 
     Mutable; for one thread. `observe` takes rows of measured channels, tick by tick; `command` mixes the
     updated model into the frozen one. A sample is taken every 1/rate_hz from the middle of the window,
-    skipped where a joint stands still, judged, and learned `hold_s` later; the commands learn in turn, in
-    different ticks, so that no tick pays for all of them. Whatever is measured, nothing but UsageError
-    leaves either.
+    skipped where a joint stands still, scored, and learned `hold_s` later. The commands learn in different
+    ticks, so that no tick pays for all of them. Whatever is measured, nothing but UsageError leaves either.
 
     Args:
         model: its commands come from exact processes or dictionaries, or have such ones beside physics.
