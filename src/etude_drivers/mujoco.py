@@ -209,7 +209,7 @@ def serve(joints: Sequence[str], settings: MachineSettings, link: socket.socket)
     show, shown = _viewer(machine) if settings.view else None, 0.0
     due, listens = time.monotonic(), True
     while listens or np.abs(machine.qd).max() > 1e-2:
-        listens = listens and _obey(machine, link)
+        listens = listens and _process_commands(machine, link)
         machine.cycle()
         try:
             link.send(_state(machine).tobytes())
@@ -224,7 +224,7 @@ def serve(joints: Sequence[str], settings: MachineSettings, link: socket.socket)
         time.sleep(max(due - time.monotonic(), 0.0))
 
 
-def _obey(machine: Machine, link: socket.socket) -> bool:
+def _process_commands(machine: Machine, link: socket.socket) -> bool:
     """What has come in since the last cycle. False: the other end is gone, and the robot comes to rest."""
     while True:
         try:

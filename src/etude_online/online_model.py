@@ -204,7 +204,7 @@ class OnlineModel:
             if instant is None:
                 return self._held.copy(), np.full(len(self._held), np.inf)
             x, base, frozen = instant
-            share = self._share()
+            share = self._learner_weights()
             raw = self._raw(x, base, frozen, share)
             if self.guard is None:
                 out = np.clip(frozen + np.where(np.isfinite(raw), share * raw, 0.0), *self._limits)
@@ -230,7 +230,7 @@ class OnlineModel:
             self._ticks += 1
             now = self._measured.now
             if place == 0 and now >= self._suspected:
-                self._judge_middle()
+                self._score_middle()
             for command, turn in zip(self.commands, self._turn, strict=True):
                 if turn == place:
                     self._teach(command, now)
@@ -238,7 +238,7 @@ class OnlineModel:
     def weights(self) -> list[float]:
         """What part of each command comes from its learner."""
         weight = 1.0 if self.guard is None else self.guard.weight
-        return list((weight * self._share()).tolist())
+        return list((weight * self._learner_weights()).tolist())
 
     def state(self) -> Any:
         """All that it has learned and remembers, as numbers; `restore` makes an equal model this one."""
@@ -271,7 +271,7 @@ class OnlineModel:
         also = () if self.guard is None or feedback is None else feedback.channels
         return Measured(inputs, by_name, ranges, also, rate, self.config.window_s, self._say)
 
-    def _share(self) -> Array:
+    def _learner_weights(self) -> Array:
         """(J,) how much of each learner its past samples support."""
         if not self.config.guarded:
             return np.ones(len(self.commands))
@@ -335,7 +335,7 @@ class OnlineModel:
         name = self.model.commands[command.place]
         self._say(f"What {name} had learned {why}: it {'begins anew' if anew else 'goes back some seconds'}.")
 
-    def _judge_middle(self) -> None:
+    def _score_middle(self) -> None:
         sample = self._measured.middle()
         if sample is None:
             return

@@ -39,7 +39,7 @@ def thesis_dictionary(rule: Rule, fit: FitData) -> tuple[ExactGP, Index]:
     first = not len(members)
     if first:
         members = _filled(fit)
-        learned = _on(fit, members)
+        learned = _trained_on(fit, members)
         begun = learned.condition(fit.X[members], columns(fit.Y[members, :1]))
         fit = replace(fit, start=Posteriors((begun,)), config=replace(fit.config, schedule="update"))
     moving = complete_samples(fit)
@@ -51,10 +51,10 @@ def thesis_dictionary(rule: Rule, fit: FitData) -> tuple[ExactGP, Index]:
         members = _selected(gp, fit, rule, members, new)
     elif first:
         return learned, members
-    return _on(fit, members), members
+    return _trained_on(fit, members), members
 
 
-def _on(fit: FitData, members: Index) -> ExactGP:
+def _trained_on(fit: FitData, members: Index) -> ExactGP:
     """The process trained on the members."""
     return trained_process(replace(fit, chosen=members))
 
