@@ -1,4 +1,4 @@
-"""A model of MuJoCo as a robot: a position controller of its own, friction, delay, and masses nobody told.
+"""A MuJoCo model as a robot: its position controller, friction, delay, and masses that the campaign lacks.
 
 It is loaded by MuJoCo's own parser, not by Étude's, and joints go by name, so that it is as independent of
 what Étude computes as a simulation can be. It is not clean on purpose.

@@ -55,7 +55,7 @@ class MujocoRobot:
 
     def __init__(self, joints: Sequence[str], settings: MachineSettings) -> None:
         self.joints, self.settings = tuple(joints), settings
-        self._machine = Machine(joints, settings)  # a wrong model is told here, before anything starts
+        self._machine = Machine(joints, settings)  # a wrong model raises here, before anything starts
         self._link: _Link | None = None
         self._stopped = False
 
@@ -181,7 +181,7 @@ class _Link:
             return None
 
     def send(self, data: bytes) -> None:
-        """Where nobody listens any more it is lost: `newest` tells."""
+        """Without a receiver it is lost; `newest` reports that."""
         with contextlib.suppress(OSError):
             self.socket.send(data, socket.MSG_DONTWAIT)
 
