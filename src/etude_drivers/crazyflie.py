@@ -96,7 +96,7 @@ class CrazyflieVehicle:
         virtual: of a simulation, whose time advances with set-points.
 
     Raises:
-        UsageError: another axis, key, rate or number of motors; nothing tells this Crazyflie from others.
+        UsageError: another axis, key, rate or number of motors; nothing identifies this Crazyflie.
     """
 
     def __init__(

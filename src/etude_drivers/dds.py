@@ -47,7 +47,7 @@ class JointRow:
 
 
 class Topics(Protocol):
-    """What the driver asks of them."""
+    """Interface that the driver needs."""
 
     def now(self) -> float:
         """Our clock, s."""
@@ -68,7 +68,7 @@ class Topics(Protocol):
         ...
 
     def reference(self) -> JointRow | None:
-        """What the controller follows now, as far as it says it."""
+        """The controller's current reference, as far as it reports it."""
         ...
 
     def send(self, points: Points) -> None: ...

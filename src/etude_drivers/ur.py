@@ -82,7 +82,7 @@ class UrArm:
         )
 
     def _payload(self) -> float | None:
-        """kg that the controller is set to; None without a connection, or where it tells none."""
+        """kg that the controller is set to; None without a connection, or where it reports none."""
         with contextlib.suppress(RuntimeError):
             return None if self.receive is None else float(self.receive.getPayload())
         return None

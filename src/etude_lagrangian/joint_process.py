@@ -23,7 +23,7 @@ from etude_lagrangian.likelihood import JointHyperparameters
 from etude_lagrangian.prior import JointPrior
 
 FEW = 4
-"""One of so many instants says what deviations are at most."""
+"""One of so many instants bounds the deviations."""
 BLOCK = 64
 """Inputs predicted at once: a few megabytes of covariances."""
 

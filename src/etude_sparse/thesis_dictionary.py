@@ -21,10 +21,10 @@ def thesis_dictionary(rule: Rule, fit: FitData) -> tuple[ExactGP, Index]:
     """Exact regression on a dictionary of `points` samples that each new trajectory is offered to.
 
     The first trajectory fills it, evenly spread. The samples of a later one are offered with the
-    hyperparameters of the last training, which then goes on (or starts anew, or is left out, as the schedule
-    says) on the members themselves: thesis 6.1.1. The rule is bare: a swap needs no gain, and errors (2.8)
-    count in full, so outliers are hoarded and the trained noise is too large. `chosen` and `kept` are not
-    used. With several logs to begin with, the later ones are offered together.
+    hyperparameters of the last training. Training then continues on the members (or starts anew, or is left
+    out, by the schedule): thesis 6.1.1. The rule is bare: a swap needs no gain, and errors (2.8) count in
+    full, so outliers are hoarded and the trained noise is too large. `chosen` and `kept` are not used. With
+    several logs to begin with, the later ones are offered together.
 
     Raises:
         UsageError: several commands: a member is chosen for the errors of one.

@@ -265,18 +265,18 @@ def require_flat_multirotor(
 
 def _unsupported_airframe(parameters: Mapping[str, Any], status: Mapping[str, Any]) -> tuple[str, str] | None:
     """The airframe and the parameter that states it; None for a flat multirotor, or if unknown."""
-    if int(_most_frequent(status, "is_vtol", 0)):
+    if int(_median_value(status, "is_vtol", 0)):
         return "a VTOL aircraft", f"{STATUS}.is_vtol"
     for parameter, number in (
         ("MAV_TYPE", int(parameters.get("MAV_TYPE", 0))),
-        (f"{STATUS}.system_type", int(_most_frequent(status, "system_type", 0))),
+        (f"{STATUS}.system_type", int(_median_value(status, "system_type", 0))),
     ):
         if number and number not in MULTIROTORS:
             return TYPES.get(number, "no multirotor"), f"{parameter} {number}"
     frame = int(parameters.get("CA_AIRFRAME", 0))
     if frame in AIRFRAMES:
         return AIRFRAMES[frame], f"CA_AIRFRAME {frame}"
-    kind = int(_most_frequent(status, "vehicle_type", 1))
+    kind = int(_median_value(status, "vehicle_type", 1))
     if kind in VEHICLES:
         return VEHICLES[kind], f"{STATUS}.vehicle_type {kind}"
     count = rotor_count(parameters)
@@ -297,8 +297,8 @@ def _tilted(parameters: Mapping[str, Any], count: int) -> tuple[str, str] | None
     return None
 
 
-def _most_frequent(data: Mapping[str, Any], name: str, missing: int) -> float:
-    """The most frequent value of a field, or the default if the topic has no such field."""
+def _median_value(data: Mapping[str, Any], name: str, missing: int) -> float:
+    """The median of a field, or the default if the topic has no such field."""
     values = np.asarray(data.get(name, ()))
     return float(np.median(values)) if len(values) else missing
 

@@ -124,8 +124,8 @@ def _rotors(
 ) -> tuple[float, float, float, float, float, float, float]:
     """Force and moment of rotors and stators (body frame), and the rotors' spin, for a velocity in air.
 
-    The disc of a rotor tilts back by tilt v / (R W) (blade flapping), which bends its thrust and, through
-    the stiffness of the hub, pitches the body; inflow takes inflow v_z / (R W) of the thrust.
+    Blade flapping tilts the disc of a rotor back by tilt v / (R W). That bends its thrust and, through the
+    stiffness of the hub, pitches the body. Inflow takes inflow v_z / (R W) of the thrust.
     """
     wx, wy, wz = y[10], y[11], y[12]
     fx = fy = fz = mx = my = mz = spin = 0.0

@@ -39,7 +39,7 @@ def collect(store: Path, runs: Mapping[str, Sequence[Spec]], target: Path) -> di
     missing = {}
     for run, specs in runs.items():
         tables = {}
-        for spec in sorted(specs, key=lambda own: own.seed):
+        for spec in sorted(specs, key=lambda one: one.seed):
             try:
                 tables[spec] = read_result(result_path(store, spec), spec)
             except DataError:

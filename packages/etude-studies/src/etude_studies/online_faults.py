@@ -57,7 +57,7 @@ PLACES = (
 )
 
 
-class Found(msgspec.Struct, frozen=True):
+class FaultResult(msgspec.Struct, frozen=True):
     """One fault.
 
     Attributes:
@@ -164,7 +164,7 @@ def errors(log: Log) -> Array:
     return distance
 
 
-def compared(fault: Fault, frozen: Log, learned: Log, reports: list[str]) -> Found:
+def compared(fault: Fault, frozen: Log, learned: Log, reports: list[str]) -> FaultResult:
     """Figures of a pair of runs."""
     a, b = errors(frozen), errors(learned)
     rate = len(a) / LENGTH_S
@@ -174,7 +174,7 @@ def compared(fault: Fault, frozen: Log, learned: Log, reports: list[str]) -> Fou
     window = max(b[k : k + width].mean() / a[k : k + width].mean() for k in starts)
     last = slice(len(a) - round(LAST_S * rate), None)
     done = fault.end <= LENGTH_S - RECOVERY_S
-    return Found(
+    return FaultResult(
         asdict(fault) | {"end": min(fault.end, 1e9)},
         float(a[first:].mean()),
         float(b[first:].mean()),
@@ -197,9 +197,9 @@ def faults_of(place: Place, seed: int, kinds: Sequence[str] = KINDS) -> Iterator
                 yield f"{kind}_{draw}", fault
 
 
-def run_cell(place: Place, seed: int, folder: Path, kinds: Sequence[str] = KINDS) -> dict[str, Found]:
+def run_cell(place: Place, seed: int, folder: Path, kinds: Sequence[str] = KINDS) -> dict[str, FaultResult]:
     """All faults of a cell, from their files where they were run."""
-    results: dict[str, Found] = {}
+    results: dict[str, FaultResult] = {}
     ready: Stage | None = None
     alone: Log | None = None
     for name, fault in faults_of(place, seed, kinds):
@@ -215,7 +215,7 @@ def run_cell(place: Place, seed: int, folder: Path, kinds: Sequence[str] = KINDS
             sentences = [sentence for _, sentence in ready.online.reports]
             folder.mkdir(parents=True, exist_ok=True)
             write_atomic(path, msgspec.json.encode(compared(fault, frozen, learned, sentences)))
-        results[name] = msgspec.json.decode(path.read_bytes(), type=Found)
+        results[name] = msgspec.json.decode(path.read_bytes(), type=FaultResult)
     return results
 
 
@@ -225,7 +225,7 @@ def run(*, json: bool, seed: int, seeds: int, folder: Path) -> None:
         raise UsageError(f"{seeds} seeds", next_step="Give one or more.")
     from rich.console import Console
 
-    results: list[tuple[str, str, Found]] = []
+    results: list[tuple[str, str, FaultResult]] = []
     for cell_seed in range(seed, seed + seeds):
         for place in PLACES:
             if cell_seed - seed >= place.most:
@@ -243,7 +243,7 @@ def run(*, json: bool, seed: int, seeds: int, folder: Path) -> None:
         table(rows, f"learning through faults, {seeds} seeds from {seed}")
 
 
-def study_rows(results: Sequence[tuple[str, str, Found]]) -> list[Row]:
+def study_rows(results: Sequence[tuple[str, str, FaultResult]]) -> list[Row]:
     """Worst and median ratios by kind of fault, by robot and of all."""
     clean = [one for _, name, one in results if name == CLEAN]
     faulty = [(robot, name.rpartition("_")[0], one) for robot, name, one in results if name != CLEAN]
@@ -262,7 +262,7 @@ def study_rows(results: Sequence[tuple[str, str, Found]]) -> list[Row]:
     return rows
 
 
-def _ratios(name: str, results: Sequence[Found]) -> list[Row]:
+def _ratios(name: str, results: Sequence[FaultResult]) -> list[Row]:
     if not results:
         return []
     ratios = [one.ratio for one in results]

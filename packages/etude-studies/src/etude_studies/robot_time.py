@@ -85,7 +85,7 @@ Predictor = Callable[[Log], Array]
 Entry = Callable[[Lesson], Predictor | None]
 
 
-class Found(msgspec.Struct, frozen=True):
+class EntryResult(msgspec.Struct, frozen=True):
     """The result file of an entry.
 
     Attributes:
@@ -118,7 +118,7 @@ class Found(msgspec.Struct, frozen=True):
 
 def run(
     *, json: bool = False, seed: int = 0, seeds: int = 1, folder: Path | None = None, method: str = ""
-) -> list[Found]:
+) -> list[EntryResult]:
     """Scores an entry (the two that come along if none is named), and writes the leaderboard.
 
     Args:
@@ -148,7 +148,7 @@ def entry_of(name: str) -> Entry:
     return entry  # type: ignore[no-any-return]
 
 
-def scored(name: str, entry: Entry, seed: int) -> Found:
+def scored(name: str, entry: Entry, seed: int) -> EntryResult:
     """Every robot with every number of seconds, and every trap."""
     errors: dict[str, dict[str, float | None]] = {}
     data, began = {}, time.process_time()
@@ -164,7 +164,7 @@ def scored(name: str, entry: Entry, seed: int) -> Found:
         for robot in TRAPPED
         for trap, log in wrong_logs(robot, seed)
     }
-    return Found(name, seed, round(time.process_time() - began, 1), errors, data, traps)
+    return EntryResult(name, seed, round(time.process_time() - began, 1), errors, data, traps)
 
 
 @cache
@@ -249,12 +249,12 @@ def etude(lesson: Lesson) -> Predictor | None:
         return None
 
 
-def entries(*folders: Path) -> list[Found]:
+def entries(*folders: Path) -> list[EntryResult]:
     """All result files; of an entry that is in several folders the last. DataError: a file is none."""
     results = {}
     for path in (path for folder in folders for path in sorted(folder.glob("*.json"))):
         try:
-            result = msgspec.json.decode(path.read_bytes(), type=Found)
+            result = msgspec.json.decode(path.read_bytes(), type=EntryResult)
         except msgspec.DecodeError as error:
             step = "Delete it, and score the entry again."
             raise DataError(
@@ -276,13 +276,13 @@ HEADER = (
 )
 
 
-def rows(board: list[Found]) -> list[list[str]]:
+def rows(board: list[EntryResult]) -> list[list[str]]:
     """A line for each entry: robots that reach each error, the mean error, the word, traps refused."""
     base = {result.seed: result for result in board if result.entry == LINEAR}
     return [_row(result, base.get(result.seed)) for result in board]
 
 
-def _row(result: Found, base: Found | None) -> list[str]:
+def _row(result: EntryResult, base: EntryResult | None) -> list[str]:
     reached = [
         f"{sum(math.isfinite(result.until(r, p)) for r in result.errors)}/{len(result.errors)}"
         for p in PERCENT
@@ -309,7 +309,7 @@ def _row(result: Found, base: Found | None) -> list[str]:
     ]
 
 
-def leaderboard(board: list[Found]) -> Html:
+def leaderboard(board: list[EntryResult]) -> Html:
     """The page: a line for each entry, and below seconds until each error by robot."""
     style = resources.files("etude.report").joinpath("report.css").read_text(encoding="utf-8")
     head = ["entry", *dict.fromkeys(robot for result in board for robot in result.errors)]
@@ -338,6 +338,6 @@ def _seconds(value: float) -> str:
     return f"{value:g}" if math.isfinite(value) else "not reached"
 
 
-def _text(board: list[Found], folder: Path) -> str:
+def _text(board: list[EntryResult], folder: Path) -> str:
     lines = ["  ".join(map(str, HEADER)), *("  ".join(row) for row in rows(board))]
     return "\n".join([*lines, f"The page: {folder / 'leaderboard.html'}"])
