@@ -264,9 +264,12 @@ class Notice:
 
     def to_json(self) -> dict[str, Any]:
         """As JSON values, without those that equal their defaults."""
-        own = {"code": str(self.code), "fields": {name: _plain(value) for name, value in self.fields.items()}}
-        own |= {"next_step": str(self.next_step)} if self.next_step else {}
-        return own | ({"light": self.light} if self.light else {})
+        entry = {
+            "code": str(self.code),
+            "fields": {name: _plain(value) for name, value in self.fields.items()},
+        }
+        entry |= {"next_step": str(self.next_step)} if self.next_step else {}
+        return entry | ({"light": self.light} if self.light else {})
 
     @classmethod
     def from_json(cls, value: Any) -> Notice:
@@ -276,8 +279,8 @@ class Notice:
         if not isinstance(value, dict) or value.get("code") not in _CODES:
             raise ValueError(f"{value!r} is no notice")
         step, light = value.get("next_step"), value.get("light", "")
-        own = {str(name): _read(one) for name, one in value.get("fields", {}).items()}
-        return cls(_CODES[value["code"]], own, NextStep(step) if step else None, light)
+        fields = {str(name): _read(one) for name, one in value.get("fields", {}).items()}
+        return cls(_CODES[value["code"]], fields, NextStep(step) if step else None, light)
 
     def facts(self) -> dict[str, Any]:
         """For `--json`: code and fields, and the sentences."""
@@ -285,9 +288,9 @@ class Notice:
         return {**self.to_json(), "next_step": step, "sentence": self.sentence, "step": self.step}
 
 
-def stated(said: Sequence[str | Notice]) -> tuple[Notice, ...]:
+def stated(notices: Sequence[str | Notice]) -> tuple[Notice, ...]:
     """Notices of a plug-in, which may return sentences in their place."""
-    return tuple(one if isinstance(one, Notice) else Notice.from_json(one) for one in said)
+    return tuple(one if isinstance(one, Notice) else Notice.from_json(one) for one in notices)
 
 
 class _Words(Formatter):

@@ -53,20 +53,22 @@ class WrongValueError(Exception):
     """A value that is not of its type, in words that follow "returned"."""
 
 
-def guarded(found: Any, part: str, name: str, sizes: Callable[[Any], Sizes] | None = None) -> Any:
+def guarded(value: Any, part: str, name: str, sizes: Callable[[Any], Sizes] | None = None) -> Any:
     """An object with the same members, that raises UsageError where a value is not what its protocol says.
 
     Args:
-        found: what a plug-in brings. part: the name of its protocol in `etude.protocols`. name: for messages.
+        value: what a plug-in brings. part: the name of its protocol in `etude.protocols`. name: for messages.
         sizes: of the letters in shapes, from a robot's description, the first argument of most members.
 
     Raises:
         UsageError: a method is none, or an attribute has another type.
     """
-    own = {member: declared for member, declared in _declared(part).items() if hasattr(found, member)}
-    kind = type(f"Guarded{part}", (_Guarded,), {member: _reader(member) for member in own})
-    guard = kind(found, part, name, own, sizes)
-    for member in own:
+    declarations = {
+        member: declared for member, declared in _declared(part).items() if hasattr(value, member)
+    }
+    kind = type(f"Guarded{part}", (_Guarded,), {member: _reader(member) for member in declarations})
+    guard = kind(value, part, name, declarations, sizes)
+    for member in declarations:
         _value(guard, member)
     return guard
 
@@ -76,25 +78,31 @@ class _Guarded:
 
     def __init__(
         self,
-        found: Any,
+        value: Any,
         part: str,
         name: str,
-        own: Mapping[str, Declared],
+        declarations: Mapping[str, Declared],
         sizes: Callable[[Any], Sizes] | None,
     ) -> None:
-        self._found, self._part, self._name, self._own, self._sizes = found, part, name, own, sizes
+        self._wrapped, self._part, self._name, self._declarations, self._sizes = (
+            value,
+            part,
+            name,
+            declarations,
+            sizes,
+        )
 
     @property  # type: ignore[misc]
     def __class__(self) -> type:
         # a plug-in that is handed its own object back asks for its own type
-        kind: type = type(self._found)
+        kind: type = type(self._wrapped)
         return kind
 
     def __getattr__(self, member: str) -> Any:
-        return getattr(object.__getattribute__(self, "_found"), member)
+        return getattr(object.__getattribute__(self, "_wrapped"), member)
 
     def __repr__(self) -> str:
-        return repr(self._found)
+        return repr(self._wrapped)
 
 
 def _reader(member: str) -> Any:
@@ -105,7 +113,7 @@ def _reader(member: str) -> Any:
 
 def _value(guard: _Guarded, member: str) -> Any:
     """The attribute, or the method with its answer held against the protocol."""
-    value, declared = getattr(guard._found, member), guard._own[member]
+    value, declared = getattr(guard._wrapped, member), guard._declarations[member]
     if not declared.is_method:
         return _checked(guard, member, value, {})
     if not callable(value):
@@ -114,39 +122,39 @@ def _value(guard: _Guarded, member: str) -> Any:
 
 
 def _called(guard: _Guarded, member: str) -> Callable[..., Any]:
-    function, shaped = getattr(guard._found, member), guard._own[member].shaped
+    function, shaped = getattr(guard._wrapped, member), guard._declarations[member].shaped
 
-    def call(*given: Any, **named: Any) -> Any:
-        value = function(*given, **named)
-        return _checked(guard, member, value, guard._sizes(given[0]) if shaped and guard._sizes else {})
+    def call(*arguments: Any, **named: Any) -> Any:
+        value = function(*arguments, **named)
+        return _checked(guard, member, value, guard._sizes(arguments[0]) if shaped and guard._sizes else {})
 
     return call
 
 
 def _checked(guard: _Guarded, member: str, value: Any, sizes: Sizes) -> Any:
     try:
-        return conform(value, guard._own[member].hint, sizes, guard._name)
+        return conform(value, guard._declarations[member].hint, sizes, guard._name)
     except WrongValueError as wrong:
         raise _wrong(guard, member, str(wrong)) from None
 
 
 def _wrong(guard: _Guarded, member: str, what: str) -> UsageError:
-    own = guard._own[member]
-    verb = "returned" if own.is_method and "not a method" not in what else "is"
+    declared = guard._declarations[member]
+    verb = "returned" if declared.is_method and "not a method" not in what else "is"
     who = f"the {WORDS.get(guard._part, 'plug-in')} {guard._name}"
     fact = f"{who} returned {what}" if member == "__call__" else f"the {member} of {who} {verb} {what}"
-    room = own.protocol.__module__.rpartition(".")[2]
+    room = declared.protocol.__module__.rpartition(".")[2]
     return UsageError(
         fact,
-        where=f"{type(guard._found).__module__}.{type(guard._found).__qualname__}",
-        next_step=NEXT.format(room, own.protocol.__name__),
+        where=f"{type(guard._wrapped).__module__}.{type(guard._wrapped).__qualname__}",
+        next_step=NEXT.format(room, declared.protocol.__name__),
     )
 
 
 @cache
 def _declared(part: str) -> Mapping[str, Declared]:
     """The members of a protocol and of its abilities, by name."""
-    found: dict[str, Declared] = {}
+    declarations: dict[str, Declared] = {}
     for one in (getattr(protocols, part), *abilities.ABILITIES.get(part, ())):
         for member, value in vars(one).items():
             function = value.fget if isinstance(value, property) else value
@@ -158,8 +166,8 @@ def _declared(part: str) -> Mapping[str, Declared]:
                 hint = get_type_hints(function, include_extras=True).get("return", Any)
             except NameError:  # a type for type checkers alone
                 hint = Any
-            found[member] = Declared(hint, one, not isinstance(value, property), _is_shaped(hint))
-    return found
+            declarations[member] = Declared(hint, one, not isinstance(value, property), _is_shaped(hint))
+    return declarations
 
 
 def _is_shaped(hint: Any) -> bool:
@@ -168,7 +176,7 @@ def _is_shaped(hint: Any) -> bool:
         return hint.startswith("(")
     inner = get_args(hint)
     if dataclasses.is_dataclass(hint) and isinstance(hint, type):
-        inner = tuple(own for _, own in _fields(hint))
+        inner = tuple(field_type for _, field_type in _fields(hint))
     return any(_is_shaped(one) for one in inner)
 
 
@@ -218,11 +226,11 @@ def _annotated(value: Any, hint: Any, notes: Sequence[Any], sizes: Sizes, name: 
 
 def _of_shape(value: Any, shape: str, sizes: Sizes) -> None:
     letters = [letter.strip() for letter in shape.strip("()").split(",") if letter.strip()]
-    wanted = [int(letter) if letter.isdigit() else sizes.get(letter) for letter in letters]
-    own = np.shape(value)
-    fits = len(own) == len(wanted) and all(w in (None, n) for w, n in zip(wanted, own, strict=True))
-    known = "".join(f", {letter} = {sizes[letter]}" for letter in letters if letter in sizes)
-    _must(value, fits, f"not of shape {shape}{known}")
+    expected = [int(letter) if letter.isdigit() else sizes.get(letter) for letter in letters]
+    actual = np.shape(value)
+    fits = len(actual) == len(expected) and all(w in (None, n) for w, n in zip(expected, actual, strict=True))
+    known_sizes = "".join(f", {letter} = {sizes[letter]}" for letter in letters if letter in sizes)
+    _must(value, fits, f"not of shape {shape}{known_sizes}")
 
 
 def _one_of(value: Any, hints: Sequence[Any], sizes: Sizes, name: str) -> Any:
@@ -237,36 +245,36 @@ def _one_of(value: Any, hints: Sequence[Any], sizes: Sizes, name: str) -> Any:
 
 def _array(value: Any, inner: Sequence[Any]) -> Any:
     """As NumPy has it; numbers in lists become an array."""
-    (wanted,) = get_args(inner[1]) or (np.float64,)
+    (dtype,) = get_args(inner[1]) or (np.float64,)
     if isinstance(value, list | tuple | np.ndarray | np.number):
         with contextlib.suppress(ValueError):  # rows of several lengths
-            found = np.asarray(value)
-            if found.dtype.kind in "iufb":
-                return value if found is value else found.astype(wanted)
+            array = np.asarray(value)
+            if array.dtype.kind in "iufb":
+                return value if array is value else array.astype(dtype)
     raise WrongValueError(f"{_short(value)}, not an array of numbers")
 
 
 def _sequence(value: Any, origin: type, inner: Sequence[Any], sizes: Sizes, name: str) -> Any:
     kind = tuple if origin is tuple else collections.abc.Sequence
-    own = isinstance(value, kind | list) and not isinstance(value, str | bytes)
-    _must(value, own, f"not a {kind.__name__.lower()}")
+    is_sequence = isinstance(value, kind | list) and not isinstance(value, str | bytes)
+    _must(value, is_sequence, f"not a {kind.__name__.lower()}")
     many = origin is not tuple or (len(inner) == 2 and inner[1] is Ellipsis)
     hints = [inner[0]] * len(value) if many else list(inner)
     _must(value, len(hints) == len(value), f"not {len(hints)} values")
-    found = [
+    items = [
         _inside(one, hint, sizes, name, i) for i, (one, hint) in enumerate(zip(value, hints, strict=True))
     ]
-    same = all(a is b for a, b in zip(found, value, strict=True))
-    return value if same else tuple(found)
+    same = all(a is b for a, b in zip(items, value, strict=True))
+    return value if same else tuple(items)
 
 
 def _mapping(value: Any, inner: Sequence[Any], sizes: Sizes, name: str) -> Any:
     _must(value, isinstance(value, collections.abc.Mapping), "not a mapping")
-    found = {}
+    entries = {}
     for key, one in value.items():
         conform(key, inner[0], sizes, name)
-        found[key] = _inside(one, inner[1], sizes, name, key)
-    return value if all(found[key] is one for key, one in value.items()) else found
+        entries[key] = _inside(one, inner[1], sizes, name, key)
+    return value if all(entries[key] is one for key, one in value.items()) else entries
 
 
 def _inside(value: Any, hint: Any, sizes: Sizes, name: str, key: Any) -> Any:
@@ -288,14 +296,14 @@ def _single(value: Any, hint: Any, sizes: Sizes, name: str) -> Any:
         return guarded(value, "Limit", name) if limit and not isinstance(value, _Guarded) else value
     if hint is bool or hint is int or hint is float:
         no_flag = hint is bool or not isinstance(value, bool)
-        return _must(value, isinstance(value, NUMBERS[hint]) and no_flag, f"not {_words(hint)}")
-    _must(value, isinstance(value, hint), f"not {_words(hint)}")
+        return _must(value, isinstance(value, NUMBERS[hint]) and no_flag, f"not {_type_text(hint)}")
+    _must(value, isinstance(value, hint), f"not {_type_text(hint)}")
     if dataclasses.is_dataclass(hint):
-        for field, own in _fields(hint):
+        for field, field_type in _fields(hint):
             try:
-                conform(getattr(value, field), own, sizes, name)
+                conform(getattr(value, field), field_type, sizes, name)
             except WrongValueError as wrong:
-                raise WrongValueError(f"{_words(hint)} whose {field} is {wrong}") from None
+                raise WrongValueError(f"{_type_text(hint)} whose {field} is {wrong}") from None
     return value
 
 
@@ -317,13 +325,13 @@ def _has_members(value: Any, protocol: type) -> None:
         raise WrongValueError(f"{_short(value)}, without the {', '.join(missing)} of a {protocol.__name__}")
 
 
-def _must(value: Any, holds: bool, wanted: str) -> Any:
+def _must(value: Any, holds: bool, fault: str) -> Any:
     if not holds:
-        raise WrongValueError(f"{_short(value)}, {wanted}")
+        raise WrongValueError(f"{_short(value)}, {fault}")
     return value
 
 
-def _words(kind: type) -> str:
+def _type_text(kind: type) -> str:
     return {bool: "True or False", int: "a whole number", float: "a number", str: "a text"}.get(
         kind, f"a {kind.__name__}"
     )
@@ -332,11 +340,11 @@ def _words(kind: type) -> str:
 def _short(value: Any) -> str:
     if isinstance(value, np.ndarray):
         return f"an array of shape {value.shape}"
-    words = " ".join(repr(value).split())
+    text = " ".join(repr(value).split())
     plain = value is None or isinstance(value, str | bool | int | float | dict | list | tuple)
     if not plain:
         return f"an object of type {type(value).__name__}"
-    return words if len(words) <= TEXT else f"{words[:TEXT]}..."
+    return text if len(text) <= TEXT else f"{text[:TEXT]}..."
 
 
 def sizes_of(kind: Any) -> Callable[[Any], Sizes]:

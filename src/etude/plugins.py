@@ -173,7 +173,7 @@ class _Reading:
 
 
 _reading: ContextVar[_Reading | None] = ContextVar("reading", default=None)
-_given: set[str] = set()
+_typed_names: set[str] = set()
 """Full names that were typed or passed in Python since the program began: a file may repeat them."""
 
 
@@ -210,7 +210,7 @@ class Plugin:
 
 def names(group: str) -> tuple[str, ...]:
     """The names in a group, built-ins first. KeyError for a group that does not exist."""
-    return tuple(dict.fromkeys(plugin.name for plugin in _known(group)))
+    return tuple(dict.fromkeys(plugin.name for plugin in _plugins_of(group)))
 
 
 def load(group: str, name: str) -> Any:
@@ -223,20 +223,20 @@ def load(group: str, name: str) -> Any:
     """
     if FULL_NAME.fullmatch(name):
         return of_group(group, name, named_in_full(name, group))
-    found = [plugin for plugin in _known(group) if plugin.name == name]
-    if not found:
+    matches = [plugin for plugin in _plugins_of(group) if plugin.name == name]
+    if not matches:
         near = difflib.get_close_matches(name, names(group), 1)
         hint = f"Did you mean {near[0]}? " if near else ""
         raise UsageError(
             f"there is no {name!r} among {group}",
             next_step=f"{hint}Known: {', '.join(names(group)) or 'none'}; or name it as module:attribute.",
         )
-    if len(found) > 1:
+    if len(matches) > 1:
         raise UsageError(
-            f"two plug-ins are named {name!r} in {group}: of {_sources(found)}",
+            f"two plug-ins are named {name!r} in {group}: of {_sources(matches)}",
             next_step="Uninstall one, or name the one that you want as module:attribute.",
         )
-    return of_group(group, name, _imported(found[0]))
+    return of_group(group, name, _imported(matches[0]))
 
 
 def named_in_full(name: str, group: str = "etude.models") -> Any:
@@ -249,49 +249,49 @@ def require_word(name: str, group: str) -> None:
     """UsageError: a file in a folder that is not trusted names this code. Typed names are trusted."""
     reading = _reading.get()
     if reading is None:
-        _given.add(name)
-    elif name not in _given:
+        _typed_names.add(name)
+    elif name not in _typed_names:
         named = {name: group}
         require_trusted(named, reading.path, reading.folder, reading.identity, reading.command)
 
 
-def of_group(group: str, name: str, found: Any) -> Any:
+def of_group(group: str, name: str, value: Any) -> Any:
     """The object itself, if it meets the group's requirements. UsageError: it does not; nothing is called."""
     shape = SHAPES.get(group)
     if shape is None or name in BUILT_IN[group]:
-        return found
-    missing = [own for own in shape.attributes if not hasattr(found, own)]
-    wanted = f"it has no {', '.join(missing)}" if missing else ""
-    if not missing and shape.arguments is not None and not _takes(found, shape):
-        wanted = f"it is not called with ({', '.join(shape.arguments)})"
-    if wanted and inspect.isclass(found) and any("__call__" in vars(kind) for kind in found.__mro__):
+        return value
+    missing = [attribute for attribute in shape.attributes if not hasattr(value, attribute)]
+    fault = f"it has no {', '.join(missing)}" if missing else ""
+    if not missing and shape.arguments is not None and not _takes(value, shape):
+        fault = f"it is not called with ({', '.join(shape.arguments)})"
+    if fault and inspect.isclass(value) and any("__call__" in vars(kind) for kind in value.__mro__):
         raise UsageError(
-            f"{name} is a class; name an instance: {name.split(':')[-1]} = {found.__name__}()",
-            where=f"{group}, {found.__module__}",
+            f"{name} is a class; name an instance: {name.split(':')[-1]} = {value.__name__}()",
+            where=f"{group}, {value.__module__}",
             next_step="Write that line into its module, and name what it makes.",
         )
-    if wanted:
+    if fault:
         raise UsageError(
-            f"{name} is not {shape.words}: {wanted}",
-            where=f"{group}; it is of type {type(found).__name__}",
+            f"{name} is not {shape.words}: {fault}",
+            where=f"{group}; it is of type {type(value).__name__}",
             next_step="docs/plugins.md says what a plug-in of this group is; etude plugins lists them.",
         )
-    require_whole(found, shape.part, f"{group} {name}")
-    return _guarded(found, shape.part, name) if shape.part else found
+    require_whole(value, shape.part, f"{group} {name}")
+    return _guarded(value, shape.part, name) if shape.part else value
 
 
-def _guarded(found: Any, part: str, name: str) -> Any:
+def _guarded(value: Any, part: str, name: str) -> Any:
     """An object of another package, wrapped: a result of a wrong type raises an error."""
     from etude.plugin_values import guarded, is_own, sizes_of  # built-ins are loaded without it
 
-    if is_own(found):
-        return found
-    return guarded(found, part, name, sizes_of(found) if part == "Kind" else None)
+    if is_own(value):
+        return value
+    return guarded(value, part, name, sizes_of(value) if part == "Kind" else None)
 
 
-def _takes(found: Any, shape: Shape) -> bool:
+def _takes(value: Any, shape: Shape) -> bool:
     try:
-        signature = inspect.signature(found)
+        signature = inspect.signature(value)
         bind = signature.bind_partial if shape.keywords else signature.bind
         bind(*[None] * len(shape.arguments or ()))
     except (TypeError, ValueError):  # not a function, other arguments, or no known signature
@@ -299,9 +299,9 @@ def _takes(found: Any, shape: Shape) -> bool:
     return True
 
 
-def required(found: Any, protocol: type, where: str) -> Any:
+def required(value: Any, protocol: type, where: str) -> Any:
     """The object itself. UsageError: it lacks members of a protocol. where: its place."""
-    if found is None:
+    if value is None:
         raise UsageError(
             f"it returned nothing, where a {protocol.__name__} is wanted",
             where=where,
@@ -309,29 +309,29 @@ def required(found: Any, protocol: type, where: str) -> Any:
         )
     from etude.protocols import members  # few commands need the protocols
 
-    missing = [name for name in members(protocol) if not hasattr(found, name)]
+    missing = [name for name in members(protocol) if not hasattr(value, name)]
     if missing:
         raise UsageError(
-            f"{type(found).__name__} lacks {', '.join(missing)} of the protocol {protocol.__name__}",
+            f"{type(value).__name__} lacks {', '.join(missing)} of the protocol {protocol.__name__}",
             where=where,
             next_step=f"Give it what etude.protocols.{protocol.__name__} declares.",
         )
-    require_whole(found, protocol.__name__, where)
-    return found
+    require_whole(value, protocol.__name__, where)
+    return value
 
 
-def require_whole(found: Any, part: str, where: str) -> None:
+def require_whole(value: Any, part: str, where: str) -> None:
     """UsageError: it has some members of an optional ability of that part (`abilities`) and lacks others."""
     from etude.abilities import ABILITIES  # few commands need the protocols
     from etude.protocols import members
 
     for ability in ABILITIES.get(part, ()):
-        own = members(ability)
-        missing = [name for name in own if not hasattr(found, name)]
-        if 0 < len(missing) < len(own):
-            has = [name for name in own if name not in missing]
+        declared = members(ability)
+        missing = [name for name in declared if not hasattr(value, name)]
+        if 0 < len(missing) < len(declared):
+            has = [name for name in declared if name not in missing]
             raise UsageError(
-                f"{type(found).__name__} has {', '.join(has)} and lacks {', '.join(missing)}",
+                f"{type(value).__name__} has {', '.join(has)} and lacks {', '.join(missing)}",
                 where=where,
                 next_step=f"Give it all that etude.abilities.{ability.__name__} declares, or nothing of it.",
             )
@@ -343,11 +343,11 @@ def listed(*, tried: bool = False) -> tuple[Plugin, ...]:
     Args:
         tried: import plug-ins outside of the core to report failures; else report earlier failures.
     """
-    return tuple(_judged(plugin, tried) for group in GROUPS for plugin in _known(group))
+    return tuple(_with_problem(plugin, tried) for group in GROUPS for plugin in _plugins_of(group))
 
 
-def _judged(plugin: Plugin, tried: bool) -> Plugin:
-    twins = [p for p in _known(plugin.group) if p.name == plugin.name]
+def _with_problem(plugin: Plugin, tried: bool) -> Plugin:
+    twins = [p for p in _plugins_of(plugin.group) if p.name == plugin.name]
     if len(twins) > 1:
         return replace(plugin, problem=f"the name stands twice: of {_sources(twins)}")
     if tried and not plugin.target.startswith("etude."):
@@ -358,10 +358,10 @@ def _judged(plugin: Plugin, tried: bool) -> Plugin:
     return replace(plugin, problem=_failures.get(plugin.target, ""))
 
 
-def _known(group: str) -> Sequence[Plugin]:
-    own = [Plugin(group, name, target, "etude") for name, target in BUILT_IN[group].items()]
+def _plugins_of(group: str) -> Sequence[Plugin]:
+    built_in = [Plugin(group, name, target, "etude") for name, target in BUILT_IN[group].items()]
     # a distribution may repeat a row of the table as an entry point: that is the same plug-in
-    return [*own, *(p for p in _installed(group) if BUILT_IN[group].get(p.name) != p.target)]
+    return [*built_in, *(p for p in _installed(group) if BUILT_IN[group].get(p.name) != p.target)]
 
 
 @cache
@@ -369,12 +369,12 @@ def _installed(group: str) -> tuple[Plugin, ...]:
     """Plug-ins of other distributions, each once, even if its folder is on the path several times."""
     from importlib.metadata import entry_points
 
-    found = {}
+    plugins = {}
     for point in sorted(entry_points(group=group), key=lambda p: (p.name, p.value)):
         source = f"{point.dist.name} {point.dist.version}" if point.dist else "an unknown distribution"
         target = point.value.split("[")[0].strip()
-        found[point.name, target, source] = Plugin(group, point.name, target, source)
-    return tuple(found.values())
+        plugins[point.name, target, source] = Plugin(group, point.name, target, source)
+    return tuple(plugins.values())
 
 
 _failures: dict[str, str] = {}
@@ -387,21 +387,21 @@ def raised_in(error: BaseException) -> tuple[str, str] | None:
 
     An error raised in NumPy is due to the plug-in that called it, so the plug-in's last line is returned.
     """
-    found = None
+    origin = None
     for frame in traceback.extract_tb(error.__traceback__):
         for place, target in _places.items():
             if frame.filename == place or frame.filename.startswith(f"{place}{os.sep}"):
-                found = target, f"{frame.filename}:{frame.lineno}, in {frame.name}"
-    return found
+                origin = target, f"{frame.filename}:{frame.lineno}, in {frame.name}"
+    return origin
 
 
 def _imported(plugin: Plugin) -> Any:
     """The object of a target. A plug-in may raise any error; the reason is stored for `listed`."""
     module, _, path = plugin.target.partition(":")
     try:
-        found: Any = importlib.import_module(module)
+        value: Any = importlib.import_module(module)
         for part in path.split("."):
-            found = getattr(found, part)
+            value = getattr(value, part)
     except (Exception, SystemExit) as error:  # a module that ends the program as it is loaded is broken too
         reason = f"{type(error).__name__}: {error}"
         _failures[plugin.target] = reason
@@ -412,7 +412,7 @@ def _imported(plugin: Plugin) -> Any:
         ) from error
     _failures.pop(plugin.target, None)
     _note_place(module, plugin.target)
-    return found
+    return value
 
 
 def _note_place(module: str, target: str) -> None:
@@ -432,5 +432,5 @@ def _mending(module: str, error: BaseException) -> str:
     return "Install what it needs, or repair it; etude plugins lists all of them."
 
 
-def _sources(found: Sequence[Plugin]) -> str:
-    return " and ".join(plugin.source for plugin in found)
+def _sources(matches: Sequence[Plugin]) -> str:
+    return " and ".join(plugin.source for plugin in matches)

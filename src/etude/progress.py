@@ -66,7 +66,7 @@ def counted(
         whole: how much of the work around all of them are, in [0, 1].
     """
     todo = [(item, cost(item)) for item in items]
-    total = sum(own for _, own in todo)
-    for item, own in todo:
-        with part(whole * own / total):
+    total = sum(item_cost for _, item_cost in todo)
+    for item, item_cost in todo:
+        with part(whole * item_cost / total):
             yield item

@@ -360,6 +360,6 @@ Target = Callable[[Any, Kind, Any, Mapping[str, Any]], Delivered]
 
 def members(protocol: type) -> tuple[str, ...]:
     """Names that a protocol declares, those of its bases first."""
-    own = [vars(kind) for kind in protocol.__mro__[::-1] if getattr(kind, "_is_protocol", False)]
-    named = [[*part.get("__annotations__", ()), *part] for part in own]
+    namespaces = [vars(kind) for kind in protocol.__mro__[::-1] if getattr(kind, "_is_protocol", False)]
+    named = [[*part.get("__annotations__", ()), *part] for part in namespaces]
     return tuple(dict.fromkeys(name for part in named for name in part if not name.startswith("_")))

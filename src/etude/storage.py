@@ -83,8 +83,8 @@ def write_folder(folder: Path, files: Mapping[str, bytes], mark: str) -> None:
     new, old = (folder.parent / f"{TEMPORARY_PREFIX}{os.getpid()}-{w}-{folder.name}" for w in ("new", "old"))
     try:
         try:
-            for rest in (new, old):  # of an earlier failure
-                shutil.rmtree(rest, ignore_errors=True)
+            for leftover in (new, old):  # of an earlier failure
+                shutil.rmtree(leftover, ignore_errors=True)
             for name, data in files.items():
                 (new / name).parent.mkdir(parents=True, exist_ok=True)
                 _write_new(new / name, data)
@@ -263,9 +263,9 @@ def _whole_lines_end(handle: int) -> int:
     while end > 0:
         start = max(0, end - 65536)
         os.lseek(handle, start, os.SEEK_SET)
-        found = os.read(handle, end - start).rfind(b"\n")
-        if found >= 0:
-            return start + found + 1
+        position = os.read(handle, end - start).rfind(b"\n")
+        if position >= 0:
+            return start + position + 1
         end = start
     return 0
 

@@ -70,8 +70,8 @@ def read_table(kind: type[T], table: Any, start: T, where: str) -> T:
     names = [field.name for field in _fields(kind)]
     refuse_unknown(table, names, where)
     types = types_of(kind)
-    given = {key: converted(types[key], value, key, where) for key, value in table.items()}
-    return _made(kind, {**{name: getattr(start, name) for name in names}, **given}, where)
+    values = {key: converted(types[key], value, key, where) for key, value in table.items()}
+    return _made(kind, {**{name: getattr(start, name) for name in names}, **values}, where)
 
 
 def from_table(kind: type[T], table: Any, where: str) -> T:
@@ -121,7 +121,7 @@ def write_table(name: str, value: Any, comments: Mapping[str, str]) -> str:
         item, comment = getattr(value, field.name), comments.get(field.name, "")
         if isinstance(item, Mapping):
             head = f"[{name}.{field.name}]" if item else f"# [{name}.{field.name}]"
-            rows = [f"{toml_value(key)} = {toml_value(own)}" for key, own in item.items()]
+            rows = [f"{toml_value(key)} = {toml_value(entry)}" for key, entry in item.items()]
             tables += [f"{head:<34} # {comment}" if comment else head, *rows]
             continue
         text = f"{field.name} = {toml_value(item)}"

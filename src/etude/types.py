@@ -212,9 +212,9 @@ class Samples:
 
         It is the channel `TARGET`, else the usable commands while any joint moves.
         """
-        known = self.log.get(TARGET)
-        asked = self.usable & self.moving.any(axis=1, keepdims=True)
-        return np.where(asked, self.command, np.nan) if known is None else known
+        reference = self.log.get(TARGET)
+        is_commanded = self.usable & self.moving.any(axis=1, keepdims=True)
+        return np.where(is_commanded, self.command, np.nan) if reference is None else reference
 
     def take(self, index: Index | Mask | slice) -> Samples:
         """The samples at `index`."""

@@ -119,8 +119,8 @@ class SlotineLi:
     adaptation: Adaptation
 
     def reference(self, plan: Array, tracking: Tracking) -> tuple[Array, Array]:
-        vjp = self.adaptation.bandwidth
-        return plan[1] + vjp * tracking.e, plan[2] + vjp * tracking.ed
+        bandwidth = self.adaptation.bandwidth
+        return plan[1] + bandwidth * tracking.e, plan[2] + bandwidth * tracking.ed
 
     def slope(self, tracking: Tracking, at: Reference, weights: Array) -> Array:  # noqa: ARG002
         behind = at.moment @ (tracking.ed + self.adaptation.bandwidth * tracking.e)
@@ -153,8 +153,8 @@ class CraigHsuSastry:
         return np.asarray((self.gain * behind)[:, None] * measured)
 
     def _servo(self, tracking: Tracking) -> Array:
-        vjp = self.adaptation.bandwidth
-        return 2.0 * vjp * tracking.ed + vjp**2 * tracking.e
+        bandwidth = self.adaptation.bandwidth
+        return 2.0 * bandwidth * tracking.ed + bandwidth**2 * tracking.e
 
 
 def dominant(inertia: Array, floor: Array) -> Array:
@@ -163,10 +163,10 @@ def dominant(inertia: Array, floor: Array) -> Array:
     Otherwise the diagonal is raised to the floor, and the rest of a row made smaller until it does.
     """
     diagonal = np.maximum(np.diag(inertia), floor)
-    rest = inertia - np.diag(np.diag(inertia))
+    off_diagonal = inertia - np.diag(np.diag(inertia))
     room = DOMINANCE * diagonal
-    part = room / np.maximum(room, np.abs(rest).sum(axis=1))
-    return np.asarray(np.diag(diagonal) + part[:, None] * rest)
+    part = room / np.maximum(room, np.abs(off_diagonal).sum(axis=1))
+    return np.asarray(np.diag(diagonal) + part[:, None] * off_diagonal)
 
 
 SLOTINE_LI = Adaptation(bandwidth=3.0, rate=5.0, smoothing=0.1)

@@ -43,8 +43,10 @@ def commands_of(spec: ArmSpec, model: Model | None, home: Array) -> CommandLimit
         home: (J,) a pose inside every limit, rad (m).
     """
     if model is not None:
-        own = by_model(model, _quantity(spec), spec.command_units, spec.names, _ends(spec), spec.torque_rate)
-        return kept_at(own, home)
+        limit = by_model(
+            model, _quantity(spec), spec.command_units, spec.names, _ends(spec), spec.torque_rate
+        )
+        return kept_at(limit, home)
     if not has_masses(spec) or spec.command_unit not in FORCES:
         return None
     return of_file(
@@ -53,21 +55,21 @@ def commands_of(spec: ArmSpec, model: Model | None, home: Array) -> CommandLimit
 
 
 def _unless_confirmed(
-    found: CommandLimit | OpenCommands, spec: ArmSpec, home: Array
+    commands: CommandLimit | OpenCommands, spec: ArmSpec, home: Array
 ) -> CommandLimit | OpenCommands:
     """Open commands, which refuse every motion until a person confirms the line about them; else `found`."""
     waits = any(line.startswith(NO_MOTION) for line in spec.confirm)
-    if not (waits and isinstance(found, OpenCommands) and found.limit is not None):
-        return found
-    asked = np.abs(found.limit.mean(rest_at(home, found.limit.orders))[0])
+    if not (waits and isinstance(commands, OpenCommands) and commands.limit is not None):
+        return commands
+    demand = np.abs(commands.limit.mean(rest_at(home, commands.limit.orders))[0])
     beyond = [
         f"{name} takes {most:.4g} {unit} of {end:.4g}"
         for name, unit, most, end in zip(
-            spec.names, found.limit.units, asked.tolist(), found.limit.upper.tolist(), strict=True
+            spec.names, commands.limit.units, demand.tolist(), commands.limit.upper.tolist(), strict=True
         )
         if most > end
     ]
-    return replace(found, refused=(f"{NO_MOTION}: at rest at home {', '.join(beyond)}", MEND))
+    return replace(commands, refused=(f"{NO_MOTION}: at rest at home {', '.join(beyond)}", MEND))
 
 
 def weight_on_drives(spec: ArmSpec) -> Callable[[Array], Array] | None:
@@ -102,7 +104,7 @@ def _nominal(spec: ArmSpec) -> CommandLimit:
         mean,
         deviation,
         NOMINAL,
-        said=(OPEN, *[OF_FILE] * bool(dry.any() or viscous.any())),
+        gaps=(OPEN, *[OF_FILE] * bool(dry.any() or viscous.any())),
         lasts=math.inf,
     )
 

@@ -74,12 +74,12 @@ class ArmData:
         return self.inputs == "desired"
 
 
-def _check_number(name: str, value: float | str, words: tuple[str, ...], *, above_zero: bool) -> None:
+def _check_number(name: str, value: float | str, keywords: tuple[str, ...], *, above_zero: bool) -> None:
     if isinstance(value, str):
-        good = value in words
+        good = value in keywords
     else:
         good = math.isfinite(value) and (value > 0 if above_zero else value >= 0)
     if not good:
         kind = "above zero" if above_zero else "zero or more"
-        choices = "".join(f" or '{word}'" for word in words)
+        choices = "".join(f" or '{word}'" for word in keywords)
         raise UsageError(f"{name} must be a number {kind}{choices}, not {value!r}", where=f"data.{name}")

@@ -58,8 +58,8 @@ def read(
         return read_robot(path), ()
     from etude_arm.model_file import spec_from_model
 
-    found = spec_from_model(path, joints=joints, held=held, given=limits, joint_limits=joint_limits)
-    return found.spec, found.confirm
+    description = spec_from_model(path, joints=joints, held=held, given=limits, joint_limits=joint_limits)
+    return description.spec, description.confirm
 
 
 POSES, SEED = 2048, 0
@@ -115,18 +115,18 @@ def sentences(spec: ArmSpec, home: Array) -> tuple[str, ...]:
         return ()
     limit = np.minimum(spec.command, spec.torque)
     weak, loaded = weight.most > limit, weight.moving > 0.0
-    found = [_weak(spec, limit, weight)] if weak.any() else []
+    lines = [_weak_joints(spec, limit, weight)] if weak.any() else []
     commands = commands_of(spec, None, home)
     if isinstance(commands, CommandLimit) and commands.share is not None:
-        found.append(f"{commands.said[-1]} Give another [search] home, or correct command in robot.toml.")
+        lines.append(f"{commands.gaps[-1]} Give another [search] home, or correct command in robot.toml.")
     factors = np.divide(spec.command, weight.moving, out=np.full(spec.dof, np.inf), where=loaded)
     factor = float(factors.min()) if loaded.any() else 0.0
-    found += [_strong(factor)] if factor > STRONG else _same(spec, factors)
-    found += _odd(spec, factors, weak)
-    return (*found, *(_slides(spec, factors) if factor <= STRONG else ()))
+    lines += [_loose_limits(factor)] if factor > STRONG else _equal_limits(spec, factors)
+    lines += _outlying_limits(spec, factors, weak)
+    return (*lines, *(_slide_limits(spec, factors) if factor <= STRONG else ()))
 
 
-def _weak(spec: ArmSpec, limit: Array, weight: Weight) -> str:
+def _weak_joints(spec: ArmSpec, limit: Array, weight: Weight) -> str:
     """A sentence on joints whose limit cannot hold the arm: at home, or elsewhere in its range."""
     pose = ", ".join(f"{value:.2g}" for value in weight.at[int(np.argmax(weight.most / limit))].tolist())
     ever = _joints(spec, weight.most, limit, f" (at [{pose}])")
@@ -143,18 +143,18 @@ def _weak(spec: ArmSpec, limit: Array, weight: Weight) -> str:
     )
 
 
-def _joints(spec: ArmSpec, asked: Array, limit: Array, of_first: str = "") -> str:
+def _joints(spec: ArmSpec, demand: Array, limit: Array, of_first: str = "") -> str:
     """Joints with a demand above their limit, the worst first, with its details."""
-    order = np.argsort(-asked / limit, kind="stable")
-    words = [
-        f"{spec.names[j]} takes {asked[j]:.4g} {spec.command_units[j]} of {limit[j]:.4g}"
+    order = np.argsort(-demand / limit, kind="stable")
+    parts = [
+        f"{spec.names[j]} takes {demand[j]:.4g} {spec.command_units[j]} of {limit[j]:.4g}"
         for j in order
-        if asked[j] > limit[j]
+        if demand[j] > limit[j]
     ]
-    return ", ".join([words[0] + of_first, *words[1:]])
+    return ", ".join([parts[0] + of_first, *parts[1:]])
 
 
-def _strong(factor: float) -> str:
+def _loose_limits(factor: float) -> str:
     return (
         f"The command limits are at least {factor:.3g} times what the arm asks for at its limits of speed "
         "and acceleration: placeholders, or in another unit? They hold back no motion, and scales of "
@@ -162,7 +162,7 @@ def _strong(factor: float) -> str:
     )
 
 
-def _same(spec: ArmSpec, factors: Array) -> list[str]:
+def _equal_limits(spec: ArmSpec, factors: Array) -> list[str]:
     """One number for joints of all sizes, far above the demand of most."""
     same = spec.dof > 2 and np.ptp(spec.command) == 0.0 and np.quantile(factors, 1.0 - MOST_JOINTS) > STRONG
     return [
@@ -173,34 +173,34 @@ def _same(spec: ArmSpec, factors: Array) -> list[str]:
     ]
 
 
-def _odd(spec: ArmSpec, factors: Array, weak: Mask) -> list[str]:
+def _outlying_limits(spec: ArmSpec, factors: Array, weak: Mask) -> list[str]:
     """Limits that differ from those of the other joints, and do not fit the arm's demand either."""
-    said = []
+    parts = []
     for unit in dict.fromkeys(axis.unit for axis in spec.axes):
-        own = np.array([j for j, axis in enumerate(spec.axes) if axis.unit == unit])
-        for j, times in _apart(spec.command[own]):
-            k, sign = int(own[j]), "N m" if unit == "rad" else "N"
-            far = len(own) > TOO_FEW_JOINTS and max(times, 1.0 / times) > FAR
+        joints = np.array([j for j, axis in enumerate(spec.axes) if axis.unit == unit])
+        for j, times in _outliers(spec.command[joints]):
+            k, sign = int(joints[j]), "N m" if unit == "rad" else "N"
+            far = len(joints) > TOO_FEW_JOINTS and max(times, 1.0 / times) > FAR
             if not weak[k] and (far or _unfit(times, factors[k], factors)):
-                said.append(f"{spec.names[k]} {spec.command[k]:.4g} {sign}, {times:.3g} times the nearest")
-    if not said:
+                parts.append(f"{spec.names[k]} {spec.command[k]:.4g} {sign}, {times:.3g} times the nearest")
+    if not parts:
         return []
     return [
-        f"Command limits lie apart from those of the other joints: {'; '.join(said)}. In another unit? "
+        f"Command limits lie apart from those of the other joints: {'; '.join(parts)}. In another unit? "
         "Correct command of [[axis]] in robot.toml."
     ]
 
 
-def _slides(spec: ArmSpec, factors: Array) -> list[str]:
+def _slide_limits(spec: ArmSpec, factors: Array) -> list[str]:
     """Slides without others for comparison: the moved mass gives the demand."""
     slides = [j for j, axis in enumerate(spec.axes) if axis.unit == "m"]
     far = [j for j in slides if len(slides) <= TOO_FEW_JOINTS and FAR < factors[j] < np.inf]
     if not far:
         return []
-    words = [f"{spec.names[j]} {spec.command[j]:.4g} N, {factors[j]:.3g} times that" for j in far]
+    parts = [f"{spec.names[j]} {spec.command[j]:.4g} N, {factors[j]:.3g} times that" for j in far]
     return [
         "Command limits of slides are far beyond what these are asked for at their limits of speed and "
-        f"acceleration: {'; '.join(words)}. In another unit? Correct command of [[axis]] in robot.toml."
+        f"acceleration: {'; '.join(parts)}. In another unit? Correct command of [[axis]] in robot.toml."
     ]
 
 
@@ -209,21 +209,21 @@ def _unfit(times: float, factor: float, factors: Array) -> bool:
     return factor > STRONG if times > 1.0 else factor < min(1.0, float(np.median(factors)) / APART)
 
 
-def _apart(limits: Array) -> list[tuple[int, float]]:
+def _outliers(limits: Array) -> list[tuple[int, float]]:
     """The fewer of the joints on either side of a gap of `APART`, and their limits by the next beyond it.
 
     Of two joints both, where the gap is `FAR`.
     """
     order = np.argsort(limits, kind="stable")
-    found = []
+    outliers = []
     for k in range(1, len(order)):
         low, high = limits[order[k - 1]], limits[order[k]]
         if len(order) == TOO_FEW_JOINTS and high > FAR * low:
-            found += [(int(order[0]), float(low / high)), (int(order[1]), float(high / low))]
+            outliers += [(int(order[0]), float(low / high)), (int(order[1]), float(high / low))]
         elif high > APART * low and 2 * k != len(order):
             fewer, nearest = (order[:k], high) if 2 * k < len(order) else (order[k:], low)
-            found += [(int(j), float(limits[j] / nearest)) for j in fewer]
-    return found
+            outliers += [(int(j), float(limits[j] / nearest)) for j in fewer]
+    return outliers
 
 
 def _at_rest(geometry: Geometry, q: Array) -> Array:
@@ -241,11 +241,11 @@ def _heaviest(geometry: Geometry, spec: ArmSpec, poses: Array) -> tuple[Array, A
             tried = np.repeat(at, GRID + 1, axis=0)
             grid = np.linspace(spec.lower[i], spec.upper[i], GRID)
             tried[:, i] = np.concatenate([np.append(grid, at[j, i]) for j in range(dof)])
-            asked = _at_rest(geometry, tried).reshape(dof, GRID + 1, dof)
-            best = [int(asked[j, :, j].argmax()) for j in range(dof)]
+            demand = _at_rest(geometry, tried).reshape(dof, GRID + 1, dof)
+            best = [int(demand[j, :, j].argmax()) for j in range(dof)]
             at = np.array([tried[j * (GRID + 1) + k] for j, k in enumerate(best)])
-    found = _at_rest(geometry, at)
-    return np.diagonal(found).copy(), at
+    largest = _at_rest(geometry, at)
+    return np.diagonal(largest).copy(), at
 
 
 def describe(
@@ -303,14 +303,14 @@ def _packed_model(
     finer: list[str] = []
     text, meshes = packed(model_file, mesh_roots, overlapping, finer)
     files = {name: text, **meshes}
-    own = replace(spec, model_file=Path(name))
-    final = _loaded_from(own, files)
-    around, of_around = completed(own, final, leave, weight_on_drives(spec), whole_file=whole_file)
+    packed_spec = replace(spec, model_file=Path(name))
+    final = _loaded_from(packed_spec, files)
+    around, of_around = completed(packed_spec, final, leave, weight_on_drives(spec), whole_file=whole_file)
     if around.collision.look:
-        finer += hemmed_in(crowds(final, own.lower, own.upper), around.collision.ignore)
-    own = replace(own, around=around)
-    home = np.array(around.search.home) if around.search else 0.5 * (own.lower + own.upper)
-    return own, files, (*loaded.notes, *made_up(loaded), *finer, *of_around, *sentences(spec, home))
+        finer += hemmed_in(crowds(final, packed_spec.lower, packed_spec.upper), around.collision.ignore)
+    packed_spec = replace(packed_spec, around=around)
+    home = np.array(around.search.home) if around.search else 0.5 * (packed_spec.lower + packed_spec.upper)
+    return packed_spec, files, (*loaded.notes, *made_up(loaded), *finer, *of_around, *sentences(spec, home))
 
 
 def _floor(path: Path, height: float) -> Floor:

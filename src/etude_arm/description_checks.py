@@ -54,11 +54,11 @@ def check_spec(spec: ArmSpec, *, where: str = "", units_checked: bool = False) -
                 next_step=f"Its joints are {', '.join(spec.names)}.",
             )
     _check_gains(spec, where)
-    found = suspected(spec)
-    if found and not units_checked:
-        units = RADIANS if found.turns else METRES
+    suspicion = suspected(spec)
+    if suspicion and not units_checked:
+        units = RADIANS if suspicion.turns else METRES
         raise UsageError(
-            found.sentence,
+            suspicion.sentence,
             where=where,
             next_step=f"{units} If the figure is right, set units_checked = true.",
         )
@@ -91,14 +91,15 @@ def _check_axis(axis: Axis, where: str) -> None:
             raise UsageError(
                 f"limit '{limit}' must be a finite number above zero, not {value:g}", where=place
             )
-    own = axis.envelope
-    if own is not None and not (
-        all(map(math.isfinite, (own.offset, own.slope, own.lower, own.upper)))
-        and own.slope > 0.0
-        and own.lower < own.upper
+    envelope = axis.envelope
+    if envelope is not None and not (
+        all(map(math.isfinite, (envelope.offset, envelope.slope, envelope.lower, envelope.upper)))
+        and envelope.slope > 0.0
+        and envelope.lower < envelope.upper
     ):
         raise UsageError(
-            f"envelope {own} needs finite numbers, a slope above zero, and its lower end below its upper",
+            f"envelope {envelope} needs finite numbers, a slope above zero, and its lower end below its "
+            "upper",
             where=place,
             next_step="|qd| <= offset + sqrt(slope (end - q)): copy the four numbers of the robot's manual.",
         )
@@ -138,13 +139,13 @@ SUSPECTED = {
 def suspected(spec: ArmSpec) -> Suspected | None:
     """The first kind of limit that looks like degrees or mm, with all its joints; None without one."""
     for (option, turns), (limit, most, units) in SUSPECTED.items():
-        own = {axis.name: _size(axis, option) for axis in spec.axes if (axis.unit == "rad") == turns}
-        large = {name: size for name, size in own.items() if size > most}
+        sizes = {axis.name: _size(axis, option) for axis in spec.axes if (axis.unit == "rad") == turns}
+        large = {name: size for name, size in sizes.items() if size > most}
         if large:
             (first, size), others = next(iter(large.items())), len(large) - 1
             more = f" (and of {others} more)" if others else ""
-            words = f"{limit} limit {size:g} of joint '{first}'{more} looks like {units}"
-            return Suspected(tuple(large), turns, words, option)
+            sentence = f"{limit} limit {size:g} of joint '{first}'{more} looks like {units}"
+            return Suspected(tuple(large), turns, sentence, option)
     return None
 
 
@@ -154,5 +155,5 @@ def _size(axis: Axis, option: str) -> float:
 
 def unit_suspicion(spec: ArmSpec) -> str:
     """A sentence if a limit looks like one in another unit, else an empty string."""
-    found = suspected(spec)
-    return "" if found is None else found.sentence
+    suspicion = suspected(spec)
+    return "" if suspicion is None else suspicion.sentence

@@ -30,21 +30,21 @@ Faces = tuple[tuple[int, ...], ...]
 def standing_things(around: Surroundings, mounting: Mounting | None) -> tuple[Thing, ...]:
     """Floor, walls, boxes, room and column, and the line from a mounted base to the floor."""
     base = np.zeros(3) if mounting is None else np.array(mounting.position)
-    found = (
+    things = (
         [_plane("floor", Wall("", (0.0, 0.0, around.floor.height), (0, 0, 1)), base)] if around.floor else []
     )
-    found += [_plane(wall.name, wall, base) for wall in around.wall]
-    found += [_box(box) for box in around.box]
+    things += [_plane(wall.name, wall, base) for wall in around.wall]
+    things += [_box(box) for box in around.box]
     if around.room is not None:
         low, high = np.array(around.room.lower), np.array(around.room.upper)
-        found.append(_still("room", "inside", 0.5 * (low + high) + 0.5 * (high - low) * CUBE, CUBE_FACES))
+        things.append(_still("room", "inside", 0.5 * (low + high) + 0.5 * (high - low) * CUBE, CUBE_FACES))
     if around.column is not None:
-        found.append(_column(around.column))
+        things.append(_column(around.column))
     height = around.floor.height if around.floor else 0.0
     if base[2] > height + ABOVE:
         foot = np.array([base, [base[0], base[1], height]])
-        found.append(_still(f"base, {base[2] - height:.3g} m up", "stand", foot, ((0, 1),)))
-    return tuple(found)
+        things.append(_still(f"base, {base[2] - height:.3g} m up", "stand", foot, ((0, 1),)))
+    return tuple(things)
 
 
 def carried_things(spec: ArmSpec, loaded: Loaded, q: Array) -> tuple[Thing, ...]:
@@ -54,11 +54,11 @@ def carried_things(spec: ArmSpec, loaded: Loaded, q: Array) -> tuple[Thing, ...]
     if not shaped:
         return ()
     frames = _frames(loaded, q, list(shaped))
-    found = []
+    things = []
     for (name, one), (places, turns) in zip(shaped.items(), frames, strict=True):
         points, faces = _solid(one.shape, one.size)
-        found.append(Thing(name, "carried", places[:, None] + points @ turns.transpose(0, 2, 1), faces))
-    return tuple(found)
+        things.append(Thing(name, "carried", places[:, None] + points @ turns.transpose(0, 2, 1), faces))
+    return tuple(things)
 
 
 def _frames(loaded: Loaded, q: Array, names: list[str]) -> list[tuple[Array, Array]]:
@@ -190,8 +190,8 @@ def _joint_before(j: int, bodies: list[int], carried_by: list[int]) -> int:
         return same[-1]
     body = carried_by[bodies[j]]
     while body > 0:
-        own = [i for i, other in enumerate(bodies) if other == body]
-        if own:
-            return own[-1]
+        joints = [i for i, other in enumerate(bodies) if other == body]
+        if joints:
+            return joints[-1]
         body = carried_by[body]
     return -1

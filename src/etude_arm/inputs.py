@@ -16,7 +16,7 @@ import numpy as np
 from etude._runtime.operators import Piece
 from etude.errors import UsageError
 from etude.types import Array, Channel, Code, Column, Index, Log, Motion, Planned, Row, Samples
-from etude_arm.memory import MEMORY_RATE, pulled, remembered, turning
+from etude_arm.memory import MEMORY_RATE, memory_vjp, remembered, turning
 from etude_arm.spec import MEMORY, ORDERS, PATH, PLAN, TURNING, ArmSpec
 
 FRICTION_SCALES = (1.0, 4.0, 16.0)
@@ -98,13 +98,13 @@ class ArmInputs:
         }
         v0 = friction_speeds(spec, friction_fraction) if friction_fraction else None
         distances = spec.presliding_distances() if physics else None
-        found = cls(
+        inputs = cls(
             channels, stick_fraction * spec.velocity, v0, desired=desired, presliding_distances=distances
         )
         if not presliding:
-            return found
+            return inputs
         length = spec.presliding(presliding)
-        return replace(found, presliding=length, play=np.zeros(spec.dof), slow=SLOW * spec.velocity)
+        return replace(inputs, presliding=length, play=np.zeros(spec.dof), slow=SLOW * spec.velocity)
 
     @property
     def names(self) -> tuple[str, str, str]:
@@ -121,13 +121,15 @@ class ArmInputs:
     @property
     def columns(self) -> tuple[Column, ...]:
         """Blocks of J columns: q, qd, qdd, friction from the narrowest step on, and the friction state."""
-        found: list[Column] = []
+        columns: list[Column] = []
         for name in self.names:
             channel = self.channels[name]
-            found += [(name, part, unit, "") for part, unit in zip(channel.parts, channel.units, strict=True)]
+            columns += [
+                (name, part, unit, "") for part, unit in zip(channel.parts, channel.units, strict=True)
+            ]
         speed = self.channels[self.names[1]]
         ops = ["tanh" for _ in self.thresholds] + (["memory", "rest"] if self.presliding is not None else [])
-        return (*found, *((speed.name, part, "1", op) for op in ops for part in speed.parts))
+        return (*columns, *((speed.name, part, "1", op) for op in ops for part in speed.parts))
 
     def scales(self) -> Array:
         """Velocities (D,) of tanh and rest; 1 for plain columns, NaN for friction states."""
@@ -147,8 +149,8 @@ class ArmInputs:
         """The log of a perfect run, measured as planned."""
         names = (*PATH, *PLAN)
         values = dict(zip(names, (*motion.orders[:ORDERS], *motion.orders[:ORDERS]), strict=True))
-        found = Log(motion.t, {name: self.channels[name] for name in names}, values, source="plan")
-        return found if len(found) < 2 else self.followed(found)
+        log = Log(motion.t, {name: self.channels[name] for name in names}, values, source="plan")
+        return log if len(log) < 2 else self.followed(log)
 
     def followed(self, log: Log) -> Log:
         """The log with friction states, for successive rows of a run from rest; unchanged if it has them."""
@@ -179,19 +181,19 @@ class ArmInputs:
         if before is not None and before.shape[1] < q.shape[1]:  # an older version carried no other friction
             more = np.stack([np.zeros(q.shape[1]), q[0]])[:, before.shape[1] :]
             before = np.concatenate([before, more], axis=1)
-        found = remembered(q, np.concatenate(plays), np.concatenate(lengths), before)[0]
+        memory = remembered(q, np.concatenate(plays), np.concatenate(lengths), before)[0]
         J = len(self.stick_velocity)
         if self.presliding is not None:
-            row = row.put(self._memory, found[:1, -J:])
+            row = row.put(self._memory, memory[:1, -J:])
         if self.presliding_distances is not None:
-            row = row.put(self.channels[TURNING], found[:1, : self.presliding_distances.size])
-        return row, found
+            row = row.put(self.channels[TURNING], memory[:1, : self.presliding_distances.size])
+        return row, memory
 
     def of_log(self, log: Log) -> Array:
         """X (T, D). KeyError: the log lacks a channel."""
         q, qd, qdd = (log[name] for name in self.names)
-        known = log.get(MEMORY)
-        return self._columns(q, qd, qdd, self._sigma(q) if known is None else known)
+        memory = log.get(MEMORY)
+        return self._columns(q, qd, qdd, self._sigma(q) if memory is None else memory)
 
     def plan(self, motion: Motion, keep: Index | None = None) -> Planned:
         """X (T, D), signed stick gains (T, J), and the vector-Jacobian product to q, qd and qdd."""
@@ -202,14 +204,14 @@ class ArmInputs:
         sigma = self._sigma(whole)
 
         def vjp(in_X: Array, in_gains: Array) -> Array:
-            found = np.zeros((ORDERS, *whole.shape), dtype=motion.orders.dtype)
-            own, on_sigma = self._pulled(qd, in_X, sigma[rows])
-            found[:, rows] = own + np.stack([0.0 * gains, in_gains * slopes, 0.0 * gains])
+            gradient = np.zeros((ORDERS, *whole.shape), dtype=motion.orders.dtype)
+            direct, on_sigma = self._columns_vjp(qd, in_X, sigma[rows])
+            gradient[:, rows] = direct + np.stack([0.0 * gains, in_gains * slopes, 0.0 * gains])
             if self.presliding is not None and self.play is not None:
                 in_sigma = np.zeros(whole.shape)
                 in_sigma[rows] = on_sigma
-                found[0] += pulled(whole, self.play, self.presliding, in_sigma)
-            return found
+                gradient[0] += memory_vjp(whole, self.play, self.presliding, in_sigma)
+            return gradient
 
         return Planned(self._columns(q, qd, qdd, sigma[rows]), gains, vjp)
 
@@ -218,8 +220,8 @@ class ArmInputs:
         q, qd, qdd = (row[name][None] for name in self.names)
         if self.presliding is None or self.play is None:
             return self._columns(q, qd, qdd, self._sigma(q))[0], np.zeros(0)
-        found = remembered(q, self.play, self.presliding, memory)[0]
-        return self._columns(q, qd, qdd, found[:1])[0], found
+        state = remembered(q, self.play, self.presliding, memory)[0]
+        return self._columns(q, qd, qdd, state[:1])[0], state
 
     def rates(self, motion: Motion) -> tuple[Array, Array] | None:
         """dX/dt and d2X/dt2 (T, D) along a motion of five orders. UsageError: it has fewer."""
@@ -244,31 +246,31 @@ class ArmInputs:
         With a friction state, also the play of the log's positions, and v0 of e.
         """
         speed = np.abs(samples.log[self.names[1]])
-        found = replace(self, stick_velocity=np.where(samples.moving, 0.0, speed).max(axis=0, initial=0.0))
+        inputs = replace(self, stick_velocity=np.where(samples.moving, 0.0, speed).max(axis=0, initial=0.0))
         if self.presliding is None:
-            return found
+            return inputs
         limit = np.array(self.channels[self.names[1]].reach)
         top = np.clip(speed.max(axis=0, initial=0.0), SLOWEST * limit, limit)
         quantum = samples.log.channels[self.names[0]].quantum
-        return replace(found, slow=SLOW * top, play=np.array(quantum) if quantum else self.play)
+        return replace(inputs, slow=SLOW * top, play=np.array(quantum) if quantum else self.play)
 
     def arrays(self) -> dict[str, Array]:
         """Values set by `fitted`, to be stored with a model."""
-        found = {"stick_velocity": self.stick_velocity}
+        arrays = {"stick_velocity": self.stick_velocity}
         if self.presliding is not None and self.play is not None and self.slow is not None:
-            found |= {"presliding": self.presliding, "play": self.play, "slow": self.slow}
-        return found
+            arrays |= {"presliding": self.presliding, "play": self.play, "slow": self.slow}
+        return arrays
 
     def restore(self, arrays: Mapping[str, Array]) -> ArmInputs:
         """The same inputs with the values of `arrays`; a model without a friction state has none."""
-        found = replace(self, stick_velocity=np.asarray(arrays["stick_velocity"], dtype=float))
+        inputs = replace(self, stick_velocity=np.asarray(arrays["stick_velocity"], dtype=float))
         if "friction_velocity" in arrays:  # of models of an earlier version
             v0 = np.asarray(arrays["friction_velocity"], dtype=float)
-            found = replace(found, friction_velocity=v0)
+            inputs = replace(inputs, friction_velocity=v0)
         if "play" not in arrays:
-            return replace(found, presliding=None, play=None, slow=None)
+            return replace(inputs, presliding=None, play=None, slow=None)
         length, play, slow = (np.asarray(arrays[n], dtype=float) for n in ("presliding", "play", "slow"))
-        return replace(found, presliding=length, play=play, slow=slow)
+        return replace(inputs, presliding=length, play=play, slow=slow)
 
     def c(self, name: str) -> Code:
         """C99 of the map, with its memory."""
@@ -300,31 +302,31 @@ class ArmInputs:
                 raise UsageError(f"{name} has shape {values.shape}, not {shape}", where="inputs of the model")
         friction = [np.tanh(qd / threshold) for threshold in self.thresholds]
         if self.slow is not None:
-            rest = np.exp(-np.abs(qd) / self.slow)
-            friction += [sigma * rest, rest]
+            standstill = np.exp(-np.abs(qd) / self.slow)
+            friction += [sigma * standstill, standstill]
         return np.concatenate([q, qd, qdd, *friction], axis=1)
 
-    def _pulled(self, qd: Array, in_X: Array, sigma: Array) -> tuple[Array, Array]:
+    def _columns_vjp(self, qd: Array, in_X: Array, sigma: Array) -> tuple[Array, Array]:
         """Gradient (3, T, J) of sum(in_X * X) in q, qd and qdd with sigma held fixed, and that in sigma."""
         scales = len(self.thresholds)
         blocks = np.stack(np.split(in_X, ORDERS + scales + (0 if self.slow is None else 2), axis=1))
-        found, on_sigma = blocks[:ORDERS].copy(), np.zeros(qd.shape)
+        gradient, on_sigma = blocks[:ORDERS].copy(), np.zeros(qd.shape)
         for block, threshold in zip(blocks[ORDERS : ORDERS + scales], self.thresholds, strict=True):
-            found[1] += block * ((1.0 - np.tanh(qd / threshold) ** 2) / threshold)
+            gradient[1] += block * ((1.0 - np.tanh(qd / threshold) ** 2) / threshold)
         if self.slow is not None:
             held, rested = blocks[-2:]
-            rest = np.exp(-np.abs(qd) / self.slow)
-            found[1] -= (held * sigma + rested) * np.sign(qd) * rest / self.slow
-            on_sigma = held * rest
-        return found, on_sigma
+            standstill = np.exp(-np.abs(qd) / self.slow)
+            gradient[1] -= (held * sigma + rested) * np.sign(qd) * standstill / self.slow
+            on_sigma = held * standstill
+        return gradient, on_sigma
 
     def _memory_rates(self, q: Array, qd: Array, qdd: Array, qddd: Array) -> tuple[list[Array], list[Array]]:
         """dX/dt and d2X/dt2 of sigma e and of e, with sigma held fixed."""
         assert self.slow is not None
         sign, sigma = np.sign(qd), self._sigma(q)
-        rest = np.exp(-np.abs(qd) / self.slow)
-        first = -sign * qdd * rest / self.slow
-        second = rest * ((qdd / self.slow) ** 2 - sign * qddd / self.slow)
+        standstill = np.exp(-np.abs(qd) / self.slow)
+        first = -sign * qdd * standstill / self.slow
+        second = standstill * ((qdd / self.slow) ** 2 - sign * qddd / self.slow)
         return [sigma * first, first], [sigma * second, second]
 
 

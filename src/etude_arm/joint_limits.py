@@ -66,14 +66,18 @@ def read(path: Path) -> Read:
         UsageError: the file is missing, has no `joint_limits`, or a line has another format.
     """
     levels = _levels(path)
-    found = [table for name, table in _tables(levels) if name == TABLE]
-    if not found:
+    matches = [table for name, table in _tables(levels) if name == TABLE]
+    if not matches:
         raise UsageError(
             f"there is no {TABLE}: in this file",
             where=str(path),
             next_step=f"Name MoveIt's {FILE}: {TABLE}:, below it each joint, below that max_velocity: ...",
         )
-    limits = {joint: _limits(own, joint, path) for joint, own in found[0].items() if isinstance(own, dict)}
+    limits = {
+        joint: _limits(entries, joint, path)
+        for joint, entries in matches[0].items()
+        if isinstance(entries, dict)
+    }
     around = {name: value for _, table in (("", levels), *_tables(levels)) for name, value in table.items()}
     scaling = {name: _number(around[name], name, path) for name in SCALING if name in around}
     return Read(limits, {name: value for name, value in scaling.items() if value < 1.0})
@@ -87,52 +91,52 @@ def _levels(path: Path) -> dict[str, Any]:
         text = re.sub(r"(^|\s)#.*$", "", line).rstrip()
         if not text.strip() or text in ("---", "..."):
             continue
-        found = LINE.match(text)
-        value = found[5].strip() if found and found[5] else ""
-        if found is None or value[:1] in ("{", "[", "&", "*", "|", ">"):
+        match = LINE.match(text)
+        value = match[5].strip() if match and match[5] else ""
+        if match is None or value[:1] in ("{", "[", "&", "*", "|", ">"):
             raise UsageError(
                 f"line {count} is not `name: value` with blanks before it: {text.strip()!r}",
                 where=str(path),
                 next_step="Write one limit on each line, as MoveIt's Setup Assistant does.",
             )
-        while stack[-1][0] >= len(found[1]):
+        while stack[-1][0] >= len(match[1]):
             stack.pop()
-        name = next(own for own in found.groups()[1:4] if own is not None)
+        name = next(group for group in match.groups()[1:4] if group is not None)
         inner: dict[str, Any] = {}
         stack[-1][1][name] = value or inner
         if not value:
-            stack.append((len(found[1]), inner))
+            stack.append((len(match[1]), inner))
     return top
 
 
 def _tables(table: Mapping[str, Any]) -> Iterator[tuple[str, dict[str, Any]]]:
     """All tables by name, outer ones first."""
-    for name, own in table.items():
-        if isinstance(own, dict):
-            yield name, own
-            yield from _tables(own)
+    for name, value in table.items():
+        if isinstance(value, dict):
+            yield name, value
+            yield from _tables(value)
 
 
-def _limits(own: Mapping[str, Any], joint: str, path: Path) -> dict[str, float]:
-    found = {}
+def _limits(entries: Mapping[str, Any], joint: str, path: Path) -> dict[str, float]:
+    limits = {}
     for key, (limit, switch) in KEYS.items():
-        off = not SWITCH.get(str(own.get(f"has_{switch}_limits", "true")).lower(), True)
-        if key not in own or off:
+        off = not SWITCH.get(str(entries.get(f"has_{switch}_limits", "true")).lower(), True)
+        if key not in entries or off:
             continue
-        value = found[limit] = _number(own[key], f"{key} of {joint}", path)
+        value = limits[limit] = _number(entries[key], f"{key} of {joint}", path)
         if switch != "position" and not value > 0.0:
             raise UsageError(
                 f"{key} of joint '{joint}' must be above zero, not {value:g}",
                 where=str(path),
                 next_step=f"Correct it, or write has_{switch}_limits: false.",
             )
-    return found
+    return limits
 
 
 def _number(text: Any, what: str, path: Path) -> float:
-    tag, _, rest = str(text).rpartition(" ")
+    tag, _, digits = str(text).rpartition(" ")
     try:
-        value = float(rest)
+        value = float(digits)
     except ValueError:
         value = math.nan
     if not math.isfinite(value) or tag.strip() not in ("", DEGREES, "!radians"):
@@ -159,27 +163,29 @@ def tightened(
     Raises:
         UsageError: as `read`; the model lacks a joint; a limit looks like degrees or mm.
     """
-    found = read(path)
-    _require_known(found, arm, moving, path)
-    limits = {joint: dict(own) for joint, own in stated.items()}
+    moveit = read(path)
+    _require_known(moveit, arm, moving, path)
+    limits = {joint: dict(values) for joint, values in stated.items()}
     loose: list[str] = []
-    for joint in (name for name in arm if name in found.limits):
-        own, before = found.limits[joint], stated[joint]
-        for limit, value in own.items():
+    for joint in (name for name in arm if name in moveit.limits):
+        values, before = moveit.limits[joint], stated[joint]
+        for limit, value in values.items():
             if limit == "velocity":
                 _require_alike(value, before.get(limit), joint, moving[joint], path)
             tight = max if limit == "lower" else min
             limits[joint][limit] = tight(value, before.get(limit, value))
             if limits[joint][limit] != value:
                 loose.append(f"{limit} of {joint} {value:g} for {before[limit]:g}")
-        fastest = max((own["velocity"] for own in (own, before) if "velocity" in own), default=math.inf)
+        fastest = max(
+            (values["velocity"] for values in (values, before) if "velocity" in values), default=math.inf
+        )
         _require_possible(limits[joint], fastest, joint, moving[joint], path)
-    return limits, _said(found, loose, [name for name in arm if name not in found.limits])
+    return limits, _sentences(moveit, loose, [name for name in arm if name not in moveit.limits])
 
 
-def _require_known(found: Read, arm: Sequence[str], moving: Mapping[str, Moving], path: Path) -> None:
-    unknown = [joint for joint in found.limits if joint not in moving]
-    if unknown or not any(joint in found.limits for joint in arm):
+def _require_known(moveit: Read, arm: Sequence[str], moving: Mapping[str, Moving], path: Path) -> None:
+    unknown = [joint for joint in moveit.limits if joint not in moving]
+    if unknown or not any(joint in moveit.limits for joint in arm):
         what = f"the model has no moving joint {', '.join(unknown)}" if unknown else "it limits no joint"
         raise UsageError(
             what,
@@ -199,15 +205,18 @@ def _require_alike(value: float, model: float | None, joint: str, kind: Moving, 
         )
 
 
-def _require_possible(own: Mapping[str, float], fastest: float, joint: str, kind: Moving, path: Path) -> None:
+def _require_possible(
+    limits: Mapping[str, float], fastest: float, joint: str, kind: Moving, path: Path
+) -> None:
     """Raises UsageError for an empty range, or an acceleration beyond any drive."""
-    if own.get("lower", -math.inf) >= own.get("upper", math.inf):
+    if limits.get("lower", -math.inf) >= limits.get("upper", math.inf):
         raise UsageError(
-            f"positions {own['lower']:g}..{own['upper']:g} leave nothing of the range of joint '{joint}'",
+            f"positions {limits['lower']:g}..{limits['upper']:g} leave nothing of the range of joint "
+            f"'{joint}'",
             where=str(path),
             next_step="Correct min_position and max_position.",
         )
-    acceleration = own.get("acceleration", 0.0)
+    acceleration = limits.get("acceleration", 0.0)
     if acceleration * LEAST_START_S > fastest:
         units = "mm/s^2, not m/s^2" if kind.slides else "degrees/s^2, not rad/s^2"
         raise UsageError(
@@ -218,18 +227,18 @@ def _require_possible(own: Mapping[str, float], fastest: float, joint: str, kind
         )
 
 
-def _said(found: Read, loose: Sequence[str], missing: Sequence[str]) -> tuple[str, ...]:
-    said = []
+def _sentences(moveit: Read, loose: Sequence[str], missing: Sequence[str]) -> tuple[str, ...]:
+    lines = []
     if loose:
-        said.append(f"The model file's limits count where {FILE} is looser: {', '.join(loose)}.")
+        lines.append(f"The model file's limits count where {FILE} is looser: {', '.join(loose)}.")
     if missing:
-        said.append(f"{FILE} does not name {', '.join(missing)}: the model file's limits count.")
-    for name, value in found.scaling.items():
-        said.append(
+        lines.append(f"{FILE} does not name {', '.join(missing)}: the model file's limits count.")
+    for name, value in moveit.scaling.items():
+        lines.append(
             f"{name} {value:g} of {FILE} does not lower limits here: it is what MoveIt's planner uses unless "
             "asked otherwise."
         )
-    return tuple(said)
+    return tuple(lines)
 
 
 @dataclass(frozen=True)
@@ -249,10 +258,10 @@ class JointLimits:
             raise UsageError(
                 f"'{spec.name}' has no joints to limit", next_step="Export the model itself: --to c."
             )
-        said = [f"{FILE} limits {spec.dof} joints as this campaign certifies motions, without margins."]
-        said += [f"{axis.name}: {_shortened(axis)}." for axis in spec.axes if axis.envelope is not None]
+        sentences = [f"{FILE} limits {spec.dof} joints as this campaign certifies motions, without margins."]
+        sentences += [f"{axis.name}: {_shortened(axis)}." for axis in spec.axes if axis.envelope is not None]
         open_points = [line for line in spec.confirm if line.startswith("Acceleration limits are assumed")]
-        return Delivered({FILE: written(spec).encode()}, (*said, *open_points))
+        return Delivered({FILE: written(spec).encode()}, (*sentences, *open_points))
 
 
 def written(spec: ArmSpec) -> str:
@@ -276,12 +285,12 @@ def _lines(axis: Axis) -> list[str]:
             f"{axis.acceleration:g} {axis.unit}/s^2",
             next_step="Lower velocity or acceleration of this [[axis]] in robot.toml.",
         )
-    kept = replace(axis, lower=lower, upper=upper)
+    braked = replace(axis, lower=lower, upper=upper)
     lines = [f"  {_name(axis.name)}:"]
     if axis.envelope is not None:
         lines.append(f"    # {_shortened(axis)}")
     for key, (limit, switch) in KEYS.items():
-        value = None if limit == "command" else getattr(kept, limit)
+        value = None if limit == "command" else getattr(braked, limit)
         if key != "max_position" and limit != "command":
             lines.append(f"    has_{switch}_limits: {'false' if value is None else 'true'}")
         if value is not None:

@@ -45,45 +45,45 @@ OPPOSITE = 150.0  # degrees: signs that are all inverted look alike
 
 
 def mounting_finding(
-    seen: Seen, inertial: Array, pulls: Array, gravity: Array, base: Array | None = None
+    motion: Seen, inertial: Array, pulls: Array, gravity: Array, base: Array | None = None
 ) -> Finding | None:
     """Another direction of gravity, if the commands leave no doubt; else None.
 
     Args:
-        seen: the recorded motion.
+        motion: the recorded motion.
         inertial: (n, k) commands of the model file without gravity.
         pulls: (n, k, 3) commands of the model file for 1 m/s^2 along each axis of the world.
         gravity: (3,) m/s^2 in the file.
         base: (3, 3) described rotation of the base; None: none.
     """
     base = np.eye(3) if base is None else base
-    own = np.flatnonzero(seen.moves & (seen.moving.sum(axis=0) >= LEAST_ROWS)).tolist()
-    if seen.command is None or not own or not gravity.any():
+    joints = np.flatnonzero(motion.moves & (motion.moving.sum(axis=0) >= LEAST_ROWS)).tolist()
+    if motion.command is None or not joints or not gravity.any():
         return None
-    parts = [_without_friction(seen, j, seen.command[:, j] - inertial[:, j], pulls[:, j]) for j in own]
-    found, weights = _fitted(parts)
-    size = float(np.linalg.norm(found))
+    parts = [_without_friction(motion, j, motion.command[:, j] - inertial[:, j], pulls[:, j]) for j in joints]
+    estimate, weights = _fitted(parts)
+    size = float(np.linalg.norm(estimate))
     if not EARTH / OFF < size < EARTH * OFF:
         return None
-    best, file = (_left(parts, g) for g in (found, _scaled(parts, weights, gravity)))
-    count = seen.seconds[own] / APART_S
+    best, file = (_mean_squares(parts, g) for g in (estimate, _scaled(parts, weights, gravity)))
+    count = motion.seconds[joints] / APART_S
     margin = float(0.5 * (count * np.log(file / np.maximum(best, np.finfo(float).tiny))).sum())
-    whole = _left(parts, np.zeros(3))
+    whole = _mean_squares(parts, np.zeros(3))
     clear = (best < LEFT * whole) & (file > CLEARER * best)
     if (
-        angle_between(found, gravity) < TURNED
+        angle_between(estimate, gravity) < TURNED
         or margin < MARGIN
         or best.sum() > LEFT * whole.sum()
         or clear.sum() < JOINTS
     ):
         return None
-    return _told(found, gravity, base)
+    return _as_finding(estimate, gravity, base)
 
 
-def _without_friction(seen: Seen, j: int, command: Array, pull: Array) -> tuple[Array, Array]:
+def _without_friction(motion: Seen, j: int, command: Array, pull: Array) -> tuple[Array, Array]:
     """Command (m,) and pull (m, 3) of a joint's moving samples, less what a constant and friction explain."""
-    rows = seen.moving[:, j]
-    speed = seen.qd[rows, j]
+    rows = motion.moving[:, j]
+    speed = motion.qd[rows, j]
     friction = [np.ones_like(speed), speed, np.tanh(speed / (MOVING * np.abs(speed).max()))]
     Q = np.linalg.qr(np.column_stack(friction))[0]
     y, G = command[rows], pull[rows]
@@ -98,11 +98,11 @@ def _fitted(parts: list[tuple[Array, Array]]) -> tuple[Array, Array]:
         rows = np.concatenate(
             [np.sqrt(w) * np.column_stack([G, y]) for w, (y, G) in zip(weights, parts, strict=True)]
         )
-        found = np.linalg.lstsq(rows[:, :3], rows[:, 3], rcond=None)[0]
+        gravity = np.linalg.lstsq(rows[:, :3], rows[:, 3], rcond=None)[0]
         # a thousandth of a command at least: one joint that fits exactly would get all the weight
         least = [1e-6 * float((y * y).mean()) + tiny for y, _ in parts]
-        weights = 1.0 / np.maximum(_left(parts, found), least)
-    return found, weights
+        weights = 1.0 / np.maximum(_mean_squares(parts, gravity), least)
+    return gravity, weights
 
 
 def _scaled(parts: list[tuple[Array, Array]], weights: Array, gravity: Array) -> Array:
@@ -114,7 +114,7 @@ def _scaled(parts: list[tuple[Array, Array]], weights: Array, gravity: Array) ->
     return max(0.0, product / max(square, np.finfo(float).tiny)) * gravity
 
 
-def _left(parts: list[tuple[Array, Array]], gravity: Array) -> Array:
+def _mean_squares(parts: list[tuple[Array, Array]], gravity: Array) -> Array:
     """Residual mean square (k,) of each joint's command with this gravity."""
     return np.array([float(((y - G @ gravity) ** 2).mean()) for y, G in parts])
 
@@ -122,12 +122,12 @@ def _left(parts: list[tuple[Array, Array]], gravity: Array) -> Array:
 NEAR_QUARTER = 0.15  # rad: bases are mounted at quarter turns, and masses are known to so much
 
 
-def _told(found: Array, gravity: Array, base: Array) -> Finding:
+def _as_finding(estimate: Array, gravity: Array, base: Array) -> Finding:
     """The finding, with roll and pitch that turn gravity (3,) down in the base's present frame `base`."""
-    fits, file = (", ".join(f"{x:.3g}" for x in np.round(g, 1) + 0.0) for g in (found, gravity))
-    angle = angle_between(found, gravity)
+    fits, file = (", ".join(f"{x:.3g}" for x in np.round(g, 1) + 0.0) for g in (estimate, gravity))
+    angle = angle_between(estimate, gravity)
     sign = " If it is not, the signs of all commands may be inverted." if angle > OPPOSITE else ""
-    roll, pitch = (_quarter(x) for x in tilt_of(base.T @ found))
+    roll, pitch = (_quarter(x) for x in tilt_of(base.T @ estimate))
     return Finding(
         MOUNTING,
         "red",
@@ -172,14 +172,14 @@ def _mounting(spec: ArmSpec, log: Log) -> tuple[Finding, ...]:
     pulls = body.pulls(states)
     inertial = body.predict(states) - pulls @ body.gravity
     base = None if spec.mounting is None else turn_of(*spec.mounting.rotation)
-    found = mounting_finding(motion, inertial, pulls, body.gravity, base)
-    return () if found is None else (found,)
+    finding = mounting_finding(motion, inertial, pulls, body.gravity, base)
+    return () if finding is None else (finding,)
 
 
 def _rate(spec: ArmSpec, log: Log) -> OfRecorder:
     rate = median_rate(log.t)
-    said = f"The log has {rate:.4g} rows a second, the robot file says {spec.rate:.4g}."
+    sentence = f"The log has {rate:.4g} rows a second, the robot file says {spec.rate:.4g}."
     if 1.0 / ALIKE < rate / spec.rate < ALIKE:
-        return OfRecorder(ROBOT_RATE, "green", said)
+        return OfRecorder(ROBOT_RATE, "green", sentence)
     step = "If rows were thinned or the robot file is wrong, all is well; else the clock of the log is off."
-    return OfRecorder(ROBOT_RATE, "yellow", said, step)
+    return OfRecorder(ROBOT_RATE, "yellow", sentence, step)

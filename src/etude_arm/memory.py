@@ -34,11 +34,11 @@ def remembered(q: Array, play: Array, length: Array, start: Array | None = None)
         return np.empty((0, 2, len(play)))
     sigma, p = np.stack([np.zeros(len(play)), q[0]]) if start is None else start
     behind = _behind(q, play, p)
-    ways = np.diff(behind, axis=0, prepend=p[None])
-    faded = np.exp(-np.abs(ways) / length)
-    own = np.sign(ways) * (1.0 - faded)
-    own[0] += faded[0] * sigma
-    return np.stack([_followed(faded, own), behind], axis=1)
+    steps = np.diff(behind, axis=0, prepend=p[None])
+    faded = np.exp(-np.abs(steps) / length)
+    increments = np.sign(steps) * (1.0 - faded)
+    increments[0] += faded[0] * sigma
+    return np.stack([_followed(faded, increments), behind], axis=1)
 
 
 def turning(q: Array, play: Array, lengths: Array) -> Array:
@@ -60,20 +60,20 @@ def bristles_along(q: Array, bend: Array) -> Array:
     return _followed(faded, np.sign(ways) * bend * (1.0 - faded))
 
 
-def pulled(q: Array, play: Array, length: Array, on_sigma: Array) -> Array:
+def memory_vjp(q: Array, play: Array, length: Array, on_sigma: Array) -> Array:
     """Gradient (T, J) in q of sum(on_sigma * sigma), for a memory that starts at the first row."""
-    found = remembered(q, play, length)
-    sigma, ways = found[:, 0], np.diff(found[:, 1], axis=0, prepend=q[:1])
-    faded = np.exp(-np.abs(ways) / length)
+    states = remembered(q, play, length)
+    sigma, steps = states[:, 0], np.diff(states[:, 1], axis=0, prepend=q[:1])
+    faded = np.exp(-np.abs(steps) / length)
     later = np.concatenate([faded[1:], np.ones((1, len(length)))])[::-1]
     in_sigma = _followed(later.copy(), on_sigma[::-1].copy())[::-1]
     before = np.concatenate([np.zeros((1, len(length))), sigma[:-1]])
-    slopes = in_sigma * (np.sign(ways) - before) * faded * np.sign(ways) / length
+    slopes = in_sigma * (np.sign(steps) - before) * faded * np.sign(steps) / length
     gradient = np.zeros_like(q)
-    for j, own in enumerate(slopes.T):
-        at = np.flatnonzero(ways[:, j])  # elsewhere nothing moved behind the play
-        gradient[at, j] = own[at]  # p follows q, whatever it was before,
-        gradient[np.append(0, at[:-1])[: len(at)], j] -= own[at]  # and the next way begins there
+    for j, slope in enumerate(slopes.T):
+        at = np.flatnonzero(steps[:, j])  # elsewhere nothing moved behind the play
+        gradient[at, j] = slope[at]  # p follows q, whatever it was before,
+        gradient[np.append(0, at[:-1])[: len(at)], j] -= slope[at]  # and the next way begins there
     return gradient
 
 
@@ -89,11 +89,11 @@ def _behind(q: Array, play: Array, start: Array) -> Array:
     return np.minimum(np.maximum(start, low), high)
 
 
-def _followed(factor: Array, own: Array) -> Array:
-    """(T, J) s <- factor s + own from 0, in the memory of `own`; two such steps are one, of other factors."""
+def _followed(factor: Array, values: Array) -> Array:
+    """(T, J) s <- factor s + value from 0, in the memory of `values`; two steps are one of other factors."""
     step = 1
-    while step < len(own):
-        own[step:] += factor[step:] * own[:-step]
+    while step < len(values):
+        values[step:] += factor[step:] * values[:-step]
         factor[step:] *= factor[:-step].copy()
         step *= 2
-    return own
+    return values

@@ -71,9 +71,9 @@ def spec_from_model(
     """
     root = parsed(path)
     choice, moving, stated = _read(root, path, joints, dict(held or {}))
-    said: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
     if joint_limits is not None:
-        stated, said = tightened(stated, joint_limits, choice.joints, moving)
+        stated, notes = tightened(stated, joint_limits, choice.joints, moving)
     own_limits = _by_joint(given or {}, choice.joints, list(moving), path)
     _require_within(own_limits, stated, path)
     limits = {joint: {**stated[joint], **own_limits.get(joint, {})} for joint in choice.joints}
@@ -84,16 +84,18 @@ def spec_from_model(
         _axis(joint, {limit: float(value) for limit, value in values.items()}, moving[joint].slides)
         for joint, values in limits.items()
     )
-    own = {joint: at for joint, at in choice.held.items() if not moving[joint].leader}
-    spec = ArmSpec(name or _name_in(root) or path.stem, axes, command_unit, rate, path.resolve(), held=own)
+    held_joints = {joint: at for joint, at in choice.held.items() if not moving[joint].leader}
+    spec = ArmSpec(
+        name or _name_in(root) or path.stem, axes, command_unit, rate, path.resolve(), held=held_joints
+    )
     _require_believable(spec, path)
-    return ModelDescription(check_spec(spec, where=path.name), (*choice.notes, *said, *assumed))
+    return ModelDescription(check_spec(spec, where=path.name), (*choice.notes, *notes, *assumed))
 
 
-def _axis(joint: str, own: dict[str, float], slides: bool) -> Axis:
-    rates = own["velocity"], own["acceleration"]
-    ends = own["lower"], own["upper"]
-    return Axis(joint, *ends, *rates, own["command"], "m" if slides else "rad", jerk=own.get("jerk"))
+def _axis(joint: str, limits: dict[str, float], slides: bool) -> Axis:
+    rates = limits["velocity"], limits["acceleration"]
+    ends = limits["lower"], limits["upper"]
+    return Axis(joint, *ends, *rates, limits["command"], "m" if slides else "rad", jerk=limits.get("jerk"))
 
 
 def _name_in(root: ET.Element) -> str:
@@ -110,7 +112,7 @@ def urdf_limits(tree: UrdfTree) -> Limits:
 
     In many files, zero velocity or effort means "not stated".
     """
-    found = {}
+    limits = {}
     for joint in tree.joints:
         place = f"{tree.where}, joint '{joint.get('name')}'"
         lower, upper = _soft_range(joint, hard_range(joint, place), place)
@@ -120,8 +122,8 @@ def urdf_limits(tree: UrdfTree) -> Limits:
         values = {name: value for name, value in values.items() if value != 0}
         if math.isfinite(upper - lower):
             values |= {"lower": lower, "upper": upper}
-        found[joint.get("name", "")] = values
-    return found
+        limits[joint.get("name", "")] = values
+    return limits
 
 
 _RATES = (("velocity", "velocity"), ("acceleration", "acceleration"), ("effort", "command"))
@@ -150,7 +152,7 @@ def mjcf_limits(model: mujoco.MjModel) -> Limits:
     """Limits of hinges and slides: ranges, and commands from force ranges. MJCF has no velocity limits."""
     import mujoco
 
-    found = {}
+    limits = {}
     for j in range(model.njnt):
         if mujoco.mjtJoint(model.jnt_type[j]) in (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE):
             values: dict[str, float] = {}
@@ -159,8 +161,8 @@ def mjcf_limits(model: mujoco.MjModel) -> Limits:
             command = _mjcf_command(model, j)
             if command < math.inf:
                 values["command"] = command
-            found[model.joint(j).name] = values
-    return found
+            limits[model.joint(j).name] = values
+    return limits
 
 
 def _mjcf_command(model: mujoco.MjModel, joint: int) -> float:
@@ -197,26 +199,30 @@ def _read(
         from etude_arm.loading.urdf_tree import read_tree
 
         tree = read_tree(root, str(path))
-        found, limits, choice = tree.moving(), urdf_limits(tree), chosen_of(tree, joints, held)
+        moving_joints, limits, choice = tree.moving(), urdf_limits(tree), chosen_of(tree, joints, held)
     else:
         from etude_arm.loading.mjcf import chosen_in
         from etude_arm.loading.mjcf_compiled import compiled, moving
 
         model = compiled(path).model
-        found, limits, choice = moving(model), mjcf_limits(model), chosen_in(model, joints, held, str(path))
-    return choice, {joint.name: joint for joint in found}, limits
+        moving_joints, limits, choice = (
+            moving(model),
+            mjcf_limits(model),
+            chosen_in(model, joints, held, str(path)),
+        )
+    return choice, {joint.name: joint for joint in moving_joints}, limits
 
 
 def _by_joint(
-    given: Mapping[str, Mapping[str, float]], arm: Sequence[str], moving: Sequence[str], path: Path
+    entries: Mapping[str, Mapping[str, float]], arm: Sequence[str], moving: Sequence[str], path: Path
 ) -> dict[str, dict[str, float]]:
     """The limits by joint; a name precedes a pattern. UsageError: an entry fits no joint."""
-    found: dict[str, dict[str, float]] = {}
+    limits: dict[str, dict[str, float]] = {}
     unknown = []
-    for pattern, values in sorted(given.items(), key=lambda own: own[0] in moving):
+    for pattern, values in sorted(entries.items(), key=lambda entry: entry[0] in moving):
         fits = [pattern] if pattern in moving else [joint for joint in arm if fnmatchcase(joint, pattern)]
         for joint in fits:
-            found.setdefault(joint, {}).update(values)
+            limits.setdefault(joint, {}).update(values)
         unknown += [] if fits else [pattern]
     if unknown:
         raise UsageError(
@@ -224,17 +230,17 @@ def _by_joint(
             where=str(path),
             next_step=f"Its moving joints are {', '.join(moving)}.",
         )
-    return found
+    return limits
 
 
-def _require_within(given: Mapping[str, Mapping[str, float]], stated: Limits, path: Path) -> None:
+def _require_within(overrides: Mapping[str, Mapping[str, float]], stated: Limits, path: Path) -> None:
     """Raises UsageError for a range beyond that of the file."""
-    for joint, own in given.items():
+    for joint, limits in overrides.items():
         low, high = stated[joint].get("lower", -math.inf), stated[joint].get("upper", math.inf)
-        if own.get("lower", low) < low or own.get("upper", high) > high:
+        if limits.get("lower", low) < low or limits.get("upper", high) > high:
             raise UsageError(
-                f"the range {own.get('lower', low):g}..{own.get('upper', high):g} of joint {joint} is not "
-                f"within the file's own, {low:g}..{high:g}",
+                f"the range {limits.get('lower', low):g}..{limits.get('upper', high):g} of joint {joint} is "
+                f"not within the file's own, {low:g}..{high:g}",
                 where=str(path),
                 next_step="Give one within it, or correct the file.",
             )
@@ -288,16 +294,16 @@ def _require_positive(limits: Limits, path: Path) -> None:
 
 def _require_believable(spec: ArmSpec, path: Path) -> None:
     """Raises UsageError for a limit that looks like another unit, with the option that corrects it."""
-    if found := suspected(spec):
-        example = "lower:upper" if found.option == "range" else "limit"
-        units = RADIANS if found.turns else METRES
-        every = len(found.joints) == spec.dof > 1
-        given = " ".join(_option(joint, example) for joint in (["*"] if every else found.joints))
+    if suspicion := suspected(spec):
+        example = "lower:upper" if suspicion.option == "range" else "limit"
+        units = RADIANS if suspicion.turns else METRES
+        every = len(suspicion.joints) == spec.dof > 1
+        arguments = " ".join(_option(joint, example) for joint in (["*"] if every else suspicion.joints))
         raise UsageError(
-            found.sentence,
+            suspicion.sentence,
             where=str(path),
-            next_step=f"{units} Give the right one with --{found.option} {given}, or correct the file. A "
-            "robot file written by hand may say units_checked = true.",
+            next_step=f"{units} Give the right one with --{suspicion.option} {arguments}, or correct the "
+            "file. A robot file written by hand may say units_checked = true.",
         )
 
 
@@ -309,13 +315,13 @@ def _option(joint: str, value: str) -> str:
 def _require_all(limits: Limits, path: Path) -> None:
     """Raises UsageError for missing limits; accelerations follow from velocities."""
     joints = {limit: [j for j, values in limits.items() if limit not in values] for limit in WANTED}
-    lacking = {limit: own for limit, own in joints.items() if own and limit != "acceleration"}
+    lacking = {limit: names for limit, names in joints.items() if names and limit != "acceleration"}
     if lacking:
-        words = [f"{limit} of {', '.join(map(_shown, own))}" for limit, own in lacking.items()]
+        missing = [f"{limit} of {', '.join(map(_shown, names))}" for limit, names in lacking.items()]
         options = {option: _examples(option, lacking, limits) for option in EXAMPLES}
         shown = [f"--{option} {values}" for option, values in options.items() if values]
         raise UsageError(
-            f"limits are missing: {'; '.join(words)}",
+            f"limits are missing: {'; '.join(missing)}",
             where=str(path),
             next_step="No limit is guessed: take them from the data sheet, for each joint (wrist=...) or for "
             f"all ('*=...'), in the manner of {' '.join(shown)}, or write the robot file by hand.",
@@ -332,8 +338,8 @@ EXAMPLES = {
 
 def _examples(option: str, lacking: Mapping[str, Sequence[str]], limits: Limits) -> str:
     """What the option has to say: of all joints if all lack it, else of those that do."""
-    given, example = EXAMPLES[option]
-    joints = list(dict.fromkeys(joint for limit in given for joint in lacking.get(limit, ())))
+    limit_names, example = EXAMPLES[option]
+    joints = list(dict.fromkeys(joint for limit in limit_names for joint in lacking.get(limit, ())))
     if joints and len(joints) == len(limits):
         return _option("*", example)
     return " ".join(_option(joint, example) for joint in joints)

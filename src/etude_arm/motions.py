@@ -48,14 +48,14 @@ def limits(spec: ArmSpec, margins: Margins, model: Model | None = None) -> tuple
     space = space_of(spec)
     commands = commands_of(spec, model, search_of(spec)[0])
     jerked = tuple(int(j) for j in np.flatnonzero(np.isfinite(spec.jerk)))
-    own = [spec.names[j] for j in jerked], spec.jerk[list(jerked)]
+    jerk = [spec.names[j] for j in jerked], spec.jerk[list(jerked)]
     envelopes = [axis.envelope for axis in spec.axes]
     envelope = envelope_of(spec.names, envelopes, spec.velocity, margins)
     return (
         AxisLimit("position", 0, spec.names, spec.lower, spec.upper, margins=margins),
         AxisLimit("velocity", 1, spec.names, -spec.velocity, spec.velocity, margins=margins, rest=True),
         AxisLimit("acceleration", 2, spec.names, -spec.acceleration, spec.acceleration, margins=margins),
-        *((AxisLimit("jerk", 3, tuple(own[0]), -own[1], own[1], jerked),) if jerked else ()),
+        *((AxisLimit("jerk", 3, tuple(jerk[0]), -jerk[1], jerk[1], jerked),) if jerked else ()),
         *(() if envelope is None else (envelope,)),
         *(() if commands is None else (commands,)),
         *(() if space is None else (space,)),

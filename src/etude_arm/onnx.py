@@ -19,12 +19,12 @@ def inputs_piece(inputs: Any) -> Piece:
         q, qd, qdd = (states[name] for name in reads)
         columns, after = [q, qd, qdd, *((qd / threshold).of("Tanh") for threshold in inputs.thresholds)], None
         if remembers:
-            rest = (-(abs(qd) / inputs.slow)).of("Exp")
-            held = rest * 0.0
+            standstill = (-(abs(qd) / inputs.slow)).of("Exp")
+            held = standstill * 0.0
             if memory is not None:
                 sigma, after = followed(q, memory, inputs.play, inputs.presliding)
-                held = sigma * rest
-            columns += [held, rest]
+                held = sigma * standstill
+            columns += [held, standstill]
         return joined(columns), after
 
     return Piece(reads, draw, 2 * J + 1 if remembers else 0, MEMORY_RATE if remembers else 0.0)
@@ -38,7 +38,7 @@ def followed(q: Value, memory: Value, play: Array, length: Array) -> tuple[Value
     before, begun = memory.at(range(J, 2 * J)), memory.at([2 * J])
     p = begun * before + (1.0 - begun) * q
     behind = p.most(q - play).least(q + play)
-    way = behind - p
-    side = way.of("Sign")
-    sigma = side + (memory.at(range(J)) - side) * (-(abs(way) / length)).of("Exp")
+    step = behind - p
+    side = step.of("Sign")
+    sigma = side + (memory.at(range(J)) - side) * (-(abs(step) / length)).of("Exp")
     return sigma, joined([sigma, behind, begun * 0.0 + 1.0])

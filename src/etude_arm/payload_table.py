@@ -37,9 +37,9 @@ def with_payload(text: str, spec: ArmSpec, mass: float, centre: Array) -> str:
             )
         parts.append((old.mass, np.array(old.centre), old.moments()))
     total = float(sum(part[0] for part in parts))
-    rest = PATTERN.sub("", text).rstrip() + "\n"
+    remainder = PATTERN.sub("", text).rstrip() + "\n"
     if old is not None and abs(total) <= PUT_DOWN * old.mass:
-        return rest
+        return remainder
     if total <= 0.0:
         raise UsageError(
             f"{-mass:.3g} kg were put down, and the robot file knows of {total - mass:.3g} kg",
@@ -49,15 +49,15 @@ def with_payload(text: str, spec: ArmSpec, mass: float, centre: Array) -> str:
     middle = np.sum([m * c for m, c, _ in parts], axis=0) / total
     full = np.eye(3) * 0.4 * total * BALL**2
     if mass > 0.0:  # of what is left the shape is not known
-        away = [(m, c - middle, own) for m, c, own in parts]
-        full = np.sum([own + m * (d @ d * np.eye(3) - np.outer(d, d)) for m, d, own in away], axis=0)
+        away = [(m, c - middle, moments) for m, c, moments in parts]
+        full = np.sum([moments + m * (d @ d * np.eye(3) - np.outer(d, d)) for m, d, moments in away], axis=0)
     x, y, z = middle.tolist()
     xx, yy, zz, xy, xz, yz = (float(full[i, j]) for _, i, j in ENTRIES)
     inertia = (xx, yy, zz, xy, xz, yz)
     shape = old or Attached(mass=total, inertia=inertia)
     place = shape.shape_centre or (shape.centre if shape.shape != "none" else None)
     new = replace(shape, mass=total, centre=(x, y, z), inertia=inertia, shape_centre=place)
-    return rest + "\n" + write_values(_Payload(new)).lstrip()
+    return remainder + "\n" + write_values(_Payload(new)).lstrip()
 
 
 PATTERN = re.compile(r"^\[payload\][^\n]*\n(?:(?!\[).*\n?)*", re.MULTILINE)

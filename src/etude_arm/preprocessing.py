@@ -60,8 +60,8 @@ def near_reversals(speed: Array, slow: Mask, reach: int, longest: int) -> Mask:
     near = np.zeros(speed.shape, dtype=bool)
     for j in range(speed.shape[1]):
         moving = np.flatnonzero(~slow[:, j])
-        way = np.sign(speed[moving, j])
-        fast = np.flatnonzero((way[1:] != way[:-1]) & (np.diff(moving) <= longest))
+        direction = np.sign(speed[moving, j])
+        fast = np.flatnonzero((direction[1:] != direction[:-1]) & (np.diff(moving) <= longest))
         for before, after in zip(moving[fast], moving[fast + 1], strict=True):
             near[max(0, before - reach) : after + reach + 1, j] = True
     return near
@@ -253,12 +253,12 @@ def _errors(grid: Array, q: Array, command: Array, cutoff: float, rows: Index, t
     L = np.concatenate([speed, acceleration, np.sin(position), np.cos(position), steps], axis=1)
     L = np.column_stack([(L - L.mean(axis=0)) / np.maximum(L.std(axis=0), 1e-9), np.ones(len(L))])
     odd = np.arange(len(rows)) * BLOCKS // len(rows) % 2 == 1
-    found = []
-    for rest, own in ((odd, ~odd), (~odd, odd)):
-        A, b = L[rest].T @ L[rest], L[rest].T @ taught[rest]
-        weights = np.linalg.solve(A + RIDGE * rest.sum() * np.eye(len(A)), b)
-        found.append(np.mean((target[own] - L[own] @ weights) ** 2, axis=0))
-    return np.maximum(found, np.finfo(float).tiny)
+    errors = []
+    for training, test in ((odd, ~odd), (~odd, odd)):
+        A, b = L[training].T @ L[training], L[training].T @ taught[training]
+        weights = np.linalg.solve(A + RIDGE * training.sum() * np.eye(len(A)), b)
+        errors.append(np.mean((target[test] - L[test] @ weights) ** 2, axis=0))
+    return np.maximum(errors, np.finfo(float).tiny)
 
 
 def _stretch(
@@ -275,7 +275,7 @@ def _stretch(
     command = filtered.value
     inside = (grid >= max(0.0, grid[0] + trim) - ROUNDING) & (grid <= grid[-1] - trim + ROUNDING)
     rows = np.searchsorted(log.t, grid + ROUNDING, side="right") - 1
-    own = group[rows]
+    groups = group[rows]
     names = PLAN if config.desired else PATH
     whole = Log(
         grid,
@@ -283,16 +283,16 @@ def _stretch(
         {**dict(zip(names, motion, strict=True)), COMMAND: command},
         log.source,
     )
-    for known in (MEMORY, TURNING):
-        if known in log:
-            whole = whole.put(log.channels[known], log[known][rows])
-    judged = smooth(grid, recorded, TARGET_HZ).value if math.isfinite(cutoff) else command
-    whole = whole.put(replace(whole.channels[COMMAND], name=TARGET, role="aside"), judged)
+    for channel in (MEMORY, TURNING):
+        if channel in log:
+            whole = whole.put(log.channels[channel], log[channel][rows])
+    target = smooth(grid, recorded, TARGET_HZ).value if math.isfinite(cutoff) else command
+    whole = whole.put(replace(whole.channels[COMMAND], name=TARGET, role="aside"), target)
     for name, values in zip(COMMAND_RATES, (filtered.first, filtered.second), strict=True):
         whole = whole.put(replace(whole.channels[COMMAND], name=name, role="aside"), values)
     near = _near_reversals(whole, rate, cutoff, spec, config)
-    numbers = np.unique(own[inside & (own >= 0)]).tolist()
-    pieces = [(n, inside & (own == n)) for n in numbers]
+    numbers = np.unique(groups[inside & (groups >= 0)]).tolist()
+    pieces = [(n, inside & (groups == n)) for n in numbers]
     return [_segment(whole.take(rows), near[rows], n, rate, cutoff, spec, config) for n, rows in pieces]
 
 
@@ -312,8 +312,8 @@ def _segment(
     names = PLAN if config.desired else PATH
     play = np.array(log.channels[names[0]].quantum) if MEMORY in log else np.zeros(spec.dof)
     moving = ~standing(log[names[1]], spec, config.stick_fraction, play, cutoff)
-    asked = np.where(moving.any(axis=1, keepdims=True), log[TARGET], np.nan)
-    log = log.put(log.channels[TARGET], asked)
+    target = np.where(moving.any(axis=1, keepdims=True), log[TARGET], np.nan)
+    log = log.put(log.channels[TARGET], target)
     whole = Samples(log, np.full(len(log), group, dtype=np.int64), ~(near & moving), moving)
     return whole.take(thinned(rate, config.rate_hz, group if config.offset == "spread" else 0))
 

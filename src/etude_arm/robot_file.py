@@ -124,15 +124,15 @@ def parse_robot(text: str, *, where: str, folder: Path) -> ArmSpec:
         )
     names = [one.name for one in fields(Surroundings)]
     try:
-        given = {name: getattr(table, name) for name in names}
-        around = Surroundings(**{**given, "collision": table.collision or Collision()})
+        tables = {name: getattr(table, name) for name in names}
+        around = Surroundings(**{**tables, "collision": table.collision or Collision()})
     except UsageError as error:
         raise UsageError(error.fact, where=where, next_step="Give each a name of its own.") from None
     same = ("plant", "held", "mounting", "tool", "payload", "cartesian", "gains", "simulate")
-    own = {**{name: getattr(table, name) for name in same}, "motors": table.motor, "confirm": _open(table)}
-    own["limits"] = read_limits(table.limit, where)
+    values = {**{name: getattr(table, name) for name in same}, "motors": table.motor, "confirm": _open(table)}
+    values["limits"] = read_limits(table.limit, where)
     head = (table.name, table.axis, table.command_unit, table.rate, model_file)
-    spec = ArmSpec(*head, **own, around=around)
+    spec = ArmSpec(*head, **values, around=around)
     _check_search(spec, where)
     return check_spec(spec, where=where, units_checked=table.units_checked)
 
@@ -201,5 +201,5 @@ def robot_to_toml(spec: ArmSpec, *, folder: Path | None = None) -> str:
 
 def _tables(around: Surroundings) -> dict[str, Any]:
     """The surroundings by the names of their tables; None for a default."""
-    found = {one.name: getattr(around, one.name) for one in fields(Surroundings)}
-    return found | {"collision": None if around.collision == Collision() else around.collision}
+    tables = {one.name: getattr(around, one.name) for one in fields(Surroundings)}
+    return tables | {"collision": None if around.collision == Collision() else around.collision}

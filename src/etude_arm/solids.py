@@ -27,7 +27,7 @@ def solids(spec: ArmSpec) -> tuple[Solid, ...]:
     """The rigid parts, in the frames of their bodies; empty without shapes."""
     if spec.model_file is None:
         return ()
-    return of_file(_known, spec, lambda: _made(_skeleton(spec)))
+    return of_file(_known, spec, lambda: _compiled_solids(_skeleton(spec)))
 
 
 def placed(spec: ArmSpec, q: Array) -> Array:
@@ -37,13 +37,13 @@ def placed(spec: ArmSpec, q: Array) -> Array:
     skeleton = _skeleton(spec)
     model, data = skeleton.model, mujoco.MjData(skeleton.model)
     bodies = _bodies(skeleton)[[skeleton.parts.index(one.name) for one in solids(spec)]]
-    found = np.empty((len(q), len(bodies), 3, 4))
-    for own, pose in zip(found, q, strict=True):
+    frames = np.empty((len(q), len(bodies), 3, 4))
+    for row, pose in zip(frames, q, strict=True):
         data.qpos[skeleton.addresses] = pose
         mujoco.mj_kinematics(model, data)
-        own[:, :, :3] = data.xmat[bodies].reshape(-1, 3, 3)
-        own[:, :, 3] = data.xpos[bodies]
-    return found
+        row[:, :, :3] = data.xmat[bodies].reshape(-1, 3, 3)
+        row[:, :, 3] = data.xpos[bodies]
+    return frames
 
 
 def _skeleton(spec: ArmSpec) -> Skeleton:
@@ -55,28 +55,28 @@ def _bodies(skeleton: Skeleton) -> Index:
     return np.unique(np.asarray(skeleton.model.body_weldid, dtype=np.int64))
 
 
-def _made(skeleton: Skeleton) -> tuple[Solid, ...]:
-    own = [shape for shape in skeleton.shapes if not shape.box] or _drawn(skeleton)
-    found = []
+def _compiled_solids(skeleton: Skeleton) -> tuple[Solid, ...]:
+    shapes = [shape for shape in skeleton.shapes if not shape.box] or _visual_shapes(skeleton)
+    solid_parts = []
     for part, name in enumerate(skeleton.parts):
-        meshes = [_in_part(skeleton, shape) for shape in own if shape.part == part]
+        meshes = [_in_part(skeleton, shape) for shape in shapes if shape.part == part]
         if meshes:
             first = np.cumsum([0, *(len(points) for points, _ in meshes[:-1])])
             faces = [faces + start for (_, faces), start in zip(meshes, first, strict=True)]
-            found.append(Solid(name, np.concatenate([p for p, _ in meshes]), np.concatenate(faces)))
-    return tuple(found)
+            solid_parts.append(Solid(name, np.concatenate([p for p, _ in meshes]), np.concatenate(faces)))
+    return tuple(solid_parts)
 
 
-def _drawn(skeleton: Skeleton) -> list[Shape]:
+def _visual_shapes(skeleton: Skeleton) -> list[Shape]:
     """Shapes of a model without collisions, for drawing alone."""
     model, bodies = skeleton.model, _bodies(skeleton)
-    found = []
+    shapes = []
     for geom in range(model.ngeom):
         points, radius = points_of(model, geom)
         if len(points):
             part = int(np.searchsorted(bodies, model.body_weldid[model.geom_bodyid[geom]]))
-            found.append(Shape(f"#{geom}", geom, part, points, radius))
-    return found
+            shapes.append(Shape(f"#{geom}", geom, part, points, radius))
+    return shapes
 
 
 def _in_part(skeleton: Skeleton, shape: Shape) -> tuple[Array, Index]:
@@ -95,7 +95,7 @@ def _in_part(skeleton: Skeleton, shape: Shape) -> tuple[Array, Index]:
 def _mesh(size: Array, shape: Shape) -> tuple[Array, Index]:
     """Points (V, 3) m in the geom's frame, and triangles, of all within its radius of its points."""
     radius = (
-        shape.radius - shape.grown
+        shape.radius - shape.thickness
     )  # a hull that stands for a finer one is drawn without what it is grown
     points = _ball() * size if shape.smooth else shape.points
     if radius > 0.0:
@@ -108,5 +108,5 @@ def _mesh(size: Array, shape: Shape) -> tuple[Array, Index]:
 def _ball() -> Array:
     """Directions (n, 3) all around."""
     up, turn = np.meshgrid(np.linspace(0.0, np.pi, ROUND + 1), np.arange(2 * ROUND) * np.pi / ROUND)
-    found = np.stack([np.sin(up) * np.cos(turn), np.sin(up) * np.sin(turn), np.cos(up)], axis=-1)
-    return np.unique(found.reshape(-1, 3).round(12), axis=0)
+    directions = np.stack([np.sin(up) * np.cos(turn), np.sin(up) * np.sin(turn), np.cos(up)], axis=-1)
+    return np.unique(directions.reshape(-1, 3).round(12), axis=0)

@@ -67,7 +67,7 @@ class EnvelopeLimit:
         """Whether samples keep the limit; for searches, whose result is proved later."""
         count = max(2, math.ceil(piece.duration / SEARCH_STEP)) + 1
         motion = piece.motion(np.linspace(0.0, piece.duration, count), 2)
-        return bool(np.all(self._left(motion, piece.form) >= 0.0))
+        return bool(np.all(self._slack(motion, piece.form) >= 0.0))
 
     def prove(self, piece: Trajectory) -> Sequence[Proof]:
         """One row for each joint."""
@@ -75,19 +75,19 @@ class EnvelopeLimit:
 
     def of_motion(self, motion: Motion) -> Array:
         """Slack (T, n), rad/s (m/s), without tracking margins."""
-        return self._left(motion, "")
+        return self._slack(motion, "")
 
     def _rows(self, piece: Trajectory) -> tuple[Proof, ...]:
         t = np.linspace(0.0, piece.duration, max(2, math.ceil(piece.duration / FIRST_STEP)) + 1)
         motion = piece.motion(t, 2)
-        values, rates = self._left(motion, piece.form), self._rates(piece)
-        confidence = self._kept(piece.form)[2]
-        margins = (self._left(motion, "") - values).max(axis=0).tolist()
+        values, rates = self._slack(motion, piece.form), self._rates(piece)
+        confidence = self._tracking(piece.form)[2]
+        margins = (self._slack(motion, "") - values).max(axis=0).tolist()
         rows = []
         for j, name in enumerate(self.names):
 
             def at(instants: Array, j: int = j) -> Array:
-                return self._left(piece.motion(instants, 2), piece.form)[:, j]
+                return self._slack(piece.motion(instants, 2), piece.form)[:, j]
 
             least, most = extremes(at, t, values[:, j], float(rates[j]), TOLERANCE * float(self.velocity[j]))
             how = f"samples, and a rate of at most {rates[j]:.3g} per s between them"
@@ -100,21 +100,21 @@ class EnvelopeLimit:
         """Bound (n,) of the slack's rate: |qdd| and |qd| times the envelope's slope."""
         none = np.zeros(len(self.axes))
         q, qd, qdd = (bound_of(piece, order, 1, list(self.axes), none).range() for order in range(3))
-        error = self._kept(piece.form)[0]
+        error = self._tracking(piece.form)[0]
         steepest = np.maximum(self._top(q[1] + error, 1.0)[1], self._top(-(q[0] - error), -1.0)[1])
         speed, change = (np.maximum(np.abs(low), np.abs(high)) for low, high in (qd, qdd))
         return np.asarray(change + steepest * speed)
 
-    def _left(self, motion: Motion, form: str) -> Array:
+    def _slack(self, motion: Motion, form: str) -> Array:
         """Slack (T, n) in the tighter of both directions."""
-        error, speed, _ = self._kept(form)
-        found = []
+        error, speed, _ = self._tracking(form)
+        slacks = []
         for sign in (1.0, -1.0):
             q, qd = self._towards(motion, sign)
-            found.append(self._top(q + error, sign)[0] - speed - qd)
-        return np.minimum(*found)
+            slacks.append(self._top(q + error, sign)[0] - speed - qd)
+        return np.minimum(*slacks)
 
-    def _kept(self, form: str) -> tuple[Array, Array, Array]:
+    def _tracking(self, form: str) -> tuple[Array, Array, Array]:
         """Tracking margins (n,) of position and velocity, and their confidence."""
         places = list(self.axes)
         (error, sure), (speed, quick) = (tracked(0.0, self.margins, form, order, places) for order in (0, 1))
@@ -127,9 +127,9 @@ class EnvelopeLimit:
 
     def _top(self, q: Array, sign: float) -> tuple[Array, Array]:
         """(..., n) as `envelope_speed`, of (mirrored) positions."""
-        end = np.array([own.upper if sign > 0.0 else -own.lower for own in self.envelopes])
-        offset = np.array([own.offset for own in self.envelopes])
-        slope = np.array([own.slope for own in self.envelopes])
+        end = np.array([envelope.upper if sign > 0.0 else -envelope.lower for envelope in self.envelopes])
+        offset = np.array([envelope.offset for envelope in self.envelopes])
+        slope = np.array([envelope.slope for envelope in self.envelopes])
         return envelope_speed(end - q, offset, slope, self.velocity)
 
 
@@ -137,11 +137,11 @@ def envelope_of(
     names: Sequence[str], envelopes: Sequence[Envelope | None], velocity: Array, margins: Margins
 ) -> EnvelopeLimit | None:
     """The limit of the joints with an envelope; None without any. Arguments in the order of the axes."""
-    places = tuple(j for j, own in enumerate(envelopes) if own is not None)
+    places = tuple(j for j, envelope in enumerate(envelopes) if envelope is not None)
     if not places:
         return None
-    found = tuple(own for own in envelopes if own is not None)
-    return EnvelopeLimit(tuple(names[j] for j in places), places, found, velocity[list(places)], margins)
+    stated = tuple(envelope for envelope in envelopes if envelope is not None)
+    return EnvelopeLimit(tuple(names[j] for j in places), places, stated, velocity[list(places)], margins)
 
 
 def braked_range(axis: Axis) -> tuple[float, float]:
@@ -150,14 +150,14 @@ def braked_range(axis: Axis) -> tuple[float, float]:
     A motion that stays before an end can stop before it: |qd| <= min(velocity, sqrt(2 acceleration left)).
     The envelope allows this at a distance of (|qd| - offset)^2 / slope from its own end.
     """
-    own = axis.envelope
-    if own is None:
+    envelope = axis.envelope
+    if envelope is None:
         return axis.lower, axis.upper
-    first = max(own.offset, 0.0)
+    first = max(envelope.offset, 0.0)
     if first >= axis.velocity:
         return axis.lower, axis.upper
-    bend = 1.0 / own.slope - 0.5 / axis.acceleration
-    worst = first if bend == 0.0 else own.offset / own.slope / bend
+    bend = 1.0 / envelope.slope - 0.5 / axis.acceleration
+    worst = first if bend == 0.0 else envelope.offset / envelope.slope / bend
     speeds = np.array([first, float(np.clip(worst, first, axis.velocity)), axis.velocity])
-    away = np.max((speeds - own.offset) ** 2 / own.slope - 0.5 * speeds**2 / axis.acceleration)
-    return max(axis.lower, own.lower + float(away)), min(axis.upper, own.upper - float(away))
+    away = np.max((speeds - envelope.offset) ** 2 / envelope.slope - 0.5 * speeds**2 / axis.acceleration)
+    return max(axis.lower, envelope.lower + float(away)), min(axis.upper, envelope.upper - float(away))

@@ -114,7 +114,7 @@ class CrazyflieVehicle:
         self._news, self._lock = threading.Condition(), threading.Lock()
         self._newest: dict[str, float] = {}
         self._stamp: int | None = None
-        self._t = self._told = -1.0
+        self._t = self._returned_t = -1.0
         self._serves = False
         self._ground: float | None = None  # m, where it stood before this driver lifted it
         self._held: Array | None = None  # (3,) set-point at rest that was sent last
@@ -191,19 +191,27 @@ class CrazyflieVehicle:
         """The newest place with what else was heard until then; it waits for the next one."""
         with self._news:
             if not self.virtual:
-                self._news.wait_for(lambda: self._t != self._told, 1.0 / self.rate)
-            self._told, own = self._t, dict(self._newest)
-        q, qd = (np.array([own[f"{STATE}{order}{axis}"] for axis in AXES]) for order in ("", "v"))
-        asked = None if self._serves else self._held
-        return Sample(self._told, q, None, qd, asked, fault=self._fault(own), extra=self._beside(own))
+                self._news.wait_for(lambda: self._t != self._returned_t, 1.0 / self.rate)
+            self._returned_t, readings = self._t, dict(self._newest)
+        q, qd = (np.array([readings[f"{STATE}{order}{axis}"] for axis in AXES]) for order in ("", "v"))
+        reference = None if self._serves else self._held
+        return Sample(
+            self._returned_t,
+            q,
+            None,
+            qd,
+            reference,
+            fault=self._fault(readings),
+            extra=self._beside(readings),
+        )
 
     def ready(self, control: Control) -> None:
         """Armed where that is asked for, and able to fly. ConnectionError: it is not, and why."""
-        own = self._newest
+        readings = self._newest
         here = self.state().q if self._held is None else self._held
-        self._require_fit(own)
-        flew = self._bit(own, FLIES)
-        if not self._bit(own, ARMED):
+        self._require_fit(readings)
+        flew = self._bit(readings, FLIES)
+        if not self._bit(readings, ARMED):
             self._cf.supervisor.send_arming_request(True)
         self._until(lambda: self._bit(self._newest, CAN_FLY), here, "become able to fly")
         if not flew:
@@ -227,18 +235,18 @@ class CrazyflieVehicle:
             if not self._serves:
                 return
             self._serves = False
-            own = self._newest
-            q, qd = (np.array([own[f"{STATE}{order}{axis}"] for axis in AXES]) for order in ("", "v"))
+            readings = self._newest
+            q, qd = (np.array([readings[f"{STATE}{order}{axis}"] for axis in AXES]) for order in ("", "v"))
             goal = q + 0.5 * BRAKE_S * qd if self._held is None else self._held
             self._cf.high_level_commander.go_to(*goal.tolist(), yaw=0.0, duration_s=BRAKE_S)
             self._cf.commander.send_notify_setpoint_stop()
 
     def _land(self) -> None:
         """Down to where it stood. It lands by itself, if this program is interrupted meanwhile."""
-        own = self._newest
-        if self._ground is None or not self._bit(own, FLIES) or self._fallen(own):
+        readings = self._newest
+        if self._ground is None or not self._bit(readings, FLIES) or self._fallen(readings):
             return
-        high = max(own[f"{STATE}z"] - self._ground, 0.0)
+        high = max(readings[f"{STATE}z"] - self._ground, 0.0)
         seconds = max(SHORTEST_LANDING_S, high / LANDING_SPEED)
         self._cf.high_level_commander.land(self._ground, seconds, yaw=0.0)
         end = time.monotonic() + (0.0 if self.virtual else seconds + ANSWER_S)
@@ -253,12 +261,12 @@ class CrazyflieVehicle:
     def _require_serial(self) -> None:
         if not self.serial:
             return
-        found = "".join(f"{int(self._cf.param.get_value(f'cpu.id{i}')):08X}" for i in (0, 1, 2))
-        if found != self.serial.upper():
+        serial = "".join(f"{int(self._cf.param.get_value(f'cpu.id{i}')):08X}" for i in (0, 1, 2))
+        if serial != self.serial.upper():
             raise UsageError(
-                f"at {self.address} is the Crazyflie {found}, and [driver] says {self.serial}",
+                f"at {self.address} is the Crazyflie {serial}, and [driver] says {self.serial}",
                 where="run.toml",
-                next_step=f'If it is the right one, write serial = "{found}" under [driver].',
+                next_step=f'If it is the right one, write serial = "{serial}" under [driver].',
             )
 
     def _log(self) -> None:
@@ -287,19 +295,19 @@ class CrazyflieVehicle:
                 self._stamp = stamp
             self._news.notify_all()
 
-    def _wait(self, true: Callable[[], bool], words: str) -> None:
+    def _wait(self, true: Callable[[], bool], action: str) -> None:
         with self._news:
             if not self._news.wait_for(true, ANSWER_S):
-                raise ConnectionError(f"{self.address} did not {words} within {ANSWER_S:g} s")
+                raise ConnectionError(f"{self.address} did not {action} within {ANSWER_S:g} s")
 
-    def _until(self, true: Callable[[], bool], here: Array, words: str) -> None:
+    def _until(self, true: Callable[[], bool], here: Array, action: str) -> None:
         """While set-points go on, which keep a hovering one where it is."""
         for _ in range(round(ANSWER_S * self.rate)):
             if true():
                 return
             self._set_point(here, np.zeros(3), np.zeros(3))
             self.state()
-        raise ConnectionError(f"it did not {words} within {ANSWER_S:g} s")
+        raise ConnectionError(f"it did not {action} within {ANSWER_S:g} s")
 
     def _set_point(self, q: Array, qd: Array, qdd: Array) -> None:
         """To the nearest millimetre: cflib cuts."""
@@ -307,38 +315,40 @@ class CrazyflieVehicle:
         place, speed, force = ((np.rint(1e3 * rows) + 0.25 * np.sign(rows)) / 1e3).tolist()
         self._cf.commander.send_full_state_setpoint(place, speed, force, LEVEL, 0.0, 0.0, 0.0)
 
-    def _require_fit(self, own: Mapping[str, float]) -> None:
+    def _require_fit(self, readings: Mapping[str, float]) -> None:
         """ConnectionError: no motion may begin, and why."""
-        if fallen := self._fallen(own):
+        if fallen := self._fallen(readings):
             raise ConnectionError(f"it is {fallen}")
-        require_charge(own["pm.batteryLevel"] / 100.0, self.battery)
-        if (off := math.sqrt(max(own[f"kalman.varP{axis}"] for axis in "XYZ"))) > UNCERTAIN:
+        require_charge(readings["pm.batteryLevel"] / 100.0, self.battery)
+        if (off := math.sqrt(max(readings[f"kalman.varP{axis}"] for axis in "XYZ"))) > UNCERTAIN:
             raise ConnectionError(
                 f"it knows its position to {off:.2g} m only: wait, or see to its positioning"
             )
-        require_heading(yaw_of(*(own[f"{STATE}q{part}"] for part in "wxyz")))
+        require_heading(yaw_of(*(readings[f"{STATE}q{part}"] for part in "wxyz")))
 
-    def _fault(self, own: Mapping[str, float]) -> str:
+    def _fault(self, readings: Mapping[str, float]) -> str:
         """Why it does not follow any more, once it should."""
-        if not self._serves or (self._bit(own, CAN_FLY) and not self._fallen(own)):
+        if not self._serves or (self._bit(readings, CAN_FLY) and not self._fallen(readings)):
             return ""
-        return f"the firmware has stopped the rotors: it is {self._fallen(own) or 'not armed'}"
+        return f"the firmware has stopped the rotors: it is {self._fallen(readings) or 'not armed'}"
 
-    def _fallen(self, own: Mapping[str, float]) -> str:
-        return next((words for bit, words in FALLEN.items() if self._bit(own, bit)), "")
+    def _fallen(self, readings: Mapping[str, float]) -> str:
+        return next((reason for bit, reason in FALLEN.items() if self._bit(readings, bit)), "")
 
-    def _bit(self, own: Mapping[str, float], bit: int) -> bool:
-        return bool(int(own["supervisor.info"]) >> bit & 1)
+    def _bit(self, readings: Mapping[str, float], bit: int) -> bool:
+        return bool(int(readings["supervisor.info"]) >> bit & 1)
 
-    def _beside(self, own: Mapping[str, float]) -> dict[str, float]:
+    def _beside(self, readings: Mapping[str, float]) -> dict[str, float]:
         """What a vehicle learns from, by the columns of a log, of what was heard."""
-        if "inertia" not in own or "attitude" not in own:
+        if "inertia" not in readings or "attitude" not in readings:
             return {}
-        found = {f"specific_force_{axis}": G * own[f"acc.{axis}"] for axis in AXES}
-        found |= {f"rates_{axis}": math.radians(own[f"gyro.{axis}"]) for axis in AXES}
-        found |= {f"orientation_{part}": own[f"{STATE}q{part}"] for part in "wxyz"}
-        found |= {f"command_{name}": own[f"motor.m{i}"] / FULL for i, name in enumerate(self.motors, 1)}
-        return found | {"battery_voltage_pack": own["pm.vbat"]}
+        columns = {f"specific_force_{axis}": G * readings[f"acc.{axis}"] for axis in AXES}
+        columns |= {f"rates_{axis}": math.radians(readings[f"gyro.{axis}"]) for axis in AXES}
+        columns |= {f"orientation_{part}": readings[f"{STATE}q{part}"] for part in "wxyz"}
+        columns |= {
+            f"command_{name}": readings[f"motor.m{i}"] / FULL for i, name in enumerate(self.motors, 1)
+        }
+        return columns | {"battery_voltage_pack": readings["pm.vbat"]}
 
 
 def connected(address: str) -> Any:
@@ -350,8 +360,8 @@ def connected(address: str) -> Any:
     logging.getLogger("cflib").setLevel(logging.CRITICAL)  # what fails is an exception here
     cf, over, why = crazyflie.Crazyflie(), threading.Event(), [f"nothing answered within {CONNECT_S:g} s"]
 
-    def failed(_: str, words: str) -> None:
-        why[0] = words.strip().splitlines()[0]
+    def failed(_: str, message: str) -> None:
+        why[0] = message.strip().splitlines()[0]
         over.set()
 
     cf.connection_failed.add_callback(failed)

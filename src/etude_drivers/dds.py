@@ -92,10 +92,12 @@ class DdsTopics:
         return time.monotonic()
 
     def open(self, wait: float) -> None:
-        own = self._parts = self._made()
+        endpoints = self._parts = self._made()
         until = time.monotonic() + wait
         # a message that is sent before both sides know each other is lost
-        while not (own.goal.get_matched_subscriptions() and own.joints.get_matched_publications()):
+        while not (
+            endpoints.goal.get_matched_subscriptions() and endpoints.joints.get_matched_publications()
+        ):
             if time.monotonic() > until:
                 raise UsageError(
                     f"/{self.controller}/joint_trajectory has no reader, or /{self.states} no writer",
@@ -109,23 +111,23 @@ class DdsTopics:
             importlib.import_module(f"cyclonedds.{name}") for name in ("domain", "topic", "pub", "sub")
         )
         qos = importlib.import_module("cyclonedds.qos")
-        policy, own = qos.Policy, domain.DomainParticipant(self.domain)
+        policy, participant = qos.Policy, domain.DomainParticipant(self.domain)
         reliable = policy.Reliability.Reliable(NANO)
         sends = qos.Qos(reliable, policy.History.KeepLast(1), policy.Durability.Volatile)
         hears = qos.Qos(policy.Reliability.BestEffort, policy.History.KeepLast(KEPT))
 
         def named(name: str, kind: Any) -> Any:
-            return topic.Topic(own, f"rt/{name}", kind)
+            return topic.Topic(participant, f"rt/{name}", kind)
 
         kinds = self.types
         return SimpleNamespace(
-            participant=own,
+            participant=participant,
             goal=pub.DataWriter(
-                own, named(f"{self.controller}/joint_trajectory", kinds.JointTrajectory), sends
+                participant, named(f"{self.controller}/joint_trajectory", kinds.JointTrajectory), sends
             ),
-            joints=sub.DataReader(own, named(self.states, kinds.JointState), hears),
+            joints=sub.DataReader(participant, named(self.states, kinds.JointState), hears),
             controller=sub.DataReader(
-                own, named(f"{self.controller}/controller_state", kinds.ControllerState), hears
+                participant, named(f"{self.controller}/controller_state", kinds.ControllerState), hears
             ),
         )
 
@@ -153,13 +155,13 @@ class DdsTopics:
     def reference(self) -> JointRow | None:
         assert self._parts is not None
         for message in self._parts.controller.take(KEPT):
-            own = message.reference
+            point = message.reference
             self._reference = JointRow(
                 _seconds(message.header.stamp),
                 message.joint_names,
-                np.array(own.positions),
-                np.array(own.velocities),
-                np.array(own.effort),
+                np.array(point.positions),
+                np.array(point.velocities),
+                np.array(point.effort),
             )
         return self._reference
 
@@ -184,18 +186,18 @@ def types() -> SimpleNamespace:
     Of the state of the controller only the beginning is there, which all distributions share: behind it they
     differ, and a reader of plain CDR may stop.
     """
-    idl, own = (needed(f"cyclonedds.{name}", "the driver ros2") for name in ("idl", "idl.types"))
+    idl, idl_types = (needed(f"cyclonedds.{name}", "the driver ros2") for name in ("idl", "idl.types"))
 
     def made(package: str, kind: str, /, **fields: Any) -> Any:
         return idl.make_idl_struct(kind, f"{package}::msg::dds_::{kind}_", fields)
 
     def of(kind: Any) -> Any:
-        return own.sequence[kind]
+        return idl_types.sequence[kind]
 
-    parts = {"sec": own.int32, "nanosec": own.uint32}
+    parts = {"sec": idl_types.int32, "nanosec": idl_types.uint32}
     stamp, span = (made("builtin_interfaces", name, **parts) for name in ("Time", "Duration"))
     header = made("std_msgs", "Header", stamp=stamp, frame_id=str)
-    floats = of(own.float64)
+    floats = of(idl_types.float64)
     point = made(
         "trajectory_msgs",
         "JointTrajectoryPoint",

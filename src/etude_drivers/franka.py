@@ -104,12 +104,17 @@ class FrankaArm:
             self._state = self.robot.read_once()
         else:
             self._state, _ = self._control.readOnce()
-        own = self._state
-        errors = str(own.current_errors).strip("[]")
+        reading = self._state
+        errors = str(reading.current_errors).strip("[]")
         # outside of a motion the robot holds where it is, and a motion starts there
-        asked = None if self._control is not None else np.array(own.q)
+        reference = None if self._control is not None else np.array(reading.q)
         return Sample(
-            own.time.to_sec(), np.array(own.q), np.array(own.tau_J_d), np.array(own.dq), asked, fault=errors
+            reading.time.to_sec(),
+            np.array(reading.q),
+            np.array(reading.tau_J_d),
+            np.array(reading.dq),
+            reference,
+            fault=errors,
         )
 
     def ready(self, control: Control) -> None:
@@ -117,8 +122,8 @@ class FrankaArm:
         self._torque = np.zeros(7)
 
     def send(self, q: Array, qd: Array, qdd: Array, effort: Array | None) -> None:
-        own = self._state
-        torque = self.stiffness * (q - np.array(own.q)) + self.damping * (qd - np.array(own.dq))
+        reading = self._state
+        torque = self.stiffness * (q - np.array(reading.q)) + self.damping * (qd - np.array(reading.dq))
         if effort is not None:
             torque = torque + effort
         torque = np.clip(
@@ -146,7 +151,7 @@ class FrankaArm:
 
 def _in_order(joints: Sequence[str]) -> tuple[str, ...]:
     """libfranka has no names: joint 4 is the one whose name ends with 4."""
-    numbers = {int(found[1]): name for name in joints if (found := re.search(r"(\d)$", name))}
+    numbers = {int(match[1]): name for name in joints if (match := re.search(r"(\d)$", name))}
     if sorted(numbers) != list(range(1, 8)) or len(joints) != 7:
         raise UsageError(
             f"{', '.join(joints)} are not the joints 1 to 7 of a Franka arm",

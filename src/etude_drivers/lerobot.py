@@ -128,13 +128,13 @@ class LeRobotArm:
         self.robot.disconnect()
 
     def state(self) -> Sample:
-        seen = self.robot.get_observation()
+        observation = self.robot.get_observation()
         if self.torque:
-            command = np.array([seen[f"{name}.torque"] for name in self.joints])
+            command = np.array([observation[f"{name}.torque"] for name in self.joints])
         else:
             steps = self.robot.bus.sync_read("Present_Current", list(self.joints), normalize=False)
             command = float(self.step or 0.0) * _signed(np.array([steps[name] for name in self.joints]))
-        return Sample(self.clock(), np.radians([seen[f"{name}.pos"] for name in self.joints]), command)
+        return Sample(self.clock(), np.radians([observation[f"{name}.pos"] for name in self.joints]), command)
 
     def ready(self, control: Control) -> None:
         self.robot.bus.enable_torque(list(self.joints))

@@ -75,8 +75,8 @@ class MachineSettings:
     @classmethod
     def of(cls, table: Mapping[str, Any]) -> MachineSettings:
         """UsageError: an unknown key, or values that make no robot."""
-        known = [own.name for own in fields(cls)]
-        require_known(table, known, "mujoco")
+        keys = [setting.name for setting in fields(cls)]
+        require_known(table, keys, "mujoco")
         made = cls(**table)
         if not (
             made.rate > 0
@@ -104,7 +104,7 @@ class Machine:
         self.joints, self.settings = tuple(joints), settings
         self.model = compiled(Path(settings.model))
         self.data = mujoco.MjData(self.model)
-        self._places, self._dofs = self._found()
+        self._places, self._dofs = self._joint_indices()
         self._rng = np.random.default_rng(settings.seed)
         self._set_start(settings.start or {})
         self.stiffness, self.damping = self._gains()
@@ -134,14 +134,14 @@ class Machine:
     def q(self) -> Array:
         """(J,) as measured."""
         noise = self.settings.noise * self._rng.standard_normal(len(self.joints))
-        own: Array = self.data.qpos[self._places] + noise
-        return own
+        measured: Array = self.data.qpos[self._places] + noise
+        return measured
 
     @property
     def qd(self) -> Array:
         """(J,)"""
-        own: Array = self.data.qvel[self._dofs].copy()
-        return own
+        velocity: Array = self.data.qvel[self._dofs].copy()
+        return velocity
 
     @property
     def limits(self) -> tuple[Array, Array]:
@@ -165,7 +165,7 @@ class Machine:
         """Brakes to rest and holds there; kill: where it is now. Set-points count again after `ready`."""
         if self._follows or kill:
             self._queue.clear()
-            q, qd = self._asked_now()
+            q, qd = self._current_reference()
             if kill:
                 q, qd = self.data.qpos[self._places].copy(), self._zero
             late = LATE_CYCLES * self.period
@@ -187,27 +187,27 @@ class Machine:
         for _ in range(self.parts):
             total += self._step()
         self.t += self.period
-        self.asked = self._asked_now()[0]
+        self.asked = self._current_reference()[0]
         self.command = total / self.parts
 
     def _step(self) -> Array:
-        q, qd = self._asked_now()
-        own: Array
+        q, qd = self._current_reference()
+        effort: Array
         apart = q - self.data.qpos[self._places]
         slip = qd - self.data.qvel[self._dofs]
-        own = self.stiffness * apart + self.damping * slip + self._reference[3]
-        own = np.clip(own, -self.effort_limit, self.effort_limit)
+        effort = self.stiffness * apart + self.damping * slip + self._reference[3]
+        effort = np.clip(effort, -self.effort_limit, self.effort_limit)
         # the velocity's part of the feedback is the model's damping, which MuJoCo integrates implicitly
         added = self.damping * self.data.qvel[self._dofs] + (0.0 if self._weight is None else self._gravity())
-        self.data.qfrc_applied[self._dofs] = own + added
+        self.data.qfrc_applied[self._dofs] = effort + added
         if self.settings.stiction:
             slow = np.exp(-((self.data.qvel[self._dofs] / STRIBECK) ** 2))
             self.model.dof_frictionloss[self._dofs] = self._coulomb * (1.0 + self.settings.stiction * slow)
         mujoco.mj_step(self.model, self.data)
         self._age += self.model.opt.timestep
-        return own
+        return effort
 
-    def _asked_now(self) -> tuple[Array, Array]:
+    def _current_reference(self) -> tuple[Array, Array]:
         """The set-point in force, carried on in time; from one that is old it brakes to rest."""
         q, qd, qdd, _ = self._reference
         usual = min(self._age, LATE_CYCLES * self.period)
@@ -227,7 +227,7 @@ class Machine:
         held: Array = force[self._dofs]
         return held
 
-    def _found(self) -> tuple[Index, Index]:
+    def _joint_indices(self) -> tuple[Index, Index]:
         """Places of the joints in qpos and qvel; the others are held."""
         named = {self.model.joint(i).name: i for i in range(self.model.njnt)}
         lacking = [name for name in self.joints if name not in named]
@@ -271,28 +271,29 @@ class Machine:
             full.append(mass[np.ix_(self._dofs, self._dofs)])
             weight.append(np.abs(other.qfrc_bias[self._dofs]))
         drag = self.model.dof_frictionloss[self._dofs] + self.model.dof_damping[self._dofs]  # at 1 rad/s
-        heavy, load = np.max([np.diag(own) for own in full], axis=0), np.max(weight, axis=0) + drag
+        heavy, load = np.max([np.diag(matrix) for matrix in full], axis=0), np.max(weight, axis=0) + drag
         self._scale = load + heavy
         stiffness = np.maximum(heavy * (2 * np.pi * self.settings.bandwidth) ** 2, 1.2 * load / SAG)
         # drives have inertia of their own; without some of it no controller of this rate is stable
         self.model.dof_armature[self._dofs] += stiffness * (SHORTEST_STEP / STABLE) ** 2
         fastest = max(
-            float(np.linalg.eigvals(np.linalg.solve(own, np.diag(stiffness))).real.max()) for own in full
+            float(np.linalg.eigvals(np.linalg.solve(matrix, np.diag(stiffness))).real.max())
+            for matrix in full
         )
         self.model.opt.timestep = float(np.clip(STABLE / np.sqrt(fastest), SHORTEST_STEP, LONGEST_STEP))
         return stiffness, 1.4 * np.sqrt(stiffness * heavy)
 
     def _as_it_is(self) -> None:
         """What the campaign's model does not know."""
-        own = self.settings
-        self._coulomb = self.model.dof_frictionloss[self._dofs] + own.friction * self._scale
+        settings = self.settings
+        self._coulomb = self.model.dof_frictionloss[self._dofs] + settings.friction * self._scale
         self.model.dof_frictionloss[self._dofs] = self._coulomb
-        self.model.dof_damping[self._dofs] += own.viscous * self._scale + self.damping
-        factors = 1.0 + own.wrong_masses * self._rng.uniform(-1.0, 1.0, self.model.nbody)
+        self.model.dof_damping[self._dofs] += settings.viscous * self._scale + self.damping
+        factors = 1.0 + settings.wrong_masses * self._rng.uniform(-1.0, 1.0, self.model.nbody)
         self.model.body_mass[:] *= factors
         self.model.body_inertia[:] *= factors[:, None]
         last = self.model.jnt_bodyid[self.model.joint(self.joints[-1]).id]
-        self.model.body_mass[last] += own.payload
+        self.model.body_mass[last] += settings.payload
         mujoco.mj_setConst(self.model, self.data)
 
     def _effort_limits(self) -> Array:
@@ -340,10 +341,10 @@ def _of_urdf(root: ElementTree.Element) -> Any:
 def _make_possible(inertia: ElementTree.Element) -> None:
     """Moments of inertia that no body has are made those of the nearest one; MuJoCo refuses them."""
     names = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
-    own = np.zeros((3, 3))
+    tensor = np.zeros((3, 3))
     upper = np.triu_indices(3)
-    own[upper] = [float(inertia.get(name, "0")) for name in names]
-    size, axes = np.linalg.eigh(own + np.triu(own, 1).T)
+    tensor[upper] = [float(inertia.get(name, "0")) for name in names]
+    size, axes = np.linalg.eigh(tensor + np.triu(tensor, 1).T)
     if size[0] <= 0.0:
         whole = axes @ np.diag(np.maximum(size, max(1e-3 * size[2], 1e-9))) @ axes.T
         for name, value in zip(names, whole[upper], strict=True):

@@ -38,9 +38,9 @@ SHOWN = 1 / 30
 
 def driver(joints: tuple[str, ...], address: str, settings: Mapping[str, Any]) -> MujocoRobot:
     """`--on mujoco:MODEL`, `mujoco:MODEL,virtual`, `mujoco:MODEL,view`; [driver] has `MachineSettings`."""
-    words = [word for word in address.split(",") if word]
+    parts = [word for word in address.split(",") if word]
     table = dict(settings)
-    for word in words:
+    for word in parts:
         table.update({word: True} if word in OPTIONS else {"model": word})
     made = MachineSettings.of(table)
     if made.view and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
@@ -66,15 +66,15 @@ class MujocoRobot:
             self._machine.place(pose)
 
     def about(self) -> About:
-        own, (low, high) = self.settings, self._machine.limits
+        settings, (low, high) = self.settings, self._machine.limits
         return About(
-            name=f"MuJoCo, {os.path.basename(own.model)}",
-            identity=f"mujoco {os.path.abspath(own.model)}",
+            name=f"MuJoCo, {os.path.basename(settings.model)}",
+            identity=f"mujoco {os.path.abspath(settings.model)}",
             joints=self.joints,
-            rate=own.rate,
+            rate=settings.rate,
             command_unit="N m",
             command_of="applied",
-            gravity_in_command=not own.adds_gravity,
+            gravity_in_command=not settings.adds_gravity,
             controls=("feedback", "learned"),
             lower=low,
             upper=high,
@@ -83,7 +83,7 @@ class MujocoRobot:
             stopping_time=LONGEST_BRAKING,
             silence=SILENCE,
             real=False,
-            virtual=own.virtual,
+            virtual=settings.virtual,
         )
 
     def __enter__(self) -> Self:
@@ -198,8 +198,8 @@ def _state(machine: Machine) -> Array:
 
 
 def _sample(row: Array, joints: int) -> Sample:
-    q, qd, command, asked = row[1:].reshape(4, joints)
-    return Sample(float(row[0]), q, command, qd, asked)
+    q, qd, command, reference = row[1:].reshape(4, joints)
+    return Sample(float(row[0]), q, command, qd, reference)
 
 
 def serve(joints: Sequence[str], settings: MachineSettings, link: socket.socket) -> None:

@@ -63,7 +63,7 @@ def driver(joints: tuple[str, ...], address: str, settings: Mapping[str, Any]) -
         raise UsageError("px4 needs an address", next_step="--on px4:udpin:0.0.0.0:14540")
     mavutil = needed("pymavlink.mavutil", "the driver px4")
     return Px4Vehicle(
-        joints, address, settings, lambda own: mavutil.mavlink_connection(own, dialect="common")
+        joints, address, settings, lambda url: mavutil.mavlink_connection(url, dialect="common")
     )
 
 
@@ -157,9 +157,13 @@ class Px4Vehicle:
         if not self.virtual and self._newest["LOCAL_POSITION_NED"].time_boot_ms == before:
             self._read(1.0 / self.rate, until="LOCAL_POSITION_NED")
         place = self._newest["LOCAL_POSITION_NED"]
-        q, qd = (NED @ np.array(own) for own in ((place.x, place.y, place.z), (place.vx, place.vy, place.vz)))
-        asked = None if self._serves else self._held
-        return Sample(place.time_boot_ms / 1e3, q, None, qd, asked, fault=self._fault(), extra=self._beside())
+        q, qd = (
+            NED @ np.array(vector) for vector in ((place.x, place.y, place.z), (place.vx, place.vy, place.vz))
+        )
+        reference = None if self._serves else self._held
+        return Sample(
+            place.time_boot_ms / 1e3, q, None, qd, reference, fault=self._fault(), extra=self._beside()
+        )
 
     def ready(self, control: Control) -> None:
         """Set-points where it stands, offboard mode, armed. ConnectionError: PX4 refuses, and why."""
@@ -207,8 +211,11 @@ class Px4Vehicle:
         return self._newest["HEARTBEAT"]
 
     def _is(self, mode: tuple[int, int]) -> bool:
-        found = self._beat.custom_mode
-        return bool((found >> 16 & 255) == mode[0] and (mode == OFFBOARD or (found >> 24 & 255) == mode[1]))
+        custom_mode = self._beat.custom_mode
+        return bool(
+            (custom_mode >> 16 & 255) == mode[0]
+            and (mode == OFFBOARD or (custom_mode >> 24 & 255) == mode[1])
+        )
 
     def _in_our_hands(self) -> bool:
         return self._is(OFFBOARD) or self._is(HOLD)
@@ -218,51 +225,51 @@ class Px4Vehicle:
         if not self._serves:
             return ""
         if not self._beat.base_mode & ARMED:
-            return f"PX4 has disarmed{self._said()}"
+            return f"PX4 has disarmed{self._status_text()}"
         if not self._is(OFFBOARD):
             mode = MODES.get(self._beat.custom_mode >> 16 & 255, "another")
-            why = f"a pilot or a failsafe has taken over{self._said()}"
+            why = f"a pilot or a failsafe has taken over{self._status_text()}"
             return f"PX4 has left offboard mode for {mode} mode: {why}"
         return ""
 
-    def _said(self) -> str:
-        own = self._newest.get("STATUSTEXT")
-        return "" if own is None else f" ({own.text})"
+    def _status_text(self) -> str:
+        message = self._newest.get("STATUSTEXT")
+        return "" if message is None else f" ({message.text})"
 
     def _charge(self) -> float:
         """Part of the charge that is left; 1 where PX4 does not know."""
-        own = self._newest.get("SYS_STATUS")
-        return 1.0 if own is None or own.battery_remaining < 0 else own.battery_remaining / 100.0
+        status = self._newest.get("SYS_STATUS")
+        return 1.0 if status is None or status.battery_remaining < 0 else status.battery_remaining / 100.0
 
     def _looks_away(self) -> float:
-        own = self._newest.get("ATTITUDE_QUATERNION")
-        if own is None:
+        attitude = self._newest.get("ATTITUDE_QUATERNION")
+        if attitude is None:
             return 0.0
-        return math.remainder(yaw_of(own.q1, own.q2, own.q3, own.q4) - YAW, 2 * math.pi)
+        return math.remainder(yaw_of(attitude.q1, attitude.q2, attitude.q3, attitude.q4) - YAW, 2 * math.pi)
 
     def _beside(self) -> dict[str, float]:
         """What a vehicle learns from, by the columns of a log, of what was heard."""
-        found: dict[str, float] = {}
-        if (own := self._newest.get("HIGHRES_IMU")) is not None:
+        columns: dict[str, float] = {}
+        if (message := self._newest.get("HIGHRES_IMU")) is not None:
             force, rates = (
-                np.array([own.xacc, own.yacc, own.zacc]),
-                np.array([own.xgyro, own.ygyro, own.zgyro]),
+                np.array([message.xacc, message.yacc, message.zacc]),
+                np.array([message.xgyro, message.ygyro, message.zgyro]),
             )
             for word, vector in (("specific_force", FLU * force), ("rates", FLU * rates)):
-                found |= {f"{word}_{axis}": float(x) for axis, x in zip(AXES, vector, strict=True)}
-        if (own := self._newest.get("ATTITUDE_QUATERNION")) is not None:
-            q = turned(np.array([[own.q1, own.q2, own.q3, own.q4]]))[0]
-            found |= {f"orientation_{part}": float(x) for part, x in zip("wxyz", q, strict=True)}
-        if (own := self._newest.get("ACTUATOR_OUTPUT_STATUS")) is not None:
+                columns |= {f"{word}_{axis}": float(x) for axis, x in zip(AXES, vector, strict=True)}
+        if (message := self._newest.get("ATTITUDE_QUATERNION")) is not None:
+            q = turned(np.array([[message.q1, message.q2, message.q3, message.q4]]))[0]
+            columns |= {f"orientation_{part}": float(x) for part, x in zip("wxyz", q, strict=True)}
+        if (message := self._newest.get("ACTUATOR_OUTPUT_STATUS")) is not None:
             low, high = self.pulse
-            parts = [(x - low) / (high - low) for x in own.actuator[: len(self.motors)]]
-            found |= {f"command_{name}": float(x) for name, x in zip(self.motors, parts, strict=True)}
-        if (own := self._newest.get("SYS_STATUS")) is not None and own.voltage_battery < 65535:
-            found["battery_voltage_pack"] = own.voltage_battery / 1e3
-        return found
+            parts = [(x - low) / (high - low) for x in message.actuator[: len(self.motors)]]
+            columns |= {f"command_{name}": float(x) for name, x in zip(self.motors, parts, strict=True)}
+        if (message := self._newest.get("SYS_STATUS")) is not None and message.voltage_battery < 65535:
+            columns["battery_voltage_pack"] = message.voltage_battery / 1e3
+        return columns
 
     def _send(self, q: Array, qd: Array, qdd: Array) -> None:
-        place, speed, force = ((NED @ own).tolist() for own in (q, qd, qdd))
+        place, speed, force = ((NED @ vector).tolist() for vector in (q, qd, qdd))
         with self._lock:
             self._link.mav.set_position_target_local_ned_send(
                 0, *self._target, LOCAL, NO_YAW_RATE, *place, *speed, *force, YAW, 0.0
@@ -282,37 +289,37 @@ class Px4Vehicle:
     def _mode(self, mode: tuple[int, int]) -> int:
         return self._command(SET_MODE, CUSTOM, *mode)
 
-    def _answered(self, what: int, words: str, here: Array) -> None:
+    def _answered(self, what: int, request: str, here: Array) -> None:
         """Waits for the answer to a command. ConnectionError: it is a refusal."""
 
-        def found() -> bool:
-            own = self._newest.get("COMMAND_ACK")
-            return own is not None and own.command == what
+        def acknowledged() -> bool:
+            message = self._newest.get("COMMAND_ACK")
+            return message is not None and message.command == what
 
-        self._until(found, words, here)
+        self._until(acknowledged, request, here)
         if self._newest["COMMAND_ACK"].result:
-            raise ConnectionError(f"PX4 refuses {words}{self._said()}")
+            raise ConnectionError(f"PX4 refuses {request}{self._status_text()}")
 
-    def _until(self, true: Callable[[], bool], words: str, here: Array) -> None:
+    def _until(self, true: Callable[[], bool], request: str, here: Array) -> None:
         """While set-points go on."""
         for _ in range(round(ANSWER_S * self.rate)):
             if true():
                 return
             self._send(here, np.zeros(3), np.zeros(3))
             self._pause()
-        raise ConnectionError(f"PX4 did not answer to {words} within {ANSWER_S:g} s")
+        raise ConnectionError(f"PX4 did not answer to {request} within {ANSWER_S:g} s")
 
     def _pause(self) -> None:
         self._read(0.0 if self.virtual else 1.0 / self.rate)
 
-    def _heard(self, name: str, wanted: Callable[[Any], bool] = lambda _: True) -> Any:
+    def _heard(self, name: str, accepts: Callable[[Any], bool] = lambda _: True) -> Any:
         """The first message of that name. ConnectionError: none came."""
         end = time.monotonic() + ANSWER_S
         while time.monotonic() < end:
             self._read(0.1, until=name)
-            own = self._newest.get(name)
-            if own is not None and wanted(own):
-                return own
+            message = self._newest.get(name)
+            if message is not None and accepts(message):
+                return message
         raise ConnectionError(f"no {name} came from {self.address} within {ANSWER_S:g} s")
 
     def _read(self, seconds: float, until: str = "") -> None:

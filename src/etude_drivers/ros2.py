@@ -77,17 +77,17 @@ class Ros2Controller:
         self._interrupt: Interrupt | None = None
 
     def about(self) -> About:
-        own = self.settings
+        settings = self.settings
         return About(
             name=f"ROS 2, {self.controller}",
-            identity=f"/{self.controller} in domain {_domain(own)}",
+            identity=f"/{self.controller} in domain {_domain(settings)}",
             joints=self.joints,
-            rate=float(own.get("rate", 100.0)),
-            command_unit=str(own.get("command_unit", "N m")),
-            command_of=own.get("command_of"),
-            gravity_in_command=own.get("gravity_in_command"),
+            rate=float(settings.get("rate", 100.0)),
+            command_unit=str(settings.get("command_unit", "N m")),
+            command_of=settings.get("command_of"),
+            gravity_in_command=settings.get("gravity_in_command"),
             stop_latency=BRANCHES_AFTER,
-            on_loss=own.get("on_loss", "goes on"),  # the controller has the whole motion
+            on_loss=settings.get("on_loss", "goes on"),  # the controller has the whole motion
             silence=0.2,
             real=self.real,
         )
@@ -114,12 +114,12 @@ class Ros2Controller:
         return refusals(motion, self.about())
 
     def play(self, motion: PlannedMotion, watch: Watch, control: Control) -> Recording:
-        own = self._interrupt = Interrupt()
-        run = _Playing(self, motion, watch, own)
+        interrupt = self._interrupt = Interrupt()
+        run = _Playing(self, motion, watch, interrupt)
         why = "" if control == "feedback" else "the topic takes no effort"
         why = why or why_not(self, motion)
         try:
-            with interrupts(own):
+            with interrupts(interrupt):
                 return run.refused(why) if why else run.play()
         finally:
             self._interrupt = None
@@ -182,16 +182,16 @@ class _Playing:
     def _send(self) -> None:
         first = self.robot.where()
         self.began = first.t + STARTS_AFTER
-        own = self.motion
-        self.robot.topics.send(Points(self.began, own.joints, own.t, own.q, own.qd, own.qdd))
+        motion = self.motion
+        self.robot.topics.send(Points(self.began, motion.joints, motion.t, motion.q, motion.qd, motion.qdd))
 
     def _cycle(self) -> bool:
         sample = self.robot._sample(self.about.silence)
         if sample is None:
             self._end(Ended.LOST, f"no joint state for {self.about.silence:g} s", self.rows.newest)
             return False
-        at, asked = self._asked(sample.t)
-        sample = replace(sample, asked=asked, at=at)
+        at, reference = self._planned_at(sample.t)
+        sample = replace(sample, asked=reference, at=at)
         if sample.t > self.rows.newest:
             self.rows.add(sample)
         reaction = self.watch(sample)
@@ -221,11 +221,11 @@ class _Playing:
         self.leaves = min(max(t - self.began + BRANCHES_AFTER, 0.0), self.motion.duration)
         self.stopping = Stopping(self.path.at(self.leaves), acceleration_limits(self.motion, self.about))
         times = np.append(np.arange(0.0, self.stopping.span, 1.0 / self.about.rate), self.stopping.span)
-        own = [self.stopping.at(float(u)) for u in times]
-        q, qd, qdd = (np.array([getattr(point, name) for point in own]) for name in ("q", "qd", "qdd"))
+        points = [self.stopping.at(float(u)) for u in times]
+        q, qd, qdd = (np.array([getattr(point, name) for point in points]) for name in ("q", "qd", "qdd"))
         self.robot.topics.send(Points(self.began + self.leaves, self.motion.joints, times, q, qd, qdd))
 
-    def _asked(self, t: float) -> tuple[float, Array]:
+    def _planned_at(self, t: float) -> tuple[float, Array]:
         """(trajectory time, set-point) that is in force at a time of the robot's clock."""
         s = t - self.began
         if self.stopping is not None and s > self.leaves:
@@ -238,8 +238,8 @@ class _Playing:
         reference = self.robot.topics.reference()
         if reference is None:
             return False
-        _, asked = self._asked(reference.t)
-        apart = np.abs(self.robot._ordered(reference, reference.q) - asked).max() > FOLLOWS
+        _, planned = self._planned_at(reference.t)
+        apart = np.abs(self.robot._ordered(reference, reference.q) - planned).max() > FOLLOWS
         self._apart_since = min(self._apart_since, sample.t) if apart else np.inf
         return sample.t - self._apart_since > FOR_S
 

@@ -103,13 +103,15 @@ class UrArm:
         self.control = self.receive = None
 
     def state(self) -> Sample:
-        own = self.receive
-        fault = "emergency stop" if own.isEmergencyStopped() else ""
-        fault = fault or ("protective stop" if own.isProtectiveStopped() else "")
+        receive = self.receive
+        fault = "emergency stop" if receive.isEmergencyStopped() else ""
+        fault = fault or ("protective stop" if receive.isProtectiveStopped() else "")
         # while servoJ runs the target lags behind what was sent; at rest it is what holds the arm
-        asked = None if self._serves else np.array(own.getTargetQ())
-        current, qd = np.array(own.getActualCurrent()), np.array(own.getActualQd())
-        return Sample(own.getTimestamp(), np.array(own.getActualQ()), current, qd, asked, fault=fault)
+        reference = None if self._serves else np.array(receive.getTargetQ())
+        current, qd = np.array(receive.getActualCurrent()), np.array(receive.getActualQd())
+        return Sample(
+            receive.getTimestamp(), np.array(receive.getActualQ()), current, qd, reference, fault=fault
+        )
 
     def ready(self, control: Control) -> None:
         if not self.control.isProgramRunning() and not self.control.reuploadScript():
@@ -133,10 +135,10 @@ class UrArm:
 
 def _in_order(joints: Sequence[str]) -> tuple[str, ...]:
     """The controller has no names: prefixes are allowed, the rest is that of the descriptions."""
-    found = [[name for name in joints if name.endswith(f"{own}_joint")] for own in NAMES]
-    if [len(own) for own in found] != [1] * 6 or len(joints) != 6:
+    matches = [[name for name in joints if name.endswith(f"{suffix}_joint")] for suffix in NAMES]
+    if [len(names) for names in matches] != [1] * 6 or len(joints) != 6:
         raise UsageError(
             f"{', '.join(joints)} are not the six joints of an arm of Universal Robots",
             next_step=f"Name them {'_joint, '.join(NAMES)}_joint, with a prefix or without.",
         )
-    return tuple(own[0] for own in found)
+    return tuple(names[0] for names in matches)

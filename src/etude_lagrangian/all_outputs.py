@@ -163,8 +163,8 @@ def _values(work: Array, values: int, p: Array, F: Array, i: int) -> None:
             out = values + k * J + k
             for x in range(WIDTH):
                 s = work[S, x]
-                own = 2.0 * v * (work[TAU, x] + s * work[E, x]) + s * s * work[one + SG, x]
-                work[out, x] += work[P, x] * own
+                diagonal = 2.0 * v * (work[TAU, x] + s * work[E, x]) + s * s * work[one + SG, x]
+                work[out, x] += work[P, x] * diagonal
 
 
 @_inline
@@ -501,8 +501,8 @@ def _potential_means(work: Array, weights: int, J: int, i: int, out: Array) -> N
     for k in range(J):
         one, total = BLOCKS + k * SIZE, 0.0
         for x in range(WIDTH):
-            own = work[one + QU, x] - work[one + RU, x] * work[one + RUZ, x]
-            total += work[Q, x] * (work[one + RU, x] * work[AQ, x] + work[weights + k, x] * own)
+            diagonal = work[one + QU, x] - work[one + RU, x] * work[one + RUZ, x]
+            total += work[Q, x] * (work[one + RU, x] * work[AQ, x] + work[weights + k, x] * diagonal)
         out[k, i] += total
 
 
@@ -530,6 +530,6 @@ def _link_means(work: Array, weights: int, link: int, p: Array, F: Array, i: int
                 2.0 * (e * b - work[one + LINK + 4, x]) * work[TOTAL + 2, x] - 2.0 * b * work[TOTAL + 3, x]
             )
             value += s * s * work[one + R, x] * work[TOTAL, x]
-            own = 2.0 * v * (work[TAU, x] + s * e) + s * s * work[one + SG, x]
-            total += work[P, x] * (value + work[weights + k, x] * own)
+            diagonal = 2.0 * v * (work[TAU, x] + s * e) + s * s * work[one + SG, x]
+            total += work[P, x] * (value + work[weights + k, x] * diagonal)
         out[k, i] += total

@@ -31,7 +31,7 @@ def joint_code(name: str, process: Any) -> Code:
     J, n = len(process.commands), len(process.X)
     size = -(-n // BLOCK) * BLOCK
     Z = np.concatenate([process.X, np.tile(process.X[-1:], (size - n, 1))])
-    p, rest = process.prior.split(process.at.theta)
+    p, thetas = process.prior.split(process.at.theta)
     data = _tables(name, p, process.prior.joints, Z)
     data[f"{name}_weights"] = np.concatenate([process.alpha, np.zeros((J, size - n))], axis=1)
     entries = len(process.used)
@@ -40,9 +40,9 @@ def joint_code(name: str, process: Any) -> Code:
     used[:entries] = (process.used // n * size + process.used % n)[order]
     variance: dict[str, Any] = {f"{name}_used": used, f"{name}_factor_table": packed(factor)}
     means, spreads, bodies, operations = [], [], [], 0
-    for j, (kernel, own) in enumerate(zip(process.prior.additions, rest, strict=True)):
+    for j, (kernel, theta) in enumerate(zip(process.prior.additions, thetas, strict=True)):
         more = f"{name}_more{j}"
-        code = expanded(more, kernel, own, process.X, process.alpha[j : j + 1], None)
+        code = expanded(more, kernel, theta, process.X, process.alpha[j : j + 1], None)
         bodies.append(code.body)
         data |= code.data
         variance |= code.variance

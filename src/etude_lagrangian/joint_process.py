@@ -118,8 +118,8 @@ class JointProcess:
     @cached_property
     def _few(self) -> tuple[Array, Index, Array]:
         """Every `FEW`th instant with an entry, the entries there, and their covariance's inverse factor."""
-        kept = np.flatnonzero(self.counts.any(axis=1))[::FEW]
-        X, used = np.ascontiguousarray(self.X[kept]), np.flatnonzero(self.counts[kept].T)
+        instants = np.flatnonzero(self.counts.any(axis=1))[::FEW]
+        X, used = np.ascontiguousarray(self.X[instants]), np.flatnonzero(self.counts[instants].T)
         with threads_for(len(used)):
             K = self.prior.gram(self.at.theta, X, used)
             K[np.diag_indices(len(K))] += self.noise_variance[used // len(X)]
@@ -141,18 +141,18 @@ class JointProcess:
     def mean(self, X: Array) -> Array:
         """Means (T, J) alone: O(J²) for each pair of inputs."""
         out = self._lagrangian_means(self.prior.joints.packed(X))
-        for j, (kernel, own) in enumerate(zip(self.prior.additions, self._rest, strict=True)):
-            out[j] += kernel.value(own, X, self.X) @ self.alpha[j]
+        for j, (kernel, theta) in enumerate(zip(self.prior.additions, self._addition_thetas, strict=True)):
+            out[j] += kernel.value(theta, X, self.X) @ self.alpha[j]
         return out.T
 
     def point(self) -> Callable[[Array], Array]:
         """x (D,) -> means (J,), compiled: for a controller's tick; not for several threads at once."""
-        pairs = zip(self.prior.additions, self._rest, self.alpha, strict=True)
-        additions = PointMean([Expansion(kernel, own, self.X, alpha) for kernel, own, alpha in pairs])
+        pairs = zip(self.prior.additions, self._addition_thetas, self.alpha, strict=True)
+        additions = PointMean([Expansion(kernel, theta, self.X, alpha) for kernel, theta, alpha in pairs])
 
         def mean(x: Array) -> Array:
-            found = additions(x)  # refuses another shape
-            return found + self._lagrangian_means(self.prior.joints.packed(x[None]))[:, 0]
+            added = additions(x)  # refuses another shape
+            return added + self._lagrangian_means(self.prior.joints.packed(x[None]))[:, 0]
 
         return mean
 
@@ -163,12 +163,12 @@ class JointProcess:
     @cached_property
     def own(self) -> tuple[ExactPosterior, ...]:
         """Those processes. DataError if no entry of a command counts."""
-        found = []
+        posteriors = []
         for j in range(len(self.commands)):
             kernel, theta = self.prior.one(self.at.theta, j)
             rows, noise = self.counts[:, j], float(self.noise_variance[j])
-            found.append(posterior_given(kernel, theta, noise, self.X[rows], self.Y[rows, j]))
-        return tuple(found)
+            posteriors.append(posterior_given(kernel, theta, noise, self.X[rows], self.Y[rows, j]))
+        return tuple(posteriors)
 
     def held_out(self, own: Index, Y: Array | None = None) -> tuple[Array, Array]:
         """Means and variances with noise (k, J) at the samples `own` from those of other folds, closed form.
@@ -193,22 +193,22 @@ class JointProcess:
             left = self._without(out, None if Y is None else Y[self.rows])
         mean, variance = np.full((J, len(own)), np.nan), np.full((J, len(own)), np.nan)
         command, place = self.used[out] // n, _places(own, entry_row[out])
-        known = place >= 0
-        mean[command[known], place[known]] = left.mean[known]
-        variance[command[known], place[known]] = left.variance[known]
-        rest = np.flatnonzero(np.isnan(mean).any(axis=0))
-        if len(rest):
-            told = np.isnan(mean[:, rest])
-            more = self._elsewhere(self.fit.X[own[rest]], left)
-            mean[:, rest] = np.where(told, more[0].T, mean[:, rest])
-            variance[:, rest] = np.where(told, more[1].T, variance[:, rest])
+        inside = place >= 0
+        mean[command[inside], place[inside]] = left.mean[inside]
+        variance[command[inside], place[inside]] = left.variance[inside]
+        incomplete = np.flatnonzero(np.isnan(mean).any(axis=0))
+        if len(incomplete):
+            missing = np.isnan(mean[:, incomplete])
+            more = self._elsewhere(self.fit.X[own[incomplete]], left)
+            mean[:, incomplete] = np.where(missing, more[0].T, mean[:, incomplete])
+            variance[:, incomplete] = np.where(missing, more[1].T, variance[:, incomplete])
         return mean.T, variance.T
 
     def arrays(self) -> Mapping[str, Array]:
-        """Everything that it predicts from; the words are JSON in bytes."""
-        words = {"columns": [list(column) for column in self.columns], "commands": list(self.commands)}
+        """Everything that it predicts from; the metadata are JSON in bytes."""
+        metadata = {"columns": [list(column) for column in self.columns], "commands": list(self.commands)}
         return {
-            "words": cast("Array", np.frombuffer(json.dumps(words).encode(), dtype=np.uint8)),
+            "words": cast("Array", np.frombuffer(json.dumps(metadata).encode(), dtype=np.uint8)),
             "theta": self.at.theta,
             "log_noise": self.at.log_noise,
             "floor": self.at.floor,
@@ -224,7 +224,7 @@ class JointProcess:
         return joint_code(name, self)
 
     @cached_property
-    def _rest(self) -> list[Array]:
+    def _addition_thetas(self) -> list[Array]:
         return self.prior.split(self.at.theta)[1]
 
     @cached_property
@@ -266,8 +266,8 @@ class JointProcess:
         V = dtrmm(1.0, self.L_inverse, K, side=1, lower=1, trans_a=1)
         reduced = np.einsum("tu,tu->t", V, V)
         regained = K @ left.half.T
-        known = (reduced - np.einsum("ta,ta->t", regained, regained)).reshape(J, -1).T
-        latent = np.maximum(self.prior.diagonal(self.at.theta, X) - known, 0.0)
+        explained = (reduced - np.einsum("ta,ta->t", regained, regained)).reshape(J, -1).T
+        latent = np.maximum(self.prior.diagonal(self.at.theta, X) - explained, 0.0)
         return (K @ left.alpha).reshape(J, -1).T, latent + self.noise_variance
 
 
@@ -284,7 +284,7 @@ class _Without(NamedTuple):
     half: Array
 
 
-def _places(own: Index, rows: Index) -> Index:
-    """Where each of `rows` stands in `own`, increasing; -1 where it does not."""
-    place = np.minimum(np.searchsorted(own, rows), len(own) - 1)
-    return np.where(own[place] == rows, place, -1)
+def _places(targets: Index, rows: Index) -> Index:
+    """Position of each of `rows` in `targets`, which increase; -1 where it is absent."""
+    place = np.minimum(np.searchsorted(targets, rows), len(targets) - 1)
+    return np.where(targets[place] == rows, place, -1)

@@ -74,8 +74,8 @@ def joints_of(columns: Sequence[Column]) -> tuple[Joints, tuple[str, ...]]:
     plain = [(i, column) for i, column in enumerate(columns) if not column[3]]
     channels = list(dict.fromkeys(channel for _, (channel, *_) in plain))[:3]
     places = [tuple(i for i, (channel, *_) in plain if channel == name) for name in channels]
-    parts = [tuple(columns[i][1] for i in own) for own in places]
-    if len(channels) < 3 or any(own != parts[0] for own in parts):
+    parts = [tuple(columns[i][1] for i in group) for group in places]
+    if len(channels) < 3 or any(names != parts[0] for names in parts):
         raise UsageError(
             "the Lagrangian prior needs position, velocity and acceleration of the same joints",
             where=f"inputs {', '.join(channels) or 'none'}",

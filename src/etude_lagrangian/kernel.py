@@ -185,9 +185,9 @@ class CommandPrior:
 gip_lin = CommandPrior()
 
 
-def _restored(words: Words, _: Lookup) -> Lagrangian:
-    joints = {name: tuple(values) for name, values in words["joints"].items()}
-    return Lagrangian(Joints(**joints), int(words["own"]))
+def _restored(metadata: Words, _: Lookup) -> Lagrangian:
+    joints = {name: tuple(values) for name, values in metadata["joints"].items()}
+    return Lagrangian(Joints(**joints), int(metadata["own"]))
 
 
 FORM = Form((), ("joints", "own"), _restored)

@@ -67,9 +67,9 @@ def joint_likelihood(
     with threads_for(len(used)):
         K = prior.gram(at.theta, X, used)
         K[np.diag_indices(len(K))] += at.noise_variance[command]
-        found = solved(K, 0.0, y)
-        value = -0.5 * (found.square + found.log_det + len(y) * np.log(2.0 * np.pi))
-        Q = np.ascontiguousarray(found.weights + np.tril(found.weights, -1).T)
+        solution = solved(K, 0.0, y)
+        value = -0.5 * (solution.square + solution.log_det + len(y) * np.log(2.0 * np.pi))
+        Q = np.ascontiguousarray(solution.weights + np.tril(solution.weights, -1).T)
         in_theta = prior.gram_gradient(at.theta, X, used, 0.5 * Q)
     traces = np.bincount(command, weights=Q.diagonal(), minlength=len(at.log_noise))
     return float(value), -np.concatenate([in_theta, np.exp(2.0 * at.log_noise) * traces])

@@ -65,9 +65,9 @@ class AllOutputs:
 
     def restore(self, arrays: Mapping[str, Array]) -> JointProcess:
         """The process whose arrays these are; its predictions are the same bits."""
-        words = json.loads(bytes(arrays["words"]))
-        columns = tuple((str(c), str(p), str(u), str(o)) for c, p, u, o in words["columns"])
-        commands = tuple(words["commands"])
+        metadata = json.loads(bytes(arrays["words"]))
+        columns = tuple((str(c), str(p), str(u), str(o)) for c, p, u, o in metadata["columns"])
+        commands = tuple(metadata["commands"])
         at = JointHyperparameters(arrays["theta"], arrays["log_noise"], arrays["floor"])
         counts = np.asarray(arrays["counts"], dtype=np.bool_)
         prior = self.prior(columns, commands)
@@ -88,16 +88,16 @@ class AllOutputs:
         """Trained on the chosen samples, from the last round's if the schedule says so."""
         config = fit.config
         earlier = None if config.schedule == "reinitialise" else fit.start
-        known = earlier.at if isinstance(earlier, JointProcess) and earlier.prior == prior else None
-        if known is not None and config.schedule in ("constant", "first"):
-            return known
+        previous = earlier.at if isinstance(earlier, JointProcess) and earlier.prior == prior else None
+        if previous is not None and config.schedule in ("constant", "first"):
+            return previous
         rows = thinned(fit.chosen, FIT_INSTANTS)
         X, counts = fit.X[rows], (fit.usable & fit.moving)[rows]
         used = np.flatnonzero(counts.T)
         y = np.ascontiguousarray(fit.Y[rows].T).ravel()[used]
         floor = np.broadcast_to(fit.floor, (len(fit.commands),)).astype(float)
         fresh, weak = initial_hyperparameters(prior, X, y, used, floor)
-        start = fresh if known is None else JointHyperparameters(known.theta, known.log_noise, floor)
+        start = fresh if previous is None else JointHyperparameters(previous.theta, previous.log_noise, floor)
         chosen = weak if config.prior == "weak" else None
         return fit_joint(prior, start, chosen, X, y, used, steps=config.steps, method=config.method)
 
@@ -127,7 +127,7 @@ def data_together(
     """
     samples, config = folds.samples, folds.config
     counts = samples.usable & samples.moving
-    silent = [name for name, own in zip(folds.commands, counts.T, strict=True) if np.count_nonzero(own) < 2]
+    silent = [name for name, mask in zip(folds.commands, counts.T, strict=True) if np.count_nonzero(mask) < 2]
     if silent:
         raise DataError(
             "the axis hardly moves, so nothing of it can be learned",
@@ -139,11 +139,11 @@ def data_together(
     kept = spread_points(t, group, use, min(config.points, INSTANTS), 0.0, rng)
     spacing = min(config.fit_spacing_s, seconds_of(samples) / LEAST_FIT)
     chosen = spread_points(t, group, use, min(config.fit_points, FIT_INSTANTS), spacing, rng)
-    offset = np.array([samples.command[own, j].mean() for j, own in enumerate(counts.T)])
+    offset = np.array([samples.command[mask, j].mean() for j, mask in enumerate(counts.T)])
     units = np.stack([offset, np.ones_like(offset)])
     floors = [
-        floor_of(folds, (j,), Rows(np.flatnonzero(own), kept, chosen), units[:, [j]], floor)[0]
-        for j, own in enumerate(counts.T)
+        floor_of(folds, (j,), Rows(np.flatnonzero(mask), kept, chosen), units[:, [j]], floor)[0]
+        for j, mask in enumerate(counts.T)
     ]
     return FitData(
         X=folds.X,

@@ -142,12 +142,12 @@ def _link_value(work: Array, link: int, k: int, v: float, w: float, u: float) ->
 def _forward(work: Array, k: int, p: Array, F: Array, i: int) -> None:
     """Everything of row i that the way back needs; with `values`, the covariances too."""
     J = F.shape[1]
-    own = BLOCKS + k * SIZE + T
+    block = BLOCKS + k * SIZE + T
     _potential_factors(work, k, p, F, i)
     for j in range(J):
         _factor(work, BLOCKS + j * SIZE, p[A_T, j], p[B_T, j], F[0, j, i], F[1, j, i])
     for x in range(WIDTH):
-        c, cx, cz, cxz = work[own, x], work[own + 1, x], work[own + 2, x], work[own + 3, x]
+        c, cx, cz, cxz = work[block, x], work[block + 1, x], work[block + 2, x], work[block + 3, x]
         work[P, x] = c * c
         work[P + 1, x] = 2.0 * c * cx
         work[P + 2, x] = 2.0 * c * cz

@@ -57,35 +57,41 @@ class JointPrior:
         # 1/20: a joint that hardly needs a command still starts with a part in the energy
         factors = np.maximum(0.05, (share / share.max()) ** 2)
         halves = (half_range[list(self.joints.positions)], half_range[list(self.joints.accelerations)])
-        own = self.parameters.start(*halves, np.append(share.max(), factors), v)
-        rest = share * np.sqrt(parts)
+        lagrangian = self.parameters.start(*halves, np.append(share.max(), factors), v)
+        addition_scale = share * np.sqrt(parts)
         return np.concatenate(
-            [own, *(k.initial(half_range, s) for k, s in zip(self.additions, rest.tolist(), strict=True))]
+            [
+                lagrangian,
+                *(
+                    k.initial(half_range, s)
+                    for k, s in zip(self.additions, addition_scale.tolist(), strict=True)
+                ),
+            ]
         )
 
     def split(self, theta: Array) -> tuple[Array, list[Array]]:
         """The array of the Lagrangian's parameters, and theta of each addition."""
         sizes = [len(self.parameters.names()), *(kernel.size for kernel in self.additions)]
-        own, *rest = np.split(theta, np.cumsum(sizes)[:-1])
-        return self.parameters.array(own), rest
+        lagrangian, *thetas = np.split(theta, np.cumsum(sizes)[:-1])
+        return self.parameters.array(lagrangian), thetas
 
     def one(self, theta: Array, j: int) -> tuple[Kernel, Array]:
         """Kernel and theta of command j alone: the same covariances, those with other commands forgotten."""
-        p, rest = self.split(theta)
+        p, thetas = self.split(theta)
         kernel = Lagrangian(self.joints, j)
-        return kernel + self.additions[j], np.concatenate([kernel.parameters.theta(p), rest[j]])
+        return kernel + self.additions[j], np.concatenate([kernel.parameters.theta(p), thetas[j]])
 
     def cross(self, theta: Array, X: Array, Z: Array, used: Index) -> Array:
         """(J T, u): all commands at X (T, D) with the entries that count at Z (n, D)."""
         from etude_lagrangian.all_outputs import EVERY, sweep_all
 
-        J, (p, rest) = self.joints.count, self.split(theta)
+        J, (p, thetas) = self.joints.count, self.split(theta)
         F = self.joints.packed(X)
         fixed = F if X is Z else self.joints.packed(Z)
         K = np.empty((J, len(X), J, len(Z)))
         sweep_all(p, F, fixed, EVERY, K, False, F, p)
-        for j, (kernel, own) in enumerate(zip(self.additions, rest, strict=True)):
-            K[j, :, j] += kernel.value(own, X, Z)
+        for j, (kernel, addition_theta) in enumerate(zip(self.additions, thetas, strict=True)):
+            K[j, :, j] += kernel.value(addition_theta, X, Z)
         flat = K.reshape(J * len(X), J * len(Z))
         return flat if len(used) == flat.shape[1] else flat[:, used]
 
@@ -98,27 +104,29 @@ class JointPrior:
         """(P,) of sum(G * gram), for symmetric G (u, u)."""
         from etude_lagrangian.all_outputs import LOWER, sweep_all
 
-        J, n, (p, rest) = self.joints.count, len(X), self.split(theta)
+        J, n, (p, thetas) = self.joints.count, len(X), self.split(theta)
         weights = G
         if len(used) < J * n:
             weights = np.zeros((J * n, J * n))
             weights[np.ix_(used, used)] = G
         square = weights.reshape(J, n, J, n)
         F, dp = self.joints.packed(X), np.zeros_like(p)
-        once = np.tril(np.full((n, n), 2.0), -1) + np.eye(n)
-        sweep_all(p, F, F, LOWER, square * once[:, None, :], True, np.zeros_like(F), dp)
-        found = [self.parameters.pulled(p, dp)]
-        for j, (kernel, own) in enumerate(zip(self.additions, rest, strict=True)):
-            found.append(kernel.gram(own, X)[1](square[j, :, j]))
-        return np.concatenate(found)
+        multiplicity = np.tril(np.full((n, n), 2.0), -1) + np.eye(n)
+        sweep_all(p, F, F, LOWER, square * multiplicity[:, None, :], True, np.zeros_like(F), dp)
+        gradients = [self.parameters.pulled(p, dp)]
+        for j, (kernel, addition_theta) in enumerate(zip(self.additions, thetas, strict=True)):
+            gradients.append(kernel.gram(addition_theta, X)[1](square[j, :, j]))
+        return np.concatenate(gradients)
 
     def diagonal(self, theta: Array, X: Array) -> Array:
         """(T, J) prior variances at X (T, D)."""
         from etude_lagrangian.all_outputs import SELF, sweep_all
 
-        J, (p, rest) = self.joints.count, self.split(theta)
+        J, (p, thetas) = self.joints.count, self.split(theta)
         F, K = self.joints.packed(X), np.empty((self.joints.count, len(X), self.joints.count, 1))
         sweep_all(p, F, F, SELF, K, False, F, p)
         lagrangian = K[np.arange(J), :, np.arange(J), 0].T
-        additions = [k.diagonal(own, X) for k, own in zip(self.additions, rest, strict=True)]
+        additions = [
+            k.diagonal(addition_theta, X) for k, addition_theta in zip(self.additions, thetas, strict=True)
+        ]
         return np.asarray(lagrangian + np.column_stack(additions))

@@ -43,12 +43,12 @@ class Checkpoints:
         first: s after which the first one is kept, so that not all learners are copied in one tick.
     """
 
-    MOVES = ("_kept", "_due", "_back")
+    STATE_FIELDS = ("_states", "_due", "_back")
 
     def __init__(self, learner: OnlineOutput, first: float) -> None:
         self._learner = learner
         self._begin: Any = taken(learner)
-        self._kept: list[Any] = []
+        self._states: list[Any] = []
         self._due: float | None = None
         self._first, self._back = first, -float("inf")
 
@@ -57,13 +57,13 @@ class Checkpoints:
         if self._due is None:
             self._due = now + self._first
         if now >= self._due:
-            self._kept, self._due = [*self._kept[-1:], taken(self._learner)], now + EVERY_S
+            self._states, self._due = [*self._states[-1:], taken(self._learner)], now + EVERY_S
 
     def back(self, now: float) -> bool:
         """Sets the learner back; returns whether it begins anew."""
-        anew = now - self._back < AGAIN_S or not self._kept
-        put_back(self._learner, self._begin if anew else self._kept[0])
-        self._kept, self._due, self._back = [], now + EVERY_S, now
+        anew = now - self._back < AGAIN_S or not self._states
+        put_back(self._learner, self._begin if anew else self._states[0])
+        self._states, self._due, self._back = [], now + EVERY_S, now
         return anew
 
 
@@ -97,7 +97,7 @@ class UpdateWeight:
         weight: in [0, 1], after the last comparison. noise: sn of the output.
     """
 
-    MOVES = ("_along", "_apart", "weight")
+    STATE_FIELDS = ("_along", "_apart", "weight")
 
     def __init__(self, memory: float, noise_variance: float) -> None:
         self._keep = math.exp(-1.0 / memory)
@@ -140,7 +140,7 @@ class Command:
         waiting: samples that were judged and not learned yet: time, input, output.
     """
 
-    MOVES: ClassVar[tuple[str, ...]] = ("learner", "evidence", "checkpoints", "waiting")
+    STATE_FIELDS: ClassVar[tuple[str, ...]] = ("learner", "evidence", "checkpoints", "waiting")
 
     place: int
     candidate: Candidate
@@ -217,8 +217,8 @@ def learning_command(model: LearnedModel, j: int, config: OnlineConfig, rng: np.
         frozen = _point(candidate, posterior, j) if structure == chosen else _constant(-offset / factor)
         evidence = UpdateWeight(config.memory_s * config.rate_hz, posterior.noise_variance)
         learner = begin(posterior, config, rng)
-        kept = Checkpoints(learner, FIRST_S + STAGGER_S * j)
-        return Command(j, candidate, offset, factor, frozen, learner, evidence, kept)
+        checkpoints = Checkpoints(learner, FIRST_S + STAGGER_S * j)
+        return Command(j, candidate, offset, factor, frozen, learner, evidence, checkpoints)
     raise UsageError(
         f"{model.commands[j]} comes from the structure {chosen!r} by a process that cannot go on learning",
         next_step="Train rung = 'gp' or 'identified+gp' with process = 'exact' or a dictionary.",
@@ -228,11 +228,11 @@ def learning_command(model: LearnedModel, j: int, config: OnlineConfig, rng: np.
 def _exact(candidate: Candidate, j: int) -> ExactPosterior | None:
     process, place = candidate.process, candidate.commands.index(j)
     assert process is not None
-    own = process.own if isinstance(process, SupportsSeparate) else None
-    found = own[place] if isinstance(own, tuple) else None
-    if isinstance(process, Posteriors) and isinstance(found, BasisPosterior) and process.guides:
-        found = process.guides[place]  # all samples taught it, through a few
-    return found if isinstance(found, ExactPosterior) else None
+    posteriors = process.own if isinstance(process, SupportsSeparate) else None
+    posterior = posteriors[place] if isinstance(posteriors, tuple) else None
+    if isinstance(process, Posteriors) and isinstance(posterior, BasisPosterior) and process.guides:
+        posterior = process.guides[place]  # all samples taught it, through a few
+    return posterior if isinstance(posterior, ExactPosterior) else None
 
 
 def _point(candidate: Candidate, posterior: ExactPosterior, j: int) -> Callable[[Array], float]:

@@ -50,7 +50,7 @@ class Hedge:
         period: s between two decisions.
     """
 
-    MOVES = ("L", "slow2", "fast2", "far", "_seen", "authority")
+    STATE_FIELDS = ("L", "slow2", "fast2", "far", "_decisions", "authority")
 
     def __init__(self, noise: Array, period: float) -> None:
         # a model without noise would make every error infinitely large
@@ -59,7 +59,7 @@ class Hedge:
         self.L = np.full(len(noise), LEAST)
         self.slow2, self.fast2 = self._least.copy(), self._least.copy()
         self.far = np.zeros(len(noise))
-        self._seen = 0
+        self._decisions = 0
         self.authority = self._authority()
 
     @property
@@ -89,10 +89,10 @@ class Hedge:
         self.L[which], self.far[which] = LEAST, 0.0
 
     def _gather(self, error: Array, raw: Array) -> None:
-        self._seen += 1
+        self._decisions += 1
         square = np.minimum(error**2, SPIKE * self.slow2)
-        self.slow2 += max(self._slow, 1.0 / self._seen) * (square - self.slow2)
-        self.fast2 += max(self._fast, 1.0 / self._seen) * (square - self.fast2)
+        self.slow2 += max(self._slow, 1.0 / self._decisions) * (square - self.slow2)
+        self.fast2 += max(self._fast, 1.0 / self._decisions) * (square - self.fast2)
         self.slow2, self.fast2 = (np.maximum(s, self._least) for s in (self.slow2, self.fast2))
         wrong = np.abs(error - raw) / np.maximum(np.sqrt(self.slow2), np.abs(error))
         step = np.nan_to_num(np.minimum(wrong - FAR, FURTHEST), nan=FURTHEST)
@@ -115,12 +115,12 @@ class Guard:
         weight: (J,) in [0, 1] that drives now. lost: (J,) learners without finite numbers.
     """
 
-    MOVES = (
+    STATE_FIELDS = (
         "hedge",
         "gate",
         "weight",
         "lost",
-        *("_goal", "_tick", "_rows", "_pending", "_middle", "_left_alone"),
+        *("_goal", "_tick", "_rows", "_pending", "_middle", "_pause_left"),
     )
 
     def __init__(
@@ -138,7 +138,7 @@ class Guard:
         self.gate = Gate(feedback.sigma, limits, self._ticks * self._period)
         self.weight, self._goal = np.zeros(len(noise)), np.zeros(len(noise))
         self.lost = np.zeros(len(noise), dtype=np.bool_)
-        self._left_alone = np.zeros(len(noise))
+        self._pause_left = np.zeros(len(noise))
         self._tick = 0
         self._rows: list[list[Array]] = []
         self._pending: list[Array] = []
@@ -192,15 +192,15 @@ class Guard:
         """Judges the decision that is complete: whether it is believed, and which learners (J,) go back."""
         rows, middle = self._rows, self._middle
         self.skip()
-        self._left_alone = self._left_alone - self._ticks * self._period
+        self._pause_left = self._pause_left - self._ticks * self._period
         none = np.zeros(len(self.weight), dtype=np.bool_)
         if not middle:  # nothing was sent, so there is nothing to judge
             return True, none
         if len(rows) < FEWEST:
             self._strike(True, "measurements are missing or impossible")
-            return False, self._going_back(none)
-        *told, measured, sent = (np.stack(part) for part in zip(*rows, strict=True))
-        named: Mapping[str, Array] = dict(zip(self.feedback.channels, told, strict=True))
+            return False, self._reset_learners(none)
+        *feedback_values, measured, sent = (np.stack(part) for part in zip(*rows, strict=True))
+        named: Mapping[str, Array] = dict(zip(self.feedback.channels, feedback_values, strict=True))
         fed_back = self.feedback.effort(named, self._period)
         off = self.gate.contradicted(measured, sent, fed_back)
         self._strike(bool(off.any()), self._contradiction(off))
@@ -209,7 +209,7 @@ class Guard:
             error = played + fed_back.mean(axis=0) - frozen
             self.hedge.decide(error, offered, raw, clean=not off.any())
         self._goal = np.zeros(len(none)) if self.gate.faded else self.hedge.weight
-        return not off.any(), self._going_back(self.hedge.far > TRIP)
+        return not off.any(), self._reset_learners(self.hedge.far > TRIP)
 
     def _strike(self, bad: bool, why: str) -> None:
         turned = self.gate.take(bad)
@@ -223,11 +223,11 @@ class Guard:
         which = ", ".join(name for name, bad in zip(self._names, off, strict=True) if bad)
         return f"the measured command of {which} is not what was sent and fed back"
 
-    def _going_back(self, far: Mask) -> Mask:
+    def _reset_learners(self, far: Mask) -> Mask:
         """Learners that are wrong by far, or lost, and were not set back just now."""
-        found = np.asarray((far | self.lost) & (self._left_alone <= 0.0))
-        self.hedge.distrust(found)
-        self._left_alone = np.where(found, REST_S, self._left_alone)
-        self._goal = np.where(found, 0.0, self._goal)
-        self.lost = self.lost & ~found
-        return found
+        reset = np.asarray((far | self.lost) & (self._pause_left <= 0.0))
+        self.hedge.distrust(reset)
+        self._pause_left = np.where(reset, REST_S, self._pause_left)
+        self._goal = np.where(reset, 0.0, self._goal)
+        self.lost = self.lost & ~reset
+        return reset

@@ -110,15 +110,15 @@ def feedback_of(
     if command.acts_on != path:
         return StatedFeedback(least)
     each = [_decisions(log, path, limits, rate) for log in logs]
-    parts = [part for found in each for part in found]
+    parts = [part for stretches in each for part in stretches]
     if not parts:
         raise DataError(
             f"no log holds {path}{PLANNED}, so the robot's feedback is not known",
             next_step="Log the desired positions; without them nothing judges what is learned.",
         )
-    told = np.stack([np.stack(part) for part in parts], axis=1)  # (4, n, J)
-    group = np.repeat(np.arange(len(each)), [len(found) for found in each])
-    laws = [_law(told[:, :, j], group, name) for j, name in enumerate(command.parts)]
+    decisions = np.stack([np.stack(part) for part in parts], axis=1)  # (4, n, J)
+    group = np.repeat(np.arange(len(each)), [len(stretches) for stretches in each])
+    laws = [_law(decisions[:, :, j], group, name) for j, name in enumerate(command.parts)]
     kp, kd, sigma = np.array(laws).T
     return FeedbackLaw(kp, kd, np.maximum(sigma, least), path)
 
@@ -129,10 +129,10 @@ def _decisions(
     """Mean error, its slope, mean of what was fed back and of the error's integral since the log's start, of
     stretches as long as a decision.
     """
-    wanted, n = log.get(path + PLANNED), decision_ticks(rate)
-    if wanted is None:
+    planned, n = log.get(path + PLANNED), decision_ticks(rate)
+    if planned is None:
         return []
-    error, sent = wanted - log[path], log.get(FED_FORWARD)
+    error, sent = planned - log[path], log.get(FED_FORWARD)
     u = log[COMMAND] - (0.0 if sent is None else sent)
     # a command within 1 % of its limit was cut, or may have been
     beyond = (log[COMMAND] <= 0.99 * limits[0]) | (log[COMMAND] >= 0.99 * limits[1])
@@ -202,9 +202,9 @@ def _explained(columns: list[Array], u: Array) -> tuple[float, Array]:
     return 1.0 - float(left @ left) / max(float(u @ u), np.finfo(float).tiny), np.asarray(gains, dtype=float)
 
 
-def _law(told: Array, group: NDArray[np.int64], name: str) -> tuple[float, float, float]:
+def _law(decisions: Array, group: NDArray[np.int64], name: str) -> tuple[float, float, float]:
     """kp, kd, sigma of one command, from its decisions (4, n); group: (n,) which log each is of."""
-    error, slope, u, total = told
+    error, slope, u, total = decisions
     A = np.column_stack([error, slope])
     (kp, kd), *_ = np.linalg.lstsq(A, u, rcond=None)
     left = u - A @ (kp, kd)

@@ -27,7 +27,7 @@ class Ranges:
         path: the channel whose steps are looked at. period: s of a tick.
     """
 
-    MOVES = ("_last",)
+    STATE_FIELDS = ("_last",)
 
     def __init__(
         self,
@@ -44,8 +44,8 @@ class Ranges:
             n: FURTHER * np.array(c.reach) for n, c in channels.items() if c.reach and n != COMMAND
         }
         rate = next((c for c in channels.values() if path and c.derivative_of == path), None)
-        known = rate is not None and len(rate.reach) > 0
-        self._step = FURTHER * np.array(rate.reach) * period if known and rate is not None else None
+        has_reach = rate is not None and len(rate.reach) > 0
+        self._step = FURTHER * np.array(rate.reach) * period if has_reach and rate is not None else None
         self._last: Array | None = None
 
     def impossible(self, row: Row, names: Sequence[str]) -> str:
@@ -78,7 +78,7 @@ class Gate:
         faded: whether the trained model drives alone. bad: decisions that contradicted, in all.
     """
 
-    MOVES = ("faded", "bad", "_strikes", "_good")
+    STATE_FIELDS = ("faded", "bad", "_strikes", "_good")
 
     def __init__(self, sigma: Array, limits: tuple[Array, Array], period: float) -> None:
         self._sigma, self._limits = sigma, limits

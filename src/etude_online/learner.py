@@ -83,10 +83,10 @@ class Learner(Protocol):
 class Method(Protocol):
     """What the methods behind it owe; given finite values of the right shape, and later times only.
 
-    MOVES names what `state.taken` copies.
+    STATE_FIELDS names what `state.taken` copies.
     """
 
-    MOVES: tuple[str, ...]
+    STATE_FIELDS: tuple[str, ...]
 
     def learn(self, x: Array, y: float, t: float) -> None: ...
     def mean(self, x: Array) -> float: ...
@@ -95,7 +95,7 @@ class Method(Protocol):
 class OnlineOutput:
     """A method behind the checks that all of them owe (implements `Learner`)."""
 
-    MOVES = ("_method", "_last", "samples")
+    STATE_FIELDS = ("_method", "_last", "samples")
 
     def __init__(self, method: Method, inputs: int) -> None:
         self._method, self._inputs = method, inputs

@@ -1,7 +1,7 @@
 """State of objects that learn, as numbers: to go back to, and to be saved without running any code.
 
-A class names what moves in it in `MOVES`, dotted where it lies deeper. The objects themselves are made again
-from what they began with; only their numbers are put back.
+A class lists its state in `STATE_FIELDS`, with dots for nested attributes. Objects are built anew; only their
+numbers are restored.
 """
 
 from __future__ import annotations
@@ -22,27 +22,27 @@ WORDS = "words"
 class Moving(Protocol):
     """An object with state: the names of what changes in it."""
 
-    MOVES: ClassVar[tuple[str, ...]]
+    STATE_FIELDS: ClassVar[tuple[str, ...]]
 
 
 def taken(owner: Any) -> Any:
-    """A copy of what moves in `owner`: its own place for each name."""
-    return [_copy(_at(owner, name)) for name in owner.MOVES]
+    """A copy of the state of `owner`: one item for each name."""
+    return [_copy(_at(owner, name)) for name in owner.STATE_FIELDS]
 
 
 def put_back(owner: Any, state: Any) -> None:
     """Makes `owner` what it was when `state` was taken. They share nothing: the state can serve again."""
-    for name, value in zip(owner.MOVES, state, strict=True):
-        *way, last = name.split(".")
+    for name, value in zip(owner.STATE_FIELDS, state, strict=True):
+        *attributes, last = name.split(".")
         parent = owner
-        for step in way:
+        for step in attributes:
             parent = getattr(parent, step)
         now = getattr(parent, last)
         if isinstance(now, Moving):
             put_back(now, value)
         elif isinstance(now, list) and now and isinstance(now[0], Moving):
-            for own, part in zip(now, value, strict=True):
-                put_back(own, part)
+            for member, part in zip(now, value, strict=True):
+                put_back(member, part)
         else:
             setattr(parent, last, _restored(value, now))
 
@@ -50,8 +50,8 @@ def put_back(owner: Any, state: Any) -> None:
 def state_bytes(state: Any) -> bytes:
     """The file of a state: arrays, and JSON that says where each belongs."""
     arrays: list[np.ndarray[Any, Any]] = []
-    words = json.dumps(_words(state, arrays))
-    text = np.frombuffer(words.encode(), dtype=np.uint8)
+    tree = json.dumps(_to_json(state, arrays))
+    text = np.frombuffer(tree.encode(), dtype=np.uint8)
     return packed({WORDS: text, **{f"a{i}": a for i, a in enumerate(arrays)}})
 
 
@@ -59,7 +59,7 @@ def state_of(data: bytes) -> Any:
     """The state of a file's bytes. DataError if they are damaged."""
     try:
         stored = arrays_of(data)
-        return _value(json.loads(bytes(stored[WORDS])), stored)
+        return _from_json(json.loads(bytes(stored[WORDS])), stored)
     except Exception as error:
         raise DataError(
             f"this is no saved state ({error})", next_step="Open the folder without it: it starts anew."
@@ -94,16 +94,16 @@ def _restored(value: Any, now: Any) -> Any:
     return deque(map(tuple, parts)) if isinstance(now, deque) else parts
 
 
-def _words(value: Any, arrays: list[np.ndarray[Any, Any]]) -> Any:
+def _to_json(value: Any, arrays: list[np.ndarray[Any, Any]]) -> Any:
     if isinstance(value, np.ndarray):
         arrays.append(value)
         return {"array": len(arrays) - 1}
     if isinstance(value, list):
-        return [_words(part, arrays) for part in value]
+        return [_to_json(part, arrays) for part in value]
     return value.item() if isinstance(value, np.generic) else value
 
 
-def _value(words: Any, stored: dict[str, np.ndarray[Any, Any]]) -> Any:
-    if isinstance(words, dict):
-        return stored[f"a{words['array']}"]
-    return [_value(part, stored) for part in words] if isinstance(words, list) else words
+def _from_json(node: Any, stored: dict[str, np.ndarray[Any, Any]]) -> Any:
+    if isinstance(node, dict):
+        return stored[f"a{node['array']}"]
+    return [_from_json(part, stored) for part in node] if isinstance(node, list) else node

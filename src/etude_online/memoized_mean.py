@@ -11,49 +11,49 @@ from etude.types import Array, Code, Log
 
 
 @dataclass(eq=False)
-class Once:
+class MemoizedMean:
     """A mean function that remembers its answer to the last single instant (implements `protocols.Mean`)."""
 
-    own: Mean
-    _asked: list[bytes] = field(default_factory=list)
-    _said: Array | None = None
+    original: Mean
+    _key: list[bytes] = field(default_factory=list)
+    _value: Array | None = None
 
     def predict(self, log: Log) -> Array:
-        """As the mean's own."""
+        """As of the original mean."""
         if len(log) != 1:
-            return self.own.predict(log)
-        asked = [name.encode() + values.tobytes() for name, values in log.values.items()]
-        if self._said is None or asked != self._asked:
-            self._asked, self._said = asked, self.own.predict(log)
-        return self._said.copy()
+            return self.original.predict(log)
+        key = [name.encode() + values.tobytes() for name, values in log.values.items()]
+        if self._value is None or key != self._key:
+            self._key, self._value = key, self.original.predict(log)
+        return self._value.copy()
 
     def static(self, log: Log) -> Array:
-        """As the mean's own."""
-        return self.own.static(log)
+        """As of the original mean."""
+        return self.original.static(log)
 
     def parameters(self) -> Mapping[str, tuple[float, float]]:
-        """As the mean's own."""
-        return self.own.parameters()
+        """As of the original mean."""
+        return self.original.parameters()
 
     def arrays(self) -> Mapping[str, Array]:
-        """As the mean's own."""
-        return self.own.arrays()
+        """As of the original mean."""
+        return self.original.arrays()
 
     def c(self, name: str) -> Code | None:
-        """As the mean's own."""
-        return self.own.c(name)
+        """As of the original mean."""
+        return self.original.c(name)
 
 
-def asking_once(model: LearnedModel) -> LearnedModel:
+def with_memoized_means(model: LearnedModel) -> LearnedModel:
     """The same model, its mean functions remembering their last instant."""
-    found: dict[int, Once] = {}
+    memoized: dict[int, MemoizedMean] = {}
     for candidate in model.candidates:
         mean = candidate.mean
         if mean is not None:
-            found.setdefault(id(mean), mean if isinstance(mean, Once) else Once(mean))
+            memoized.setdefault(id(mean), mean if isinstance(mean, MemoizedMean) else MemoizedMean(mean))
     return replace(
         model,
         candidates=tuple(
-            c if c.mean is None else replace(c, mean=found[id(c.mean)]) for c in model.candidates
+            c if c.mean is None else replace(c, mean=memoized[id(c.mean)]) for c in model.candidates
         ),
     )

@@ -50,7 +50,7 @@ def dictionary(rule: Literal["variance", "error"], guard: float | None = 3.0) ->
 class _Dictionary:
     """Times count from the first sample, so that what the dictionary started from has no age by then."""
 
-    MOVES: tuple[str, ...] = (
+    STATE_FIELDS: tuple[str, ...] = (
         "_first",
         *(f"_stream.{n}" for n in ("diagonal", "signal_variance", "offered", "refreshes", "_members")),
     )
@@ -79,7 +79,7 @@ def sogp(start: ExactPosterior, config: OnlineConfig, _: np.random.Generator) ->
 
 
 class _Sogp:
-    MOVES: tuple[str, ...] = (
+    STATE_FIELDS: tuple[str, ...] = (
         *(f"_process.{n}" for n in ("samples", "log_density", "_diagonal_sum", "basis")),
         *(f"_process.{n}" for n in ("_L", "_S", "_m", "_weights")),
     )
@@ -105,15 +105,17 @@ def random_spectrum(start: ExactPosterior, config: OnlineConfig, rng: np.random.
 
     features = random_features(start.kernel, start.theta, start.X.shape[1], config.frequencies, rng)
     noise = float(np.exp(2.0 * _log_noise(start)))
-    kept = 1.0 if config.half_life is None else 0.5 ** (1.0 / (config.half_life * config.rate_hz))
-    model = IncrementalSpectrum.start(FeatureProcess(features, noise, start.signal_variance), forgetting=kept)
+    forgetting = 1.0 if config.half_life is None else 0.5 ** (1.0 / (config.half_life * config.rate_hz))
+    model = IncrementalSpectrum.start(
+        FeatureProcess(features, noise, start.signal_variance), forgetting=forgetting
+    )
     for x in start.X:
         model.update(x, 0.0)
     return _Spectrum(PointMean([start]), model)
 
 
 class _Spectrum:
-    MOVES: tuple[str, ...] = tuple(
+    STATE_FIELDS: tuple[str, ...] = tuple(
         f"_model.{n}" for n in ("A", "R", "b", "prior", "count", "_weights", "_next")
     )
 

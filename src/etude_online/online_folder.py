@@ -113,16 +113,16 @@ class Online:
 
     def __call__(self, model: Any, kind: Kind, spec: Any, options: Mapping[str, Any]) -> Delivered:
         """Errors as `write`; UsageError: an option or a method that there is not."""
-        told = taken(options, FolderOptions, "online")
-        own = OnlineOptions(
-            told.description,
-            told.logs,
-            OnlineConfig(known(told.method), half_life=_seconds(told.half_life)),
-            seed=int(told.seed),
-            model_hash=told.model_hash,
+        settings = taken(options, FolderOptions, "online")
+        online_options = OnlineOptions(
+            settings.description,
+            settings.logs,
+            OnlineConfig(known(settings.method), half_life=_seconds(settings.half_life)),
+            seed=int(settings.seed),
+            model_hash=settings.model_hash,
         )
-        said = "Open it on the robot: etude_online.runtime.open_online(FOLDER)."
-        return Delivered(write(model, kind, spec, told.config, own), (said,))
+        advice = "Open it on the robot: etude_online.runtime.open_online(FOLDER)."
+        return Delivered(write(model, kind, spec, settings.config, online_options), (advice,))
 
 
 ONLINE = Online()
@@ -145,13 +145,13 @@ def stored_feedback(feedback: Feedback) -> dict[str, Any]:
     return {"told": {"sigma": feedback.sigma.tolist()}}
 
 
-def read_feedback(words: Mapping[str, Any]) -> Feedback:
+def read_feedback(stored: Mapping[str, Any]) -> Feedback:
     """What `stored_feedback` wrote."""
-    if "law" in words:
-        law = words["law"]
+    if "law" in stored:
+        law = stored["law"]
         kp, kd, sigma = (np.array(law[name]) for name in ("kp", "kd", "sigma"))
         return FeedbackLaw(kp, kd, sigma, law["path"])
-    return StatedFeedback(np.array(words["told"]["sigma"]))
+    return StatedFeedback(np.array(stored["told"]["sigma"]))
 
 
 def _settings(kind: Kind, config: Any, options: OnlineOptions, feedback: Feedback) -> dict[str, Any]:
@@ -164,14 +164,14 @@ def _settings(kind: Kind, config: Any, options: OnlineOptions, feedback: Feedbac
     }
 
 
-def read_config(words: Mapping[str, Any], classes: Mapping[str, type]) -> Any:
+def read_config(stored: Mapping[str, Any], classes: Mapping[str, type]) -> Any:
     """The tables of a configuration, by attribute.
 
     Raises:
         DataError: written by another version, whose tables were others.
     """
     try:
-        tables: dict[str, Any] = {name: msgspec.convert(words[name], type=classes[name]) for name in TABLES}
+        tables: dict[str, Any] = {name: msgspec.convert(stored[name], type=classes[name]) for name in TABLES}
     except (msgspec.ValidationError, KeyError) as error:
         raise DataError(
             f"the settings are of another version ({error})", next_step="Export it again."
@@ -238,5 +238,5 @@ A changed file is refused (hashes.json). The hashes find damage; they are no sig
 """
 
 
-def _json(words: Any) -> bytes:
-    return (json.dumps(words, indent=1) + "\n").encode()
+def _json(value: Any) -> bytes:
+    return (json.dumps(value, indent=1) + "\n").encode()

@@ -25,7 +25,7 @@ from etude_online.guard_effort import FED_BACK, Feedback, FeedbackLaw
 from etude_online.guard_gate import Ranges
 from etude_online.learner import OnlineConfig
 from etude_online.learner_state import put_back, taken
-from etude_online.memoized_mean import asking_once
+from etude_online.memoized_mean import with_memoized_means
 from etude_online.planned_samples import Planned
 from etude_online.row_samples import COMMAND, Measured
 
@@ -48,7 +48,7 @@ class Counts:
         suspected: decisions that contradicted, after which nothing is learned for a window's length.
     """
 
-    MOVES: ClassVar[tuple[str, ...]] = (
+    STATE_FIELDS: ClassVar[tuple[str, ...]] = (
         *("learned", "still", "refused", "set_back"),
         *("ignored", "rebased", "suspected"),
     )
@@ -71,8 +71,8 @@ class Rows:
 
     def __init__(self, channels: Mapping[str, Channel], commands: Sequence[str]) -> None:
         units = next((c.units for c in channels.values() if c.role == "command"), ())
-        told = {FED_BACK: (tuple(commands), units)}
-        self._known = told | {name: (c.parts, c.units) for name, c in channels.items()}
+        fed_back = {FED_BACK: (tuple(commands), units)}
+        self._layouts = fed_back | {name: (c.parts, c.units) for name, c in channels.items()}
 
     def taken(self, row: Row, what: str) -> dict[str, Array]:
         """The row as arrays (parts,); channels that nobody knows stay as they are.
@@ -83,43 +83,45 @@ class Rows:
         Raises:
             UsageError: a channel has another number of parts than the robot's, or is no numbers.
         """
-        found = dict(row)
-        for name in found.keys() & self._known.keys():
-            found[name] = self._numbers(name, found[name], what)
-        return found
+        arrays = dict(row)
+        for name in arrays.keys() & self._layouts.keys():
+            arrays[name] = self._numbers(name, arrays[name], what)
+        return arrays
 
     def require(self, row: Row, names: Sequence[str], what: str, why: str) -> None:
         """UsageError: the row lacks one of those names; why: a sentence that says what it is for."""
         missing = [name for name in dict.fromkeys(names) if name not in row]
         if missing:
-            each = "; ".join(f"{name}: {self._wanted(name)}" for name in missing)
+            each = "; ".join(f"{name}: {self._expected(name)}" for name in missing)
             raise UsageError(
                 f"the {what} row lacks {', '.join(missing)}", next_step=f"Put in every row {each}. {why}"
             )
 
     def _numbers(self, name: str, values: Array, what: str) -> Array:
         try:
-            found = np.asarray(values, dtype=float)
+            numbers = np.asarray(values, dtype=float)
         except (TypeError, ValueError):
             raise UsageError(
-                f"{name} of the {what} row holds no numbers", next_step=f"Give {self._wanted(name)}."
+                f"{name} of the {what} row holds no numbers", next_step=f"Give {self._expected(name)}."
             ) from None
-        count = len(self._known[name][0])
-        if found.shape == (count,):
-            return found
-        if found.shape == () and count == 1:
-            return found[None]
-        size = {0: "is a single number", 1: f"has length {found.size}"}.get(found.ndim, f"is {found.shape}")
+        count = len(self._layouts[name][0])
+        if numbers.shape == (count,):
+            return numbers
+        if numbers.shape == () and count == 1:
+            return numbers[None]
+        size = {0: "is a single number", 1: f"has length {numbers.size}"}.get(
+            numbers.ndim, f"is {numbers.shape}"
+        )
         raise UsageError(
             f"{name} of the {what} row {size}, not {count}",
-            next_step=f"Give {self._wanted(name)}.",
+            next_step=f"Give {self._expected(name)}.",
         )
 
-    def _wanted(self, name: str) -> str:
+    def _expected(self, name: str) -> str:
         """As "4 numbers in rad (waist, shoulder, elbow, wrist)"."""
-        if name not in self._known:
+        if name not in self._layouts:
             return "an array of its parts"
-        parts, units = self._known[name]
+        parts, units = self._layouts[name]
         of = " and ".join(dict.fromkeys(units))
         number = "1 number" if len(parts) == 1 else f"{len(parts)} numbers"
         return f"{number}{f' in {of}' if of else ''} ({', '.join(parts)})"
@@ -153,7 +155,7 @@ class OnlineModel:
         UsageError: a command has no such process, or limits of another robot.
     """
 
-    MOVES = ("commands", "counts", "guard", "_plan", "_measured", "_held", "_ticks", "_suspected")
+    STATE_FIELDS = ("commands", "counts", "guard", "_plan", "_measured", "_held", "_ticks", "_suspected")
 
     def __init__(
         self,
@@ -169,17 +171,17 @@ class OnlineModel:
         count = len(model.commands)
         if any(np.shape(limit) != (count,) for limit in limits):
             raise UsageError(f"the model has {count} commands, the limits are {limits}")
-        model = asking_once(model)
+        model = with_memoized_means(model)
         self.model, self.config, self._limits = model, config, limits
         self.commands = [learning_command(model, j, config, rng) for j in range(count)]
         self.counts = Counts(*np.zeros((4, count), dtype=np.int64))
         self.reports: deque[tuple[float, str]] = deque(maxlen=REPORTS)
-        known = {channel.name: channel for channel in channels}
-        self._rows = Rows(known, model.commands)
-        self._plan = Planned(model, known, frozen, self.commands, rate)
-        self._noise = np.array([abs(own.factor) * own.evidence.noise for own in self.commands])
+        by_name = {channel.name: channel for channel in channels}
+        self._rows = Rows(by_name, model.commands)
+        self._plan = Planned(model, by_name, frozen, self.commands, rate)
+        self._noise = np.array([abs(command.factor) * command.evidence.noise for command in self.commands])
         self.guard = self._guarded(feedback, rate)
-        self._measured = self._measuring(known, feedback, rate)
+        self._measured = self._measuring(by_name, feedback, rate)
         self._held = np.zeros(count)
         self._stride = max(1, round(rate / config.rate_hz))
         self._turn = [j * self._stride // count for j in range(count)]
@@ -198,10 +200,10 @@ class OnlineModel:
         lacks a channel that the model looks at, or one has another number of parts.
         """
         with np.errstate(all="ignore"):
-            found = self._finite_instant(t, row)
-            if found is None:
+            instant = self._finite_instant(t, row)
+            if instant is None:
                 return self._held.copy(), np.full(len(self._held), np.inf)
-            x, base, frozen = found
+            x, base, frozen = instant
             share = self._share()
             raw = self._raw(x, base, frozen, share)
             if self.guard is None:
@@ -229,9 +231,9 @@ class OnlineModel:
             now = self._measured.now
             if place == 0 and now >= self._suspected:
                 self._judge_middle()
-            for own, turn in zip(self.commands, self._turn, strict=True):
+            for command, turn in zip(self.commands, self._turn, strict=True):
                 if turn == place:
-                    self._teach(own, now)
+                    self._teach(command, now)
 
     def weights(self) -> list[float]:
         """What part of each command comes from its learner."""
@@ -260,38 +262,40 @@ class OnlineModel:
             return None
         return Guard(feedback, self._limits, self._noise, self.model.commands, rate, self._say)
 
-    def _measuring(self, known: Mapping[str, Channel], feedback: Feedback | None, rate: float) -> Measured:
+    def _measuring(self, by_name: Mapping[str, Channel], feedback: Feedback | None, rate: float) -> Measured:
         first = self._plan.path[0] if self._plan.path else ""
         sigma = None if feedback is None else feedback.sigma
         path = feedback.path if isinstance(feedback, FeedbackLaw) else first
-        ranges = Ranges(known, self._limits, sigma, path, 1.0 / rate)
+        ranges = Ranges(by_name, self._limits, sigma, path, 1.0 / rate)
         inputs = [channel for channel, *_ in self.model.inputs.columns]
         also = () if self.guard is None or feedback is None else feedback.channels
-        return Measured(inputs, known, ranges, also, rate, self.config.window_s, self._say)
+        return Measured(inputs, by_name, ranges, also, rate, self.config.window_s, self._say)
 
     def _share(self) -> Array:
         """(J,) how much of each learner its past samples support."""
         if not self.config.guarded:
             return np.ones(len(self.commands))
-        return np.array([own.evidence.weight for own in self.commands])
+        return np.array([command.evidence.weight for command in self.commands])
 
     def _raw(self, x: Array, base: Array, frozen: Array, share: Array) -> Array:
         """(J,) what the learners would add to the frozen command; zero where nobody needs to know."""
         raw = np.zeros(len(frozen))
         if self.guard is not None and not self.guard.asks:
             return raw
-        for own in self.commands:
-            if share[own.place] > 0.0 or self.guard is not None:
-                raw[own.place] = base[own.place] + own.factor * own.mean(x) - frozen[own.place]
+        for command in self.commands:
+            if share[command.place] > 0.0 or self.guard is not None:
+                raw[command.place] = (
+                    base[command.place] + command.factor * command.mean(x) - frozen[command.place]
+                )
         return raw
 
     def _finite_instant(self, t: float, row: Row) -> tuple[Array, Array, Array] | None:
         if not self._plan.ahead:
             row = self._rows.taken(row, "planned")
         try:
-            found = self._plan.instant(t, row)
-            if np.isfinite(found[2]).all():
-                return found
+            instant = self._plan.instant(t, row)
+            if np.isfinite(instant[2]).all():
+                return instant
         except KeyError:
             inputs = [channel for channel, *_ in self.model.inputs.columns]
             self._rows.require(row, inputs, "planned", PLANNED)
@@ -315,20 +319,20 @@ class OnlineModel:
         if not believed:
             self.counts.suspected += 1
             self._suspected = now + self.config.window_s + CLEAN_S
-        for own in self.commands:
+        for command in self.commands:
             if not believed:
-                own.drop(now - 0.5 * self.config.window_s - YOUNG_S)
+                command.drop(now - 0.5 * self.config.window_s - YOUNG_S)
             elif now >= self._suspected:
-                own.checkpoints.keep(now)
-            if back[own.place]:
-                self._set_back(own, now, "is wrong by far")
+                command.checkpoints.keep(now)
+            if back[command.place]:
+                self._set_back(command, now, "is wrong by far")
 
-    def _set_back(self, own: Command, now: float, why: str) -> None:
-        if not own.learner.samples:  # it is at its beginning, which is what the trained model told it
+    def _set_back(self, command: Command, now: float, why: str) -> None:
+        if not command.learner.samples:  # it is at its beginning, which is what the trained model told it
             return
-        self.counts.set_back[own.place] += 1
-        anew = own.set_back(now)
-        name = self.model.commands[own.place]
+        self.counts.set_back[command.place] += 1
+        anew = command.set_back(now)
+        name = self.model.commands[command.place]
         self._say(f"What {name} had learned {why}: it {'begins anew' if anew else 'goes back some seconds'}.")
 
     def _judge_middle(self) -> None:
@@ -339,7 +343,7 @@ class OnlineModel:
         try:
             x, _ = self.model.inputs.step(row, None)
             states, moving = self._plan.states(t, row), self._plan.moving(t, row)
-            base = [own.base(states)[0] for own in self.commands]
+            base = [command.base(states)[0] for command in self.commands]
         except (DataError, *FAILURES):  # numbers in their ranges that make no sense together
             self.counts.refused += 1
             return
@@ -347,13 +351,13 @@ class OnlineModel:
         for j in np.flatnonzero(moving).tolist():
             self.commands[j].judge(t, x, float(row[COMMAND][j]), float(base[j]))
 
-    def _teach(self, own: Command, now: float) -> None:
+    def _teach(self, command: Command, now: float) -> None:
         """The command learns its oldest waiting sample, if that has waited long enough."""
         try:
-            taken_in = own.learned(now - self.config.hold_s - 0.5 * self.config.window_s)
+            taken_in = command.learned(now - self.config.hold_s - 0.5 * self.config.window_s)
         except FAILURES:
-            self._set_back(own, now, "is lost in arithmetic")
+            self._set_back(command, now, "is lost in arithmetic")
             return
         if taken_in is not None:
             counts = self.counts.learned if taken_in else self.counts.refused
-            counts[own.place] += 1
+            counts[command.place] += 1

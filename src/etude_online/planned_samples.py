@@ -34,7 +34,7 @@ class Planned:
         rate: of the control ticks, Hz.
     """
 
-    MOVES = ("_memory", "_carried")
+    STATE_FIELDS = ("_memory", "_carried")
 
     def __init__(
         self,
@@ -74,17 +74,17 @@ class Planned:
             return ahead.X[k], ahead.base[k], ahead.frozen[k]
         x, memory = self.model.inputs.step(row, self._memory)
         states, left = carried(self.model.inputs, self.states(t, row), self._carried)
-        base = np.array([own.base(states)[0] for own in self._commands])
-        known = {**row, **{name: values[0] for name, values in states.values.items()}}
-        frozen = self.model.mean(states)[0] if self._frozen is None else self._frozen.command(t, known)[0]
+        base = np.array([command.base(states)[0] for command in self._commands])
+        channels = {**row, **{name: values[0] for name, values in states.values.items()}}
+        frozen = self.model.mean(states)[0] if self._frozen is None else self._frozen.command(t, channels)[0]
         if np.isfinite(x).all():
             self._memory, self._carried = memory, left
         return x, base, frozen
 
     def states(self, t: float, row: Row) -> Log:
         """One instant as a log."""
-        known = {name: np.atleast_2d(values) for name, values in row.items() if name in self._channels}
-        return Log(np.array([t]), {name: self._channels[name] for name in known}, known)
+        arrays = {name: np.atleast_2d(values) for name, values in row.items() if name in self._channels}
+        return Log(np.array([t]), {name: self._channels[name] for name in arrays}, arrays)
 
     def moving(self, t: float, row: Row) -> NDArray[np.bool_]:
         """(J,) whether a sample says something of each command; half the weight of a planned one tells."""

@@ -36,7 +36,7 @@ class OwnClock:
 
     fresh = False
 
-    MOVES = ("now", "rebased", "paused", "_raw")
+    STATE_FIELDS = ("now", "rebased", "paused", "_raw")
 
     def __init__(self, period: float) -> None:
         self._period, self._raw = period, math.nan
@@ -85,21 +85,23 @@ def polynomial_weights(count: int, period: float, order: int = ORDER) -> Array:
 
 @dataclass(frozen=True)
 class Source:
-    """Where a wanted channel comes from: a measured one, differentiated so many times."""
+    """Source of a required channel: a measured one, and the order of its derivative."""
 
-    wanted: str
+    channel: str
     measured: str
     order: int
 
 
-def sources(wanted: Sequence[str], measured: Sequence[str], channels: Mapping[str, Channel]) -> list[Source]:
-    """How each wanted channel is had from those that are measured.
+def sources(
+    required: Sequence[str], measured: Sequence[str], channels: Mapping[str, Channel]
+) -> list[Source]:
+    """How each required channel is obtained from the measured ones.
 
     Raises:
         UsageError: one is neither measured nor the first or second rate of what is.
     """
-    found = []
-    for name in wanted:
+    resolved = []
+    for name in required:
         source, order = name, 0
         while source not in measured and order < 2 and source in channels and channels[source].derivative_of:
             source, order = channels[source].derivative_of, order + 1
@@ -108,8 +110,8 @@ def sources(wanted: Sequence[str], measured: Sequence[str], channels: Mapping[st
                 f"learning on line needs {name!r}, which is neither measured nor a rate of what is",
                 next_step=f"Measured are {', '.join(measured)}.",
             )
-        found.append(Source(name, source, order))
-    return found
+        resolved.append(Source(name, source, order))
+    return resolved
 
 
 class CentredWindow:
@@ -119,7 +121,7 @@ class CentredWindow:
     measurement ignored for its values, the window fills anew: its weights are for an even grid.
 
     Args:
-        wanted: the channels that a sample shall have, and how each is had.
+        outputs: channels of a sample, and how each is obtained.
         sizes: parts of each measured channel.
         rate: of the measurements, Hz. seconds: length of the window.
 
@@ -127,16 +129,16 @@ class CentredWindow:
         ignored: measurements that were not taken.
     """
 
-    MOVES = ("_rows", "_filled", "_next", "_last", "ignored")
+    STATE_FIELDS = ("_rows", "_filled", "_next", "_last", "ignored")
 
     def __init__(
-        self, wanted: Sequence[Source], sizes: Mapping[str, int], rate: float, seconds: float
+        self, outputs: Sequence[Source], sizes: Mapping[str, int], rate: float, seconds: float
     ) -> None:
         self._count = 2 * round(0.5 * seconds * rate) + 1
         self._weights = polynomial_weights(self._count, 1.0 / rate)
-        self._wanted, first = tuple(wanted), 0
+        self._outputs, first = tuple(outputs), 0
         self._places: dict[str, slice] = {}
-        for source in wanted:
+        for source in outputs:
             if source.measured not in self._places:
                 self._places[source.measured] = slice(first, first + sizes[source.measured])
                 first += sizes[source.measured]
@@ -172,9 +174,9 @@ class CentredWindow:
         """Time and channels of the sample in the middle of the window; None until it is full."""
         if self._filled < self._count:
             return None
-        found = self._weights @ self._rows[self._next : self._next + self._count]
+        derivatives = self._weights @ self._rows[self._next : self._next + self._count]
         t = self._last - (self._count // 2) * self._period
-        return t, {s.wanted: found[s.order, self._places[s.measured]] for s in self._wanted}
+        return t, {s.channel: derivatives[s.order, self._places[s.measured]] for s in self._outputs}
 
 
 class Measured:
@@ -187,7 +189,7 @@ class Measured:
         say: receives a sentence where something is not believed, until a second without.
     """
 
-    MOVES = ("_clock", "_ranges", "_window", "_odd")
+    STATE_FIELDS = ("_clock", "_ranges", "_window", "_odd")
 
     def __init__(
         self,
@@ -230,9 +232,9 @@ class Measured:
         self.sizes = {name: size for name, size in sizes.items() if name in self._channels}
         # physics may look at states that the inputs do not
         more = [name for name in self.sizes if self._channels[name].role == "state"]
-        wanted = list(dict.fromkeys([*self._inputs, COMMAND, *more]))
-        found = sources(wanted, list(self.sizes), self._channels)
-        self._window = CentredWindow(found, self.sizes, self._rate, self._seconds)
+        required = list(dict.fromkeys([*self._inputs, COMMAND, *more]))
+        resolved = sources(required, list(self.sizes), self._channels)
+        self._window = CentredWindow(resolved, self.sizes, self._rate, self._seconds)
 
     def reopened(self) -> None:
         """After it was stopped the robot's clock may say anything, once."""

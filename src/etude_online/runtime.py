@@ -22,7 +22,7 @@ from etude.types import Array, Motion, Row
 from etude_online.guard_effort import command_limits
 from etude_online.learner import OnlineConfig
 from etude_online.learner_state import put_back, state_bytes, state_of, taken
-from etude_online.memoized_mean import asking_once
+from etude_online.memoized_mean import with_memoized_means
 from etude_online.online_folder import HASHES, MODEL, ROBOT, SETTINGS, read_config, read_feedback
 from etude_online.online_model import Counts, OnlineModel
 
@@ -55,13 +55,13 @@ class Deployed:
                 f"the orders of a plan have different shapes: {', '.join(str(np.shape(o)) for o in orders)}",
                 next_step=f"Give the path and each derivative as {len(self._home)} numbers.",
             )
-        known = np.array([np.asarray(order, dtype=float) for order in orders])
-        if known.shape[1:] != self._home.shape or len(known) < inputs.orders:
+        plan = np.array([np.asarray(order, dtype=float) for order in orders])
+        if plan.shape[1:] != self._home.shape or len(plan) < inputs.orders:
             raise UsageError(
-                f"a plan of shape {known.shape}, not ({inputs.orders}, {len(self._home)})",
+                f"a plan of shape {plan.shape}, not ({inputs.orders}, {len(self._home)})",
                 next_step=f"Give the path and {inputs.orders - 1} derivatives.",
             )
-        states = inputs.states(Motion(np.zeros(1), known[: inputs.orders, None]))
+        states = inputs.states(Motion(np.zeros(1), plan[: inputs.orders, None]))
         return {name: values[0] for name, values in states.values.items()}
 
     def planned(self, motion: Motion) -> Array | None:
@@ -93,9 +93,9 @@ class Deployed:
 
     def reports(self) -> list[tuple[float, str]]:
         """(s of its own clock, sentence) of the guard's reactions since the last call."""
-        found = list(self._online.reports)
+        reactions = list(self._online.reports)
         self._online.reports.clear()
-        return found
+        return reactions
 
     def weights(self) -> dict[str, float]:
         """What part of each command comes from what was learned since."""
@@ -112,14 +112,14 @@ class Deployed:
 
     def restore(self, path: str | Path) -> None:
         """Goes on from what `save` wrote. DataError: damaged, or of another folder."""
-        found = state_of(_read(Path(path)))
-        if not (isinstance(found, list) and len(found) == 2 and found[0] == self._digest):
+        saved = state_of(_read(Path(path)))
+        if not (isinstance(saved, list) and len(saved) == 2 and saved[0] == self._digest):
             raise DataError(
                 "this was saved from another folder",
                 where=str(path),
                 next_step="Open without it: what was learned belongs to the model that it began with.",
             )
-        self._online.restore(found[1])
+        self._online.restore(saved[1])
 
     def warm(self) -> float:
         """Runs every part once and forgets it; returns the seconds. Opening has done so."""
@@ -131,9 +131,9 @@ class Deployed:
         x, _ = online.model.inputs.step(row, None)
         for k in range(3):
             online.command(0.0, row)
-            for own in online.commands:
-                own.judge(float(k), x, 0.0, 0.0)
-                own.learned(np.inf)
+            for command in online.commands:
+                command.judge(float(k), x, 0.0, 0.0)
+                command.learned(np.inf)
         put_back(online, before)
         online.reports.clear()
         self.warm_s = time.perf_counter() - begun
@@ -157,36 +157,36 @@ def open_online(folder: str | Path, state: str | Path | None = None, *, trust: b
     """
     folder = Path(folder)
     digest = _verified(folder)
-    words, settings = json.loads(_read(folder / SETTINGS)), folder / SETTINGS
+    stored, settings = json.loads(_read(folder / SETTINGS)), folder / SETTINGS
     if trust:
-        return _opened(folder, words, digest, state)
+        return _opened(folder, stored, digest, state)
     command = TRUST.format(folder=str(folder))
-    require_trusted(names_in([words["kind"], words["config"]]), settings, folder, digest, command)
+    require_trusted(names_in([stored["kind"], stored["config"]]), settings, folder, digest, command)
     with plugins.named_in(settings, folder, digest, command):
-        return _opened(folder, words, digest, state)
+        return _opened(folder, stored, digest, state)
 
 
-def _opened(folder: Path, words: Mapping[str, Any], digest: str, state: str | Path | None) -> Deployed:
-    kind: Kind = plugins.load("etude.robots", words["kind"])
+def _opened(folder: Path, stored: Mapping[str, Any], digest: str, state: str | Path | None) -> Deployed:
+    kind: Kind = plugins.load("etude.robots", stored["kind"])
     spec = kind.spec(folder / ROBOT / "robot.toml")
-    config = read_config(words["config"], {**kind.tables, "model": ModelConfig})
+    config = read_config(stored["config"], {**kind.tables, "model": ModelConfig})
     inputs, physics = kind.inputs(spec, config), kind.physics(spec, config)
-    model = asking_once(load_model(folder / MODEL, inputs.restore, physics))
+    model = with_memoized_means(load_model(folder / MODEL, inputs.restore, physics))
     online = OnlineModel(
         model,
         kind.channels(spec),
         kind.controller(spec, config, model),
         command_limits(kind, spec),
-        OnlineConfig(**words["learning"]),
+        OnlineConfig(**stored["learning"]),
         spec.rate,
-        np.random.default_rng(words["seed"]),
-        read_feedback(words["feedback"]),
+        np.random.default_rng(stored["seed"]),
+        read_feedback(stored["feedback"]),
     )
-    found = Deployed(online, kind, spec, digest)
-    found.warm()
+    deployed = Deployed(online, kind, spec, digest)
+    deployed.warm()
     if state is not None:
-        found.restore(state)
-    return found
+        deployed.restore(state)
+    return deployed
 
 
 def _verified(folder: Path) -> str:

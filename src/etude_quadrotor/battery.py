@@ -58,10 +58,10 @@ def _errors(features: Array, samples: Samples) -> Array:
     y = samples.command / np.maximum(samples.command.std(axis=0), 1e-300)
     spread = features.std(axis=0)
     X = np.column_stack([np.ones(len(y)), features / np.where(spread > 0.0, spread, 1.0)])
-    found = []
+    errors = []
     for number in np.unique(samples.group):
-        own = samples.group == number
-        A, b = X[~own], y[~own]
+        held_out = samples.group == number
+        A, b = X[~held_out], y[~held_out]
         weights = np.linalg.solve(A.T @ A + SHRINKAGE * len(A) * np.eye(A.shape[1]), A.T @ b)
-        found.append(float(np.sum((y[own] - X[own] @ weights) ** 2)))
-    return np.array(found)
+        errors.append(float(np.sum((y[held_out] - X[held_out] @ weights) ** 2)))
+    return np.array(errors)

@@ -18,7 +18,7 @@ def inputs_code(name: str, inputs: Any) -> Code:
     reads = tuple(dict.fromkeys(channel for channel, *_ in inputs.columns))
     lines, place = [], 0
     for channel in reads:
-        parts = sum(own == channel for own, *_ in inputs.columns)
+        parts = sum(source == channel for source, *_ in inputs.columns)
         lines += [f"    x[{place + i}] = c_{channel}[{i}];" for i in range(parts)]
         place += parts
     arguments = ", ".join([*(f"const real *c_{channel}" for channel in reads), "real *memory", "real *x"])

@@ -100,12 +100,12 @@ class GatedVoltages:
         safe = self.analytic.predict(log)
         mean, variance = self.model.posterior(log)
         near = safe + np.clip(mean - safe, -self.limit, self.limit)
-        found = trusted(near, variance, prior_deviation(self.model), safe)
+        voltages = trusted(near, variance, prior_deviation(self.model), safe)
         model = self.model
         if isinstance(model, Ranged) and not model.calibrated:
-            known = training_range_weight(model.inputs.of_log(log), model.ranges)
-            found = safe + known[:, None] * (found - safe)
-        return found
+            range_weight = training_range_weight(model.inputs.of_log(log), model.ranges)
+            voltages = safe + range_weight[:, None] * (voltages - safe)
+        return voltages
 
 
 def prior_deviation(model: Model) -> Array:
@@ -115,7 +115,7 @@ def prior_deviation(model: Model) -> Array:
     vehicle has been. Without any process it is infinite, so that nothing fades.
     """
     count = 1 + max(c for candidate in model.candidates for c in candidate.commands)
-    found, best = np.full(count, np.inf), np.full(count, -1.0)
+    deviation, best = np.full(count, np.inf), np.full(count, -1.0)
     chosen = {
         c: one.structure
         for one in model.candidates
@@ -132,8 +132,8 @@ def prior_deviation(model: Model) -> Array:
                 weight = -0.5 * float(candidate.structure != f"{chosen.get(command, '')}+gp")
             if weight > best[command]:
                 best[command] = weight
-                found[command] = abs(candidate.units[1, place]) * np.sqrt(prior[place])
-    return found
+                deviation[command] = abs(candidate.units[1, place]) * np.sqrt(prior[place])
+    return deviation
 
 
 @dataclass(frozen=True, eq=False)
@@ -188,8 +188,8 @@ class FlightFeedforward:
             )
         channels = {c.name: c for c in (*STATES, BATTERY) if c.name in row}
         log = Log(np.array([t]), channels, {name: np.atleast_2d(row[name]) for name in channels})
-        found = self.voltages.predict(log)[0]
-        return found, np.full(len(found), np.nan)
+        voltages = self.voltages.predict(log)[0]
+        return voltages, np.full(len(voltages), np.nan)
 
     def observe(self, t: float, row: Row) -> None:
         """Does nothing: this controller does not learn in flight."""
@@ -233,8 +233,8 @@ def flight_plan(
     acceleration = feedforward.accelerated(flat)
     voltage = None
     if feedforward.voltages is not None:
-        own = thrust_voltage(vehicle, flat.thrust)[:, None]
-        voltage = feedforward.voltages.predict(states_of(flat)) - own
+        nominal_voltage = thrust_voltage(vehicle, flat.thrust)[:, None]
+        voltage = feedforward.voltages.predict(states_of(flat)) - nominal_voltage
     for name, rows in (("acceleration", acceleration), ("voltage", voltage)):
         if rows is not None and not np.isfinite(rows).all():
             raise NumericalError(f"the planned {name} is not finite", next_step="Train the model again.")
@@ -286,10 +286,10 @@ def leaning(model: Model) -> FlightFeedforward:
 def baselines(spec: QuadrotorSpec) -> Mapping[str, Controller | None]:
     """Feedforwards without learning, and the exact drag of a simulated vehicle."""
     nominal = None if spec.body is None else nominal_inverse(spec.body)
-    found: dict[str, Controller | None] = {"pid": None, "analytic": FlightFeedforward(voltages=nominal)}
+    controllers: dict[str, Controller | None] = {"pid": None, "analytic": FlightFeedforward(voltages=nominal)}
     if spec.plant is not None:
         from etude_quadrotor.plant.simulated_vehicle import simulated_vehicle
 
         dx, dy, dz = simulated_vehicle(spec.plant).parameters.drag_per_mass.tolist()
-        found["exact_drag"] = FlightFeedforward(drag=LinearDrag((dx, dy, dz)), voltages=nominal)
-    return found
+        controllers["exact_drag"] = FlightFeedforward(drag=LinearDrag((dx, dy, dz)), voltages=nominal)
+    return controllers

@@ -64,10 +64,12 @@ class FlatMotion:
         """
         inputs = np.repeat(_stacked(self.motion)[:, None].astype(complex), 9, axis=1)
         inputs[np.arange(9), np.arange(9)] += 1j * STEP
-        found = np.zeros((12, 3 * len(VECTORS), len(self.thrust)))
-        found[:9] = np.swapaxes(np.stack([part.imag for part in _body(inputs, self.drag)[2]]), 0, 1) / STEP
-        found[9:, 6:9] = found[6:9, 3:6]
-        return found
+        derivative = np.zeros((12, 3 * len(VECTORS), len(self.thrust)))
+        derivative[:9] = (
+            np.swapaxes(np.stack([part.imag for part in _body(inputs, self.drag)[2]]), 0, 1) / STEP
+        )
+        derivative[9:, 6:9] = derivative[6:9, 3:6]
+        return derivative
 
     def vjp(self, gradient: Mapping[str, Array]) -> Array:
         """Gradient (O, T, 3), in the motion, of a function of the states.

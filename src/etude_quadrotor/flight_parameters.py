@@ -93,12 +93,12 @@ class Flights:
     def long(self) -> list[list[int]]:
         """The blocks of each log that has enough of them."""
         each = [np.unique(self.block[self.used & (self.log == i)]).tolist() for i in range(len(self.step))]
-        return [own for own in each if len(own) >= LEAST_BLOCKS]
+        return [blocks for blocks in each if len(blocks) >= LEAST_BLOCKS]
 
     def lagged(self, lag: float, delay: float) -> Array:
         """Commands (N, n) behind a first-order lag and a delay, s."""
         pairs = zip(self.commands, self.step, strict=True)
-        return np.concatenate([_lagged(own, step, lag, delay) for own, step in pairs])
+        return np.concatenate([_lagged(commands, step, lag, delay) for commands, step in pairs])
 
 
 def _lagged(commands: Array, step: float, lag: float, delay: float) -> Array:
@@ -107,41 +107,41 @@ def _lagged(commands: Array, step: float, lag: float, delay: float) -> Array:
 
     whole = int(np.floor(delay / step))
     rows = np.clip(np.arange(len(commands)) - whole, 0, len(commands) - 1)
-    kept, new = np.exp(-step / lag), np.exp((delay - (whole + 1) * step) / lag)
-    b, a = [0.0, 1.0 - new, new - kept], [1.0, -kept]
+    decay, new = np.exp(-step / lag), np.exp((delay - (whole + 1) * step) / lag)
+    b, a = [0.0, 1.0 - new, new - decay], [1.0, -decay]
     start = lfilter_zi(b, a)[:, None] * commands[:1]
     return np.asarray(lfilter(b, a, commands[rows], axis=0, zi=start)[0])
 
 
 def flights_of(spec: QuadrotorSpec, logs: Sequence[Log]) -> Flights:
     """The rows of all logs; a state that one log lacks is left out for all."""
-    told = [with_states(on_even_grid(log)) for log in logs]
+    prepared = [with_states(on_even_grid(log)) for log in logs]
     low, high = np.array(spec.command_lower), np.array(spec.command_upper)
     blocks, number = [], 0
-    for log in told:
+    for log in prepared:
         t = log.t - log.t[0]
         count = max(1, round((t[-1] - SETTLED_S) / BLOCK_S))
-        own = np.floor((t - SETTLED_S) / (t[-1] - SETTLED_S + 1e-9) * count).astype(np.int64)
-        used = own >= 0
+        block = np.floor((t - SETTLED_S) / (t[-1] - SETTLED_S + 1e-9) * count).astype(np.int64)
+        used = block >= 0
         if "altitude" in log:
             used &= log["altitude"][:, 0] > near_ground(spec)
-        blocks.append(np.where(used, own + number, -1))
+        blocks.append(np.where(used, block + number, -1))
         number += count
-    moving, high_up = (all(name in log for log in told) for name in ("body_velocity", "altitude"))
+    moving, high_up = (all(name in log for log in prepared) for name in ("body_velocity", "altitude"))
 
     def joined(name: str) -> Array:
-        return np.concatenate([log[name] for log in told])
+        return np.concatenate([log[name] for log in prepared])
 
     return Flights(
-        tuple(uncurved((log["command"] - low) / (high - low), spec.thrust_curve) for log in told),
-        tuple(1.0 / median_rate(log.t) for log in told),
+        tuple(uncurved((log["command"] - low) / (high - low), spec.thrust_curve) for log in prepared),
+        tuple(1.0 / median_rate(log.t) for log in prepared),
         joined("specific_force"),
         joined("rates"),
         joined("angular_acceleration"),
         joined("body_velocity") if moving else None,
         joined("altitude")[:, 0] if high_up else None,
         np.concatenate(blocks),
-        np.repeat(np.arange(len(told)), [len(log) for log in told]),
+        np.repeat(np.arange(len(prepared)), [len(log) for log in prepared]),
     )
 
 
@@ -229,8 +229,8 @@ def timed(flights: Flights) -> Timed:
 
     _, lag, delay = min((left(a, b), a, b) for a in LAGS for b in DELAYS)
     for _ in range(STEPS):
-        found = _at(flights, lag, delay)
-        step = _solved(np.hstack([_thrust(flights, found.w), found.slopes])[used], y[used])[-2:]
+        fit = _at(flights, lag, delay)
+        step = _solved(np.hstack([_thrust(flights, fit.w), fit.slopes])[used], y[used])[-2:]
         step = np.clip(step, -0.5 * lag, 0.5 * lag)
         lag, delay = max(FASTEST_LAG, lag + float(step[0])), delay + float(step[1])
         if np.abs(step).max() < 1e-6:
@@ -253,37 +253,37 @@ def _at(flights: Flights, lag: float, delay: float) -> Timed:
 
 def estimates(spec: QuadrotorSpec, flights: Flights, fit: Timed, rows: Mask) -> Array:
     """Values (P,) of NAMES from some of the rows."""
-    found = dict.fromkeys(NAMES, np.nan)
+    values = dict.fromkeys(NAMES, np.nan)
     w, force = fit.w[rows], flights.force[rows]
     columns = _thrust(flights, fit.w)[rows]
     weights = _solved(np.hstack([columns, fit.slopes[rows]]), force[:, 2])
     square, plain = weights[:2]
-    found["lag"] = fit.lag + weights[-2]
-    found["curve"] = square / (square + plain)
-    found["hover_curved"] = GRAVITY / ((square + plain) * w.shape[1])
+    values["lag"] = fit.lag + weights[-2]
+    values["curve"] = square / (square + plain)
+    values["hover_curved"] = GRAVITY / ((square + plain) * w.shape[1])
     pattern = w.mean(axis=0) / w.mean()  # of the motors at trim
     a, b = square * (pattern**2).sum(), plain * pattern.sum()
     hover = 2.0 * GRAVITY / (b + np.sqrt(max(b * b + 4.0 * a * GRAVITY, 0.0)))
-    found["hover"] = float(curved(hover * pattern, spec.thrust_curve).mean())
+    values["hover"] = float(curved(hover * pattern, spec.thrust_curve).mean())
     velocity = None if flights.velocity is None else flights.velocity[rows]
     if velocity is not None:
         speed, spin = np.linalg.norm(velocity, axis=1), w.mean(axis=1) / hover
         for axis, name in enumerate("xy"):
             v = velocity[:, axis]
             X = np.column_stack([np.ones(len(v)), -v * spin, -v * speed])
-            _, found[f"rotor_drag_{name}"], found[f"body_drag_{name}"] = _solved(X, force[:, axis])
+            _, values[f"rotor_drag_{name}"], values[f"body_drag_{name}"] = _solved(X, force[:, axis])
     if spec.rotors:
-        thrusts = curved(w, found["curve"])
+        thrusts = curved(w, values["curve"])
         centre = _centre(spec, thrusts, flights.rates[rows], flights.turning[rows], velocity, w)
-        found["centre_x"], found["centre_y"] = centre
-    return np.array([found[name] for name in NAMES])
+        values["centre_x"], values["centre_y"] = centre
+    return np.array([values[name] for name in NAMES])
 
 
 def _centre(
     spec: QuadrotorSpec, thrusts: Array, rates: Array, turning: Array, velocity: Array | None, w: Array
 ) -> tuple[float, float]:
     """Centre of mass (m) at which the moments of the thrusts are those of the measured rotation."""
-    total, found = thrusts.sum(axis=1), []
+    total, centre = thrusts.sum(axis=1), []
     for axis in (0, 1):
         other = 1 - axis  # thrust at x turns the body about y
         X = [total, turning[:, other], rates[:, 2] * rates[:, axis]]
@@ -291,8 +291,8 @@ def _centre(
             v = velocity[:, axis]
             X += [v * w.sum(axis=1), v * np.linalg.norm(velocity, axis=1)]
         places = np.array([rotor[axis] for rotor in spec.rotors])
-        found.append(float(_solved(np.column_stack(X), thrusts @ places)[0]))
-    return found[0], found[1]
+        centre.append(float(_solved(np.column_stack(X), thrusts @ places)[0]))
+    return centre[0], centre[1]
 
 
 def intervals(spec: QuadrotorSpec, flights: Flights) -> tuple[Array, Array]:
@@ -305,7 +305,7 @@ def intervals(spec: QuadrotorSpec, flights: Flights) -> tuple[Array, Array]:
     value, deviation = _jackknifed(spec, flights, fit, flights.blocks)
     factor = np.ones(len(NAMES))
     if len(flights.long) > 1:
-        each = [_jackknifed(spec, flights, fit, own) for own in flights.long]
+        each = [_jackknifed(spec, flights, fit, blocks) for blocks in flights.long]
         factor = contradiction(*(np.array(part) for part in zip(*each, strict=True)))
     half = float(student.ppf(0.975, K - 1)) * deviation * factor
     return np.column_stack([value, value - half, value + half]), factor
@@ -395,8 +395,8 @@ class Parameter:
 
     def row(self) -> dict[str, Any]:
         """Values for tables."""
-        own = {"parameter": self.name, "value": self.value, "lower": self.lower, "upper": self.upper}
-        return own | {"unit": self.unit, "known": self.known, "set": self.set}
+        values = {"parameter": self.name, "value": self.value, "lower": self.lower, "upper": self.upper}
+        return values | {"unit": self.unit, "known": self.known, "set": self.set}
 
     def sentence(self) -> str:
         """A sentence for people."""
@@ -409,14 +409,14 @@ class Parameter:
 
 def report(spec: QuadrotorSpec, logs: Sequence[Log]) -> Delivered:
     """parameters.csv, parameters.json, and a sentence for each parameter."""
-    found = parameters(spec, logs)
-    rows = [own.row() for own in found]
+    estimated = parameters(spec, logs)
+    rows = [parameter.row() for parameter in estimated]
     lines = [",".join(rows[0]), *(",".join(map(_cell, row.values())) for row in rows)]
     files = {
         "parameters.csv": ("\n".join(lines) + "\n").encode(),
         "parameters.json": (json.dumps(rows, indent=1) + "\n").encode(),
     }
-    return Delivered(files, tuple(own.sentence() for own in found), {"parameters": rows})
+    return Delivered(files, tuple(parameter.sentence() for parameter in estimated), {"parameters": rows})
 
 
 def _cell(value: str | float | None) -> str:
@@ -432,12 +432,12 @@ def parameters(spec: QuadrotorSpec, logs: Sequence[Log]) -> tuple[Parameter, ...
         why = f"{LEAST_BLOCKS * BLOCK_S:g} s of flight above the ground are needed"
     else:
         why = ""
-    found, factor = np.full((len(NAMES), 3), np.nan), np.ones(len(NAMES))
+    bounds, factor = np.full((len(NAMES), 3), np.nan), np.ones(len(NAMES))
     if flights is not None and not why:
-        found, factor = intervals(spec, flights)
+        bounds, factor = intervals(spec, flights)
         if max(flights.step) > 1.0 / FAST_HZ:
-            found[NAMES.index("lag")] = np.nan
-    rows = zip(NAMES, found, factor.tolist(), strict=True)
+            bounds[NAMES.index("lag")] = np.nan
+    rows = zip(NAMES, bounds, factor.tolist(), strict=True)
     return tuple(_parameter(spec, name, values, why, more) for name, values, more in rows)
 
 
@@ -459,7 +459,7 @@ def _settings(spec: QuadrotorSpec, name: str, value: float) -> dict[str, str]:
     if spec.command_unit != "1":
         return {}
     quad = len(spec.command_names) == 4
-    told: Mapping[str, dict[str, str]] = {
+    settings: Mapping[str, dict[str, str]] = {
         "hover": {"MPC_THR_HOVER": f"{value:.3f}"}
         | ({"posCtlPid.thrustBase": f"{FULL * value:.0f}"} if quad else {}),
         "curve": {"THR_MDL_FAC": f"{min(max(value, 0.0), 1.0):.2f}"},
@@ -473,4 +473,4 @@ def _settings(spec: QuadrotorSpec, name: str, value: float) -> dict[str, str]:
         "body_drag_x": {"EKF2_BCOEF_X": f"{0.5 * DENSITY / value:.1f}"},
         "body_drag_y": {"EKF2_BCOEF_Y": f"{0.5 * DENSITY / value:.1f}"},
     }
-    return told[name]
+    return settings[name]

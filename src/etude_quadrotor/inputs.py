@@ -131,19 +131,19 @@ class QuadrotorInputs:
 
         Singular samples are not refused here, because the limits of a search exclude them.
         """
-        kept = motion if keep is None else Motion(motion.t[keep], motion.orders[:, keep])
-        flat = flat_motion(kept, self.drag, check=False)
+        sampled = motion if keep is None else Motion(motion.t[keep], motion.orders[:, keep])
+        flat = flat_motion(sampled, self.drag, check=False)
 
         def vjp(in_X: Array, in_gains: Array) -> Array:  # noqa: ARG001  # gains are constant
-            own = flat.vjp(self._split(in_X))
+            gradient = flat.vjp(self._split(in_X))
             if keep is None:
-                return own
+                return gradient
             whole = np.zeros(motion.orders.shape)
-            np.add.at(whole.swapaxes(0, 1), keep, own.swapaxes(0, 1))
+            np.add.at(whole.swapaxes(0, 1), keep, gradient.swapaxes(0, 1))
             return whole
 
-        states = self._with_volts(flat.states, len(kept.t))
-        return Planned(self._stacked(states), np.ones((len(kept.t), self.commands)), vjp)
+        states = self._with_volts(flat.states, len(sampled.t))
+        return Planned(self._stacked(states), np.ones((len(sampled.t), self.commands)), vjp)
 
     def _split(self, in_X: Array) -> dict[str, Array]:
         """A gradient (K, D) by channel."""
@@ -156,8 +156,8 @@ class QuadrotorInputs:
 
     def step(self, row: Row, memory: Array | None) -> tuple[Array, Array]:  # noqa: ARG002
         """x (D,) of one instant; the inputs have no memory."""
-        known = row if self.volts is None else {BATTERY.name: np.array([self.volts]), **row}
-        return np.concatenate([known[name] for name in self.parts]), np.zeros(0)
+        states = row if self.volts is None else {BATTERY.name: np.array([self.volts]), **row}
+        return np.concatenate([states[name] for name in self.parts]), np.zeros(0)
 
     def rates(self, motion: Motion) -> tuple[Array, Array] | None:  # noqa: ARG002
         """None: unknown."""
@@ -184,16 +184,16 @@ class QuadrotorInputs:
 
     def arrays(self) -> Mapping[str, Array]:
         """Values set by `fitted`: inputs kept and left out as 0 or 1 for each of `OPTIONAL`, drag."""
-        found = {
+        arrays = {
             "inputs": np.array([float(getattr(self, option)) for option in OPTIONAL]),
             "left_out": np.array([float(name in self.left_out) for name in OPTIONAL]),
             "drag": np.array(self.drag),
         }
         if self.volts is not None:
-            found["volts"] = np.array(self.volts)
+            arrays["volts"] = np.array(self.volts)
         if self.lateral is not None:
-            found |= {f"lateral.{name}": values for name, values in self.lateral.arrays().items()}
-        return found
+            arrays |= {f"lateral.{name}": values for name, values in self.lateral.arrays().items()}
+        return arrays
 
     def restore(self, arrays: Mapping[str, Array]) -> QuadrotorInputs:
         """The same inputs with the values of `arrays`."""

@@ -203,8 +203,8 @@ class QuadrotorKind:
         """ "nominal" only if the motors are described and commands are in V."""
         from etude_quadrotor.physics.flight_physics import Identified, Nominal
 
-        found: dict[str, Physics] = {"identified": Identified(spec.body, config.data.trims)}
-        return found if spec.body is None else {"nominal": Nominal(spec.body), **found}
+        models: dict[str, Physics] = {"identified": Identified(spec.body, config.data.trims)}
+        return models if spec.body is None else {"nominal": Nominal(spec.body), **models}
 
     def parameters(
         self,

@@ -79,14 +79,14 @@ def windows(t: Array, gyro: Array | None, force: Array | None, throttle: Array) 
         squares = ((values - mean(values)[number]) ** 2).sum(axis=1)
         return np.asarray(np.sqrt(mean(squares[:, None])[:, 0]))
 
-    rest = np.asarray(np.bincount(number, minlength=count) > 1)  # one row has no deviation
-    carried = rest & (gyro is not None and force is not None)
+    at_rest = np.asarray(np.bincount(number, minlength=count) > 1)  # one row has no deviation
+    carried = at_rest & (gyro is not None and force is not None)
     if gyro is not None:
-        rest &= deviation(gyro) < TURNING
+        at_rest &= deviation(gyro) < TURNING
         carried &= np.linalg.norm(mean(gyro), axis=1) < TURNS
     if force is not None:
         weight = np.abs(np.linalg.norm(mean(force), axis=1) - WEIGHT) < OFF
-        rest &= weight & (deviation(force) < SHAKING)
+        at_rest &= weight & (deviation(force) < SHAKING)
         carried &= weight
     level = throttle.mean(axis=1)
     used = level[level > COMMANDED]
@@ -94,20 +94,20 @@ def windows(t: Array, gyro: Array | None, force: Array | None, throttle: Array) 
     low = mean(level[:, None])[:, 0] < IDLE * hover
     edges = t[0] + WINDOW_S * np.arange(count + 1)
     edges[-1] = max(float(t[-1]), float(edges[-2]))
-    return Windows(edges[:-1], edges[1:], rest, low & (rest | _lasting(carried & low)))
+    return Windows(edges[:-1], edges[1:], at_rest, low & (at_rest | _lasting(carried & low)))
 
 
 def _lasting(marked: Mask) -> Mask:
     """Mask of marks that last for CARRIED windows or more."""
-    kept = np.zeros_like(marked)
+    lasting = np.zeros_like(marked)
     for a, b in runs(marked):
-        kept[a:b] = b - a >= CARRIED
-    return kept
+        lasting[a:b] = b - a >= CARRIED
+    return lasting
 
 
-def spans_of(found: Windows, marked: Mask) -> tuple[tuple[float, float], ...]:
+def spans_of(segments: Windows, marked: Mask) -> tuple[tuple[float, float], ...]:
     """Intervals (s) of neighbouring marked windows."""
-    return tuple((float(found.start[a]), float(found.end[b - 1])) for a, b in runs(marked))
+    return tuple((float(segments.start[a]), float(segments.end[b - 1])) for a, b in runs(marked))
 
 
 class Grounded(Excludable):
@@ -119,24 +119,24 @@ class Grounded(Excludable):
         A log entirely on the ground stays unchanged, and so do short contacts within a flight.
         """
         start, end = float(log.t[0]), float(log.t[-1])
-        kept = np.ones(len(log), dtype=np.bool_)
+        flown = np.ones(len(log), dtype=np.bool_)
         between = False
         for low, high in self.spans:
             # 1 ns: a span that ends with the log, however its time is rounded
             inside = low > start and high < end - 1e-9
             if not inside or high - low >= LANDED_S:
-                kept &= (log.t <= low - SPARE_S) | (log.t >= high + SPARE_S)
+                flown &= (log.t <= low - SPARE_S) | (log.t >= high + SPARE_S)
                 between |= inside
-        if not kept.any() or kept.all():
+        if not flown.any() or flown.all():
             return log.repaired(self.sentence)
         where = "there and beside it" if between else "at the ends"
-        cut = float((~kept).sum() * np.median(np.diff(log.t)))
-        return log.take(kept).repaired(f"{self.sentence} {cut:.3g} s {where} were cut.")
+        cut = float((~flown).sum() * np.median(np.diff(log.t)))
+        return log.take(flown).repaired(f"{self.sentence} {cut:.3g} s {where} were cut.")
 
 
-def ground_finding(found: Windows) -> Finding:
+def ground_finding(segments: Windows) -> Finding:
     """A finding about time on the ground, with the intervals to trim or mark."""
-    spans = spans_of(found, found.ground)
+    spans = spans_of(segments, segments.ground)
     if not spans:
         return Finding(CHECK, "green", "The vehicle flies throughout.")
     seconds = sum(end - start for start, end in spans)
@@ -166,8 +166,8 @@ def _scale(spec: QuadrotorSpec, log: Log) -> Finding:
     if vehicle is None:
         return Finding("scale", "cannot tell", "The motors of the vehicle are not described in V.")
     mean = float(np.mean(log["command"]))
-    said = f"The mean command is {mean:.3g} V, it should hover at {vehicle.hover_voltage:.3g} V."
+    fact = f"The mean command is {mean:.3g} V, it should hover at {vehicle.hover_voltage:.3g} V."
     if HOVER[0] < mean / vehicle.hover_voltage < HOVER[1]:
-        return Finding("scale", "green", said)
+        return Finding("scale", "green", fact)
     step = "Is the vehicle described right? Check mass, thrust_constant, motor_constant and resistance in "
-    return Finding("scale", "yellow", said, f"{step}robot.toml, and the commands' unit.")
+    return Finding("scale", "yellow", fact, f"{step}robot.toml, and the commands' unit.")

@@ -129,8 +129,8 @@ def _between(
 ) -> tuple[list[Part], list[Part]]:
     """From hover to the plan, and back."""
     first, last = np.moveaxis(motion.motion(np.array([0.0, motion.duration]), ORDERS).orders, 1, 0)
-    there = _way(spec, at_rest(hover), first, limits)
-    back = _way(spec, last, at_rest(hover), limits)
+    there = _transition(spec, at_rest(hover), first, limits)
+    back = _transition(spec, last, at_rest(hover), limits)
     return [("approach", there)], [("return", back)]
 
 
@@ -143,7 +143,7 @@ def at_rest(place: Array) -> Array:
     return np.concatenate([place[None], np.zeros((ORDERS - 1, 3))])
 
 
-def _way(spec: QuadrotorSpec, start: Array, end: Array, limits: Sequence[Limit]) -> Splined:
+def _transition(spec: QuadrotorSpec, start: Array, end: Array, limits: Sequence[Limit]) -> Splined:
     """From state to state (4, 3): straight between two states at rest, else the path with most slack."""
     straight = _straight(spec, start[0], end[0])
     if max(np.abs(start[1:]).max(), np.abs(end[1:]).max()) <= STILL:
@@ -152,7 +152,7 @@ def _way(spec: QuadrotorSpec, start: Array, end: Array, limits: Sequence[Limit])
         Splined(np.array([0.0, _whole(spec, part * straight.duration)]), np.stack([start, end], axis=1))
         for part in LASTING
     ]
-    return min(tried, key=lambda way: max(utilization(row) for row in certify(way, limits).rows))
+    return min(tried, key=lambda path: max(utilization(row) for row in certify(path, limits).rows))
 
 
 def _straight(spec: QuadrotorSpec, start: Array, end: Array) -> Splined:
@@ -166,9 +166,9 @@ def _straight(spec: QuadrotorSpec, start: Array, end: Array) -> Splined:
 def _lifted(spec: QuadrotorSpec, ground: Array, hover: Array) -> Splined:
     """A vertical rise, first with increasing thrust."""
     first = ground + LIFTED * (hover - ground) / np.linalg.norm(hover - ground)
-    rest = _straight(spec, first, hover)
-    points = np.concatenate([at_rest(ground)[:, None], rest.points], axis=1)
-    return Splined(np.concatenate([[0.0], RAMP + rest.times]), points)
+    remainder = _straight(spec, first, hover)
+    points = np.concatenate([at_rest(ground)[:, None], remainder.points], axis=1)
+    return Splined(np.concatenate([[0.0], RAMP + remainder.times]), points)
 
 
 def _whole(spec: QuadrotorSpec, seconds: float) -> float:
@@ -187,13 +187,13 @@ def limits(
     ("lift") in any case.
     """
     late = _late(spec, config, margins)
-    lower, upper, kept = np.array(spec.lower), np.array(spec.upper), np.array(spec.margins)
+    lower, upper, box_margin = np.array(spec.lower), np.array(spec.upper), np.array(spec.margins)
     half = 0.25 * (upper - lower)[:2]  # at most half of what there is from the middle
-    kept[:2] = np.maximum(kept[:2], np.minimum(late / PLACE_GAIN, half))
+    box_margin[:2] = np.maximum(box_margin[:2], np.minimum(late / PLACE_GAIN, half))
     up, room = (2,), lift_room(spec)
     lift = np.array([GRAVITY - room]), np.array([GRAVITY + room])
-    found: list[Limit] = [
-        RoomLimit("position", 0, AXES, lower, upper, margin=kept, margins=margins, ground=spec.floor),
+    standard: list[Limit] = [
+        RoomLimit("position", 0, AXES, lower, upper, margin=box_margin, margins=margins, ground=spec.floor),
         NormLimit(
             "speed",
             1,
@@ -207,18 +207,20 @@ def limits(
     ]
     if spec.radius is not None:
         margin = max(spec.margin, min(late / PLACE_GAIN, 0.5 * spec.radius))
-        found.append(NormLimit("radius", 0, (0, 1), spec.radius, margin=margin, margins=margins))
+        standard.append(NormLimit("radius", 0, (0, 1), spec.radius, margin=margin, margins=margins))
     if spec.plant is None:
         rates = np.array([-CUT * spec.descent]), np.array([CUT * spec.climb])
-        found.append(AxisLimit("vertical speed", 1, ("vehicle",), *rates, axes=up))
-    found.append(AxisLimit("lift", 2, ("vehicle",), *lift, axes=up, shift=GRAVITY))
+        standard.append(AxisLimit("vertical speed", 1, ("vehicle",), *rates, axes=up))
+    standard.append(AxisLimit("lift", 2, ("vehicle",), *lift, axes=up, shift=GRAVITY))
     if spec.thrust is not None:
         least, most = spec.thrust
-        found.append(NormLimit("thrust", 2, PLACES, most, least, UP, margins=margins, looks_at=(COMMANDS,)))
+        standard.append(
+            NormLimit("thrust", 2, PLACES, most, least, UP, margins=margins, looks_at=(COMMANDS,))
+        )
     tilts = [tilt for tilt in (spec.tilt, config.tilt) if tilt is not None]
     if tilts:
-        found.append(TiltLimit(min(tilts), GRAVITY))
-    return (*found, *made_limits(spec.limits, spec, model, margins, AXES))
+        standard.append(TiltLimit(min(tilts), GRAVITY))
+    return (*standard, *made_limits(spec.limits, spec, model, margins, AXES))
 
 
 def _late(spec: QuadrotorSpec, config: FlightConfig, margins: Margins) -> float:
@@ -248,9 +250,9 @@ def lift_room(spec: QuadrotorSpec) -> float:
 
 def centred(spec: QuadrotorSpec, config: FlightConfig) -> FlightConfig:
     """The configuration with flights about `home` if no centre is given and the origin is outside the box."""
-    margins, own = np.array(spec.margins)[:2], np.array(config.centre)
+    margins, centre = np.array(spec.margins)[:2], np.array(config.centre)
     low, high = np.array(spec.lower)[:2] + margins, np.array(spec.upper)[:2] - margins
-    if config.free_centre or own.any() or ((low < own) & (own < high)).all():
+    if config.free_centre or centre.any() or ((low < centre) & (centre < high)).all():
         return config
     return replace(config, centre=(float(home(spec)[0]), float(home(spec)[1])))
 
@@ -279,8 +281,8 @@ def trial_flights(
     spec: QuadrotorSpec, config: FlightConfig, rng: np.random.Generator
 ) -> Mapping[str, Trajectory]:
     """A flight drawn uniformly from the safe ones of the thesis's form (N = 2), and one on their edge."""
-    own = FlightConfig(TEST_HARMONICS, TEST_DURATION, start=config.start)
-    family = flight_family(centred(spec, own))
-    feasible = FeasibleSet.of(limits(spec, own, {}), family, home(spec))
+    test_config = FlightConfig(TEST_HARMONICS, TEST_DURATION, start=config.start)
+    family = flight_family(centred(spec, test_config))
+    feasible = FeasibleSet.of(limits(spec, test_config, {}), family, home(spec))
     drawn = {"uniform": uniform(rng, feasible)[0], "boundary": boundary(rng, feasible)[0]}
     return {name: family.trajectory(p) for name, p in drawn.items()}

@@ -45,8 +45,8 @@ def _load(model: Any, states: Mapping[str, Value], heights: tuple[float, float])
         height = states["altitude"].most(0.0) / vehicle.arm
         for gain, length in zip(theta[2:4], heights, strict=True):
             thrust = thrust - float(gain) * lift * (-(height / length)).of("Exp")
-    found: Value = joined([thrust, moments])
-    return found
+    load: Value = joined([thrust, moments])
+    return load
 
 
 def features_piece(model: Any, least_lift: float) -> Piece:

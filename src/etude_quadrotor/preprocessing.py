@@ -44,11 +44,11 @@ def flight_samples(
             constant.
     """
     _check_logs(logs)
-    told = [slow_voltage(with_states(on_even_grid(log))) for log in logs]
-    lag = common_lag(told, spec, data)
+    prepared = [slow_voltage(with_states(on_even_grid(log))) for log in logs]
+    lag = common_lag(prepared, spec, data)
     parts = [
         _flight(log, raw.t, group, spec, data, lag)
-        for log, raw, group in zip(told, logs, groups, strict=True)
+        for log, raw, group in zip(prepared, logs, groups, strict=True)
     ]
     joined = joined_samples(parts)
     if not np.ptp(joined.command, axis=0).any():
@@ -57,9 +57,9 @@ def flight_samples(
             where=logs[0].source,
             next_step="Check that the log's commands are those that were sent.",
         )
-    said = () if lag == 0.0 else (f"The motion lags {lag:.3g} s behind the commands; they were moved.",)
+    notes = () if lag == 0.0 else (f"The motion lags {lag:.3g} s behind the commands; they were moved.",)
     ordered = joined.take(np.lexsort((joined.t, joined.group)))
-    return replace(ordered, log=ordered.log.repaired(*said))
+    return replace(ordered, log=ordered.log.repaired(*notes))
 
 
 def common_lag(logs: Sequence[Log], spec: QuadrotorSpec, data: FlightData) -> float:
@@ -97,9 +97,9 @@ def _flight(
         if part.channels[name].role in ("state", "command"):
             _finite(name.replace("_", " "), values, log.source)
     _check_saturation(part, spec)
-    own = group[np.minimum(np.searchsorted(recorded, part.t), len(group) - 1)]
+    segments = group[np.minimum(np.searchsorted(recorded, part.t), len(group) - 1)]
     every = np.ones(part["command"].shape, dtype=np.bool_)
-    return Samples(replace(part, t=part.t - log.t[0]), own, every, every.copy())
+    return Samples(replace(part, t=part.t - log.t[0]), segments, every, every.copy())
 
 
 def _check_saturation(log: Log, spec: QuadrotorSpec) -> None:

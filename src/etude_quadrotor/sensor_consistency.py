@@ -62,7 +62,7 @@ SMALLEST = 1e-6
 class Reading:
     """An interpretation of some columns: its description, its number of changes, its unexplained part."""
 
-    words: str
+    description: str
     changes: int
     left: float
 
@@ -83,11 +83,11 @@ class Flight:
 
 def agreement_findings(spec: QuadrotorSpec, log: Log) -> tuple[Finding, ...]:
     """A finding for each pair of instruments in the log, whether they agree."""
-    found = [_delay(spec, log)]
+    findings = [_delay(spec, log)]
     flight = _flight(log)
     if flight is not None:
-        found += [_turning(flight), _pushing(flight)]
-    return tuple(one for one in found if one is not None)
+        findings += [_turning(flight), _pushing(flight)]
+    return tuple(one for one in findings if one is not None)
 
 
 def _flight(log: Log) -> Flight | None:
@@ -111,13 +111,15 @@ def _flight(log: Log) -> Flight | None:
     )
 
 
-def _between(t: Array, R: Array, wanted: Array) -> Array:
+def _between(t: Array, R: Array, times: Array) -> Array:
     """Rotations (n, 3, 3) at other times, on the shortest path."""
     from scipy.spatial.transform import Rotation, Slerp
 
     distinct = np.concatenate([[True], np.diff(t) > 0.0])
-    own = Slerp(t[distinct], Rotation.from_matrix(R[distinct]))(np.clip(wanted, t[0], t[distinct][-1]))
-    return np.asarray(own.as_matrix())
+    interpolated = Slerp(t[distinct], Rotation.from_matrix(R[distinct]))(
+        np.clip(times, t[0], t[distinct][-1])
+    )
+    return np.asarray(interpolated.as_matrix())
 
 
 def _attitudes(flight: Flight) -> Iterator[tuple[str, int, Array]]:
@@ -144,25 +146,25 @@ SCALES = {
 def _turning(flight: Flight) -> Finding | None:
     """A finding on rates against changes of the attitude."""
     span = round(TURN_S / flight.step)
-    said = _windowed(flight.rates, span)
-    found: list[Reading] = []
-    for words, changes, R in _attitudes(flight):
+    measured = _windowed(flight.rates, span)
+    readings: list[Reading] = []
+    for label, changes, R in _attitudes(flight):
         turns = _vectors(R, span)
         size = float(np.mean(np.sum(turns**2, axis=1)))
         for unit, factor in SCALES.items():
             for axes, turn in _signed():
-                left = float(np.mean(np.sum((turns - factor * said @ turn.T) ** 2, axis=1)))
-                if not found and np.sqrt(left) < LEAST_TURN:  # as stated: no other interpretation is tried
+                left = float(np.mean(np.sum((turns - factor * measured @ turn.T) ** 2, axis=1)))
+                if not readings and np.sqrt(left) < LEAST_TURN:  # as stated: no other interpretation is tried
                     return Finding(RATES, "green", "The gyroscope matches the turns of the attitude.")
                 parts = [
-                    words,
+                    label,
                     unit,
                     _axes("the gyroscope", axes, turn),
                 ]
                 count = changes + bool(unit) + _count(turn)
                 # 1e-300: a log without motion explains nothing
-                found.append(Reading("; ".join(filter(None, parts)), count, left / max(size, 1e-300)))
-    return _judged(RATES, found, "The gyroscope does not match the turns of the attitude")
+                readings.append(Reading("; ".join(filter(None, parts)), count, left / max(size, 1e-300)))
+    return _agreement_finding(RATES, readings, "The gyroscope does not match the turns of the attitude")
 
 
 def _vectors(R: Array, span: int) -> Array:
@@ -186,28 +188,30 @@ def _pushing(flight: Flight) -> Finding | None:
     span = round(MOVE_S / flight.step)
     p = flight.position
     moved = (p[2 * span :] - 2.0 * p[span:-span] + p[: -2 * span]) / MOVE_S**2
-    kept = np.isfinite(moved).all(axis=1) & (np.abs(moved) < OUTLIER).all(axis=1)
-    if kept.sum() < LEAST_S * GRID / 2:
+    valid = np.isfinite(moved).all(axis=1) & (np.abs(moved) < OUTLIER).all(axis=1)
+    if valid.sum() < LEAST_S * GRID / 2:
         return None
-    moved = moved[kept]
+    moved = moved[valid]
     # vertical and horizontal motion have different information: each axis is weighted by its motion
     size = float(np.mean(np.sum((moved - moved.mean(axis=0)) ** 2, axis=1)))
-    found: list[Reading] = []
-    for words, changes, force in _world_forces(flight):
-        pushed = _triangle(force - [0.0, 0.0, GRAVITY], span)[kept]
+    readings: list[Reading] = []
+    for labels, changes, force in _world_forces(flight):
+        pushed = _triangle(force - [0.0, 0.0, GRAVITY], span)[valid]
         for axes, turn in _signed():
             off = moved @ turn.T - pushed
             off = off - np.clip(off.mean(axis=0), -BIAS, BIAS)
             left = float(np.mean(np.sum(off**2, axis=1)))
-            if not found and np.sqrt(left) < LEAST_PUSH:
+            if not readings and np.sqrt(left) < LEAST_PUSH:
                 return Finding(FORCE, "green", "The accelerometer matches the motion of the position.")
-            parts = [*words, _axes("the position", axes, turn)]
+            parts = [*labels, _axes("the position", axes, turn)]
             # 1e-300: a log without motion explains nothing
-            found.append(
+            readings.append(
                 Reading("; ".join(filter(None, parts)), changes + _count(turn), left / max(size, 1e-300))
             )
-    return _judged(
-        FORCE, found, "The accelerometer, turned by the attitude, does not match the motion of the position"
+    return _agreement_finding(
+        FORCE,
+        readings,
+        "The accelerometer, turned by the attitude, does not match the motion of the position",
     )
 
 
@@ -247,21 +251,21 @@ def _triangle(values: Array, span: int) -> Array:
 
 def _signed() -> list[tuple[str, Array]]:
     """The 48 signed permutations of the axes with their names, such as "y, x, -z"."""
-    found = []
+    permutations = []
     for order in itertools.permutations(range(3)):
         for signs in itertools.product((1.0, -1.0), repeat=3):
             turn = np.zeros((3, 3))
             turn[range(3), order] = signs
-            words = ", ".join(("-" if s < 0 else "") + AXES[k] for k, s in zip(order, signs, strict=True))
-            found.append((words, turn))
-    return found
+            name = ", ".join(("-" if s < 0 else "") + AXES[k] for k, s in zip(order, signs, strict=True))
+            permutations.append((name, turn))
+    return permutations
 
 
 def _count(turn: Array) -> int:
     """Number of changes of an interpretation; a common frame counts as one."""
     if np.array_equal(turn, np.eye(3)):
         return 0
-    if any(np.array_equal(turn, known) for known in (FRD, NED)):
+    if any(np.array_equal(turn, frame) for frame in (FRD, NED)):
         return 1
     return 2 if np.linalg.det(turn) > 0.0 or (np.abs(np.trace(turn)) == 1.0 and (turn >= 0.0).all()) else 3
 
@@ -274,24 +278,23 @@ def _axes(whose: str, axes: str, turn: Array) -> str:
     return f"{whose} has ({axes}) where (x, y, z) is stated{names.get(axes, '')}"
 
 
-def _judged(check: str, found: Sequence[Reading], fact: str) -> Finding:
+def _agreement_finding(check: str, readings: Sequence[Reading], fact: str) -> Finding:
     """A finding, red if another interpretation explains the motion and that of the header does not."""
-    stated, best = found[0], min(found, key=lambda one: one.left)
+    stated, best = readings[0], min(readings, key=lambda one: one.left)
     alone = f"{fact} everywhere, and no other reading of the columns is better."
     if best.left > LIKE or stated.left < BETTER * best.left:
         return Finding(
             check, "cannot tell", f"{fact} everywhere, and no other reading of the columns is better."
         )
     # 0.01: two interpretations with almost no residual are equally good
-    near = [one for one in found if one.left < NEAR * best.left + 0.01]
+    near = [one for one in readings if one.left < NEAR * best.left + 0.01]
     named = min(near, key=lambda one: (one.changes, one.left))
     if not named.changes:
         return Finding(check, "green", alone)
     step = f"Correct the columns or their header; {accepted(check)}."
-    said = (
-        f"{fact} ({100.0 * min(stated.left, 99.0):.0f} % of it is unexplained). It matches if {named.words}"
-    )
-    return Finding(check, "red", f"{said} ({100.0 * named.left:.0f} %).", step, flag=check)
+    share = 100.0 * min(stated.left, 99.0)
+    sentence = f"{fact} ({share:.0f} % of it is unexplained). It matches if {named.description}"
+    return Finding(check, "red", f"{sentence} ({100.0 * named.left:.0f} %).", step, flag=check)
 
 
 def _delay(spec: QuadrotorSpec, log: Log) -> Finding | None:
@@ -306,21 +309,21 @@ def _delay(spec: QuadrotorSpec, log: Log) -> Finding | None:
     t = np.arange(log.t[0], log.t[-1], 1.0 / GRID)
     force = np.interp(t, log.t, log["specific_force"][:, 2])
     rates = np.column_stack([np.interp(t, log.t, column) for column in log["rates"].T])
-    asked = np.column_stack([np.interp(t, log.t, column) for column in log["command"].T])
+    commands = np.column_stack([np.interp(t, log.t, column) for column in log["command"].T])
     turning = np.gradient(_smooth(rates), axis=0) * GRID
     made = np.column_stack([force, turning])
     lags = np.arange(round(-SPAN * GRID), round(SPAN * GRID) + 1, 2)
-    left = _unexplained(_slow_removed(_smooth(asked)), _slow_removed(_smooth(made)), lags)
+    left = _unexplained(_slow_removed(_smooth(commands)), _slow_removed(_smooth(made)), lags)
     total = np.log(left).sum(axis=1)
     within = np.flatnonzero((lags >= SOON * GRID) & (lags <= LATE * GRID))
     best, usual = int(np.argmin(total)), int(within[np.argmin(total[within])])
     lag = lags[best] / GRID
     if left[best].min() > HEARD or SOON <= lag <= LATE or total[usual] - total[best] < np.log(CLEAR):
         return None
-    way = f"{abs(lag):.2f} s {'before' if lag > 0.0 else 'after'}"
+    shift = f"{abs(lag):.2f} s {'before' if lag > 0.0 else 'after'}"
     shares = ["/".join(f"{100.0 * (1.0 - part):.0f}" for part in left[k]) for k in (best, usual)]
     fact = (
-        f"Motors stand {way} the thrust and the torques that they make (then they explain {shares[0]} % of "
+        f"Motors stand {shift} the thrust and the torques that they make (then they explain {shares[0]} % of "
         f"these, within {LATE:g} s at most {shares[1]} %): another clock, or another column."
     )
     step = f"Shift their column, or record all with one clock; {accepted(DELAY)}."
@@ -344,14 +347,14 @@ def _means(values: Array, width: int) -> Array:
     return np.column_stack([np.convolve(column, weights, "valid") for column in padded.T])
 
 
-def _unexplained(asked: Array, made: Array, lags: Index) -> Array:
-    """Unexplained fraction (L, n) of the squares of made (T, n), by linear combinations of earlier asked (T,
-    m).
+def _unexplained(commands: Array, made: Array, lags: Index) -> Array:
+    """Fraction (L, n) of the squares of made (T, n) that no linear combination of earlier commands (T, m)
+    explains.
     """
-    found = []
+    fractions = []
     for lag in lags.tolist():
-        a = asked[max(0, -lag) : len(asked) - max(0, lag)]
+        a = commands[max(0, -lag) : len(commands) - max(0, lag)]
         b = made[max(0, lag) : len(made) - max(0, -lag)]
         off = b - a @ np.linalg.lstsq(a, b, rcond=None)[0]
-        found.append(np.sum(off**2, axis=0) / np.maximum(np.sum(b**2, axis=0), np.finfo(float).tiny))
-    return np.asarray(np.maximum(np.array(found), SMALLEST))
+        fractions.append(np.sum(off**2, axis=0) / np.maximum(np.sum(b**2, axis=0), np.finfo(float).tiny))
+    return np.asarray(np.maximum(np.array(fractions), SMALLEST))

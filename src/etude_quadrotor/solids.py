@@ -30,7 +30,7 @@ def solids(spec: QuadrotorSpec) -> tuple[Solid, ...]:
     parts += [_disc(rotor, radius, width) for rotor in rotors]
     parts.append(_bar(np.zeros(2), np.array([0.7 * arm, 0.0]), 2.5 * width))
     first = np.cumsum([0, *(len(points) for points, _ in parts[:-1])])
-    faces = [own + start for (_, own), start in zip(parts, first, strict=True)]
+    faces = [triangles + start for (_, triangles), start in zip(parts, first, strict=True)]
     return (Solid("vehicle", np.concatenate([points for points, _ in parts]), np.concatenate(faces)),)
 
 

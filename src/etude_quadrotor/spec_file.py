@@ -152,13 +152,13 @@ def _converted(data: dict[str, Any], where: str) -> tuple[QuadrotorTable, Vehicl
 
 
 def _refuse_unknown(table: dict[str, Any], where: str) -> None:
-    known = [field.name for field in fields(Vehicle) if field.name != "layout"]
+    valid_keys = [field.name for field in fields(Vehicle) if field.name != "layout"]
     for key in table:
-        if key not in known:
+        if key not in valid_keys:
             raise UsageError(
                 f"unknown key '{key}'",
                 where=f"{where} [vehicle]",
-                next_step=f"Valid keys: {', '.join(known)}.",
+                next_step=f"Valid keys: {', '.join(valid_keys)}.",
             )
 
 
@@ -294,10 +294,10 @@ def _check_room(spec: QuadrotorSpec, where: str) -> None:
                 where=f"{where} margin",
                 next_step="Give it more room, or a smaller margin that its controller can keep.",
             )
-    kept = spec.lower[2] + spec.margins[2]
-    if spec.ground is not None and not (math.isfinite(spec.ground) and spec.ground < kept):
+    lowest = spec.lower[2] + spec.margins[2]
+    if spec.ground is not None and not (math.isfinite(spec.ground) and spec.ground < lowest):
         raise UsageError(
-            f"the ground at {spec.ground:g} m is not below {kept:g} m, the lowest that a flight may be",
+            f"the ground at {spec.ground:g} m is not below {lowest:g} m, the lowest that a flight may be",
             where=f"{where} ground",
             next_step="It is the height of the vehicle's centre where it stands.",
         )

@@ -75,9 +75,9 @@ class Vehicle:
         """(n, 4) from thrust and moments to squared rotor speeds: of more than four the least, as allocators
         choose them.
         """
-        found = self.allocation()
-        square = len(found.T) == len(found)
-        return np.asarray(np.linalg.inv(found) if square else np.linalg.pinv(found))
+        allocation = self.allocation()
+        square = len(allocation.T) == len(allocation)
+        return np.asarray(np.linalg.inv(allocation) if square else np.linalg.pinv(allocation))
 
     def steady_voltage(self, speed: Array) -> Array:
         """Voltage that maintains a rotor speed in rad/s: back-EMF, and the current that balances the drag."""

@@ -241,14 +241,14 @@ def _exchange(
     if not 0.0 < pivot * d <= 2.0:
         return False
     least *= 1.0 + rule.gain
-    judged = error if rule.kind == ERROR else error + a[i] * members.alpha[i] / pivot
-    if not _score(rule.kind, rule.guard, d, judged, delta + a[i] * a[i] / pivot) > least:
+    scored_error = error if rule.kind == ERROR else error + a[i] * members.alpha[i] / pivot
+    if not _score(rule.kind, rule.guard, d, scored_error, delta + a[i] * a[i] / pivot) > least:
         return True
     _refine(members, k, a, work[2], work[3])
     variance = _variance(block, c, d, k, a, n) + a[i] * a[i] / pivot
     remaining = error + a[i] * members.alpha[i] / pivot
-    judged = error if rule.kind == ERROR else remaining
-    if _score(rule.kind, rule.guard, d, judged, variance) > least:
+    scored_error = error if rule.kind == ERROR else remaining
+    if _score(rule.kind, rule.guard, d, scored_error, variance) > least:
         _swap(members, i, a, work[2], variance, remaining)
         _fill_slot(members, block, d, i, c, k)
     return True

@@ -51,11 +51,11 @@ class DownsampledGP:
     def condition(self, X: Array, y: Array) -> ExactPosterior:
         """The exact posterior given the points kept of X (n, D) and centred y (n,)."""
         X, y = checked_data(X, y)
-        kept = self.keep(len(y))
-        return self.gp.condition(X[kept], y[kept])
+        selected = self.keep(len(y))
+        return self.gp.condition(X[selected], y[selected])
 
     def log_marginal_likelihood(self, X: Array, y: Array) -> tuple[float, Array]:
         """log p of the points kept, and its gradient (P + 1,) with respect to `gp.parameters`."""
         X, y = checked_data(X, y)
-        kept = self.keep(len(y))
-        return self.gp.log_marginal_likelihood(X[kept], y[kept])
+        selected = self.keep(len(y))
+        return self.gp.log_marginal_likelihood(X[selected], y[selected])

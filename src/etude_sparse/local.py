@@ -33,12 +33,16 @@ def kernel_lengths(kernel: Kernel, theta: Array) -> Array:
     Raises:
         UsageError: no part of the kernel is a squared exponential of all its inputs.
     """
-    found = {part.dims: own for part, own in _parts(kernel, theta) if isinstance(part, SquaredExponential)}
+    thetas = {
+        part.dims: part_theta
+        for part, part_theta in _parts(kernel, theta)
+        if isinstance(part, SquaredExponential)
+    }
     width = 1 + max(max(part.dims) for part, _ in _parts(kernel, theta))
-    for dims, own in found.items():
+    for dims, part_theta in thetas.items():
         if set(dims) == set(range(width)):
             lengths = np.empty(width)
-            lengths[list(dims)] = np.exp(own[-width:])
+            lengths[list(dims)] = np.exp(part_theta[-width:])
             return lengths
     raise UsageError(
         "the kernel has no squared exponential of all inputs to measure distances by",
@@ -52,7 +56,7 @@ def _parts(kernel: Kernel, theta: Array) -> list[tuple[SquaredExponential | Line
         return [(kernel, theta)] if isinstance(kernel, SquaredExponential | Linear) else []
     ends = np.cumsum([part.size for part in kernel.parts])[:-1]
     shares = zip(kernel.parts, np.split(theta, ends), strict=True)
-    return [found for part, own in shares for found in _parts(part, own)]
+    return [pair for part, part_theta in shares for pair in _parts(part, part_theta)]
 
 
 def joined(u: Array, C: Array, reach: float) -> int:
@@ -66,7 +70,7 @@ def joined(u: Array, C: Array, reach: float) -> int:
 
 def partition(U: Array, reach: float) -> Index:
     """The part (n,) that each of U (n, D), inputs in lengths, joins, one after the other."""
-    own = np.zeros(len(U), dtype=np.int64)
+    assignment = np.zeros(len(U), dtype=np.int64)
     C, counts = np.zeros_like(U), np.zeros(len(U))
     K = 0
     for i, u in enumerate(U):
@@ -74,8 +78,8 @@ def partition(U: Array, reach: float) -> Index:
         K = max(K, k + 1)
         counts[k] += 1.0
         C[k] += (u - C[k]) / counts[k]
-        own[i] = k
-    return own
+        assignment[i] = k
+    return assignment
 
 
 def fitting_reach(U: Array, capacity: int) -> float:
@@ -178,8 +182,8 @@ class LocalGP:
         X, y = checked_data(X, y)
         fitted = self.fitted(X)
         lengths = fitted.lengths_for(X)
-        own = partition(X / lengths, self.reach)
-        parts = [np.flatnonzero(own == k) for k in range(own.max() + 1)]
+        assignment = partition(X / lengths, self.reach)
+        parts = [np.flatnonzero(assignment == k) for k in range(assignment.max() + 1)]
         models = tuple(self._conditioned(X[part], y[part]) for part in parts)
         return LocalPosterior(
             np.array([X[part].mean(axis=0) for part in parts]), lengths, models, self.nearest
@@ -203,8 +207,8 @@ class LocalGP:
             return self.gp.condition(X, y)
         from etude_sparse.dictionary import DictionaryGP
 
-        kept = DictionaryGP(self.gp, self.dictionary).select(X, y).kept
-        return self.gp.condition(X[kept], y[kept])
+        selected = DictionaryGP(self.gp, self.dictionary).select(X, y).kept
+        return self.gp.condition(X[selected], y[selected])
 
 
 class LocalModels:

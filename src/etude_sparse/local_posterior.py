@@ -163,8 +163,8 @@ class LocalPosterior:
         for k, model in enumerate(self.models):
             rows = np.flatnonzero(blend.shares[:, k])
             if len(rows):
-                own = -outer[rows] * blend.shares[rows, k] / variances[rows, k] ** 2
-                gradient[rows] += model.variance_gradient(X[rows], own)
+                weights = -outer[rows] * blend.shares[rows, k] / variances[rows, k] ** 2
+                gradient[rows] += model.variance_gradient(X[rows], weights)
         return gradient
 
     def covariance(self, X: Array, Z: Array) -> Array:  # noqa: ARG002

@@ -78,9 +78,9 @@ def _ssgp_learned(fit: FitData) -> Teaching:
         return Teaching(fit, each_output(gp.condition), complete_samples(fit))
     newest = group == group.max()
     held_out = None if newest.all() else (X[newest], columns(Y[newest]))
-    known = np.ones_like(newest) if held_out is None else ~newest
+    training = np.ones_like(newest) if held_out is None else ~newest
     start = replace(_spectrum(fit), learned=True)
-    gp = train(start, X[known], columns(Y[known]), prior="weak", held_out=held_out)
+    gp = train(start, X[training], columns(Y[training]), prior="weak", held_out=held_out)
     return Teaching(fit, each_output(gp.condition), complete_samples(fit))
 
 
@@ -146,13 +146,13 @@ local_gp = BuiltIn(_local_gp)
 lwpr = BuiltIn(_lwpr)
 
 
-def _read_spectrum(words: Words, array: Lookup) -> SparseSpectrumPosterior:
+def _read_spectrum(metadata: Words, array: Lookup) -> SparseSpectrumPosterior:
     from etude_sparse.spectral_posterior import SparseSpectrumPosterior, SpectralFeatures
 
     return SparseSpectrumPosterior(
         SpectralFeatures(array("frequencies")),
-        float(words["signal_variance"]),
-        float(words["noise_variance"]),
+        float(metadata["signal_variance"]),
+        float(metadata["noise_variance"]),
         array("weights"),
         np.asfortranarray(array("L")),
         array("X"),
@@ -161,16 +161,16 @@ def _read_spectrum(words: Words, array: Lookup) -> SparseSpectrumPosterior:
     )
 
 
-def _local(words: Words, array: Lookup) -> LocalPosterior:
+def _local(metadata: Words, array: Lookup) -> LocalPosterior:
     from etude_sparse.local_posterior import local_posterior_given
 
     return local_posterior_given(
-        kernel_of(words["kernel"]),
+        kernel_of(metadata["kernel"]),
         array("theta"),
-        float(words["noise_variance"]),
+        float(metadata["noise_variance"]),
         array("centres"),
         array("lengths"),
-        int(words["nearest"]),
+        int(metadata["nearest"]),
         (array("X"), array("y"), array("counts")),
     )
 
@@ -178,12 +178,12 @@ def _local(words: Words, array: Lookup) -> LocalPosterior:
 LWPR_ARRAYS = ("c", "x0", "F", "level", "slope", "spread", "residual")
 
 
-def _read_lwpr(words: Words, array: Lookup) -> LWPRPosterior:
+def _read_lwpr(metadata: Words, array: Lookup) -> LWPRPosterior:
     from etude_sparse.lwpr.posterior import LWPRPosterior
 
     return LWPRPosterior(
-        float(words["noise_variance"]),
-        float(words["signal_variance"]),
+        float(metadata["noise_variance"]),
+        float(metadata["signal_variance"]),
         *(array(name) for name in LWPR_ARRAYS),
     )
 

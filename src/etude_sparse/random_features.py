@@ -78,8 +78,8 @@ def random_features(
     total, first = sum(counts), 1
     places, scales = [], []
     for s, m in enumerate(counts):
-        own = first + np.arange(m)
-        waves = np.concatenate([own, own + total]) if m else np.zeros(1, dtype=np.int64)
+        indices = first + np.arange(m)
+        waves = np.concatenate([indices, indices + total]) if m else np.zeros(1, dtype=np.int64)
         active = np.flatnonzero(terms.slope[s])
         lines = active + 1 if terms.linear[s] else np.zeros(1, dtype=np.int64)
         slopes = np.sqrt(terms.slope[s, active]) if terms.linear[s] else np.ones(1)

@@ -144,17 +144,17 @@ class OnlineProcess:
         Raises DataError for a sample that is not finite, UsageError for the wrong shape, NumericalError where
         sn² is too small; the process is then as it was.
         """
-        x, own = self._checked(x, y)
+        x, prior_variance = self._checked(x, y)
         a = (
             np.asarray(dtrtrs(self._L, self._point(x, self.basis), lower=1)[0])
             if len(self.basis)
             else self._m
         )
-        novelty = max(own - float(a @ a), 0.0)
+        novelty = max(prior_variance - float(a @ a), 0.0)
         mean = float(a @ self._m)
         variance = novelty + max(float(a @ self._S @ a), 0.0) + self.prior.noise_variance
-        if novelty > self.prior.tolerance * own:
-            a = self._append(x, a, novelty, JITTER * own)
+        if novelty > self.prior.tolerance * prior_variance:
+            a = self._append(x, a, novelty, JITTER * prior_variance)
         Sa = self._S @ a
         self._m = self._m + Sa * ((y - mean) / variance)
         self._S = self._S - np.outer(Sa / variance, Sa)
@@ -162,7 +162,7 @@ class OnlineProcess:
             self._delete(int(np.argmin(self.scores())))
         self._weights = None
         self.samples += 1
-        self._diagonal_sum += own
+        self._diagonal_sum += prior_variance
         self.log_density -= 0.5 * ((y - mean) ** 2 / variance + float(np.log(2.0 * np.pi * variance)))
         return mean, variance
 
@@ -213,14 +213,14 @@ class OnlineProcess:
             raise UsageError(f"expected an input of shape {self.basis.shape[1:]}, got {x.shape}")
         if not (np.isfinite(x).all() and np.isfinite(y)):
             raise DataError("a sample contains NaN or infinite values", next_step="Skip it.")
-        own = float(self._point(x, x[None])[0])
-        if not self.prior.noise_variance >= LEAST_NOISE * own:
+        prior_variance = float(self._point(x, x[None])[0])
+        if not self.prior.noise_variance >= LEAST_NOISE * prior_variance:
             raise NumericalError(
                 f"noise variance {self.prior.noise_variance:.1e} is below {LEAST_NOISE:.0e} of the prior "
-                f"variance {own:.1e}, too little for an online process",
+                f"variance {prior_variance:.1e}, too little for an online process",
                 next_step="Set a noise floor.",
             )
-        return x, own
+        return x, prior_variance
 
     def _whitened(self, X: Array) -> Array:
         """L^-1 k(basis, X), (u, T)."""

@@ -88,21 +88,23 @@ class SparseSpectrumGP:
     @property
     def parameters(self) -> Array:
         """What training moves: theta, log_noise and, if learned, the points row by row; (D + 2 [+ m D],)."""
-        own = np.append(self.theta, self.log_noise)
-        return np.append(own, self.points.ravel()) if self.learned else own
+        hyperparameters = np.append(self.theta, self.log_noise)
+        return np.append(hyperparameters, self.points.ravel()) if self.learned else hyperparameters
 
     def with_parameters(self, parameters: Array) -> SparseSpectrumGP:
         """The same process with another vector of `parameters`; UsageError if its length is wrong."""
         parameters = np.asarray(parameters, dtype=float)
-        own = len(self.theta) + 1
-        expected = own + self.points.size * self.learned
+        count = len(self.theta) + 1
+        expected = count + self.points.size * self.learned
         if parameters.shape != (expected,):
             raise UsageError(
                 f"expected {expected} parameters of {len(self.points)} "
                 f"{'learned' if self.learned else 'fixed'} spectral points, got shape {parameters.shape}"
             )
-        points = parameters[own:].reshape(self.points.shape) if self.learned else self.points
-        return replace(self, points=points, theta=parameters[: own - 1], log_noise=float(parameters[own - 1]))
+        points = parameters[count:].reshape(self.points.shape) if self.learned else self.points
+        return replace(
+            self, points=points, theta=parameters[: count - 1], log_noise=float(parameters[count - 1])
+        )
 
     def condition(self, X: Array, y: Array) -> SparseSpectrumPosterior:
         """The posterior given X (n, D) and centred y (n,); any n >= 1.
@@ -197,10 +199,10 @@ class _Fit:
         in_frequencies = self._in_frequencies(X, inverse + np.tril(inverse, -1).T)
         in_lengths = -np.einsum("md,md->d", in_frequencies, gp.features.frequencies)
         in_noise = learned * (len(X) - determined - misfit)
-        own = np.concatenate([[determined - shrunk], in_lengths, [in_noise]])
+        gradient = np.concatenate([[determined - shrunk], in_lengths, [in_noise]])
         if not gp.learned:
-            return own
-        return np.append(own, (in_frequencies / np.exp(gp.theta[1:])).ravel())
+            return gradient
+        return np.append(gradient, (in_frequencies / np.exp(gp.theta[1:])).ravel())
 
     def _in_frequencies(self, X: Array, inverse: Array) -> Array:
         """(m, D) gradient in ω, a block of samples at a time, without another n x 2m array."""

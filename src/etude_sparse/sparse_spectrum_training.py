@@ -65,7 +65,7 @@ def redrawn(
     if draws == 1:
         return next(candidates)
     outputs = columns_of(y)
-    return max(candidates, key=lambda candidate: sum(candidate.evidence(X, own) for own in outputs))
+    return max(candidates, key=lambda candidate: sum(candidate.evidence(X, output) for output in outputs))
 
 
 def fit_sparse_spectrum(
@@ -127,12 +127,12 @@ def held_out_error(gp: SparseSpectrumGP, data: tuple[Array, Array], held_out: tu
     """
     (X, y), (X_out, y_out) = data, held_out
     pairs = zip(columns_of(y), columns_of(y_out), strict=True)
-    return float(np.mean([(gp.condition(X, own).mean(X_out) - out) ** 2 for own, out in pairs]))
+    return float(np.mean([(gp.condition(X, output).mean(X_out) - out) ** 2 for output, out in pairs]))
 
 
 def _objective(gp: SparseSpectrumGP, X: Array, y: Array, prior: Prior | None, on_points: bool) -> Objective:
     """Negative log posterior density of the parameters; infinite where it cannot be computed."""
-    own = len(gp.theta) + 1
+    count = len(gp.theta) + 1
 
     def objective(parameters: Array) -> tuple[float, Array]:
         try:
@@ -140,13 +140,13 @@ def _objective(gp: SparseSpectrumGP, X: Array, y: Array, prior: Prior | None, on
         except NumericalError:
             return np.inf, np.zeros_like(parameters)
         if prior is not None:
-            density, slope = prior.log_density(parameters[:own])
+            density, slope = prior.log_density(parameters[:count])
             value += density
-            gradient[:own] += slope
+            gradient[:count] += slope
         if on_points:
-            value -= 0.5 * float(parameters[own:] @ parameters[own:])
-            gradient[own:] -= parameters[own:]
-            gradient[1 : own - 1] = 0.0  # the lengths stay: they are the unit of the points
+            value -= 0.5 * float(parameters[count:] @ parameters[count:])
+            gradient[count:] -= parameters[count:]
+            gradient[1 : count - 1] = 0.0  # the lengths stay: they are the unit of the points
         return -value, -gradient
 
     return objective

@@ -227,18 +227,19 @@ def spectrum(name: str, frequencies: Array, weights: Array, factor: Array | None
     return Code(body, data, variance, work=2 * size + BLOCK, operations=(operations, 4 * size * size))
 
 
-def spectral_graph(graph: Any, x: str, own: Sequence[Any], variance: bool) -> tuple[str, str]:
-    """Means and latent variances (n, m) of posteriors with as many frequencies each; "" if not asked for.
+def spectral_graph(graph: Any, x: str, posteriors: Sequence[Any], variance: bool) -> tuple[str, str]:
+    """Means and latent variances (n, m) of posteriors with as many frequencies each; "" if not requested.
 
     Args:
-        graph: a `deploy.onnx.model_graph.Graph`. own: `SparseSpectrumPosterior`s. x: (n, D) inputs in it.
+        graph: a `deploy.onnx.model_graph.Graph`. posteriors: `SparseSpectrumPosterior`s.
+        x: (n, D) inputs in the graph.
     """
-    phases = graph.op("MatMul", x, np.stack([p.frequencies.T for p in own]))
+    phases = graph.op("MatMul", x, np.stack([p.frequencies.T for p in posteriors]))
     cosines = graph.op("Sin", graph.op("Add", phases, QUARTER))
     phi = graph.op("Concat", cosines, graph.op("Sin", phases), axis=2)
-    weights = np.stack([p.weights for p in own])[:, None, :]
+    weights = np.stack([p.weights for p in posteriors])[:, None, :]
     mean = graph.op("Transpose", graph.total(graph.op("Mul", phi, weights), -1), perm=[1, 0])
     if not variance:
         return mean, ""
-    half = graph.op("MatMul", phi, np.stack([p.root for p in own]))
+    half = graph.op("MatMul", phi, np.stack([p.root for p in posteriors]))
     return mean, graph.op("Transpose", graph.total(graph.op("Mul", half, half), -1), perm=[1, 0])

@@ -65,8 +65,8 @@ def _carried(fit: FitData) -> Index:
     points = earlier.X if isinstance(earlier, ExactPosterior) else fit.X[:0]
     moving = complete_samples(fit)
     place = {row.tobytes(): i for i, row in zip(moving, fit.X[moving], strict=True)}
-    found = np.unique([place[row.tobytes()] for row in points if row.tobytes() in place]).astype(np.int64)
-    return _spread(found, fit.config.points)
+    positions = np.unique([place[row.tobytes()] for row in points if row.tobytes() in place]).astype(np.int64)
+    return _spread(positions, fit.config.points)
 
 
 def _filled(fit: FitData) -> Index:

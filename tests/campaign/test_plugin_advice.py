@@ -31,7 +31,7 @@ SETTING = re.compile(r'(\w+) = ("\w+"|\[.*?\])')
 def learned(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> tuple[Path, Path]:
     """A folder that has learned one log with a plug-in's kernel, and the log."""
     monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "config"))
-    monkeypatch.setattr(plugins, "_given", set())
+    monkeypatch.setattr(plugins, "_typed_names", set())
     (tmp_path / "bumps.py").write_text(KERNELS)
     monkeypatch.syspath_prepend(str(tmp_path))
     campaign = make_campaign(tmp_path, config=MODEL)
@@ -91,7 +91,7 @@ def test_status_shows_what_it_can_where_a_package_is_missing(
     campaign: Campaign, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "config"))
-    monkeypatch.setattr(plugins, "_given", set())
+    monkeypatch.setattr(plugins, "_typed_names", set())
     with (campaign.path / "robot.toml").open("a") as file:
         file.write('\n[[limit]]\nkind = "nowhere:plane"\n')
     assert cli.main(["status", str(campaign.path), "--trust"]) == 2

@@ -33,9 +33,9 @@ def loaded(room: str, name: str) -> Any:
     module = places(room)[name]
     if module == room:
         return importlib.import_module(f"{room}.{name}")
-    found = vars(importlib.import_module(module))[name]
-    setattr(package, name, found)
-    return found
+    value = vars(importlib.import_module(module))[name]
+    setattr(package, name, value)
+    return value
 
 
 @cache
@@ -47,4 +47,4 @@ def places(room: str) -> dict[str, str]:
     tree = ast.parse(inspect.getsource(sys.modules[room]))
     guarded = (part for node in tree.body if isinstance(node, ast.If) for part in node.body)
     imports = (part for part in guarded if isinstance(part, ast.ImportFrom))
-    return {alias.name: own.module or "" for own in imports for alias in own.names}
+    return {alias.name: statement.module or "" for statement in imports for alias in statement.names}

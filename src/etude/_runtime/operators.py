@@ -35,8 +35,8 @@ class Value:
 
     def made(self, name: str, *inputs: Operand, **attributes: Any) -> Value:
         """What that operator makes of the inputs."""
-        own = [part.name if isinstance(part, Value) else part for part in inputs]
-        return Value(self.graph, self.graph.op(name, *own, **attributes))
+        operands = [part.name if isinstance(part, Value) else part for part in inputs]
+        return Value(self.graph, self.graph.op(name, *operands, **attributes))
 
     def __add__(self, other: Operand) -> Value:
         return self.made("Add", self, other)
@@ -124,10 +124,10 @@ class Piece:
 
 def joined(parts: Sequence[T], axis: int = -1) -> T:
     """Arrays one behind the other."""
-    own: Sequence[Any] = parts
-    if not isinstance(own[0], Value):
-        return cast(T, np.concatenate(own, axis=axis))
-    return cast(T, own[0] if len(own) == 1 else own[0].made("Concat", *own, axis=axis))
+    arrays: Sequence[Any] = parts
+    if not isinstance(arrays[0], Value):
+        return cast(T, np.concatenate(arrays, axis=axis))
+    return cast(T, arrays[0] if len(arrays) == 1 else arrays[0].made("Concat", *arrays, axis=axis))
 
 
 def stacked(parts: Sequence[Operand], axis: int = 0) -> Operand:
@@ -136,8 +136,8 @@ def stacked(parts: Sequence[Operand], axis: int = 0) -> Operand:
     if like is None:
         return np.stack(parts, axis=axis)
     nothing = like * 0.0
-    found = [part if isinstance(part, Value) else nothing + part for part in parts]
-    return joined([part.widened(axis) for part in found], axis)
+    values = [part if isinstance(part, Value) else nothing + part for part in parts]
+    return joined([part.widened(axis) for part in values], axis)
 
 
 def column(a: Operand, place: int) -> Operand:
@@ -192,11 +192,11 @@ def cross(a: Operand, b: Operand) -> Operand:
     if isinstance(a, Value) or isinstance(b, Value):
         return _cycled(a, 1) * _cycled(b, 2) - _cycled(a, 2) * _cycled(b, 1)
     x = a[..., 1] * b[..., 2] - a[..., 2] * b[..., 1]
-    found = np.empty((*x.shape, 3), x.dtype)  # np.stack alone takes as long as all of this
-    found[..., 0] = x
-    found[..., 1] = a[..., 2] * b[..., 0] - a[..., 0] * b[..., 2]
-    found[..., 2] = a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
-    return found
+    product = np.empty((*x.shape, 3), x.dtype)  # np.stack alone takes as long as all of this
+    product[..., 0] = x
+    product[..., 1] = a[..., 2] * b[..., 0] - a[..., 0] * b[..., 2]
+    product[..., 2] = a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
+    return product
 
 
 def _cycled(v: Operand, by: int) -> Operand:

@@ -16,7 +16,7 @@ WORDS = {"yes": True, "true": True, "1": True, "no": False, "false": False, "0":
 T = TypeVar("T")
 
 
-def taken(options: Mapping[str, Any], known: type[T], target: str) -> T:
+def taken(options: Mapping[str, Any], options_type: type[T], target: str) -> T:
     """The options as that dataclass, defaults where nothing was given.
 
     A text, as `--set NAME=VALUE` gives it, is read as what its field is declared to be: bool, int or float.
@@ -24,38 +24,38 @@ def taken(options: Mapping[str, Any], known: type[T], target: str) -> T:
     Raises:
         UsageError: an option that the target does not know, or a text that is none of these.
     """
-    names = [own.name for own in fields(known)]  # type: ignore[arg-type]
+    names = [field.name for field in fields(options_type)]  # type: ignore[arg-type]
     unknown = [name for name in options if name not in names]
     if unknown:
         flags = ", ".join(f"--{name.replace('_', '-')}" for name in unknown)
-        own = ", ".join(f"--{name.replace('_', '-')}" for name in names if name != MODEL_HASH)
-        raise UsageError(f"--to {target} has no option {flags}", next_step=f"It has {own or 'none'}.")
-    own_fields = {own.name: own for own in fields(known)}  # type: ignore[arg-type]
-    return known(**{name: _read(own_fields[name], value) for name, value in options.items()})
+        valid = ", ".join(f"--{name.replace('_', '-')}" for name in names if name != MODEL_HASH)
+        raise UsageError(f"--to {target} has no option {flags}", next_step=f"It has {valid or 'none'}.")
+    by_name = {field.name: field for field in fields(options_type)}  # type: ignore[arg-type]
+    return options_type(**{name: _read(by_name[name], value) for name, value in options.items()})
 
 
-def _read(own: Field[Any], value: Any) -> Any:
+def _read(field: Field[Any], value: Any) -> Any:
     """The value as its field declares it, if it is a text and the field takes no texts."""
     if not isinstance(value, str):
         return value
-    declared = {word.strip() for word in _declared(own).split("|")} - {"None"}
+    declared = {word.strip() for word in _declared(field).split("|")} - {"None"}
     if declared == {"bool"}:
         if value.strip().lower() not in WORDS:
-            raise UsageError(f"{own.name} is yes or no, not {value!r}", where=f"--set {own.name}")
+            raise UsageError(f"{field.name} is yes or no, not {value!r}", where=f"--set {field.name}")
         return WORDS[value.strip().lower()]
     if declared in ({"float"}, {"int"}):
         number = int if declared == {"int"} else float
         try:
-            found = number(value)
+            parsed = number(value)
         except ValueError:
-            found = math.nan
-        if not math.isfinite(found):
-            raise UsageError(f"{own.name} is a number, not {value!r}", where=f"--set {own.name}")
-        return found
+            parsed = math.nan
+        if not math.isfinite(parsed):
+            raise UsageError(f"{field.name} is a number, not {value!r}", where=f"--set {field.name}")
+        return parsed
     return value
 
 
-def _declared(own: Field[Any]) -> str:
+def _declared(field: Field[Any]) -> str:
     """What was written behind the field's name, whether annotations are texts in its module or not."""
-    kind: Any = own.type
+    kind: Any = field.type
     return kind if isinstance(kind, str) else kind.__name__ if isinstance(kind, type) else str(kind)

@@ -51,7 +51,7 @@ def minimise(
     start: Array,
     *,
     steps: int,
-    kept: int = 10,
+    corrections: int = 10,
     searched: int = 20,
     evaluations: int = 15000,
     bounds: Sequence[tuple[float, float]] | None = None,
@@ -62,12 +62,12 @@ def minimise(
         function: (P,) -> its value and gradient (P,).
         start: (P,) where it begins.
         steps: iterations, at most.
-        kept: steps that the curvature is taken from.
+        corrections: steps that the curvature is taken from.
         searched: evaluations along one direction, at most.
         evaluations: in all, after which no iteration begins.
         bounds: of each parameter, both of them finite; None: there are none.
     """
     from scipy.optimize import minimize  # a seventh of a second, for who designs or trains
 
-    options = {"maxiter": steps, "maxcor": kept, "maxls": searched, "maxfun": evaluations}
+    options = {"maxiter": steps, "maxcor": corrections, "maxls": searched, "maxfun": evaluations}
     minimize(function, start, jac=True, method="L-BFGS-B", bounds=bounds, options=options)

@@ -64,9 +64,9 @@ def trust_own(folder: Path, identity: str) -> None:
 
 def is_trusted(folder: Path, identity: str) -> bool:
     """Whether the list holds this folder at this place."""
-    wanted = json.dumps(_entry(folder, identity))
+    entry = json.dumps(_entry(folder, identity))
     try:
-        return bool(identity) and wanted in trust_file().read_text(encoding="utf-8").splitlines()
+        return bool(identity) and entry in trust_file().read_text(encoding="utf-8").splitlines()
     except (OSError, UnicodeDecodeError, RuntimeError):
         return False
 
@@ -94,19 +94,19 @@ def require_trusted(named: Mapping[str, str], path: Path, folder: Path, identity
 
 def names_in(value: Any, place: str = "") -> dict[str, str]:
     """Full name -> where it stands, of all texts in TOML's or JSON's values."""
-    return dict(_found(value, place))
+    return dict(_walk_names(value, place))
 
 
-def _found(value: Any, place: str) -> Iterator[tuple[str, str]]:
+def _walk_names(value: Any, place: str) -> Iterator[tuple[str, str]]:
     if isinstance(value, str):
         if FULL_NAME.fullmatch(value):
             yield value, place
     elif isinstance(value, Mapping):
         for key, item in value.items():
-            yield from _found(item, f"{place}.{key}" if place else str(key))
+            yield from _walk_names(item, f"{place}.{key}" if place else str(key))
     elif isinstance(value, Sequence) and not isinstance(value, bytes):
         for item in value:
-            yield from _found(item, place)
+            yield from _walk_names(item, place)
 
 
 def _entry(folder: Path, identity: str) -> dict[str, str]:
@@ -117,7 +117,7 @@ def _source(name: str) -> str:
     """Where the code lies; only its outermost package is looked for, and nothing is imported."""
     package = name.partition(":")[0].partition(".")[0]
     try:
-        found = importlib.machinery.PathFinder.find_spec(package)
+        spec = importlib.machinery.PathFinder.find_spec(package)
     except (ImportError, ValueError):
-        found = None
-    return (found.origin if found is not None and found.origin else None) or "not found by Python now"
+        spec = None
+    return (spec.origin if spec is not None and spec.origin else None) or "not found by Python now"

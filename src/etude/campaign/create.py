@@ -88,20 +88,20 @@ def create_campaign(
     config = replace(preset_config(kind, preset_name), seed=seed)
     text = config_text(config, kind).encode()
     files = {**described.files, CONFIG: text}
-    with _taken_back(path, files):
+    with _removed_on_failure(path, files):
         _make_folder(path)
         with writer_lock(path):
             _require_empty(path)
             _require_free(path, files)
-            written = _written(path, described)
+            written = _write_description(path, described)
             with reading(description, trust=trust):
                 spec = kind.spec(path / ROBOT)
             axes = next(c.parts for c in kind.channels(spec) if c.name == kind.path)
             write_atomic(path / CONFIG, text)
             fact = Created(seed=seed, preset=preset_name, kind=kind.name, robot=spec.name, axes=tuple(axes))
             # campaign.toml is not listed: people may edit it, and its hash is in every event anyway
-            own, robot_file = load_config(path).sha256, sha256_of(path / ROBOT)
-            commit(path, fact, files=written, config_sha256=own, robot_sha256=robot_file)
+            config_sha256, robot_sha256 = load_config(path).sha256, sha256_of(path / ROBOT)
+            commit(path, fact, files=written, config_sha256=config_sha256, robot_sha256=robot_sha256)
     trust_own(path, folder_id(path / JOURNAL))
     return open_campaign(path), described.confirm
 
@@ -139,8 +139,8 @@ def _chosen(kind: Kind, description: Path, part: RobotPart) -> Described:
             next_step="Leave --joints, --hold, --mesh-root, --range, --velocity, --acceleration, "
             "--command, --joint-limits and --floor out.",
         )
-    given = part.joints, part.held, part.mesh_roots, part.limits, part.floor, part.joint_limits
-    return kind.chosen(description, *given)
+    options = part.joints, part.held, part.mesh_roots, part.limits, part.floor, part.joint_limits
+    return kind.chosen(description, *options)
 
 
 def load_robot(robot: str | Path, *, trust: bool = False) -> Any:
@@ -174,8 +174,8 @@ def trust_robot(robot: str) -> None:
 
 def _shipped(path: Path) -> str:
     """Where the package has that example; "" if it has none."""
-    found = Path(__file__).parents[1] / path
-    return f"The package has it: {found}. " if not path.is_absolute() and found.is_file() else ""
+    example = Path(__file__).parents[1] / path
+    return f"The package has it: {example}. " if not path.is_absolute() and example.is_file() else ""
 
 
 def find_robot(robot: str) -> tuple[Kind, Path]:
@@ -185,18 +185,18 @@ def find_robot(robot: str) -> tuple[Kind, Path]:
         UsageError: no such name or file, a folder, or a file that no kind, or more than one, recognises.
     """
     kinds, broken = _kinds()
-    built_in = {kind.name: _asked(kind.name, kind.built_in, broken) or {} for kind in kinds}
+    built_in = {kind.name: _call_plugin(kind.name, kind.built_in, broken) or {} for kind in kinds}
     names = {name: (kind, path) for kind in kinds[::-1] for name, path in built_in[kind.name].items()}
     if robot in names:
         return names[robot]
     path = Path(robot)
-    known = f"Built-in robots: {', '.join(sorted(names))}; or name the file that describes yours."
+    choices = f"Built-in robots: {', '.join(sorted(names))}; or name the file that describes yours."
     if path.is_dir():
-        raise UsageError("this is a folder, not a robot's description", where=robot, next_step=known)
+        raise UsageError("this is a folder, not a robot's description", where=robot, next_step=choices)
     if not path.is_file():
-        raise UsageError(f"there is no robot and no file {robot!r}", next_step=_shipped(path) + known)
-    found = [kind for kind in kinds if _asked(kind.name, partial(kind.recognises, path), broken)]
-    if not found:
+        raise UsageError(f"there is no robot and no file {robot!r}", next_step=_shipped(path) + choices)
+    matches = [kind for kind in kinds if _call_plugin(kind.name, partial(kind.recognises, path), broken)]
+    if not matches:
         _require_known_kind(path, [*(kind.name for kind in kinds), *broken])
         hint = "".join(f" {name} cannot be used: {why}." for name, why in broken.items())
         raise UsageError(
@@ -204,13 +204,13 @@ def find_robot(robot: str) -> tuple[Kind, Path]:
             where=robot,
             next_step=f'A TOML says which one it means: kind = "{kinds[0].name}", for example.{hint}',
         )
-    if len(found) > 1:
+    if len(matches) > 1:
         raise UsageError(
-            f"several kinds of robot recognise this file: {', '.join(k.name for k in found)}",
+            f"several kinds of robot recognise this file: {', '.join(k.name for k in matches)}",
             where=robot,
             next_step='Write kind = "..." with one of them at its top.',
         )
-    return found[0], path
+    return matches[0], path
 
 
 def _require_known_kind(path: Path, kinds: Sequence[str]) -> None:
@@ -255,7 +255,7 @@ def _kinds() -> tuple[list[Kind], dict[str, str]]:
     return kinds, broken
 
 
-def _asked(name: str, question: Callable[[], T], broken: dict[str, str]) -> T | None:
+def _call_plugin(name: str, question: Callable[[], T], broken: dict[str, str]) -> T | None:
     """The answer of a kind; None, and the reason in `broken`, where a plug-in fails."""
     try:
         return question()
@@ -267,22 +267,22 @@ def _asked(name: str, question: Callable[[], T], broken: dict[str, str]) -> T | 
 
 
 @contextlib.contextmanager
-def _taken_back(folder: Path, files: Mapping[str, bytes]) -> Iterator[None]:
+def _removed_on_failure(folder: Path, files: Mapping[str, bytes]) -> Iterator[None]:
     """Context that, on failure, removes the files written in it and the folder if it was made."""
     new = [folder / name for name in files if not (folder / name).exists()]
-    above = [own for own in (folder, *folder.parents) if not own.exists()]
+    above = [directory for directory in (folder, *folder.parents) if not directory.exists()]
     try:
         yield
     except Exception:
         with contextlib.suppress(OSError):  # no folder was made, or it contains other files by now
             for file in [*new, *([folder / LOCK] if above else ())]:
                 file.unlink(missing_ok=True)
-            for own in above:
-                own.rmdir()
+            for directory in above:
+                directory.rmdir()
         raise
 
 
-def _written(folder: Path, described: Described) -> list[Path]:
+def _write_description(folder: Path, described: Described) -> list[Path]:
     """Write the description's files, robot.toml last, since only that file makes a campaign."""
     names = sorted(described.files, key=lambda name: name == ROBOT)
     for name in names:

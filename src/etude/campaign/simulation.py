@@ -111,7 +111,7 @@ class Loop:
         """Propose, run and ingest one trajectory; return its number, or None if its log was refused."""
         campaign = self.campaign
         with part(ASKING):
-            number, beside = self._asked(say)
+            number, beside = self._next_motion(say)
         say(f"Running trajectory {number} on the simulated {campaign.name}.")
         rng = np.random.default_rng([campaign.state().seed, number, RUN_STREAM])
         log = self.robot.run(stored_trajectory(campaign, number), beside, rng)
@@ -132,11 +132,11 @@ class Loop:
             )
             abandon(campaign, number)
         if ingested.awaits_answer:
-            for found in ingested.findings:
-                say(f"Log {ingested.number} is not learned yet: {found.sentence}. {found.step}")
+            for finding in ingested.findings:
+                say(f"Log {ingested.number} is not learned yet: {finding.sentence}. {finding.step}")
         return ingested.number
 
-    def _asked(self, say: Say) -> tuple[int, Controller | None]:
+    def _next_motion(self, say: Say) -> tuple[int, Controller | None]:
         """The next trajectory, and its controller beside the feedback, which its margins are for."""
         campaign = self.campaign
         control = "" if campaign.state().proposals else _control(self._collecting())
@@ -147,13 +147,13 @@ class Loop:
     def _collecting(self) -> Controller | None:
         """Controller of training motions beside the feedback, after the first fit."""
         campaign, state = self.campaign, self.campaign.state()
-        kind, wanted = campaign.kind, self.feedforward
+        kind, feedforward = campaign.kind, self.feedforward
         made: Callable[[Any, Any, Model], Controller | None] = kind.controller
-        if wanted is None and isinstance(kind, SupportsCollecting):
-            wanted, made = True, kind.collecting
-        elif wanted is None:
-            wanted = campaign.config.tracking.control == LEARNED
-        if not wanted or not state.trained:
+        if feedforward is None and isinstance(kind, SupportsCollecting):
+            feedforward, made = True, kind.collecting
+        elif feedforward is None:
+            feedforward = campaign.config.tracking.control == LEARNED
+        if not feedforward or not state.trained:
             return None
         return made(campaign.spec, campaign.config, newest_model(campaign, state))
 
@@ -179,11 +179,11 @@ class Loop:
         """
         errors, unit = {}, ""
         for index, (name, motion) in enumerate(self.tests.items()):
-            found = known_evaluation(self.campaign, name, number, baseline)
-            if found is None:
+            evaluation = known_evaluation(self.campaign, name, number, baseline)
+            if evaluation is None:
                 rng = np.random.default_rng([self.campaign.state().seed, index, TEST_STREAM, TEST_STREAM])
-                found = self._commit(number, baseline, name, self.tried(motion, made(), rng))
-            errors[name], unit = list(found.errors), found.unit
+                evaluation = self._commit(number, baseline, name, self.tried(motion, made(), rng))
+            errors[name], unit = list(evaluation.errors), evaluation.unit
         return errors, unit
 
     def tried(self, motion: Trajectory, controller: Controller | None, rng: np.random.Generator) -> Log:
@@ -193,7 +193,7 @@ class Loop:
 
     def _commit(self, number: int, baseline: str, test: str, log: Log) -> Evaluated:
         error, units = self.robot.error(log)
-        found = Evaluated(
+        evaluation = Evaluated(
             test=test,
             baseline=baseline,
             robot_seconds=robot_seconds(self.campaign),
@@ -201,10 +201,10 @@ class Loop:
             unit=units[0] if len(set(units)) == 1 else "mixed",
         )
         with self.campaign.writing():
-            self.campaign.commit(found, number, self._kept(number, baseline, test, log))
-        return found
+            self.campaign.commit(evaluation, number, self._store_run(number, baseline, test, log))
+        return evaluation
 
-    def _kept(self, number: int, baseline: str, test: str, log: Log) -> list[Path]:
+    def _store_run(self, number: int, baseline: str, test: str, log: Log) -> list[Path]:
         """Stores the runs that the report draws: the learned controller's, and the feedback's alone."""
         if baseline not in ("", next(iter(self.baselines), "")):
             return []

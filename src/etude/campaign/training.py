@@ -146,7 +146,9 @@ def _say_if_compiling(campaign: Campaign, say: Callable[[str], None]) -> None:
         return
     model = campaign.config.model
     named = (plugins.load("etude.kernels", model.kernel), plugins.load("etude.models", model.process))
-    for sentence in dict.fromkeys(own.first_use() for own in named if isinstance(own, SupportsFirstUse)):
+    for sentence in dict.fromkeys(
+        plugin.first_use() for plugin in named if isinstance(plugin, SupportsFirstUse)
+    ):
         if sentence:
             say(sentence)
 
@@ -193,10 +195,10 @@ def with_forecast(
     latent, noise, expected = (np.zeros(len(model.commands)) for _ in range(3))
     references = reference_states(model.inputs, groups, STATES, motions)
     for view, X in zip(latents, references, strict=True):
-        own = list(view.commands)
-        latent[own] = view.factors * np.sqrt(np.mean(view.posterior.predict(X)[1]))
-        noise[own] = view.factors * np.sqrt(view.posterior.noise_variance)
-        expected[own] = [expected_variance(model, j, X) for j in own]
+        commands = list(view.commands)
+        latent[commands] = view.factors * np.sqrt(np.mean(view.posterior.predict(X)[1]))
+        noise[commands] = view.factors * np.sqrt(view.posterior.noise_variance)
+        expected[commands] = [expected_variance(model, j, X) for j in commands]
     return replace(
         fact,
         forecast_deviation=tuple(np.sqrt(expected).tolist()),
@@ -214,12 +216,12 @@ def slow_motion(
     inputs: Inputs, samples: Samples, reference: Array, unmoved: Sequence[str]
 ) -> tuple[Notice, ...]:
     """Notice of axes that moved far more slowly than at the reference states (r, D); unmoved ones apart."""
-    own = np.percentile(np.abs(inputs.of_log(samples.log)), FASTEST, axis=0)
-    asked = np.percentile(np.abs(reference), FASTEST, axis=0)
+    speeds = np.percentile(np.abs(inputs.of_log(samples.log)), FASTEST, axis=0)
+    reference_speeds = np.percentile(np.abs(reference), FASTEST, axis=0)
     parts = {
-        axis: float(own[k] / asked[k])
+        axis: float(speeds[k] / reference_speeds[k])
         for k, (_, axis, unit, op) in enumerate(inputs.columns)
-        if unit in SPEEDS and not op and axis not in unmoved and own[k] < SLOW * asked[k]
+        if unit in SPEEDS and not op and axis not in unmoved and speeds[k] < SLOW * reference_speeds[k]
     }
     if not parts:
         return ()
@@ -230,13 +232,13 @@ def slow_motion(
 
 def expected_variance(model: LearnedModel, command: int, X: Array) -> float:
     """Expected mean squared error of a command at model inputs X (r, D), without the noise of samples."""
-    found = 0.0
+    total = 0.0
     for candidate in model.candidates:
         if command in candidate.commands and candidate.process is not None:
             place = candidate.commands.index(command)
             variance = candidate.process.predict(X)[1][:, place] * candidate.units[1, place] ** 2
-            found += candidate.weights[place] * candidate.calibration[place] * float(variance.mean())
-    return found if model.width is None else found * float(model.width[command])
+            total += candidate.weights[place] * candidate.calibration[place] * float(variance.mean())
+    return total if model.width is None else total * float(model.width[command])
 
 
 def _moved(model: LearnedModel, before: LearnedModel) -> float | None:
@@ -351,7 +353,7 @@ def _trained(
         calibrated=selection.model.calibrated,
         row_scatter=_row_scatter(campaign, logs, samples),
         robot_seconds=float(sum(one.robot_seconds for one in ingested)),
-        recipe=tuple(_said(state, logs, samples)),
+        recipe=tuple(_recipe_sentences(state, logs, samples)),
         inputs={name: np.asarray(a).tolist() for name, a in inputs.arrays().items()},
         warnings=(*_notes(inputs), *_some(every, logs), *selection.model.warnings),
         body=body_of(campaign),
@@ -363,8 +365,8 @@ def teaching(state: State, logs: Sequence[int]) -> list[int]:
 
     The subset is spread evenly over all training logs and includes the last one.
     """
-    told = [state.rounds[number].ingested for number in logs]
-    seconds = sum(one.robot_seconds for one in told if one is not None)
+    ingested = [state.rounds[number].ingested for number in logs]
+    seconds = sum(one.robot_seconds for one in ingested if one is not None)
     count = min(len(logs), MOST_LOGS, max(1, int(len(logs) * MOST_SECONDS / max(seconds, MOST_SECONDS))))
     return [logs[(i + 1) * len(logs) // count - 1] for i in range(count)]
 
@@ -373,17 +375,19 @@ def _row_scatter(campaign: Campaign, logs: Sequence[int], samples: Samples) -> t
     """(J,) root mean square difference of recorded and filtered commands in the newest log that repeats no
     other: sensor noise and motion above the filter's cutoff. () without such a log.
     """
-    groups = {number: {group for _, group in own} for number, own in groups_of(campaign, logs).items()}
-    count = Counter(group for own in groups.values() for group in own)
+    segments = groups_of(campaign, logs)
+    groups = {number: {group for _, group in starts} for number, starts in segments.items()}
+    count = Counter(group for members in groups.values() for group in members)
     single = [number for number in logs if all(count[group] == 1 for group in groups[number])]
     if not single:
         return ()
-    log, own = stored_log(campaign, single[-1]), samples.take(np.isin(samples.group, [*groups[single[-1]]]))
+    log = stored_log(campaign, single[-1])
+    newest = samples.take(np.isin(samples.group, [*groups[single[-1]]]))
     # commands of a vehicle are delayed by the lag of its motors
     lags = np.arange(0.0, LONGEST_LAG, 1.0 / median_rate(log.t))
-    each = [resample(log.t, log["command"], own.t - lag) - own.command for lag in lags]
+    each = [resample(log.t, log["command"], newest.t - lag) - newest.command for lag in lags]
     squares = np.square(min(each, key=lambda left: float(np.mean(left**2))))
-    use = own.usable & own.moving
+    use = newest.usable & newest.moving
     return tuple(np.sqrt(squares.sum(axis=0, where=use) / np.maximum(use.sum(axis=0), 1)).tolist())
 
 
@@ -415,36 +419,38 @@ def _comparable(campaign: Campaign, trained: Sequence[Round], inputs: Inputs) ->
 
 
 def _scores(
-    before: LearnedModel | None, inputs: Inputs, samples: Samples, known: int
+    before: LearnedModel | None, inputs: Inputs, samples: Samples, earlier: int
 ) -> dict[str, PrequentialScore]:
-    """Scores of each structure of the earlier model on all but the first `known` groups, and the baseline."""
-    newest = samples.group >= known
+    """Scores of each structure of the earlier model and of the baseline, on the groups after the first
+    `earlier`.
+    """
+    newest = samples.group >= earlier
     if not newest.any():  # repeated logs contain no new motion
         return {}
     new = samples.take(newest)
-    found: dict[str, PredictionScore] = {}
+    scores: dict[str, PredictionScore] = {}
     if before is not None:
-        found = prequential(before, new, samples.take(~newest), MIXED)
+        scores = prequential(before, new, samples.take(~newest), MIXED)
     if not newest.all():  # fitted to the earlier logs alone
         mean = LinearPhysics(inputs)(samples.take(~newest))
-        found[LINEAR] = prediction_score(new, mean.predict(new.log))
-    return {structure: _plain(one) for structure, one in found.items()}
+        scores[LINEAR] = prediction_score(new, mean.predict(new.log))
+    return {structure: _plain(one) for structure, one in scores.items()}
 
 
-def _said(state: State, logs: Sequence[int], samples: Samples) -> list[str]:
+def _recipe_sentences(state: State, logs: Sequence[int], samples: Samples) -> list[str]:
     """Sentences of the recipe, beside the repairs of each log: the lag of motors, for example."""
-    told = [state.rounds[n].ingested for n in logs]
-    ingested = {sentence for one in told if one is not None for sentence in one.repairs}
+    facts = [state.rounds[n].ingested for n in logs]
+    ingested = {sentence for one in facts if one is not None for sentence in one.repairs}
     return [sentence for sentence in samples.log.repairs if sentence not in ingested]
 
 
-def _plain(found: PredictionScore) -> PrequentialScore:
-    every = found.usable
+def _plain(score: PredictionScore) -> PrequentialScore:
+    every = score.usable
     return PrequentialScore(
-        nmse=jsonable(found.nmse),
-        z2=jsonable(found.z2),
-        coverage=jsonable(found.coverage),
-        msll=jsonable(found.msll),
+        nmse=jsonable(score.nmse),
+        z2=jsonable(score.z2),
+        coverage=jsonable(score.coverage),
+        msll=jsonable(score.msll),
         nmse_all=jsonable(every.nmse),
         z2_all=jsonable(every.z2),
         coverage_all=jsonable(every.coverage),
@@ -461,8 +467,8 @@ def _left_out(selection: ModelSelection) -> dict[str, float | None]:
 
 def _new_motion(selection: ModelSelection) -> NewMotionScores:
     """Scores of the structure in use, and of linear regression, on logs left out."""
-    found, linear = selection.left_out, selection.held_out[LINEAR].error
-    samples, count = selection.samples, len(np.unique(found.fold))
+    residuals, linear = selection.left_out, selection.held_out[LINEAR].error
+    samples, count = selection.samples, len(np.unique(residuals.fold))
     trivial = trivial_prediction(samples)
 
     def scored(error: Array, variance: Array | None) -> Figures:
@@ -470,7 +476,7 @@ def _new_motion(selection: ModelSelection) -> NewMotionScores:
         mean = np.where(use, selection.judge - error, 0.0)
         return figures(selection.judge, mean, variance, use, trivial)
 
-    used, plain = scored(found.error, found.variance), scored(linear, None)
+    used, plain = scored(residuals.error, residuals.variance), scored(linear, None)
     values = {name: jsonable(getattr(used, name)) for name in ("nmse", "z2", "coverage", "msll")}
     return NewMotionScores(count, PrequentialScore(**values), jsonable(plain.nmse))
 
@@ -493,12 +499,12 @@ def _held_out(campaign: Campaign, log: Samples, rng: np.random.Generator, gap_s:
     inputs = campaign.kind.inputs(campaign.spec, campaign.config).fitted(train)
     selection = _selected(campaign, train, inputs, rng)
     scores = prequential(selection.model, test, together=MIXED)
-    nmse = {structure: jsonable(found.nmse) for structure, found in scores.items() if structure != LINEAR}
+    nmse = {structure: jsonable(score.nmse) for structure, score in scores.items() if structure != LINEAR}
     linear = LinearPhysics(selection.model.inputs)(train).predict(test.log)
     beside = prediction_score(test, linear)
     nmse["linear regression"] = jsonable(beside.nmse)
     every = {
-        structure: jsonable(found.usable.nmse) for structure, found in scores.items() if structure != LINEAR
+        structure: jsonable(score.usable.nmse) for structure, score in scores.items() if structure != LINEAR
     }
     every["linear regression"] = jsonable(beside.usable.nmse)
     return BlockScores(tuple(held_out_blocks()), BLOCKS, label(selection.model.in_use), nmse, every)

@@ -71,49 +71,49 @@ class Ask(Common):
         from etude.campaign.propose.proposal import as_facts
 
         campaign = opened(self.folder)
-        found = self._found(campaign, say)
-        unverified, slowly = _unverified(found), self.speed == 100 and _assumed(found.certificate)
-        files = [str(found.folder / name) for name in (*FILES, *((FEEDFORWARD,) if self.confirm else ()))]
+        proposal = self._propose(campaign, say)
+        unverified, slowly = _unverified(proposal), self.speed == 100 and _assumed(proposal.certificate)
+        files = [str(proposal.folder / name) for name in (*FILES, *((FEEDFORWARD,) if self.confirm else ()))]
         lines = [
-            *(f"! {notice}" for notice in found.certificate.warnings),
-            f"Trajectory {found.number}, {found.duration:g} s: {found.status}",
-            *_renewed(found),
-            table(ROW, _rows([row for row in found.certificate.seen if row.upper < math.inf]), keys=2),
-            *_distances([row for row in found.certificate.seen if row.upper == math.inf]),
-            *_swept(found.swept),
-            *_control(found.certificate),
-            f"Proved for all times{_sampled(found.certificate)}; {_ends(found.certificate)}.",
+            *(f"! {notice}" for notice in proposal.certificate.warnings),
+            f"Trajectory {proposal.number}, {proposal.duration:g} s: {proposal.status}",
+            *_renewed(proposal),
+            table(ROW, _rows([row for row in proposal.certificate.seen if row.upper < math.inf]), keys=2),
+            *_distances([row for row in proposal.certificate.seen if row.upper == math.inf]),
+            *_swept(proposal.swept),
+            *_control(proposal.certificate),
+            f"Proved for all times{_sampled(proposal.certificate)}; {_ends(proposal.certificate)}.",
             *_to_confirm(campaign.spec),
             "Not verified:",
             *(f"  - {sentence}" for sentence in unverified),
             "Written:",
             *(f"  {name}" for name in files),
-            *([] if found.approach is None else _approach(found.approach)),
-            *(line for one in found.exported for line in _exported(one)),
+            *([] if proposal.approach is None else _approach(proposal.approach)),
+            *(line for one in proposal.exported for line in _exported(one)),
             *([] if self.start else _offered(campaign)),
             *([SLOWLY] if slowly else []),
             *_then(self),
         ]
         data = {
-            "number": found.number,
-            "new": found.new,
-            "status": found.status,
-            "duration": found.duration,
+            "number": proposal.number,
+            "new": proposal.new,
+            "status": proposal.status,
+            "duration": proposal.duration,
             "speed": self.speed,
             "files": files,
-            "certified": found.certificate.ok,
-            "exported": {one.format: [str(path) for path in one.files] for one in found.exported},
-            "slack": _slack(found.certificate.seen),
-            "way": [] if found.approach is None else [str(path) for path in found.approach.files],
-            "renewed": _renewed(found),
+            "certified": proposal.certificate.ok,
+            "exported": {one.format: [str(path) for path in one.files] for one in proposal.exported},
+            "slack": _slack(proposal.certificate.seen),
+            "way": [] if proposal.approach is None else [str(path) for path in proposal.approach.files],
+            "renewed": _renewed(proposal),
             "to_confirm": to_confirm(campaign.spec),
             "not_verified": unverified,
-            "warnings": [one.facts() for one in found.certificate.warnings],
-            "swept": as_facts(found.swept),
+            "warnings": [one.facts() for one in proposal.certificate.warnings],
+            "swept": as_facts(proposal.swept),
         }
         return Outcome("\n".join(lines), data)
 
-    def _found(self, campaign: Campaign, say: Say) -> Proposal:
+    def _propose(self, campaign: Campaign, say: Say) -> Proposal:
         if self.confirm:
             from etude.campaign.evaluate.confirm import ask_to_confirm
 
@@ -157,11 +157,11 @@ def _swept(rows: Sequence[Swept]) -> list[str]:
     return [table(["swept", "of the range", "of the collision-free range", "limited by"], body)]
 
 
-def _then(asked: Ask) -> list[str]:
-    folder = typed(asked.folder)
-    if asked.payload:
+def _then(command: Ask) -> list[str]:
+    folder = typed(command.folder)
+    if command.payload:
         return [f"Run it with the payload, then: etude payload {folder} --log LOG"]
-    if not asked.confirm:
+    if not command.confirm:
         return [f"Run it, then: etude tell {folder} LOG"]
     return [
         f"Run trajectory.csv, the feedback alone: etude tell {folder} LOG --confirm without",
@@ -169,17 +169,17 @@ def _then(asked: Ask) -> list[str]:
     ]
 
 
-def _renewed(found: Proposal) -> list[str]:
+def _renewed(proposal: Proposal) -> list[str]:
     """Which files were written anew, and why."""
-    own = [*found.renewed, *(() if found.approach is None else found.approach.renewed)]
-    return [*own, *(sentence for one in found.exported for sentence in one.renewed)]
+    sentences = [*proposal.renewed, *(() if proposal.approach is None else proposal.approach.renewed)]
+    return [*sentences, *(sentence for one in proposal.exported for sentence in one.renewed)]
 
 
-def _unverified(found: Proposal) -> list[str]:
+def _unverified(proposal: Proposal) -> list[str]:
     """What is not verified; the way is proved where it was asked for."""
     from etude.limits.certificate import APPROACH
 
-    return [one for one in found.certificate.not_verified if found.approach is None or one != APPROACH]
+    return [one for one in proposal.certificate.not_verified if proposal.approach is None or one != APPROACH]
 
 
 def _approach(approach: Approached) -> list[str]:
@@ -221,21 +221,21 @@ def _row(row: Proof, part: str) -> list[str]:
     """What is asked, what tracking may add, and the limit of both together."""
     from etude.limits.certificate import tracked_in_words, utilization
 
-    asked = f"{row.proved_lower:.3g}..{row.proved_upper:.3g}"
+    planned = f"{row.proved_lower:.3g}..{row.proved_upper:.3g}"
     limit = f"{row.lower - row.tracking_margin:.3g}..{row.upper + row.tracking_margin:.3g}"
     quantity = f"{row.quantity}, {part}" if part else row.quantity
-    return [row.axis, quantity, asked, tracked_in_words(row), limit, f"{100 * utilization(row):.0f} %"]
+    return [row.axis, quantity, planned, tracked_in_words(row), limit, f"{100 * utilization(row):.0f} %"]
 
 
 def _slack(rows: Sequence[Proof]) -> dict[str, float]:
     """The least slack of each axis and quantity, by both names."""
     from etude.limits.certificate import slack
 
-    found: dict[str, float] = {}
+    slacks: dict[str, float] = {}
     for row in rows:
         name = f"{row.axis} {row.quantity}"
-        found[name] = min(slack(row), found.get(name, math.inf))
-    return found
+        slacks[name] = min(slack(row), slacks.get(name, math.inf))
+    return slacks
 
 
 def _distances(rows: Sequence[Proof]) -> list[str]:
@@ -254,10 +254,10 @@ def _least(rows: Sequence[Proof]) -> list[str]:
     lines = [table([f"{head} of", "proved at least", "to keep"], near)]
     where = [f"  - {row.axis}: {place_of(row)}" for row in rows[:NEAREST] if place_of(row)]
     lines += ["Where they come nearest:", *where] if where else []
-    rest = rows[NEAREST:]
-    if rest:
-        least = min(row.proved_lower for row in rest)
-        lines.append(f"{len(rest)} more {name}, all at least {least:.4g}{unit}.")
+    others = rows[NEAREST:]
+    if others:
+        least = min(row.proved_lower for row in others)
+        lines.append(f"{len(others)} more {name}, all at least {least:.4g}{unit}.")
     return lines
 
 

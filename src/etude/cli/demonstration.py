@@ -90,10 +90,10 @@ def run(
     done: list[SimulatedRound] = []
     from etude.campaign.simulation import simulate
 
-    for found in simulate(campaign, rounds or show.rounds, say=say):
-        done.append(found)
-        error = next(iter(found.mean_errors().values()))
-        say(f"After {found.robot_seconds:.0f} s of motion: {error:.3f} {found.unit} on the test motion.")
+    for result in simulate(campaign, rounds or show.rounds, say=say):
+        done.append(result)
+        error = next(iter(result.mean_errors().values()))
+        say(f"After {result.robot_seconds:.0f} s of motion: {error:.3f} {result.unit} on the test motion.")
     say("Drawing the report.")
     report = build_report(campaign.path)
     figures = {
@@ -114,13 +114,13 @@ def run(
 
 def _show(robot: str, kind: str) -> Show:
     """What is shown of that robot; the default demo takes robots of any kind."""
-    own = find_robot(robot)[0].name
-    if kind != next(iter(SHOWS)) and own != kind:
+    robot_kind = find_robot(robot)[0].name
+    if kind != next(iter(SHOWS)) and robot_kind != kind:
         raise UsageError(
-            f"'{robot}' is of the kind {own!r}, not {kind!r}",
+            f"'{robot}' is of the kind {robot_kind!r}, not {kind!r}",
             next_step=f"Leave out `{kind}`, or name another robot.",
         )
-    return SHOWS.get(own, Show())
+    return SHOWS.get(robot_kind, Show())
 
 
 def _new_folder() -> Path:

@@ -32,12 +32,12 @@ class Doctor(Common):
 
     def run(self, _: Say) -> Outcome:
 
-        found = examined()
-        first = max(len(one.name) for one in found)
-        lines = [f"{one.sign:<6} {one.name:<{first}}  {one.sentence}" for one in found]
-        needed = [one for one in found if one.light == "red"]
+        checks = examined()
+        first = max(len(one.name) for one in checks)
+        lines = [f"{one.sign:<6} {one.name:<{first}}  {one.sentence}" for one in checks]
+        needed = [one for one in checks if one.light == "red"]
         lines += ["", "Something that is needed is missing." if needed else "All that is needed is there."]
-        data = {"checks": [asdict(one) for one in found], "ok": not needed}
+        data = {"checks": [asdict(one) for one in checks], "ok": not needed}
         return Outcome("\n".join(lines), data, 1 if needed else 0)
 
 
@@ -80,16 +80,16 @@ def examined() -> list[Check]:
 def versions() -> list[Check]:
     """Of Étude, Python and every library that it needs."""
     system = f"{platform.system()} {platform.machine()}"
-    found = [
+    checks = [
         Check("etude", "green", f"{__version__}, Python {platform.python_version()}, {system}"),
         *_name(),
     ]
     for library in _needs(""):
         try:
-            found.append(Check(library, "green", metadata.version(library)))
+            checks.append(Check(library, "green", metadata.version(library)))
         except metadata.PackageNotFoundError:
-            found.append(Check(library, "red", f"not installed: pip install {library}"))
-    return found
+            checks.append(Check(library, "red", f"not installed: pip install {library}"))
+    return checks
 
 
 def _name() -> list[Check]:
@@ -108,9 +108,9 @@ def threads() -> list[Check]:
     usable = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     limits = [f"{name}={os.environ[name]}" for name in sorted(os.environ) if name.endswith("_NUM_THREADS")]
     pools = {
-        f"{own['internal_api']} {own['version']}, {own['num_threads']} thread{'s' * (own['num_threads'] > 1)}"
-        for own in threadpool_info()
-        if own["user_api"] == "blas"
+        f"{p['internal_api']} {p['version']}, {p['num_threads']} thread{'s' * (p['num_threads'] > 1)}"
+        for p in threadpool_info()
+        if p["user_api"] == "blas"
     }
     return [
         Check("cores", "green", f"{usable} usable{''.join(f', {limit}' for limit in limits)}"),
@@ -128,22 +128,22 @@ def places() -> list[Check]:
         )
     cache = _cache_folder()
     if cache is None:
-        words = "no folder for compiled code: every command compiles again; set NUMBA_CACHE_DIR"
-        return [folder_check, Check("numba cache", "yellow", words)]
+        sentence = "no folder for compiled code: every command compiles again; set NUMBA_CACHE_DIR"
+        return [folder_check, Check("numba cache", "yellow", sentence)]
     return [folder_check, Check("numba cache", "green", f"in {cache}")]
 
 
 def compilers() -> list[Check]:
     """Of C, for what is exported."""
-    found = []
+    checks = []
     for tool, what in TOOLS.items():
         path = shutil.which(tool)
         version = _version_of(path) if path else ""
         if version:
-            found.append(Check(tool, "green", version))
+            checks.append(Check(tool, "green", version))
         else:
-            found.append(Check(tool, "yellow", f"{'does not run' if path else 'not installed'}: {what}"))
-    return found
+            checks.append(Check(tool, "yellow", f"{'does not run' if path else 'not installed'}: {what}"))
+    return checks
 
 
 def browser() -> Check:
@@ -156,17 +156,19 @@ def browser() -> Check:
 
 def extras() -> list[Check]:
     """Each extra with the one line that installs it."""
-    found = []
+    checks = []
     for extra in sorted(set(_stated("Provides-Extra")) - set(EXTRAS_NOT_OF_USERS)):
-        missing = [own for own in _requirements(extra) if not _there(_name_of(own))]
+        missing = [requirement for requirement in _requirements(extra) if not _there(_name_of(requirement))]
         if missing:
             # by the libraries' names: the extra's would fetch a stranger's package, docs/decisions/0048
-            asked = " ".join(f"'{own}'" for own in missing)
-            words = f"{', '.join(_name_of(own) for own in missing)} missing: pip install {asked}"
-            found.append(Check(f"extra {extra}", "yellow", words))
+            quoted = " ".join(f"'{requirement}'" for requirement in missing)
+            sentence = (
+                f"{', '.join(_name_of(requirement) for requirement in missing)} missing: pip install {quoted}"
+            )
+            checks.append(Check(f"extra {extra}", "yellow", sentence))
         else:
-            found.append(Check(f"extra {extra}", "green", ", ".join(_needs(extra))))
-    return found
+            checks.append(Check(f"extra {extra}", "green", ", ".join(_needs(extra))))
+    return checks
 
 
 def _needs(extra: str) -> list[str]:
@@ -176,12 +178,12 @@ def _needs(extra: str) -> list[str]:
 
 def _requirements(extra: str) -> list[str]:
     """The same with their bounds, as pip takes them: "rosbags>=0.10.9"."""
-    found = []
+    requirements = []
     for line in _stated("Requires-Dist"):
-        own = re.search(r"extra == ['\"]([\w-]+)['\"]", line)
-        if (own[1] if own else "") == extra:
-            found.append(line.partition(";")[0].replace(" ", ""))
-    return found
+        match = re.search(r"extra == ['\"]([\w-]+)['\"]", line)
+        if (match[1] if match else "") == extra:
+            requirements.append(line.partition(";")[0].replace(" ", ""))
+    return requirements
 
 
 def _name_of(requirement: str) -> str:
@@ -229,8 +231,8 @@ def _cache_folder() -> Path | None:
     import etude
 
     beside = Path(etude.__file__).parent / "__pycache__"
-    given = os.environ.get("NUMBA_CACHE_DIR")
-    candidates = [Path(given)] if given else [beside, Path.home() / ".cache"]
+    configured = os.environ.get("NUMBA_CACHE_DIR")
+    candidates = [Path(configured)] if configured else [beside, Path.home() / ".cache"]
     return next((folder for folder in candidates if folder.is_dir() and _writable(folder)), None)
 
 
@@ -241,13 +243,13 @@ class Plugins(Common):
     def run(self, _: Say) -> Outcome:
         from etude.plugins import GROUPS, listed
 
-        found = listed(tried=True)
+        plugins = listed(tried=True)
         lines = []
         for group in GROUPS:
-            rows = [_row(plugin) for plugin in found if plugin.group == group]
+            rows = [_row(plugin) for plugin in plugins if plugin.group == group]
             lines += [group, *(_columns(rows) or ["  none yet"]), ""]
-        lines += _problems(found)
-        return Outcome("\n".join(lines).rstrip(), {"plugins": [asdict(plugin) for plugin in found]})
+        lines += _problems(plugins)
+        return Outcome("\n".join(lines).rstrip(), {"plugins": [asdict(plugin) for plugin in plugins]})
 
 
 def _row(plugin: Plugin) -> tuple[str, str, str]:
@@ -262,5 +264,5 @@ def _columns(rows: Sequence[tuple[str, str, str]]) -> list[str]:
     return [f"  {name:<{first}}  {target:<{second}}  {source}".rstrip() for name, target, source in rows]
 
 
-def _problems(found: Sequence[Plugin]) -> list[str]:
-    return [f"(!) {p.name} of {p.group} ({p.source}): {p.problem}." for p in found if p.problem]
+def _problems(plugins: Sequence[Plugin]) -> list[str]:
+    return [f"(!) {p.name} of {p.group} ({p.source}): {p.problem}." for p in plugins if p.problem]

@@ -43,8 +43,8 @@ CURSOR = b"\r\x1b[K\x1b[?25h"
 """Clears the line of a progress bar, which is never finished now, and shows the cursor that it hid."""
 
 
-def end_on_interrupt(words: str, line: Callable[[int], str] = lambda _: "") -> None:
-    """From now on Ctrl-C prints `words` on stderr and `line` of the code, if any, on stdout, and ends with
+def end_on_interrupt(message: str, line: Callable[[int], str] = lambda _: "") -> None:
+    """From now on Ctrl-C prints `message` on stderr and `line` of the code, if any, on stdout, and ends with
     code 130; SIGTERM does so with 143.
 
     Does nothing where the signal is ignored (a job in the background), is handled already, or cannot be
@@ -67,7 +67,7 @@ def end_on_interrupt(words: str, line: Callable[[int], str] = lambda _: "") -> N
         try:
             if os.getpid() == owner:  # a forked child ends silently
                 _end_children()
-                _say(screen, words, line(code))
+                _say(screen, message, line(code))
         finally:
             os._exit(code)
 
@@ -90,14 +90,14 @@ def _screen() -> int:
         return 2
 
 
-def _say(screen: int, words: str, line: str) -> None:
+def _say(screen: int, message: str, line: str) -> None:
     # not by print: the signal may have come in the middle of one, and then it refuses to be entered again
     with contextlib.suppress(Exception):
         sys.stdout.flush()
     with contextlib.suppress(OSError):
         if os.isatty(screen):
             os.write(screen, CURSOR)
-        os.write(screen, f"{words}\n".encode())
+        os.write(screen, f"{message}\n".encode())
         if line:
             os.write(1, f"{line}\n".encode())
 
@@ -122,13 +122,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if arguments is not None:
         return _guarded(list(arguments))
     gc.set_threshold(SELDOM)
-    given = sys.argv[1:]
-    words = OF_DEMO if given[:1] == ["demo"] else KEPT
-    as_json = "--json" in given
+    argv = sys.argv[1:]
+    message = OF_DEMO if argv[:1] == ["demo"] else KEPT
+    as_json = "--json" in argv
     end_on_interrupt(
-        _block(words), lambda code: _error_line("Interrupted", words, "", "", code) if as_json else ""
+        _block(message), lambda code: _error_line("Interrupted", message, "", "", code) if as_json else ""
     )
-    code = _guarded(given)
+    code = _guarded(argv)
     ignore_from_now()
     gc.freeze()  # Python looks for circles once more at the end, among all that was loaded; nobody needs that
     return code
@@ -147,30 +147,30 @@ def strangers() -> list[str]:
     """
     from importlib import metadata  # here: every command imports this module, few need it
 
-    found = []
-    for own in metadata.distributions():
-        name = re.sub(r"[-_.]+", "-", own.name or "").lower()  # as PEP 503 compares names
-        if name != OURS and f"\n{OURS}/" in f"\n{own.read_text('RECORD') or ''}":
-            found.append(f"{own.name} {own.version}")
-    return sorted(found)
+    others = []
+    for distribution in metadata.distributions():
+        name = re.sub(r"[-_.]+", "-", distribution.name or "").lower()  # as PEP 503 compares names
+        if name != OURS and f"\n{OURS}/" in f"\n{distribution.read_text('RECORD') or ''}":
+            others.append(f"{distribution.name} {distribution.version}")
+    return sorted(others)
 
 
 def conflict() -> str:
     """One sentence on who else installed a package `etude` here; "" if nobody did."""
-    found = strangers()
-    if not found:
+    others = strangers()
+    if not others:
         return ""
-    names = ", ".join(found)
+    names = ", ".join(others)
     return f"another distribution here installs a package etude too ({names}): its files lie over ours"
 
 
-def _guarded(given: list[str]) -> int:
-    as_json = "--json" in given
+def _guarded(arguments: list[str]) -> int:
+    as_json = "--json" in arguments
     try:
-        return _run(given)
+        return _run(arguments)
     except SystemExit as exit:
-        if (own := _plugin_error(exit)) is not None:
-            return _report(as_json, "PluginError", *own, 2)
+        if (details := _plugin_error(exit)) is not None:
+            return _report(as_json, "PluginError", *details, 2)
         return 2 if exit.code else 0  # tyro has printed the help
     except EtudeError as error:
         return _report(
@@ -183,13 +183,13 @@ def _guarded(given: list[str]) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
     except Exception as error:
-        return _unforeseen(error, as_json)
+        return _report_unexpected(error, as_json)
 
 
-def _unforeseen(error: Exception, as_json: bool) -> int:
+def _report_unexpected(error: Exception, as_json: bool) -> int:
     """Says who failed: a plug-in, the machine, or Étude with its traceback. Returns the exit code."""
-    if (own := _plugin_error(error)) is not None:
-        return _report(as_json, "PluginError", *own, 2)
+    if (details := _plugin_error(error)) is not None:
+        return _report(as_json, "PluginError", *details, 2)
     if isinstance(error, OSError):  # a file or folder: the machine's words help more
         where = "" if error.filename is None else str(error.filename)
         fact = f"the machine refused: {error.strerror or error}"
@@ -205,18 +205,18 @@ def _plugin_error(error: BaseException) -> tuple[str, str, str] | None:
     """Fact, place and next step of an error that arose in a plug-in's code; None if in ours."""
     from etude.plugins import raised_in
 
-    found = raised_in(error)
-    if found is None:
+    origin = raised_in(error)
+    if origin is None:
         return None
-    name, line = found
+    name, line = origin
     step = "Repair the plug-in; a suite of etude.testing tells what it must do. Nothing committed was lost."
-    said = " ".join(str(error).split())  # one sentence is one line
-    return f"the plug-in {name} raised {type(error).__name__}: {said}", line, step
+    message = " ".join(str(error).split())  # one sentence is one line
+    return f"the plug-in {name} raised {type(error).__name__}: {message}", line, step
 
 
-def _run(given: list[str]) -> int:
-    _require_no_empty(given)
-    if given == ["--version"]:
+def _run(arguments: list[str]) -> int:
+    _require_no_empty(arguments)
+    if arguments == ["--version"]:
         print(f"etude {__version__}", flush=True)
         if clash := conflict():
             _tell(f"Warning: {clash}.\n{OWN_ENVIRONMENT}")
@@ -225,7 +225,7 @@ def _run(given: list[str]) -> int:
     from etude.cli.parse import command as command_of
     from etude.cli.terminal import fitted, progress_shown
 
-    command = command_of(given)
+    command = command_of(arguments)
     if command.trust and (files := command.trust_files()) is not None:
         _tell(TRUSTED.format(files))
     # a plug-in may print: what a machine reads from stdout is one line of JSON
@@ -241,9 +241,9 @@ def _run(given: list[str]) -> int:
     return outcome.exit_code
 
 
-def _require_no_empty(given: Sequence[str]) -> None:
+def _require_no_empty(arguments: Sequence[str]) -> None:
     """UsageError: an argument is empty, which would name the folder that one is in; an option's may be."""
-    for before, argument in zip(["", *given], given, strict=False):
+    for before, argument in zip(["", *arguments], arguments, strict=False):
         if not argument and not before.startswith("--"):
             raise UsageError(
                 "an argument is empty",
@@ -265,9 +265,9 @@ def _report(as_json: bool, kind: str, fact: str, where: str, next_step: str, exi
 
 
 def _block(fact: str, where: str = "", next_step: str = "") -> str:
-    first, _, rest = fact.partition(" ")
+    first, _, remainder = fact.partition(" ")
     # files, code and keys keep their names
-    named = bool(re.search(r"[/:._]", first)) or rest.startswith("= ")
+    named = bool(re.search(r"[/:._]", first)) or remainder.startswith("= ")
     lines = [f"etude: {fact if named else fact[:1].upper() + fact[1:]}"]
     lines += [f"  where: {where}"] if where else []
     lines += [f"  next:  {next_step}"] if next_step else []

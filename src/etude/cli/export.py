@@ -56,10 +56,10 @@ class Export(Common):
         )
         if not self.fade:
             options["fade"] = False
-        found = export(campaign, self.to, self.output, **options)
-        lines = [*found.said, "Written:", *(f"  {found.folder / name}" for name in found.files)]
-        data = {"target": found.target, "folder": str(found.folder), "files": list(found.files)}
-        return Outcome("\n".join(lines), {**data, **found.facts})
+        exported = export(campaign, self.to, self.output, **options)
+        lines = [*exported.said, "Written:", *(f"  {exported.folder / name}" for name in exported.files)]
+        data = {"target": exported.target, "folder": str(exported.folder), "files": list(exported.files)}
+        return Outcome("\n".join(lines), {**data, **exported.facts})
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -87,12 +87,17 @@ class Predict(Common):
         campaign = opened(self.folder)
         path = self.output or self.motion.with_name(f"{self.motion.stem}.commands.csv")
         check_table(path)
-        found = predict(campaign, self.motion, degrees=self.degrees, say=say)
-        write_table(path, found)
-        for sentence in found.repairs:
+        prediction = predict(campaign, self.motion, degrees=self.degrees, say=say)
+        write_table(path, prediction)
+        for sentence in prediction.repairs:
             say(sentence)
-        channel = found.channels["command"]
+        channel = prediction.channels["command"]
         units = ", ".join(f"{p} [{u or '1'}]" for p, u in zip(channel.parts, channel.units, strict=True))
-        outside = dict(zip(channel.parts, found["outside"].mean(axis=0).tolist(), strict=True))
-        data = {"output": str(path), "rows": len(found), "outside": outside, "repairs": list(found.repairs)}
-        return Outcome(f"{len(found)} commands and deviations of {units}\nWritten: {path}", data)
+        outside = dict(zip(channel.parts, prediction["outside"].mean(axis=0).tolist(), strict=True))
+        data = {
+            "output": str(path),
+            "rows": len(prediction),
+            "outside": outside,
+            "repairs": list(prediction.repairs),
+        }
+        return Outcome(f"{len(prediction)} commands and deviations of {units}\nWritten: {path}", data)

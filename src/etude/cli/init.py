@@ -90,46 +90,48 @@ class Init(Common):
 
     def _limits(self) -> dict[str, dict[str, float]]:
         """By joint or pattern, in place of the file's."""
-        found: dict[str, dict[str, float]] = {}
+        limits: dict[str, dict[str, float]] = {}
         for joint, (low, high) in _ranges(self.range).items():
-            found[joint] = {"lower": low, "upper": high}
-        for name, given, form in (
+            limits[joint] = {"lower": low, "upper": high}
+        for name, entries, form in (
             ("velocity", self.velocity, VELOCITY),
             ("acceleration", self.acceleration, ACCELERATION),
             ("command", self.command, COMMAND),
         ):
-            for joint, value in _numbers(given, form).items():
-                found.setdefault(joint, {})[name] = value
-        return found
+            for joint, value in _numbers(entries, form).items():
+                limits.setdefault(joint, {})[name] = value
+        return limits
 
 
-def _split(given: tuple[str, ...]) -> tuple[str, ...]:
+def _split(entries: tuple[str, ...]) -> tuple[str, ...]:
     """Words with commas between them are several."""
-    return tuple(word for one in given for word in one.split(",") if word)
+    return tuple(word for one in entries for word in one.split(",") if word)
 
 
-def _numbers(given: tuple[str, ...], form: tuple[str, str, str]) -> dict[str, float]:
+def _numbers(entries: tuple[str, ...], form: tuple[str, str, str]) -> dict[str, float]:
     """Numbers by joint of joint=number. UsageError, in the words of `form`, if one is no such thing."""
     from etude.errors import UsageError
 
-    found, (option, wanted, example) = {}, form
-    for one in _split(given):
+    numbers, (option, expected, example) = {}, form
+    for one in _split(entries):
         joint, _, number = one.rpartition("=")
         try:
-            found[joint] = float(number)
+            numbers[joint] = float(number)
         except ValueError:
             joint = ""
         if not joint:
-            raise UsageError(f"{one!r} is no {wanted}", where=option, next_step=f"Write {option} {example}.")
-    return found
+            raise UsageError(
+                f"{one!r} is no {expected}", where=option, next_step=f"Write {option} {example}."
+            )
+    return numbers
 
 
-def _ranges(given: tuple[str, ...]) -> dict[str, tuple[float, float]]:
+def _ranges(entries: tuple[str, ...]) -> dict[str, tuple[float, float]]:
     """Ends by joint of joint=lower:upper. UsageError if one is no such thing."""
     from etude.errors import UsageError
 
-    found = {}
-    for one in _split(given):
+    ranges = {}
+    for one in _split(entries):
         joint, _, ends = one.rpartition("=")
         try:
             low, high = (float(end) for end in ends.split(":"))
@@ -139,8 +141,8 @@ def _ranges(given: tuple[str, ...]) -> dict[str, tuple[float, float]]:
             raise UsageError(
                 f"{one!r} is no joint=lower:upper", where="--range", next_step="Write --range wrist=-3.1:3.1."
             )
-        found[joint] = (low, high)
-    return found
+        ranges[joint] = (low, high)
+    return ranges
 
 
 def _moves(campaign: Campaign) -> str:

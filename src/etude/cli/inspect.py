@@ -54,42 +54,44 @@ class Inspect(Common):
                 )
             text = mapping_of(self.log, self.robot, self.topic)
             return Outcome(text.rstrip(), {"mapping": text})
-        found = inspect(self.log, self.robot or None, degrees=self.degrees, topics=self.topic)
+        inspection = inspect(self.log, self.robot or None, degrees=self.degrees, topics=self.topic)
         if self.picture is not None:
-            _draw(found, self.picture, self.log)
+            _draw(inspection, self.picture, self.log)
         data = {
             "log": str(self.log),
-            "findings": [asdict(f) for f in found.findings],
-            "refused": found.refused,
+            "findings": [asdict(f) for f in inspection.findings],
+            "refused": inspection.refused,
         }
-        return Outcome(_text(found, bool(self.robot)), data, REFUSED if found.refused else 0)
+        return Outcome(_text(inspection, bool(self.robot)), data, REFUSED if inspection.refused else 0)
 
 
-def _draw(found: Inspected, path: Path, source: Path) -> None:
+def _draw(inspection: Inspected, path: Path, source: Path) -> None:
     from etude.report.pictures import recording_picture
     from etude.storage import write_atomic
 
-    if found.log is None:
-        raise DataError("there are no rows to draw", where=str(source), next_step=found.findings[-1].sentence)
-    write_atomic(path, recording_picture(found.log, found.findings).encode())
+    if inspection.log is None:
+        raise DataError(
+            "there are no rows to draw", where=str(source), next_step=inspection.findings[-1].sentence
+        )
+    write_atomic(path, recording_picture(inspection.log, inspection.findings).encode())
 
 
-def _text(found: Inspected, described: bool) -> str:
+def _text(inspection: Inspected, described: bool) -> str:
     from etude.logs.checks.finding_texts import Mendable
 
-    width = max(len(f.check) for f in found.findings)
-    lines = [line for f in found.findings for line in _lines(f, width)]
-    counts = Counter(f.light for f in found.findings)
+    width = max(len(f.check) for f in inspection.findings)
+    lines = [line for f in inspection.findings for line in _lines(f, width)]
+    counts = Counter(f.light for f in inspection.findings)
     summary = ", ".join(f"{counts[light]} {light}" for light in ("green", "yellow", "red", "cannot tell"))
-    asked = " ".join(dict.fromkeys(f"--accept {f.flag}" for f in found.findings if f.flag))
-    mended = any(isinstance(f, Mendable) and f.light != "green" for f in found.findings)
+    flags = " ".join(dict.fromkeys(f"--accept {f.flag}" for f in inspection.findings if f.flag))
+    mended = any(isinstance(f, Mendable) and f.light != "green" for f in inspection.findings)
     end = f"tell would take this log{', repaired as said above' if mended else ' as it is'}."
     if not described:
         end = "nothing speaks against this log; what tell would say depends on the robot (--robot)."
-    if any(f.light == "red" and not f.flag for f in found.findings):
+    if any(f.light == "red" and not f.flag for f in inspection.findings):
         end = "tell would refuse this log."
-    elif asked:
-        end = f"tell would ask first; {asked} takes it as it is."
+    elif flags:
+        end = f"tell would ask first; {flags} takes it as it is."
     return "\n".join([*lines, "", f"{summary}: {end}"])
 
 

@@ -61,11 +61,11 @@ class Learn(Common):
         paths = [str(folder.absolute()) for folder in self.folders]
         for folder in self.folders:
             opened(folder)  # what is no campaign is told before anything is learned
-        found = {}
+        outcomes = {}
         for one in self._learned(paths, say):
-            found[one.folder] = one
-            say(f"{len(found)} of {len(paths)}: {one.folder}: {one.sentence.rstrip('.')}.")
-        rows = [found[path] for path in paths]
+            outcomes[one.folder] = one
+            say(f"{len(outcomes)} of {len(paths)}: {one.folder}: {one.sentence.rstrip('.')}.")
+        rows = [outcomes[path] for path in paths]
         wide = max(len(path) for path in paths)
         lines = [f"{one.folder.ljust(wide)}  {one.sentence}" for one in rows]
         data = {"campaigns": [asdict(one) for one in rows]}
@@ -78,12 +78,12 @@ class Learn(Common):
             yield from map(learn_campaign, paths)
             return
         with _engine()(self.workers, self.cluster, None, say) as engine:
-            asked = {engine.submit(learn_campaign, path): path for path in paths}
-            for done in as_completed(asked):
+            futures = {engine.submit(learn_campaign, path): path for path in paths}
+            for done in as_completed(futures):
                 try:
                     yield done.result()
                 except EtudeError as problem:  # of the engine: its process died, or the cluster went away
-                    yield LearnedFolder(asked[done], problem=str(problem))
+                    yield LearnedFolder(futures[done], problem=str(problem))
 
 
 def learn_campaign(path: str) -> LearnedFolder:
@@ -105,5 +105,5 @@ def _engine() -> Callable[..., Executor]:
     from etude.cli.study import require_studies
 
     require_studies("learn")
-    found: Callable[..., Executor] = plugins.load(GROUP, plugins.names(GROUP)[0])
-    return found
+    engine: Callable[..., Executor] = plugins.load(GROUP, plugins.names(GROUP)[0])
+    return engine

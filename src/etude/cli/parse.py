@@ -75,7 +75,7 @@ USAGE = re.compile(r"^(\S*usage:[^\n]* etude \[-h\] )\{[\w,-]+\}")
 
 
 @cache
-def in_words(command: type) -> type:
+def describe_fields(command: type) -> type:
     """The same class, its annotations completed for tyro: metavars, helps in one piece, useful defaults.
 
     docs/decisions/0057-help-texts.md counts what tyro prints without them.
@@ -83,15 +83,15 @@ def in_words(command: type) -> type:
     texts = _field_texts(command)
     hints = get_type_hints(command, include_extras=True)
     command.__annotations__ = {
-        own.name: Annotated[hints[own.name], _told(hints[own.name], texts.get(own.name))]
-        for own in fields(cast(Any, command))
+        field.name: Annotated[hints[field.name], _with_metavar(hints[field.name], texts.get(field.name))]
+        for field in fields(cast(Any, command))
     }
     return command
 
 
-def _told(hint: Any, text: str | None) -> Any:
-    given = [own for own in getattr(hint, "__metadata__", ()) if getattr(own, "metavar", None)]
-    metavar = None if given else _metavar(hint)
+def _with_metavar(hint: Any, text: str | None) -> Any:
+    marked = [mark for mark in getattr(hint, "__metadata__", ()) if getattr(mark, "metavar", None)]
+    metavar = None if marked else _metavar(hint)
     return tyro.conf.arg(metavar=metavar or None, help=text, help_behavior_hint=_default)
 
 
@@ -105,9 +105,9 @@ def _metavar(hint: Any) -> str:
         again = tyro.conf.UseAppendAction[int].__metadata__[0] in hint.__metadata__  # type: ignore[attr-defined]
         return _metavar(get_args(hint)[0]).removesuffix(" ..." if again else "\0")
     if get_origin(hint) in (Union, types.UnionType):
-        return next(_metavar(own) for own in get_args(hint) if own is not types.NoneType)
+        return next(_metavar(item) for item in get_args(hint) if item is not types.NoneType)
     if get_origin(hint) is Literal:
-        return "{" + ",".join(str(own) for own in get_args(hint) if own != "") + "}"
+        return "{" + ",".join(str(item) for item in get_args(hint) if item != "") + "}"
     if get_origin(hint) is tuple:
         return f"{_metavar(get_args(hint)[0])} ..."
     return WORDS.get(hint, "VALUE")
@@ -115,15 +115,15 @@ def _metavar(hint: Any) -> str:
 
 def _field_texts(command: type) -> dict[str, str]:
     """The string below each field of a class and its bases, its lines joined."""
-    found: dict[str, str] = {}
+    texts: dict[str, str] = {}
     for owner in reversed(command.__mro__[:-1]):
         body = ast.parse(textwrap.dedent(inspect.getsource(owner))).body[0]
         assert isinstance(body, ast.ClassDef)
         for field, text in zip(body.body, body.body[1:], strict=False):
             documented = isinstance(text, ast.Expr) and isinstance(text.value, ast.Constant)
             if isinstance(field, ast.AnnAssign) and isinstance(field.target, ast.Name) and documented:
-                found[field.target.id] = " ".join(str(cast(Any, text).value.value).split())
-    return found
+                texts[field.target.id] = " ".join(str(cast(Any, text).value.value).split())
+    return texts
 
 
 class Page(StringIO):
@@ -152,14 +152,14 @@ class Page(StringIO):
 
 
 def _broken(lines: Sequence[str]) -> list[str]:
-    found: list[str] = []
+    wrapped: list[str] = []
     for line in lines:
         fits = len(ESCAPE.sub("", line)) <= width()
         indent = "    " if "usage:" in line else ""
-        found += (
+        wrapped += (
             [line] if fits else textwrap.wrap(line, width(), subsequent_indent=indent, break_on_hyphens=False)
         )
-    return found
+    return wrapped
 
 
 def command(arguments: Sequence[str]) -> Command:
@@ -172,21 +172,21 @@ def command(arguments: Sequence[str]) -> Command:
         near = difflib.get_close_matches(first, COMMANDS, 1)
         hint = f"Did you mean {near[0]}? " if near else ""
         raise UsageError(f"there is no command {first!r}", next_step=f"{hint}etude --help lists all.")
-    known = [first] if first in COMMANDS else list(COMMANDS)
-    classes = {name: class_of(name) for name in known}
-    of_one = len(known) == 1
-    given = merged_options(arguments[1:], _several(classes[first])) if of_one else list(arguments)
-    for own in classes.values():
-        in_words(own)
+    names = [first] if first in COMMANDS else list(COMMANDS)
+    classes = {name: class_of(name) for name in names}
+    of_one = len(names) == 1
+    merged = merged_options(arguments[1:], _several(classes[first])) if of_one else list(arguments)
+    for command_class in classes.values():
+        describe_fields(command_class)
     page, wrong = Page(sys.stdout), StringIO()
     prog = f"etude {first}" if of_one else "etude"
     try:
         with redirect_stdout(page), redirect_stderr(wrong):
-            found = tyro.cli(
+            parsed = tyro.cli(
                 classes[first] if of_one else _any_of(classes),
                 prog=prog,
                 description=None if of_one else DESCRIPTION,
-                args=given,
+                args=merged,
                 config=(tyro.conf.OmitSubcommandPrefixes, tyro.conf.FlagCreatePairsOff),
             )
     except SystemExit as exit:
@@ -195,7 +195,7 @@ def command(arguments: Sequence[str]) -> Command:
         raise
     finally:
         page.printed()
-    return cast(Command, found)
+    return cast(Command, parsed)
 
 
 def _refused(box: str, prog: str) -> UsageError:
@@ -203,9 +203,9 @@ def _refused(box: str, prog: str) -> UsageError:
     # its title comes first; its frame is drawn only where the encoding has one
     drawn = [ESCAPE.sub("", row) for row in box.strip("\n").splitlines()[1:]]
     rows = [FRAME.sub("", row.strip()).strip() for row in drawn if row[:1] != "╰"]
-    words = [row for row in rows if row and "helptext" not in row and not row.endswith("--help")]
+    texts = [row for row in rows if row and "helptext" not in row and not row.endswith("--help")]
     fact, mark, hint = next(
-        (found for mark in HINTS if (found := " ".join(words).partition(mark))[1]), (" ".join(words), "", "")
+        (parts for mark in HINTS if (parts := " ".join(texts).partition(mark))[1]), (" ".join(texts), "", "")
     )
     step = f"{mark}{hint}. " if mark else ""
     return UsageError(
@@ -223,41 +223,41 @@ def merged_options(arguments: Sequence[str], several: Sequence[str]) -> list[str
     names = [word.partition("=")[0] for word in arguments]
     if all(names.count(name) < 2 for name in several):
         return list(arguments)
-    rest: list[str] = []
-    own: dict[str, list[str]] = {}
-    current = rest
+    others: list[str] = []
+    repeated: dict[str, list[str]] = {}
+    current = others
     for word, name in zip(arguments, names, strict=True):
         if name in several:
-            current = own.setdefault(name, [name])
+            current = repeated.setdefault(name, [name])
             if "=" in word:  # takes this one word alone
                 current.append(word.partition("=")[2])
-                current = rest
+                current = others
             continue
-        current = rest if word.startswith("--") else current
+        current = others if word.startswith("--") else current
         current.append(word)
-    return [*rest, *(word for words in own.values() for word in words)]
+    return [*others, *(word for group in repeated.values() for word in group)]
 
 
 def _several(command: type) -> list[str]:
     """Options of a command that take several words at once."""
-    found = []
+    options = []
     for name, hint in get_type_hints(command, include_extras=True).items():
         marks = getattr(hint, "__metadata__", ())
         bare = get_args(hint)[0] if marks else hint
         if tuple in (bare, get_origin(bare)) and not {*AT_ONCE} & {repr(mark) for mark in marks}:
             called = [mark.name for mark in marks if getattr(mark, "name", None)]
-            found.append(f"--{called[0] if called else name.replace('_', '-')}")
-    return found
+            options.append(f"--{called[0] if called else name.replace('_', '-')}")
+    return options
 
 
 def class_of(name: str) -> type:
     """The class of a command."""
     module, _, attribute = COMMANDS[name].partition(":")
-    found: type = getattr(importlib.import_module(module), attribute)
-    return found
+    command_class: type = getattr(importlib.import_module(module), attribute)
+    return command_class
 
 
 def _any_of(classes: Mapping[str, type]) -> Any:
     """The union of all commands, each under its name."""
-    own = [Annotated[found, tyro.conf.subcommand(name)] for name, found in classes.items()]
-    return functools.reduce(operator.or_, own)
+    named = [Annotated[command_class, tyro.conf.subcommand(name)] for name, command_class in classes.items()]
+    return functools.reduce(operator.or_, named)

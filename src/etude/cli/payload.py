@@ -31,7 +31,7 @@ class Payload(Common):
     def run(self, say: Say) -> Outcome:
         from etude.campaign.deployment.payload import payload
 
-        found = payload(
+        weighed = payload(
             opened(self.folder),
             self.log,
             write=self.write,
@@ -40,9 +40,9 @@ class Payload(Common):
             repair=self.repair,
             say=say,
         )
-        load, lines = found.load, list(found.said)
-        if found.written is not None:
-            lines.append(f"Written: [payload] of {found.written}")
+        load, lines = weighed.load, list(weighed.said)
+        if weighed.written is not None:
+            lines.append(f"Written: [payload] of {weighed.written}")
             lines.append(f"The model knows the robot without it. Next: etude ask {typed(self.folder)} --new")
         low, high = load.interval
         data = {
@@ -53,6 +53,6 @@ class Payload(Common):
             "centre": load.centre.tolist(),
             "centre_deviation": load.centre_deviation.tolist(),
             "left": load.left,
-            "written": None if found.written is None else str(found.written),
+            "written": None if weighed.written is None else str(weighed.written),
         }
         return Outcome("\n".join(lines), data)

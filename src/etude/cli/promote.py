@@ -41,26 +41,26 @@ class Promote(Common):
         from etude.cli.status import faults
 
         campaign = opened(self.folder)
-        found = promote(campaign, force=self.force, reason=self.reason, say=say)
-        data = asdict(found) | {"decisions": [one.decision for one in found.compared]}
-        lines = _lines(found, campaign.command.parts)
+        promotion = promote(campaign, force=self.force, reason=self.reason, say=say)
+        data = asdict(promotion) | {"decisions": [one.decision for one in promotion.compared]}
+        lines = _lines(promotion, campaign.command.parts)
         left = affected(campaign, campaign.state())
-        data |= {"refused": [one.facts() for one in found.refused]}
+        data |= {"refused": [one.facts() for one in promotion.refused]}
         data |= {"known_faults": [asdict(one) for one in left]}
         lines += faults([asdict(one) | {"sentence": one.sentence} for one in left])
-        if any(one.code in MORE_LOGS for one in found.refused) and not found.promoted:
+        if any(one.code in MORE_LOGS for one in promotion.refused) and not promotion.promoted:
             lines.append(f"Next: etude ask {typed(self.folder)} --continue, and tell its log.")
-        if found.promoted:
+        if promotion.promoted:
             lines.append(
                 f"Next: etude export {typed(self.folder)} --to c, and etude watch {typed(self.folder)} LOG."
             )
         text = "\n".join(lines)
-        return Outcome(text, data, 0 if found.promoted else REFUSED)
+        return Outcome(text, data, 0 if promotion.promoted else REFUSED)
 
 
-def _lines(found: Promotion, commands: Sequence[str]) -> list[str]:
-    model = f"The model of log {found.number} ({found.sha256[:12]})"
-    if found.repeated:
+def _lines(promotion: Promotion, commands: Sequence[str]) -> list[str]:
+    model = f"The model of log {promotion.number} ({promotion.sha256[:12]})"
+    if promotion.repeated:
         return [f"{model} is in use already."]
     rows = [
         [
@@ -71,20 +71,20 @@ def _lines(found: Promotion, commands: Sequence[str]) -> list[str]:
             *("-" if math.isnan(ratio) else f"{ratio:.3f}" for ratio in one.by_command),
             one.decision,
         ]
-        for one in found.compared
+        for one in promotion.compared
     ]
     lines = ["Errors on segments that neither has seen, over those of:"] if rows else []
     lines += [table(["", "segments", "ratio", "95 %", *commands, ""], rows)] if rows else []
-    if found.wide:
+    if promotion.wide:
         parts = [
-            [name, *("-" if part is None else f"{100 * part:.0f} %" for part in own)]
-            for name, own in (("50 %", found.narrow), ("95 %", found.wide))
+            [name, *("-" if part is None else f"{100 * part:.0f} %" for part in shares)]
+            for name, shares in (("50 %", promotion.narrow), ("95 %", promotion.wide))
         ]
         lines += ["Held-out commands inside its intervals:", table(["interval", *commands], parts)]
-    lines += [f"{one.sentence[:1].upper()}{one.sentence[1:]}." for one in found.refused]
-    if not found.promoted:
+    lines += [f"{one.sentence[:1].upper()}{one.sentence[1:]}." for one in promotion.refused]
+    if not promotion.promoted:
         return [*lines, f"{model} is not promoted. --force --reason WHY puts it in use all the same."]
-    return [*lines, f"{model} is in use now{', forced' if found.forced else ''}."]
+    return [*lines, f"{model} is in use now{', forced' if promotion.forced else ''}."]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -124,7 +124,7 @@ class Watch(Common):
     def run(self, say: Say) -> Outcome:
         from etude.campaign.deployment.monitor import watch
 
-        found = watch(
+        watched = watch(
             opened(self.folder),
             self.logs,
             degrees=self.degrees,
@@ -133,22 +133,22 @@ class Watch(Common):
             propose=not self.no_ask,
             say=say,
         )
-        refused = any(one.verdict == "refused" for one in found.logs)
-        code = code_of(changed=found.changed, refused=refused)
-        return Outcome("\n".join(_watched_lines(found, self.folder)), _data(found), code)
+        refused = any(one.verdict == "refused" for one in watched.logs)
+        code = code_of(changed=watched.changed, refused=refused)
+        return Outcome("\n".join(_watched_lines(watched, self.folder)), _data(watched), code)
 
 
-def _watched_lines(found: Watched, folder: Path) -> list[str]:
-    width = max(len(one.path.name) for one in found.logs)
-    lines = [f"{one.path.name.ljust(width)}  {_word(one)}{one.sentence}" for one in found.logs]
-    lines.append(found.sentence)
-    if found.proposal is not None:
-        made = found.proposal
+def _watched_lines(watched: Watched, folder: Path) -> list[str]:
+    width = max(len(one.path.name) for one in watched.logs)
+    lines = [f"{one.path.name.ljust(width)}  {_word(one)}{one.sentence}" for one in watched.logs]
+    lines.append(watched.sentence)
+    if watched.proposal is not None:
+        made = watched.proposal
         lines.append(f"Proposed: trajectory {made.number}, {made.duration:g} s, in {made.folder}")
         lines.append(f"Run it, then: etude tell {typed(folder)} LOG --changed new")
         lines.append(f"Then one more: etude ask {typed(folder)}. One log alone may teach less than is known.")
-    elif found.no_proposal:
-        lines.append(f"No motion is proposed: {found.no_proposal}.")
+    elif watched.no_proposal:
+        lines.append(f"No motion is proposed: {watched.no_proposal}.")
     return lines
 
 
@@ -156,22 +156,22 @@ def _word(one: WatchedLog) -> str:
     return "refused: " if one.verdict == "refused" else ""
 
 
-def _data(found: Watched) -> dict[str, Any]:
+def _data(watched: Watched) -> dict[str, Any]:
     names = ("verdict", "sentence", "seconds", "kind", "cause", "evidence", "z2", "command")
-    made = found.proposal
+    made = watched.proposal
     return {
         "model": {
-            "number": found.used.number,
-            "sha256": found.used.sha256,
-            "promoted": found.used.promoted,
+            "number": watched.used.number,
+            "sha256": watched.used.sha256,
+            "promoted": watched.used.promoted,
         },
         "logs": [
-            {"path": str(one.path), **{name: getattr(one, name) for name in names}} for one in found.logs
+            {"path": str(one.path), **{name: getattr(one, name) for name in names}} for one in watched.logs
         ],
-        "changed": found.changed,
-        "kind": found.kind,
-        "onset": found.drift_onset,
-        "sentence": found.sentence,
+        "changed": watched.changed,
+        "kind": watched.kind,
+        "onset": watched.drift_onset,
+        "sentence": watched.sentence,
         "proposal": None
         if made is None
         else {"number": made.number, "folder": str(made.folder), "duration": made.duration},

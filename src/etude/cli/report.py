@@ -19,9 +19,9 @@ def served(pages: Pages, port: int | None, as_json: bool, say: Say) -> Outcome:
     if as_json:
         step = "Leave --json out, or --serve."
         raise UsageError("--serve ends by Ctrl-C, and has no outcome", where="--json", next_step=step)
-    with server(pages, port) as found:
-        say(f"Served to this machine: http://{HOST}:{found.server_address[1]}/ (Ctrl-C ends it)")
-        found.serve_forever()
+    with server(pages, port) as web_server:
+        say(f"Served to this machine: http://{HOST}:{web_server.server_address[1]}/ (Ctrl-C ends it)")
+        web_server.serve_forever()
     return Outcome("")
 
 

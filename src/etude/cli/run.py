@@ -59,17 +59,19 @@ class RunRobot(Common):
             campaign = opened(self.folder)
             settings = read_settings(campaign, self.on)
             options = self._options(settings.on, settings.defaults)
-            told = _Told(out if self.json else None, say)
+            printer = _EventPrinter(out if self.json else None, say)
             player, person = driver_of(campaign, settings), self._person(say)
-            with self._view(told) as seen:
-                found = run_campaign(campaign, player, person, options, say=say, tell_event=told, seen=seen)
+            with self._view(printer) as put_sample:
+                result = run_campaign(
+                    campaign, player, person, options, say=say, tell_event=printer, seen=put_sample
+                )
             report = "" if self.dry_run else _report(campaign, say)
-            view = _drawn(campaign, found, say)
+            view = _drawn(campaign, result, say)
         written = {"report": report, "view": view}
-        return Outcome("\n".join(_lines(campaign, found, [report, view])), {**_data(found), **written}, 0)
+        return Outcome("\n".join(_lines(campaign, result, [report, view])), {**_data(result), **written}, 0)
 
     @contextmanager
-    def _view(self, told: _Told) -> Iterator[Seen]:
+    def _view(self, printer: _EventPrinter) -> Iterator[Seen]:
         """Who shows the samples, if anybody is to."""
         if not self.view:
             yield lambda _, __, ___: None
@@ -77,8 +79,8 @@ class RunRobot(Common):
         from etude.report.run_view import RunView
 
         with RunView(self.folder) as view:
-            told.show = view.show
-            told("view", {"address": view.address})
+            printer.show = view.show
+            printer("view", {"address": view.address})
             if not self.json:
                 view.open()
             yield view.put
@@ -154,7 +156,7 @@ class TerminalUser:
 
 
 @dataclass
-class _Told:
+class _EventPrinter:
     """What happens: lines of JSON on stdout, or a line of status a second for people."""
 
     out: TextIO | None
@@ -183,38 +185,38 @@ def _report(campaign: Campaign, say: Say) -> str:
     return str(build_report(campaign.path))
 
 
-def _drawn(campaign: Campaign, found: RunResult, say: Say) -> str:
+def _drawn(campaign: Campaign, result: RunResult, say: Say) -> str:
     """The page of the motion that a dry run would begin with; "" where there is none, or it says why."""
     from etude.errors import UsageError
     from etude.report.space import write_view
 
-    if found.planned is None:
+    if result.planned is None:
         return ""
     say("Drawing the motion.")
     try:
-        return str(write_view(campaign.path, found.planned, found.approach)[0])
+        return str(write_view(campaign.path, result.planned, result.approach)[0])
     except UsageError as error:
         say(f"The motion is not drawn: {error.fact}. {error.next_step}")
         return ""
 
 
-def _lines(campaign: Campaign, found: RunResult, written: Sequence[str]) -> list[str]:
+def _lines(campaign: Campaign, result: RunResult, written: Sequence[str]) -> list[str]:
     unit = {"rad": "deg"}.get(campaign.channel(campaign.kind.path).units[0], "m")
     rows = [
         [f"motion {one.number}", one.control, *(f"{error:.3f}" for error in one.error)]
-        for one in found.rounds
+        for one in result.rounds
     ]
-    if found.confirmed is not None:
+    if result.confirmed is not None:
         rows += [
-            [f"confirm {found.confirmed['number']}", name, *map(_shown, found.confirmed[name])]
+            [f"confirm {result.confirmed['number']}", name, *map(_shown, result.confirmed[name])]
             for name in ("without", "with")
         ]
     lines = [table([f"mean error, {unit}", "", *campaign.axes], rows, keys=2)] if rows else []
-    lines += [f"Ended: {found.why}.", *found.said]
-    if found.robot_seconds:
-        lines.append(f"The robot moved for {found.robot_seconds:.0f} s and waited for {found.stood:.0f} s.")
-    if found.promotion is not None:
-        lines += _promotion(found, campaign)
+    lines += [f"Ended: {result.why}.", *result.said]
+    if result.robot_seconds:
+        lines.append(f"The robot moved for {result.robot_seconds:.0f} s and waited for {result.stood:.0f} s.")
+    if result.promotion is not None:
+        lines += _promotion(result, campaign)
     return [*lines, *(f"Written: {path}" for path in written if path)]
 
 
@@ -222,25 +224,25 @@ def _shown(error: float | None) -> str:
     return "-" if error is None else f"{error:.3f}"
 
 
-def _promotion(found: RunResult, campaign: Campaign) -> list[str]:
-    assert found.promotion is not None
-    model = f"The model of log {found.promotion.number}"
-    if found.promotion.promoted:
+def _promotion(result: RunResult, campaign: Campaign) -> list[str]:
+    assert result.promotion is not None
+    model = f"The model of log {result.promotion.number}"
+    if result.promotion.promoted:
         return [f"{model} is in use now. Next: etude export {typed(campaign.path)} --to c"]
-    why = " ".join(f"{one.sentence[:1].upper()}{one.sentence[1:]}." for one in found.promotion.refused)
+    why = " ".join(f"{one.sentence[:1].upper()}{one.sentence[1:]}." for one in result.promotion.refused)
     return [f"{model} is not promoted. {why}"]
 
 
-def _data(found: RunResult) -> dict[str, Any]:
-    promotion = found.promotion
+def _data(result: RunResult) -> dict[str, Any]:
+    promotion = result.promotion
     return {
-        "rounds": [asdict(one) for one in found.rounds],
-        "why": found.why,
-        "robot_seconds": found.robot_seconds,
-        "stood_seconds": found.stood,
-        "confirmed": found.confirmed,
+        "rounds": [asdict(one) for one in result.rounds],
+        "why": result.why,
+        "robot_seconds": result.robot_seconds,
+        "stood_seconds": result.stood,
+        "confirmed": result.confirmed,
         "promoted": promotion is not None and promotion.promoted,
         "not_promoted": [] if promotion is None else [one.facts() for one in promotion.refused],
-        "said": list(found.said),
-        "planned": found.planned,
+        "said": list(result.said),
+        "planned": result.planned,
     }

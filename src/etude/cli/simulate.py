@@ -95,14 +95,14 @@ def _next(folder: Path, state: State) -> str:
     return f"Next: etude status {typed(folder)}, etude report {typed(folder)}, etude promote {typed(folder)}"
 
 
-def _confirmed(found: Mapping[str, Any]) -> str:
+def _confirmed(facts: Mapping[str, Any]) -> str:
     """What both runs of the motion that confirms left."""
     from etude.campaign.record.confirmation import SHOWN, in_words
 
-    none = [None] * len(found["axes"])
-    rows = [[name, *map(in_words, found[key] or none)] for key, name in SHOWN.items()]
-    unit = found["units"][0]
-    return table([f"trajectory {found['number']}, feedforward, {unit}", *found["axes"]], rows)
+    none = [None] * len(facts["axes"])
+    rows = [[name, *map(in_words, facts[key] or none)] for key, name in SHOWN.items()]
+    unit = facts["units"][0]
+    return table([f"trajectory {facts['number']}, feedforward, {unit}", *facts["axes"]], rows)
 
 
 def _learning(method: str) -> Adaptation:
@@ -113,22 +113,22 @@ def _learning(method: str) -> Adaptation:
     return made
 
 
-def _changes(words: Sequence[str]) -> dict[str, float]:
+def _changes(entries: Sequence[str]) -> dict[str, float]:
     """By name, of name=value. UsageError if one is not."""
     from etude.errors import UsageError
 
-    found = {}
-    for word in words:
+    changes = {}
+    for word in entries:
         name, _, value = word.partition("=")
         try:
-            found[name] = float(value)
+            changes[name] = float(value)
         except ValueError:
             raise UsageError(
                 f"{word!r} is no change",
                 where="--change",
                 next_step="Write name=value, such as friction=1.5.",
             ) from None
-    return found
+    return changes
 
 
 def _figures(done: SimulatedRound) -> dict[str, Any]:
@@ -155,10 +155,10 @@ def _baselines(
     """Newest error by baseline and test, and its unit."""
     from etude.campaign.record.events import summary
 
-    found: dict[str, dict[str, float]] = {}
+    errors: dict[str, dict[str, float]] = {}
     unit = ""
     for _, run in evaluated:
         if run.baseline:
             unit = run.unit
-            found.setdefault(run.baseline, {})[run.test] = summary(run.errors, axes)
-    return found, unit
+            errors.setdefault(run.baseline, {})[run.test] = summary(run.errors, axes)
+    return errors, unit

@@ -37,76 +37,76 @@ class Status(Common):
         try:
             campaign = opened(self.folder)
         except UsageError:
-            for line in _known(self.folder):
+            for line in _journal_lines(self.folder):
                 say(line)
             raise
-        found = status(campaign)
-        return Outcome("\n".join(_lines(found)), found)
+        facts = status(campaign)
+        return Outcome("\n".join(_lines(facts)), facts)
 
 
-def _known(folder: Path) -> list[str]:
+def _journal_lines(folder: Path) -> list[str]:
     """What the journal says of a campaign that cannot be opened, as where a plug-in's package is missing."""
     from etude.campaign.evaluate.status import status_without_robot
 
-    found = status_without_robot(folder)
-    if found is None:
+    facts = status_without_robot(folder)
+    if facts is None:
         return []
-    head = f"{found['robot']} ({', '.join(found['axes'])}), preset {found['preset']}, seed {found['seed']}"
-    rest = (*_trajectories(found), *_deployed_model(found), *_problems(found))
-    return [*_alerts(found), head, *rest, "More cannot be shown:"]
+    head = f"{facts['robot']} ({', '.join(facts['axes'])}), preset {facts['preset']}, seed {facts['seed']}"
+    details = (*_trajectories(facts), *_deployed_model(facts), *_problems(facts))
+    return [*_alerts(facts), head, *details, "More cannot be shown:"]
 
 
-def _lines(found: Mapping[str, Any]) -> list[str]:
+def _lines(facts: Mapping[str, Any]) -> list[str]:
     lines = [
-        *_alerts(found),
-        f"{found['robot']} ({', '.join(found['axes'])}), preset {found['preset']}, seed {found['seed']}",
-        *_trajectories(found),
-        *_held_out(found),
-        *_new_motion(found),
-        *_prequential(found),
-        *_mixed(found),
-        *_in_words(found),
+        *_alerts(facts),
+        f"{facts['robot']} ({', '.join(facts['axes'])}), preset {facts['preset']}, seed {facts['seed']}",
+        *_trajectories(facts),
+        *_held_out(facts),
+        *_new_motion(facts),
+        *_prequential(facts),
+        *_mixed(facts),
+        *_structure_lines(facts),
     ]
-    lines += [*_deployed_model(found), *_confirmed(found)]
-    if found["calibration_factor"] is not None:
-        factor = found["calibration_factor"]
+    lines += [*_deployed_model(facts), *_confirmed(facts)]
+    if facts["calibration_factor"] is not None:
+        factor = facts["calibration_factor"]
         lines.append(f"Calibration factor {factor:.2f} (z^2 of logs left out; 1 is right).")
-    lines += _forecast(found)
-    if found["next_gain"] is not None:
+    lines += _forecast(facts)
+    if facts["next_gain"] is not None:
         lines.append(
-            f"The next trajectory is to remove {100 * found['next_gain']:.0f} % of the variance left."
+            f"The next trajectory is to remove {100 * facts['next_gain']:.0f} % of the variance left."
         )
-    if found["choice"] is not None and found["choice"] < NO_MATTER:
+    if facts["choice"] is not None and facts["choice"] < NO_MATTER:
         lines.append(
             "Which motion you run next no longer matters: the best leaves "
-            f"{100 * found['choice']:.1f} % less variance than the median random one."
+            f"{100 * facts['choice']:.1f} % less variance than the median random one."
         )
-    if found["trajectories"]:
-        verdict = found["verdict"]
+    if facts["trajectories"]:
+        verdict = facts["verdict"]
         go_on = "Go on: " if verdict["usable"] else "First mend what is red. "
         lines.append(("Stop: " if verdict["stop"] else go_on) + verdict["reason"])
-    lines += faults(found["known_faults"])
-    lines += [f"Look: {one['sentence']}. {one['step']}" for one in found["proved_otherwise"]]
-    lines += [f"Edited: {one['sentence']}. {one['step']}" for one in found["edited"]]
-    return [*lines, *_problems(found)]
+    lines += faults(facts["known_faults"])
+    lines += [f"Look: {one['sentence']}. {one['step']}" for one in facts["proved_otherwise"]]
+    lines += [f"Edited: {one['sentence']}. {one['step']}" for one in facts["edited"]]
+    return [*lines, *_problems(facts)]
 
 
-def _problems(found: Mapping[str, Any]) -> list[str]:
+def _problems(facts: Mapping[str, Any]) -> list[str]:
     """Files that were damaged."""
-    return [*(f"Problem: {one['sentence']}." for one in found["problems"]), *[MEND] * bool(found["problems"])]
+    return [*(f"Problem: {one['sentence']}." for one in facts["problems"]), *[MEND] * bool(facts["problems"])]
 
 
-def _forecast(found: Mapping[str, Any]) -> list[str]:
+def _forecast(facts: Mapping[str, Any]) -> list[str]:
     """What is claimed of motion that was not seen: nothing after one log, or after slow ones."""
-    fraction, head = found["forecast_fraction"], "Expected command error: "
-    if found["scored_log"] is None:
+    fraction, head = facts["forecast_fraction"], "Expected command error: "
+    if facts["scored_log"] is None:
         return []
     if fraction is not None:
         share = (
             f"{100 * fraction:.2g} % of the limit" if fraction < 1.0 else "as large as the limit, or larger"
         )
         return [f"{head}{share} (worst axis, while it moves)."]
-    slow = any(notice["code"] == Warn.SLOW_MOTION for notice in found["alerts"])
+    slow = any(notice["code"] == Warn.SLOW_MOTION for notice in facts["alerts"])
     return [
         f"{head}not known of faster motion."
         if slow
@@ -114,20 +114,20 @@ def _forecast(found: Mapping[str, Any]) -> list[str]:
     ]
 
 
-def faults(found: Sequence[Mapping[str, str]]) -> list[str]:
+def faults(rows: Sequence[Mapping[str, str]]) -> list[str]:
     """What earlier versions left that is known to be unsafe, with what makes it again."""
-    return [f"UNSAFE [{one['code']}]: {one['sentence']}Make it again: {one['command']}" for one in found]
+    return [f"UNSAFE [{one['code']}]: {one['sentence']}Make it again: {one['command']}" for one in rows]
 
 
-def _alerts(found: Mapping[str, Any]) -> list[str]:
+def _alerts(facts: Mapping[str, Any]) -> list[str]:
     """What is bad, and what to do, before any figure."""
     lights = {"red": "RED", "yellow": "Look"}
-    return [f"{lights[n['light']]}: {n['sentence']}. {n['step']}".rstrip() for n in found["alerts"]]
+    return [f"{lights[n['light']]}: {n['sentence']}. {n['step']}".rstrip() for n in facts["alerts"]]
 
 
-def _trajectories(found: Mapping[str, Any]) -> list[str]:
-    if not found["trajectories"]:
-        return [f"Nothing asked for yet. Next: etude ask {typed(found['folder'])}"]
+def _trajectories(facts: Mapping[str, Any]) -> list[str]:
+    if not facts["trajectories"]:
+        return [f"Nothing asked for yet. Next: etude ask {typed(facts['folder'])}"]
     rows = [
         [
             str(t["number"]),
@@ -135,62 +135,62 @@ def _trajectories(found: Mapping[str, Any]) -> list[str]:
             "" if t["robot_seconds"] is None else f"{t['robot_seconds']:.1f} s",
             t["source"] or "",
         ]
-        for t in found["trajectories"]
+        for t in facts["trajectories"]
     ]
     return [table(["trajectory", "state", "motion", "log"], rows)]
 
 
-def _held_out(found: Mapping[str, Any]) -> list[str]:
-    held_out = found["held_out"]
+def _held_out(facts: Mapping[str, Any]) -> list[str]:
+    held_out = facts["held_out"]
     if held_out is None:
         return []
     blocks = ", ".join(map(str, held_out["blocks"]))
-    newest = held_out["number"] == found["scored_log"]  # later logs have chosen since
-    used = f" (selected now: {_in_use(found)})" if newest and not found["prequential"] else ""
+    newest = held_out["number"] == facts["scored_log"]  # later logs have chosen since
+    used = f" (selected now: {_in_use(facts)})" if newest and not facts["prequential"] else ""
     return [
         f"nMSE within log {held_out['number']}, blocks {blocks} of {held_out['of']} from the others{used}.",
         "It says little of another motion, which may err many times as much: tell a second log.",
-        _by_output(found, _with_selected(found, held_out["nmse"])),
-        *_standing(found, *(_with_selected(found, held_out.get(key) or {}) for key in ("nmse", "nmse_all"))),
+        _by_output(facts, _with_selected(facts, held_out["nmse"])),
+        *_standing(facts, *(_with_selected(facts, held_out.get(key) or {}) for key in ("nmse", "nmse_all"))),
     ]
 
 
-def _with_selected(found: Mapping[str, Any], scores: Mapping[str, Any]) -> dict[str, Any]:
+def _with_selected(facts: Mapping[str, Any], scores: Mapping[str, Any]) -> dict[str, Any]:
     """Scores by structure, with a row of what is selected now; blocks alone may have selected another."""
-    own = {structure: values for structure, values in scores.items() if structure != MIXED}
-    structures = found["rungs"] or []
-    if own and len(set(structures)) > 1:
+    shown = {structure: values for structure, values in scores.items() if structure != MIXED}
+    structures = facts["rungs"] or []
+    if shown and len(set(structures)) > 1:
         none = [None] * len(structures)
-        own[SELECTED] = [own.get(structure, none)[j] for j, structure in enumerate(structures)]
-    return own
+        shown[SELECTED] = [shown.get(structure, none)[j] for j, structure in enumerate(structures)]
+    return shown
 
 
-def _new_motion(found: Mapping[str, Any]) -> list[str]:
+def _new_motion(facts: Mapping[str, Any]) -> list[str]:
     """Of logs left out: how well another motion will be predicted."""
-    scores = found["new_motion"]
+    scores = facts["new_motion"]
     if scores is None:
         return []
     rows = {"in use": scores["used"].get("nmse") or [], "linear regression": scores.get("linear") or []}
     return [
         f"nMSE on new motion, each of {scores['logs']} motions predicted from the others:",
-        _by_output(found, rows),
+        _by_output(facts, rows),
     ]
 
 
-def _mixed(found: Mapping[str, Any]) -> list[str]:
-    return [MIXED_MEANS] * (MIXED in found["prequential"])
+def _mixed(facts: Mapping[str, Any]) -> list[str]:
+    return [MIXED_MEANS] * (MIXED in facts["prequential"])
 
 
-def _in_words(found: Mapping[str, Any]) -> list[str]:
+def _structure_lines(facts: Mapping[str, Any]) -> list[str]:
     """After the first log: what each output's model is made of, where."""
-    structures = found["rungs"]
-    if not structures or found["prequential"]:
+    structures = facts["rungs"]
+    if not structures or facts["prequential"]:
         return []
-    own = {
-        structure: [o for o, r in zip(found["outputs"], structures, strict=True) if r == structure]
+    by_structure = {
+        structure: [o for o, r in zip(facts["outputs"], structures, strict=True) if r == structure]
         for structure in dict.fromkeys(structures)
     }
-    return [f"{', '.join(outputs)}: {_made_of(structure)}." for structure, outputs in own.items()]
+    return [f"{', '.join(outputs)}: {_made_of(structure)}." for structure, outputs in by_structure.items()]
 
 
 def _made_of(structure: str) -> str:
@@ -203,22 +203,22 @@ def _made_of(structure: str) -> str:
     return f"{physics} alone"
 
 
-def _prequential(found: Mapping[str, Any]) -> list[str]:
-    scores = {kind: score.get("nmse") or [] for kind, score in found["prequential"].items()}
+def _prequential(facts: Mapping[str, Any]) -> list[str]:
+    scores = {kind: score.get("nmse") or [] for kind, score in facts["prequential"].items()}
     if not scores:
         return []
     return [
-        f"nMSE of log {found['scored_log']}, predicted before it was learned"
-        f" (selected now: {_in_use(found)}):",
-        _by_output(found, scores),
+        f"nMSE of log {facts['scored_log']}, predicted before it was learned"
+        f" (selected now: {_in_use(facts)}):",
+        _by_output(facts, scores),
         *_standing(
-            found, scores, {kind: score.get("nmse_all") for kind, score in found["prequential"].items()}
+            facts, scores, {kind: score.get("nmse_all") for kind, score in facts["prequential"].items()}
         ),
     ]
 
 
-def _deployed_model(found: Mapping[str, Any]) -> list[str]:
-    used = found["in_use"]
+def _deployed_model(facts: Mapping[str, Any]) -> list[str]:
+    used = facts["in_use"]
     if used is None:
         return []
     forced = ", by force" if used["forced"] else ""
@@ -226,12 +226,12 @@ def _deployed_model(found: Mapping[str, Any]) -> list[str]:
     return [f"Promoted: the model of log {used['number']} ({used['sha256'][:12]}){forced}{newer}."]
 
 
-def _confirmed(found: Mapping[str, Any]) -> list[str]:
+def _confirmed(facts: Mapping[str, Any]) -> list[str]:
     """Tracking errors of the motions that confirm, beside the forecast."""
     from etude.campaign.record.confirmation import SHOWN, in_words
 
     lines = []
-    for one in found["confirmed"]:
+    for one in facts["confirmed"]:
         if one["units"] is None:
             continue
         none = [None] * len(one["axes"])
@@ -244,30 +244,30 @@ def _confirmed(found: Mapping[str, Any]) -> list[str]:
     return lines
 
 
-def _standing(found: Mapping[str, Any], moving: Mapping[str, Any], every: Mapping[str, Any]) -> list[str]:
+def _standing(facts: Mapping[str, Any], moving: Mapping[str, Any], every: Mapping[str, Any]) -> list[str]:
     """The same with the samples of standing joints, if there were any."""
-    known = {kind: values for kind, values in every.items() if values}
-    if not known or all(values == moving.get(kind) for kind, values in known.items()):
+    scores = {kind: values for kind, values in every.items() if values}
+    if not scores or all(values == moving.get(kind) for kind, values in scores.items()):
         return []
-    return ["The same, joints at rest included while others move:", _by_output(found, known)]
+    return ["The same, joints at rest included while others move:", _by_output(facts, scores)]
 
 
-def _in_use(found: Mapping[str, Any]) -> str:
+def _in_use(facts: Mapping[str, Any]) -> str:
     """The structure of all outputs, or of each."""
-    structures = found["rungs"] or [found["chosen"]]
+    structures = facts["rungs"] or [facts["chosen"]]
     if len(set(structures)) == 1:
         return str(structures[0])
     return ", ".join(
-        f"{output} {structure}" for output, structure in zip(found["outputs"], structures, strict=True)
+        f"{output} {structure}" for output, structure in zip(facts["outputs"], structures, strict=True)
     )
 
 
-def _by_output(found: Mapping[str, Any], scores: Mapping[str, Any]) -> str:
+def _by_output(facts: Mapping[str, Any], scores: Mapping[str, Any]) -> str:
     rows = [
         [kind, *("-" if value is None else _figure(value) for value in values)]
         for kind, values in scores.items()
     ]
-    return table(["model", *found["outputs"]], rows)
+    return table(["model", *facts["outputs"]], rows)
 
 
 def _figure(value: float) -> str:

@@ -87,11 +87,11 @@ def run_study(
         UsageError: there is none of that name, it cannot be loaded, or has no use for an option given.
     """
     require_studies(what)
-    known = _known(what)
-    if name not in known:
-        listed = ", ".join(sorted(known)) or "none yet"
+    plugin_names = _study_names(what)
+    if name not in plugin_names:
+        listed = ", ".join(sorted(plugin_names)) or "none yet"
         raise UsageError(f"there is no {what} {name!r}", next_step=f"Known: {listed}.")
-    function = plugins.load(GROUP, known[name])
+    function = plugins.load(GROUP, plugin_names[name])
     taken = inspect.signature(function).parameters
     for option, flag in FLAGS.items():
         if optional.get(option) and option not in taken:
@@ -111,26 +111,26 @@ def require_studies(what: str = "study") -> None:
 
 def functions() -> dict[str, str]:
     """Studies that are a function each: name -> what the first line of its module says."""
-    found = {}
-    for name, own in _loaded().items():
-        if not isinstance(own, StudyRoom):
-            text = inspect.getdoc(inspect.getmodule(own)) or ""
-            found[name] = text.partition("\n")[0].partition(": ")[2]
-    return found
+    lines = {}
+    for name, study in _loaded().items():
+        if not isinstance(study, StudyRoom):
+            text = inspect.getdoc(inspect.getmodule(study)) or ""
+            lines[name] = text.partition("\n")[0].partition(": ")[2]
+    return lines
 
 
 def rooms() -> list[StudyRoom]:
     """Studies of many ids."""
-    return [own for own in _loaded().values() if isinstance(own, StudyRoom)]
+    return [room for room in _loaded().values() if isinstance(room, StudyRoom)]
 
 
 def _loaded() -> dict[str, Any]:
     """Every study that can be loaded; what is wrong with the others says `etude plugins`."""
-    found = {}
-    for name in _known("study"):
+    studies = {}
+    for name in _study_names("study"):
         with suppress(UsageError):
-            found[name] = plugins.load(GROUP, name)
-    return found
+            studies[name] = plugins.load(GROUP, name)
+    return studies
 
 
 def room_of(id: str) -> StudyRoom | None:
@@ -146,12 +146,12 @@ def no_study(id: str) -> UsageError:
     )
 
 
-def _known(what: str) -> dict[str, str]:
+def _study_names(what: str) -> dict[str, str]:
     """Name on the command line -> name of the plug-in."""
-    found = plugins.names(GROUP)
+    names = plugins.names(GROUP)
     if what == "bench":
-        return {name.removeprefix(BENCH): name for name in found if name.startswith(BENCH)}
-    return {name: name for name in found if not name.startswith(BENCH)}
+        return {name.removeprefix(BENCH): name for name in names if name.startswith(BENCH)}
+    return {name: name for name in names if not name.startswith(BENCH)}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -244,16 +244,16 @@ class Study(Common):
         return Outcome("")
 
     def _report(self) -> Outcome:
-        found = [room.report(self.output, self._options) for room in rooms()]
-        if not found:
+        pages = [room.report(self.output, self._options) for room in rooms()]
+        if not pages:
             raise UsageError("no study writes pages")
-        return Outcome("\n".join(text for text, _ in found), {"pages": [data for _, data in found]})
+        return Outcome("\n".join(text for text, _ in pages), {"pages": [data for _, data in pages]})
 
     def _served(self, say: Say) -> Outcome:
-        found = [room.live(self._options) for room in rooms()]
-        if not found:
+        pages = [room.live(self._options) for room in rooms()]
+        if not pages:
             raise UsageError("no study writes pages")
-        return served(found[0], self.port, self.json, say)
+        return served(pages[0], self.port, self.json, say)
 
     @property
     def _options(self) -> dict[str, object]:
@@ -261,16 +261,16 @@ class Study(Common):
 
 
 def _listed() -> Outcome:
-    rows = [own for room in rooms() for own in room.rows()]
-    data = [{"metric": own.id, **{name: getattr(own, name) for name in LISTED}} for own in rows]
+    rows = [row for room in rooms() for row in room.rows()]
+    data = [{"metric": row.id, **{name: getattr(row, name) for name in LISTED}} for row in rows]
     for name, what in functions().items():
         command = f"etude study run {name}"
         data.append({"metric": name, "what": what, "seeds": 0, "verdict": "", "command": command})
     lines = [LINE.format("id", "seeds", "verdict", "what")]
-    for own in data:
-        seeds, verdict = own["seeds"] or "-", own["verdict"] or "-"
-        head = LINE.format(own["metric"], seeds, verdict, "")
-        lines.append(head + _short(str(own["what"]), width() - len(head)))
+    for row in data:
+        seeds, verdict = row["seeds"] or "-", row["verdict"] or "-"
+        head = LINE.format(row["metric"], seeds, verdict, "")
+        lines.append(head + _short(str(row["what"]), width() - len(head)))
     return Outcome("\n".join(lines), {"rows": data})
 
 

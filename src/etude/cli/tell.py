@@ -73,11 +73,11 @@ class Tell(Common):
         }
         following = f"Next: etude status {typed(self.folder)}, etude ask {typed(self.folder)}"
         if len(self.logs) == 1:
-            told = tell(campaign, self.logs[0], number=self.number, **options)
+            result = tell(campaign, self.logs[0], number=self.number, **options)
             return Outcome(
-                "\n".join([*_lines(told), following]),
-                {**_data(told), "files": [_file(IngestedFile(self.logs[0], told))]},
-                code_of(changed=told.awaits_answer),
+                "\n".join([*_lines(result), following]),
+                {**_data(result), "files": [_file(IngestedFile(self.logs[0], result))]},
+                code_of(changed=result.awaits_answer),
             )
         if self.number is not None:
             raise UsageError("--number belongs to one log", next_step="Tell that log by itself.")
@@ -93,27 +93,29 @@ class Tell(Common):
         return Outcome("\n".join([*_table(many), *after]), data, code)
 
 
-def _lines(found: IngestResult) -> list[str]:
-    if found.run:
-        told = " was told before" if found.repeated else ""
-        return [f"Run {found.run} the feedforward of trajectory {found.number}{told}: measured, not learned."]
-    what = "a recording of its own" if found.foreign else "the answer to that proposal"
-    first = f"Log {found.number} ({what}) was told before." if found.repeated else ""
-    lines = [first or f"Log {found.number} stored, {what}."]
-    if found.repairs:
-        lines += ["Repairs:", *(f"  - {sentence}" for sentence in found.repairs)]
-    lines += [found.start] if found.start else []
-    lines += _held(found)
-    lines += [f"Log {found.number} is set aside: nothing learns from it."] if found.excluded else []
-    return [*lines, *_learned(found.learned), *(f"Warning: {notice}" for notice in found.warnings)]
+def _lines(result: IngestResult) -> list[str]:
+    if result.run:
+        before = " was told before" if result.repeated else ""
+        return [
+            f"Run {result.run} the feedforward of trajectory {result.number}{before}: measured, not learned."
+        ]
+    what = "a recording of its own" if result.foreign else "the answer to that proposal"
+    first = f"Log {result.number} ({what}) was told before." if result.repeated else ""
+    lines = [first or f"Log {result.number} stored, {what}."]
+    if result.repairs:
+        lines += ["Repairs:", *(f"  - {sentence}" for sentence in result.repairs)]
+    lines += [result.start] if result.start else []
+    lines += _held(result)
+    lines += [f"Log {result.number} is set aside: nothing learns from it."] if result.excluded else []
+    return [*lines, *_learned(result.learned), *(f"Warning: {notice}" for notice in result.warnings)]
 
 
-def _held(found: IngestResult) -> list[str]:
+def _held(result: IngestResult) -> list[str]:
     """What is to be answered before the log is learned."""
-    if not found.awaits_answer:
+    if not result.awaits_answer:
         return []
-    parts = [f"{f.sentence[:1].upper()}{f.sentence[1:]}. {f.step}" for f in found.findings if f.flag]
-    return [f"Log {found.number} is not learned yet.", *parts]
+    parts = [f"{f.sentence[:1].upper()}{f.sentence[1:]}. {f.step}" for f in result.findings if f.flag]
+    return [f"Log {result.number} is not learned yet.", *parts]
 
 
 def _learned(numbers: tuple[int, ...]) -> list[str]:
@@ -149,21 +151,21 @@ def _some(names: list[str], most: int = 4) -> str:
     return ", ".join(names if len(names) <= most else [*names[:most], f"{len(names) - most} more"])
 
 
-def _data(found: IngestResult) -> dict[str, Any]:
+def _data(result: IngestResult) -> dict[str, Any]:
     from dataclasses import asdict
 
     return {
-        "number": found.number,
-        "repeated": found.repeated,
-        "foreign": found.foreign,
-        "repairs": found.repairs,
-        "learned": found.learned,
-        "warnings": [one.facts() for one in found.warnings],
-        "held": found.awaits_answer,
-        "aside": found.excluded,
-        "run": found.run,
-        "start": found.start,
-        "findings": [asdict(finding) for finding in found.findings],
+        "number": result.number,
+        "repeated": result.repeated,
+        "foreign": result.foreign,
+        "repairs": result.repairs,
+        "learned": result.learned,
+        "warnings": [one.facts() for one in result.warnings],
+        "held": result.awaits_answer,
+        "aside": result.excluded,
+        "run": result.run,
+        "start": result.start,
+        "findings": [asdict(finding) for finding in result.findings],
     }
 
 
@@ -172,9 +174,9 @@ def _file(file: IngestedFile) -> dict[str, Any]:
     if file.refused is not None:
         error = file.refused
         refused = {"fact": error.fact, "where": error.where, "next_step": error.next_step}
-    told = {} if file.ingested is None else _data(file.ingested)
-    own = {name: value for name, value in told.items() if name not in ("learned", "warnings")}
-    return {"path": str(file.path), "outcome": file.sentence, "refused": refused, **own}
+    facts = {} if file.ingested is None else _data(file.ingested)
+    details = {name: value for name, value in facts.items() if name not in ("learned", "warnings")}
+    return {"path": str(file.path), "outcome": file.sentence, "refused": refused, **details}
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -69,9 +69,9 @@ def _broken(line: str, columns: int) -> list[str]:
 
 def _painted(line: str) -> str:
     for beginning, colour in COLOURS:
-        found = beginning.match(line)
-        if found:
-            return f"\x1b[{colour}m{found[0]}\x1b[0m{line[found.end() :]}"
+        match = beginning.match(line)
+        if match:
+            return f"\x1b[{colour}m{match[0]}\x1b[0m{line[match.end() :]}"
     return line
 
 
@@ -92,7 +92,7 @@ def progress_shown(silent: bool) -> Iterator[None]:
         return
     bar = Bar()
     try:
-        with watched(bar.told):
+        with watched(bar.report):
             yield
     finally:
         bar.stop()
@@ -105,10 +105,10 @@ class Bar:
     began: float | None = None
     shown: Progress | None = None
     task: TaskID | None = None
-    said: float = 0.0  # s in all
+    announced_s: float = 0.0  # in all
     last: float = 0.0
 
-    def told(self, done: float) -> None:
+    def report(self, done: float) -> None:
         """`done` in [0, 1]."""
         now = monotonic()
         if self.began is None:  # what is loaded and read before says nothing of the rest
@@ -118,8 +118,8 @@ class Bar:
             return
         if sys.stderr.isatty():
             self._update(done, elapsed)
-        elif elapsed / done > WRONG * self.said:
-            self.said = elapsed / done
+        elif elapsed / done > WRONG * self.announced_s:
+            self.announced_s = elapsed / done
             sys.stderr.write(f"{100 * done:.0f} % done, {time_left(done, elapsed)} left.\n")
             sys.stderr.flush()
 

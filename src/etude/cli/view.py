@@ -18,10 +18,10 @@ class View(Common):
     """Number of the trajectory; the newest if not given."""
 
     def run(self, say: Say) -> Outcome:
-        from etude.report.space import nearest_words, write_view
+        from etude.report.space import describe_nearest, write_view
 
         opened(self.folder)
         say("Drawing the motion.")
-        path, number, seen = write_view(self.folder, self.proposal)
-        data = {"view": str(path), "proposal": number, "seconds": float(seen.t[-1]), "nearest": seen.nearest}
-        return Outcome(f"Written: {path}\n{nearest_words(seen)}", data)
+        path, number, view = write_view(self.folder, self.proposal)
+        data = {"view": str(path), "proposal": number, "seconds": float(view.t[-1]), "nearest": view.nearest}
+        return Outcome(f"Written: {path}\n{describe_nearest(view)}", data)

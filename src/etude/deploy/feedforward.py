@@ -62,14 +62,14 @@ def with_accelerations(
     Raises:
         UnsafeTrajectoryError: the motion is singular, see `flat_motion` of vehicles.
     """
-    own = what if isinstance(what, MotionWithCommands) else MotionWithCommands(what)
-    motion = own.trajectory
+    commanded = what if isinstance(what, MotionWithCommands) else MotionWithCommands(what)
+    motion = commanded.trajectory
     if not isinstance(controller, SupportsAccelerations):
-        return own
+        return commanded
     setpoint = controller.accelerations
     if setpoint(motion.motion(np.zeros(1), orders)) is None:
-        return own
-    return replace(own, acceleration=lambda t: np.asarray(setpoint(motion.motion(t, orders))))
+        return commanded
+    return replace(commanded, acceleration=lambda t: np.asarray(setpoint(motion.motion(t, orders))))
 
 
 def within_tilt(what: MotionWithCommands, limits: Sequence[Limit]) -> MotionWithCommands:
@@ -79,13 +79,13 @@ def within_tilt(what: MotionWithCommands, limits: Sequence[Limit]) -> MotionWith
     tilts = [limit for limit in limits if isinstance(limit, TiltLimit)]
     if not tilts:
         return what
-    limit = min(tilts, key=lambda own: own.angle)
-    return _between(what, lambda own, setpoint: clipped_to_tilt(own, setpoint, limit))
+    limit = min(tilts, key=lambda tilt: tilt.angle)
+    return _between(what, lambda planned, setpoint: clipped_to_tilt(planned, setpoint, limit))
 
 
 def with_acceleration_share(what: MotionWithCommands, part: float) -> MotionWithCommands:
     """The same, with that fraction of the model's additions to accelerations."""
-    return _between(what, lambda own, setpoint: own + part * (setpoint - own))
+    return _between(what, lambda planned, setpoint: planned + part * (setpoint - planned))
 
 
 def _between(what: MotionWithCommands, chosen: Callable[[Array, Array], Array]) -> MotionWithCommands:
@@ -95,29 +95,29 @@ def _between(what: MotionWithCommands, chosen: Callable[[Array, Array], Array]) 
         return what
 
     def held(t: Array) -> Array:
-        own = motion.motion(np.minimum(t, motion.duration), ACCELERATION + 1).orders[ACCELERATION]
-        return chosen(own, setpoint(t))
+        planned = motion.motion(np.minimum(t, motion.duration), ACCELERATION + 1).orders[ACCELERATION]
+        return chosen(planned, setpoint(t))
 
     return replace(what, acceleration=held)
 
 
-def clipped_to_tilt(own: Array, setpoint: Array, limit: TiltLimit) -> Array:
-    """(T, 3) accelerations from `own` towards `setpoint`, as far as the thrust's tilt keeps the limit.
+def clipped_to_tilt(planned: Array, setpoint: Array, limit: TiltLimit) -> Array:
+    """(T, 3) accelerations from `planned` towards `setpoint`, as far as the thrust's tilt keeps the limit.
 
     Found by bisection, since the allowed tilts are a cone, which a line leaves once.
     """
     angle = limit.angle * (1.0 - ROUNDING)
 
     def inside(part: Array) -> Mask:
-        return np.asarray(limit.of_acceleration(own + part[:, None] * (setpoint - own)) <= angle)
+        return np.asarray(limit.of_acceleration(planned + part[:, None] * (setpoint - planned)) <= angle)
 
-    low, high = np.zeros(len(own)), np.ones(len(own))
+    low, high = np.zeros(len(planned)), np.ones(len(planned))
     low[inside(high)] = 1.0
     for _ in range(HALVINGS):
         middle = 0.5 * (low + high)
         within = inside(middle)
         low, high = np.where(within, middle, low), np.where(within, high, middle)
-    return np.asarray(own + low[:, None] * (setpoint - own))
+    return np.asarray(planned + low[:, None] * (setpoint - planned))
 
 
 def motion_and_command(

@@ -31,9 +31,11 @@ def labels(channels: Sequence[Channel]) -> list[str]:
 
 def training_ranges(model: LearnedModel, channels: Sequence[Channel], unknown: float) -> Array:
     """(2, N) smallest and largest training value of each state; -+ unknown for states that no input uses."""
-    known = {column[:2]: model.ranges[:, i] for i, column in enumerate(model.inputs.columns) if not column[3]}
+    ranges = {
+        column[:2]: model.ranges[:, i] for i, column in enumerate(model.inputs.columns) if not column[3]
+    }
     nowhere = np.array([-unknown, unknown])
-    return np.stack([known.get((c.name, part), nowhere) for c in channels for part in c.parts], axis=1)
+    return np.stack([ranges.get((c.name, part), nowhere) for c in channels for part in c.parts], axis=1)
 
 
 def log_of(channels: Sequence[Channel], states: Array, source: str) -> Log:
@@ -46,8 +48,8 @@ def log_of(channels: Sequence[Channel], states: Array, source: str) -> Log:
 def outside_training_sentence(model: LearnedModel) -> str:
     """Sentence on the commands outside of the training ranges."""
     used = [(c, model.behind(c)) for c in model.candidates if c.weights.any()]
-    known = [c for c, mean in used if mean is not None]
-    physical = {j for c in known for j, weight in zip(c.commands, c.weights, strict=True) if weight}
+    with_physics = [c for c, mean in used if mean is not None]
+    physical = {j for c in with_physics for j, weight in zip(c.commands, c.weights, strict=True) if weight}
     bare = [name for j, name in enumerate(model.commands) if j not in physical]
     if not bare:
         return "where the model knows no more than before any data its commands are those of physics alone."

@@ -35,8 +35,8 @@ class Parameters:
                 f"robots of the kind '{kind.name}' have no parameters to report",
                 next_step="Export the model itself: --to c.",
             )
-        given = taken(options, ParametersOptions, "parameters")
-        return kind.parameters(spec, given.config, given.samples, given.logs)
+        settings = taken(options, ParametersOptions, "parameters")
+        return kind.parameters(spec, settings.config, settings.samples, settings.logs)
 
 
 PARAMETERS = Parameters()

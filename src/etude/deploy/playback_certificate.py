@@ -63,12 +63,12 @@ def certified_playback(
     if part == 1.0 or not isinstance(what, MotionWithCommands):
         return files, certify_played(exporter, files, limits, motion, control)
     files = exporter(with_acceleration_share(what, part), kind, spec)
-    found = certify_played(exporter, files, limits, motion, control)
-    said = (
+    certificate = certify_played(exporter, files, limits, motion, control)
+    note = (
         f"Of the learned part of the accelerations {100.0 * part:.0f} % is commanded: where it is wrong, all "
         "of it would take the robot out of its limits."
     )
-    return files, replace(found, notes=(*found.notes, said))
+    return files, replace(certificate, notes=(*certificate.notes, note))
 
 
 def certify_played(
@@ -96,13 +96,13 @@ def certify_played(
     curve = exporter.back(files)
     if isinstance(curve, Splined):
         curve = _cut(replace(curve, like=motion.form), motion)
-    said = exporter.notes(files) if isinstance(exporter, SupportsFileNotes) else ()
-    found = certify(curve, limits, control=control, partial=True)
+    notes = exporter.notes(files) if isinstance(exporter, SupportsFileNotes) else ()
+    certificate = certify(curve, limits, control=control, partial=True)
     sent = exporter.accelerations(files) if isinstance(exporter, SupportsCommandedFiles) else None
     strays = _strays(_off(exporter, files), limits)
-    rows = (*found.rows, *_holds(curve, limits, control), *_tilts(sent, limits), *strays)
-    found = replace(found, rows=rows, notes=said)
-    for row in found.failed:
+    rows = (*certificate.rows, *_holds(curve, limits, control), *_tilts(sent, limits), *strays)
+    certificate = replace(certificate, rows=rows, notes=notes)
+    for row in certificate.failed:
         if row.quantity == REST:
             raise UnsafeTrajectoryError(
                 f"the motion is not at rest where its receiver holds it ({row.where}): "
@@ -118,7 +118,7 @@ def certify_played(
                 where=f"{row.axis}, {row.quantity}",
                 next_step="Ask for another format, or at a lower speed: etude ask --speed 50.",
             )
-    return found
+    return certificate
 
 
 def _tilts(sent: Array | None, limits: Sequence[Limit]) -> list[Proof]:
@@ -126,7 +126,7 @@ def _tilts(sent: Array | None, limits: Sequence[Limit]) -> list[Proof]:
     if sent is None:
         return []
     rows = []
-    for limit in (own for own in limits if isinstance(own, TiltLimit)):
+    for limit in (candidate for candidate in limits if isinstance(candidate, TiltLimit)):
         most = float(limit.of_acceleration(sent).max())
         angle, name = limit.angle, f"{limit.quantity}, commanded"
         rows.append(Proof(limit.axis, name, -angle, angle, -most, most, "what the rows say"))
@@ -151,8 +151,8 @@ def _off(exporter: Exporter, files: Mapping[str, bytes]) -> tuple[Array, Array] 
 
 def _strays(off: tuple[Array, Array] | None, limits: Sequence[Limit]) -> list[Proof]:
     """Rows of the position limits for these poses; margins cover such deviations, too."""
-    own = [limit for limit in _of_places(limits) if isinstance(limit, SupportsOffsets)]
-    return [] if off is None else [row for limit in own for row in limit.strayed(*off)]
+    offset_limits = [limit for limit in _of_places(limits) if isinstance(limit, SupportsOffsets)]
+    return [] if off is None else [row for limit in offset_limits for row in limit.strayed(*off)]
 
 
 def _of_places(limits: Sequence[Limit]) -> list[Limit]:
@@ -195,8 +195,8 @@ def _holds(played: Any, limits: Sequence[Limit], control: str) -> list[Proof]:
     for where, (piece, t) in zip(HELD, ends, strict=True):
         orders = piece.motion(np.array([t]), ORDERS_HELD).orders[:, 0]
         moves = float(np.abs(orders[1:]).max())
-        rest = 0.0, HELD_STILL, moves, moves
-        rows.append(Proof(f"held {where}", REST, *rest, "what the row says", where=where))
+        bounds = 0.0, HELD_STILL, moves, moves
+        rows.append(Proof(f"held {where}", REST, *bounds, "what the row says", where=where))
         still = np.zeros((ORDERS_HELD, 2, len(orders[0])))
         still[0] = orders[0]
         hold = Splined(np.array([0.0, 1.0]), still, like=piece.form)
@@ -232,6 +232,6 @@ def _cut(played: Splined, motion: Trajectory) -> Any:
     parts = []
     for (_, label, _), a, b in zip(pieces, at, at[1:], strict=False):
         times = played.times[a : b + 1]
-        own = replace(played, times=times - times[0], points=played.points[:, a : b + 1])
-        parts.append((float(times[0]), label, own))
+        part = replace(played, times=times - times[0], points=played.points[:, a : b + 1])
+        parts.append((float(times[0]), label, part))
     return PlayedTrajectory(tuple(parts), played.form, played.duration)

@@ -68,8 +68,8 @@ class TrajectoryFiles:
 
     def contents(self, folder: Path) -> dict[Path, bytes]:
         """The bytes of the three files in that folder, the certificate last."""
-        own = (self.coefficients, self.table, self.proof)
-        return {folder / name: data for name, data in zip(self.names, own, strict=True)}
+        files = (self.coefficients, self.table, self.proof)
+        return {folder / name: data for name, data in zip(self.names, files, strict=True)}
 
     def write(self, folder: Path) -> list[Path]:
         """Write the three files, the certificate last; return their paths."""
@@ -179,10 +179,10 @@ def lines(rows: Array) -> str:
     """
     numbers, size = rows.tolist(), np.abs(rows)
     plain = ((size >= SMALLEST_PLAIN) & (size < LARGEST_PLAIN)) | (size == 0.0)
-    found = msgspec.json.encode(numbers).decode()[2:-2].split("],[") if len(rows) else []
+    texts = msgspec.json.encode(numbers).decode()[2:-2].split("],[") if len(rows) else []
     for i in np.flatnonzero(~plain.all(axis=1)).tolist():
-        found[i] = ",".join(map(repr, numbers[i]))
-    return "".join(f"{line}\n" for line in found)
+        texts[i] = ",".join(map(repr, numbers[i]))
+    return "".join(f"{line}\n" for line in texts)
 
 
 def column_names(channel: Channel) -> list[str]:
@@ -243,25 +243,25 @@ def motion_of_one(trajectory: Trajectory, inputs: Inputs) -> Motion:
 
 def _path_orders(path: str, log: Log) -> list[Channel]:
     """The planned path and those of its derivatives that the plan has."""
-    found = [log.channels[path + PLANNED]] if path + PLANNED in log.channels else []
-    while found:
-        following = [c for c in log.channels.values() if c.derivative_of == found[-1].name]
+    orders = [log.channels[path + PLANNED]] if path + PLANNED in log.channels else []
+    while orders:
+        following = [c for c in log.channels.values() if c.derivative_of == orders[-1].name]
         if not following:
             break
-        found.append(following[0])
-    return found
+        orders.append(following[0])
+    return orders
 
 
 def _outside(limit: Limit, motion: Motion, written: Trajectory) -> Any:
     """(T,) whether the limited quantity is outside of its interval in a row."""
     bad = np.zeros(len(motion.t), dtype=np.bool_)
     proofs = [limit.prove(piece) for _, _, piece in written.pieces()]
-    if all(proof.status == "sampled" for own in proofs for proof in own):
+    if all(proof.status == "sampled" for rows in proofs for proof in rows):
         return bad
     values = limit.of_motion(motion)
-    for (start, _, piece), found in zip(written.pieces(), proofs, strict=True):
-        own = (motion.t >= start) & (motion.t <= start + piece.duration)
-        for column, proof in zip(values.T, found, strict=True):
+    for (start, _, piece), rows in zip(written.pieces(), proofs, strict=True):
+        inside = (motion.t >= start) & (motion.t <= start + piece.duration)
+        for column, proof in zip(values.T, rows, strict=True):
             slack = ROUNDING * max(abs(b) for b in (proof.lower, proof.upper, 1.0) if math.isfinite(b))
-            bad |= own & ((column < proof.lower - slack) | (column > proof.upper + slack))
+            bad |= inside & ((column < proof.lower - slack) | (column > proof.upper + slack))
     return bad

@@ -64,14 +64,14 @@ class Along:
             UsageError: unknown options, no motion, a format without commands, or commands that are no forces.
             UnsafeTrajectoryError: the motion, or the one that its receiver plays, violates a limit.
         """
-        asked = taken(options, TrajectoryOptions, "trajectory")
-        if asked.motion is None:
+        settings = taken(options, TrajectoryOptions, "trajectory")
+        if settings.motion is None:
             raise UsageError("there is no motion to go along", next_step="--set motion=trajectory.json")
-        motion, limits = asked.motion.trajectory, asked.motion.limits
-        control = asked.motion.control
+        motion, limits = settings.motion.trajectory, settings.motion.limits
+        control = settings.motion.control
         proof = require_certified(motion, limits, control=control)
-        rate = float(asked.rate or table_rate(spec))
-        controller = kind.controller(spec, asked.config, model)
+        rate = float(settings.rate or table_rate(spec))
+        controller = kind.controller(spec, settings.config, model)
         what = with_accelerations(with_commands(motion, model), controller, model.inputs.orders)
         what = within_tilt(what, limits)
         files = {
@@ -80,37 +80,37 @@ class Along:
             CERTIFICATE: proof.to_json().encode(),
         }
         unit = command_unit(spec)
-        formats, said = _formats(asked.format, kind, spec, unit, what)
+        formats, notes = _formats(settings.format, kind, spec, unit, what)
         for name in formats:
-            found, sentences = _played(name, what, asked.motion, kind, spec)
-            files |= found
-            said = (*said, *sentences)
+            played_files, sentences = _played(name, what, settings.motion, kind, spec)
+            files |= played_files
+            notes = (*notes, *sentences)
         units = next((c.units for c in kind.channels(spec) if c.role == "command"), ())
-        words = ", ".join(dict.fromkeys(units)) or "1"
-        sentence = f"{TABLE}: set-points, commands and deviations ({words}), {rate:g} times a second."
-        return Delivered(files, (sentence, *said), {"rate": rate, "formats": list(formats)})
+        unit_text = ", ".join(dict.fromkeys(units)) or "1"
+        sentence = f"{TABLE}: set-points, commands and deviations ({unit_text}), {rate:g} times a second."
+        return Delivered(files, (sentence, *notes), {"rate": rate, "formats": list(formats)})
 
 
 def _columns(model: LearnedModel, log: Log, what: MotionWithCommands) -> dict[str, Array]:
     mean, variance = model.predict(log)
-    found: dict[str, Array] = {}
+    columns: dict[str, Array] = {}
     for word, values in (("command", mean), ("deviation", np.sqrt(variance))):
-        found |= {f"{word}_{name}": column for name, column in zip(model.commands, values.T, strict=True)}
+        columns |= {f"{word}_{name}": column for name, column in zip(model.commands, values.T, strict=True)}
     if what.acceleration is not None:
         setpoints = what.acceleration(log.t)
-        found |= {f"a{axis}_command": column for axis, column in zip(SPACE, setpoints.T, strict=True)}
-    return found
+        columns |= {f"a{axis}_command": column for axis, column in zip(SPACE, setpoints.T, strict=True)}
+    return columns
 
 
 def _formats(
-    given: str, kind: Kind, spec: Any, unit: str, what: MotionWithCommands
+    requested: str, kind: Kind, spec: Any, unit: str, what: MotionWithCommands
 ) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """The requested formats; by default a JointTrajectory, if this robot supports it."""
-    if given and what.acceleration is not None:
-        return tuple(given.split(",")), ()
-    if given:
+    if requested and what.acceleration is not None:
+        return tuple(requested.split(",")), ()
+    if requested:
         require_forces(unit, spec.name, f"Export without a format: {TABLE} has any unit.")
-        return tuple(given.split(",")), ()
+        return tuple(requested.split(",")), ()
     try:
         require_forces(unit, spec.name, "")
     except UsageError as problem:
@@ -126,8 +126,8 @@ def _played(
     """The files of a format in a folder of its name, proved for the motion that is played; and sentences."""
     exporter = plugins.load(EXPORTERS, name)
     files, proof = certified_playback(exporter, what, kind, spec, motion.limits, motion.control)
-    own = {**files, CERTIFICATE: proof.to_json().encode()}
-    return {f"{name}/{file}": data for file, data in own.items()}, proof.notes
+    contents = {**files, CERTIFICATE: proof.to_json().encode()}
+    return {f"{name}/{file}": data for file, data in contents.items()}, proof.notes
 
 
 ALONG = Along()

@@ -51,17 +51,17 @@ class SampledPoint:
         """(P,) parameters of rest at a pose that keeps all limits."""
         return self.feasible.centre
 
-    def home(self, kept: NonconvexLimits) -> SampledPoint:
+    def home(self, nonconvex: NonconvexLimits) -> SampledPoint:
         """The sample, shrunk towards home until its limits pass fast checks."""
-        p = kept.shrink_to_home(self.family, self.standing, self.p, FEW_HALVINGS, quickly=True)
+        p = nonconvex.shrink_to_home(self.family, self.standing, self.p, FEW_HALVINGS, fast_check=True)
         return self if p is self.p else replace(self, p=p)
 
-    def allowed(self, kept: NonconvexLimits, p: Array, worth: Callable[[Array], float]) -> SampledPoint:
+    def allowed(self, nonconvex: NonconvexLimits, p: Array, worth: Callable[[Array], float]) -> SampledPoint:
         """The result p (P,) of a search, shrunk until its limits pass fast checks, and then enlarged where
         that does not lower its value.
         """
-        p = kept.shrink_to_home(self.family, self.standing, p, quickly=True)
-        return replace(self, p=kept.grown(self.family, self.standing, p, worth))
+        p = nonconvex.shrink_to_home(self.family, self.standing, p, fast_check=True)
+        return replace(self, p=nonconvex.expand(self.family, self.standing, p, worth))
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,17 +88,17 @@ class Source:
         slow = count // AMPLITUDE_SHARE
         return [*self._drawn(rng, count - slow, scaled), *self._drawn(rng, slow, amplitude)]
 
-    def typical(self, rng: np.random.Generator, count: int, *, grown: bool = False) -> list[SampledPoint]:
-        """`count` large trajectories to replace tasks; grown: enlarged, as first trajectories."""
+    def typical(self, rng: np.random.Generator, count: int, *, expanded: bool = False) -> list[SampledPoint]:
+        """`count` large trajectories to replace tasks; expanded: enlarged, as first trajectories."""
         sampled = self._drawn(rng, count, uniform if self.sampler == "uniform" else scaled)
-        found = [drawn.home(NonconvexLimits.of(self.limits, drawn.family, drawn.p)) for drawn in sampled]
-        return [self._grown(drawn) for drawn in found] if grown else found
+        points = [drawn.home(NonconvexLimits.of(self.limits, drawn.family, drawn.p)) for drawn in sampled]
+        return [self._expanded(drawn) for drawn in points] if expanded else points
 
-    def _grown(self, drawn: SampledPoint) -> SampledPoint:
-        kept = NonconvexLimits.of(self.limits, drawn.family, drawn.p)
+    def _expanded(self, drawn: SampledPoint) -> SampledPoint:
+        nonconvex = NonconvexLimits.of(self.limits, drawn.family, drawn.p)
         home = drawn.feasible.centre
-        p = kept.grown(drawn.family, home, drawn.p)
-        return replace(drawn, p=kept.settled(drawn.family, home, p))
+        p = nonconvex.expand(drawn.family, home, drawn.p)
+        return replace(drawn, p=nonconvex.settled(drawn.family, home, p))
 
     @cached_property
     def _whole(self) -> FeasibleSet:
@@ -110,22 +110,22 @@ class Source:
     def _drawn(self, rng: np.random.Generator, count: int, sample: Sample) -> list[SampledPoint]:
         """Samples of the family; without random draws it has one feasible set and is sampled at once."""
         families = [self.family.drawn(rng) for _ in range(count)]
-        found: dict[int, SampledPoint] = {}
+        sampled: dict[int, SampledPoint] = {}
         for family in {id(one): one for one in families}.values():
             places = [i for i, one in enumerate(families) if one is family]
             feasible = self._whole if family is self.family else self._set(family)
             points = sample(rng, feasible, len(places))
-            found |= {
+            sampled |= {
                 place: SampledPoint(family, feasible, p) for place, p in zip(places, points, strict=True)
             }
-        return [found[place] for place in range(count)]
+        return [sampled[place] for place in range(count)]
 
 
 CENTRES = 6
 """Number of clear poses that are tried for a segment."""
 TRIES = 3
 """Largest number of repetitions, while no pose gives a motion that is fast enough."""
-JUDGED = 2
+REGIONS = 2
 """Number of candidates with the largest coverage, among which the criterion chooses."""
 SLOW = 0.35
 """Fraction of the mean speed without clearance below which a candidate is sampled again."""
@@ -181,12 +181,14 @@ class VisitedTimes:
 
     def adding(self, trajectories: Sequence[Trajectory]) -> VisitedTimes:
         """Sum with the time of the trajectories' segments."""
-        pieces = [p for own in trajectories for _, label, p in own.pieces() if label == "segment"]
-        found = self
+        pieces = [
+            p for trajectory in trajectories for _, label, p in trajectory.pieces() if label == "segment"
+        ]
+        total = self
         for piece in pieces:
             t = piece.duration * (np.arange(INSTANTS) + 0.5) / INSTANTS
-            found = found.adding_poses(piece.motion(t, 1).orders[0], piece.duration)
-        return found
+            total = total.adding_poses(piece.motion(t, 1).orders[0], piece.duration)
+        return total
 
     def adding_poses(self, poses: Array, duration: float) -> VisitedTimes:
         """Sum with the time of poses (T, k), spread evenly over `duration` s."""
@@ -199,10 +201,10 @@ class VisitedTimes:
         place = np.floor(BINS * (poses - self.lower) / np.maximum(self.upper - self.lower, 1e-12))
         place = np.where(poses == self.upper, BINS - 1, place)
         inside = (place >= 0) & (place < BINS)
-        found = np.zeros((poses.shape[1], BINS))
+        table = np.zeros((poses.shape[1], BINS))
         coordinate = np.broadcast_to(np.arange(poses.shape[1]), poses.shape)
-        np.add.at(found, (coordinate[inside], place[inside].astype(np.int64)), 1.0)
-        return found
+        np.add.at(table, (coordinate[inside], place[inside].astype(np.int64)), 1.0)
+        return table
 
     def bins(self, total: float | None = None) -> Mask:
         """(k, BINS) whether a bin was visited, relative to a total time in s (None: the time so far)."""
@@ -246,15 +248,17 @@ class Region(SampledPoint):
     def standing(self) -> Array:
         return self.start
 
-    def home(self, kept: NonconvexLimits) -> SampledPoint:  # noqa: ARG002
+    def home(self, nonconvex: NonconvexLimits) -> SampledPoint:  # noqa: ARG002
         """The candidate itself, which already keeps its limits."""
         return self
 
-    def allowed(self, kept: NonconvexLimits, p: Array, worth: Callable[[Array], float]) -> SampledPoint:  # noqa: ARG002
+    def allowed(self, nonconvex: NonconvexLimits, p: Array, worth: Callable[[Array], float]) -> SampledPoint:  # noqa: ARG002
         """The result p (P,) of a search, shrunk until it is clear, and extended again into free space."""
-        p = kept.shrink_to_home(self.family, self.clear, p, FEW_HALVINGS, quickly=True)
+        p = nonconvex.shrink_to_home(self.family, self.clear, p, FEW_HALVINGS, fast_check=True)
         feasible = self.source.ordered(self.family)
-        return replace(self, p=kept.widened(feasible, self.family, p, self.source.stand(self.family), AGAIN))
+        return replace(
+            self, p=nonconvex.widened(feasible, self.family, p, self.source.stand(self.family), AGAIN)
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -294,25 +298,25 @@ class ClearPoseSource:
         return cls(family, tuple(_about(limit, *ends) for limit in limits), roam, sampler)
 
     def candidates(self, rng: np.random.Generator, count: int) -> list[SampledPoint]:  # noqa: ARG002
-        """The `JUDGED` candidates, out of `CENTRES` or more, with the largest coverage of unvisited bins.
+        """The `REGIONS` candidates, out of `CENTRES` or more, with the largest coverage of unvisited bins.
 
         Raises:
             UnsafeTrajectoryError: the limits leave no room, or nothing is clear.
         """
-        found: list[Curve] = []
+        curves: list[Curve] = []
         for _ in range(TRIES):
-            found += self._started(rng, CENTRES, widened=True)
-            if sum(one.speed >= SLOW for one in found) >= JUDGED:
+            curves += self._started(rng, CENTRES, widened=True)
+            if sum(one.speed >= SLOW for one in curves) >= REGIONS:
                 break
-        found.sort(key=lambda one: (one.speed < SLOW, -one.worth))
+        curves.sort(key=lambda one: (one.speed < SLOW, -one.worth))
         regions: list[SampledPoint] = []
-        for one in found:
+        for one in curves:
             region = self._region(one)
             regions += [] if region is None else [region]
-            if len(regions) == JUDGED:
+            if len(regions) == REGIONS:
                 break
         if not regions:
-            raise self._none()
+            raise self._no_clear_motion()
         return regions
 
     def typical(self, rng: np.random.Generator, count: int) -> list[SampledPoint]:
@@ -321,17 +325,19 @@ class ClearPoseSource:
         Raises:
             UnsafeTrajectoryError: no motion was found.
         """
-        found = self._started(rng, count)
-        if not found:
-            raise self._none()
-        return [SampledPoint(one.family, self._set(one.family), one.p) for one in found]
+        curves = self._started(rng, count)
+        if not curves:
+            raise self._no_clear_motion()
+        return [SampledPoint(one.family, self._set(one.family), one.p) for one in curves]
 
-    def _none(self) -> UnsafeTrajectoryError:
+    def _no_clear_motion(self) -> UnsafeTrajectoryError:
         """The error that no motion keeps all limits; it names the limit that blocks most poses, if known."""
         form = self.family.trajectory(self._set(self.family).centre).form
         poses = self.roam.reach.poses[:BLOCKED]
-        asked = [limit for limit in self.limits if isinstance(limit, SupportsBlocking)]
-        met = Counter(found for limit in asked for pose in poses if (found := limit.blocked(form, pose)))
+        blocking = [limit for limit in self.limits if isinstance(limit, SupportsBlocking)]
+        met = Counter(
+            blocker for limit in blocking for pose in poses if (blocker := limit.blocked(form, pose))
+        )
         often = [what for what, count in met.most_common() if 2 * count > len(poses)]
         return UnsafeTrajectoryError(
             "no motion about any of the poses that were tried keeps all limits"
@@ -359,8 +365,8 @@ class ClearPoseSource:
 
     def _set(self, family: Family) -> FeasibleSet:
         if id(family) not in self._sets:
-            found = FeasibleSet.of(self.limits, family, self.roam.reach.poses[0])
-            self._sets[id(family)] = family, found
+            feasible = FeasibleSet.of(self.limits, family, self.roam.reach.poses[0])
+            self._sets[id(family)] = family, feasible
         return self._sets[id(family)][1]
 
     @cached_property
@@ -375,7 +381,7 @@ class ClearPoseSource:
             self._stands[id(family)] = family, (offset, rows)
         return self._stands[id(family)][1]
 
-    def _kept(self, family: Family, p: Array) -> NonconvexLimits:
+    def _nonconvex(self, family: Family, p: Array) -> NonconvexLimits:
         """The nonconvex limits."""
         return NonconvexLimits.of(self.limits, family, p)
 
@@ -385,27 +391,27 @@ class ClearPoseSource:
         whole, stand = self._set(family), self.stand(family)
         draw = uniform if self.sampler == "uniform" else scaled
         shapes, ordered = draw(rng, whole, count), self.ordered(family)
-        kept, form = self._kept(family, whole.centre), family.trajectory(whole.centre).form
+        nonconvex, form = self._nonconvex(family, whole.centre), family.trajectory(whole.centre).form
         t = family.trajectory(whole.centre).duration * (np.arange(ROUGH) + 0.5) / ROUGH
         path = [limit for limit in self.limits if isinstance(limit, SupportsBoxes)]
-        found = []
+        curves = []
         for pose, shape in zip(self._poses(rng, whole, stand, count), shapes, strict=True):
             start, first = stand(pose), family.motion(shape, np.zeros(1), 1).orders[0, 0]
-            words = [limit.roughly(form, pose) for limit in path]
+            checks = [limit.roughly(form, pose) for limit in path]
 
-            def holds(p: Array, words: Sequence[Callable[[Array], bool]] = words) -> bool:
+            def holds(p: Array, checks: Sequence[Callable[[Array], bool]] = checks) -> bool:
                 poses = family.motion(p, t, 1).orders[0]
-                return all(word(poses) for word in words)
+                return all(check(poses) for check in checks)
 
             if not holds(start):
                 continue  # the pose is not clear with these tracking margins
             p = whole.about(start).shrink(start + shape - stand(first))
             p = _drawn(start, p, holds)
             if widened:
-                p = kept.widened(ordered, family, p, stand, ROUGHLY, holds)
-            worth, speed = self._judged(family, p, self._speed(family, shape))
-            found.append(Curve(family, p, start, worth, speed))
-        return found
+                p = nonconvex.widened(ordered, family, p, stand, ROUGHLY, holds)
+            worth, speed = self._worth_and_speed(family, p, self._speed(family, shape))
+            curves.append(Curve(family, p, start, worth, speed))
+        return curves
 
     def _poses(
         self, rng: np.random.Generator, whole: FeasibleSet, stand: Callable[[Array], Array], count: int
@@ -414,20 +420,20 @@ class ClearPoseSource:
         poses, visited = self.roam.reach.poses, self.roam.visited
         unvisited = ~visited.bins(self.roam.total)
         order = rng.permutation(len(poses))
-        found: list[Array] = []
+        chosen: list[Array] = []
         some = order[: 8 * count]
         gain = np.array([(visited.counts(poses[i : i + 1]) * unvisited).sum() for i in some])
         most = iter(some[np.argsort(-gain, kind="stable")].tolist())
         any_ = iter(order[::-1].tolist())
-        while len(found) < count:
-            i = next(most if len(found) % 2 == 0 else any_, None)
+        while len(chosen) < count:
+            i = next(most if len(chosen) % 2 == 0 else any_, None)
             if i is None:
-                found.append(poses[0])
+                chosen.append(poses[0])
             elif float(whole.gauge(stand(poses[i])).max(initial=0.0)) <= WELL_INSIDE:
-                found.append(poses[i])
-        return found
+                chosen.append(poses[i])
+        return chosen
 
-    def _judged(self, family: Family, p: Array, free: float) -> tuple[float, float]:
+    def _worth_and_speed(self, family: Family, p: Array, free: float) -> tuple[float, float]:
         """Worth of a motion, and its speed relative to that without obstacles.
 
         The worth is the gain in coverage, on a logarithmic scale, plus the speed, which counts up to 1.
@@ -450,17 +456,17 @@ class ClearPoseSource:
         range, in which it is refined; None where that is not possible.
         """
         family, start = curve.family, curve.start
-        kept = self._kept(family, curve.p)
+        nonconvex = self._nonconvex(family, curve.p)
         try:
-            p = kept.shrink_to_home(family, start, curve.p, FEW_HALVINGS, quickly=True)
-            p = kept.widened(self.ordered(family), family, p, self.stand(family), AGAIN)
+            p = nonconvex.shrink_to_home(family, start, curve.p, FEW_HALVINGS, fast_check=True)
+            p = nonconvex.widened(self.ordered(family), family, p, self.stand(family), AGAIN)
             t = (
                 family.trajectory(p).duration
                 * (np.arange(4 * CANDIDATE_INSTANTS) + 0.5)
                 / (4 * CANDIDATE_INSTANTS)
             )
-            way = family.motion(p, t, 1).orders[0]
-            middle, half = 0.5 * (way.max(axis=0) + way.min(axis=0)), 0.5 * BEYOND * np.ptp(way, axis=0)
+            path = family.motion(p, t, 1).orders[0]
+            middle, half = 0.5 * (path.max(axis=0) + path.min(axis=0)), 0.5 * BEYOND * np.ptp(path, axis=0)
             box = tuple(_about(limit, middle - half, middle + half) for limit in self.limits)
             return Region(family, FeasibleSet.of(box, family, middle), p, p, start, self)
         except UnsafeTrajectoryError:

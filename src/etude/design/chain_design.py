@@ -50,7 +50,7 @@ class DesignedChain:
         """The sentences of all designs."""
         if len(self.segments) == 1:
             return self.segments[0].status + dropped_sentence(self.dropped)
-        values = ", ".join(f"{own.value:.4g}" for own in self.segments)
+        values = ", ".join(f"{segment.value:.4g}" for segment in self.segments)
         how = f"{len(self.segments)} segments, each given those before it"
         return f"{how}: {self.segments[0].criterion} {values}.{dropped_sentence(self.dropped)}"
 
@@ -88,10 +88,10 @@ def design_chain(
         source = ClearPoseSource.of(family, tuple(limits), roam, config.sampler)
     if not standing_in or roam is not None:  # the given ones are about home
         standing_in = [*standing_in, *(drawn.trajectory for drawn in source.typical(rng, MOTIONS))]
-    found: list[Design] = []
+    designs: list[Design] = []
     for _ in counted(range(count)):
-        before = [*given, *(own.trajectory for own in found)]
-        asked = partial(
+        before = [*given, *(segment.trajectory for segment in designs)]
+        design_next = partial(
             design,
             *(family, limits, home, inputs, model, config, rng, tasks),
             standing_in=standing_in,
@@ -103,20 +103,20 @@ def design_chain(
         leads = (
             None if roam is None else partial(can_be_linked, approaches=approaches, limits=limits, home=home)
         )
-        own = _segment(asked, leads, needed=not found)
-        if own is None:
+        segment = _segment(design_next, leads, needed=not designs)
+        if segment is None:
             break
-        found.append(own)
+        designs.append(segment)
         if roam is not None:
-            roam = replace(roam, visited=roam.visited.adding([own.trajectory]))
-    segments = [own.trajectory for own in found]
-    order = list(range(len(found))) if roam is None else nearest_order(segments, approaches, home)
-    trajectory, kept = linked_chain([segments[i] for i in order], approaches, limits, home)
-    return DesignedChain(trajectory, tuple(found[i] for i in sorted(order[:kept])), count - kept)
+            roam = replace(roam, visited=roam.visited.adding([segment.trajectory]))
+    segments = [segment.trajectory for segment in designs]
+    order = list(range(len(designs))) if roam is None else nearest_order(segments, approaches, home)
+    trajectory, linked = linked_chain([segments[i] for i in order], approaches, limits, home)
+    return DesignedChain(trajectory, tuple(designs[i] for i in sorted(order[:linked])), count - linked)
 
 
 def _segment(
-    asked: Callable[[], Design], leads: Callable[[Trajectory], bool] | None, *, needed: bool
+    design_next: Callable[[], Design], leads: Callable[[Trajectory], bool] | None, *, needed: bool
 ) -> Design | None:
     """A designed segment that a straight motion `leads` to; if none of `TRIES` is, the last of them.
 
@@ -125,23 +125,23 @@ def _segment(
     Raises:
         UnsafeTrajectoryError: no motion is proved, and one is `needed`.
     """
-    found: Design | None = None
+    segment: Design | None = None
     for again in range(TRIES):
         try:
-            found = asked()
+            segment = design_next()
         except UnsafeTrajectoryError:
-            if needed and found is None:
+            if needed and segment is None:
                 raise
-            return found
-        if leads is None or again == TRIES - 1 or leads(found.trajectory):
+            return segment
+        if leads is None or again == TRIES - 1 or leads(segment.trajectory):
             break
-    return found
+    return segment
 
 
 def can_be_linked(segment: Trajectory, approaches: Approaches, limits: Sequence[Limit], home: Array) -> bool:
     """Whether the straight motions from home to a segment and back are proved; then it can be linked."""
-    found = approaches(segment, home)
-    return found is not None and all(certify(part, limits).ok for part in found)
+    links = approaches(segment, home)
+    return links is not None and all(certify(part, limits).ok for part in links)
 
 
 def nearest_order(segments: Sequence[Trajectory], approaches: Approaches, home: Array) -> list[int]:
@@ -153,8 +153,8 @@ def nearest_order(segments: Sequence[Trajectory], approaches: Approaches, home: 
     while left:
         far = []
         for i in left:
-            found = approaches(segments[i], at)
-            far.append(np.inf if found is None else found[0].duration)
+            links = approaches(segments[i], at)
+            far.append(np.inf if links is None else links[0].duration)
         order.append(left.pop(int(np.argmin(far))))
         last = segments[order[-1]]
         at = last.motion(np.array([last.duration]), 1).orders[0, 0]
@@ -169,15 +169,15 @@ def linked_chain(
     A link is the fastest straight motion that is proved; where that leaves the limits, the motion via home.
     """
     if len(segments) > 1:  # links lead from rest to rest
-        segments = [at_rest(own, limits) for own in segments]
+        segments = [at_rest(segment, limits) for segment in segments]
     links: list[tuple[Trajectory, ...]] = []
     for before, after in pairwise(segments):
         link = _link(before, after, approaches, limits, home)
         if link is None:
             break
         links.append(link)
-    kept = len(links) + 1
-    return chained(segments[:kept], links), kept
+    linked = len(links) + 1
+    return chained(segments[:linked], links), linked
 
 
 def dropped_sentence(dropped: int) -> str:

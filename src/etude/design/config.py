@@ -63,11 +63,11 @@ class DesignConfig:
                     f"there is no criterion {self.criterion!r}; known: {', '.join(sorted(names))}",
                     where="design.criterion",
                 )
-        for name, known in WORDS.items():
+        for name, choices in WORDS.items():
             value = getattr(self, name)
-            if value not in known:
+            if value not in choices:
                 raise UsageError(
-                    f"{name} is '{known[0]}' or '{known[1]}', not {value!r}", where=f"design.{name}"
+                    f"{name} is '{choices[0]}' or '{choices[1]}', not {value!r}", where=f"design.{name}"
                 )
         for name, least in LEAST_VALUES.items():
             if not getattr(self, name) >= least:

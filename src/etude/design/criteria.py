@@ -213,7 +213,7 @@ def evaluate(
     total, in_inputs, in_gains = 0.0, np.zeros_like(X), np.zeros_like(gains)
     for j, output in enumerate(outputs):
         batch = batch_of(output.posterior, X)
-        score = _asked(criterion, output, batch, gains[:, j])
+        score = _checked_score(criterion, output, batch, gains[:, j])
         reference = output.reference_batch
         cross = None if score.cross is None else (reference, score.cross)
         reduction = None if score.reduction is None else (reference, *score.reduction)
@@ -226,12 +226,12 @@ def evaluate(
 def value_of(criterion: Criterion, outputs: Sequence[Output], X: Array, gains: Array) -> float:
     """The value of `evaluate` without gradients, at about half its cost."""
     return sum(
-        _asked(criterion, output, batch_of(output.posterior, X), gains[:, j]).value
+        _checked_score(criterion, output, batch_of(output.posterior, X), gains[:, j]).value
         for j, output in enumerate(outputs)
     )
 
 
-def _asked(criterion: Criterion, output: Output, batch: Batch, gain: Array) -> Score:
+def _checked_score(criterion: Criterion, output: Output, batch: Batch, gain: Array) -> Score:
     """The checked score of a criterion; any exception of a plug-in becomes a UsageError."""
     try:
         score = criterion(output, batch, gain)
@@ -354,8 +354,8 @@ class Reduction:
 
     @classmethod
     def of(cls, output: Output, batch: Batch, gain: Array) -> Reduction:
-        own, cross = batch.covariance(), batch.covariance(output.reference_batch)
-        noisy = gain[:, None] * own * gain
+        covariance, cross = batch.covariance(), batch.covariance(output.reference_batch)
+        noisy = gain[:, None] * covariance * gain
         noisy.ravel()[:: len(noisy) + 1] += output.posterior.noise_variance
         scaled = gain[:, None] * cross
         solved = solved_in_place(noisy.T, scaled)
@@ -408,8 +408,8 @@ def d_opt(output: Output, batch: Batch, gain: Array) -> Score:
 
 def _joint(output: Output, batch: Batch, gain: Array, factor: float) -> Score:
     joint = Entropy.of(batch.covariance(), gain, output.noise)
-    own, in_gain = joint.back()
-    return Score(value=factor * joint.value, gain=factor * in_gain, own=factor * own)
+    in_covariance, in_gain = joint.back()
+    return Score(value=factor * joint.value, gain=factor * in_gain, own=factor * in_covariance)
 
 
 @needing("reference")
@@ -421,10 +421,10 @@ def mi_region(output: Output, batch: Batch, gain: Array) -> Score:
     that no later measurement can show, and is badly conditioned for neighbouring states.
     """
     factor = output.reference_factor
-    own, cross = batch.covariance(), batch.covariance(output.reference_batch)
+    prior, cross = batch.covariance(), batch.covariance(output.reference_batch)
     half, _ = dtrtrs(factor, cross.T, lower=1)
-    before = Entropy.of(own, gain, output.noise)
-    after = Entropy.of(own - half.T @ half, gain, output.noise)
+    before = Entropy.of(prior, gain, output.noise)
+    after = Entropy.of(prior - half.T @ half, gain, output.noise)
     (in_own, in_gain), (in_rest, in_rest_gain) = before.back(), after.back()
     projected = dpotrs(factor, cross.T, lower=1)[0].T
     return Score(
@@ -462,5 +462,5 @@ class Entropy:
         """Derivatives of the value in C, (T, T) symmetric, and in the gains, (T,): G = M^-1/2 taken back."""
         lower = inverse_lower(self.factor.copy(order="F"))
         inverse = lower + np.tril(lower, -1).T
-        own = 0.5 * self.gain[:, None] * inverse * self.gain
-        return own, np.asarray((inverse * self.covariance) @ self.gain)
+        in_covariance = 0.5 * self.gain[:, None] * inverse * self.gain
+        return in_covariance, np.asarray((inverse * self.covariance) @ self.gain)

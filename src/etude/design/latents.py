@@ -48,17 +48,17 @@ def latents_of(model: Model) -> tuple[Latent, ...]:
     Raises:
         UsageError: a command without any process.
     """
-    found: list[Latent] = []
+    latents: list[Latent] = []
     chosen = _chosen(model)
     for place in sorted(set(chosen.values())):
         candidate = model.candidates[place]
         assert candidate.process is not None
-        for posterior, own in candidate.process.latents():
-            kept = [i for i in own if chosen[candidate.commands[i]] == place]
-            if kept:
-                commands = tuple(candidate.commands[i] for i in kept)
-                found.append(Latent(_guide(posterior), commands, candidate.units[1, kept]))
-    return tuple(sorted(found, key=lambda latent: latent.commands))
+        for posterior, columns in candidate.process.latents():
+            selected = [i for i in columns if chosen[candidate.commands[i]] == place]
+            if selected:
+                commands = tuple(candidate.commands[i] for i in selected)
+                latents.append(Latent(_guide(posterior), commands, candidate.units[1, selected]))
+    return tuple(sorted(latents, key=lambda latent: latent.commands))
 
 
 def planned(latents: Sequence[Latent], share: float, inducing: int) -> tuple[Latent, ...]:
@@ -69,10 +69,10 @@ def planned(latents: Sequence[Latent], share: float, inducing: int) -> tuple[Lat
         share: number of planned samples over that of logged ones; 1: a planned sample counts as one logged.
         inducing: exact processes with more samples are reduced to this many; 0: never reduced.
     """
-    seen = (fast_posterior(latent.posterior, inducing) for latent in latents)
+    posteriors = (fast_posterior(latent.posterior, inducing) for latent in latents)
     return tuple(
         replace(latent, posterior=p if share == 1.0 else PlannedPosterior(p, p.noise_variance * share))
-        for latent, p in zip(latents, seen, strict=True)
+        for latent, p in zip(latents, posteriors, strict=True)
     )
 
 
@@ -97,8 +97,8 @@ def of_parameters(latents: Sequence[Latent], physics: Mapping[str, Physics]) -> 
         X, noise = _samples(latent.posterior), latent.posterior.noise_variance
         for command, factor in zip(latent.commands, latent.factors, strict=True):
             regression = BayesianLinear(regressors[command], -math.log(factor), 0.5 * math.log(noise))
-            known = regression.condition(X, np.zeros(len(X)))
-            made.append(Latent(known, (command,), np.array([factor])))
+            posterior = regression.condition(X, np.zeros(len(X)))
+            made.append(Latent(posterior, (command,), np.array([factor])))
     return tuple(made)
 
 
@@ -163,11 +163,11 @@ def _chosen(model: Model) -> dict[int, int]:
     """
     places: dict[int, int] = {}
     for command in sorted({j for candidate in model.candidates for j in candidate.commands}):
-        own = [(i, c) for i, c in enumerate(model.candidates) if command in c.commands]
-        in_use = max(own, key=lambda pair: _weight(pair[1], command))[1].structure
+        members = [(i, c) for i, c in enumerate(model.candidates) if command in c.commands]
+        in_use = max(members, key=lambda pair: _weight(pair[1], command))[1].structure
         ranked = [
             (c.structure == in_use, c.structure == f"{in_use}+gp", c.structure == "identified+gp", -i)
-            for i, c in own
+            for i, c in members
             if c.process is not None
         ]
         if not ranked:
@@ -190,9 +190,9 @@ def _guide(posterior: Posterior) -> Posterior:
 
 def _regressed(physics: Mapping[str, Physics]) -> SupportsRegressors:
     """The first that offers regressors."""
-    for found in physics.values():
-        if isinstance(found, SupportsRegressors):
-            return found
+    for structure in physics.values():
+        if isinstance(structure, SupportsRegressors):
+            return structure
     raise UsageError(
         "d_opt needs the identified model, and this robot has none",
         next_step="Add a URDF or MJCF to the robot file, or choose the criterion info_gain.",
@@ -238,14 +238,14 @@ def prior_latents(
         return None
     middle, half = reach
     every = tuple(range(len(commands)))
-    found = []
+    latents = []
     for group in [every] if config.sharing == "shared" else [(j,) for j in every]:
         names = tuple(commands[j] for j in group)
         kernel = kernel_for(config.kernel, inputs.columns, names, middle[None])
         theta = kernel.initial(half, SIGNAL)
         posterior = posterior_given(kernel, theta, NOISE**2, middle[None], np.zeros(1))
-        found.append(Latent(posterior, group, np.asarray(limit, dtype=float)[list(group)]))
-    return tuple(found)
+        latents.append(Latent(posterior, group, np.asarray(limit, dtype=float)[list(group)]))
+    return tuple(latents)
 
 
 def _reach(inputs: Inputs, ranges: Mapping[str, tuple[Array, Array]]) -> tuple[Array, Array] | None:

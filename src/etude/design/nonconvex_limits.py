@@ -68,17 +68,17 @@ class NonconvexLimits:
             parts[limit.penalty(motion) is None and bool(limit.cones(family))].append(limit)
         boxed = [bool(limit.cones(family)) for limit in parts[False]]
         # limits that restrict the search fail most often: check them first
-        own = [parts[False][i] for i in sorted(range(len(boxed)), key=lambda i: not boxed[i])]
-        return cls(tuple(own), times, tuple(parts[True]), any(boxed))
+        ordered = [parts[False][i] for i in sorted(range(len(boxed)), key=lambda i: not boxed[i])]
+        return cls(tuple(ordered), times, tuple(parts[True]), any(boxed))
 
     def penalty(self, family: Family, p: Array) -> tuple[float, Array]:
         """Sum of the penalties at p (P,) and its gradient (P,); 0 where all are kept."""
         motion = family.motion(p, self.times, _orders(self.limits))
         total, gradient = 0.0, np.zeros_like(motion.orders)
         for limit in self.limits:
-            found = limit.penalty(motion)
-            if found is not None:
-                total, gradient = total + found[0], gradient + found[1]
+            term = limit.penalty(motion)
+            if term is not None:
+                total, gradient = total + term[0], gradient + term[1]
         return total, family.vjp(p, self.times, gradient)
 
     def weight(self, candidates: Iterable[tuple[Family, Array]]) -> float:
@@ -88,20 +88,20 @@ class NonconvexLimits:
         `keeps` are left out: candidates were shrunk until they kept these.
         """
         slow = tuple(limit for limit in self.limits if not isinstance(limit, SupportsFastCheck))
-        asked = replace(self, limits=slow)
-        found = [asked.penalty(family, p)[0] for family, p in candidates] if asked.limits else []
-        typical = float(np.mean(found)) if found else 0.0
+        checked = replace(self, limits=slow)
+        penalties = [checked.penalty(family, p)[0] for family, p in candidates] if slow else []
+        typical = float(np.mean(penalties)) if penalties else 0.0
         return HEAVY / typical if typical > 0.0 else 0.0
 
-    def proved(self, family: Family, p: Array, *, quickly: bool = False) -> bool:
+    def proved(self, family: Family, p: Array, *, fast_check: bool = False) -> bool:
         """Whether all limits are proved on the trajectory of p (P,).
 
-        quickly: use `keeps(piece)` of limits that have it. It is wrong in rare cases, and for searches only.
+        fast_check: use `keeps(piece)` of limits that have it. It may be wrong: for searches only.
         """
-        return _hold(self.limits, family, p, quickly)
+        return _hold(self.limits, family, p, fast_check)
 
     def shrink_to_home(
-        self, family: Family, home: Array, p: Array, halvings: int = HALVINGS, *, quickly: bool = False
+        self, family: Family, home: Array, p: Array, halvings: int = HALVINGS, *, fast_check: bool = False
     ) -> Array:
         """The parameters p (P,), moved towards `home` (P,) only until the limits are proved.
 
@@ -113,27 +113,27 @@ class NonconvexLimits:
             home: (P,) parameters of rest at home.
             p: parameters to start from.
             halvings: number of bisections.
-            quickly: see `proved`.
+            fast_check: see `proved`.
 
         Raises:
             UnsafeTrajectoryError: the limits are proved nowhere on the line, home included.
         """
         for i, limit in enumerate(self.limits):
-            if _hold((limit,), family, p, quickly):
+            if _hold((limit,), family, p, fast_check):
                 continue
-            asked, inside, outside = self.limits[: i + 1], 0.0, 1.0
+            checked, inside, outside = self.limits[: i + 1], 0.0, 1.0
             for _ in range(halvings):
                 middle = 0.5 * (inside + outside)
-                if _hold(asked, family, home + middle * (p - home), quickly):
+                if _hold(checked, family, home + middle * (p - home), fast_check):
                     inside = middle
                 else:
                     outside = middle
-            if inside == 0.0 and not _hold(asked, family, home, quickly):
-                raise _home_outside(asked, family, home, quickly)
+            if inside == 0.0 and not _hold(checked, family, home, fast_check):
+                raise _home_outside(checked, family, home, fast_check)
             p = np.asarray(home + inside * (p - home))
         return p
 
-    def grown(
+    def expand(
         self, family: Family, home: Array, p: Array, worth: Callable[[Array], float] = lambda _: 0.0
     ) -> Array:
         """The parameters (P,) with each block enlarged about `home`, as far as fast checks allow.
@@ -218,15 +218,15 @@ def _stretched(
     block: Block, family: Family, p: Array, stand: Stand, times: Array, side: int, factor: float
 ) -> Array | None:
     """A block extended with its low (1) or high (0) end fixed; None where it has no room."""
-    way = family.motion(p, times, 1).orders[0]
-    fixed = stand(way.min(axis=0) if side else way.max(axis=0))[block.members]
-    own = p[block.members]
-    _, most = block.chord(own[None], (own - fixed)[None])
+    path = family.motion(p, times, 1).orders[0]
+    fixed = stand(path.min(axis=0) if side else path.max(axis=0))[block.members]
+    block_point = p[block.members]
+    _, most = block.chord(block_point[None], (block_point - fixed)[None])
     step = min(factor - 1.0, USABLE_PART * float(most[0]))
     if not step > LEAST_GROWTH - 1.0:
         return None
     trial = p.copy()
-    trial[block.members] = own + step * (own - fixed)
+    trial[block.members] = block_point + step * (block_point - fixed)
     return trial
 
 
@@ -235,16 +235,16 @@ def _orders(limits: Sequence[Limit]) -> int:
     return max([ORDERS, *(limit.orders for limit in limits if isinstance(limit, SupportsOrders))])
 
 
-def _hold(limits: Sequence[Limit], family: Family, p: Array, quickly: bool) -> bool:
+def _hold(limits: Sequence[Limit], family: Family, p: Array, fast_check: bool) -> bool:
     pieces = [piece for _, _, piece in family.trajectory(p).pieces()] if limits else []
-    return all(_holds(limit, piece, quickly) for limit in limits for piece in pieces)
+    return all(_holds(limit, piece, fast_check) for limit in limits for piece in pieces)
 
 
 def _home_outside(
-    limits: Sequence[Limit], family: Family, home: Array, quickly: bool
+    limits: Sequence[Limit], family: Family, home: Array, fast_check: bool
 ) -> UnsafeTrajectoryError:
     """The error that names the limit violated by rest at home (P,), and by how much."""
-    broken = [limit for limit in limits if not _hold((limit,), family, home, quickly)]
+    broken = [limit for limit in limits if not _hold((limit,), family, home, fast_check)]
     pieces = [piece for _, _, piece in family.trajectory(home).pieces()]
     rows = [row for limit in broken for piece in pieces for row in limit.prove(piece) if slack(row) < 0.0]
     facts = dict.fromkeys(_beyond(row) for row in rows)
@@ -260,12 +260,12 @@ def _beyond(row: Proof) -> str:
     """Text on a violated row: the proved value, and the limit."""
     above = row.upper - row.proved_upper <= row.proved_lower - row.lower
     value, end = (row.proved_upper, row.upper) if above else (row.proved_lower, row.lower)
-    kept = f" with a tracking margin of {tracked_in_words(row)}" if row.tracking_margin else ""
-    return f"{row.quantity} of {row.axis} is {value:.4g}, limit {end:.4g}{kept}"
+    tracking = f" with a tracking margin of {tracked_in_words(row)}" if row.tracking_margin else ""
+    return f"{row.quantity} of {row.axis} is {value:.4g}, limit {end:.4g}{tracking}"
 
 
-def _holds(limit: Limit, piece: Trajectory, quickly: bool) -> bool:
-    if quickly and isinstance(limit, SupportsFastCheck):
+def _holds(limit: Limit, piece: Trajectory, fast_check: bool) -> bool:
+    if fast_check and isinstance(limit, SupportsFastCheck):
         return limit.keeps(piece)
     if isinstance(limit, SupportsViolation) and limit.violated(piece):
         return False
@@ -277,7 +277,7 @@ class PenalisedObjective:
     """An objective minus the weighted penalty, only for the search."""
 
     objective: SearchFunction
-    kept: NonconvexLimits
+    nonconvex: NonconvexLimits
     weight: float
 
     @property
@@ -286,10 +286,10 @@ class PenalisedObjective:
 
     def value(self, p: Array) -> float:
         """The criterion minus the penalty."""
-        return self.objective.value(p) - self.weight * self.kept.penalty(self.family, p)[0]
+        return self.objective.value(p) - self.weight * self.nonconvex.penalty(self.family, p)[0]
 
     def value_and_gradient(self, p: Array) -> tuple[float, Array]:
         """Value and gradient (P,)."""
         value, gradient = self.objective.value_and_gradient(p)
-        penalty, slope = self.kept.penalty(self.family, p)
+        penalty, slope = self.nonconvex.penalty(self.family, p)
         return value - self.weight * penalty, gradient - self.weight * slope

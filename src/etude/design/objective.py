@@ -82,7 +82,7 @@ def gains_of(commands: Sequence[tuple[int, ...]], gains: Array) -> Array:
     of their mean weight.
     """
     return np.column_stack(
-        [gains[:, own[0]] if len(own) == 1 else _mean_size(gains[:, own]) for own in commands]
+        [gains[:, group[0]] if len(group) == 1 else _mean_size(gains[:, group]) for group in commands]
     )
 
 
@@ -92,13 +92,13 @@ def vjp_gains(commands: Sequence[tuple[int, ...]], gains: Array, in_latents: Arr
     Where all gains are 0 it is 0: a criterion is even in the gain.
     """
     out = np.zeros_like(gains)
-    for latent, own in enumerate(commands):
-        if len(own) == 1:
-            out[:, own[0]] += in_latents[:, latent]
+    for latent, group in enumerate(commands):
+        if len(group) == 1:
+            out[:, group[0]] += in_latents[:, latent]
             continue
-        size = _mean_size(gains[:, own])
-        share = in_latents[:, latent] / np.where(size == 0.0, 1.0, len(own) * size)
-        out[:, own] += share[:, None] * gains[:, own]
+        size = _mean_size(gains[:, group])
+        share = in_latents[:, latent] / np.where(size == 0.0, 1.0, len(group) * size)
+        out[:, group] += share[:, None] * gains[:, group]
     return out
 
 
@@ -107,12 +107,12 @@ def instants(duration: float, count: int, rate: float) -> tuple[Array, Index | N
 
     Inputs with memory need samples at their rate (Hz) throughout; rate 0: no such inputs.
     """
-    wanted = duration * (np.arange(count) + 0.5) / count
+    midpoints = duration * (np.arange(count) + 0.5) / count
     if rate == 0.0:
-        return wanted, None
+        return midpoints, None
     # 1e-12: a duration of whole sample times keeps its last one
     times = np.arange(int(np.floor(duration * rate * (1.0 + 1e-12))) + 1) / rate
-    nearest = np.minimum(np.rint(wanted * rate), len(times) - 1).astype(np.int64)
+    nearest = np.minimum(np.rint(midpoints * rate), len(times) - 1).astype(np.int64)
     return times, nearest[np.diff(nearest, prepend=-1) > 0]  # sorted: drops repeated ones
 
 

@@ -46,14 +46,14 @@ class Aim:
         """(J,) forecast root mean square deviation of each command before and after a trajectory."""
         plan = replace(self.objective, family=drawn.family).planned(drawn.p)
         gains = gains_of([latent.commands for latent in self.latents], plan.gains)
-        found: dict[int, tuple[float, float]] = {}
+        pairs: dict[int, tuple[float, float]] = {}
         for latent, output, gain in zip(self.latents, self.outputs, gains.T, strict=True):
             removed = Reduction.of(output, batch_of(output.posterior, plan.X), gain).values
             now = float(np.sqrt(output.reference_variance.mean()))
             then = float(np.sqrt(np.maximum(output.reference_variance - removed, 0.0).mean()))
             for command, factor in zip(latent.commands, latent.factors, strict=True):
-                found[command] = (factor * now, factor * then)
-        before, after = zip(*(found[command] for command in sorted(found)), strict=True)
+                pairs[command] = (factor * now, factor * then)
+        before, after = zip(*(pairs[command] for command in sorted(pairs)), strict=True)
         return np.array(before), np.array(after)
 
 
@@ -77,22 +77,24 @@ def design_objective(
         if not rate > 0.0:
             raise UsageError("planned_noise needs the rate of the logs", where="design.planned_noise")
         share = config.points / max(rate * duration, config.points)
-    own = tuple(model) if isinstance(model, Sequence) else latents_of(model)
+    model_latents = tuple(model) if isinstance(model, Sequence) else latents_of(model)
     ahead = planned_samples(inputs, given, config.points)
-    latents = with_planned(planned(own, share, config.inducing), ahead)
+    latents = with_planned(planned(model_latents, share, config.inducing), ahead)
     outputs = _outputs(latents, inputs, config, tasks, standing_in)
-    judged, asked = outputs, latents
+    scored_outputs, scored_latents = outputs, latents
     if needs_of(criterion) == "identified":
-        asked = with_planned(planned(of_parameters(own, physics or {}), share, 0), ahead)
+        scored_latents = with_planned(planned(of_parameters(model_latents, physics or {}), share, 0), ahead)
         references = {
             j: output.reference
             for latent, output in zip(latents, outputs, strict=True)
             for j in latent.commands
         }
-        judged = tuple(Output.of(one.posterior, references[one.commands[0]]) for one in asked)
+        scored_outputs = tuple(
+            Output.of(one.posterior, references[one.commands[0]]) for one in scored_latents
+        )
     times, keep = instants(duration, config.points, inputs.rate)
-    commands = tuple(latent.commands for latent in asked)
-    return Aim(Objective(criterion, judged, commands, inputs, family, times, keep), latents, outputs)
+    commands = tuple(latent.commands for latent in scored_latents)
+    return Aim(Objective(criterion, scored_outputs, commands, inputs, family, times, keep), latents, outputs)
 
 
 def _outputs(
@@ -146,11 +148,11 @@ def conditioned_on_planned(posterior: Posterior, X: Array, gains: Array) -> Post
     informative = X[gains**2 >= HALF]
     if not len(informative):
         return posterior
-    known = (
+    samples = (
         np.concatenate([posterior.X, informative]),
         np.concatenate([posterior.y, posterior.mean(informative)]),
     )
-    refit = posterior_given(posterior.kernel, posterior.theta, posterior.noise_variance, *known)
+    refit = posterior_given(posterior.kernel, posterior.theta, posterior.noise_variance, *samples)
     refit.__dict__["signal_variance"] = posterior.signal_variance  # the same scale for all segments
     return refit
 
@@ -219,7 +221,7 @@ class Conditioned:
 class ConditionedBatch:
     """Implements `batch.Batch`. base: of the posterior without the planned samples; explained: B (T, p)."""
 
-    given: Conditioned
+    conditioned: Conditioned
     base: Batch
     explained: Array
 
@@ -227,9 +229,9 @@ class ConditionedBatch:
         return np.asarray(np.maximum(self.base.variance() - (self.explained**2).sum(axis=1), 0.0))
 
     def covariance(self, other: ConditionedBatch | None = None) -> Array:
-        known = self if other is None else other
+        second = self if other is None else other
         prior = self.base.covariance(None if other is None else other.base)
-        return np.asarray(prior - self.explained @ known.explained.T)
+        return np.asarray(prior - self.explained @ second.explained.T)
 
     def gradient(
         self,
@@ -256,7 +258,7 @@ class ConditionedBatch:
             cross=None if cross is None else (cross[0].base, cross[1]),
             reduction=None if reduction is None else (reduction[0].base, *reduction[1:]),
         )
-        return through + self.base.gradient(cross=(self.given.planned, weights @ self.given.root))
+        return through + self.base.gradient(cross=(self.conditioned.planned, weights @ self.conditioned.root))
 
 
 def with_planned(latents: Sequence[Latent], samples: tuple[Array, Array] | None) -> tuple[Latent, ...]:
@@ -265,8 +267,8 @@ def with_planned(latents: Sequence[Latent], samples: tuple[Array, Array] | None)
         return tuple(latents)
     X, gains = samples[0], gains_of([latent.commands for latent in latents], samples[1])
     return tuple(
-        replace(latent, posterior=conditioned_on_planned(latent.posterior, X, own))
-        for latent, own in zip(latents, gains.T, strict=True)
+        replace(latent, posterior=conditioned_on_planned(latent.posterior, X, gain))
+        for latent, gain in zip(latents, gains.T, strict=True)
     )
 
 
@@ -374,20 +376,20 @@ def design(
         aim = design_objective(
             family, inputs, model, config, tasks, others, given=given, rate=rate, physics=physics
         )
-        found = search(aim.objective, source.candidates(rng, config.candidates), config, limits)
-        before, after = aim.deviations(found.best)
+        result = search(aim.objective, source.candidates(rng, config.candidates), config, limits)
+        before, after = aim.deviations(result.best)
     return Design(
-        trajectory=found.best.trajectory,
-        family=found.best.family,
-        parameters=found.best.p,
-        status=_status(config, found),
+        trajectory=result.best.trajectory,
+        family=result.best.family,
+        parameters=result.best.p,
+        status=_status(config, result),
         criterion=config.criterion,
-        value=found.value,
-        baseline=found.baseline,
-        typical=found.typical,
+        value=result.value,
+        baseline=result.baseline,
+        typical=result.typical,
         deviation_before=before,
         deviation_after=after,
-        evaluations=found.evaluations,
+        evaluations=result.evaluations,
         seconds=time.process_time() - started,
         outputs=len(aim.objective.outputs),
     )
@@ -395,9 +397,9 @@ def design(
 
 def variance_removed(before: Array, after: Array) -> float:
     """Fraction of variance removed, mean over commands, from deviations (J,) before and after."""
-    known = before == 0.0
-    left = after / np.where(known, 1.0, before)
-    return float(np.mean(np.where(known, 0.0, 1.0 - left**2)))
+    is_exact = before == 0.0
+    left = after / np.where(is_exact, 1.0, before)
+    return float(np.mean(np.where(is_exact, 0.0, 1.0 - left**2)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -447,7 +449,7 @@ def refine(objective: Merit, feasible: FeasibleSet, start: Array, steps: int) ->
         return -scale * value, -scale * gradient
 
     # 20 pairs of the inverse Hessian for tens of parameters; 10 evaluations a line search at most
-    minimise(cost, first, steps=steps, kept=20, searched=10)
+    minimise(cost, first, steps=steps, corrections=20, searched=10)
     p, value = _to_the_edge(objective, feasible, search.inside(best.y), best.value)
     return Refinement(p, value, best.count + len(feasible.blocks))
 
@@ -524,8 +526,8 @@ class Search:
 def _shrink(use: Array) -> Array:
     """(1 + use^p)^(-1/p) without overflow."""
     larger = np.maximum(use, 1.0)
-    rest = (1.0 / larger) ** CORNER + (use / larger) ** CORNER
-    return np.asarray(rest ** (-1.0 / CORNER) / larger)
+    size = (1.0 / larger) ** CORNER + (use / larger) ** CORNER
+    return np.asarray(size ** (-1.0 / CORNER) / larger)
 
 
 @dataclass
@@ -551,31 +553,31 @@ class RankedCandidates:
         order = np.argsort(values)[::-1].tolist()
         return cls([candidates[i] for i in order], [values[i] for i in order], [])
 
-    def draw(self, aim: SearchFunction, kept: NonconvexLimits, place: int) -> float:
+    def draw(self, aim: SearchFunction, nonconvex: NonconvexLimits, place: int) -> float:
         """Shrink a candidate to the limits and return its value."""
         if place not in self.drawn:
             one = self.candidates[place]
-            home = one.home(kept)
+            home = one.home(nonconvex)
             if home is not one:
                 self.candidates[place] = home
                 self.values[place] = aim.of(home.family).value(home.p)
             self.drawn.append(place)
         return self.values[place]
 
-    def best(self, aim: SearchFunction, kept: NonconvexLimits, count: int) -> list[int]:
+    def best(self, aim: SearchFunction, nonconvex: NonconvexLimits, count: int) -> list[int]:
         """Indices of the `count` candidates with the highest values after shrinking."""
-        found: list[int] = []
+        ranking: list[int] = []
         for place in counted(range(len(self.values))):
-            if len(found) >= count and self.values[found[count - 1]] >= self.values[place]:
+            if len(ranking) >= count and self.values[ranking[count - 1]] >= self.values[place]:
                 break
-            self.draw(aim, kept, place)
-            found = sorted([*found, place], key=lambda i: -self.values[i])
-        return found[:count]
+            self.draw(aim, nonconvex, place)
+            ranking = sorted([*ranking, place], key=lambda i: -self.values[i])
+        return ranking[:count]
 
-    def typical(self, aim: SearchFunction, kept: NonconvexLimits) -> float:
+    def typical(self, aim: SearchFunction, nonconvex: NonconvexLimits) -> float:
         """Value of the median candidate after shrinking; the mean of the two middle ones if even."""
         last = len(self.values) - 1
-        return float(np.mean([self.draw(aim, kept, place) for place in (last // 2, (last + 1) // 2)]))
+        return float(np.mean([self.draw(aim, nonconvex, place) for place in (last // 2, (last + 1) // 2)]))
 
 
 def search(
@@ -590,36 +592,40 @@ def search(
     limits. A penalty counts during refinement. Its results are shrunk and then enlarged. All of this uses
     fast checks; only the best trajectory is proved.
     """
-    kept = NonconvexLimits.of(limits, candidates[0].family, candidates[0].p)
+    nonconvex = NonconvexLimits.of(limits, candidates[0].family, candidates[0].p)
     with part(VALUED):
         ranked = RankedCandidates.of(aim, candidates)
     with part(DRAWN):
-        places = ranked.best(aim, kept, max(config.refine, 1))
-    baseline, typical = ranked.values[places[0]], ranked.typical(aim, kept)
-    weight = kept.weight((one.family, one.p) for one in (ranked.candidates[i] for i in ranked.drawn))
+        places = ranked.best(aim, nonconvex, max(config.refine, 1))
+    baseline, typical = ranked.values[places[0]], ranked.typical(aim, nonconvex)
+    weight = nonconvex.weight((one.family, one.p) for one in (ranked.candidates[i] for i in ranked.drawn))
     best, value, evaluations = ranked.candidates[places[0]], baseline, len(candidates)
     for place in counted(places[: config.refine], whole=1.0 - VALUED - DRAWN):
         start = ranked.candidates[place]
-        own = aim.of(start.family)
-        searched = PenalisedObjective(own, kept, weight * abs(ranked.values[place])) if weight > 0.0 else own
+        objective = aim.of(start.family)
+        searched = (
+            PenalisedObjective(objective, nonconvex, weight * abs(ranked.values[place]))
+            if weight > 0.0
+            else objective
+        )
         end = refine(searched, start.feasible, start.p, config.steps)
         evaluations += end.evaluations
-        found = start.allowed(kept, end.p, own.value)
-        known = found.p is end.p and searched is own
-        found_value = end.value if known else own.value(found.p)
-        if found_value > value:
-            best, value = found, found_value
-    if kept.limits:
-        settled = kept.settled(best.family, best.standing, best.p)
+        refined = start.allowed(nonconvex, end.p, objective.value)
+        is_known = refined.p is end.p and searched is objective
+        refined_value = end.value if is_known else objective.value(refined.p)
+        if refined_value > value:
+            best, value = refined, refined_value
+    if nonconvex.limits:
+        settled = nonconvex.settled(best.family, best.standing, best.p)
         if settled is not best.p:
             best = replace(best, p=settled)
             value = aim.of(best.family).value(settled)
     return SearchResult(best, value, baseline, typical, evaluations)
 
 
-def _status(config: DesignConfig, found: SearchResult) -> str:
-    if found.value > found.baseline:
-        text = f"{config.criterion} {found.value:.4g}, refined from {found.baseline:.4g}"
+def _status(config: DesignConfig, result: SearchResult) -> str:
+    if result.value > result.baseline:
+        text = f"{config.criterion} {result.value:.4g}, refined from {result.baseline:.4g}"
     else:
-        text = f"{config.criterion} {found.value:.4g}, not improved by refinement"
+        text = f"{config.criterion} {result.value:.4g}, not improved by refinement"
     return f"{text}, the best of {config.candidates} random candidates."

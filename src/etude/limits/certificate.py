@@ -90,33 +90,35 @@ def not_verified(
         approach: whether the trajectory is itself an approach or a return.
     """
     labels = {label for _, label, _ in trajectory.pieces()}
-    said = {TRACKING: _of_tracking(rows)}
+    gaps = {TRACKING: _of_tracking(rows)}
     for limit in limits:
         if isinstance(limit, SupportsCoverage):
             for topic in limit.looks_at:
-                said[topic] = (*said.get(topic, ()), *limit.not_verified)
+                gaps[topic] = (*gaps.get(topic, ()), *limit.not_verified)
     if approach or {"approach", "return"} <= labels:
-        said[APPROACH] = ()
-    found = [one for topic in ALL for one in said.get(topic, (topic,))]
-    return (*found, *unenforced)
+        gaps[APPROACH] = ()
+    sentences = [one for topic in ALL for one in gaps.get(topic, (topic,))]
+    return (*sentences, *unenforced)
 
 
 def _of_tracking(rows: Sequence[Proof]) -> tuple[str, ...]:
     """Sentences on the quantities whose tracking margin is missing or assumed; () if all were measured."""
-    own = [row for row in rows if row.quantity in HELD and row.status != "not verified"]
-    without = list(dict.fromkeys(row.quantity for row in own if row.tracking_margin == 0.0))
+    tracked_rows = [row for row in rows if row.quantity in HELD and row.status != "not verified"]
+    without = list(dict.fromkeys(row.quantity for row in tracked_rows if row.tracking_margin == 0.0))
     assumed = list(
-        dict.fromkeys(row.quantity for row in own if row.tracking_margin > 0.0 and row.confidence == 0.0)
+        dict.fromkeys(
+            row.quantity for row in tracked_rows if row.tracking_margin > 0.0 and row.confidence == 0.0
+        )
     )
-    if not own or len(without) == len({row.quantity for row in own}):
+    if not tracked_rows or len(without) == len({row.quantity for row in tracked_rows}):
         return (TRACKING,)
-    found = [f"The tracking error of {' and '.join(without)}."] if without else []
+    sentences = [f"The tracking error of {' and '.join(without)}."] if without else []
     if assumed:
-        found.append(
-            f"Tracking: the margins of {' and '.join(assumed)} are assumed; no log{_under(own)} has "
+        sentences.append(
+            f"Tracking: the margins of {' and '.join(assumed)} are assumed; no log{_under(tracked_rows)} has "
             "measured them."
         )
-    return tuple(found)
+    return tuple(sentences)
 
 
 def _under(rows: Sequence[Proof]) -> str:
@@ -136,9 +138,9 @@ def in_words(row: Proof) -> str:
         with_it = f" with tracking{under} of {taken}" if taken else ""
         return f"{row.proved_lower:.4g} is kept{with_it}, limit {row.lower:.4g}"
     above = row.upper - row.proved_upper <= row.proved_lower - row.lower
-    asked, limit = (row.proved_upper, row.upper) if above else (row.proved_lower, row.lower)
+    planned, limit = (row.proved_upper, row.upper) if above else (row.proved_lower, row.lower)
     beyond = row.tracking_margin if above else -row.tracking_margin
-    return f"planned {asked:.4g}, {_tracked(row)}limit {limit + beyond:.4g}"
+    return f"planned {planned:.4g}, {_tracked(row)}limit {limit + beyond:.4g}"
 
 
 def tracked_in_words(row: Proof) -> str:
@@ -247,23 +249,23 @@ def certify(
         control: the control that the tracking margins apply to, in words; "": unknown.
         partial: a limit that can prove nothing for this curve gets a row "not verified", not a UsageError.
     """
-    found: dict[tuple[str, str, str, tuple[float, float] | None], Proof] = {}
+    proofs: dict[tuple[str, str, str, tuple[float, float] | None], Proof] = {}
     pieces = trajectory.pieces()
     for start, label, piece in pieces:
         where = f"{label} at {start:g} s" if len(pieces) > 1 else ""
         for limit in limits:
             for i, row in enumerate(rows_of(limit, piece, partial=partial)):
-                key = (row.axis, row.quantity, f"{limit.name} {i}", _kept(row))
+                key = (row.axis, row.quantity, f"{limit.name} {i}", _limit_key(row))
                 of = control if row.tracking_margin > 0.0 else ""
                 row = replace(row, where=" of the ".join(filter(None, (row.where, where))), control=of)
-                found[key] = _joined(found[key], row) if key in found else row
-    axes = list(dict.fromkeys(key[0] for key in found))
-    rows = tuple(row for axis in axes for key, row in found.items() if key[0] == axis)
-    rest = any(isinstance(limit, SupportsOrder) and limit.rest for limit in limits)
+                proofs[key] = _joined(proofs[key], row) if key in proofs else row
+    axes = list(dict.fromkeys(key[0] for key in proofs))
+    rows = tuple(row for axis in axes for key, row in proofs.items() if key[0] == axis)
+    needs_rest = any(isinstance(limit, SupportsOrder) and limit.rest for limit in limits)
     ends = [_end_speeds(piece, limits, partial) for _, _, piece in pieces]
-    end_speed = max(map(max, ends)) if rest else max(ends[0][0], ends[-1][1])
+    end_speed = max(map(max, ends)) if needs_rest else max(ends[0][0], ends[-1][1])
     unverified = not_verified(trajectory, limits, rows, unenforced, approach=approach)
-    return Certificate(rows, end_speed, rest, unverified, _warnings(trajectory, limits))
+    return Certificate(rows, end_speed, needs_rest, unverified, _warnings(trajectory, limits))
 
 
 def rows_of(limit: Limit, piece: Trajectory, *, partial: bool) -> Sequence[Proof]:
@@ -279,15 +281,15 @@ def rows_of(limit: Limit, piece: Trajectory, *, partial: bool) -> Sequence[Proof
 
 def _warnings(trajectory: Trajectory, limits: Sequence[Limit]) -> tuple[Notice, ...]:
     """Warnings of the limits about this motion; () for a curve without accelerations."""
-    found: list[Notice] = []
+    notices: list[Notice] = []
     for limit in limits:
         if isinstance(limit, SupportsWarnings):
             with contextlib.suppress(UsageError):
-                found += stated(limit.warned(trajectory))
-    return tuple(found)
+                notices += stated(limit.warned(trajectory))
+    return tuple(notices)
 
 
-def _kept(row: Proof) -> tuple[float, float] | None:
+def _limit_key(row: Proof) -> tuple[float, float] | None:
     """Key that separates rows of pieces: the ends of the limit; None for a distance, which has one row."""
     return None if row.upper == math.inf else (row.lower, row.upper)
 
@@ -374,15 +376,15 @@ def facts_of(data: bytes | str) -> dict[str, Any]:
 
 def _of_version_1(row: dict[str, Any]) -> dict[str, Any]:
     """The row with the keys of this version; the earliest certificates have no tracking margins."""
-    own = {name: value for name, value in row.items() if name != "margin"}
-    if own.get("status") == "not looked at":
-        own["status"] = "not verified"
+    fields = {name: value for name, value in row.items() if name != "margin"}
+    if fields.get("status") == "not looked at":
+        fields["status"] = "not verified"
     return {
         "status": "proved",
         "tracking_margin": 0.0,
         "confidence": 1.0,
         "where": "",
-        **own,
+        **fields,
         "slack": row["margin"],
     }
 
@@ -399,7 +401,7 @@ def _end_speeds(piece: Trajectory, limits: Sequence[Limit], partial: bool) -> tu
     Without any, as a fraction of the piece's largest speed.
     """
     ends = piece.motion(np.array([0.0, piece.duration]), 2)
-    found = []
+    fractions = []
     for limit in limits:
         if not isinstance(limit, SupportsOrder) or limit.order != 1:
             continue
@@ -407,13 +409,13 @@ def _end_speeds(piece: Trajectory, limits: Sequence[Limit], partial: bool) -> tu
             [max(abs(row.lower), abs(row.upper)) for row in rows_of(limit, piece, partial=partial)]
         )
         values = np.abs(limit.of_motion(ends))
-        found.append(np.divide(values, size, out=np.full(values.shape, math.inf), where=size > 0.0))
-    if not found:
+        fractions.append(np.divide(values, size, out=np.full(values.shape, math.inf), where=size > 0.0))
+    if not fractions:
         # only a scale for the speeds at the ends, no part of a proof: samples are enough
         speeds = np.linalg.norm(piece.motion(np.linspace(0.0, piece.duration, 2001), 2).orders[1], axis=1)
         largest = max(float(speeds.max()), float(np.finfo(float).tiny))
-        found = [np.linalg.norm(ends.orders[1], axis=1)[:, None] / largest]
-    start, end = np.concatenate(found, axis=1).max(axis=1)
+        fractions = [np.linalg.norm(ends.orders[1], axis=1)[:, None] / largest]
+    start, end = np.concatenate(fractions, axis=1).max(axis=1)
     return float(start), float(end)
 
 

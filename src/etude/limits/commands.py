@@ -64,7 +64,7 @@ class CommandLimit:
         mean: motion -> (T, J). deviation: motion -> (T, J); None: the mean is all that is known.
         source: where the prediction comes from, for the certificate.
         orders: number of derivative orders of the motion that `mean` and `deviation` need.
-        said: sentences for the certificate on what is not verified.
+        gaps: sentences for the certificate on what is not verified.
         most: (J,) deviations that are rarely exceeded. A search computes the costly actual deviations only
             where these would exceed the limit. None: unknown.
         both: motion -> mean and deviation, at the cost of the deviation alone; None: two separate calls.
@@ -84,7 +84,7 @@ class CommandLimit:
     deviation: Answer | None
     source: str
     orders: int = 3
-    said: tuple[str, ...] = ()
+    gaps: tuple[str, ...] = ()
     looks_at: tuple[str, ...] = (COMMANDS,)
     most: Array | None = None
     both: Both | None = None
@@ -100,7 +100,7 @@ class CommandLimit:
     @property
     def not_verified(self) -> tuple[str, ...]:
         """Sentences on what is not verified."""
-        return self.said
+        return self.gaps
 
     @property
     def rated(self) -> list[int]:
@@ -143,9 +143,9 @@ class CommandLimit:
     def keeps(self, piece: Trajectory) -> bool:
         """Whether coarse samples keep the limit; for searches, whose result is proved afterwards."""
         if piece.duration / FEW >= 2.0 * LOOK and not self.rated:
-            kept = self._at_first_look(piece)
-            if kept is not None:
-                return kept
+            decided = self._at_first_look(piece)
+            if decided is not None:
+                return decided
         motion = self.along(piece, LOOK)
         mean, middle = self.mean(motion), 0.5 * (self.upper + self.lower)
         rates = np.abs(np.diff(mean, axis=0)) / np.diff(motion.t)[:, None]
@@ -237,8 +237,8 @@ class CommandLimit:
     def _whose(self, piece: Trajectory) -> str:
         if self.deviation is None:
             return self.source
-        own = self._counted(piece.duration)
-        most, least = float(own.max()), float(own.min())
+        counts = self._counted(piece.duration)
+        most, least = float(counts.max()), float(counts.min())
         count = f"{most:.2g}" if most == least else f"{least:.2g} to {most:.2g}"
         assumed = "assumed " if math.isinf(self.lasts) else ""
         return f"{self.source} and {count} of its {assumed}deviations"
@@ -263,12 +263,12 @@ class CommandLimit:
         every = max(1, whole_down(apart / step))
         places = np.arange(0, len(motion.t) - 1 + every, every)
         places[-1] = len(motion.t) - 1
-        found = self.deviation(Motion(motion.t[places], motion.orders[:, places]))
+        deviations = self.deviation(Motion(motion.t[places], motion.orders[:, places]))
         left = np.minimum(
             np.searchsorted(places, np.arange(len(motion.t)), side="right") - 1, len(places) - 1
         )
         right = np.minimum(left + 1, len(places) - 1)
-        return np.asarray(self._counted(duration) * np.maximum(found[left], found[right]))
+        return np.asarray(self._counted(duration) * np.maximum(deviations[left], deviations[right]))
 
     def _counted(self, duration: float) -> Array:
         """(J,) factor on the deviations: b times the fraction that counts."""
@@ -302,16 +302,16 @@ def by_model(
         return np.asarray(model.posterior(log)[0] if fast is None else fast.mean(log))
 
     def both(motion: Motion) -> tuple[Array, Array]:
-        found, variance = model.posterior(inputs.states(motion))
-        return np.asarray(found), np.asarray(np.sqrt(variance))
+        mean, variance = model.posterior(inputs.states(motion))
+        return np.asarray(mean), np.asarray(np.sqrt(variance))
 
     def deviation(motion: Motion) -> Array:
         return both(motion)[1]
 
     def at_most(motion: Motion) -> tuple[Array, Array]:
         assert fast is not None
-        found, variance = fast.at_most(inputs.states(motion))
-        return np.asarray(found), np.asarray(np.sqrt(variance))
+        bound, variance = fast.at_most(inputs.states(motion))
+        return np.asarray(bound), np.asarray(np.sqrt(variance))
 
     # the mean of a model that claims a minimal variance may be completely wrong
     most = None if fast is None or fast.least is not None else MORE * fast.prior_deviation
@@ -332,10 +332,10 @@ def by_model(
 
 
 def _row(
-    axis: str, quantity: str, limit: tuple[float, float], found: tuple[float, float], method: str
+    axis: str, quantity: str, limit: tuple[float, float], interval: tuple[float, float], method: str
 ) -> Proof:
     low, high = map(float, limit)
-    least, most = map(float, found)
+    least, most = map(float, interval)
     return Proof(axis, quantity, low, high, least, most, f"{method} by second differences", "sampled")
 
 
@@ -399,7 +399,7 @@ def _of_which(limit: CommandLimit, share: Array, why: str) -> CommandLimit:
         return limit
     parts = ", ".join(f"{limit.names[j]} {100.0 * share[j]:.0f} %" for j in short)
     sentence = f"The {limit.quantity} in full: of the deviations of {limit.source} there count {parts}. {why}"
-    return replace(limit, share=share, said=(*limit.said, sentence), _proofs={})
+    return replace(limit, share=share, gaps=(*limit.gaps, sentence), _proofs={})
 
 
 def credible(limit: CommandLimit, ran: Trajectory) -> Array:
@@ -429,13 +429,13 @@ class OpenCommands:
     """Commands that cannot be verified: a limit without rows, listed on the certificate as not verified.
 
     Attributes:
-        said: sentences for the list of what is not verified.
+        gaps: sentences for the list of what is not verified.
         limit: the limit that even rest violates.
         refused: why no motion is allowed, and what to do; "" where the user has stated, or a log has shown,
             that a limit is not real.
     """
 
-    said: tuple[str, ...]
+    gaps: tuple[str, ...]
     limit: CommandLimit | None = None
     refused: tuple[str, str] = ("", "")
     looks_at: tuple[str, ...] = (COMMANDS,)
@@ -444,7 +444,7 @@ class OpenCommands:
     @property
     def not_verified(self) -> tuple[str, ...]:
         """The reason."""
-        return self.said
+        return self.gaps
 
     def warned(self, trajectory: Trajectory) -> tuple[Notice, ...]:
         """Warnings of the certificate: by how much the mean command of this motion exceeds its limits."""
@@ -454,8 +454,8 @@ class OpenCommands:
         beyond = np.flatnonzero((high > self.limit.upper) | (low < self.limit.lower))
         if not len(beyond):
             return ()
-        own = tuple(_takes(self.limit, j, float(max(high[j], -low[j]))) for j in beyond.tolist())
-        fields = {"quantity": self.limit.quantity, "source": self.limit.source, "beyond": own}
+        excesses = tuple(_takes(self.limit, j, float(max(high[j], -low[j]))) for j in beyond.tolist())
+        fields = {"quantity": self.limit.quantity, "source": self.limit.source, "beyond": excesses}
         return (Notice(Warn.BEYOND_LIMITS, fields),)
 
     def cones(self, family: Family) -> Sequence[Cone]:  # noqa: ARG002

@@ -114,8 +114,8 @@ def tracked(
     table, confidence = margins.get(form, (np.zeros((0, 0)), 1.0))
     if order >= len(table):
         return fixed, unmeasured
-    own, sure = table[order][axes], np.broadcast_to(confidence, table.shape)[order][axes]
-    return np.fmax(fixed, own), np.where(np.isnan(own), unmeasured, sure)
+    learned, sure = table[order][axes], np.broadcast_to(confidence, table.shape)[order][axes]
+    return np.fmax(fixed, learned), np.where(np.isnan(learned), unmeasured, sure)
 
 
 def envelope_speed(left: Array, offset: Array, slope: Array, most: Array) -> tuple[Array, Array]:
@@ -251,8 +251,8 @@ class AxisLimit(Convex):
         how = method_of(bound.kappa, 1)
         table = np.stack([low, high, least, most, margin, confidence], axis=1).tolist()
         return [
-            Proof(name, self.quantity, a, b, c, d, how, tracking_margin=kept, confidence=sure)
-            for name, (a, b, c, d, kept, sure) in zip(self.names, table, strict=True)
+            Proof(name, self.quantity, a, b, c, d, how, tracking_margin=tracking, confidence=sure)
+            for name, (a, b, c, d, tracking, sure) in zip(self.names, table, strict=True)
         ]
 
     def blocked(self, form: str, pose: Array) -> str:
@@ -335,9 +335,9 @@ class NormLimit(Convex):
         fits = (least is None or (least < needed)) and needed < most and margin >= 0.0
         if not fits or not math.isfinite(margin):
             below = "" if self.lower is None else f"{self.lower:g}.."
-            rest = f", {needed:.4g} at rest included" if needed > 0.0 else ""
+            offset = f", {needed:.4g} at rest included" if needed > 0.0 else ""
             less = f" less {margin:g}" if margin != 0.0 else ""
-            _no_room(self.quantity, self.axis, f"{below}{self.upper:g}{less}{rest}")
+            _no_room(self.quantity, self.axis, f"{below}{self.upper:g}{less}{offset}")
 
     def cones(self, family: Family) -> Sequence[Cone]:
         """A ball, and a slab along the shift if there is a lower bound."""
@@ -360,11 +360,11 @@ class NormLimit(Convex):
         down, up = norm_range(bound)
         how = method_of(bound.kappa, 2)
         if least is None:
-            found = (-most, most, -up, up)
+            ends = (-most, most, -up, up)
         else:
             low, high = bound_of(piece, self.order, 1, list(self.axes), self._shift).range()
-            found = (least, most, max(down, float(np.max(low)), float(np.max(-high))), up)
-        return [Proof(self.axis, self.quantity, *found, how, tracking_margin=margin, confidence=confidence)]
+            ends = (least, most, max(down, float(np.max(low)), float(np.max(-high))), up)
+        return [Proof(self.axis, self.quantity, *ends, how, tracking_margin=margin, confidence=confidence)]
 
     def strayed(self, places: Array, off: Array) -> Sequence[Proof]:
         """One row, see `AxisLimit.strayed`."""

@@ -131,12 +131,12 @@ class Block:
     @classmethod
     def of(cls, members: Index, cones: Sequence[Cone], centre: Array) -> Block:
         """The block of these parameters, from the cones that couple them."""
-        own = centre[members]
+        block_centre = centre[members]
         flat = [cone for cone in cones if cone.slope is None and len(cone.rows) == 1]
         rows = [cone.rows[0][:, members] for cone in flat]
         middle = [-cone.offset[0] for cone in flat]
         balls = [
-            Ball(cone.rows[:, :, members], cone.offset, _slope(cone)[:, members], own)
+            Ball(cone.rows[:, :, members], cone.offset, _slope(cone)[:, members], block_centre)
             for cone in cones
             if cone.slope is not None or len(cone.rows) > 1
         ]
@@ -148,7 +148,7 @@ class Block:
             np.concatenate([empty, *rows]),
             np.concatenate([np.zeros(0), *middle]),
             tuple(balls),
-            own,
+            block_centre,
             still.astype(np.int64),
         )
 
@@ -188,10 +188,10 @@ class Block:
         step = point - self.centre
         flat, slope = self._flat_uses(step)
         balls = [ball.uses(step) for ball in self.balls]
-        value, weights = _norm([flat, *(found[0] for found in balls)])
+        value, weights = _norm([flat, *(use[0] for use in balls)])
         gradient = (weights[0] * slope) @ self.slabs
-        for ball, found, weight in zip(self.balls, balls, weights[1:], strict=True):
-            gradient = gradient + ball.pulled(weight, *found)
+        for ball, use, weight in zip(self.balls, balls, weights[1:], strict=True):
+            gradient = gradient + ball.pulled(weight, *use)
         return value, gradient
 
     def chord(self, points: Array, directions: Array) -> tuple[Array, Array]:
@@ -288,7 +288,7 @@ class FeasibleSet:
         centre = still_at(family, home)
         cones = [cone for limit in limits for cone in limit.cones(family)]
         _check_centre(cones, family, centre)
-        blocks = [Block.of(members, own, centre) for members, own in _coupled(cones, family.size)]
+        blocks = [Block.of(members, coupled, centre) for members, coupled in _coupled(cones, family.size)]
         return cls(tuple(blocks), centre)
 
     def about(self, centre: Array) -> FeasibleSet:
@@ -338,10 +338,10 @@ class FeasibleSet:
         """The point with each block that lies outside moved towards the centre until just inside."""
         out = p.copy()
         for block in self.blocks:
-            own = p[block.members]
-            if not block.contains(own):
-                out[block.members] = block.centre + (own - block.centre) * (
-                    USABLE_PART / max(block.gauge(own), 1.0)
+            block_point = p[block.members]
+            if not block.contains(block_point):
+                out[block.members] = block.centre + (block_point - block.centre) * (
+                    USABLE_PART / max(block.gauge(block_point), 1.0)
                 )
         return out
 
@@ -375,10 +375,10 @@ def check_room(limits: Sequence[Limit], family: Family) -> None:
 def still_at(family: Family, pose: Array) -> Array:
     """(P,) the member at rest at a pose (k,); the nearest one if some coordinates are fixed elsewhere."""
     rows, offset, _ = family.rows(0, 1)
-    table, wanted = rows.reshape(-1, family.size), (np.asarray(pose)[:, None] - offset).ravel()
+    table, target = rows.reshape(-1, family.size), (np.asarray(pose)[:, None] - offset).ravel()
     gram, p = table.T @ table, np.zeros(family.size)
     for _ in range(REFINED):
-        p = p + np.linalg.lstsq(gram, table.T @ (wanted - table @ p), rcond=None)[0]
+        p = p + np.linalg.lstsq(gram, table.T @ (target - table @ p), rcond=None)[0]
     scale = np.abs(p).max(initial=0.0)
     # parameters that cancel leave a rounding error: set it to zero
     return np.where(np.abs(p) > 1e-14 * scale, p, 0.0)
@@ -408,14 +408,14 @@ def _coupled(cones: Sequence[Cone], size: int) -> list[tuple[Index, list[Cone]]]
             group[np.isin(group, group[mask])] = group[mask].min()
     out = []
     for first in dict.fromkeys(group.tolist()):
-        own = group == first
-        inside = [cone for cone, mask in zip(cones, touched, strict=True) if np.any(mask & own)]
+        is_member = group == first
+        inside = [cone for cone, mask in zip(cones, touched, strict=True) if np.any(mask & is_member)]
         if not inside:
             raise UnsafeTrajectoryError(
                 f"no limit bounds parameter {first} of the family",
                 next_step="Give position and velocity limits for every axis.",
             )
-        out.append((np.flatnonzero(own).astype(np.int64), inside))
+        out.append((np.flatnonzero(is_member).astype(np.int64), inside))
     return out
 
 

@@ -116,9 +116,9 @@ def at_rest(motion: Trajectory, limits: Sequence[Limit]) -> Trajectory:
         return motion
     for factor in SLOWER:
         slower = motion if factor == 1.0 else motion.slowed(factor)
-        found = leads(slower, limits)
-        if found is not None:
-            return with_leads(slower, *found)
+        pair = leads(slower, limits)
+        if pair is not None:
+            return with_leads(slower, *pair)
     raise UnsafeTrajectoryError(
         "no lead-in from rest to this motion, or lead-out from it, is proved inside the limits",
         next_step="Ask for a slower motion: duration in [trajectory] of campaign.toml.",
@@ -131,25 +131,25 @@ def leads(motion: Trajectory, limits: Sequence[Limit]) -> tuple[Splined | None, 
     """
     first, last = motion.pieces()[0][2], motion.pieces()[-1][2]
     starts, ends = moves_at(motion)
-    found: list[Splined | None] = []
+    pair: list[Splined | None] = []
     for piece, needed, led in ((first, starts, lead_in), (last, ends, lead_out)):
         if not (needed and can_lead(piece)):
-            found.append(None)
+            pair.append(None)
             continue
-        own = _shortest(cast(FourierTrajectory, piece), led, limits)
-        if own is None:
+        lead = _shortest(cast(FourierTrajectory, piece), led, limits)
+        if lead is None:
             return None
-        found.append(own)
-    return found[0], found[1]
+        pair.append(lead)
+    return pair[0], pair[1]
 
 
 def with_leads(motion: Trajectory, before: Splined | None, after: Splined | None) -> Trajectory:
     """The chain of lead-in, motion and lead-out; the motion itself if it has neither."""
-    own: list[Part] = [(label, piece) for _, label, piece in motion.pieces()]
+    pieces: list[Part] = [(label, piece) for _, label, piece in motion.pieces()]
     parts: list[Part] = [] if before is None else [("lead-in", before)]
-    parts += own
+    parts += pieces
     parts += [] if after is None else [("lead-out", after)]
-    return motion if len(parts) == len(own) else Chain(tuple(parts))
+    return motion if len(parts) == len(pieces) else Chain(tuple(parts))
 
 
 def _shortest(
@@ -158,7 +158,7 @@ def _shortest(
     limits: Sequence[Limit],
 ) -> Splined | None:
     for lasting in LASTING:
-        own = led(piece, lasting)
-        if not certify(own, limits).failed:
-            return own
+        lead = led(piece, lasting)
+        if not certify(lead, limits).failed:
+            return lead
     return None

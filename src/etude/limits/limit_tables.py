@@ -72,24 +72,24 @@ def _read(table: Mapping[str, Any], where: str) -> LimitTable:
             next_step=f"Known: {', '.join(plugins.names(GROUP)) or 'none'}; or name it as module:attribute.",
         )
     make: LimitFactory = plugins.load(GROUP, name)
-    given = {key: value for key, value in table.items() if key != KIND}
+    arguments = {key: value for key, value in table.items() if key != KIND}
     takes = list(inspect.signature(make).parameters.values())
-    own = [p for p in takes if p.kind is p.KEYWORD_ONLY]
+    keywords = [p for p in takes if p.kind is p.KEYWORD_ONLY]
     _check_named(takes[GIVEN:], name, where)
-    refuse_unknown(given, [p.name for p in own], where)
-    missing = [p.name for p in own if p.default is p.empty and p.name not in given]
+    refuse_unknown(arguments, [p.name for p in keywords], where)
+    missing = [p.name for p in keywords if p.default is p.empty and p.name not in arguments]
     if missing:
         raise UsageError(
             f"missing {', '.join(missing)}", where=where, next_step=f"{name} needs it: state each of them."
         )
     types = typing.get_type_hints(make)
-    values = {key: converted(types.get(key, Any), value, key, where) for key, value in given.items()}
+    values = {key: converted(types.get(key, Any), value, key, where) for key, value in arguments.items()}
     return LimitTable(name, values, make)
 
 
-def _check_named(rest: Sequence[inspect.Parameter], name: str, where: str) -> None:
+def _check_named(parameters: Sequence[inspect.Parameter], name: str, where: str) -> None:
     """UsageError: parameters that a table should give stand before the `*` of the function."""
-    unnamed = [p.name for p in rest if p.kind is p.POSITIONAL_OR_KEYWORD and p.default is p.empty]
+    unnamed = [p.name for p in parameters if p.kind is p.POSITIONAL_OR_KEYWORD and p.default is p.empty]
     if unnamed:
         raise UsageError(
             f"{name} takes {', '.join(unnamed)} without a * before them",
@@ -108,13 +108,13 @@ def _made(
     where, names = f"[[limit]] {table.kind}", ", ".join(coordinates)
     mend = f"Correct its table in the robot's file, or the plug-in. This robot has {names or 'no names'}."
     try:
-        found = table.make(spec, model, margins, **table.parameters)
+        limit = table.make(spec, model, margins, **table.parameters)
     except EtudeError:
         raise
     except Exception as error:
         fact = f"this limit cannot be made: {type(error).__name__}: {error}"
         raise UsageError(fact, where=where, next_step=mend) from error
-    required: Limit = plugins.required(found, Limit, where)
+    required: Limit = plugins.required(limit, Limit, where)
     if isinstance(required, LipschitzLimit):
         required = replace(required, coordinates=coordinates)
     guard: Limit = guarded(required, "Limit", table.kind)

@@ -179,8 +179,8 @@ class LipschitzLimit:
     @property
     def _source(self) -> str:
         """The plug-in's function."""
-        own = self.function if isinstance(self.function, FunctionType) else type(self.function)
-        return f"{own.__module__}:{own.__qualname__}"
+        definition = self.function if isinstance(self.function, FunctionType) else type(self.function)
+        return f"{definition.__module__}:{definition.__qualname__}"
 
     def _check_size(self, size: int) -> None:
         if len(self.slopes) != size:
@@ -253,15 +253,15 @@ def needed_slopes(values: Callable[[Array], Array], lower: Array, upper: Array) 
     first = np.tile(rng.uniform(lower, upper, (POSES, k)), (len(STEPS), 1))
     at_first = values(first)
     slack = ROUNDING * (1.0 + np.abs(at_first).max())
-    found = np.zeros(k)
+    slopes = np.zeros(k)
     for j in np.flatnonzero(width > 0.0):
         second = first.copy()
         reach = np.repeat(STEPS, POSES) * width[j]
         second[:, j] = np.clip(second[:, j] + rng.uniform(-reach, reach), lower[j], upper[j])
         step = np.abs(second[:, j] - first[:, j])
         change = np.abs(values(second) - at_first) - slack
-        found[j] = np.max(change / np.where(step > 0.0, step, np.inf), initial=0.0)
-    return found
+        slopes[j] = np.max(change / np.where(step > 0.0, step, np.inf), initial=0.0)
+    return slopes
 
 
 def extremes(
@@ -275,19 +275,19 @@ def extremes(
         tolerance: amount by which the interval may exceed the sampled values.
     """
     start, step, left, right = t[:-1], np.diff(t), values[:-1], values[1:]
-    seen = float(values.min()), float(values.max())
-    least, most = seen
+    sampled = float(values.min()), float(values.max())
+    least, most = sampled
     for halving in range(HALVINGS + 1):
         middle, spread = 0.5 * (left + right), 0.5 * rate * step
-        far = (middle - spread < seen[0] - tolerance) | (middle + spread > seen[1] + tolerance)
+        far = (middle - spread < sampled[0] - tolerance) | (middle + spread > sampled[1] + tolerance)
         done = ~far if halving < HALVINGS else np.ones_like(far)
         least = min(least, float((middle - spread)[done].min(initial=np.inf)))
         most = max(most, float((middle + spread)[done].max(initial=-np.inf)))
         if done.all():
             break
         start, step, left, right = start[far], 0.5 * step[far], left[far], right[far]
-        found = at(start + step)
-        seen = min(seen[0], float(found.min())), max(seen[1], float(found.max()))
+        middle_values = at(start + step)
+        sampled = min(sampled[0], float(middle_values.min())), max(sampled[1], float(middle_values.max()))
         start, step = np.concatenate([start, start + step]), np.tile(step, 2)
-        left, right = np.concatenate([left, found]), np.concatenate([found, right])
+        left, right = np.concatenate([left, middle_values]), np.concatenate([middle_values, right])
     return least, most

@@ -102,8 +102,8 @@ def _room_to_shift(feasible: FeasibleSet, points: Array, place: int) -> tuple[Ar
     """Ends (K,) of the line along one parameter, from points (K, P) inside."""
     block = feasible.blocks[int(feasible.block_of[place])]
     direction = (block.members == place).astype(float)
-    own = points[:, block.members]
-    return block.chord(own, np.tile(direction, (len(own), 1)))
+    block_points = points[:, block.members]
+    return block.chord(block_points, np.tile(direction, (len(block_points), 1)))
 
 
 SAMPLERS = {

@@ -127,26 +127,27 @@ def factor(logs: int) -> float:
     return 3.0 if logs <= 1 else 2.0 if logs <= 3 else 1.5
 
 
-def start_table(config: TrackingConfig, ranges: Ranges, known: Array | None) -> tuple[Array, Array]:
+def start_table(config: TrackingConfig, ranges: Ranges, error_bounds: Array | None) -> tuple[Array, Array]:
     """Margins (O, k) before any log, and their confidence (O, k).
 
     Args:
         config: the assumed parts.
         ranges: of the robot.
-        known: (k,) largest position error that the robot's gains allow, NaN where unknown; None: all unknown.
+        error_bounds: (k,) largest position error that the robot's gains allow, NaN where unknown; None:
+            all unknown.
     """
     parts = np.array([[config.position], [config.velocity]])
     table = parts * ranges.size
     confidence = np.full_like(table, ASSUMED)
-    if known is not None:
-        table[0] = np.where(np.isfinite(known), known, table[0])
-        confidence[0] = np.where(np.isfinite(known), 1.0, ASSUMED)
+    if error_bounds is not None:
+        table[0] = np.where(np.isfinite(error_bounds), error_bounds, table[0])
+        confidence[0] = np.where(np.isfinite(error_bounds), 1.0, ASSUMED)
     return table, confidence
 
 
 def learned_table(errors: Sequence[Array], ranges: Ranges) -> tuple[Array, Array]:
     """Margins (O, k) after logs with these largest errors (orders >= O, k), oldest first."""
-    last = np.stack([own[:HELD] for own in errors[-LOGS_CONSIDERED:]])
+    last = np.stack([log_errors[:HELD] for log_errors in errors[-LOGS_CONSIDERED:]])
     table = factor(len(last)) * last.max(axis=0)
     table[1] += HIDDEN * np.nan_to_num(ranges.size[1])
     return table, np.full_like(table, CONFIDENCE)
@@ -169,7 +170,7 @@ def margins_of(
     ranges: Ranges,
     errors: Mapping[str, Sequence[Array]],
     forms: Sequence[str],
-    known: Array | None = None,
+    error_bounds: Array | None = None,
 ) -> Margins:
     """Margins by form of motion, not yet cut to the room (see `within_room`); {} for the margin "none".
 
@@ -177,12 +178,14 @@ def margins_of(
         config: the campaign's table. ranges: of the robot.
         errors: by form, the largest errors (orders, k) of each log, oldest first.
         forms: the forms that need a margin, with or without logs.
-        known: as for `start_table`.
+        error_bounds: as for `start_table`.
     """
     if config.margin == "none":
         return {}
-    found = {}
+    margins = {}
     for form in forms:
-        own = errors.get(form, ()) if config.margin == "learned" else ()
-        found[form] = learned_table(own, ranges) if own else start_table(config, ranges, known)
-    return found
+        log_errors = errors.get(form, ()) if config.margin == "learned" else ()
+        margins[form] = (
+            learned_table(log_errors, ranges) if log_errors else start_table(config, ranges, error_bounds)
+        )
+    return margins

@@ -50,8 +50,8 @@ def _figure(record: Record, number: int) -> tuple[Trajectory, Figure]:
     trajectory = record.trajectory(number)
     if trajectory is not None:
         path = trajectory.motion(np.linspace(0.0, trajectory.duration, FRAMES), 1).orders[0]
-        if (found := figure_along(record, path)) is not None:
-            return trajectory, found
+        if (figure := figure_along(record, path)) is not None:
+            return trajectory, figure
     raise UsageError(
         "this robot cannot be drawn",
         where=f"motion {number} of {record.folder}",
@@ -68,8 +68,8 @@ def _robot(motions: Sequence[tuple[Trajectory, Figure]], total: float) -> Html:
     drawn = [_moving(camera, [figure for _, figure in motions], total)]
     for k, (trajectory, _) in enumerate(motions):
         fast = trajectory.duration / SECONDS
-        words = f"Motion {k + 1} of {len(motions)}, at {fast:.0f} times its speed"
-        drawn.append(_shown(f'<text class="title" x="12" y="18">{words}</text>', k, len(motions), total))
+        caption = f"Motion {k + 1} of {len(motions)}, at {fast:.0f} times its speed"
+        drawn.append(_shown(f'<text class="title" x="12" y="18">{caption}</text>', k, len(motions), total))
     name = text("The robot along its motions")
     return Html(
         f'<svg class="scene" viewBox="0 0 {SIZE[0]} {height:.0f}" role="img" aria-label="{name}">'
@@ -100,8 +100,8 @@ def _curves(test: Test, rounds: int, total: float) -> Html:
     parts = []
     for logs in range(rounds + 1):
         every = test.baselines.items()
-        known = {name: own[: max(1, logs)] for name, own in every if logs or len(own) == 1}
-        upto = replace(test, learned=test.learned[:logs], baselines=known)
+        baselines = {name: series[: max(1, logs)] for name, series in every if logs or len(series) == 1}
+        upto = replace(test, learned=test.learned[:logs], baselines=baselines)
         drawn = panel(title, x, y, curve_marks(upto), end_labels=True)
         parts.append(_shown(drawn, logs, rounds + 1, total))
     return Html(f'<svg viewBox="0 0 {SIZE[0]} {SIZE[1]}">{"".join(parts)}</svg>')

@@ -73,19 +73,19 @@ class Pages:
     made: Callable[[], Mapping[str, Callable[[], str]]]
     digest: Callable[[], str]
     pose: Callable[[], str] | None = None
-    _kept: tuple[str, Mapping[str, Callable[[], str]]] | None = None
+    _cache: tuple[str, Mapping[str, Callable[[], str]]] | None = None
     _lock: Lock = field(default_factory=Lock)
 
     def page(self, path: str) -> bytes | None:
         """The page of a request's path, or None. EtudeError: it cannot be made now."""
         with self._lock:
             now = self.digest()
-            if self._kept is None or self._kept[0] != now:
-                self._kept = now, self.made()
-            found = self._kept[1].get(path.removeprefix("/") or INDEX)
-            if found is None:
+            if self._cache is None or self._cache[0] != now:
+                self._cache = now, self.made()
+            render = self._cache[1].get(path.removeprefix("/") or INDEX)
+            if render is None:
                 return None
-            return found().replace("</body>", f"{_script(now)}</body>").encode()
+            return render().replace("</body>", f"{_script(now)}</body>").encode()
 
 
 def _script(digest: str) -> str:
@@ -95,13 +95,13 @@ def _script(digest: str) -> str:
 
 def digest_of(paths: Iterable[Path]) -> str:
     """Digest of the sizes and times of files, including those in folders; missing files are no error."""
-    found = []
+    stats = []
     for path in paths:
-        for own in sorted(path.rglob("*")) if path.is_dir() else [path]:
+        for file in sorted(path.rglob("*")) if path.is_dir() else [path]:
             with suppress(OSError):
-                stat = own.stat()
-                found.append(f"{stat.st_size}.{stat.st_mtime_ns}")
-    return f"{len(found)}-{hash(tuple(found)) & 0xFFFFFFFFFFFFFFFF:x}"
+                stat = file.stat()
+                stats.append(f"{stat.st_size}.{stat.st_mtime_ns}")
+    return f"{len(stats)}-{hash(tuple(stats)) & 0xFFFFFFFFFFFFFFFF:x}"
 
 
 def server(pages: Pages, port: int | None) -> ThreadingHTTPServer:
@@ -118,14 +118,14 @@ def server(pages: Pages, port: int | None) -> ThreadingHTTPServer:
     class Handler(_Handler):
         served = pages
 
-    wanted = range(PORT, PORT + PORTS) if port is None else [port]
+    ports = range(PORT, PORT + PORTS) if port is None else [port]
     problem: Exception | None = None
-    for own in wanted:
+    for candidate in ports:
         try:
-            return _Server((HOST, own), Handler)
+            return _Server((HOST, candidate), Handler)
         except (OSError, OverflowError) as error:
             problem = error
-    raise _refused(wanted[0], problem)
+    raise _refused(ports[0], problem)
 
 
 class _Server(ThreadingHTTPServer):
@@ -198,7 +198,7 @@ class _Handler(BaseHTTPRequestHandler):
         """Logs nothing, because a page asks every second."""
 
     def _answer(self, body: bool) -> None:
-        status, kind, content = self._found()
+        status, kind, content = self._response()
         with suppress(ConnectionError):  # the client disconnected
             self.send_response(status)
             for name, value in _headers(kind, len(content)).items():
@@ -227,7 +227,7 @@ class _Handler(BaseHTTPRequestHandler):
         port = self.connection.getsockname()[1]
         return self.headers.get_all("Host", []) in ([f"{HOST}:{port}"], [f"localhost:{port}"])
 
-    def _found(self) -> tuple[HTTPStatus, str, bytes]:
+    def _response(self) -> tuple[HTTPStatus, str, bytes]:
         host = self.headers.get_all("Host", [])
         try:
             path = urlsplit(self.path).path
@@ -240,13 +240,13 @@ class _Handler(BaseHTTPRequestHandler):
         if path == DIGEST:
             return HTTPStatus.OK, "txt", self.served.digest().encode()
         try:
-            found = self.served.page(path)
+            page = self.served.page(path)
         except EtudeError as error:
-            words = f"<title>Étude</title><p>{text(error)}</p>{_script(self.served.digest())}"
-            return HTTPStatus.SERVICE_UNAVAILABLE, "html", words.encode()
-        if found is None:
+            body = f"<title>Étude</title><p>{text(error)}</p>{_script(self.served.digest())}"
+            return HTTPStatus.SERVICE_UNAVAILABLE, "html", body.encode()
+        if page is None:
             return HTTPStatus.NOT_FOUND, "html", "<title>Étude</title>There is no such page.".encode()
-        return HTTPStatus.OK, (path.rpartition(".")[2] if "." in path else "html"), found
+        return HTTPStatus.OK, (path.rpartition(".")[2] if "." in path else "html"), page
 
 
 def _headers(kind: str, length: int | None) -> dict[str, str]:

@@ -25,15 +25,15 @@ def join(parts: Iterable[object], separator: str = "\n") -> Html:
 
 def element(tag: str, *content: object, **attributes: object) -> Html:
     """`<tag attributes>content</tag>`; an attribute's trailing underscore is dropped (`class_`)."""
-    given = "".join(f' {name.rstrip("_")}="{text(value)}"' for name, value in attributes.items())
-    return Html(f"<{tag}{given}>{join(content, '')}</{tag}>")
+    rendered = "".join(f' {name.rstrip("_")}="{text(value)}"' for name, value in attributes.items())
+    return Html(f"<{tag}{rendered}>{join(content, '')}</{tag}>")
 
 
 def document(title: str, head: object, *body: object) -> Html:
     """A whole page with `head` in its head, below the title, and `body` in its body."""
-    known = '<meta charset="utf-8">\n<meta name="viewport" content="width=device-width, initial-scale=1">'
+    meta = '<meta charset="utf-8">\n<meta name="viewport" content="width=device-width, initial-scale=1">'
     icon = '<link rel="icon" href="data:,">'  # none, so that no server is asked for one
-    top = join([Html(known), Html(icon), element("title", title), head])
+    top = join([Html(meta), Html(icon), element("title", title), head])
     return Html(
         f'<!doctype html>\n<html lang="en">\n<head>\n{top}\n</head>\n<body>\n{join(body)}\n</body>\n</html>\n'
     )
@@ -99,8 +99,8 @@ def duration(seconds: float) -> str:
     """`95 s`, or `4 min 5 s` from two minutes on."""
     if seconds < 120.0:
         return f"{seconds:.3g} s"
-    minutes, rest = divmod(round(seconds), 60)
-    return f"{minutes} min {rest} s" if rest else f"{minutes} min"
+    minutes, remainder = divmod(round(seconds), 60)
+    return f"{minutes} min {remainder} s" if remainder else f"{minutes} min"
 
 
 @dataclass(frozen=True)
@@ -174,8 +174,8 @@ QUANTITIES = {"deg": "tracking error (degrees)", "m": "position error (m)"}
 def baseline(name: str) -> Baseline:
     """The description of a baseline; an unknown one is called by its name."""
     plain = name.replace("_", " ")
-    words = Baseline(plain, "c7", f"with {plain}", f"With {plain} it is {{error}} ({{relation}}).")
-    return BASELINES.get(name, words)
+    unknown = Baseline(plain, "c7", f"with {plain}", f"With {plain} it is {{error}} ({{relation}}).")
+    return BASELINES.get(name, unknown)
 
 
 def ordered_baselines(names: list[str]) -> list[str]:

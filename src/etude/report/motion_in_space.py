@@ -96,8 +96,8 @@ class MotionInSpace:
         """Factor by which a small robot is enlarged, so that it is visible along its path."""
         if self.nearby is not None or len(self.solids) != 1:
             return 1
-        way = np.linalg.norm(np.ptp(self.placed[:, 0, :, 3], axis=0))
-        return max(1, round(SMALLEST * float(way) / float(np.ptp(self.solids[0].points, axis=0).max())))
+        extent = np.linalg.norm(np.ptp(self.placed[:, 0, :, 3], axis=0))
+        return max(1, round(SMALLEST * float(extent) / float(np.ptp(self.solids[0].points, axis=0).max())))
 
     @property
     def closest(self) -> tuple[int, int] | None:
@@ -107,8 +107,8 @@ class MotionInSpace:
         near = self.nearby
         if near is None or self.silent.all():
             return None
-        spare = np.where(self.silent, np.inf, near.distance - near.kept)
-        k, row = np.unravel_index(int(spare.argmin()), spare.shape)
+        slack = np.where(self.silent, np.inf, near.distance - near.kept)
+        k, row = np.unravel_index(int(slack.argmin()), slack.shape)
         return int(k), int(row)
 
     @property
@@ -117,8 +117,8 @@ class MotionInSpace:
         if self.closest is None or self.nearby is None:
             return None
         (k, row), near = self.closest, self.nearby
-        apart, kept = float(near.distance[k, row]), float(near.kept[row])
-        return {"pair": list(near.pairs[row]), "distance": apart, "kept": kept, "time": float(self.t[k])}
+        apart, margin = float(near.distance[k, row]), float(near.kept[row])
+        return {"pair": list(near.pairs[row]), "distance": apart, "kept": margin, "time": float(self.t[k])}
 
 
 def in_space(record: Record, proposal: int, approach: Trajectory | None = None) -> MotionInSpace | None:
@@ -137,13 +137,15 @@ def in_space(record: Record, proposal: int, approach: Trajectory | None = None) 
     if figure is None and not solids:
         return None
     figure = figure or _of_point(record, t, placed[:, -1, :, 3])
-    found = [own.nearby(motion.orders[0], ASKED) for own in record.limits if isinstance(own, SupportsNearby)]
+    nearby = [
+        limit.nearby(motion.orders[0], ASKED) for limit in record.limits if isinstance(limit, SupportsNearby)
+    ]
     pieces = [(start, label) for start, label, _ in trajectory.pieces()]
-    way = folder.partition("from_")[2]
-    title = f"trajectory {proposal}" + (f" with approach from and return to {way}" if way else "")
+    pose = folder.partition("from_")[2]
+    title = f"trajectory {proposal}" + (f" with approach from and return to {pose}" if pose else "")
     title += " with the approach from the current pose" if approach is not None else ""
     began = 0.0 if approach is None else approach.duration
-    replay, near = _replay(record, proposal, t, pieces), found[0] if found else None
+    replay, near = _replay(record, proposal, t, pieces), nearby[0] if nearby else None
     shown = solids, placed, figure
     return MotionInSpace(title, folder, pieces, certificate, t, motion, *shown, near, replay, began)
 
@@ -159,12 +161,18 @@ def placed_parts(campaign: Campaign, motion: Motion) -> tuple[Sequence[Solid], A
 
 def _replay(record: Record, proposal: int, t: Array, pieces: Sequence[tuple[float, str]]) -> Replay | None:
     """The log of a proposal at times (T,) s of the motion with its approach; None without one."""
-    own, path = record.state.rounds[proposal], record.path
-    log = record.log(proposal) if own.ingested is not None and not own.untold else None
-    if log is None or path is None or path.name not in log or own.ingested is None or record.campaign is None:
+    entry, path = record.state.rounds[proposal], record.path
+    log = record.log(proposal) if entry.ingested is not None and not entry.untold else None
+    if (
+        log is None
+        or path is None
+        or path.name not in log
+        or entry.ingested is None
+        or record.campaign is None
+    ):
         return None
     start = min((begun for begun, label in pieces if label != "approach"), default=0.0)
-    factor = 0.01 * own.ingested.speed
+    factor = 0.01 * entry.ingested.speed
     inside = start + factor * log.t
     q = np.stack([np.interp(t, inside, column) for column in log[path.name].T], axis=1)
     placed = placed_parts(record.campaign, Motion(t, q[None]))[1]

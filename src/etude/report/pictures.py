@@ -86,17 +86,17 @@ def of_campaign(campaign: Campaign) -> Html:
 
 def _held_out(record: Record) -> Html:
     logs = [(r.number, r.trained) for r in record.state.trained if r.trained]
-    found = {number: score(own, own.predicted_by, "nmse") for number, own in logs}
-    known = {number: values for number, values in found.items() if values is not None}
+    scores = {number: score(trained, trained.predicted_by, "nmse") for number, trained in logs}
+    scored = {number: values for number, values in scores.items() if values is not None}
     marks: list[Mark] = [
-        Line(np.array(list(known), dtype=float), np.array(column), name, joint_style(j), markers=True)
+        Line(np.array(list(scored), dtype=float), np.array(column), name, joint_style(j), markers=True)
         for j, (name, column) in enumerate(
-            zip(record.outputs, zip(*known.values(), strict=True), strict=False)
+            zip(record.outputs, zip(*scored.values(), strict=True), strict=False)
         )
     ]
     count = max([1, *(number for number, _ in logs)])
-    title = "Each log, predicted before it was learned" if known else "No log has been predicted yet"
-    axes = Axis("log", limits=(0.5, count + 0.5), whole=True), Axis("nMSE (1)", log=bool(known))
+    title = "Each log, predicted before it was learned" if scored else "No log has been predicted yet"
+    axes = Axis("log", limits=(0.5, count + 0.5), whole=True), Axis("nMSE (1)", log=bool(scored))
     return panel(title, *axes, marks, size=SIZE)
 
 
@@ -141,11 +141,11 @@ def _spans(finding: Finding) -> list[Span]:
 
 
 def _shown(log: Log) -> list[Channel]:
-    known = [c for n, c in log.channels.items() if n in log]
-    commands = [c for c in known if c.role == "command"]
+    channels = [c for n, c in log.channels.items() if n in log]
+    commands = [c for c in channels if c.role == "command"]
     paths = [log.channels[c.acts_on] for c in commands if c.acts_on in log]
-    others = [c for c in known if c.role == "state" and not c.derivative_of]
-    return [*(paths or others), *commands] or known[:6]
+    others = [c for c in channels if c.role == "state" and not c.derivative_of]
+    return [*(paths or others), *commands] or channels[:6]
 
 
 def _drawn(log: Log, channel: Channel, spans: Sequence[Span]) -> Html:
@@ -185,14 +185,14 @@ def learning_picture(record: Record) -> Html:
 
 def learned_tests(record: Record) -> list[Test]:
     """The tests of a learned controller. UsageError: there are none."""
-    found = [test for test in tests(record) if test.learned]
-    if not found:
+    learned = [test for test in tests(record) if test.learned]
+    if not learned:
         raise UsageError(
             "this campaign has no evaluation to draw",
             where=str(record.folder),
             next_step="Only `etude simulate` and `etude demo` evaluate a controller.",
         )
-    return found
+    return learned
 
 
 def main(arguments: list[str]) -> None:

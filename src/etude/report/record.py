@@ -102,21 +102,21 @@ class Record:
         """A proposal's motion, certificate and folder; with approach and return if they were written as one
         file. With an `approach`, this one precedes the motion instead.
         """
-        own = f"proposals/{number:04d}"
+        base = f"proposals/{number:04d}"
         if approach is not None:
             from etude.trajectories import Chain
 
-            alone = self.read(f"{own}/trajectory.json", _trajectory)
+            alone = self.read(f"{base}/trajectory.json", _trajectory)
             before = [("approach", part) for _, _, part in approach.pieces()]
             after = () if alone is None else [(label, part) for _, label, part in alone.pieces()]
             whole = Chain((*before, *after)) if after else None
-            return whole, self.read(f"{own}/certificate.json", _proof), own
+            return whole, self.read(f"{base}/certificate.json", _proof), base
         ways = [
             name.rpartition("/")[0]
             for name in recorded(self.events)
-            if name.startswith(f"{own}/from_") and name.endswith("/trajectory.json")
+            if name.startswith(f"{base}/from_") and name.endswith("/trajectory.json")
         ]
-        folder = ways[-1] if ways else own
+        folder = ways[-1] if ways else base
         trajectory = self.read(f"{folder}/trajectory.json", _trajectory)
         return trajectory, self.read(f"{folder}/certificate.json", _proof), folder
 
@@ -124,8 +124,8 @@ class Record:
         """A sentence if robot.toml or campaign.toml changed after a file was committed; "" otherwise."""
         from etude.campaign.record.stored_files import changed_since
 
-        found = () if self.campaign is None else changed_since(self.campaign, self.events, [name])
-        return f"This was proved before {' and '.join(found)} changed." if found else ""
+        files = () if self.campaign is None else changed_since(self.campaign, self.events, [name])
+        return f"This was proved before {' and '.join(files)} changed." if files else ""
 
     def log(self, number: int) -> Log | None:
         return self.read(f"runs/{number:04d}.parquet", _log)
@@ -135,9 +135,9 @@ class Record:
         tests = [(e, e.fact) for e in self.events if isinstance(e.fact, Evaluated)]
         if not tests:
             return None
-        wanted = baseline, test or tests[0][1].test
+        key = baseline, test or tests[0][1].test
         for event, fact in reversed(tests):
-            if (fact.baseline, fact.test) == wanted:
+            if (fact.baseline, fact.test) == key:
                 for name in event.files:
                     log = self.read(name, _log) if name.endswith(".parquet") else None
                     if log is not None:
@@ -206,8 +206,8 @@ def _proof(path: Path) -> Facts:
     value = facts_of(path.read_bytes())
     for row in value["rows"]:
         numbers = [row[name] for name in ("lower", "upper", "proved_lower", "proved_upper", "slack")]
-        words = [row[name] for name in ("axis", "quantity", "method")]
-        if not all(type(n) in (int, float) for n in numbers) or not all(isinstance(w, str) for w in words):
+        texts = [row[name] for name in ("axis", "quantity", "method")]
+        if not all(type(n) in (int, float) for n in numbers) or not all(isinstance(w, str) for w in texts):
             raise ValueError("a row is not one of a certificate")
     for row in value.get("swept", ()):
         if not all(type(row[name]) in (int, float) for name in ("of_range", "of_clear")):
@@ -281,14 +281,14 @@ class Test:
 
     def baseline(self, name: str) -> Evaluation | None:
         """The newest evaluation of a baseline, because an identified one uses all data so far."""
-        found = self.baselines.get(name, ())
-        return found[-1] if found else None
+        series = self.baselines.get(name, ())
+        return series[-1] if series else None
 
     @property
     def unit(self) -> str:
         """Unit of all its errors."""
-        found = [*self.learned, *(e for series in self.baselines.values() for e in series)]
-        return found[0].unit if found else "deg"
+        evaluations = [*self.learned, *(e for series in self.baselines.values() for e in series)]
+        return evaluations[0].unit if evaluations else "deg"
 
 
 def tests(record: Record) -> tuple[Test, ...]:
@@ -296,22 +296,22 @@ def tests(record: Record) -> tuple[Test, ...]:
     runs = [(number, run) for number, run in record.state.evaluated if run.errors]
     names = dict.fromkeys(run.test for _, run in runs)
     axes = len(record.names)
-    return tuple(_test(name, [own for own in runs if own[1].test == name], axes) for name in names)
+    return tuple(_test(name, [pair for pair in runs if pair[1].test == name], axes) for name in names)
 
 
 def _test(name: str, runs: Sequence[tuple[int, Evaluated]], axes: int) -> Test:
-    found = {
-        baseline: _series([own for own in runs if own[1].baseline == baseline], axes)
+    baselines = {
+        baseline: _series([pair for pair in runs if pair[1].baseline == baseline], axes)
         for baseline in dict.fromkeys(run.baseline for _, run in runs)
     }
-    return Test(name, found.pop("", ()), found)
+    return Test(name, baselines.pop("", ()), baselines)
 
 
 def _series(runs: Sequence[tuple[int, Evaluated]], axes: int) -> tuple[Evaluation, ...]:
     latest = dict(runs)
     return tuple(
         Evaluation(number, run.robot_seconds, np.array(run.errors), run.unit, axes)
-        for number, run in sorted(latest.items(), key=lambda own: own[0])
+        for number, run in sorted(latest.items(), key=lambda item: item[0])
     )
 
 
@@ -346,8 +346,8 @@ def held_out(trained: Trained | None) -> dict[str, Array]:
 
 def new_motion(trained: Trained | None) -> tuple[Array, Array] | None:
     """nMSE (J,) on logs left out, of the structure in use and of linear regression; None for a single log."""
-    found = trained.new_motion if trained else None
-    return None if found is None else (_numbers(found.used.nmse), _numbers(found.linear))
+    scores = trained.new_motion if trained else None
+    return None if scores is None else (_numbers(scores.used.nmse), _numbers(scores.linear))
 
 
 def _numbers(values: Figures) -> Array:

@@ -50,15 +50,15 @@ class RunView:
     def __init__(self, folder: Path) -> None:
         self.folder = folder
         self.address = ""
-        self._told = 0.0
+        self._last_sent = 0.0
         self._process: subprocess.Popen[bytes] | None = None
 
     def __enter__(self) -> Self:
         """Starts the page. EtudeError: it does not start."""
-        own = [sys.executable, "-P", "-m", "etude.report.run_view", str(self.folder)]
+        command = [sys.executable, "-P", "-m", "etude.report.run_view", str(self.folder)]
         # a session of its own: Ctrl-C is the robot's, and the page shows how it comes to rest
         self._process = process = subprocess.Popen(
-            own, stdin=subprocess.PIPE, stdout=subprocess.PIPE, start_new_session=True
+            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, start_new_session=True
         )
         assert process.stdin is not None
         assert process.stdout is not None
@@ -91,18 +91,18 @@ class RunView:
     def put(self, campaign: Campaign, planned: PlannedMotion, sample: Sample) -> None:
         """Shows a sample of a motion, if the time for a picture has come; never waits."""
         now = time.monotonic()
-        if now - self._told < 1.0 / POSES_HZ or not np.isfinite(sample.q).all():
+        if now - self._last_sent < 1.0 / POSES_HZ or not np.isfinite(sample.q).all():
             return
-        self._told = now
+        self._last_sent = now
         columns = [planned.joints.index(axis) for axis in campaign.axes]
-        asked = sample.q if sample.asked is None else sample.asked
+        commanded = sample.q if sample.asked is None else sample.asked
         path = planned.part == "motion" and planned.speed == 100
         self._send(
             {
                 "number": planned.number,
                 "t": sample.at if path else None,
                 "q": sample.q[columns].tolist(),
-                "asked": asked[columns].tolist(),
+                "asked": commanded[columns].tolist(),
                 "now": f"{planned.part} {planned.number} at {planned.speed} %",
             }
         )
@@ -141,9 +141,9 @@ class PageState:
         facts = self._newest
         if not facts:
             return ""
-        real, asked = (self._placed(np.array(facts[name])) for name in ("q", "asked"))
-        words = {"t": facts["t"], "now": facts["now"], **real, "asked": asked}
-        return json.dumps(words, separators=(",", ":"), allow_nan=False)
+        real, commanded = (self._placed(np.array(facts[name])) for name in ("q", "asked"))
+        values = {"t": facts["t"], "now": facts["now"], **real, "asked": commanded}
+        return json.dumps(values, separators=(",", ":"), allow_nan=False)
 
     def _placed(self, q: Array) -> Mapping[str, Any]:
         """Positions, frames (B, 12) of parts and points (P, 3) of sticks at a pose (k,), rad or m."""
@@ -172,13 +172,13 @@ def served_in_space(folder: Path) -> tuple[Pages, PageState]:
 def serve(folder: Path, lines: IO[str]) -> None:
     """Prints the address, and serves until the lines end."""
     pages, shown = served_in_space(folder)
-    with server(pages, None) as found:
-        sys.stdout.write(f"http://{HOST}:{found.server_address[1]}/\n")
+    with server(pages, None) as web_server:
+        sys.stdout.write(f"http://{HOST}:{web_server.server_address[1]}/\n")
         sys.stdout.flush()
-        Thread(target=found.serve_forever, daemon=True).start()
+        Thread(target=web_server.serve_forever, daemon=True).start()
         for line in lines:
             shown.take(json.loads(line))
-        found.shutdown()
+        web_server.shutdown()
 
 
 if __name__ == "__main__":

@@ -69,9 +69,9 @@ def fitted_scale(axis: Axis, values: Array, start: float, end: float) -> Scale:
     return Scale(low if low == axis.floor else low - air, high + air, start, end, whole=axis.whole)
 
 
-def linear_ticks(low: float, high: float, wanted: int = 5) -> list[float]:
-    """Multiples of 1, 2 or 5 times a power of ten; about `wanted` of them."""
-    raw = (high - low) / wanted
+def linear_ticks(low: float, high: float, count: int = 5) -> list[float]:
+    """Multiples of 1, 2 or 5 times a power of ten; about `count` of them."""
+    raw = (high - low) / count
     power = 10.0 ** math.floor(math.log10(raw))
     step = next(s * power for s in (1, 2, 5, 10) if s * power >= raw * 0.75)
     first = whole_up(low / step)

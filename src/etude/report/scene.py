@@ -85,7 +85,7 @@ def room_of(limits: Sequence[Limit], paths: Sequence[Path]) -> SceneBox:
 
 def things_of(limits: Sequence[Limit]) -> tuple[Thing, ...]:
     """Objects that the limits show."""
-    return tuple(thing for own in limits if isinstance(own, SupportsDrawing) for thing in own.things)
+    return tuple(thing for limit in limits if isinstance(limit, SupportsDrawing) for thing in limit.things)
 
 
 @dataclass(frozen=True)
@@ -112,11 +112,11 @@ def scene(title: str, room: SceneBox, paths: Sequence[Path], *, note: str = "") 
     """One drawing: the workspace with ticks in m, paths, their shadows and their starts."""
     camera, height = camera_of(room)
     drawn = "".join(_path(camera, path, room.lower[2]) for path in paths)
-    words = f'<text class="title" x="12" y="18">{text(title)}</text>'
-    words += f'<text class="tick" x="12" y="38">{text(note)}</text>' if note else ""
+    caption = f'<text class="title" x="12" y="18">{text(title)}</text>'
+    caption += f'<text class="tick" x="12" y="38">{text(note)}</text>' if note else ""
     return Html(
         f'<svg class="scene" viewBox="0 0 {SIZE[0]} {height:.0f}" role="img" aria-label="{text(title)}">'
-        f"{words}{drawn_room(camera, room)}{fixed_objects(camera, room, room.things)}{drawn}</svg>"
+        f"{caption}{drawn_room(camera, room)}{fixed_objects(camera, room, room.things)}{drawn}</svg>"
     )
 
 
@@ -141,8 +141,8 @@ def drawn_room(camera: Camera, room: SceneBox) -> str:
     """Floor, two walls, and ticks in m with their labels."""
     (x0, y0, z0), (x1, y1, z1) = room.lower, room.upper
     ticks = [
-        linear_ticks(low, high, wanted)
-        for low, high, wanted in zip(room.lower, room.upper, (4, 4, 2), strict=True)
+        linear_ticks(low, high, count)
+        for low, high, count in zip(room.lower, room.upper, (4, 4, 2), strict=True)
     ]
     lines = [_line(camera, [(x, y0, z0), (x, y1, z0)], "grid-line") for x in ticks[0]]
     lines += [_line(camera, [(x0, y, z0), (x1, y, z0)], "grid-line") for y in ticks[1]]
@@ -175,25 +175,25 @@ def _line(camera: Camera, points: Sequence[tuple[float, float, float]], style: s
 def _tick(
     camera: Camera, at: tuple[float, float, float], value: float, shift: tuple[float, float], anchor: str
 ) -> str:
-    return _words(camera, at, tick_text(value), shift, anchor, "tick")
+    return _label(camera, at, tick_text(value), shift, anchor, "tick")
 
 
 def _name(
     camera: Camera, at: tuple[float, float, float], name: str, shift: tuple[float, float], anchor: str
 ) -> str:
-    return _words(camera, at, name, shift, anchor, "axis")
+    return _label(camera, at, name, shift, anchor, "axis")
 
 
-def _words(
+def _label(
     camera: Camera,
     at: tuple[float, float, float],
-    words: str,
+    content: str,
     shift: tuple[float, float],
     anchor: str,
     style: str,
 ) -> str:
     px, py = camera(np.array([at]))[0] + np.array(shift)
-    return f'<text class="{style}" x="{px:.1f}" y="{py:.1f}" text-anchor="{anchor}">{text(words)}</text>'
+    return f'<text class="{style}" x="{px:.1f}" y="{py:.1f}" text-anchor="{anchor}">{text(content)}</text>'
 
 
 def _path(camera: Camera, path: Path, floor: float) -> str:
@@ -250,22 +250,22 @@ def clipped_polygon(face: Array, lower: Array, upper: Array) -> Array:
 def _half(face: Array, axis: int, end: float, side: float) -> Array:
     """Its part on one side of a plane across an axis: beyond `end` for side 1, before it for -1."""
     beyond = side * (face[:, axis] - end)
-    kept: list[Array] = []
+    vertices: list[Array] = []
     for k in range(len(face)):
         after = (k + 1) % len(face)
         if beyond[k] >= 0.0:
-            kept.append(face[k])
+            vertices.append(face[k])
         if beyond[k] * beyond[after] < 0.0:
             share = beyond[k] / (beyond[k] - beyond[after])
-            kept.append(face[k] + share * (face[after] - face[k]))
-    return np.array(kept).reshape(-1, 3)
+            vertices.append(face[k] + share * (face[after] - face[k]))
+    return np.array(vertices).reshape(-1, 3)
 
 
 def faces_in(thing: Thing, room: SceneBox) -> list[Array]:
     """Faces (V, 3) of an object inside the box, m."""
     points, lower, upper = thing.points[0], np.array(room.lower), np.array(room.upper)
-    found = [clipped_polygon(points[list(face)], lower - 1e-9, upper + 1e-9) for face in thing.faces]
-    return [face for face in found if len(face) > 1]
+    clipped = [clipped_polygon(points[list(face)], lower - 1e-9, upper + 1e-9) for face in thing.faces]
+    return [face for face in clipped if len(face) > 1]
 
 
 def _depth(faces: list[Array]) -> float:
@@ -324,8 +324,8 @@ def figure_along(record: Record, path: Array) -> Figure | None:
     campaign = record.campaign
     if campaign is None or not isinstance(campaign.kind, SupportsFigure):
         return None
-    found = campaign.kind.figure(campaign.spec, path)
-    return found and replace(found, things=(*found.things, *things_of(record.limits)))
+    figure = campaign.kind.figure(campaign.spec, path)
+    return figure and replace(figure, things=(*figure.things, *things_of(record.limits)))
 
 
 BEYOND = 0.5
@@ -346,8 +346,8 @@ def room_around(figure: Figure) -> SceneBox:
     reach = BEYOND * float((high - low).max())
     for thing in figure.things:
         # planes and what the robot stands on take no width of the drawing, and tell what the rest hangs above
-        own = reach * (DEEPER if thing.kind in ("plane", "stand") else 1.0)
-        near = _near(thing, low - own, high + own)
+        extent = reach * (DEEPER if thing.kind in ("plane", "stand") else 1.0)
+        near = _near(thing, low - extent, high + extent)
         if len(near):
             lower, upper = np.minimum(lower, near.min(axis=0)), np.maximum(upper, near.max(axis=0))
     lower[2] = _bottom(figure, float(low[2]), float(lower[2]))

@@ -24,31 +24,31 @@ SAME_M = 0.02
 """m within which a motion ends where it started."""
 
 
-def script_data(seen: MotionInSpace, record: Record, stream: str) -> str:
+def script_data(motion: MotionInSpace, record: Record, stream: str) -> str:
     """The script's data, as JSON without an end tag of a script."""
-    room = _room(seen)
-    real = seen.measured
-    points = [*seen.tips, seen.figure.points, seen.placed[..., 3]]
-    points += [np.nan_to_num(seen.nearby.ends)] if seen.nearby is not None else []
+    room = _room(motion)
+    real = motion.measured
+    points = [*motion.tips, motion.figure.points, motion.placed[..., 3]]
+    points += [np.nan_to_num(motion.nearby.ends)] if motion.nearby is not None else []
     points += [real.points, real.placed[..., 3]] if real is not None else []
-    unit = max(float(np.abs(own).max(initial=0.0)) for own in points) / 32000.0 or 1e-4
-    low, high = _extent(seen)
+    unit = max(float(np.abs(array).max(initial=0.0)) for array in points) / 32000.0 or 1e-4
+    low, high = _extent(motion)
     facts = {
         "unit": unit,
-        "step": float(seen.t[1] - seen.t[0]),
-        "count": len(seen.t),
+        "step": float(motion.t[1] - motion.t[0]),
+        "count": len(motion.t),
         "size": float(np.linalg.norm(high - low)),
         "middle": (0.5 * (low + high)).tolist(),
-        "bodies": [_body(seen, b) for b in range(len(seen.solids))],
-        "sticks": [] if seen.solids else seen.figure.sticks.tolist(),
-        "planned": _poses(seen.motion.orders[0], seen.placed, seen.figure.points, unit),
+        "bodies": [_body(motion, b) for b in range(len(motion.solids))],
+        "sticks": [] if motion.solids else motion.figure.sticks.tolist(),
+        "planned": _poses(motion.motion.orders[0], motion.placed, motion.figure.points, unit),
         "measured": real and _poses(real.q, real.placed, real.points, unit, real.ends),
-        "things": [_thing(thing, room) for thing in seen.figure.things if thing.kind != "carried"],
-        "tips": [_packed(tip / unit, np.int16) for tip in seen.tips],
-        "marks": _marks(seen),
-        "pieces": [{"start": start, "label": label} for start, label in seen.pieces],
+        "things": [_thing(thing, room) for thing in motion.figure.things if thing.kind != "carried"],
+        "tips": [_packed(tip / unit, np.int16) for tip in motion.tips],
+        "marks": _marks(motion),
+        "pieces": [{"start": start, "label": label} for start, label in motion.pieces],
         "joints": _joints(record),
-        **_distances(seen, unit),
+        **_distances(motion, unit),
         "nothing": f"nothing within {1000.0 * SHOWN_M:.0f} mm of what is kept",
         "elsewhere": "told along the whole motion at full speed",
         "stream": stream,
@@ -80,43 +80,43 @@ def _poses(
 
 def _packed(values: ArrayLike, kind: type[np.generic]) -> str:
     """Base64 of numbers in the script's format: little-endian; integers are rounded and clipped."""
-    found = np.asarray(values, dtype=float).ravel()
+    numbers = np.asarray(values, dtype=float).ravel()
     if issubclass(kind, np.integer):
         ends = np.iinfo(kind)
-        found = np.clip(np.rint(np.nan_to_num(found)), ends.min, ends.max)
-    return base64.b64encode(found.astype(np.dtype(kind).newbyteorder("<")).tobytes()).decode()
+        numbers = np.clip(np.rint(np.nan_to_num(numbers)), ends.min, ends.max)
+    return base64.b64encode(numbers.astype(np.dtype(kind).newbyteorder("<")).tobytes()).decode()
 
 
-def _extent(seen: MotionInSpace) -> tuple[Array, Array]:
+def _extent(motion: MotionInSpace) -> tuple[Array, Array]:
     """Corners (3,) of a box around everything that moves, m."""
-    points = _corners(seen).reshape(-1, 3)
+    points = _corners(motion).reshape(-1, 3)
     return points.min(axis=0), points.max(axis=0)
 
 
-def _corners(seen: MotionInSpace) -> Array:
+def _corners(motion: MotionInSpace) -> Array:
     """Points (T, P, 3) m in the world: of the sticks, or corners of boxes about the solid parts."""
-    if not seen.solids:
-        return seen.figure.points
+    if not motion.solids:
+        return motion.figure.points
     boxes = [
         np.array(np.meshgrid(*zip(s.points.min(axis=0), s.points.max(axis=0), strict=True)))
-        for s in seen.solids
+        for s in motion.solids
     ]
-    own = np.stack([box.reshape(3, 8).T for box in boxes])
-    turned = np.einsum("tbij,bpj->tbpi", seen.placed[..., :3], own) + seen.placed[..., None, :, 3]
-    return np.asarray(turned.reshape(len(seen.t), -1, 3))
+    corners = np.stack([box.reshape(3, 8).T for box in boxes])
+    turned = np.einsum("tbij,bpj->tbpi", motion.placed[..., :3], corners) + motion.placed[..., None, :, 3]
+    return np.asarray(turned.reshape(len(motion.t), -1, 3))
 
 
-def _room(seen: MotionInSpace) -> SceneBox:
-    return room_around(replace(seen.figure, points=_corners(seen)))
+def _room(motion: MotionInSpace) -> SceneBox:
+    return room_around(replace(motion.figure, points=_corners(motion)))
 
 
-def _body(seen: MotionInSpace, b: int) -> dict[str, object]:
+def _body(motion: MotionInSpace, b: int) -> dict[str, object]:
     """One part with its points in whole steps, and whether it moves."""
-    solid, placed = seen.solids[b], seen.placed[:, b]
+    solid, placed = motion.solids[b], motion.placed[:, b]
     unit = float(np.abs(solid.points).max()) / 32000.0
     facts = {
         "name": solid.name,
-        "unit": unit * seen.enlarged,
+        "unit": unit * motion.enlarged,
         "moves": bool(np.ptp(placed, axis=0).max() > 1e-9),
     }
     return {
@@ -166,21 +166,21 @@ def _grid(points: Array) -> list[list[list[float]]]:
     return [[[x, y0, z], [x, y1, z]] for x in along] + [[[x0, y, z], [x1, y, z]] for y in across]
 
 
-def _marks(seen: MotionInSpace) -> list[dict[str, object]]:
+def _marks(motion: MotionInSpace) -> list[dict[str, object]]:
     """Start and end of the tips, and the place of the least distance."""
-    found = []
-    for tip in seen.tips[:1]:
+    marks = []
+    for tip in motion.tips[:1]:
         same = float(np.linalg.norm(tip[0] - tip[-1])) < SAME_M
-        found.append({"text": "start and end" if same else "start", "at": tip[0].tolist(), "time": 0.0})
-        found += [] if same else [{"text": "end", "at": tip[-1].tolist(), "time": float(seen.t[-1])}]
-    if seen.closest is not None and seen.nearby is not None:
-        k, row = seen.closest
-        at = np.flatnonzero(seen.nearby.narrowest[k] == row)
-        place = seen.nearby.ends[k, at].mean(axis=(0, 1)) if len(at) else np.full(3, np.nan)
+        marks.append({"text": "start and end" if same else "start", "at": tip[0].tolist(), "time": 0.0})
+        marks += [] if same else [{"text": "end", "at": tip[-1].tolist(), "time": float(motion.t[-1])}]
+    if motion.closest is not None and motion.nearby is not None:
+        k, row = motion.closest
+        at = np.flatnonzero(motion.nearby.narrowest[k] == row)
+        place = motion.nearby.ends[k, at].mean(axis=(0, 1)) if len(at) else np.full(3, np.nan)
         if np.isfinite(place).all():
-            words = f"closest: {1000.0 * seen.nearby.distance[k, row]:.0f} mm at {seen.t[k]:.1f} s"
-            found.append({"text": words, "at": place.tolist(), "time": float(seen.t[k])})
-    return found
+            label = f"closest: {1000.0 * motion.nearby.distance[k, row]:.0f} mm at {motion.t[k]:.1f} s"
+            marks.append({"text": label, "at": place.tolist(), "time": float(motion.t[k])})
+    return marks
 
 
 def _joints(record: Record) -> list[dict[str, object]]:
@@ -188,8 +188,8 @@ def _joints(record: Record) -> list[dict[str, object]]:
     campaign, path = record.campaign, record.path
     assert campaign is not None
     assert path is not None
-    known = campaign.kind.expected(campaign.spec).limits.get(path.name)
-    lower, upper = (np.broadcast_to(side, len(path.parts)) for side in known or (np.nan, np.nan))
+    limits = campaign.kind.expected(campaign.spec).limits.get(path.name)
+    lower, upper = (np.broadcast_to(side, len(path.parts)) for side in limits or (np.nan, np.nan))
     return [
         {"name": name, "unit": unit, "lower": _finite(low), "upper": _finite(high)}
         for name, unit, low, high in zip(path.parts, path.units, lower, upper, strict=True)
@@ -200,30 +200,30 @@ def _finite(value: float) -> float | None:
     return float(value) if np.isfinite(value) else None
 
 
-def _distances(seen: MotionInSpace, unit: float) -> dict[str, object]:
+def _distances(motion: MotionInSpace, unit: float) -> dict[str, object]:
     """Distance of each part beyond its margin, mm, and the least one with its ends."""
-    near = seen.nearby
+    near = motion.nearby
     if near is None:
         return {
             "rows": [],
             "lines_each": 0,
             "lines": "",
-            "room": _packed(np.full((len(seen.t), len(seen.solids)), 65535), np.uint16),
+            "room": _packed(np.full((len(motion.t), len(motion.solids)), 65535), np.uint16),
         }
-    spare, silent = near.distance - near.kept, seen.silent
-    left = np.full((len(seen.t), len(seen.solids)), np.inf)
-    for b, solid in enumerate(seen.solids):
-        own = [r for r, pair in enumerate(near.pairs) if solid.name in pair and not silent[r]]
-        left[:, b] = spare[:, own].min(axis=1, initial=np.inf)
-    apart, rows = (np.take_along_axis(one, near.narrowest, axis=1) for one in (near.distance, spare))
+    slack, silent = near.distance - near.kept, motion.silent
+    left = np.full((len(motion.t), len(motion.solids)), np.inf)
+    for b, solid in enumerate(motion.solids):
+        members = [r for r, pair in enumerate(near.pairs) if solid.name in pair and not silent[r]]
+        left[:, b] = slack[:, members].min(axis=1, initial=np.inf)
+    apart, rows = (np.take_along_axis(one, near.narrowest, axis=1) for one in (near.distance, slack))
     drawn = (rows < SHOWN_M) & np.isfinite(near.ends).all(axis=(2, 3)) & ~silent[near.narrowest]
     row = np.where(drawn, near.narrowest, -1)[..., None]
     lines = np.concatenate([row, 1e4 * apart[..., None], near.ends.reshape(*apart.shape, 6) / unit], axis=2)
     first = np.argsort(~drawn, axis=1, kind="stable")[:, :LINES, None]
     lines = np.take_along_axis(lines, first, axis=1)
     named = [
-        {"pair": " and ".join(pair), "kept": 1000.0 * float(kept)}
-        for pair, kept in zip(near.pairs, near.kept, strict=True)
+        {"pair": " and ".join(pair), "kept": 1000.0 * float(margin)}
+        for pair, margin in zip(near.pairs, near.kept, strict=True)
     ]
     room = _packed(np.where(np.isfinite(left), 1000.0 * left, 65535.0), np.uint16)
     return {"rows": named, "lines_each": lines.shape[1], "lines": _packed(lines, np.int16), "room": room}

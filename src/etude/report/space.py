@@ -61,26 +61,26 @@ def page(
     Raises:
         UsageError: no such proposal, or the robot cannot be drawn.
     """
-    found = in_space(record, proposal, approach)
-    if found is None:
+    motion = in_space(record, proposal, approach)
+    if motion is None:
         raise UsageError(
             f"proposal {proposal} cannot be shown",
             where=str(record.folder),
             next_step=record.notes[-1] if record.notes else CANNOT,
         )
-    title = f"{record.robot}: {found.title}"
+    title = f"{record.robot}: {motion.title}"
     head = element("style", Html(asset("report.css") + asset("space.css")))
     parts = [
         element("h1", title),
-        words(found, live=bool(stream)),
-        element("p", nearest_words(found), class_="lead"),
+        describe_motion(motion, live=bool(stream)),
+        element("p", describe_nearest(motion), class_="lead"),
     ]
-    if changed := record.changed(f"{found.folder}/certificate.json"):
+    if changed := record.changed(f"{motion.folder}/certificate.json"):
         again = ASK_AGAIN.format(folder=typed(record.folder))
         parts.append(paragraph(f"{changed} {again}", class_="news red"))
-    parts += [figure_in_space(found, record, proved(found), stream)]
+    parts += [figure_in_space(motion, record, proved(motion), stream)]
     main = Html(f"<main>\n{join(parts)}\n</main>")
-    return document(title, head, main, element("script", Html(asset("space.js")))), found
+    return document(title, head, main, element("script", Html(asset("space.js")))), motion
 
 
 def write_view(
@@ -94,22 +94,26 @@ def write_view(
     """
     record = read_record(folder)
     number = newest(record, proposal)
-    text, seen = page(record, number, approach=approach)
+    text, motion = page(record, number, approach=approach)
     path = folder / "view.html"
     write_atomic(path, text.encode("utf-8"))
-    return path, number, seen
+    return path, number, motion
 
 
 def newest(record: Record, proposal: int | None = None) -> int:
     """The number of a proposal, by default of the newest. UsageError: there is none."""
-    asked = [n for n, own in sorted(record.state.rounds.items()) if own.asked is not None]
-    number = max(asked, default=0) if proposal is None else proposal
-    if number not in asked:
-        known = f"They are {', '.join(map(str, asked))}." if asked else f"etude ask {typed(record.folder)}"
+    proposals = [n for n, r in sorted(record.state.rounds.items()) if r.asked is not None]
+    number = max(proposals, default=0) if proposal is None else proposal
+    if number not in proposals:
+        step = (
+            f"They are {', '.join(map(str, proposals))}."
+            if proposals
+            else f"etude ask {typed(record.folder)}"
+        )
         raise UsageError(
-            f"there is no proposal {number}" if asked else "nothing has been proposed yet",
+            f"there is no proposal {number}" if proposals else "nothing has been proposed yet",
             where="--proposal" if proposal is not None else str(record.folder),
-            next_step=known,
+            next_step=step,
         )
     return number
 
@@ -119,11 +123,11 @@ def asset(name: str) -> str:
     return resources.files("etude.report").joinpath(name).read_text(encoding="utf-8")
 
 
-def figure_in_space(seen: MotionInSpace, record: Record, below: Html = NO_MORE, stream: str = "") -> Html:
+def figure_in_space(motion: MotionInSpace, record: Record, below: Html = NO_MORE, stream: str = "") -> Html:
     """The drawing with its controls and texts.
 
     Args:
-        seen: the motion. record: of the campaign.
+        motion: the motion. record: of the campaign.
         below: further content; its time buttons work too.
         stream: address of the poses of the real robot; "" without one.
     """
@@ -131,59 +135,61 @@ def figure_in_space(seen: MotionInSpace, record: Record, below: Html = NO_MORE, 
         element(
             "div",
             element(
-                "canvas", class_="view", tabindex=0, role="img", **{"aria-label": f"{seen.title} in space"}
+                "canvas", class_="view", tabindex=0, role="img", **{"aria-label": f"{motion.title} in space"}
             ),
             element("div", class_="labels", **{"aria-hidden": "true"}),
             paragraph(HINT, class_="hint"),
             class_="stage-3d",
         ),
         element("p", NO_VIEW, class_="missing no-view", hidden="hidden"),
-        element("div", *_controls(seen), class_="controls", hidden="hidden"),
+        element("div", *_controls(motion), class_="controls", hidden="hidden"),
         below,
-        element("script", Html(script_data(seen, record, stream)), type="application/json"),
+        element("script", Html(script_data(motion, record, stream)), type="application/json"),
     ]
     return element("figure", *parts, class_="space")
 
 
-def words(seen: MotionInSpace, live: bool = False) -> Html:
+def describe_motion(motion: MotionInSpace, live: bool = False) -> Html:
     """Sentences about the picture. live: it shows the robot while it moves."""
-    tips = "its tip" if len(seen.figure.tips) == 1 else "its tips"
-    names = [thing.name for thing in seen.figure.things if thing.kind in ("solid", "plane", "inside")]
-    said = [
-        (LIVE if live else TEXT).format(title=seen.title, tips=tips, colour=COLOUR if seen.nearby else ""),
-        HULLS if seen.nearby else STICKS if not seen.solids else "",
-        MEASURED if seen.measured is not None and not live else "",
-        ENLARGED.format(times=seen.enlarged) if seen.enlarged > 1 else "",
+    tips = "its tip" if len(motion.figure.tips) == 1 else "its tips"
+    names = [thing.name for thing in motion.figure.things if thing.kind in ("solid", "plane", "inside")]
+    sentences = [
+        (LIVE if live else TEXT).format(
+            title=motion.title, tips=tips, colour=COLOUR if motion.nearby else ""
+        ),
+        HULLS if motion.nearby else STICKS if not motion.solids else "",
+        MEASURED if motion.measured is not None and not live else "",
+        ENLARGED.format(times=motion.enlarged) if motion.enlarged > 1 else "",
         AROUND.format(names=", ".join(names)) if names else NOTHING,
     ]
-    return paragraph(" ".join(filter(None, said)))
+    return paragraph(" ".join(filter(None, sentences)))
 
 
-def nearest_words(seen: MotionInSpace) -> str:
+def describe_nearest(motion: MotionInSpace) -> str:
     """A sentence on the least distance."""
-    near = seen.nearest
+    near = motion.nearest
     if near is None:
         return NO_DISTANCES
-    apart, kept = (f"{number(1000.0 * near[key])} mm" for key in ("distance", "kept"))
-    return NEAREST.format(pair=" and ".join(near["pair"]), apart=apart, time=near["time"], kept=kept)
+    apart, margin = (f"{number(1000.0 * near[key])} mm" for key in ("distance", "kept"))
+    return NEAREST.format(pair=" and ".join(near["pair"]), apart=apart, time=near["time"], kept=margin)
 
 
-def proved(seen: MotionInSpace) -> Html:
+def proved(motion: MotionInSpace) -> Html:
     """Distances in the certificate, and what it does not cover."""
-    if seen.certificate is None:
+    if motion.certificate is None:
         return Html("")
-    pairs = {" and ".join(pair) for pair in (seen.nearby.pairs if seen.nearby else ())}
+    pairs = {" and ".join(pair) for pair in (motion.nearby.pairs if motion.nearby else ())}
     rows = sorted(
-        (r for r in seen.certificate["rows"] if r["axis"] in pairs), key=lambda r: float(r["slack"])
+        (r for r in motion.certificate["rows"] if r["axis"] in pairs), key=lambda r: float(r["slack"])
     )
-    cells = [_cells(row, seen.proved_from) for row in rows]
+    cells = [_cells(row, motion.proved_from) for row in rows]
     header = ("Distance", "kept (mm)", "proved (mm)", "for tracking (mm)", "nearest")
     parts = [paragraph(PROVED), table(header, cells[:OPEN_ROWS])] if cells else []
     if cells[OPEN_ROWS:]:
         more = element("summary", f"{len(cells) - OPEN_ROWS} wider ones")
         parts.append(element("details", more, table(header, cells[OPEN_ROWS:])))
     for title, key in (("To be confirmed", "to_confirm"), ("Not verified", "not_verified")):
-        items = [element("li", sentence) for sentence in seen.certificate.get(key) or ()]
+        items = [element("li", sentence) for sentence in motion.certificate.get(key) or ()]
         parts += [element("h3", title), element("ul", *items)] if items else []
     return join(parts)
 
@@ -194,26 +200,28 @@ WHERE = re.compile(r"(?:^| )at ([\d.e+-]+) s(?: of the .* at ([\d.e+-]+) s)?$")
 
 def _cells(row: Mapping[str, Any], began: float) -> list[object]:
     numbers = [number(1000.0 * float(row[key])) for key in ("lower", "proved_lower", "tracking_margin")]
-    where, found = str(row.get("where", "")), WHERE.search(str(row.get("where", "")))
-    if found is None or " and " not in where:
+    where, match = str(row.get("where", "")), WHERE.search(str(row.get("where", "")))
+    if match is None or " and " not in where:
         return [row["axis"], *numbers, ""]
-    moment = began + sum(float(part) for part in found.groups() if part)
+    moment = began + sum(float(part) for part in match.groups() if part)
     button = element(
         "button", f"{moment:.1f} s", type="button", class_="at", **{"data-time": f"{moment:.4f}"}
     )
     return [row["axis"], *numbers, button]
 
 
-def _controls(seen: MotionInSpace) -> list[Html]:
+def _controls(motion: MotionInSpace) -> list[Html]:
     """Controls of the drawing, and tables that the script fills."""
     speeds = [element("option", f"{s:g} times its speed", value=s) for s in (0.1, 0.25, 0.5)]
     speeds += [Html('<option value="1" selected>its own speed</option>')]
     speeds += [element("option", f"{s:g} times its speed", value=s) for s in (2, 4)]
-    ends = f'min="0" max="{seen.t[-1]:.6g}" step="any" value="0"'
+    ends = f'min="0" max="{motion.t[-1]:.6g}" step="any" value="0"'
     slider = Html(f'<input type="range" name="time" {ends} aria-label="time"/>')
-    strip = Html('<canvas class="strip" height="8" aria-hidden="true"></canvas>') if seen.nearby else Html("")
+    strip = (
+        Html('<canvas class="strip" height="8" aria-hidden="true"></canvas>') if motion.nearby else Html("")
+    )
     ticked = [("swept", "what is swept"), ("path", "path of the tip")]
-    ticked += [("distances", "distances")] if seen.nearby else []
+    ticked += [("distances", "distances")] if motion.nearby else []
     boxes = [Html(f'<label><input type="checkbox" name="{n}" checked/> {w}</label>') for n, w in ticked]
     joints = element(
         "tr",
@@ -233,7 +241,7 @@ def _controls(seen: MotionInSpace) -> list[Html]:
         element("div", *boxes, element("span", "now: ", element("b", "", class_="piece")), class_="asked"),
         element(
             "div",
-            element("div", element("h3", "Nearest now"), *_scale(seen)),
+            element("div", element("h3", "Nearest now"), *_scale(motion)),
             element(
                 "div",
                 element("h3", "Where it is now"),
@@ -245,8 +253,8 @@ def _controls(seen: MotionInSpace) -> list[Html]:
     ]
 
 
-def _scale(seen: MotionInSpace) -> list[Html]:
-    if seen.nearby is None:
+def _scale(motion: MotionInSpace) -> list[Html]:
+    if motion.nearby is None:
         return [paragraph(NO_DISTANCES, class_="missing")]
     return [
         element("ul", class_="nearest"),

@@ -225,12 +225,12 @@ def thinned(x: Array, y: Array, points: int = 700) -> tuple[Array, Array]:
     if len(x) <= points:
         return x, y
     edges = np.linspace(0, len(x), points // 2 + 1).astype(int)
-    kept: list[int] = [0]
+    indices: list[int] = [0]
     for start, stop in itertools.pairwise(edges):
         piece = np.nan_to_num(y[start:stop])
-        kept += sorted({start + int(piece.argmin()), start + int(piece.argmax())})
-    kept.append(len(x) - 1)
-    index = np.unique(kept)
+        indices += sorted({start + int(piece.argmin()), start + int(piece.argmax())})
+    indices.append(len(x) - 1)
+    index = np.unique(indices)
     return x[index], y[index]
 
 

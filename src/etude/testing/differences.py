@@ -20,17 +20,17 @@ def central(function: Callable[[Array], float], at: Array, step: float = 1e-4) -
     return out
 
 
-def close(found: Array, expected: Array, part: float, what: str) -> None:
-    """AssertionError if `found` leaves `expected` by more than `part` of its largest value."""
-    found, expected = np.asarray(found), np.asarray(expected)
-    assert found.shape == expected.shape, f"{what}: shape {found.shape}, wanted {expected.shape}"
+def close(actual: Array, expected: Array, part: float, what: str) -> None:
+    """AssertionError if `actual` leaves `expected` by more than `part` of its largest value."""
+    actual, expected = np.asarray(actual), np.asarray(expected)
+    assert actual.shape == expected.shape, f"{what}: shape {actual.shape}, wanted {expected.shape}"
     size = max(float(np.abs(expected).max(initial=0.0)), 1e-9)
-    worst = float(np.abs(found - expected).max(initial=0.0)) / size
+    worst = float(np.abs(actual - expected).max(initial=0.0)) / size
     assert worst <= part, f"{what}: off by {worst:.3g} of its size, allowed {part:.3g}"
 
 
-def same(found: Array, expected: Array, what: str) -> None:
+def same(actual: Array, expected: Array, what: str) -> None:
     """AssertionError unless both are equal to the bit, NaN in the same places."""
-    assert found.shape == expected.shape, f"{what}: shape {found.shape}, wanted {expected.shape}"
-    equal = np.array_equal(found, expected, equal_nan=True)
-    assert equal, f"{what}: not the same to the bit, off by {np.nanmax(np.abs(found - expected)):.3g}"
+    assert actual.shape == expected.shape, f"{what}: shape {actual.shape}, wanted {expected.shape}"
+    equal = np.array_equal(actual, expected, equal_nan=True)
+    assert equal, f"{what}: not the same to the bit, off by {np.nanmax(np.abs(actual - expected)):.3g}"

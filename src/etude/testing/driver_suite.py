@@ -162,9 +162,9 @@ class DriverSuite:
             about, moving = player.about(), recording.t[-1]
             stopped = _later(player, moving + about.stop_latency + about.stopping_time)
             later = _later(player, stopped.t + 0.2)
-            way = self.velocity * (about.stop_latency + about.stopping_time) + self.error
+            distance = self.velocity * (about.stop_latency + about.stopping_time) + self.error
             far = np.abs(stopped.q - recording.q[-1]).max()
-            assert far <= way, f"it goes on by {far:.3g} after stop()"
+            assert far <= distance, f"it goes on by {far:.3g} after stop()"
             moved = np.abs(later.q - stopped.q).max()
             assert moved <= 5e-3, f"it still moves {about.stopping_time:g} s after stop(), by {moved:.3g}"
             assert later.qd is None or np.abs(later.qd).max() <= RESTS, "it still moves after stop()"
@@ -225,8 +225,8 @@ class DriverSuite:
         return Bounds(self.error * ones, -far, far, fast, clock=self.clock)
 
     def _player(self) -> Player:
-        own = self.driver()
-        return own if isinstance(own, Player) else Streamed(own)
+        driver = self.driver()
+        return driver if isinstance(driver, Player) else Streamed(driver)
 
     def _motion(self, player: Player, off: float = 0.0) -> PlannedMotion:
         about, sample = player.about(), player.where()
@@ -263,7 +263,7 @@ class DriverSuite:
         n, J = len(recording.t), len(self.joints)
         for name in ("q", "command", "asked"):
             assert np.shape(getattr(recording, name)) == (n, J), f"{name} is not (n, J)"
-            beside = name == "command" and any(own.startswith("command_") for own in recording.extra)
+            beside = name == "command" and any(key.startswith("command_") for key in recording.extra)
             values = np.array([*recording.extra.values()]) if beside else getattr(recording, name)
             assert np.isfinite(values).all(), f"{name} is no number somewhere"
         assert recording.at.shape == (n,), "at is not (n,)"

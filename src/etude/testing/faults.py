@@ -107,49 +107,49 @@ def _at(values: Array, joint: int, by: float) -> Array:
     return changed
 
 
-def _frozen(own: Faulty, sample: Sample) -> Sample:
-    assert own.frozen is not None
-    return replace(sample, q=own.frozen.q, qd=own.frozen.qd)
+def _frozen(faulty: Faulty, sample: Sample) -> Sample:
+    assert faulty.frozen is not None
+    return replace(sample, q=faulty.frozen.q, qd=faulty.frozen.qd)
 
 
 def _silent(span: float) -> Callable[[Faulty, Sample], Sample]:
-    def stale(own: Faulty, sample: Sample) -> Sample:
-        assert own.frozen is not None
-        return own.frozen if sample.t - own.struck < span else sample
+    def stale(faulty: Faulty, sample: Sample) -> Sample:
+        assert faulty.frozen is not None
+        return faulty.frozen if sample.t - faulty.struck < span else sample
 
     return stale
 
 
-def _once(change: Callable[[Faulty, Sample], Sample]) -> Callable[[Faulty, Sample], Sample]:
-    return lambda own, sample: change(own, sample) if own.count == 1 else sample
+def _on_first_sample(change: Callable[[Faulty, Sample], Sample]) -> Callable[[Faulty, Sample], Sample]:
+    return lambda faulty, sample: change(faulty, sample) if faulty.count == 1 else sample
 
 
-def _jumped(own: Faulty, sample: Sample) -> Sample:
-    return replace(sample, q=_at(sample.q, own.joint, own.size))
+def _jumped(faulty: Faulty, sample: Sample) -> Sample:
+    return replace(sample, q=_at(sample.q, faulty.joint, faulty.size))
 
 
-def _no_number(own: Faulty, sample: Sample) -> Sample:
-    return replace(sample, q=_at(sample.q, own.joint, np.nan))
+def _no_number(faulty: Faulty, sample: Sample) -> Sample:
+    return replace(sample, q=_at(sample.q, faulty.joint, np.nan))
 
 
-def _raises(own: Faulty, sample: Sample) -> Sample:  # noqa: ARG001
+def _raises(faulty: Faulty, sample: Sample) -> Sample:  # noqa: ARG001
     raise ConnectionResetError("the cable is out")
 
 
-def _block(own: Faulty) -> None:
-    own.stream.blocked[own.joint] = True  # type: ignore[attr-defined]
+def _block(faulty: Faulty) -> None:
+    faulty.stream.blocked[faulty.joint] = True  # type: ignore[attr-defined]
 
 
-def _push(own: Faulty) -> None:
-    own.stream.push[own.joint] = own.size  # type: ignore[attr-defined]
+def _push(faulty: Faulty) -> None:
+    faulty.stream.push[faulty.joint] = faulty.size  # type: ignore[attr-defined]
 
 
-def _stall(own: Faulty) -> None:
-    own.stream.stall(0.02)  # type: ignore[attr-defined]
+def _stall(faulty: Faulty) -> None:
+    faulty.stream.stall(0.02)  # type: ignore[attr-defined]
 
 
 def _signal(number: signal.Signals) -> Callable[[Faulty], None]:
-    return lambda own: os.kill(os.getpid(), number)  # noqa: ARG005
+    return lambda faulty: os.kill(os.getpid(), number)  # noqa: ARG005
 
 
 _DONE = (Ended.DONE,)
@@ -157,9 +157,9 @@ _AT_THE_START = (Ended.REFUSED, Ended.STOPPED)
 FAULTS: Mapping[str, RobotFault] = {
     "none": RobotFault("nothing", ends=_DONE),
     "frozen": RobotFault("all encoders are frozen", _frozen),
-    "one NaN": RobotFault("one position is no number once", _once(_no_number), _DONE),
+    "one NaN": RobotFault("one position is no number once", _on_first_sample(_no_number), _DONE),
     "NaN": RobotFault("one position is no number any more", _no_number),
-    "one jump": RobotFault("one position is elsewhere once", _once(_jumped), _DONE),
+    "one jump": RobotFault("one position is elsewhere once", _on_first_sample(_jumped), _DONE),
     "jump": RobotFault("one position is elsewhere for good", _jumped),
     "permuted": RobotFault(
         "joints are in another order", lambda _, s: replace(s, q=s.q[::-1]), _AT_THE_START, at_once=True

@@ -42,8 +42,8 @@ class ExporterSuite:
         here = self.world
         trajectory = at_rest(here.trajectory(1), here.limits)  # receivers hold the first row and the last
         files = type(self).exporter(trajectory, here.kind, here.spec)
-        found = certify_played(type(self).exporter, files, here.limits, trajectory)
-        assert found.seen, "nothing is proved of what the receiver plays"
+        certificate = certify_played(type(self).exporter, files, here.limits, trajectory)
+        assert certificate.seen, "nothing is proved of what the receiver plays"
 
     def test_its_receiver_goes_from_rest_to_rest(self) -> None:
         """It holds the first row before, and the last one for ever."""
@@ -59,8 +59,8 @@ class ExporterSuite:
 
     def test_the_same_motion_gives_the_same_bytes(self) -> None:
         here = self.world
-        once, twice = (type(self).exporter(here.trajectory(2), here.kind, here.spec) for _ in range(2))
-        assert once == twice, "the files depend on more than the trajectory"
+        first, second = (type(self).exporter(here.trajectory(2), here.kind, here.spec) for _ in range(2))
+        assert first == second, "the files depend on more than the trajectory"
 
 
 class ReaderSuite:
@@ -80,10 +80,10 @@ class ReaderSuite:
     def test_every_column_is_read_exactly(self, tmp_path: Path) -> None:
         path = tmp_path / f"run{self.suffix}"
         self.write(path, self.columns)
-        found = self._values(path)
+        table = self._values(path)
         for name, values in self.columns.items():
             if name != "t":
-                assert np.array_equal(found[name], values), f"{name}: {found[name]}, wanted {values}"
+                assert np.array_equal(table[name], values), f"{name}: {table[name]}, wanted {values}"
 
     def test_what_it_reads_it_recognises(self, tmp_path: Path) -> None:
         path = tmp_path / f"run{self.suffix}"
@@ -106,10 +106,10 @@ class ReaderSuite:
         for size in range(0, len(data), max(1, len(data) // 40)):
             path.write_bytes(data[:size])
             try:
-                found = self._values(path)
+                table = self._values(path)
             except DataError:
                 continue
-            for name, values in found.items():
+            for name, values in table.items():
                 assert np.array_equal(values, self.columns[name][: len(values)]), f"{name} of a cut file"
 
     def _refused(self, path: Path) -> str | None:

@@ -46,12 +46,12 @@ class RobotSuite:
 
     def test_the_log_holds_what_the_kind_promises(self) -> None:
         here, log = self.world, log_of(self.world, 0)
-        known = {channel.name: channel for channel in self.kind.channels(here.spec)}
+        channels = {channel.name: channel for channel in self.kind.channels(here.spec)}
         for name, channel in log.channels.items():
             if channel.role != "truth":
-                assert name in known, f"{name} is no channel of the kind"
+                assert name in channels, f"{name} is no channel of the kind"
             assert log[name].shape == (len(log), len(channel.parts)), f"shape of {name}"
-        missing = [name for name, channel in known.items() if channel.required and name not in log]
+        missing = [name for name, channel in channels.items() if channel.required and name not in log]
         assert not missing, f"required and not recorded: {missing}"
         assert np.all(np.diff(log.t) > 0.0), "time increases"
 
@@ -62,9 +62,9 @@ class RobotSuite:
         slow = here.trajectory(1).slowed(4.0)
         log = robot.run(slow, None, np.random.default_rng(1))
         inside = (log.t >= 0.25 * slow.duration) & (log.t <= slow.duration)
-        wanted = slow.motion(log.t[inside], 1).orders[0]
-        off = np.sqrt(np.mean((log[self.kind.path][inside] - wanted) ** 2))
-        assert off <= self.gentle * wanted.std(axis=0).max(), f"a slow motion is missed by {off:.3g}"
+        planned = slow.motion(log.t[inside], 1).orders[0]
+        off = np.sqrt(np.mean((log[self.kind.path][inside] - planned) ** 2))
+        assert off <= self.gentle * planned.std(axis=0).max(), f"a slow motion is missed by {off:.3g}"
 
     def test_the_error_is_one_number_for_each_axis(self) -> None:
         here = self.world
@@ -119,8 +119,8 @@ class InputsSuite:
         assert here.inputs.of_log(log).shape == (len(log), len(columns)), "one column for each input"
         for channel, part, unit, _ in columns:
             assert channel in log.channels, f"{channel} is no channel of the states"
-            known = log.channels[channel]
-            assert part in known.parts, f"{channel} has no part {part}"
+            source = log.channels[channel]
+            assert part in source.parts, f"{channel} has no part {part}"
             assert unit, f"{channel} {part} has no unit"
 
     def test_pull_is_the_gradient(self) -> None:
@@ -246,8 +246,8 @@ class KindSuite(InputsSuite, PhysicsSuite, RobotSuite):
         parts = [("Kind", kind), ("Description", here.spec), ("Inputs", here.inputs), ("Robot", robot)]
         parts += [("[trajectory]", here.config.trajectory), *(("Limit", limit) for limit in here.limits)]
         parts += [("Physics", physics) for physics in kind.physics(here.spec, here.config).values()]
-        for part, found in parts:
-            require_whole(found, part, f"{part} of {kind.name}")
+        for part, subject in parts:
+            require_whole(subject, part, f"{part} of {kind.name}")
 
     def test_channels_are_well_formed(self) -> None:
         channels = {channel.name: channel for channel in self.kind.channels(self.world.spec)}
@@ -314,9 +314,9 @@ class KindSuite(InputsSuite, PhysicsSuite, RobotSuite):
         for _ in simulate(campaign, self.rounds):
             pass
         evaluated = campaign.state().evaluated
-        own = [(number, run) for number, run in evaluated if run.test == evaluated[0][1].test]
-        learned = [float(np.mean(run.errors)) for _, run in own if not run.baseline]
-        alone = max(float(np.mean(run.errors)) for number, run in own if number == 0 and run.baseline)
+        same_test = [(number, run) for number, run in evaluated if run.test == evaluated[0][1].test]
+        learned = [float(np.mean(run.errors)) for _, run in same_test if not run.baseline]
+        alone = max(float(np.mean(run.errors)) for number, run in same_test if number == 0 and run.baseline)
         assert learned[-1] < alone, f"{learned[-1]:.3g} with learning, {alone:.3g} without"
 
 
@@ -338,9 +338,9 @@ def _family_suite(here: World) -> FamilySuite:
     return Suite()
 
 
-def _limit_suite(here: World, own: Limit, is_tight: bool) -> LimitSuite:
+def _limit_suite(here: World, tested_limit: Limit, is_tight: bool) -> LimitSuite:
     class Suite(LimitSuite):
-        limit = own
+        limit = tested_limit
         family = here.family
         home = here.kind.home(here.spec)
         tight = is_tight

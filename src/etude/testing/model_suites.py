@@ -83,24 +83,24 @@ class ProcessSuite:
     def test_held_out_is_conditioning_without(self) -> None:
         """With hyperparameters as they are: what the process says of a group does not know that group."""
         data, process = self.data(), self.fitted()
-        own = np.flatnonzero(data.group == 1)
-        mean, variance = process.held_out(own)
-        assert mean.shape == variance.shape == (len(own), self.commands), (
+        rows = np.flatnonzero(data.group == 1)
+        mean, variance = process.held_out(rows)
+        assert mean.shape == variance.shape == (len(rows), self.commands), (
             "one prediction for each sample left out"
         )
         spoiled = data.Y.copy()
-        spoiled[own] += 100.0
-        again, _ = process.held_out(own, spoiled)
+        spoiled[rows] += 100.0
+        again, _ = process.held_out(rows, spoiled)
         close(again, mean, 1e-6, "what is said of a group when only that group's outputs change")
         assert np.all(variance > 0.0), "held-out variances include the noise"
 
     def test_restored_from_its_arrays_it_is_the_same(self) -> None:
         process, Z = self.fitted(), self.elsewhere()
         restored: Process = type(self).member.restore(process.arrays())
-        for name, found, wanted in zip(
+        for name, actual, expected in zip(
             ("mean", "variance"), restored.predict(Z), process.predict(Z), strict=True
         ):
-            same(found, wanted, f"{name} after storing")
+            same(actual, expected, f"{name} after storing")
 
     def test_latents_have_their_gradients(self) -> None:
         if not self.covariances:
@@ -109,8 +109,8 @@ class ProcessSuite:
         G, g = np.random.default_rng(2).standard_normal((4, 5)), np.linspace(0.5, 2.0, 4)
         R = np.random.default_rng(3).uniform(-1.0, 1.0, (5, 3))
         covered: list[int] = []
-        for posterior, own in self.fitted().latents():
-            covered += own
+        for posterior, commands in self.fitted().latents():
+            covered += commands
             close(
                 posterior.covariance_gradient(Z, R, G),
                 central(lambda x, p=posterior: float(np.sum(G * p.covariance(x, R))), Z),  # type: ignore[misc]
@@ -128,8 +128,10 @@ class ProcessSuite:
     def test_a_larger_floor_means_more_noise(self) -> None:
         small = self.fitted()
         large = type(self).member(replace(self.data(), floor=np.full(self.commands, 0.5)))
-        own = np.arange(30)
-        assert large.held_out(own)[1].mean() > small.held_out(own)[1].mean(), "the noise floor is not heeded"
+        rows = np.arange(30)
+        assert large.held_out(rows)[1].mean() > small.held_out(rows)[1].mean(), (
+            "the noise floor is not heeded"
+        )
 
 
 class KernelSuite:
@@ -158,9 +160,9 @@ class KernelSuite:
         shared = self.kernel.value(theta, X, X)
         if not self.noisy:
             return shared
-        own = self.kernel.diagonal(theta, X) - shared.diagonal()
-        assert np.all(own >= -1e-11 * shared.diagonal()), "noise is no negative variance"
-        return np.asarray(shared + np.diag(own))
+        noise = self.kernel.diagonal(theta, X) - shared.diagonal()
+        assert np.all(noise >= -1e-11 * shared.diagonal()), "noise is no negative variance"
+        return np.asarray(shared + np.diag(noise))
 
     def test_names_roles_and_start_have_the_length_of_theta(self) -> None:
         kernel = self.kernel
@@ -272,9 +274,9 @@ class CriterionSuite:
     def test_a_stuck_sample_says_nothing(self) -> None:
         made, (X, gains) = self.outputs(), self.planned()
         gains[3] = 0.0
-        kept = np.arange(INSTANTS) != 3
+        others = np.arange(INSTANTS) != 3
         value, in_X, _ = evaluate(type(self).criterion, made, X, gains)
-        without = self.value(made, X[kept], gains[kept])
+        without = self.value(made, X[others], gains[others])
         if self.averaged:
             without *= (INSTANTS - 1) / INSTANTS
         assert abs(value - without) <= 1e-9 * max(abs(value), 1e-9), "a sample of weight 0 counts"

@@ -73,14 +73,14 @@ class FamilySuite:
             for degree in (1, 2):
                 rows, offset, kappa = family.rows(order, degree)
                 values, _, proved = trajectory.bound(order, degree)
-                found = np.einsum("kmp,p->mk", rows, p) + offset.T
-                if found.shape == values.shape:
-                    close(found, values, 1e-10, f"rows of order {order}")
+                row_values = np.einsum("kmp,p->mk", rows, p) + offset.T
+                if row_values.shape == values.shape:
+                    close(row_values, values, 1e-10, f"rows of order {order}")
                     assert abs(kappa - proved) < 1e-15, "rows and bound give different constants"
                 else:  # instants of their own: what they admit, the proof must
                     admitted, needed = (
                         np.abs(part).max(axis=0) ** degree / k
-                        for part, k in ((found, kappa), (values, proved))
+                        for part, k in ((row_values, kappa), (values, proved))
                     )
                     assert np.all(needed <= admitted * (1.0 + 1e-12)), f"rows of order {order} admit too much"
 
@@ -203,10 +203,10 @@ class LimitSuite:
         family, p = self._edge(0, 1.05)
         t = family.trajectory(p).duration * np.linspace(0.05, 0.95, 5)
         motion = family.motion(p, t, 3)
-        found = self.limit.penalty(motion)
-        if found is None:
+        penalty = self.limit.penalty(motion)
+        if penalty is None:
             return
-        value, gradient = found
+        value, gradient = penalty
 
         def of_orders(orders: Array) -> float:
             again = self.limit.penalty(type(motion)(t, orders))
@@ -238,8 +238,8 @@ def _resting(family: Family, home: Array) -> Array:
     zero = family.motion(np.zeros(family.size), t, 1).orders[0]
     columns = [family.motion(e, t, 1).orders[0] - zero for e in np.eye(family.size)]
     A = np.stack([column.ravel() for column in columns], axis=1)
-    found, *_ = np.linalg.lstsq(A, (home - zero).ravel(), rcond=None)
-    return np.asarray(found)
+    solution, *_ = np.linalg.lstsq(A, (home - zero).ravel(), rcond=None)
+    return np.asarray(solution)
 
 
 def _reach(cone: Cone, centre: Array, direction: Array) -> float:

@@ -46,13 +46,13 @@ class Chain:
     def __post_init__(self) -> None:
         object.__setattr__(self, "parts", tuple((str(label), part) for label, part in self.parts))
         labels = [label for label, _ in self.parts]
-        way = any(set(labels) <= allowed for allowed in APPROACHES)
-        if len(labels) < 2 or not ("segment" in labels or way) or not set(labels) <= set(LABELS):
+        is_approach = any(set(labels) <= allowed for allowed in APPROACHES)
+        if len(labels) < 2 or not ("segment" in labels or is_approach) or not set(labels) <= set(LABELS):
             raise UsageError(f"a chain has two parts or more, each one of {', '.join(LABELS)}, not {labels}")
         if any(part.form == self.form for _, part in self.parts):
             raise UsageError("a part of a chain cannot be a chain itself")
         ends = [part.motion(np.array([0.0, part.duration])).orders for _, part in self.parts]
-        if len({own.shape[2] for own in ends}) > 1:
+        if len({orders.shape[2] for orders in ends}) > 1:
             raise UsageError("the parts of a chain move different numbers of axes")
         for number, (before, after) in enumerate(pairwise(ends), start=1):
             step = np.abs(after[0, 0] - before[0, 1]).max()
@@ -93,10 +93,10 @@ class Chain:
             local = t[place == number] - start
             # the difference of summed durations equals this one only up to rounding
             local = np.where(np.abs(local - part.duration) <= JOINED, part.duration, local)
-            own = part.motion(local, orders).orders
+            values = part.motion(local, orders).orders
             if out is None:
-                out = np.zeros((orders, len(t), own.shape[2]))
-            out[:, place == number] = own
+                out = np.zeros((orders, len(t), values.shape[2]))
+            out[:, place == number] = values
         assert out is not None
         return Motion(t, out)
 
@@ -128,8 +128,8 @@ def chained(segments: Sequence[Trajectory], links: Sequence[Sequence[Trajectory]
     if len(segments) == 1:
         return segments[0]
     parts = _pieces(segments[0])
-    for own, segment in zip(links, segments[1:], strict=True):
-        parts += [*(("link", link) for link in own), *_pieces(segment)]
+    for between, segment in zip(links, segments[1:], strict=True):
+        parts += [*(("link", link) for link in between), *_pieces(segment)]
     return Chain(tuple(parts))
 
 

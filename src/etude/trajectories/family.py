@@ -131,8 +131,8 @@ class FourierFamily:
         Raises:
             UsageError: coefficients of another shape.
         """
-        known = isinstance(trajectory, FourierTrajectory)
-        table = np.asarray(trajectory.coefficients if known else trajectory, dtype=float)
+        is_member = isinstance(trajectory, FourierTrajectory)
+        table = np.asarray(trajectory.coefficients if is_member else trajectory, dtype=float)
         if table.shape != self.offset.shape:
             raise UsageError(f"the family's coefficients have shape {self.offset.shape}, not {table.shape}")
         return np.asarray(np.einsum("jcp,cj->p", self.basis, table - self.offset))

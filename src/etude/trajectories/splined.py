@@ -101,8 +101,8 @@ class Splined:
         out = np.zeros((orders, len(t), self.axes))
         if self.held:
             k = np.where(t >= self.duration, len(self.times) - 1, k)
-            given = min(orders, len(self.points))
-            out[:given] = self.points[:given, k]
+            defined = min(orders, len(self.points))
+            out[:defined] = self.points[:defined, k]
         else:
             length = np.diff(self.times)[k]
             u = np.clip((t - self.times[k]) / length, 0.0, 1.0)

@@ -70,7 +70,7 @@ def box_about(gaps: Gaps, home: Array, margin: float, rng: np.random.Generator) 
     half = np.where(slides, 0.5 * (high - low), np.minimum(0.5 * (high - low), HALF_TURN))
     at_home = gaps.of_poses(home[None])[0]
     # half of a narrow gap is kept, and a quarter is left as room for searches
-    wanted = np.minimum(margin, 0.5 * at_home) + np.minimum(BOX_ROOM, 0.25 * at_home)
+    required = np.minimum(margin, 0.5 * at_home) + np.minimum(BOX_ROOM, 0.25 * at_home)
     signs = rng.uniform(-1.0, 1.0, (BOX_POSES, len(home)))
     signs = np.sign(signs) * np.abs(signs) ** (1.0 / 3.0)  # more samples near corners, which are rarely clear
 
@@ -80,15 +80,15 @@ def box_about(gaps: Gaps, home: Array, margin: float, rng: np.random.Generator) 
     def clear(part: Array) -> bool:
         lower, upper = ends(part)
         poses = np.where(signs < 0.0, home + signs * (home - lower), home + signs * (upper - home))
-        return float(clear_poses(gaps, poses, wanted).mean()) >= CLEAR
+        return float(clear_poses(gaps, poses, required).mean()) >= CLEAR
 
     part = _grown(clear, _shrunk(clear, len(home)), rng)
     return ends(part)
 
 
-def clear_poses(gaps: Gaps, poses: Array, wanted: Array) -> Mask:
-    """(T,) whether every gap is at least `wanted` (n,) m wide, apart from gaps that never can be."""
-    return np.asarray(np.all(gaps.of_poses(poses) >= np.minimum(wanted, CUTOFF), axis=1))
+def clear_poses(gaps: Gaps, poses: Array, required: Array) -> Mask:
+    """(T,) whether every gap is at least `required` (n,) m wide, apart from gaps that never can be."""
+    return np.asarray(np.all(gaps.of_poses(poses) >= np.minimum(required, CUTOFF), axis=1))
 
 
 def _shrunk(clear: Callable[[Array], bool], size: int) -> Array:

@@ -61,7 +61,7 @@ AT_HOME = 0.5
 """Largest margin as a fraction of a pair's distance at home, so that home stays allowed."""
 
 
-def kept(gaps: Gaps, row_of: Index, home: Array, margin: float) -> Array:
+def margins_of_rows(gaps: Gaps, row_of: Index, home: Array, margin: float) -> Array:
     """Margin (r,) m of each row of a certificate.
 
     Args:
@@ -104,18 +104,18 @@ def neighbours(gaps: Gaps) -> Mask:
 
 def _by_row(distances: Array, row_of: Index, rows: int) -> Array:
     """Least value of each row (T, r), from (T, n)."""
-    found = np.full((rows, len(distances)), np.inf)
-    np.minimum.at(found, row_of, distances.T)
-    return np.asarray(found.T)
+    least = np.full((rows, len(distances)), np.inf)
+    np.minimum.at(least, row_of, distances.T)
+    return np.asarray(least.T)
 
 
 def excess(gaps: Gaps, poses: Array) -> Array:
     """Distances at poses (T, k) less those that a slab confirms, (T, n) m; 0 if confirmed."""
     distances = gaps.of_poses(poses)
-    found = np.zeros_like(distances)
+    corrections = np.zeros_like(distances)
     count = len(gaps.sensed)
     if not count:
-        return found
+        return corrections
     scene = Scene.of(gaps, poses, np.zeros((len(poses), count), dtype=np.bool_))
     doubted = (distances[:, :count] > 0.0) & ~_far(gaps, scene)
     scene = Scene.of(gaps, poses, doubted)
@@ -123,8 +123,8 @@ def excess(gaps: Gaps, poses: Array) -> Array:
     for i in np.flatnonzero(doubted.any(axis=0)):
         at = np.flatnonzero(doubted[:, i])
         short = distances[at, i] - scene.least(int(i), at, still)
-        found[at, i] = np.where(short > TOLERANCE, short, 0.0)
-    return found
+        corrections[at, i] = np.where(short > TOLERANCE, short, 0.0)
+    return corrections
 
 
 def _far(gaps: Gaps, scene: Scene) -> Mask:
@@ -153,13 +153,13 @@ class Nearest:
 
     Attributes:
         proved: (n,) m, lower bounds for all times; if `touched`, the smallest of the samples.
-        seen: (n,) m, the smallest of the samples. x: (n,) its place on the path.
+        sampled: (n,) m, the smallest of the samples. x: (n,) its place on the path.
         touched: whether a sample is below the wanted distance.
         evaluations: number of poses.
     """
 
     proved: Array
-    seen: Array
+    sampled: Array
     x: Array
     touched: bool
     evaluations: int
@@ -174,7 +174,7 @@ class Samples:
     x: Array
     poses: Array
     rates: Array
-    found: Array
+    values: Array
 
     @classmethod
     def of(cls, path: PosePath, distances: Callable[[Array], Array], x: Array) -> Samples:
@@ -185,21 +185,21 @@ class Samples:
         """Adds samples and returns their indices."""
         more = Samples.of(self.path, self.distances, x)
         first = len(self.x)
-        for name in ("x", "poses", "rates", "found"):
+        for name in ("x", "poses", "rates", "values"):
             setattr(self, name, np.concatenate([getattr(self, name), getattr(more, name)]))
         return np.arange(first, len(self.x))
 
     def bounds(self, left: Index, right: Index, reach: Array) -> Array:
         """Lower bounds (I, n) of the distances between the samples `left` and `right`, m."""
         fall = self.path.variation(self.x, self.poses, self.rates, left, right) @ reach.T
-        one, other = self.found[left], self.found[right]
+        one, other = self.values[left], self.values[right]
         return np.asarray(np.maximum(0.5 * (one + other - fall), np.minimum(one, other) - fall))
 
     def nearest(self, proved: Array, *, touched: bool) -> Nearest:
-        least = self.found.argmin(axis=0)
-        seen = self.found[least, np.arange(self.found.shape[1])]
+        least = self.values.argmin(axis=0)
+        sampled = self.values[least, np.arange(self.values.shape[1])]
         return Nearest(
-            seen if touched else np.minimum(proved, seen), seen, self.x[least], touched, len(self.x)
+            sampled if touched else np.minimum(proved, sampled), sampled, self.x[least], touched, len(self.x)
         )
 
 
@@ -207,31 +207,31 @@ def nearest(
     path: PosePath,
     distances: Callable[[Array], Array],
     reach: Array,
-    wanted: Array,
+    required: Array,
     excess: Callable[[Array], Array] | None = None,
 ) -> Nearest:
-    """The smallest distances along a path, until all are proved to be `wanted` or a sample violates it.
+    """The smallest distances along a path, until all are proved to be `required` or a sample violates it.
 
-    After the largest number of evaluations the proved bounds may still be below `wanted`, without a decision.
+    After the largest number of evaluations, proved bounds may still be below `required`: no decision.
 
     Args:
         path: the curve.
         distances: poses (T, k) -> (T, n) m, lower bounds included.
         reach: (n, k) P: a distance changes by at most P |dq|.
-        wanted: (n,) m.
+        required: (n,) m.
         excess: poses -> (T, n) m by which distances may be too large; only for samples that the proof uses.
     """
     first = Samples.of(path, distances, path.knots[::QUICK])
-    if np.any(first.found < wanted):
-        return first.nearest(wanted, touched=True)
+    if np.any(first.values < required):
+        return first.nearest(required, touched=True)
     samples = Samples.of(path, distances, path.knots)
     left, right = np.arange(len(path.knots) - 1), np.arange(1, len(path.knots))
     closed = []
     while len(left):
         bounds = samples.bounds(left, right, reach)
-        open_ = np.any(bounds < wanted, axis=1)
+        open_ = np.any(bounds < required, axis=1)
         closed.append((left[~open_], right[~open_]))
-        touched = bool(np.any(samples.found < wanted))
+        touched = bool(np.any(samples.values < required))
         if touched or len(samples.x) + int(open_.sum()) > MOST_EVALUATIONS:
             return samples.nearest(bounds.min(axis=0), touched=touched)
         left, right = left[open_], right[open_]
@@ -239,10 +239,10 @@ def nearest(
             middle = samples.add(0.5 * (samples.x[left] + samples.x[right]))
             left, right = np.concatenate([left, middle]), np.concatenate([middle, right])
     if excess is not None:
-        samples.found = samples.found - excess(samples.poses)
+        samples.values = samples.values - excess(samples.poses)
     left, right = (np.concatenate(ends) for ends in zip(*closed, strict=True))
     proved = samples.bounds(left, right, reach).min(axis=0)
-    return samples.nearest(proved, touched=bool(np.any(samples.found < wanted)))
+    return samples.nearest(proved, touched=bool(np.any(samples.values < required)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -256,7 +256,7 @@ class Clearance:
         gaps: the checked distances.
         names: (k,) of the joints.
         home: (k,) a clear pose, rad (m).
-        margin: m to keep; neighbours may keep less, see `kept`.
+        margin: m to keep; neighbours may keep less, see `margins_of_rows`.
         lower, upper: (k,) the box, rad (m).
         margins: of tracking, by form of motion.
         not_verified: sentences on what this limit does not cover.
@@ -273,7 +273,7 @@ class Clearance:
     looks_at: tuple[str, ...] = (COLLISIONS,)
     name: str = "clearance"
     _proofs: dict[str, tuple[Proof, ...]] = field(default_factory=dict, repr=False)
-    _words: dict[str, bool] = field(default_factory=dict, repr=False)
+    _verdicts: dict[str, bool] = field(default_factory=dict, repr=False)
     _shares: dict[bytes, Array] = field(default_factory=dict, repr=False)
 
     @cached_property
@@ -288,19 +288,19 @@ class Clearance:
         return np.array([place[gap.row] for gap in self.gaps.list], dtype=np.int64)
 
     @cached_property
-    def kept(self) -> Array:
+    def row_margins(self) -> Array:
         """Margin (r,) m of each row."""
         key = self.home.tobytes() + np.float64(self.margin).tobytes()
-        known = self.gaps.kept_at  # cached, since a command makes its limits repeatedly
-        if key not in known:
-            known[key] = kept(self.gaps, self.row_of, self.home, self.margin)
-        return known[key]
+        cache = self.gaps.cached_margins  # cached, since a command makes its limits repeatedly
+        if key not in cache:
+            cache[key] = margins_of_rows(self.gaps, self.row_of, self.home, self.margin)
+        return cache[key]
 
     def _by_row(self, distances: Array) -> Array:
         """Least value of each row (T, r), from (T, n)."""
-        found = np.full((len(self.rows), len(distances)), np.inf)
-        np.minimum.at(found, self.row_of, distances.T)
-        return np.asarray(found.T)
+        least = np.full((len(self.rows), len(distances)), np.inf)
+        np.minimum.at(least, self.row_of, distances.T)
+        return np.asarray(least.T)
 
     def cones(self, family: Family) -> Sequence[Cone]:
         """Cones of the box, for the search."""
@@ -332,18 +332,18 @@ class Clearance:
 
     def keeps(self, piece: Trajectory) -> bool:
         """Whether samples keep all margins with a reserve; for searches, whose result is proved later."""
-        return memoized(self._words, piece.to_json(), lambda: self._sampled(piece))
+        return memoized(self._verdicts, piece.to_json(), lambda: self._sampled(piece))
 
     def _sampled(self, piece: Trajectory) -> bool:
         path, error = path_of(piece), self._error(piece)[0]
         x = path.knots[::LOOK]
         first, others = x[::QUICK], np.delete(x, np.s_[::QUICK])  # most that collide do so there
-        return all(self._kept_at(path.at(some)[0], error) for some in (first, others))
+        return all(self._margins_hold(path.at(some)[0], error) for some in (first, others))
 
     def blocked(self, form: str, pose: Array) -> str:
         """The gap that falls most below its margin at the pose (k,); "" if none does."""
         error, _ = tracked(0.0, self.margins, form, 0, list(range(len(self.names))))
-        spared = self._distances(pose[None], error)[0] - self._wanted
+        spared = self._distances(pose[None], error)[0] - self._gap_margins
         nearest = int(spared.argmin())
         return self.gaps.list[nearest].text if spared[nearest] < 0.0 else ""
 
@@ -360,26 +360,30 @@ class Clearance:
         sought = self.sought + TOLERANCE
         if error.any():
             at = self.gaps.of_poses(pose[None]) - TOLERANCE
-            sought = sought + self._share(error) * lost(self.gaps, pose[None], at, error, self._wanted)[0]
+            sought = (
+                sought + self._share(error) * lost(self.gaps, pose[None], at, error, self._gap_margins)[0]
+            )
         sought = np.minimum(sought, CUTOFF)
         return lambda poses: bool(np.all(self.gaps.of_poses(poses) >= sought))
 
-    def _kept_at(self, poses: Array, error: Array) -> bool:
+    def _margins_hold(self, poses: Array, error: Array) -> bool:
         """Whether `_distances` at poses (T, k) all keep the margins of searches."""
-        found = self.gaps.of_poses(poses) - TOLERANCE
-        if not error.any() or np.any(found < self._wanted):
-            return bool(np.all(found >= self.sought))
-        return all_keep(self.gaps, poses, found, error, self._share(error), self._wanted, self.sought)
+        distances = self.gaps.of_poses(poses) - TOLERANCE
+        if not error.any() or np.any(distances < self._gap_margins):
+            return bool(np.all(distances >= self.sought))
+        return all_keep(
+            self.gaps, poses, distances, error, self._share(error), self._gap_margins, self.sought
+        )
 
     @cached_property
-    def _wanted(self) -> Array:
+    def _gap_margins(self) -> Array:
         """Margin (n,) m of each gap."""
-        return np.asarray(self.kept[self.row_of])
+        return np.asarray(self.row_margins[self.row_of])
 
     @cached_property
     def sought(self) -> Array:
         """Margin (n,) m of each gap at samples in searches."""
-        return np.asarray(self._wanted + np.minimum(BOX_ROOM, 0.5 * self._wanted))
+        return np.asarray(self._gap_margins + np.minimum(BOX_ROOM, 0.5 * self._gap_margins))
 
     def _error(self, piece: Trajectory) -> tuple[Array, float]:
         """Tracking margins (k,) of the joints, rad (m), and their confidence."""
@@ -390,15 +394,15 @@ class Clearance:
         self, path: PosePath, error: Array, excess: Callable[[Array], Array] | None = None
     ) -> Nearest:
         return nearest(
-            path, lambda poses: self._distances(poses, error), self.gaps.reach, self._wanted, excess
+            path, lambda poses: self._distances(poses, error), self.gaps.reach, self._gap_margins, excess
         )
 
     def _distances(self, poses: Array, error: Array) -> Array:
         """Lower bounds (T, n) m of the gaps at poses (T, k) and anywhere within the error (k,) of them."""
-        found = self.gaps.of_poses(poses) - TOLERANCE
-        if not error.any() or np.any(found < self._wanted):  # too close even without the error
-            return found
-        return found - self._share(error) * lost(self.gaps, poses, found, error, self._wanted)
+        distances = self.gaps.of_poses(poses) - TOLERANCE
+        if not error.any() or np.any(distances < self._gap_margins):  # too close even without the error
+            return distances
+        return distances - self._share(error) * lost(self.gaps, poses, distances, error, self._gap_margins)
 
     def _share(self, error: Array) -> Array:
         """Fraction (n,) of the effect of tracking that counts.
@@ -410,32 +414,32 @@ class Clearance:
         key = error.tobytes()
         if key not in self._shares:
             at_home = self.gaps.of_poses(self.home[None]) - TOLERANCE
-            taken = lost(self.gaps, self.home[None], at_home, error, self._wanted)[0]
+            taken = lost(self.gaps, self.home[None], at_home, error, self._gap_margins)[0]
             room = TAKEN * np.maximum(at_home[0] - self.sought, 0.0)
             self._shares[key] = np.minimum(1.0, room / np.maximum(taken, np.finfo(float).tiny))
         return self._shares[key]
 
     def _rows(self, path: PosePath, error: Array, confidence: float) -> tuple[Proof, ...]:
         """The certificate's rows; for a refused motion they hold the values at samples."""
-        found = self._nearest(path, error, lambda poses: excess(self.gaps, poses))
-        status: Literal["proved", "sampled"] = "sampled" if found.touched else "proved"
-        own = [np.flatnonzero(self.row_of == i) for i in range(len(self.rows))]
-        worst = np.array([gaps[np.argmin(found.seen[gaps])] for gaps in own])
-        x = found.x[worst]
+        result = self._nearest(path, error, lambda poses: excess(self.gaps, poses))
+        status: Literal["proved", "sampled"] = "sampled" if result.touched else "proved"
+        groups = [np.flatnonzero(self.row_of == i) for i in range(len(self.rows))]
+        worst = np.array([gaps[np.argmin(result.sampled[gaps])] for gaps in groups])
+        x = result.x[worst]
         planned = self.gaps.of_poses(path.at(x)[0])[np.arange(len(worst)), worst] - TOLERANCE
-        taken = np.maximum(planned - found.seen[worst], 0.0) if error.any() else np.zeros(len(worst))
+        taken = np.maximum(planned - result.sampled[worst], 0.0) if error.any() else np.zeros(len(worst))
         share = self._share(error) if error.any() else np.ones(len(self.gaps.list))
         rows = []
         for i, (row, time) in enumerate(zip(self.rows, path.time(x), strict=True)):
             far = (
                 planned[i] >= CUTOFF - 2.0 * TOLERANCE
             )  # beyond the measured distances: the nearest gap is unknown
-            counted = float(share[own[i]].min())
+            counted = float(share[groups[i]].min())
             where = "" if far else f"{self.gaps.list[worst[i]].text} at {time:.3g} s"
             notes = [f"planned distance {CUTOFF:g} m or more"] if far and taken[i] > 0.0 else []
             if counted < 1.0:
                 notes += [f"tracking errors counted at {math.floor(100.0 * counted)}%: no room for more"]
-            limit = float(self.kept[i]), np.inf, float(found.proved[own[i]].min()), CUTOFF
+            limit = float(self.row_margins[i]), np.inf, float(result.proved[groups[i]].min()), CUTOFF
             tracking = float(taken[i]), confidence if counted == 1.0 else ASSUMED
             own_row = Proof(" and ".join(row), self.name, *limit, METHOD, status, *tracking, where)
             rows.append(replace(own_row, note="; ".join(notes)))
@@ -447,11 +451,13 @@ class Clearance:
 
     def nearby(self, poses: Array, lines: int) -> Nearby:
         """Distances of the rows at planned poses (T, k), without the effect of tracking."""
-        found = self.gaps.of_poses(poses) - TOLERANCE
-        distance = self._by_row(found)
+        distances = self.gaps.of_poses(poses) - TOLERANCE
+        distance = self._by_row(distances)
         near = neighbour_rows(self.gaps, self.row_of, len(self.rows))
-        narrowest = np.argsort(distance - self.kept + 2.0 * CUTOFF * near, axis=1, kind="stable")[:, :lines]
-        own = [np.flatnonzero(self.row_of == i) for i in range(len(self.rows))]
-        gap_of = np.stack([gaps[found[:, gaps].argmin(axis=1)] for gaps in own], axis=1)
+        narrowest = np.argsort(distance - self.row_margins + 2.0 * CUTOFF * near, axis=1, kind="stable")[
+            :, :lines
+        ]
+        groups = [np.flatnonzero(self.row_of == i) for i in range(len(self.rows))]
+        gap_of = np.stack([gaps[distances[:, gaps].argmin(axis=1)] for gaps in groups], axis=1)
         ends = self.gaps.ends(poses, np.take_along_axis(gap_of, narrowest, axis=1))
-        return Nearby(self.rows, self.kept, near, distance, narrowest, ends, CUTOFF - TOLERANCE)
+        return Nearby(self.rows, self.row_margins, near, distance, narrowest, ends, CUTOFF - TOLERANCE)

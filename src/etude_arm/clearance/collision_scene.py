@@ -51,15 +51,15 @@ def with_floor(
     """
     if around.floor is not None:
         return around, ()
-    said: list[str] = []
+    notes: list[str] = []
     heights = sorted({wall.point[2] for wall in loaded.planes if level(wall)}, reverse=True)
     for height in heights:
         why = _why_not(loaded, lower, upper, around, height)
         if not why:
-            return replace(around, floor=Floor(height)), (*said, OF_PLANE.format(height))
-        said.append(NOT_THE_PLANE.format(height, why))
+            return replace(around, floor=Floor(height)), (*notes, OF_PLANE.format(height))
+        notes.append(NOT_THE_PLANE.format(height, why))
     if heights:
-        return around, (*said[:-1], f"{said[-1].removesuffix('.')}{ADD_FLOOR}")
+        return around, (*notes[:-1], f"{notes[-1].removesuffix('.')}{ADD_FLOOR}")
     why = _why_not(loaded, lower, upper, around, 0.0) or _boxes_below(around)
     if why:
         return around, (NO_FLOOR.format(why),)
@@ -129,23 +129,27 @@ def from_file(
         around: the given surroundings.
     """
     walls = tuple(wall for wall in loaded.planes if not level(wall))
-    boxes, rest = _boxes(loaded)
+    boxes, others = _boxes(loaded)
     tried = replace(
         around,
         box=tuple(boxes.values()),
         wall=walls,
         collision=replace(around.collision, boxed=tuple(boxes)),
     )
-    held = _held(gaps_of(loaded, lower, upper, tried)) if boxes or walls else set()
+    held = _touching_objects(gaps_of(loaded, lower, upper, tried)) if boxes or walls else set()
     taken = {shape: box for shape, box in boxes.items() if box.name not in held}
     free = tuple(wall for wall in walls if wall.name not in held)
     collision = replace(around.collision, boxed=tuple(taken))
-    found = replace(
+    complete = replace(
         around, box=(*around.box, *taken.values()), wall=(*around.wall, *free), collision=collision
     )
     left = [loaded.beside[shape] for shape in boxes if shape not in taken]
     out = [wall.name for wall in walls if wall.name in held]
-    return found, (*_taken(list(taken.values()), free), *_base(left, rest), *_left_out(out))
+    return complete, (
+        *_object_sentences(list(taken.values()), free),
+        *_base_sentences(left, others),
+        *_plane_sentences(out),
+    )
 
 
 def _boxes(loaded: Loaded) -> tuple[dict[str, Box], list[str]]:
@@ -158,14 +162,14 @@ def _boxes(loaded: Loaded) -> tuple[dict[str, Box], list[str]]:
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
     boxes: dict[str, Box] = {}
-    rest: list[str] = []
+    others: list[str] = []
     for shape, name in loaded.beside.items():
-        found = _box(model, data, model.geom(shape).id, name)
-        if found is None:
-            rest.append(name)
+        box = _box(model, data, model.geom(shape).id, name)
+        if box is None:
+            others.append(name)
         else:
-            boxes[shape] = found
-    return boxes, rest
+            boxes[shape] = box
+    return boxes, others
 
 
 def _box(model: mujoco.MjModel, data: mujoco.MjData, geom: int, name: str) -> Box | None:
@@ -185,42 +189,42 @@ def _box(model: mujoco.MjModel, data: mujoco.MjData, geom: int, name: str) -> Bo
     return Box(name, (x, y, z), (a, b, c), round(yaw, DIGITS))
 
 
-def _held(gaps: Gaps) -> set[str]:
+def _touching_objects(gaps: Gaps) -> set[str]:
     """Objects, or boxes as close as these, that touch a link in nearly every pose: its base."""
     distances = gaps.of_poses(gaps.skeleton.random_poses(np.random.default_rng(SEED), OVERLAP_POSES))
-    found = set()
-    for gap, own in zip(gaps.list, distances.T, strict=True):
+    touching = set()
+    for gap, column in zip(gaps.list, distances.T, strict=True):
         boxed = gap.other >= 0 and gaps.skeleton.shapes[gap.other].box
-        sunk = (own < -BELOW).mean() > ALWAYS and np.ptp(own) > STILL
-        if ((own < MARGIN).mean() > ALWAYS) if boxed else (gap.other < 0 and sunk):
-            found.add(gap.names[1].removesuffix(STANDING))
-    return found
+        sunk = (column < -BELOW).mean() > ALWAYS and np.ptp(column) > STILL
+        if ((column < MARGIN).mean() > ALWAYS) if boxed else (gap.other < 0 and sunk):
+            touching.add(gap.names[1].removesuffix(STANDING))
+    return touching
 
 
-def _taken(boxes: Sequence[Box], walls: Sequence[Wall]) -> list[str]:
-    words = [f"box {box.name} ({_numbers(box.size, ' x ')} m at {_numbers(box.centre)})" for box in boxes]
-    words += [f"wall {wall.name} (through {_numbers(wall.point)})" for wall in walls]
-    if not words:
+def _object_sentences(boxes: Sequence[Box], walls: Sequence[Wall]) -> list[str]:
+    parts = [f"box {box.name} ({_numbers(box.size, ' x ')} m at {_numbers(box.centre)})" for box in boxes]
+    parts += [f"wall {wall.name} (through {_numbers(wall.point)})" for wall in walls]
+    if not parts:
         return []
     return [
-        f"What stands around is taken from the model file: {'; '.join(words)}. Correct [[box]] and [[wall]] "
+        f"What stands around is taken from the model file: {'; '.join(parts)}. Correct [[box]] and [[wall]] "
         "of robot.toml."
     ]
 
 
-def _base(on: Sequence[str], rest: Sequence[str]) -> list[str]:
+def _base_sentences(on: Sequence[str], others: Sequence[str]) -> list[str]:
     """Sentences on objects in the file's world that no table of a robot file describes."""
-    if not on and not rest:
+    if not on and not others:
         return []
-    words = [f"{name}, on which the arm stands" for name in on]
-    words += [f"{name}, no upright box" for name in rest]
+    parts = [f"{name}, on which the arm stands" for name in on]
+    parts += [f"{name}, no upright box" for name in others]
     return [
-        f"Of what stands around in the model file these count as parts of the base: {'; '.join(words)}. "
+        f"Of what stands around in the model file these count as parts of the base: {'; '.join(parts)}. "
         "Motions keep clear of them, but for the links that hang on the base."
     ]
 
 
-def _left_out(walls: Sequence[str]) -> list[str]:
+def _plane_sentences(walls: Sequence[str]) -> list[str]:
     if not walls:
         return []
     return [

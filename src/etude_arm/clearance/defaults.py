@@ -77,8 +77,8 @@ def disabled(model_file: Path) -> Pairs:
         raise UsageError(
             f"not a readable SRDF: {problem}", where=str(path), next_step="Correct it, or move it away."
         ) from None
-    found = [one for one in root.iter("disable_collisions") if one.get("reason") != NEVER]
-    return frozenset(frozenset((one.get("link1", ""), one.get("link2", ""))) for one in found)
+    pairs = [one for one in root.iter("disable_collisions") if one.get("reason") != NEVER]
+    return frozenset(frozenset((one.get("link1", ""), one.get("link2", ""))) for one in pairs)
 
 
 def _places(model_file: Path) -> list[Path]:
@@ -115,11 +115,11 @@ def settled(
         confirm += _sentences(always, "overlap in nearly every pose")
         gaps, around = _without(loaded, gaps, around, always)
     home = np.array(around.search.home) if around.search else np.round(clearest(gaps, rng, weight), DIGITS)
-    touching = _touching(gaps, home, leave, given=around.search is not None and bool(around.search.lower))
+    touching = _touching(gaps, home, leave, by_user=around.search is not None and bool(around.search.lower))
     confirm += _sentences(touching, "overlap at home")
     gaps, around = _without(loaded, gaps, around, touching)
-    if found := hull_proxies(gaps, home):
-        gaps = gaps_of(loaded, lower, upper, around, found)
+    if proxies := hull_proxies(gaps, home):
+        gaps = gaps_of(loaded, lower, upper, around, proxies)
     if around.search is None or not around.search.lower:
         low, high = box_about(gaps, home, around.collision.margin, rng) if gaps.list else (lower, upper)
         inside = np.ceil(low * ROUND) / ROUND, np.floor(high * ROUND) / ROUND
@@ -137,15 +137,17 @@ def _often(gap: Gap, leave: Pairs) -> float:
     return OFTEN if frozenset(gap.names) in leave else ALWAYS
 
 
-def _touching(gaps: Gaps, home: Array, leave: Pairs, given: bool) -> list[Gap]:
+def _touching(gaps: Gaps, home: Array, leave: Pairs, by_user: bool) -> list[Gap]:
     """Gaps with overlap at home; each must be between near parts, or allowed by the SRDF.
 
     Raises:
         UsageError: another gap overlaps, or any gap overlaps at a home that the user gave.
     """
     distances = gaps.of_poses(home[None])[0]
-    found = [gap for gap, distance in zip(gaps.list, distances, strict=True) if distance <= 2.0 * TOLERANCE]
-    bad = [gap for gap in found if given or not _may_touch(gaps, gap, leave)]
+    touching = [
+        gap for gap, distance in zip(gaps.list, distances, strict=True) if distance <= 2.0 * TOLERANCE
+    ]
+    bad = [gap for gap in touching if by_user or not _may_touch(gaps, gap, leave)]
     if bad:
         texts = sorted({gap.text for gap in bad})
         raise UsageError(
@@ -154,7 +156,7 @@ def _touching(gaps: Gaps, home: Array, leave: Pairs, given: bool) -> list[Gap]:
             next_step="Correct what stands around the robot, give another home or take [search] out of the "
             "robot file, or name the pair in [collision] ignore.",
         )
-    return found
+    return touching
 
 
 def _may_touch(gaps: Gaps, gap: Gap, leave: Pairs) -> bool:

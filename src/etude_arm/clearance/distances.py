@@ -50,14 +50,14 @@ class Gaps:
         skeleton: the robot; its model has one sensor for each of the first gaps.
         sensed: gaps between geoms. walled: gaps to planes or to a column.
         planes: of `walled`.
-        kept_at: margins of rows, by home and margin; a cache of `Clearance`.
+        cached_margins: margins of rows, by home and margin; a cache of `Clearance`.
     """
 
     skeleton: Skeleton
     sensed: tuple[Gap, ...]
     walled: tuple[Gap, ...]
     planes: tuple[tuple[Wall, ...] | Column, ...]
-    kept_at: dict[bytes, Array] = field(default_factory=dict, repr=False)
+    cached_margins: dict[bytes, Array] = field(default_factory=dict, repr=False)
 
     @property
     def list(self) -> tuple[Gap, ...]:
@@ -70,14 +70,14 @@ class Gaps:
         none.
         """
         L, skeleton = self.skeleton.reaches, self.skeleton
-        found = np.zeros((len(self.list), L.shape[1]))
-        for row, gap in zip(found, self.list, strict=True):
+        bounds = np.zeros((len(self.list), L.shape[1]))
+        for row, gap in zip(bounds, self.list, strict=True):
             if gap.other < 0:
                 row[:] = L[gap.one]
             else:
                 parts = (skeleton.shapes[i].part for i in (gap.one, gap.other))
                 row[:] = np.where(skeleton.between(*parts), L[gap.one] + L[gap.other], 0.0)
-        return found
+        return bounds
 
     @cached_property
     def geoms(self) -> Index:
@@ -86,10 +86,10 @@ class Gaps:
         return numbers[np.array([(gap.one, gap.other) for gap in self.sensed], dtype=np.int64).reshape(-1, 2)]
 
     @cached_property
-    def _grown(self) -> Array:
+    def _thickness(self) -> Array:
         """Excess of the shapes over the geoms that represent them, (number of sensed gaps,) m."""
         shapes = self.skeleton.shapes
-        return np.array([shapes[gap.one].grown + shapes[gap.other].grown for gap in self.sensed])
+        return np.array([shapes[gap.one].thickness + shapes[gap.other].thickness for gap in self.sensed])
 
     @cached_property
     def _batch(self) -> Any:
@@ -102,10 +102,10 @@ class Gaps:
 
     def of_poses(self, poses: Array) -> Array:
         """Distances (T, n) m at poses (T, k), at most `CUTOFF`; negative for overlap."""
-        found = np.empty((len(poses), len(self.list)))
+        distances = np.empty((len(poses), len(self.list)))
         for first in range(0, len(poses), BATCH):
-            found[first : first + BATCH] = self._of_some(poses[first : first + BATCH])
-        return found
+            distances[first : first + BATCH] = self._of_some(poses[first : first + BATCH])
+        return distances
 
     def to_walls(self, poses: Array) -> Array:
         """Distances (T, number of walled gaps) m at poses (T, k), without the other gaps."""
@@ -129,17 +129,17 @@ class Gaps:
         import mujoco
 
         model, data = self.skeleton.model, mujoco.MjData(self.skeleton.model)
-        found = np.full((*gaps.shape, 2, 3), np.nan)
+        points = np.full((*gaps.shape, 2, 3), np.nan)
         pairs, ends = self.geoms.tolist(), np.zeros(6)
-        for own, pose, wanted in zip(found, poses, gaps.tolist(), strict=True):
+        for lines, pose, numbers in zip(points, poses, gaps.tolist(), strict=True):
             data.qpos[self.skeleton.addresses] = pose
             mujoco.mj_kinematics(model, data)
-            for line, gap in zip(own, wanted, strict=True):
+            for line, gap in zip(lines, numbers, strict=True):
                 if gap >= len(pairs):
                     line[:] = self._end_at_wall(gap - len(pairs), data.geom_xpos, data.geom_xmat)
                 elif mujoco.mj_geomDistance(model, data, *pairs[gap], CUTOFF, ends) < CUTOFF:
                     line[:] = ends.reshape(2, 3)
-        return found
+        return points
 
     def _end_at_wall(self, number: int, places: Array, turns: Array) -> Array:
         """The point of a shape nearest to its planes or column, and its foot there, (2, 3) m."""
@@ -164,7 +164,7 @@ class Gaps:
         batch, count = self._batch, len(poses)
         batch.qpos[:count, self.skeleton.addresses] = poses
         batch.forward(ids=np.arange(count), stage=mujoco.mjtStage.mjSTAGE_POS)
-        sensed = batch.sensordata[:count, : len(self.sensed)] - self._grown
+        sensed = batch.sensordata[:count, : len(self.sensed)] - self._thickness
         if not self.walled:
             return np.asarray(sensed)
         return np.concatenate(
@@ -173,12 +173,12 @@ class Gaps:
 
     def _to_walls(self, places: Array, turns: Array) -> Array:
         """Distances (T, number of walled gaps) m from the frames of all geoms."""
-        found = np.empty((len(places), len(self.walled)))
+        distances = np.empty((len(places), len(self.walled)))
         for i, (gap, planes) in enumerate(zip(self.walled, self.planes, strict=True)):
             shape = self.skeleton.shapes[gap.one]
             place, turn = places[:, shape.geom], turns[:, shape.geom].reshape(-1, 3, 3)
-            found[:, i] = np.minimum(_clear_of(shape, planes, place, turn), CUTOFF)
-        return found
+            distances[:, i] = np.minimum(_clear_of(shape, planes, place, turn), CUTOFF)
+        return distances
 
 
 def unit(wall: Wall) -> tuple[Array, float]:

@@ -65,12 +65,12 @@ def _first(points: Array) -> Index:
     taken = np.unique((points @ signs.T).argmax(axis=0))
     if np.linalg.matrix_rank(points[taken] - points[taken[0]], tol=FLAT) == 3:
         return taken
-    corners, rest = [0], points - points[0]
+    corners, residuals = [0], points - points[0]
     for _ in range(3):  # the farthest from the point, the line, the plane so far
-        lengths = np.linalg.norm(rest, axis=1)
+        lengths = np.linalg.norm(residuals, axis=1)
         corners.append(int(lengths.argmax()))
-        along = rest[corners[-1]] / lengths.max()
-        rest = rest - np.outer(rest @ along, along)
+        along = residuals[corners[-1]] / lengths.max()
+        residuals = residuals - np.outer(residuals @ along, along)
     return np.unique([*taken, *corners])
 
 
@@ -90,9 +90,9 @@ def outside(points: Array, triangles: Array, heights: Array) -> Array:
         heights: (n, f) of the points over the facets, m.
     """
     point, facet = np.nonzero(heights > 0.0)
-    found = np.full(len(points), np.inf)
-    np.minimum.at(found, point, to_triangles(points[point], triangles[facet]))
-    return np.where(np.isinf(found), 0.0, found)
+    distances = np.full(len(points), np.inf)
+    np.minimum.at(distances, point, to_triangles(points[point], triangles[facet]))
+    return np.where(np.isinf(distances), 0.0, distances)
 
 
 def to_triangles(points: Array, triangles: Array) -> Array:
@@ -127,32 +127,32 @@ def hull_proxies(gaps: Gaps, home: Array) -> dict[str, Fewer]:
     """
     shapes = gaps.skeleton.shapes
     looked_at = {i for gap in gaps.list for i in (gap.one, gap.other) if i >= 0}
-    found = {i: fewer(shapes[i].points) for i in sorted(looked_at) if len(shapes[i].points) > MANY}
-    if not found:
+    hulls = {i: fewer(shapes[i].points) for i in sorted(looked_at) if len(shapes[i].points) > MANY}
+    if not hulls:
         return {}
     for gap, distance in zip(gaps.list, gaps.of_poses(home[None])[0], strict=True):
-        ends = [found[i].radius for i in (gap.one, gap.other) if i in found]
+        ends = [hulls[i].radius for i in (gap.one, gap.other) if i in hulls]
         if distance < ROOM_FACTOR * sum(ends):
-            found = {i: one for i, one in found.items() if i not in (gap.one, gap.other)}
-    return {shapes[i].name: _in_file(gaps.skeleton, shapes[i], one) for i, one in found.items()}
+            hulls = {i: one for i, one in hulls.items() if i not in (gap.one, gap.other)}
+    return {shapes[i].name: _in_file(gaps.skeleton, shapes[i], one) for i, one in hulls.items()}
 
 
-def _in_file(skeleton: Skeleton, shape: Shape, found: Fewer) -> Fewer:
+def _in_file(skeleton: Skeleton, shape: Shape, hull: Fewer) -> Fewer:
     """A hull in the file's frame of the mesh; MuJoCo turns a compiled geom to its axes of inertia."""
     import mujoco
 
     mesh = int(skeleton.model.geom_dataid[shape.geom])
     turn = np.zeros(9)
     mujoco.mju_quat2Mat(turn, skeleton.model.mesh_quat[mesh])
-    return replace(found, points=found.points @ turn.reshape(3, 3).T + skeleton.model.mesh_pos[mesh])
+    return replace(hull, points=hull.points @ turn.reshape(3, 3).T + skeleton.model.mesh_pos[mesh])
 
 
-def put(spec: Any, found: Mapping[str, Fewer]) -> None:
+def put(spec: Any, hulls: Mapping[str, Fewer]) -> None:
     """Replaces geoms of a `mujoco.MjSpec` by their reduced hulls, and removes meshes without users."""
-    before = {geom.meshname for geom in spec.geoms if geom.name in found}
+    before = {geom.meshname for geom in spec.geoms if geom.name in hulls}
     for geom in spec.geoms:
-        if geom.name in found:
-            vertices = found[geom.name].points.ravel().tolist()
+        if geom.name in hulls:
+            vertices = hulls[geom.name].points.ravel().tolist()
             geom.meshname = f"for {geom.name}"
             spec.add_mesh(name=geom.meshname, uservert=vertices, scale=np.ones(3), maxhullvert=-1)
     named = {geom.meshname for geom in spec.geoms}
@@ -161,14 +161,14 @@ def put(spec: Any, found: Mapping[str, Fewer]) -> None:
             spec.delete(mesh)
 
 
-def said(skeleton: Skeleton) -> tuple[str, ...]:
+def hull_sentences(skeleton: Skeleton) -> tuple[str, ...]:
     """A sentence that names the links with a reduced, larger hull; () without such links."""
-    grown = {shape.link: shape.grown for shape in skeleton.shapes if shape.grown > 0.0}
-    if not grown:
+    links = {shape.link: shape.thickness for shape in skeleton.shapes if shape.thickness > 0.0}
+    if not links:
         return ()
     # mm, rounded up to a tenth
-    most = np.ceil(1e4 * max(shape.grown for shape in skeleton.shapes)) / 10.0
+    most = np.ceil(1e4 * max(shape.thickness for shape in skeleton.shapes)) / 10.0
     return (
-        f"The shapes themselves of {', '.join(grown)}, of more than {MANY:,} points: hulls of fewer points "
+        f"The shapes themselves of {', '.join(links)}, of more than {MANY:,} points: hulls of fewer points "
         f"that hold them, up to {most:.1f} mm larger, are used in their place.",
     )

@@ -40,12 +40,12 @@ def gaps_of(
     """
     spec = _spec(loaded, around)
     put(spec, hull_proxies)
-    grown = {name: one.radius for name, one in hull_proxies.items()}
-    skeleton = skeleton_of(_compiled(spec, loaded), loaded.joints, lower, upper, grown)
+    enlargements = {name: one.radius for name, one in hull_proxies.items()}
+    skeleton = skeleton_of(_compiled(spec, loaded), loaded.joints, lower, upper, enlargements)
     _check_names(skeleton, around)
     ignored = {frozenset(pair) for pair in around.collision.ignore}
     excluded = {frozenset(pair) for pair in loaded.excluded}
-    sensed = [gap for gap in _own(skeleton, excluded) if not _is_ignored(gap, ignored)]
+    sensed = [gap for gap in _self_pairs(skeleton, excluded) if not _is_ignored(gap, ignored)]
     boxes = [gap for gap in _boxed(skeleton) if not _is_ignored(gap, ignored)]
     walled = [(gap, planes) for gap, planes in _walled(skeleton, around) if not _is_ignored(gap, ignored)]
     for gap in (*sensed, *boxes):
@@ -108,15 +108,15 @@ def excluded_links(skeleton: Skeleton, loaded: Loaded) -> tuple[tuple[str, str],
     return tuple(dict.fromkeys(left))
 
 
-def _own(skeleton: Skeleton, excluded: Collection[frozenset[str]]) -> list[Gap]:
+def _self_pairs(skeleton: Skeleton, excluded: Collection[frozenset[str]]) -> list[Gap]:
     """Pairs of the robot's shapes that a joint can bring together."""
-    found = []
+    gaps = []
     for i, k in _meeting(skeleton):
         one, other = skeleton.shapes[i], skeleton.shapes[k]
         if frozenset((one.name, other.name)) not in excluded:
             first, second = sorted((one.part, other.part))
-            found.append(Gap(i, k, (one.link, other.link), (skeleton.parts[second], skeleton.parts[first])))
-    return found
+            gaps.append(Gap(i, k, (one.link, other.link), (skeleton.parts[second], skeleton.parts[first])))
+    return gaps
 
 
 def _meeting(skeleton: Skeleton) -> Iterator[tuple[int, int]]:
@@ -162,7 +162,7 @@ def _add_sensor(spec: Any, skeleton: Skeleton, gap: Gap) -> None:
     import mujoco
 
     ends = [skeleton.shapes[i] for i in (gap.one, gap.other)]
-    cutoff = CUTOFF + sum(end.grown for end in ends)
+    cutoff = CUTOFF + sum(end.thickness for end in ends)
     geom, kind = mujoco.mjtObj.mjOBJ_GEOM, mujoco.mjtSensor.mjSENS_GEOMDIST
     names = {"objname": ends[0].name, "refname": ends[1].name}
     spec.add_sensor(type=kind, objtype=geom, reftype=geom, cutoff=cutoff, **names)
@@ -176,11 +176,11 @@ def _check_names(skeleton: Skeleton, around: Surroundings) -> None:
     things = [box.name for box in around.box] + [wall.name for wall in around.walls]
     things += ["floor", "room", "column"]
     links = {shape.link for shape in skeleton.shapes if not shape.box}
-    known = links | set(skeleton.parts) | set(map(skeleton.called, things))
-    unknown = sorted({name for pair in around.collision.ignore for name in pair} - known)
+    names = links | set(skeleton.parts) | set(map(skeleton.called, things))
+    unknown = sorted({name for pair in around.collision.ignore for name in pair} - names)
     if unknown:
         raise UsageError(
             f"nothing is called {', '.join(unknown)}",
             where="collision.ignore",
-            next_step=f"Links with shapes, and what stands around: {', '.join(sorted(known))}.",
+            next_step=f"Links with shapes, and what stands around: {', '.join(sorted(names))}.",
         )

@@ -18,7 +18,7 @@ from etude_arm.clearance.clearance_limit import Clearance
 from etude_arm.clearance.collision_scene import from_file, with_floor
 from etude_arm.clearance.defaults import ClearanceDefaults, Pairs, disabled, settled
 from etude_arm.clearance.distances import TOLERANCE
-from etude_arm.clearance.hull_reduction import said
+from etude_arm.clearance.hull_reduction import hull_sentences
 from etude_arm.clearance.pairs import excluded_links, gaps_of
 from etude_arm.clearance.skeleton import Skeleton, skeleton_of
 from etude_arm.clearance.surroundings import ADD_FLOOR, Surroundings
@@ -38,21 +38,26 @@ def clearance_of(spec: ArmSpec, margins: Margins) -> Clearance | None:
     Raises:
         UsageError: the model cannot be loaded, or at home the robot overlaps itself or its surroundings.
     """
-    found = _of(spec)
-    if found is None or not found[1].gaps.list:
+    prepared = _of(spec)
+    if prepared is None or not prepared[1].gaps.list:
         return None
-    loaded, complete, proofs = found
+    loaded, complete, proofs = prepared
     home, lower, upper = search_of(spec)
     skeleton = complete.gaps.skeleton
     out = [
         f"The distance of {a} and {b}, which the file excludes." for a, b in excluded_links(skeleton, loaded)
     ]
-    unverified = (*out, *beside_base(skeleton), *said(skeleton), *not_verified(loaded, complete.around))
+    unverified = (
+        *out,
+        *beside_base(skeleton),
+        *hull_sentences(skeleton),
+        *not_verified(loaded, complete.around),
+    )
     margin = complete.around.collision.margin
     # proofs without tracking margins are remembered beyond one limit: a command asks for its limits often
-    known = {} if margins else proofs
+    cache = {} if margins else proofs
     return Clearance(
-        complete.gaps, spec.names, home, margin, lower, upper, margins, unverified, _proofs=known
+        complete.gaps, spec.names, home, margin, lower, upper, margins, unverified, _proofs=cache
     )
 
 
@@ -62,9 +67,9 @@ def skeleton_of_robot(spec: ArmSpec) -> Skeleton:
     Raises:
         UsageError: the model cannot be loaded.
     """
-    found = _of(spec)
-    if found is not None:
-        return found[1].gaps.skeleton
+    prepared = _of(spec)
+    if prepared is not None:
+        return prepared[1].gaps.skeleton
     loaded = load_arm(spec)
     return skeleton_of(loaded.model(), loaded.joints, spec.lower, spec.upper)
 
@@ -75,8 +80,8 @@ def search_of(spec: ArmSpec) -> tuple[Array, Array, Array]:
     """
     search = spec.around.search
     if search is None or not search.lower:
-        found = _of(spec)
-        search = None if found is None or not found[1].gaps.list else found[1].around.search
+        prepared = _of(spec)
+        search = None if prepared is None or not prepared[1].gaps.list else prepared[1].around.search
     if search is None:
         return 0.5 * (spec.lower + spec.upper), spec.lower, spec.upper
     home, lower, upper = (np.array(side) for side in (search.home, search.lower, search.upper))
@@ -108,8 +113,8 @@ def reachable(clearance: Clearance) -> Reachable:
     lower, upper = one_turn(skeleton.lower, skeleton.upper, home, skeleton.slides)
     tried = np.random.default_rng(SEED).uniform(lower, upper, (POSES, len(home)))
     poses = tried[_clear(clearance, tried)]
-    seen = poses[_seen(clearance, home, poses)]
-    return Reachable(lower, upper, np.concatenate([home[None], seen]))
+    visible = poses[_visible_from_home(clearance, home, poses)]
+    return Reachable(lower, upper, np.concatenate([home[None], visible]))
 
 
 def _clear(clearance: Clearance, poses: Array) -> Mask:
@@ -117,19 +122,21 @@ def _clear(clearance: Clearance, poses: Array) -> Mask:
     return np.asarray(np.all(clearance.gaps.of_poses(poses) - TOLERANCE >= clearance.sought, axis=1))
 
 
-def _seen(clearance: Clearance, home: Array, poses: Array) -> Mask:
+def _visible_from_home(clearance: Clearance, home: Array, poses: Array) -> Mask:
     """Mask (T,) of poses with a straight clear line to home; a line ends at its first overlap."""
-    seen = np.ones(len(poses), dtype=np.bool_)
+    visible = np.ones(len(poses), dtype=np.bool_)
     longest = np.abs(poses - home).max(axis=1)
     counts = np.maximum(COARSE, np.ceil(longest / LINE).astype(int))
     for fine in (False, True):
-        own = np.flatnonzero(seen)
-        steps = [np.linspace(0.0, 1.0, int(counts[i]) if fine else COARSE, endpoint=False)[1:] for i in own]
+        indices = np.flatnonzero(visible)
+        steps = [
+            np.linspace(0.0, 1.0, int(counts[i]) if fine else COARSE, endpoint=False)[1:] for i in indices
+        ]
         line = np.concatenate([[0.0], *steps])[1:]
-        of = np.repeat(own, [len(step) for step in steps])
+        of = np.repeat(indices, [len(step) for step in steps])
         clear = _clear(clearance, home + line[:, None] * (poses[of] - home))
-        seen[of[~clear]] = False
-    return seen
+        visible[of[~clear]] = False
+    return visible
 
 
 def reachable_of(spec: ArmSpec) -> Reachable:
@@ -139,22 +146,25 @@ def reachable_of(spec: ArmSpec) -> Reachable:
         return of_file(_reachable, spec, lambda: reachable(clearance))
     ranges = ranges_of(spec)
     made = made_limits(spec.limits, spec, None, {}, spec.names)
-    own = [one for one in made if isinstance(one, SupportsBoxes)]
-    return Reachable(*ranges, _allowed(own, *ranges, search_of(spec)[0]) if own else np.zeros((0, spec.dof)))
+    user_limits = [one for one in made if isinstance(one, SupportsBoxes)]
+    return Reachable(
+        *ranges,
+        _allowed(user_limits, *ranges, search_of(spec)[0]) if user_limits else np.zeros((0, spec.dof)),
+    )
 
 
-def _allowed(own: Sequence[SupportsBoxes], lower: Array, upper: Array, home: Array) -> Array:
+def _allowed(user_limits: Sequence[SupportsBoxes], lower: Array, upper: Array, home: Array) -> Array:
     """Poses (n, k), home first, that limits of the user's own allow, with all samples of the line to home."""
     poses = np.random.default_rng(SEED).uniform(lower, upper, (OWN_POSES, len(home)))
-    way = np.linspace(1.0, 0.0, OWN_STEPS, endpoint=False)[:, None]
+    fractions = np.linspace(1.0, 0.0, OWN_STEPS, endpoint=False)[:, None]
 
     def allowed(pose: Array) -> bool:
-        line = home + way * (pose - home)
-        return all(limit.roughly("", pose)(line) for limit in own)
+        line = home + fractions * (pose - home)
+        return all(limit.roughly("", pose)(line) for limit in user_limits)
 
     # a home that is not allowed is refused by name where motions about it are searched
-    seen = [home, *(pose for pose in poses if allowed(pose))] if allowed(home) else []
-    return np.array(seen).reshape(-1, len(home))
+    allowed_poses = [home, *(pose for pose in poses if allowed(pose))] if allowed(home) else []
+    return np.array(allowed_poses).reshape(-1, len(home))
 
 
 def ranges_of(spec: ArmSpec) -> tuple[Array, Array]:
@@ -189,22 +199,24 @@ def completed(
     if not gaps_of(loaded, spec.lower, spec.upper, Surroundings()).skeleton.shapes:
         return around, ()
     if whole_file:
-        around, said = from_file(loaded, spec.lower, spec.upper, around)
+        around, of_model_file = from_file(loaded, spec.lower, spec.upper, around)
         around, of_floor = with_floor(loaded, spec.lower, spec.upper, around)
-        confirm += [*of_floor, *said]
+        confirm += [*of_floor, *of_model_file]
     elif loaded.planes and around.floor is None:
         confirm.append(PLANE)
-    found = settled(loaded, spec.lower, spec.upper, around, leave, weight)
-    return found.around, (*confirm, *found.confirm)
+    defaults = settled(loaded, spec.lower, spec.upper, around, leave, weight)
+    return defaults.around, (*confirm, *defaults.confirm)
 
 
 def not_verified(loaded: Loaded, around: Surroundings) -> tuple[str, ...]:
     """Sentences on what the clearance of this robot does not cover."""
     ignored = [f"The distance of {one} and {other}." for one, other in around.collision.ignore]
-    given = any((around.floor, around.box, around.wall, around.room, around.column))
+    described = any((around.floor, around.box, around.wall, around.room, around.column))
     others = "Anything else that stands around the robot, cables, and people."
     unknown = (
-        others if given else "What stands around the robot: no floor, box or wall is given. Cables, people."
+        others
+        if described
+        else "What stands around the robot: no floor, box or wall is given. Cables, people."
     )
     return (*ignored, *(sentence[0].upper() + sentence[1:] + "." for sentence in loaded.unverified), unknown)
 

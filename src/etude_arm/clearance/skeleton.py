@@ -38,7 +38,7 @@ class Shape:
         geom: number in the model. part: number of its rigid part.
         points: (V, 3) m in the geom's frame. radius: m.
         smooth: the geom has no corners, so that the points enclose it only loosely.
-        grown: m of the radius that the geom does not have: a reduced hull stands for a larger one.
+        thickness: m of the radius that the geom does not have: a reduced hull stands for a larger one.
         box: it is a box of the surroundings. A link may have the same name.
     """
 
@@ -48,7 +48,7 @@ class Shape:
     points: Array
     radius: float
     smooth: bool = False
-    grown: float = 0.0
+    thickness: float = 0.0
     box: bool = False
 
     @property
@@ -78,13 +78,13 @@ def reaches(
         slides: (k,) mask. added: (k,) m, largest travel of each slide from that pose.
     """
     anchors, axes = joints
-    found, outside = np.zeros(len(slides)), points
+    lengths, outside = np.zeros(len(slides)), points
     for j in chain[::-1]:
         across = np.linalg.norm(np.cross(outside - anchors[j], axes[j]), axis=1)
-        found[j] = 1.0 if slides[j] else float((across + beyond).max())
+        lengths[j] = 1.0 if slides[j] else float((across + beyond).max())
         far = np.linalg.norm(outside - anchors[j], axis=1) + beyond
         outside, beyond = anchors[[j]], np.array([far.max() + added[j]])
-    return found
+    return lengths
 
 
 def bent(reach: Array, chain: Sequence[int], rates: Sequence[Array]) -> Array:
@@ -165,12 +165,12 @@ class Skeleton:
         anchors, axes = data.xanchor[self.joints], data.xaxis[self.joints]
         start = data.qpos[self.addresses]
         added = np.where(self.slides, np.maximum(np.abs(self.lower - start), np.abs(self.upper - start)), 0.0)
-        found = []
+        rows = []
         for shape in self.shapes:
             world = shape.points @ data.geom_xmat[shape.geom].reshape(3, 3).T + data.geom_xpos[shape.geom]
             beyond = np.full(len(world), shape.radius)
-            found.append(reaches(world, beyond, self.chain(shape.part), (anchors, axes), self.slides, added))
-        return np.reshape(found, (len(self.shapes), len(self.joints)))
+            rows.append(reaches(world, beyond, self.chain(shape.part), (anchors, axes), self.slides, added))
+        return np.reshape(rows, (len(self.shapes), len(self.joints)))
 
     def chain(self, part: int) -> list[int]:
         """Places of the joints that move a part, the innermost first."""
@@ -198,13 +198,13 @@ def skeleton_of(
     names: tuple[str, ...],
     lower: Array,
     upper: Array,
-    grown: Mapping[str, float] = NOTHING,
+    enlargements: Mapping[str, float] = NOTHING,
 ) -> Skeleton:
     """The skeleton of a model with exactly these joints.
 
     Args:
         model: compiled. names: of the joints. lower, upper: (k,) their limits, rad (m).
-        grown: m by which shapes are thicker than their geoms, by the geoms' names.
+        enlargements: m by which shapes are thicker than their geoms, by the geoms' names.
 
     Raises:
         UsageError: the model has another number of degrees of freedom, or lacks a joint.
@@ -227,15 +227,17 @@ def skeleton_of(
             moves[part] |= np.array([int(model.jnt_bodyid[number]) == weld for number in numbers])
     moving = [model.body(weld).name or f"body {weld}" for weld in welds if weld]
     parts = (free_name(BASE, moving), *moving)
-    shapes = tuple(_shapes(model, place, grown))
+    shapes = tuple(_shapes(model, place, enlargements))
     joints, parents = np.array(numbers, dtype=np.int64), np.array(parent, dtype=np.int64)
     return Skeleton(model, joints, np.asarray(lower), np.asarray(upper), parts, parents, moves, shapes)
 
 
-def _shapes(model: mujoco.MjModel, place: Mapping[int, int], grown: Mapping[str, float]) -> list[Shape]:
+def _shapes(
+    model: mujoco.MjModel, place: Mapping[int, int], enlargements: Mapping[str, float]
+) -> list[Shape]:
     import mujoco
 
-    found = []
+    shapes = []
     for geom in range(model.ngeom):
         name, body = model.geom(geom).name, int(model.geom_bodyid[geom])
         solid = bool(model.geom_contype[geom] or model.geom_conaffinity[geom])
@@ -244,9 +246,9 @@ def _shapes(model: mujoco.MjModel, place: Mapping[int, int], grown: Mapping[str,
             if len(points):
                 part = place[int(model.body_weldid[body])]
                 smooth = int(model.geom_type[geom]) == int(mujoco.mjtGeom.mjGEOM_ELLIPSOID)
-                more = grown.get(name, 0.0)
-                found.append(Shape(name, geom, part, points, radius + more, smooth, more, not solid))
-    return found
+                more = enlargements.get(name, 0.0)
+                shapes.append(Shape(name, geom, part, points, radius + more, smooth, more, not solid))
+    return shapes
 
 
 def points_of(model: mujoco.MjModel, geom: int) -> tuple[Array, float]:

@@ -164,11 +164,11 @@ class Surroundings:
     @property
     def walls(self) -> tuple[Wall, ...]:
         """Every plane: the floor, the walls, and the six sides of the room, which share one name."""
-        found = [] if self.floor is None else [Wall("floor", (0.0, 0.0, self.floor.height), (0.0, 0.0, 1.0))]
-        found += self.wall
+        walls = [] if self.floor is None else [Wall("floor", (0.0, 0.0, self.floor.height), (0.0, 0.0, 1.0))]
+        walls += self.wall
         if self.room is not None:
             for axis in range(3):
                 inward = tuple(1.0 if i == axis else 0.0 for i in range(3))
                 outward = tuple(-1.0 if i == axis else 0.0 for i in range(3))
-                found += [Wall("room", self.room.lower, inward), Wall("room", self.room.upper, outward)]  # type: ignore[arg-type]
-        return tuple(found)
+                walls += [Wall("room", self.room.lower, inward), Wall("room", self.room.upper, outward)]  # type: ignore[arg-type]
+        return tuple(walls)

@@ -28,30 +28,30 @@ LOOKED_WITHIN = 0.02
 """m beyond what is wanted within which the pose itself is looked at."""
 
 
-def lost(gaps: Gaps, poses: Array, distances: Array, error: Array, wanted: Array) -> Array:
+def lost(gaps: Gaps, poses: Array, distances: Array, error: Array, required: Array) -> Array:
     """Largest decrease (T, n) m of the distances under tracking errors.
 
     Args:
         gaps: of the robot.
         poses: (T, k) rad (m). distances: (T, n) m at them.
         error: (k,) e, rad (m).
-        wanted: (n,) m; the bound by reaches suffices where it leaves more.
+        required: (n,) m; the bound by reaches suffices where it leaves more.
     """
-    found = np.tile(gaps.reach @ error, (len(poses), 1))
-    near = (distances - found < wanted + LOOKED_WITHIN) & (distances > 0.0)
+    decrease = np.tile(gaps.reach @ error, (len(poses), 1))
+    near = (distances - decrease < required + LOOKED_WITHIN) & (distances > 0.0)
     at = np.flatnonzero(near.any(axis=1))
     if not len(at):
-        return found
+        return decrease
     scene = Scene.of(gaps, poses[at], near[at])
     for i in np.flatnonzero(near.any(axis=0)):
-        own = np.flatnonzero(near[at, i])
-        fall = distances[at[own], i] - scene.least(int(i), own, error)
-        found[at[own], i] = np.clip(fall, 0.0, found[at[own], i])
-    return found
+        rows = np.flatnonzero(near[at, i])
+        fall = distances[at[rows], i] - scene.least(int(i), rows, error)
+        decrease[at[rows], i] = np.clip(fall, 0.0, decrease[at[rows], i])
+    return decrease
 
 
 def all_keep(
-    gaps: Gaps, poses: Array, distances: Array, error: Array, share: Array, wanted: Array, sought: Array
+    gaps: Gaps, poses: Array, distances: Array, error: Array, share: Array, required: Array, sought: Array
 ) -> bool:
     """Whether all distances less their share (n,) of `lost` are at least `sought` (n,) m.
 
@@ -63,15 +63,15 @@ def all_keep(
     doubtful = ~(distances - share * most >= sought)
     if not doubtful.any():
         return True
-    near = (distances - most < wanted + LOOKED_WITHIN) & (distances > 0.0)
+    near = (distances - most < required + LOOKED_WITHIN) & (distances > 0.0)
     if np.any(doubtful & ~near) or np.any(distances < sought):
         return False
     at = np.flatnonzero(doubtful.any(axis=1))
     scene = Scene.of(gaps, poses[at], doubtful[at])
     for i in sorted(np.flatnonzero(doubtful.any(axis=0)).tolist(), key=lambda i: float(slack[:, i].min())):
-        own = np.flatnonzero(doubtful[at, i])
-        apart = distances[at[own], i]
-        taken = np.clip(apart - scene.least(i, own, error), 0.0, most[i])
+        rows = np.flatnonzero(doubtful[at, i])
+        apart = distances[at[rows], i]
+        taken = np.clip(apart - scene.least(i, rows, error), 0.0, most[i])
         if not np.all(apart - share[i] * taken >= sought[i]):
             return False
     return True
@@ -102,8 +102,8 @@ class Scene:
 
         skeleton, count = gaps.skeleton, len(poses)
         model, data, addresses = skeleton.model, mujoco.MjData(skeleton.model), skeleton.addresses
-        seen = data.geom_xpos, data.geom_xmat, data.xanchor, data.xaxis
-        frames = [np.empty((count, *part.shape)) for part in seen]
+        sources = data.geom_xpos, data.geom_xmat, data.xanchor, data.xaxis
+        frames = [np.empty((count, *part.shape)) for part in sources]
         at, of = near[:, : len(gaps.sensed)].nonzero()
         pairs, ends, first = (
             gaps.geoms[of].tolist(),
@@ -113,7 +113,7 @@ class Scene:
         for t, pose in enumerate(poses):
             data.qpos[addresses] = pose
             mujoco.mj_kinematics(model, data)
-            for part, now in zip(frames, seen, strict=True):
+            for part, now in zip(frames, sources, strict=True):
                 part[t] = now
             for k in range(first[t], first[t + 1]):
                 mujoco.mj_geomDistance(model, data, *pairs[k], FARTHEST, ends[k])
@@ -138,19 +138,19 @@ class Scene:
         planes = self.gaps.planes[i - sensed]
         if isinstance(planes, Column):
             return np.full(len(at), -np.inf)
-        found = []
+        heights = []
         for wall in planes:
             normal, offset = unit(wall)
-            found.append(self._lowest(gap.one, np.tile(normal, (len(at), 1)), at, moving) - offset)
-        return np.asarray(np.min(found, axis=0))
+            heights.append(self._lowest(gap.one, np.tile(normal, (len(at), 1)), at, moving) - offset)
+        return np.asarray(np.min(heights, axis=0))
 
     def _lowest(self, number: int, normal: Array, at: Index, error: Array) -> Array:
         """Least n.x (len(at),) of a shape under errors (k,), with a normal (len(at), 3) for each pose."""
         skeleton = self.gaps.skeleton
         shape = skeleton.shapes[number]
-        own = [j for j in skeleton.chain(shape.part) if error[j] > 0.0]
+        joints = [j for j in skeleton.chain(shape.part) if error[j] > 0.0]
         height = self._along(shape, normal, np.zeros(3), at)
-        for j in own:
+        for j in joints:
             axis = self.axes[at, j]
             if skeleton.slides[j]:
                 height = height - error[j] * np.abs((axis * normal).sum(axis=1))[:, None]
@@ -158,7 +158,7 @@ class Scene:
                 across = cross(normal, axis)
                 height = height - error[j] * np.abs(self._along(shape, across, self.anchors[at, j], at))
         L, before, slack = skeleton.reaches[number], 0.0, 0.0
-        for j in own:
+        for j in joints:
             slack += L[j] * error[j] * (0.5 * error[j] + before)
             before += error[j]
         return np.asarray(height.min(axis=1) - shape.radius - slack)

@@ -27,10 +27,10 @@ class Combination:
 
     def row(self, size: int) -> Array:
         """(size,) row such that row @ theta is the value."""
-        found = np.zeros(size)
+        row = np.zeros(size)
         for place, factor in self.parts:
-            found[place] = factor
-        return found
+            row[place] = factor
+        return row
 
 
 def share_of(fit: ParameterFit, one: Combination) -> float:
@@ -40,7 +40,7 @@ def share_of(fit: ParameterFit, one: Combination) -> float:
     return 1.0 - after / before
 
 
-def known(share: float) -> str:
+def identifiability(share: float) -> str:
     """In a word, by the part of the variance that the logs took away."""
     return "measured" if share >= MEASURED else "partly" if share >= PARTLY else "from the file"
 
@@ -59,7 +59,7 @@ def combinations(fit: ParameterFit) -> tuple[list[Combination], list[int]]:
     size = np.abs(np.diag(triangle))
     rank = int(np.sum(size > RANK_TOLERANCE * size[0])) if len(size) else 0
     regrouped = np.linalg.solve(triangle[:rank, :rank], triangle[:rank, rank:])
-    found = []
+    bases = []
     for k, first in enumerate(order[:rank].tolist()):
         others = zip(order[rank:].tolist(), regrouped[k].tolist(), strict=True)
         # in the units of theta: columns were scaled
@@ -68,5 +68,5 @@ def combinations(fit: ParameterFit) -> tuple[list[Combination], list[int]]:
             for place, factor in others
             if abs(factor) > LEAST_PART
         ]
-        found.append(Combination(((first, 1.0), *sorted(parts))))
-    return sorted(found, key=lambda one: one.parts[0][0]), np.flatnonzero(silent).tolist()
+        bases.append(Combination(((first, 1.0), *sorted(parts))))
+    return sorted(bases, key=lambda one: one.parts[0][0]), np.flatnonzero(silent).tolist()

@@ -55,13 +55,13 @@ class Errors:
     """Root mean square errors on segments left out, (J,) each, command units.
 
     Attributes:
-        file: with the model file's inertias. found: with the identified ones. In both, friction, armature and
-            offset of each drive are fitted to the other segments.
+        file: with the model file's inertias. identified: with the identified ones. The other segments give
+            friction, armature and offset of each drive in both.
         segments: their number; 0: a single one, so cross-validation is impossible.
     """
 
     file: Array
-    found: Array
+    identified: Array
     segments: int
 
 
@@ -90,7 +90,7 @@ class Links:
     nominal: Array
 
     @property
-    def told_of(self) -> tuple[tuple[str, slice], ...]:
+    def identifiable(self) -> tuple[tuple[str, slice], ...]:
         """Names and places in phi of the bodies with identifiable parameters."""
         places = [slice(10 * b, 10 * b + 10) for b in range(len(self.names))]
         pairs = zip(self.names, places, strict=True)
@@ -118,61 +118,61 @@ class WhitenedRows:
         rows: for each command its regressors (n, P + E) and values (n,), both divided by the noise deviation.
         group: of each command (n,), which segment a row is of.
         weights: (J,) of one sample, since residuals of neighbours are correlated.
-        own: (J, E) prior deviations of each drive's own terms, as of `parameter_fit`.
+        drive_prior: (J, E) prior deviations of each drive's own terms, as of `parameter_fit`.
         deviation: (J,) the noise's, command units.
     """
 
     rows: Sequence[tuple[Array, Array]]
     group: Sequence[Index]
     weights: tuple[float, ...]
-    own: Array
+    drive_prior: Array
     deviation: Array
 
     @staticmethod
-    def of(links: Links, found: Settled) -> WhitenedRows:
+    def of(links: Links, base_fit: Settled) -> WhitenedRows:
         """The data from samples, with the drives' terms, noise and correlation time of the base parameters'
         fit.
         """
-        problem, fit, samples = found.problem, found.fit, found.problem.samples
+        problem, fit, samples = base_fit.problem, base_fit.fit, base_fit.problem.samples
         model, first = problem.mean.model, len(fit.z)
         motion = tuple(samples.log[name] for name in (PLAN if problem.mean.desired else PATH))
         rigid, _ = command_regressors(links.tree, links.drives, model.friction_velocity, *motion)
         rows, groups = [], []
-        for j, output in enumerate(found.outputs):
+        for j, output in enumerate(base_fit.outputs):
             used, noise = problem.used[:, j], float(fit.noise[j])
             both = np.concatenate([rigid[used, j], output.columns[:, first:]], axis=1)
-            rows.append((both / noise, found.command[used, j] / noise))
+            rows.append((both / noise, base_fit.command[used, j] / noise))
             groups.append(samples.group[used])
         # a term that was dropped stays at zero
-        own = np.array([np.maximum(output.deviations, DROPPED) for output in found.outputs])
-        return WhitenedRows(rows, groups, tuple(fit.weight.tolist()), own, fit.noise)
+        deviations = np.array([np.maximum(output.deviations, DROPPED) for output in base_fit.outputs])
+        return WhitenedRows(rows, groups, tuple(fit.weight.tolist()), deviations, fit.noise)
 
     def normal(self, groups: Sequence[int] | None = None) -> Normal:
         """The information of those groups; None: of all."""
-        found = []
+        pairs = []
         for (rows, y), group, weight in zip(self.rows, self.group, self.weights, strict=True):
             used = slice(None) if groups is None else np.isin(group, groups)
-            found.append((weight * rows[used].T @ rows[used], weight * rows[used].T @ y[used]))
-        A, b = zip(*found, strict=True)
+            pairs.append((weight * rows[used].T @ rows[used], weight * rows[used].T @ y[used]))
+        A, b = zip(*pairs, strict=True)
         return Normal(np.array(A), np.array(b))
 
     def reduced(self, normal: Normal) -> tuple[Array, Array]:
         """H (P, P) and g (P,) of phi alone, with the drives' own terms eliminated."""
-        P = normal.A.shape[1] - self.own.shape[1]
+        P = normal.A.shape[1] - self.drive_prior.shape[1]
         H, g = np.zeros((P, P)), np.zeros(P)
-        for A, b, own in zip(normal.A, normal.b, self.own, strict=True):
-            gain = np.linalg.solve(A[P:, P:] + np.diag(own**-2), A[P:, :P]).T
+        for A, b, prior in zip(normal.A, normal.b, self.drive_prior, strict=True):
+            gain = np.linalg.solve(A[P:, P:] + np.diag(prior**-2), A[P:, :P]).T
             H += A[:P, :P] - gain @ A[P:, :P]
             g += b[:P] - gain @ b[P:]
         return 0.5 * (H + H.T), g
 
-    def own_terms(self, normal: Normal, phi: Array) -> Array:
+    def drive_terms(self, normal: Normal, phi: Array) -> Array:
         """(J, E) the drives' best own terms given phi."""
         P = len(phi)
         return np.array(
             [
-                np.linalg.solve(A[P:, P:] + np.diag(own**-2), b[P:] - A[P:, :P] @ phi)
-                for A, b, own in zip(normal.A, normal.b, self.own, strict=True)
+                np.linalg.solve(A[P:, P:] + np.diag(prior**-2), b[P:] - A[P:, :P] @ phi)
+                for A, b, prior in zip(normal.A, normal.b, self.drive_prior, strict=True)
             ]
         )
 
@@ -185,22 +185,22 @@ class WhitenedRows:
         rows = self
         while True:
             result = consistent(*rows.reduced(normal), nominal)
-            own = rows.own_terms(normal, result.phi)
-            below = (own[:, ARMATURE] < 0.0) & (rows.own[:, ARMATURE] > DROPPED)
+            terms = rows.drive_terms(normal, result.phi)
+            below = (terms[:, ARMATURE] < 0.0) & (rows.drive_prior[:, ARMATURE] > DROPPED)
             if not below.any():
-                return rows, result, own
-            held = rows.own.copy()
+                return rows, result, terms
+            held = rows.drive_prior.copy()
             held[below, ARMATURE] = DROPPED
-            rows = replace(rows, own=held)
+            rows = replace(rows, drive_prior=held)
 
-    def squared_error(self, phi: Array, own: Array, groups: Sequence[int]) -> Array:
+    def squared_error(self, phi: Array, terms: Array, groups: Sequence[int]) -> Array:
         """(J,) mean squared error on those groups, command units squared."""
-        found = []
+        errors = []
         for j, ((rows, y), group) in enumerate(zip(self.rows, self.group, strict=True)):
             used = np.isin(group, groups)
-            residual = y[used] - rows[used] @ np.concatenate([phi, own[j]])
-            found.append(float(np.mean(residual**2)) if used.any() else np.nan)
-        return np.asarray(np.array(found) * self.deviation**2)
+            residual = y[used] - rows[used] @ np.concatenate([phi, terms[j]])
+            errors.append(float(np.mean(residual**2)) if used.any() else np.nan)
+        return np.asarray(np.array(errors) * self.deviation**2)
 
 
 ARMATURE = 0  # of a drive's own terms
@@ -296,17 +296,17 @@ def _barrier(x: Array, only_value: bool = False) -> tuple[float, Array, Array]:
     slope, bend = np.zeros(len(x)), np.zeros((len(x), len(x)))
     value = 0.0
     for k in range(0, len(x), SIZE):
-        own = slice(k, k + SIZE)
-        X = np.einsum("k,kij->ij", x[own], E)
+        block = slice(k, k + SIZE)
+        X = np.einsum("k,kij->ij", x[block], E)
         if np.linalg.eigvalsh(X)[0] <= 0.0:
             return np.inf, slope, bend
         value += float(np.trace(X)) - float(np.linalg.slogdet(X)[1]) - len(X)
         if only_value:
             continue
         inverse = np.linalg.inv(X)
-        slope[own] = np.einsum("kii->k", E) - np.einsum("ij,kji->k", inverse, E)
+        slope[block] = np.einsum("kii->k", E) - np.einsum("ij,kji->k", inverse, E)
         turned = np.einsum("ij,kjl,lm->kim", inverse, E, inverse)
-        bend[own, own] = np.einsum("kij,lji->kl", turned, E)
+        bend[block, block] = np.einsum("kij,lji->kl", turned, E)
     return value, slope, bend
 
 
@@ -315,7 +315,7 @@ class Identified:
     """The result of `identified`.
 
     Attributes:
-        links: the bodies of the file. result: their parameters. own: (J, E) terms of the drives.
+        links: the bodies of the file. result: their parameters. drive_terms: (J, E) terms of the drives.
         joints: armature, friction and cogging of each joint with a drive of its own.
         ripple: (J,) rms of the periodic term of each hinge's position (cogging), command units. errors: of
             cross-validation. used: (n, J) samples in which a joint moves away from reversals.
@@ -325,7 +325,7 @@ class Identified:
 
     links: Links
     result: Consistent
-    own: Array
+    drive_terms: Array
     used: Mask
     joints: Mapping[str, JointTerms]
     ripple: Array
@@ -336,7 +336,7 @@ class Identified:
 
 
 def _joint_terms(
-    spec: ArmSpec, links: Links, evidence: WhitenedRows, own: Array, found: Settled
+    spec: ArmSpec, links: Links, evidence: WhitenedRows, drive_terms: Array, base_fit: Settled
 ) -> Mapping[str, JointTerms]:
     """Terms of drives of a single joint; none is negative. Friction c sign(v) + d v is the best fit to the
     identified friction over the speeds of the logs.
@@ -347,23 +347,25 @@ def _joint_terms(
             continue
         turn = abs(drive.gear * float(drive.coefficients[j]))
         columns = evidence.rows[j][0][:, first:] * evidence.deviation[j]
-        friction, damping = _nearest(columns, own[j])
+        friction, damping = _nearest(columns, drive_terms[j])
         dip = None
-        if found.evidence[j, STRIBECK] > SHOWN and own[j, STRIBECK] > 0.0:
-            slid, rubbed = _nearest(columns, np.where(np.arange(own.shape[1]) == STRIBECK, 0.0, own[j]))
-            slow = float(found.speeds[0, j]) / turn
-            dip = Dip(rubbed * turn**2, slid * turn, float(own[j, STRIBECK]) * turn, slow)
-        armature = max(0.0, float(own[j, ARMATURE])) * turn**2
-        waves = _driving(drive.side(j) * turn * own[j, WAVES]) if found.cogs[j] else ()
+        if base_fit.evidence[j, STRIBECK] > SHOWN and drive_terms[j, STRIBECK] > 0.0:
+            slid, rubbed = _nearest(
+                columns, np.where(np.arange(drive_terms.shape[1]) == STRIBECK, 0.0, drive_terms[j])
+            )
+            slow = float(base_fit.speeds[0, j]) / turn
+            dip = Dip(rubbed * turn**2, slid * turn, float(drive_terms[j, STRIBECK]) * turn, slow)
+        armature = max(0.0, float(drive_terms[j, ARMATURE])) * turn**2
+        waves = _driving(drive.side(j) * turn * drive_terms[j, WAVES]) if base_fit.cogs[j] else ()
         terms[name] = JointTerms(armature, damping * turn**2, friction * turn, waves, dip)
     return terms
 
 
-def _nearest(columns: Array, own: Array) -> tuple[float, float]:
+def _nearest(columns: Array, terms: Array) -> tuple[float, float]:
     """c and d of the drive's friction, given its terms (E,) and their columns (n, E)."""
     from scipy.optimize import nnls
 
-    speed, force = columns[:, SPEED], columns[:, FRICTION] @ own[FRICTION]
+    speed, force = columns[:, SPEED], columns[:, FRICTION] @ terms[FRICTION]
     friction, damping = nnls(np.column_stack([np.sign(speed), speed]), force)[0].tolist()
     return friction, damping
 
@@ -386,25 +388,25 @@ def identified(samples: Samples, spec: ArmSpec, mean: RigidBodyMean) -> Identifi
         NumericalError: no possible inertias explain the commands.
     """
     links = links_of(spec)
-    found = settled(samples, spec, mean)
-    evidence = WhitenedRows.of(links, found)
-    evidence, result, own = evidence.fitted(evidence.normal(), links.nominal)
-    joints = _joint_terms(spec, links, evidence, own, found)
+    base_fit = settled(samples, spec, mean)
+    evidence = WhitenedRows.of(links, base_fit)
+    evidence, result, drive_terms = evidence.fitted(evidence.normal(), links.nominal)
+    joints = _joint_terms(spec, links, evidence, drive_terms, base_fit)
     first = len(links.nominal)
-    pairs = zip(evidence.rows, own, strict=True)
+    pairs = zip(evidence.rows, drive_terms, strict=True)
     waves = [rows[:, first:][:, WAVES] @ terms[WAVES] for (rows, _), terms in pairs]
     ripple = np.array([np.sqrt(np.mean(one**2)) for one in waves])
     ripple *= evidence.deviation
-    fit = parameter_fit(found)
+    fit = parameter_fit(base_fit)
     bases, _ = combinations(fit)
     measured = sum(share_of(fit, one) >= MEASURED for one in bases)
-    errors = _left_out(evidence, links, samples)
-    used = found.problem.used
+    errors = _cross_validated(evidence, links, samples)
+    used = base_fit.problem.used
     lost = np.where(fit.friction.evidence[:, LOST] > SHOWN, fit.friction.terms[:, LOST], 0.0)
-    return Identified(links, result, own, used, joints, ripple, errors, lost, len(bases), measured)
+    return Identified(links, result, drive_terms, used, joints, ripple, errors, lost, len(bases), measured)
 
 
-def _left_out(evidence: WhitenedRows, links: Links, samples: Samples) -> Errors:
+def _cross_validated(evidence: WhitenedRows, links: Links, samples: Samples) -> Errors:
     groups = np.unique(samples.group)
     folds = np.array_split(groups, min(len(groups), MOST_FOLDS))
     if len(folds) < 2:
@@ -416,9 +418,9 @@ def _left_out(evidence: WhitenedRows, links: Links, samples: Samples) -> Errors:
         result = consistent(*evidence.reduced(others), links.nominal)
         squares.append(
             [
-                evidence.squared_error(phi, evidence.own_terms(others, phi), fold.tolist())
+                evidence.squared_error(phi, evidence.drive_terms(others, phi), fold.tolist())
                 for phi in (links.nominal, result.phi)
             ]
         )
-    file, found = np.sqrt(np.nanmean(squares, axis=0))
-    return Errors(file, found, len(groups))
+    file, fit = np.sqrt(np.nanmean(squares, axis=0))
+    return Errors(file, fit, len(groups))

@@ -76,9 +76,9 @@ def friction_alone(spec: ArmSpec, samples: Samples, v0: Array, *, desired: bool)
     fits = [
         _fitted(_joint(spec, samples, motion, rows[:, j], j), float(v0[j]), spec, j) for j in range(spec.dof)
     ]
-    found = Friction(*(np.array(part) for part in zip(*fits, strict=True)))
+    friction = Friction(*(np.array(part) for part in zip(*fits, strict=True)))
     often = reversals(samples, motion[1]) >= LEAST_TURNS
-    return replace(found, deviation=np.where(often[:, None], found.deviation, 0.0))
+    return replace(friction, deviation=np.where(often[:, None], friction.deviation, 0.0))
 
 
 def reversals(samples: Samples, speed: Array) -> Index:
@@ -88,9 +88,9 @@ def reversals(samples: Samples, speed: Array) -> Index:
 
 
 def _joint(spec: ArmSpec, samples: Samples, motion: tuple[Array, ...], rows: Mask, j: int) -> _Joint:
-    kept = np.flatnonzero(rows)
-    kept = kept[np.unique(np.linspace(0, len(kept) - 1, min(len(kept), MOST)).astype(np.int64))]
-    q, qd, qdd = (part[kept] for part in motion)
+    indices = np.flatnonzero(rows)
+    indices = indices[np.unique(np.linspace(0, len(indices) - 1, min(len(indices), MOST)).astype(np.int64))]
+    q, qd, qdd = (part[indices] for part in motion)
     hinge = np.array([axis.unit == "rad" for axis in spec.axes])
     apart = q[:, None] - q[None]
     near = np.where(hinge, 0.5 + 0.5 * np.cos(apart), np.exp(-0.5 * (apart / (spec.upper - spec.lower)) ** 2))
@@ -99,50 +99,52 @@ def _joint(spec: ArmSpec, samples: Samples, motion: tuple[Array, ...], rows: Mas
     turns = [np.cos(k * apart[..., j]) for k in range(FIRST_WAVE, FIRST_WAVE + RIPPLES)]
     kernels = [posture, (pull @ pull.T) * posture**2, (speed @ speed.T) ** 2 * posture**2]
     kernels += [np.mean(turns, axis=0)] if hinge[j] else []
-    return _Joint(samples.t[kept], samples.group[kept], qd[:, j], samples.command[kept, j], np.array(kernels))
+    return _Joint(
+        samples.t[indices], samples.group[indices], qd[:, j], samples.command[indices, j], np.array(kernels)
+    )
 
 
-def _fitted(own: _Joint, widest: float, spec: ArmSpec, j: int) -> tuple[Array, Array, Array, float, float]:
+def _fitted(joint: _Joint, widest: float, spec: ArmSpec, j: int) -> tuple[Array, Array, Array, float, float]:
     """Terms, deviations, evidence (E,), v_s and v0 of maximum likelihood."""
-    found = np.zeros((3, len(TERMS)))
-    if len(own.t) < LEAST:
-        return found[0], found[1], found[2], widest, widest
+    estimates = np.zeros((3, len(TERMS)))
+    if len(joint.t) < LEAST:
+        return estimates[0], estimates[1], estimates[2], widest, widest
     size = float(spec.command[j])
     prior = LARGEST * size / np.array([spec.velocity[j], 1.0, 1.0])
     tried = [(s * widest, t * widest) for t in TURNS for s in STRIBECK_SPEEDS]
-    first = _columns(own.speed, *tried[0])
-    sizes = _sizes(own, first * prior, size)
+    first = _columns(joint.speed, *tried[0])
+    sizes = _sizes(joint, first * prior, size)
     # prior: stiction exceeds sliding friction by about as much as sliding friction itself
-    level, _ = _solved(first[:, :2], own, _covariance(sizes, own, size), prior[:2])
+    level, _ = _solved(first[:, :2], joint, _covariance(sizes, joint, size), prior[:2])
     prior[2] = max(abs(float(level[1])), LEAST_LEVEL * size)
-    V = _covariance(sizes, own, size)
+    V = _covariance(sizes, joint, size)
     evidence = np.zeros(3)
     for terms in (3, 2):
-        columns = [(_columns(own.speed, *speeds) * prior)[:, :terms] for speeds in tried]
-        losses = [_loss(sizes, own, H, size)[0] for H in columns]
+        columns = [(_columns(joint.speed, *speeds) * prior)[:, :terms] for speeds in tried]
+        losses = [_loss(sizes, joint, H, size)[0] for H in columns]
         start = np.array(tried[int(np.argmin(losses))])
-        value, deviation, speeds = _with_shape(own, V, prior[:terms], start, widest)
+        value, deviation, speeds = _with_shape(joint, V, prior[:terms], start, widest)
         evidence[:terms] = savage_dickey(value, deviation, prior[:terms])
         # a dip below zero would stand for a wider v0
         if value[-1] > 0.0:
             break
-    found[0, OWN[:terms]], found[1, OWN[:terms]], found[2, OWN] = value, deviation, evidence
-    return found[0], found[1], found[2], float(speeds[0]), float(speeds[1])
+    estimates[0, OWN[:terms]], estimates[1, OWN[:terms]], estimates[2, OWN] = value, deviation, evidence
+    return estimates[0], estimates[1], estimates[2], float(speeds[0]), float(speeds[1])
 
 
 def _with_shape(
-    own: _Joint, V: Array, prior: Array, start: Array, widest: float
+    joint: _Joint, V: Array, prior: Array, start: Array, widest: float
 ) -> tuple[Array, Array, Array]:
     """The first terms of OWN, as many as `prior` has, their deviations, and (2,) v_s and v0."""
     terms, speeds = len(prior), start
-    value, deviation = _solved(_columns(own.speed, *start)[:, :terms], own, V, prior)
+    value, deviation = _solved(_columns(joint.speed, *start)[:, :terms], joint, V, prior)
     for _ in range(SHAPE_ROUNDS):
         slow, v0 = speeds
         dip = np.asarray(value[2] if terms == 3 else 0.0)
-        level = value[1] + dip * np.exp(-((own.speed / slow) ** 2))
-        slopes = slopes_of_shape(own.speed, slow, v0, level, dip)
-        H = np.column_stack([_columns(own.speed, slow, v0)[:, :terms], slopes])
-        value, deviation = _solved(H, own, V, np.append(prior, [SHAPE, SHAPE]))
+        level = value[1] + dip * np.exp(-((joint.speed / slow) ** 2))
+        slopes = slopes_of_shape(joint.speed, slow, v0, level, dip)
+        H = np.column_stack([_columns(joint.speed, slow, v0)[:, :terms], slopes])
+        value, deviation = _solved(H, joint, V, np.append(prior, [SHAPE, SHAPE]))
         step = np.clip(value[-2:], -LONGEST_STEP, LONGEST_STEP)
         bounds = widest * np.array([SLOWEST_SHAPE, FASTEST_SHAPE])
         speeds = np.clip(speeds * np.exp(step), *bounds)
@@ -155,43 +157,43 @@ def _columns(speed: Array, slow: float, v0: float) -> Array:
     return np.column_stack([speed, sign, sign * np.exp(-((speed / slow) ** 2))])
 
 
-def _sizes(own: _Joint, H: Array, size: float) -> Array:
+def _sizes(joint: _Joint, H: Array, size: float) -> Array:
     """(K + 1,) logarithms of the deviations of the parts and of the noise, in parts of the command limit."""
     from scipy.optimize import minimize
 
-    start = np.log(np.append(np.full(len(own.kernels), 0.1), 0.01))
+    start = np.log(np.append(np.full(len(joint.kernels), 0.1), 0.01))
     bounds = [(-12.0, 2.0)] * len(start)
-    found = minimize(
-        _loss, start, (own, H, size), jac=True, method="L-BFGS-B", bounds=bounds, options={"maxiter": STEPS}
+    minimum = minimize(
+        _loss, start, (joint, H, size), jac=True, method="L-BFGS-B", bounds=bounds, options={"maxiter": STEPS}
     )
-    return np.asarray(found.x)
+    return np.asarray(minimum.x)
 
 
-def _covariance(sizes: Array, own: _Joint, size: float) -> Array:
+def _covariance(sizes: Array, joint: _Joint, size: float) -> Array:
     parts = size**2 * np.exp(2.0 * sizes)
-    return np.asarray(np.tensordot(parts[:-1], own.kernels, 1) + parts[-1] * np.eye(len(own.command)))
+    return np.asarray(np.tensordot(parts[:-1], joint.kernels, 1) + parts[-1] * np.eye(len(joint.command)))
 
 
-def _loss(sizes: Array, own: _Joint, H: Array, size: float) -> tuple[float, Array]:
+def _loss(sizes: Array, joint: _Joint, H: Array, size: float) -> tuple[float, Array]:
     """Minus the logarithm of the marginal likelihood, and its gradient; H (n, p) by its prior deviations."""
-    V = _covariance(sizes, own, size) + H @ H.T
+    V = _covariance(sizes, joint, size) + H @ H.T
     inverse = np.linalg.inv(V)
-    weights = inverse @ own.command
-    value = 0.5 * (own.command @ weights + np.linalg.slogdet(V)[1])
+    weights = inverse @ joint.command
+    value = 0.5 * (joint.command @ weights + np.linalg.slogdet(V)[1])
     change = 0.5 * (inverse - np.outer(weights, weights))
     parts = 2.0 * size**2 * np.exp(2.0 * sizes)
-    slope = np.append(np.einsum("ij,kij->k", change, own.kernels), np.trace(change))
+    slope = np.append(np.einsum("ij,kij->k", change, joint.kernels), np.trace(change))
     return float(value), parts * slope
 
 
-def _solved(H: Array, own: _Joint, V: Array, prior: Array) -> tuple[Array, Array]:
+def _solved(H: Array, joint: _Joint, V: Array, prior: Array) -> tuple[Array, Array]:
     """(p,) generalised least squares, and deviations by the scatter of the score between stretches of log."""
     # whitened in time order, so that stretches are independent
     root = np.linalg.cholesky(V)
-    rows, left = np.linalg.solve(root, H), np.linalg.solve(root, own.command)
+    rows, left = np.linalg.solve(root, H), np.linalg.solve(root, joint.command)
     posterior = np.linalg.inv(rows.T @ rows + np.diag(prior**-2))
     value = posterior @ rows.T @ left
-    _, stretch = np.unique(own.group * 10.0**6 + np.floor(own.t / LEAST_STRETCH), return_inverse=True)
+    _, stretch = np.unique(joint.group * 10.0**6 + np.floor(joint.t / LEAST_STRETCH), return_inverse=True)
     scores = np.zeros((stretch.max() + 1, len(value)))
     np.add.at(scores, stretch, (left - rows @ value)[:, None] * rows)
     return value, np.sqrt(scattered(posterior, prior, scores, 1.0).diagonal())

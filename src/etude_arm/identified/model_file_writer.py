@@ -92,8 +92,8 @@ def _urdf(path: Path, bodies: Mapping[str, Array], joints: Mapping[str, JointTer
             link.insert(0, _inertial(bodies[link.get("name", "")]))
     for joint in root.findall("joint"):
         if joint.get("name") in joints:
-            found = joint.find("dynamics")
-            element = ET.SubElement(joint, "dynamics") if found is None else found
+            existing = joint.find("dynamics")
+            element = ET.SubElement(joint, "dynamics") if existing is None else existing
             terms = joints[joint.get("name", "")]
             element.set("damping", repr(terms.damping))
             element.set("friction", repr(terms.friction))
@@ -183,8 +183,8 @@ def _of_mjcf(spec: ArmSpec) -> tuple[Any, dict[str, bytes]]:
         model.option.gravity = spec.mounting.turn.T @ model.option.gravity
     named = {f"{model.meshdir}/{one.file}".lstrip("/") for one in (*model.meshes, *model.skins) if one.file}
     named |= {f"{model.texturedir}/{one.file}".lstrip("/") for one in model.textures if one.file}
-    found = {name: spec.model_file.parent / name for name in sorted(named)}
-    return model, {name: path.read_bytes() for name, path in found.items() if path.is_file()}
+    paths = {name: spec.model_file.parent / name for name in sorted(named)}
+    return model, {name: path.read_bytes() for name, path in paths.items() if path.is_file()}
 
 
 def _of_urdf(spec: ArmSpec) -> tuple[Any, dict[str, bytes]]:

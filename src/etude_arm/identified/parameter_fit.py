@@ -178,24 +178,24 @@ class Settled:
 def settled(samples: Samples, spec: ArmSpec, mean: RigidBodyMean) -> Settled:
     """Fits all samples; mean: the identified physics of the same samples, for friction, noise and scale."""
     start = Problem.of(samples, spec, mean)
-    found = _settled(start.with_ripple())
-    problem, nats = _nats_of_lost(start, found)
+    result = _settled(start.with_ripple())
+    problem, nats = _nats_of_lost(start, result)
     has = HAS[np.argmax(nats - SHOWN * HAS.sum(axis=1)[:, None], axis=0)]
     if has.any():
         # backlash of one joint shows in the commands of others: all have it, or none
         has[:, 1] = has[:, 1].any()
-        found = _settled(problem.only(has))
-        more = has[:, 0] & (found.fit.extra[:, COULOMB] < 0.0)
+        result = _settled(problem.only(has))
+        more = has[:, 0] & (result.fit.extra[:, COULOMB] < 0.0)
         if more.any():
             # it takes more than all Coulomb friction, so that nothing tells the two apart
             nats[:, more] = 0.0
             has[:, 0] &= ~more
-            found = _settled(problem.only(has))
+            result = _settled(problem.only(has))
     # what the terms explain together belongs to neither
-    found.evidence[:, LOST] = np.transpose(
+    result.evidence[:, LOST] = np.transpose(
         [logsumexp(nats[has], axis=0) - logsumexp(nats[~has], axis=0) for has in HAS.T]
     )
-    return found
+    return result
 
 
 def _settled(problem: Problem) -> Settled:
@@ -219,18 +219,18 @@ HAS = np.array([[False, False], [True, False], [False, True], [True, True]])
 """Explanations of lost motion: nothing, dead band, backlash, both."""
 
 
-def _nats_of_lost(start: Problem, found: Settled) -> tuple[Problem, Array]:
+def _nats_of_lost(start: Problem, result: Settled) -> tuple[Problem, Array]:
     """The regression with dead band and backlash, and (4, J) nats for each of `HAS` over nothing."""
-    problem, fit, outputs = found.problem, found.fit, found.outputs
-    dropped = found.dropped.copy()
+    problem, fit, outputs = result.problem, result.fit, result.outputs
+    dropped = result.dropped.copy()
     dropped[:, DEAD_BAND] = False
     for _ in range(BAND_ROUNDS):
         band = fit.extra[:, DEAD_BAND]
         problem = start.pushed_by(problem.predicted(fit, outputs), fit.noise, band).with_ripple()
-        fit, outputs = problem.fitted(found.speeds, dropped)
+        fit, outputs = problem.fitted(result.speeds, dropped)
     nats = np.zeros((len(HAS), problem.spec.dof))
     for k, has in enumerate(HAS[1:], start=1):
-        fit, outputs = problem.only(has).fitted(found.speeds, dropped)
+        fit, outputs = problem.only(has).fitted(result.speeds, dropped)
         if has[1]:
             z, after = fit.z[problem.gears], fit.covariance.diagonal()[: len(fit.z)][problem.gears]
             nats[k] = _nats_of_positive(z, np.sqrt(after), np.ones_like(z))
@@ -292,8 +292,8 @@ def _nats_of_waves(fit: SharedFit, j: int, prior: float) -> float:
     if prior == 0.0:
         return 0.0
     value, (r, width) = fit.extra[j, WAVES], (len(fit.z), fit.extra.shape[1])
-    own = slice(r + j * width + WAVES.start, r + j * width + WAVES.stop)
-    covariance = fit.covariance[own, own]
+    block = slice(r + j * width + WAVES.start, r + j * width + WAVES.stop)
+    covariance = fit.covariance[block, block]
     change = 2.0 * len(value) * np.log(prior) - np.linalg.slogdet(covariance)[1]
     return float(0.5 * (value @ np.linalg.solve(covariance, value) - change))
 
@@ -327,8 +327,8 @@ class Problem:
             commands that the rigid body explains.
         armature: (J,) prior deviation: the inertia of the links at the drive, or `ROTOR`.
         ripple: (J,) prior deviation of each wave of a joint's position.
-        own: (J,) prior deviation of the rigid body's directions of a command with a rigid body of its own, in
-            its unit per N m; zero where it is shared.
+        separate: (J,) prior deviation of the directions of a command with a rigid body of its own, in its
+            unit per N m; zero where it is shared.
         slope: (n, J, J) of the rigid commands by the position of each hinge with a drive of its own, on the
             side of its drive; zero of others.
         band: (n, J) column of the dead band; loose: (n, J, J) commands per backlash of each joint. Zero where
@@ -350,7 +350,7 @@ class Problem:
     shared: Mask
     armature: Array
     ripple: Array
-    own: Array
+    separate: Array
     slope: Array
     band: Array
     loose: Array
@@ -379,8 +379,8 @@ class Problem:
         ripple = model.deviation * hinges
         rotor = ROTOR * np.array([prior.extra[0] for prior in priors])
         armature = np.maximum(_inertia(spec, mean, model.inertial), rotor)
-        found = (samples.log.get(name) for name in COMMAND_RATES)
-        first, second = (none if rate is None else rate for rate in found)
+        rates = (samples.log.get(name) for name in COMMAND_RATES)
+        first, second = (none if rate is None else rate for rate in rates)
         parts = (
             rigid,
             np.stack(drive, 2),
@@ -402,11 +402,11 @@ class Problem:
 
     def predicted(self, fit: SharedFit, outputs: Sequence[OutputColumns]) -> Array:
         """(n, J) commands by the fit; as they are logged in samples that it does not use."""
-        found = self.late[0].copy()
+        commands = self.late[0].copy()
         for j, output in enumerate(outputs):
-            known = self.late[0][self.used[:, j], j] - output.left
-            found[self.used[:, j], j] = known + output.columns @ np.append(fit.z, fit.extra[j])
-        return found
+            nominal = self.late[0][self.used[:, j], j] - output.left
+            commands[self.used[:, j], j] = nominal + output.columns @ np.append(fit.z, fit.extra[j])
+        return commands
 
     def pushed_by(self, command: Array, noise: Array, band: Array) -> Problem:
         """The regression with dead band and backlash, for predicted commands (n, J), their noise (J,) and the
@@ -428,13 +428,13 @@ class Problem:
 
     def with_ripple(self) -> Problem:
         """The regression with the amplitude of the waves, by expectation maximisation, and with the delay."""
-        found = self
+        problem = self
         for _ in range(RIPPLE_ROUNDS):
-            fit, _ = found.fitted(self.speeds_of(STRIBECK_SPEEDS[0], 1.0))
+            fit, _ = problem.fitted(self.speeds_of(STRIBECK_SPEEDS[0], 1.0))
             squares = fit.extra[:, WAVES] ** 2 + fit.spread[:, WAVES] ** 2
-            delay = found.delay + DELAY * float(fit.z[-1])
-            found = replace(found, ripple=np.sqrt(squares.mean(axis=1)), delay=delay)
-        return found
+            delay = problem.delay + DELAY * float(fit.z[-1])
+            problem = replace(problem, ripple=np.sqrt(squares.mean(axis=1)), delay=delay)
+        return problem
 
     @property
     def late(self) -> tuple[Array, Array]:
@@ -464,8 +464,8 @@ class Problem:
             drive = np.concatenate([drive, slopes], axis=2)
         outputs = [self._output(j, drive[:, j]) for j in range(self.spec.dof)]
         if dropped is not None:
-            kept = np.pad(~dropped, ((0, 0), (0, drive.shape[2] - E)), constant_values=True)
-            pairs = zip(outputs, kept, strict=True)
+            retained = np.pad(~dropped, ((0, 0), (0, drive.shape[2] - E)), constant_values=True)
+            pairs = zip(outputs, retained, strict=True)
             outputs = [replace(o, deviations=np.where(keep, o.deviations, 0.0)) for o, keep in pairs]
         limits = np.array([prior.command for prior in self.priors])
         return shared_fit(outputs, self.directions.shape[1], limits), outputs
@@ -473,8 +473,8 @@ class Problem:
     @cached_property
     def used(self) -> Mask:
         """(n, J) samples in which the joint moves away from reversals, of lost motion too."""
-        own = np.einsum("njj->nj", self.loose)
-        lost = np.stack([self.band.any(axis=0), own.any(axis=0)], axis=1)
+        diagonal = np.einsum("njj->nj", self.loose)
+        lost = np.stack([self.band.any(axis=0), diagonal.any(axis=0)], axis=1)
         pushed = np.where(lost, self.pushed, 1.0)
         return steady(self.samples, self.speed, *np.moveaxis(pushed, 2, 0))
 
@@ -493,7 +493,7 @@ class Problem:
     def _output(self, j: int, drive: Array) -> OutputColumns:
         prior, samples, model = self.priors[j], self.samples, self.mean.model
         rows = self.used[:, j]
-        known = prior.nominal if self.shared[j] else model.inertial[j]
+        nominal = prior.nominal if self.shared[j] else model.inertial[j]
         rigid = self.rigid[rows, j] @ self.directions * float(self.shared[j])
         command, rate = (part[rows, j] for part in self.late)
         rigid[:, -1] = DELAY * rate
@@ -507,10 +507,12 @@ class Problem:
         deviations[DEAD_BAND] = BAND * prior.command
         deviations = np.append(deviations, np.full(2 * RIPPLES, self.ripple[j]))
         if not self.shared.all():
-            deviations = np.append(deviations, np.full(self.drive.shape[2] - len(deviations), self.own[j]))
+            deviations = np.append(
+                deviations, np.full(self.drive.shape[2] - len(deviations), self.separate[j])
+            )
         deviations = np.append(deviations, np.full(drive.shape[1] - len(deviations), SHAPE))
         clock = Clock(samples.t[rows], samples.group[rows])
-        left = command - self.rigid[rows, j] @ known
+        left = command - self.rigid[rows, j] @ nominal
         return OutputColumns(
             np.concatenate([rigid, drive[rows]], axis=1), left, deviations, model.deviation[j], clock
         )
@@ -526,15 +528,15 @@ def _slope(spec: ArmSpec, mean: RigidBodyMean, samples: Samples) -> Array:
     model = mean.model
     q, qd, qdd = (samples.log[name] for name in (PLAN if mean.desired else PATH))
     body = (model.tree, model.drives, model.friction_velocity)
-    found = np.zeros((*q.shape, spec.dof))
+    slopes = np.zeros((*q.shape, spec.dof))
     for k, drive in enumerate(model.drives):
         if model.tree.joint_slides[k] or not drive.side(k):
             continue
         step = SMALL_TURN * (np.arange(spec.dof) == k)
         ends = (command_regressors(*body, q + side * step, qd, qdd)[0] for side in (1.0, -1.0))
         more, less = (np.einsum("njp,jp->nj", rigid, model.inertial) for rigid in ends)
-        found[..., k] = drive.side(k) * (more - less) / (2.0 * SMALL_TURN)
-    return found
+        slopes[..., k] = drive.side(k) * (more - less) / (2.0 * SMALL_TURN)
+    return slopes
 
 
 def widened(fit: SharedFit, outputs: Sequence[OutputColumns]) -> Array:
@@ -542,9 +544,9 @@ def widened(fit: SharedFit, outputs: Sequence[OutputColumns]) -> Array:
     prior = np.concatenate([np.ones(len(fit.z)), *(o.deviations for o in outputs)])
     free = prior > 0.0
     posterior, scores = fit.covariance[np.ix_(free, free)], _scores(fit, outputs)[:, free]
-    found = np.zeros_like(fit.covariance)
-    found[np.ix_(free, free)] = scattered(posterior, prior[free], scores, LEAST_SCATTER)
-    return found
+    covariance = np.zeros_like(fit.covariance)
+    covariance[np.ix_(free, free)] = scattered(posterior, prior[free], scores, LEAST_SCATTER)
+    return covariance
 
 
 def _scores(fit: SharedFit, outputs: Sequence[OutputColumns]) -> Array:
@@ -555,21 +557,21 @@ def _scores(fit: SharedFit, outputs: Sequence[OutputColumns]) -> Array:
     stretch = max(LEAST_STRETCH, STRETCHES * memory)
     # more stretches than any log has
     places = [o.clock.group * 10.0**6 + np.floor(o.clock.t / stretch) for o in outputs]
-    known = np.unique(np.concatenate(places))
-    scores = np.zeros((len(known), r + len(outputs) * width))
+    stretches = np.unique(np.concatenate(places))
+    scores = np.zeros((len(stretches), r + len(outputs) * width))
     for j, (o, left, place) in enumerate(zip(outputs, lefts, places, strict=True)):
-        own = fit.weight[j] / fit.noise[j] ** 2 * left[:, None] * o.columns
-        row = np.searchsorted(known, place)
-        np.add.at(scores[:, :r], row, own[:, :r])
-        np.add.at(scores[:, r + j * width : r + (j + 1) * width], row, own[:, r:])
+        gradients = fit.weight[j] / fit.noise[j] ** 2 * left[:, None] * o.columns
+        row = np.searchsorted(stretches, place)
+        np.add.at(scores[:, :r], row, gradients[:, :r])
+        np.add.at(scores[:, r + j * width : r + (j + 1) * width], row, gradients[:, r:])
     return scores
 
 
-def parameter_fit(found: Settled) -> ParameterFit:
+def parameter_fit(result: Settled) -> ParameterFit:
     """The drives' terms, and theta with its covariances."""
-    problem, prior = found.problem, found.prior
+    problem, prior = result.problem, result.prior
     # with the shape's own uncertainty
-    fit, outputs, _ = _without_rise(problem, found.speeds, found.dropped, found.fit.extra[:, :E])
+    fit, outputs, _ = _without_rise(problem, result.speeds, result.dropped, result.fit.extra[:, :E])
     covariance = widened(fit, outputs)
     D, (J, width) = problem.directions, fit.extra.shape
     P, r = D.shape
@@ -588,7 +590,7 @@ def parameter_fit(found: Settled) -> ParameterFit:
     loose = BACKLASH * problem.loose.any(axis=(0, 1))
     terms = np.column_stack([fit.extra[:, :E], loose * fit.z[problem.gears]])
     friction = Friction(
-        terms, np.column_stack([deviation[:, :E], loose * gears]), found.evidence, *found.speeds
+        terms, np.column_stack([deviation[:, :E], loose * gears]), result.evidence, *result.speeds
     )
     return ParameterFit(
         theta,
@@ -611,8 +613,8 @@ def _inertia(spec: ArmSpec, mean: RigidBodyMean, inertial: Array) -> Array:
     body = (model.tree, model.drives, model.friction_velocity)
     q, _, qdd = spread_states(spec, 64 + 24 * model.tree.bodies)
     still = np.zeros_like(q)
-    (moved, extra), (rest, _) = (command_regressors(*body, q, still, a) for a in (qdd, still))
-    torque = np.einsum("njp,jp->nj", moved - rest, inertial)
+    (moved, extra), (static, _) = (command_regressors(*body, q, still, a) for a in (qdd, still))
+    torque = np.einsum("njp,jp->nj", moved - static, inertial)
     return np.asarray(np.sqrt(np.mean(torque**2, axis=0) / np.mean(extra[..., 0] ** 2, axis=0)))
 
 

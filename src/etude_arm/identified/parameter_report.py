@@ -13,7 +13,14 @@ from etude.models.accuracy import NORMAL_95
 from etude.protocols import Physics
 from etude.types import Array, Delivered, Samples
 from etude_arm.config import ArmData
-from etude_arm.identified.combinations import MEASURED, PARTLY, Combination, combinations, known, share_of
+from etude_arm.identified.combinations import (
+    MEASURED,
+    PARTLY,
+    Combination,
+    combinations,
+    identifiability,
+    share_of,
+)
 from etude_arm.identified.friction_alone import LEAST_TURNS, friction_alone
 from etude_arm.identified.parameter_fit import (
     BACKLASH_TERM,
@@ -42,21 +49,25 @@ def report(spec: ArmSpec, physics: Physics | None, samples: Samples, data: ArmDa
     """Tables, sentences and friction.h; only friction for a robot without masses in a model file."""
     if physics is None:
         v0 = friction_speeds(spec, data.friction_fraction or ArmData.friction_fraction)
-        found = friction_alone(spec, samples, v0, desired=data.desired)
-        return _delivered(spec, [], found, [WITHOUT, *_uncertain(found, spec)])
+        friction = friction_alone(spec, samples, v0, desired=data.desired)
+        return _delivered(spec, [], friction, [WITHOUT, *_interval_sentences(friction, spec)])
     mean = physics(samples)
     assert isinstance(mean, RigidBodyMean)
     fit = parameter_fit(settled(samples, spec, mean))
     inertial = _inertial_rows(fit, spec)
-    said = [*_said(fit, spec, inertial), *_delay(fit), *_undecided(fit.friction, spec)]
-    return _delivered(spec, inertial, fit.friction, said)
+    sentences = [
+        *_inertial_sentences(fit, spec, inertial),
+        *_delay_sentences(fit),
+        *_dead_band_sentences(fit.friction, spec),
+    ]
+    return _delivered(spec, inertial, fit.friction, sentences)
 
 
 def _delivered(
-    spec: ArmSpec, inertial: list[dict[str, Any]], friction: Friction, said: Sequence[str]
+    spec: ArmSpec, inertial: list[dict[str, Any]], friction: Friction, lines: Sequence[str]
 ) -> Delivered:
     rows = _friction_rows(friction, spec)
-    sentences = [*said, *_friction_sentences(friction, spec, rows)]
+    sentences = [*lines, *_friction_sentences(friction, spec, rows)]
     files = {
         "parameters.csv": table([_flat(row) for row in inertial]) if inertial else "",
         "parameters.json": json.dumps(inertial, indent=1) + "\n",
@@ -75,9 +86,9 @@ def _names(spec: ArmSpec) -> list[tuple[str, str, str]]:
     model = loaded.model()
     bodies = [str(model.body(b).name) for b in range(1, model.nbody)]
     links = [loaded.links.get(body, body) for body in bodies]
-    found = [(link, name, unit) for link in links for name, unit in zip(NAMES, UNITS, strict=True)]
+    inertial = [(link, name, unit) for link in links for name, unit in zip(NAMES, UNITS, strict=True)]
     rotors = zip(spec.names, armature_units(spec), strict=True)
-    return [*found, *((name, "armature", unit) for name, unit in rotors)]
+    return [*inertial, *((name, "armature", unit) for name, unit in rotors)]
 
 
 def _inertial_rows(fit: ParameterFit, spec: ArmSpec) -> list[dict[str, Any]]:
@@ -105,7 +116,7 @@ def _base_row(fit: ParameterFit, one: Combination, names: Sequence[tuple[str, st
         **_interval(value, float(np.sqrt(weights @ fit.after @ weights))),
         "unit": names[one.parts[0][0]][2],
         "file": file,
-        "known": known(share_of(fit, one)),
+        "known": identifiability(share_of(fit, one)),
         "parts": [{"of": of, "parameter": name, "factor": factor} for of, name, factor in parts],
     }
 
@@ -138,7 +149,7 @@ def _friction_rows(fit: Friction, spec: ArmSpec) -> list[dict[str, Any]]:
             value, deviation = float(fit.terms[j, k]), float(fit.deviation[j, k])
             shown = deviation > 0.0 and bool(fit.evidence[j, k] > SHOWN)
             # a dip that is not shown goes with v_s and v0, a backlash with those of other joints
-            kept = shown if k in (STRIBECK, BACKLASH_TERM) else deviation > 0.0
+            has_interval = shown if k in (STRIBECK, BACKLASH_TERM) else deviation > 0.0
             rows.append(
                 {
                     "joint": axis.name,
@@ -146,7 +157,7 @@ def _friction_rows(fit: Friction, spec: ArmSpec) -> list[dict[str, Any]]:
                     "value": value,
                     **(
                         _interval(value, deviation)
-                        if kept
+                        if has_interval
                         else dict.fromkeys(("lower", "upper", "deviation"))
                     ),
                     "unit": TERM_UNITS[k].format(u=unit, x=axis.unit),
@@ -193,39 +204,43 @@ def _plain(name: str) -> str:
     return re.sub(r"[^A-Za-z0-9_]", "_", name)
 
 
-def _said(fit: ParameterFit, spec: ArmSpec, inertial: list[dict[str, Any]]) -> list[str]:
+def _inertial_sentences(fit: ParameterFit, spec: ArmSpec, inertial: list[dict[str, Any]]) -> list[str]:
     """Of the inertial parameters."""
     if not inertial:
         return [f"Commands are in {spec.command_unit}: without the motors' constants no mass follows."]
     counts = [sum(row["known"] == word for row in inertial) for word in KNOWN]
     base = len(inertial) - counts[-1]
     parts = ", ".join(f"{n} {word}" for n, word in zip(counts, KNOWN, strict=True) if n)
-    said = [f"Any motion could show {base} combinations of {len(fit.theta)} parameters: {parts}."]
+    sentences = [f"Any motion could show {base} combinations of {len(fit.theta)} parameters: {parts}."]
     if fit.own_scale.any():
-        others = [name for name, own in zip(spec.names, fit.own_scale, strict=True) if own]
-        said.append(f"The commands of {', '.join(others)} are of another scale: no mass follows from them.")
-    return said
+        others = [name for name, is_own in zip(spec.names, fit.own_scale, strict=True) if is_own]
+        sentences.append(
+            f"The commands of {', '.join(others)} are of another scale: no mass follows from them."
+        )
+    return sentences
 
 
-def _delay(fit: ParameterFit) -> list[str]:
+def _delay_sentences(fit: ParameterFit) -> list[str]:
     """What the logs tell of it; nothing where they tell next to nothing."""
     value, deviation = 1e3 * np.array(fit.delay)
-    told = deviation < 1e3 * HARDLY * DELAY
-    return [f"Commands act {value:.1f} +- {NORMAL_95 * deviation:.1f} ms after they are logged."] * bool(told)
+    is_known = deviation < 1e3 * HARDLY * DELAY
+    return [f"Commands act {value:.1f} +- {NORMAL_95 * deviation:.1f} ms after they are logged."] * bool(
+        is_known
+    )
 
 
-def _undecided(found: Friction, spec: ArmSpec) -> list[str]:
+def _dead_band_sentences(friction: Friction, spec: ArmSpec) -> list[str]:
     """Of commands that are no forces, whose drives may have a dead band."""
-    nats = np.abs(found.evidence[:, DEAD_BAND])
+    nats = np.abs(friction.evidence[:, DEAD_BAND])
     names = [name for name, size in zip(spec.names, nats.tolist(), strict=True) if size < SHOWN]
-    said = f"The logs do not decide on a dead band of {', '.join(names)}: Coulomb friction contains one."
-    return [said] * bool(names and spec.command_unit not in FORCES)
+    sentence = f"The logs do not decide on a dead band of {', '.join(names)}: Coulomb friction contains one."
+    return [sentence] * bool(names and spec.command_unit not in FORCES)
 
 
 def _friction_sentences(fit: Friction, spec: ArmSpec, rows: list[dict[str, Any]]) -> list[str]:
     shown = {(row["joint"], row["term"]) for row in rows if row["shown"]}
     return [
-        f"Friction of {name}: {_friction_words(fit.terms[j], fit.deviation[j], unit, name, shown)}."
+        f"Friction of {name}: {_friction_text(fit.terms[j], fit.deviation[j], unit, name, shown)}."
         for j, (name, unit) in enumerate(zip(spec.names, spec.command_units, strict=True))
     ]
 
@@ -236,10 +251,10 @@ WITHOUT = (
 )
 
 
-def _uncertain(found: Friction, spec: ArmSpec) -> list[str]:
+def _interval_sentences(friction: Friction, spec: ArmSpec) -> list[str]:
     """Of joints whose terms have no interval."""
-    known = np.any(found.terms, axis=1) & ~np.any(found.deviation, axis=1)
-    names = [name for name, one in zip(spec.names, known.tolist(), strict=True) if one]
+    without_interval = np.any(friction.terms, axis=1) & ~np.any(friction.deviation, axis=1)
+    names = [name for name, one in zip(spec.names, without_interval.tolist(), strict=True) if one]
     few = f"fewer than {LEAST_TURNS} reversals in the logs do not separate friction from gravity"
     return [f"No interval is stated for {', '.join(names)}: {few}. Tell a log with more."] * bool(names)
 
@@ -247,9 +262,7 @@ def _uncertain(found: Friction, spec: ArmSpec) -> list[str]:
 KNOWN = ("measured", "partly", "from the file", "not identifiable")
 
 
-def _friction_words(
-    terms: Array, deviation: Array, unit: str, joint: str, shown: set[tuple[str, str]]
-) -> str:
+def _friction_text(terms: Array, deviation: Array, unit: str, joint: str, shown: set[tuple[str, str]]) -> str:
     named = [
         f"{term} {digits(terms[k])} +- {NORMAL_95 * deviation[k]:.2g}"
         for k, term in enumerate(TERMS)
@@ -259,9 +272,9 @@ def _friction_words(
 
 
 def _readme(
-    spec: ArmSpec, said: list[str], inertial: list[dict[str, Any]], friction: list[dict[str, Any]]
+    spec: ArmSpec, lines: list[str], inertial: list[dict[str, Any]], friction: list[dict[str, Any]]
 ) -> str:
-    sentences = "\n".join(f"- {sentence}" for sentence in said)
+    sentences = "\n".join(f"- {sentence}" for sentence in lines)
     bases = "".join(
         f"| {row['parameter']} | {row['value']:.4g} | {_range(row)} | {row['unit']} | {row['file']:.4g} "
         f"| {row['known']} |\n"

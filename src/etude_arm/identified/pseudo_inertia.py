@@ -69,13 +69,13 @@ def root_of(phi: Array) -> Array:
 
 def basis() -> Array:
     """(10, 4, 4) symmetric matrices, orthonormal: coordinates x of X = sum x_k E_k."""
-    found = []
+    matrices = []
     for i in range(4):
         for j in range(i, 4):
             E = np.zeros((4, 4))
             E[i, j] = E[j, i] = 1.0 if i == j else np.sqrt(0.5)
-            found.append(E)
-    return np.array(found)
+            matrices.append(E)
+    return np.array(matrices)
 
 
 def coordinates(phi: Array) -> Array:

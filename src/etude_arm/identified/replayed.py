@@ -41,25 +41,25 @@ class Replayed:
 
 
 def replayed(
-    files: Mapping[str, bytes], samples: Samples, spec: ArmSpec, found: Identified, mean: RigidBodyMean
+    files: Mapping[str, bytes], samples: Samples, spec: ArmSpec, fit: Identified, mean: RigidBodyMean
 ) -> Replayed:
     """Args:
-    files: as of `mjcf`. found: the parameters in them.
+    files: as of `mjcf`. fit: the parameters in them.
     """
     import mujoco
 
     plain, *_ = files
     assets = {path.rsplit("/", 1)[-1]: data for path, data in files.items()}
     motion = [samples.log[name] for name in (PLAN if mean.desired else PATH)]
-    tree, drives = found.links.tree, found.links.drives
+    tree, drives = fit.links.tree, fit.links.drives
     moved = drive_motion(tree, drives, body_motion(tree, *motion), *motion[1:])
 
     def error(predicted: Array) -> Array:
-        return np.asarray(np.sqrt(np.mean((samples.command - predicted) ** 2, axis=0, where=found.used)))
+        return np.asarray(np.sqrt(np.mean((samples.command - predicted) ** 2, axis=0, where=fit.used)))
 
     def played(name: str) -> Array:
         model = mujoco.MjModel.from_xml_string(files[name].decode(), assets)
-        return error(moved.to_drive(inverse(model, spec, *motion)) + found.own[:, OFFSET_TERM])
+        return error(moved.to_drive(inverse(model, spec, *motion)) + fit.drive_terms[:, OFFSET_TERM])
 
     file = played(plain)
     return Replayed(
@@ -88,7 +88,7 @@ def inverse(model: mujoco.MjModel, spec: ArmSpec, q: Array, qd: Array, qdd: Arra
         (model.actuator_ctrlnum == 0) & (model.actuator_trntype == mujoco.mjtTrn.mjTRN_JOINT)
     )
     driven = model.jnt_dofadr[model.actuator_trnid[free, 0]]
-    found = np.zeros_like(q)
+    forces = np.zeros_like(q)
     for i in range(len(q)):
         data.qpos[at], data.qvel[dofs], data.qacc[dofs] = q[i], qd[i], qdd[i]
         mujoco.mj_inverse(model, data)
@@ -96,8 +96,8 @@ def inverse(model: mujoco.MjModel, spec: ArmSpec, q: Array, qd: Array, qdd: Arra
         mujoco.mj_fwdActuation(model, data)
         force = data.qfrc_inverse.copy()
         np.subtract.at(force, driven, model.actuator_gear[free, 0] * data.actuator_force[free])
-        found[i] = force[dofs]
-    return found
+        forces[i] = force[dofs]
+    return forces
 
 
 def _settle(model: mujoco.MjModel, data: mujoco.MjData, free: Index, driven: Index) -> None:

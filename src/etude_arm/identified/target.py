@@ -15,7 +15,7 @@ from etude.logs.readers.cells import text_cell
 from etude.models.accuracy import NORMAL_95
 from etude.protocols import Kind
 from etude.types import Array, Delivered, Samples
-from etude_arm.identified.combinations import MEASURED, PARTLY, known
+from etude_arm.identified.combinations import MEASURED, PARTLY, identifiability
 from etude_arm.identified.consistent_parameters import Identified, identified
 from etude_arm.identified.model_file_writer import JointTerms, mjcf, with_drives, written
 from etude_arm.identified.pseudo_inertia import is_possible
@@ -55,22 +55,22 @@ class ModelFile:
         forces.
         """
         _require_forces(spec)
-        given = taken(options, FileOptions, self.name)
-        mean = kind.physics(spec, given.config)["identified"](given.samples)
+        file_options = taken(options, FileOptions, self.name)
+        mean = kind.physics(spec, file_options.config)["identified"](file_options.samples)
         assert isinstance(mean, RigidBodyMean)
-        found = identified(given.samples, spec, mean)
-        bodies = {name: found.result.phi[place] for name, place in found.links.told_of}
-        written = self.write(spec, bodies, found.joints)
+        fit = identified(file_options.samples, spec, mean)
+        bodies = {name: fit.result.phi[place] for name, place in fit.links.identifiable}
+        written = self.write(spec, bodies, fit.joints)
         name, *_ = written
-        played = _played(name, written, given.samples, spec, found, mean)
-        rows = _rows(found)
-        said = [
-            *_said(found, spec, rows),
-            *_carried(name, spec),
-            *_lost(found, spec),
-            *_played_sentences(name, played, found, spec),
+        played = _played(name, written, file_options.samples, spec, fit, mean)
+        rows = _rows(fit)
+        sentences = [
+            *_summary_sentences(fit, spec, rows),
+            *_addition_sentences(name, spec),
+            *_lost_motion_sentences(fit, spec),
+            *_played_sentences(name, played, fit, spec),
         ]
-        facts: dict[str, Any] = {"told": found.measured, "segments": found.errors.segments}
+        facts: dict[str, Any] = {"told": fit.measured, "segments": fit.errors.segments}
         if played is not None:
             names = ("file", "drives", "physics")
             facts["played"] = {
@@ -80,11 +80,11 @@ class ModelFile:
             **written,
             "identifiability.csv": table(rows).encode(),
             "identifiability.json": (json.dumps(rows, indent=1) + "\n").encode(),
-            "README.md": _readme(name, found, spec, rows, said).encode(),
+            "README.md": _readme(name, fit, spec, rows, sentences).encode(),
         }
-        if played is not None and (waves := _cogging(found)):
+        if played is not None and (waves := _cogging(fit)):
             files["cogging.csv"] = table(waves).encode()
-        return Delivered(files, tuple(said), {**facts, "parameters": rows})
+        return Delivered(files, tuple(sentences), {**facts, "parameters": rows})
 
 
 URDF, MJCF = ModelFile("urdf", written), ModelFile("mjcf", mjcf)
@@ -95,26 +95,26 @@ def _played(
     files: Mapping[str, bytes],
     samples: Samples,
     spec: ArmSpec,
-    found: Identified,
+    fit: Identified,
     mean: RigidBodyMean,
 ) -> Replayed | None:
     """Errors on the logs, if MuJoCo can read the file."""
-    return None if name.endswith(".urdf") else replayed(files, samples, spec, found, mean)
+    return None if name.endswith(".urdf") else replayed(files, samples, spec, fit, mean)
 
 
-def _played_sentences(name: str, played: Replayed | None, found: Identified, spec: ArmSpec) -> list[str]:
+def _played_sentences(name: str, played: Replayed | None, fit: Identified, spec: ArmSpec) -> list[str]:
     if played is None:
         return []
     errors = played.file, played.drives, played.physics
     pairs = zip(spec.names, spec.command_units, *errors, strict=True)
     parts = ", ".join(
-        f"{joint} {digits(file)}, {digits(full)} ({digits(own)}) {unit}"
-        for joint, unit, file, full, own in pairs
+        f"{joint} {digits(file)}, {digits(full)} ({digits(by_physics)}) {unit}"
+        for joint, unit, file, full, by_physics in pairs
     )
-    waves = zip(spec.names, spec.command_units, found.ripple.tolist(), strict=True)
-    cogs = [name for name, terms in found.joints.items() if terms.cogging]
+    waves = zip(spec.names, spec.command_units, fit.ripple.tolist(), strict=True)
+    cogs = [name for name, terms in fit.joints.items() if terms.cogging]
     ripple = ", ".join(f"{joint} {digits(size)} {unit}" for joint, unit, size in waves if joint in cogs)
-    dips = ", ".join(name for name, terms in found.joints.items() if terms.dip is not None)
+    dips = ", ".join(name for name, terms in fit.joints.items() if terms.dip is not None)
     second = [f"cogging, which was told from gravity (rms: {ripple})"] * bool(ripple)
     second += [f"Stribeck's dip ({dips})"] * bool(dips)
     return [
@@ -129,11 +129,11 @@ def _played_sentences(name: str, played: Replayed | None, found: Identified, spe
     ]
 
 
-def _cogging(found: Identified) -> list[dict[str, Any]]:
+def _cogging(fit: Identified) -> list[dict[str, Any]]:
     """A row for each wave of cogging, as a force on the joint."""
     return [
         {"joint": name, "periods": periods, "amplitude": size, "phase": phase, "unit": "N m"}
-        for name, terms in found.joints.items()
+        for name, terms in fit.joints.items()
         for periods, size, phase in terms.cogging
     ]
 
@@ -152,9 +152,9 @@ def _require_forces(spec: Any) -> None:
         )
 
 
-def _rows(found: Identified) -> list[dict[str, Any]]:
-    result, rows = found.result, []
-    for body, place in found.links.told_of:
+def _rows(fit: Identified) -> list[dict[str, Any]]:
+    result, rows = fit.result, []
+    for body, place in fit.links.identifiable:
         after, before = (np.sqrt(np.diag(C)[place]) for C in (result.covariance, result.prior))
         for k, name in enumerate(NAMES):
             share = max(0.0, float(1.0 - (after[k] / before[k]) ** 2))
@@ -163,11 +163,11 @@ def _rows(found: Identified) -> list[dict[str, Any]]:
                     "link": body,
                     "parameter": name,
                     "unit": UNITS[k],
-                    "file": float(found.links.nominal[place][k]),
+                    "file": float(fit.links.nominal[place][k]),
                     "found": float(result.phi[place][k]),
                     "deviation": float(after[k]),
                     "share": share,
-                    "known": known(share),
+                    "known": identifiability(share),
                 }
             )
     return rows
@@ -184,37 +184,39 @@ def _cell(value: Any) -> str:
     return "" if value is None else text_cell(value) if isinstance(value, str) else repr(value)
 
 
-def _count(rows: list[dict[str, Any]], known: str) -> int:
-    return sum(row["known"] == known for row in rows)
+def _count(rows: list[dict[str, Any]], source: str) -> int:
+    return sum(row["known"] == source for row in rows)
 
 
-def _said(found: Identified, spec: ArmSpec, rows: list[dict[str, Any]]) -> list[str]:
-    errors = found.errors
-    said = [
-        f"Any motion could show {found.shown} combinations of inertial parameters and armatures; the logs "
-        f"measured {found.measured} of them.",
+def _summary_sentences(fit: Identified, spec: ArmSpec, rows: list[dict[str, Any]]) -> list[str]:
+    errors = fit.errors
+    sentences = [
+        f"Any motion could show {fit.shown} combinations of inertial parameters and armatures; the logs "
+        f"measured {fit.measured} of them.",
         f"Of {len(rows)} single inertial parameters {_count(rows, 'measured')} are measured, "
         f"{_count(rows, 'partly')} partly, "
         f"{_count(rows, 'from the file')} are the file's.",
     ]
     if errors.segments:
-        pairs = zip(spec.names, spec.command_units, errors.file, errors.found, strict=True)
+        pairs = zip(spec.names, spec.command_units, errors.file, errors.identified, strict=True)
         parts = ", ".join(
             f"{name} {digits(before)} -> {digits(after)} {unit}" for name, unit, before, after in pairs
         )
-        said.append(f"Error on segments left out: {parts}.")
-        ratios = dict(zip(spec.names, errors.found / errors.file, strict=True))
+        sentences.append(f"Error on segments left out: {parts}.")
+        ratios = dict(zip(spec.names, errors.identified / errors.file, strict=True))
         worse = [name for name, ratio in ratios.items() if ratio > 1.0 + NOTHING]
         if worse:
-            said.append(f"On {', '.join(worse)} the file's own inertias predict better: do not use these.")
+            sentences.append(
+                f"On {', '.join(worse)} the file's own inertias predict better: do not use these."
+            )
         elif all(ratio > 1.0 - NOTHING for ratio in ratios.values()):
-            said.append("The file's own inertias predict as well.")
+            sentences.append("The file's own inertias predict as well.")
     else:
-        said.append("One segment alone: whether these inertias are better than the file's is not known.")
-    return said
+        sentences.append("One segment alone: whether these inertias are better than the file's is not known.")
+    return sentences
 
 
-def _carried(name: str, spec: ArmSpec) -> list[str]:
+def _addition_sentences(name: str, spec: ArmSpec) -> list[str]:
     added = (("tool", spec.tool), ("payload", spec.payload), ("mounting", spec.mounting))
     carried = [name for name, one in added if one is not None]
     if not carried:
@@ -223,12 +225,12 @@ def _carried(name: str, spec: ArmSpec) -> list[str]:
     return [f"What robot.toml adds, {' and '.join(carried)}, {place}."]
 
 
-def _lost(found: Identified, spec: ArmSpec) -> list[str]:
+def _lost_motion_sentences(fit: Identified, spec: ArmSpec) -> list[str]:
     """What no model file has."""
     parts = [
         f"{name} {what} {digits(size)} {unit}"
-        for name, own, sizes in zip(spec.names, spec.command_units, found.lost.tolist(), strict=True)
-        for what, size, unit in zip(("dead band", "backlash"), sizes, (own, "rad"), strict=True)
+        for name, command_unit, sizes in zip(spec.names, spec.command_units, fit.lost.tolist(), strict=True)
+        for what, size, unit in zip(("dead band", "backlash"), sizes, (command_unit, "rad"), strict=True)
         if size
     ]
     return [f"The file has no dead band and no backlash, and the logs show {', '.join(parts)}."] * bool(parts)
@@ -239,9 +241,11 @@ def digits(value: float) -> str:
     return f"{value:#.3g}".removesuffix(".")
 
 
-def _readme(name: str, found: Identified, spec: ArmSpec, rows: list[dict[str, Any]], said: list[str]) -> str:
-    sentences = "\n".join(f"- {sentence}" for sentence in said)
-    possible = all(is_possible(found.result.phi[place]) for _, place in found.links.told_of)
+def _readme(
+    name: str, fit: Identified, spec: ArmSpec, rows: list[dict[str, Any]], conclusions: list[str]
+) -> str:
+    sentences = "\n".join(f"- {sentence}" for sentence in conclusions)
+    possible = all(is_possible(fit.result.phi[place]) for _, place in fit.links.identifiable)
     head = "| link | parameter | unit | file | found | +- (95 %) | known |\n|---|---|---|---|---|---|---|\n"
     lines = "".join(
         f"| {r['link']} | {r['parameter']} | {r['unit']} | {r['file']:.4g} | {r['found']:.4g} "
@@ -256,19 +260,19 @@ def _readme(name: str, found: Identified, spec: ArmSpec, rows: list[dict[str, An
   file as it can be; `share` in identifiability.csv is the part of a parameter's variance that the logs took
   away (measured: above {MEASURED:g}, partly: above {PARTLY:g}).
 - Friction and damping of the joints are written too. Armature, which a URDF has no place for:
-  {_armature(found, spec)}.
+  {_armature(fit, spec)}.
 
 m c and I are about the link's own origin, along its axes.
 
 {head}{lines}"""
 
 
-def _armature(found: Identified, spec: ArmSpec) -> str:
+def _armature(fit: Identified, spec: ArmSpec) -> str:
     pairs = zip(spec.names, armature_units(spec), strict=True)
-    own = [
-        f"{name} {digits(found.joints[name].armature)} {unit}" for name, unit in pairs if name in found.joints
+    parts = [
+        f"{name} {digits(fit.joints[name].armature)} {unit}" for name, unit in pairs if name in fit.joints
     ]
-    return ", ".join(own) or "none was found"
+    return ", ".join(parts) or "none was found"
 
 
 def armature_units(spec: ArmSpec) -> list[str]:

@@ -77,8 +77,8 @@ class Attached:
             )
         from etude_arm.loading.inertia import possible
 
-        own = self.moments()
-        if possible(own) is not own:
+        moments = self.moments()
+        if possible(moments) is not moments:
             raise UsageError(
                 f"no body has this inertia: {list(self.inertia or ())}",
                 where="inertia",
@@ -91,10 +91,10 @@ class Attached:
         from etude_arm.loading.rotations import turn_of
 
         if self.inertia is not None:
-            given = np.zeros((3, 3))
+            inertia = np.zeros((3, 3))
             for value, (_, i, j) in zip(self.inertia, ENTRIES, strict=True):
-                given[i, j] = given[j, i] = value
-            return given
+                inertia[i, j] = inertia[j, i] = value
+            return inertia
         turn, off = turn_of(*self.rotation), np.subtract(self.shape_centre or self.centre, self.centre)
         steiner = off @ off * np.eye(3) - np.outer(off, off)
         return np.asarray(
@@ -117,13 +117,13 @@ def _homogeneous(shape: str, size: tuple[float, ...]) -> Array:
     return np.array([across, across, radius**2 / 2])
 
 
-def tip(found: Sequence[Moving], joints: Sequence[str], what: str) -> str:
+def tip(moving: Sequence[Moving], joints: Sequence[str], what: str) -> str:
     """The last chosen joint: the one that carries no other chosen joint.
 
     Raises:
         UsageError: there are several, so that the link has to be named.
     """
-    before = {joint.name: joint.before for joint in found}
+    before = {joint.name: joint.before for joint in moving}
     carrying = set()
     for name in joints:
         while name := before[name]:

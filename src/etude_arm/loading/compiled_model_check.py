@@ -47,18 +47,19 @@ def check_agreement(
     Raises:
         UnsafeModelError: they differ; the message names the quantity, the difference and the joint or link.
     """
-    found = list(_joints(model, expected))
-    if not found:
-        found = _at_pose(model, expected, shapes, whole)
-    refuse(found, where)
+    differences = list(_joints(model, expected))
+    if not differences:
+        differences = _at_pose(model, expected, shapes, whole)
+    refuse(differences, where)
 
 
-def refuse(found: list[str], where: str) -> None:
+def refuse(differences: list[str], where: str) -> None:
     """Raises an UnsafeModelError that names the first differences, if there are any."""
-    if found:
-        more = f"; and {len(found) - SHOWN} more" if len(found) > SHOWN else ""
+    if differences:
+        more = f"; and {len(differences) - SHOWN} more" if len(differences) > SHOWN else ""
         raise UnsafeModelError(
-            f"the compiled model is another robot than its description: {'; '.join(found[:SHOWN])}{more}",
+            "the compiled model is another robot than its description: "
+            f"{'; '.join(differences[:SHOWN])}{more}",
             where=where,
             next_step="Nothing is made of such a model: its forces and distances would be wrong. Please "
             "report it with the model file and robot.toml.",
@@ -86,13 +87,13 @@ def _at_pose(model: mujoco.MjModel, expected: Expected, shapes: bool, whole: boo
     frame = np.tile(np.eye(4), (len(joints), 1, 1))
     bodies = model.jnt_bodyid[joints]
     frame[:, :3, :3], frame[:, :3, 3] = data.xmat[bodies].reshape(-1, 3, 3), data.xpos[bodies]
-    found = list(_base(model, frame, expected))
-    if found:  # with a wrong base every link below would differ, too
-        return found + list(_masses(model, data, joints, expected, placed=False))
-    found += _frames(frame, data.xanchor[joints], data.xaxis[joints], expected)
-    found += _masses(model, data, joints, expected, placed=True)
-    found += [] if found else _weights(model, data, joints, expected)
-    return found + (list(_shapes(model, data, expected, whole)) if shapes else [])
+    differences = list(_base(model, frame, expected))
+    if differences:  # with a wrong base every link below would differ, too
+        return differences + list(_masses(model, data, joints, expected, placed=False))
+    differences += _frames(frame, data.xanchor[joints], data.xaxis[joints], expected)
+    differences += _masses(model, data, joints, expected, placed=True)
+    differences += [] if differences else _weights(model, data, joints, expected)
+    return differences + (list(_shapes(model, data, expected, whole)) if shapes else [])
 
 
 def _base(model: mujoco.MjModel, frame: Array, expected: Expected) -> Iterator[str]:
@@ -101,9 +102,9 @@ def _base(model: mujoco.MjModel, frame: Array, expected: Expected) -> Iterator[s
     base = frame[first] @ np.linalg.inv(expected.frame[first]) @ expected.base
     if not alike(base, expected.base):
         yield f"the base is {apart(base, expected.base)} where it should be"
-    vjp, wanted = base[:3, :3].T @ _gravity(model), expected.base[:3, :3].T @ expected.gravity
-    if np.abs(vjp - wanted).max() > TURN * max(float(np.linalg.norm(wanted)), 1.0):
-        yield f"gravity in the frame of the base is {_text(vjp)} m/s^2, to be {_text(wanted)}"
+    gravity, expected_gravity = base[:3, :3].T @ _gravity(model), expected.base[:3, :3].T @ expected.gravity
+    if np.abs(gravity - expected_gravity).max() > TURN * max(float(np.linalg.norm(expected_gravity)), 1.0):
+        yield f"gravity in the frame of the base is {_text(gravity)} m/s^2, to be {_text(expected_gravity)}"
 
 
 def _gravity(model: mujoco.MjModel) -> Array:
@@ -143,21 +144,21 @@ def _masses(
     """Compares the mass of the rigid part that each joint moves; if `placed`, also its centre and inertia."""
     part = _parts(model, joints)
     for j, name in enumerate(expected.joints):
-        own = part == j
-        mass, wanted = float(model.body_mass[own].sum()), float(expected.mass[j])
-        if abs(mass - wanted) > NEGLIGIBLE + SHARE * wanted:
-            why = _lost(wanted - mass, expected)
-            yield f"what joint '{name}' moves weighs {mass:.6g} kg, to be {wanted:.6g}{why}"
+        mask = part == j
+        mass, expected_mass = float(model.body_mass[mask].sum()), float(expected.mass[j])
+        if abs(mass - expected_mass) > NEGLIGIBLE + SHARE * expected_mass:
+            why = _missing_load(expected_mass - mass, expected)
+            yield f"what joint '{name}' moves weighs {mass:.6g} kg, to be {expected_mass:.6g}{why}"
             continue
-        if not placed or wanted <= NEGLIGIBLE:
+        if not placed or expected_mass <= NEGLIGIBLE:
             continue
-        weights = model.body_mass[own]
-        centre = weights @ data.xipos[own] / mass
-        if np.abs(centre - expected.centre[j]).max() > LENGTH * max(1.0, NEGLIGIBLE * 1e3 / wanted):
+        weights = model.body_mass[mask]
+        centre = weights @ data.xipos[mask] / mass
+        if np.abs(centre - expected.centre[j]).max() > LENGTH * max(1.0, NEGLIGIBLE * 1e3 / expected_mass):
             away = float(np.linalg.norm(centre - expected.centre[j]))
             yield f"the centre of mass of what joint '{name}' moves is off by {away:.3g} m"
             continue
-        inertia = _inertia(model, data, np.flatnonzero(own), centre)
+        inertia = _inertia(model, data, np.flatnonzero(mask), centre)
         off = float(np.abs(inertia - expected.inertia[j]).max())  # NaN: no possible inertia
         # a negligible mass at 0.1 m
         if off > NEGLIGIBLE * 1e-2 + SHARE * float(np.trace(expected.inertia[j])):
@@ -165,15 +166,15 @@ def _masses(
 
 
 def _inertia(model: mujoco.MjModel, data: mujoco.MjData, bodies: Index, centre: Array) -> Array:
-    found = np.zeros((3, 3))
+    inertia = np.zeros((3, 3))
     for b in bodies:
         turn, away = data.ximat[b].reshape(3, 3), data.xipos[b] - centre
-        found += turn * model.body_inertia[b] @ turn.T
-        found += model.body_mass[b] * (away @ away * np.eye(3) - np.outer(away, away))
-    return found
+        inertia += turn * model.body_inertia[b] @ turn.T
+        inertia += model.body_mass[b] * (away @ away * np.eye(3) - np.outer(away, away))
+    return inertia
 
 
-def _lost(less: float, expected: Expected) -> str:
+def _missing_load(less: float, expected: Expected) -> str:
     """Names of the tool or payload whose mass equals the missing mass."""
     for what, mass in expected.carried.items():
         # masses in files have three digits or more
@@ -191,40 +192,41 @@ def _weights(model: mujoco.MjModel, data: mujoco.MjData, joints: Index, expected
     yield from weight_differences(held[model.jnt_dofadr[joints]], expected)
 
 
-def weight_differences(own: Array, expected: Expected) -> Iterator[str]:
+def weight_differences(torque: Array, expected: Expected) -> Iterator[str]:
     """A sentence for each torque of gravity (J,) that differs from the expected one."""
-    wanted = expected.weight
+    expected_torque = expected.weight
     # total weight, N, at 1 m: sums of torques that cancel have rounding errors of this size
-    scale = float(np.abs(wanted).max(initial=0.0)) + 9.81 * float(expected.mass.sum())
+    scale = float(np.abs(expected_torque).max(initial=0.0)) + 9.81 * float(expected.mass.sum())
     for j, name in enumerate(expected.joints):
-        if abs(own[j] - wanted[j]) > NEGLIGIBLE + SHARE * scale:
+        if abs(torque[j] - expected_torque[j]) > NEGLIGIBLE + SHARE * scale:
             unit = "N" if expected.slides[j] else "N m"
-            yield f"gravity asks {own[j]:.6g} {unit} of joint '{name}', to be {wanted[j]:.6g}"
+            yield f"gravity asks {torque[j]:.6g} {unit} of joint '{name}', to be {expected_torque[j]:.6g}"
 
 
 def _shapes(model: mujoco.MjModel, data: mujoco.MjData, expected: Expected, whole: bool) -> Iterator[str]:
     """Checks that every shape, called "link#k", has a pose of its link's shapes, and that no required shape
     is missing.
     """
-    left: dict[str, list[Place]] = {link: list(own) for link, own in expected.shapes.items()}
-    seen: set[int] = set()
+    left: dict[str, list[Place]] = {link: list(places) for link, places in expected.shapes.items()}
+    matched: set[int] = set()
     for g in range(model.ngeom):
         link, numbered, _ = str(model.geom(g).name).rpartition("#")
         if not numbered or link not in left:
             continue
-        own = _place(model, data, g)
-        same = [place for place in left[link] if _alike(place, own)]
+        geom = _place(model, data, g)
+        same = [place for place in left[link] if _alike(place, geom)]
         if same:
             best = min(same, key=lambda place: not place.needed)
-            if own.kind == "mesh":  # a bent mesh has several hulls at one pose
-                seen.add(id(best))
+            if geom.kind == "mesh":  # a bent mesh has several hulls at one pose
+                matched.add(id(best))
             else:
                 left[link].remove(best)
-        elif own.kind != GUESSED or all(place.kind != "mesh" for place in expected.shapes[link]):
-            yield f"a {own.kind} of '{link}' stands at {_text(own.centre)} m, where the description has none"
+        elif geom.kind != GUESSED or all(place.kind != "mesh" for place in expected.shapes[link]):
+            centre = _text(geom.centre)
+            yield f"a {geom.kind} of '{link}' stands at {centre} m, where the description has none"
     if whole:
         for link, places in left.items():
-            gone = [place for place in places if place.needed and id(place) not in seen]
+            gone = [place for place in places if place.needed and id(place) not in matched]
             if gone:
                 yield f"a {gone[0].kind} of '{link}' is missing, at {_text(gone[0].centre)} m"
 
@@ -237,21 +239,21 @@ def _place(model: mujoco.MjModel, data: mujoco.MjData, g: int) -> Place:
 
     kind, turn, centre = int(model.geom_type[g]), data.geom_xmat[g].reshape(3, 3), data.geom_xpos[g]
     if kind == MESH:
-        mesh, own = int(model.geom_dataid[g]), np.zeros(9)
-        mujoco.mju_quat2Mat(own, model.mesh_quat[mesh])
-        turn = turn @ own.reshape(3, 3).T
+        mesh, rotation = int(model.geom_dataid[g]), np.zeros(9)
+        mujoco.mju_quat2Mat(rotation, model.mesh_quat[mesh])
+        turn = turn @ rotation.reshape(3, 3).T
         centre = centre - turn @ model.mesh_pos[mesh]
     return Place(KINDS.get(kind, ""), centre, turn, tuple(model.geom_size[g].tolist()))
 
 
-def _alike(place: Place, own: Place) -> bool:
+def _alike(place: Place, geom: Place) -> bool:
     """Whether a geom equals the shape; the rotation of a sphere does not matter."""
-    size = np.array(own.size[: len(place.size)]) - place.size
+    size = np.array(geom.size[: len(place.size)]) - place.size
     return (
-        place.kind == own.kind
-        and float(np.abs(place.centre - own.centre).max())
-        < LENGTH * max(1.0, float(np.abs(own.centre).max()))
-        and (place.kind == "sphere" or float(np.abs(place.turn - own.turn).max()) < TURN)
+        place.kind == geom.kind
+        and float(np.abs(place.centre - geom.centre).max())
+        < LENGTH * max(1.0, float(np.abs(geom.centre).max()))
+        and (place.kind == "sphere" or float(np.abs(place.turn - geom.turn).max()) < TURN)
         and float(np.abs(size).max(initial=0.0)) < LENGTH
     )
 

@@ -84,13 +84,13 @@ class Expected:
         """(J,) torques and forces that hold the robot at rest at q, N m (N), from masses and lever arms
         alone.
         """
-        found = np.zeros(len(self.joints))
+        torques = np.zeros(len(self.joints))
         for j, (axis, anchor) in enumerate(zip(self.axis, self.anchor, strict=True)):
             for i in np.flatnonzero(self.moves[:, j]):
-                vjp = self.mass[i] * self.gravity
-                lever = np.cross(self.centre[i] - anchor, vjp)
-                found[j] -= axis @ (vjp if self.slides[j] else lever)
-        return found
+                force = self.mass[i] * self.gravity
+                lever = np.cross(self.centre[i] - anchor, force)
+                torques[j] -= axis @ (force if self.slides[j] else lever)
+        return torques
 
 
 def pose_of_joints(slides: Mask) -> Array:
@@ -112,9 +112,9 @@ def gathered(parts: list[tuple[int, float, Array, Array]], joints: int) -> tuple
         moment[j] += kg * at
     centre = moment / np.maximum(mass, np.finfo(float).tiny)[:, None]
     inertia = np.zeros((joints, 3, 3))
-    for j, kg, at, own in parts:
+    for j, kg, at, body_inertia in parts:
         away = at - centre[j]
-        inertia[j] += own + kg * (away @ away * np.eye(3) - np.outer(away, away))
+        inertia[j] += body_inertia + kg * (away @ away * np.eye(3) - np.outer(away, away))
     return mass, centre, inertia
 
 
@@ -206,14 +206,14 @@ def _placed(
 
 def _motion(joint: ET.Element, value: float) -> Array:
     """(4, 4) transformation of a joint at that position; the unit matrix unless it is a hinge or a slide."""
-    found = np.eye(4)
+    transform = np.eye(4)
     if joint.get("type") == "prismatic":
-        found[:3, 3] = _axis(joint) * value
+        transform[:3, 3] = _axis(joint) * value
     elif joint.get("type") in ("revolute", "continuous"):
         x, y, z = _axis(joint)
         across = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-        found[:3, :3] += math.sin(value) * across + (1.0 - math.cos(value)) * across @ across
-    return found
+        transform[:3, :3] += math.sin(value) * across + (1.0 - math.cos(value)) * across @ across
+    return transform
 
 
 def _axis(joint: ET.Element) -> Array:
@@ -233,14 +233,14 @@ def _origin(element: ET.Element) -> Array:
 
 def pose_matrix(xyz: Array | tuple[float, ...], rpy: Array | tuple[float, ...]) -> Array:
     """(4, 4): roll about the fixed x, then pitch about y, then yaw about z."""
-    found = np.eye(4)
+    transform = np.eye(4)
     for k, angle in enumerate(rpy):
         turn, (i, j) = np.eye(3), ((1, 2), (2, 0), (0, 1))[k]
         turn[i, i] = turn[j, j] = math.cos(angle)
         turn[j, i], turn[i, j] = math.sin(angle), -math.sin(angle)
-        found[:3, :3] = turn @ found[:3, :3]
-    found[:3, 3] = xyz
-    return found
+        transform[:3, :3] = turn @ transform[:3, :3]
+    transform[:3, 3] = xyz
+    return transform
 
 
 def _numbers(element: ET.Element | None, key: str, default: tuple[float, ...]) -> Array:
@@ -262,20 +262,22 @@ def _carrier(one: Attached, joints: Mapping[str, ET.Element], links: _Links, cho
 
 
 def _parts(root: ET.Element, links: _Links) -> list[tuple[int, float, Array, Array]]:
-    found = []
+    parts = []
     for link in root.findall("link"):
         inertial, name = link.find("inertial"), link.get("name", "")
         mass = 0.0 if inertial is None else float(_numbers(inertial.find("mass"), "value", (0.0,))[0])
         if inertial is None or mass < NO_MASS:
             continue
-        given, own = inertial.find("inertia"), np.zeros((3, 3))
+        element, moments = inertial.find("inertia"), np.zeros((3, 3))
         for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)):
-            own[i, j] = own[j, i] = _numbers(given, f"i{'xyz'[i]}{'xyz'[j]}", (0.0,))[0]
-        low, middle, high = np.linalg.eigvalsh(own)
+            moments[i, j] = moments[j, i] = _numbers(element, f"i{'xyz'[i]}{'xyz'[j]}", (0.0,))[0]
+        low, middle, high = np.linalg.eigvalsh(moments)
         if low < SMALLEST or high > low + middle:
-            own = np.full((3, 3), np.nan)  # an impossible inertia: `inertia` replaces it, and a note says so
-        found += _weighing(links, name, mass, _origin(inertial), own)
-    return found
+            moments = np.full(
+                (3, 3), np.nan
+            )  # an impossible inertia: `inertia` replaces it, and a note says so
+        parts += _weighing(links, name, mass, _origin(inertial), moments)
+    return parts
 
 
 def _weighing(
@@ -291,14 +293,14 @@ def _weighing(
 
 def _places(link: ET.Element, links: _Links) -> tuple[Place, ...]:
     """The possible shapes of a link, collision and visual; primitive collision shapes are required."""
-    found = []
+    places = []
     for shape in (*link.findall("collision"), *link.findall("visual")):
         geometry = shape.find("geometry")
         if geometry is not None and len(geometry):
             pose = links.pose.get(link.get("name", ""), np.eye(4)) @ _origin(shape)
             kind, needed = geometry[0].tag, shape.tag == "collision" and geometry[0].tag != "mesh"
-            found.append(Place(kind, pose[:3, 3], pose[:3, :3], _size(geometry[0]), needed))
-    return tuple(found)
+            places.append(Place(kind, pose[:3, 3], pose[:3, :3], _size(geometry[0]), needed))
+    return tuple(places)
 
 
 def _size(shape: ET.Element) -> tuple[float, ...]:

@@ -26,14 +26,14 @@ def hull(points: Array) -> tuple[Array, Index]:
     """
     points = _thickened(points)
     try:
-        found = ConvexHull(points)
+        convex = ConvexHull(points)
     except QhullError:  # nearly flat: QJ moves points by rounding errors
-        found = ConvexHull(points, qhull_options="QJ")
-    kept, faces = np.unique(found.simplices, return_inverse=True)
+        convex = ConvexHull(points, qhull_options="QJ")
+    corners, faces = np.unique(convex.simplices, return_inverse=True)
     faces = faces.reshape(-1, 3)
-    vertices = points[kept]
+    vertices = points[corners]
     a, b, c = (vertices[faces[:, i]] for i in range(3))
-    inwards = np.einsum("fi,fi->f", np.cross(b - a, c - a), found.equations[:, :3]) < 0
+    inwards = np.einsum("fi,fi->f", np.cross(b - a, c - a), convex.equations[:, :3]) < 0
     faces[inwards] = faces[inwards][:, ::-1]
     return vertices, faces
 
@@ -87,13 +87,13 @@ def _between(triangles: Array, side: int, low: float, high: float) -> Array:
     corners = triangles.reshape(-1, 3)
     inside = corners[(corners[:, side] >= low) & (corners[:, side] <= high)]
     start, end = corners, triangles[:, [1, 2, 0]].reshape(-1, 3)
-    found = [inside]
+    parts = [inside]
     for plane in (low, high):
         across = (start[:, side] - plane) * (end[:, side] - plane) < 0
         a, b = start[across], end[across]
         share = (plane - a[:, side]) / (b[:, side] - a[:, side])
-        found.append(a + share[:, None] * (b - a))
-    return np.concatenate(found)
+        parts.append(a + share[:, None] * (b - a))
+    return np.concatenate(parts)
 
 
 def volume(points: Array) -> float:

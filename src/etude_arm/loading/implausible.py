@@ -76,7 +76,7 @@ def _large(model: mujoco.MjModel, parts: list[int]) -> list[str]:
     The mass of a body lies inside it. So its radius of gyration about the centre of mass is at most the
     distance from there to its farthest point. Parts without shapes are skipped.
     """
-    found = []
+    large = []
     for b in parts:
         centre, shown = model.body_ipos[b], []
         for g in np.flatnonzero(model.geom_bodyid == b):
@@ -87,8 +87,8 @@ def _large(model: mujoco.MjModel, parts: list[int]) -> list[str]:
         shown += [float(np.linalg.norm(end - centre)) for end in (np.zeros(3), *ends)]
         radius = float(np.sqrt(model.body_inertia[b].max() / model.body_mass[b]))
         if radius > max(shown):
-            found.append(f"{model.body(b).name} ({radius:.2g} m of {max(shown):.2g})")
-    return found
+            large.append(f"{model.body(b).name} ({radius:.2g} m of {max(shown):.2g})")
+    return large
 
 
 def _few(names: list[str]) -> str:

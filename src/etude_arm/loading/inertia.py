@@ -92,9 +92,9 @@ def _sound(inertial: ET.Element, place: str) -> tuple[ET.Element, float, str]:
     mass = 0.0 if element is None else number(element.get("value", "0"), place)
     if not 0.0 <= mass < np.inf:
         raise UsageError(f"a mass cannot be {mass:g} kg", where=place, next_step="Correct the model file.")
-    given, inertia = inertial.find("inertia"), np.zeros((3, 3))
+    stated, inertia = inertial.find("inertia"), np.zeros((3, 3))
     for key, i, j in ENTRIES:
-        value = 0.0 if given is None else number(given.get(key, "0"), place)
+        value = 0.0 if stated is None else number(stated.get(key, "0"), place)
         inertia[i, j] = inertia[j, i] = value
     if not np.all(np.isfinite(inertia)):
         raise UsageError("an inertia is infinite", where=place, next_step="Correct the model file.")

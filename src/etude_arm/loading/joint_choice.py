@@ -65,15 +65,15 @@ def length(joint: Moving, after: Mapping[str, list[Moving]]) -> int:
     return 1 + max((length(one, after) for one in after[joint.name]), default=0)
 
 
-def without_tip(path: list[Moving], found: Sequence[Moving]) -> list[Moving]:
+def without_tip(path: list[Moving], moving: Sequence[Moving]) -> list[Moving]:
     """The limb without the finger at its end: a joint of short travel, or one that other joints follow."""
     tip = path[-1]
     short = tip.slides and tip.upper - tip.lower <= SHORTEST_STROKE
-    is_finger = short or any(joint.leader == tip.name for joint in found)
+    is_finger = short or any(joint.leader == tip.name for joint in moving)
     return path[:-1] if len(path) > 2 and is_finger else path
 
 
-def option(limbs: Sequence[Moving], after: Mapping[str, list[Moving]], found: Sequence[Moving]) -> str:
+def option(limbs: Sequence[Moving], after: Mapping[str, list[Moving]], moving: Sequence[Moving]) -> str:
     """The option that chooses the longest limb that is no leg, without its hand: a pattern if it matches
     exactly these joints, else their names.
     """
@@ -82,9 +82,9 @@ def option(limbs: Sequence[Moving], after: Mapping[str, list[Moving]], found: Se
     ]
     while (following := after[path[-1].name]) and not ends_in_hand(path, following, after):
         path.append(max(following, key=lambda one: length(one, after)))
-    names = [joint.name for joint in without_tip(path, found)]
+    names = [joint.name for joint in without_tip(path, moving)]
     pattern = f"{commonprefix(names)}*"  # noqa: RUF071 characters are meant
-    alone = [joint.name for joint in found if fnmatchcase(joint.name, pattern)] == names
+    alone = [joint.name for joint in moving if fnmatchcase(joint.name, pattern)] == names
     return f"--joints {repr(pattern) if alone and len(names) > 1 < len(pattern) else ' '.join(names)}"
 
 
@@ -95,23 +95,23 @@ def ends_in_hand(
     return len(following) > 1 and all(length(one, after) < len(path) for one in following)
 
 
-def example(found: Sequence[Moving]) -> str:
+def example(moving: Sequence[Moving]) -> str:
     """The end of a sentence with the option that chooses the longest limb; "" if no joint moves
     independently.
     """
-    own = [joint for joint in found if not joint.leader]
-    after = {joint.name: [j for j in own if j.before == joint.name] for joint in own}
-    starts = [joint for joint in own if joint.before not in after]
-    return f", for example {option(starts, after, found)}" if starts else ""
+    independent = [joint for joint in moving if not joint.leader]
+    after = {joint.name: [j for j in independent if j.before == joint.name] for joint in independent}
+    starts = [joint for joint in independent if joint.before not in after]
+    return f", for example {option(starts, after, moving)}" if starts else ""
 
 
 def described(limbs: Sequence[Moving], after: Mapping[str, list[Moving]]) -> str:
     return ", ".join(f"{joint.name} and {length(joint, after) - 1} more" for joint in limbs)
 
 
-def no_arm(found: Sequence[Moving], where: str) -> UsageError:
+def no_arm(moving: Sequence[Moving], where: str) -> UsageError:
     """The error for a file without an arm: what moves, what is not verified, and how to choose joints."""
-    if not found:
+    if not moving:
         return UsageError(
             "no arm: nothing in the file moves",
             where=where,
@@ -120,100 +120,102 @@ def no_arm(found: Sequence[Moving], where: str) -> UsageError:
         )
     return UsageError(
         "no arm: no chain of two or more joints begins at the base, without fingers (by name) and joints "
-        f"that follow others (moving joints: {', '.join(joint.name for joint in found)})",
+        f"that follow others (moving joints: {', '.join(joint.name for joint in moving)})",
         where=where,
-        next_step=f"Choose joints with --joints if it should learn all the same{example(found)}.",
+        next_step=f"Choose joints with --joints if it should learn all the same{example(moving)}.",
     )
 
 
 def choose(
-    found: Sequence[Moving], wanted: Sequence[str] | None, given: Mapping[str, float], where: str
+    moving: Sequence[Moving], patterns: Sequence[str] | None, positions: Mapping[str, float], where: str
 ) -> Choice:
     """The choice among a file's moving joints.
 
     Args:
-        found: all of them, each after the one that carries it.
-        wanted: names or patterns; None: the one arm.
-        given: positions of joints that are held, rad or m.
+        moving: all of them, each after the one that carries it.
+        patterns: names or patterns; None: the one arm.
+        positions: of joints that are held, rad or m.
         where: the file, for messages.
 
     Raises:
         UsageError: no arm or several, an unknown moving joint, or a position outside its joint's range.
     """
-    joints = _only_arm(found, where) if wanted is None else _named(found, wanted, where)
-    held, unverified = _held(found, joints, given, where)
+    joints = _only_arm(moving, where) if patterns is None else _selected(moving, patterns, where)
+    held, unverified = _held_positions(moving, joints, positions, where)
     notes = [
         f"{sentence[0].upper()}{sentence[1:]}: clearances and torques of what it carries are wrong."
         for sentence in unverified
     ]
-    if wanted is None:
-        notes += _left(found, held) + _perhaps_finger(found, joints)
+    if patterns is None:
+        notes += _held_sentences(moving, held) + _finger_sentences(moving, joints)
     if held:
         stays = ", ".join(f"{name} at {at:.4g}" for name, at in held.items())
         unverified = [f"held joints are taken to stay where they are: {stays}", *unverified]
     return Choice(joints, held, tuple(notes), tuple(unverified))
 
 
-def _left(found: Sequence[Moving], held: Mapping[str, float]) -> list[str]:
+def _held_sentences(moving: Sequence[Moving], held: Mapping[str, float]) -> list[str]:
     """One sentence on all independent joints that are not part of the arm."""
-    joints = _by_name(found)
+    joints = _by_name(moving)
     units = {name: "m" if joints[name].slides else "rad" for name in held}
     stand = [f"'{name}' at {at:.4g} {units[name]}" for name, at in held.items() if not joints[name].leader]
     return [f"Joints are held: {', '.join(stand)}. Name in --joints what should move."] if stand else []
 
 
-def _perhaps_finger(found: Sequence[Moving], joints: Sequence[str]) -> list[str]:
+def _finger_sentences(moving: Sequence[Moving], joints: Sequence[str]) -> list[str]:
     """A sentence for an arm whose last joint moves a link named as a gripper, without moving fingers."""
-    tip = _by_name(found)[joints[-1]]
-    carrying = any(joint.before == tip.name for joint in found)
+    tip = _by_name(moving)[joints[-1]]
+    carrying = any(joint.before == tip.name for joint in moving)
     if len(joints) < 3 or carrying or not FINGER.search(tip.carries):
         return []
-    rest = " ".join(joints[:-1])
-    return [f"Joint '{tip.name}' moves '{tip.carries}': if that is a finger, leave it out, --joints {rest}."]
+    others = " ".join(joints[:-1])
+    return [
+        f"Joint '{tip.name}' moves '{tip.carries}': if that is a finger, leave it out, --joints {others}."
+    ]
 
 
-def _by_name(found: Sequence[Moving]) -> dict[str, Moving]:
-    return {joint.name: joint for joint in found}
+def _by_name(moving: Sequence[Moving]) -> dict[str, Moving]:
+    return {joint.name: joint for joint in moving}
 
 
-def _leader(found: Sequence[Moving], name: str) -> str:
-    return _by_name(found)[name].leader
+def _leader(moving: Sequence[Moving], name: str) -> str:
+    return _by_name(moving)[name].leader
 
 
-def _named(found: Sequence[Moving], wanted: Sequence[str], where: str) -> tuple[str, ...]:
+def _selected(moving: Sequence[Moving], patterns: Sequence[str], where: str) -> tuple[str, ...]:
     """The joints that names and patterns select, in their order; those of a pattern from the base
     outwards.
     """
-    known = [joint.name for joint in found]
+    names = [joint.name for joint in moving]
     chosen: list[str] = []
-    for word in wanted:
-        meant = [name for name in known if name == word] or [n for n in known if fnmatchcase(n, word)]
+    for word in patterns:
+        meant = [name for name in names if name == word] or [n for n in names if fnmatchcase(n, word)]
         chosen += [name for name in meant if name not in chosen]
-        _require_joints([] if meant else [word], known, where)
+        _require_joints([] if meant else [word], names, where)
     for name in chosen:
-        if leader := _leader(found, name):
+        if leader := _leader(moving, name):
             raise UsageError(
                 f"joint '{name}' follows '{leader}' (<mimic>)",
                 where=where,
                 next_step=f"Name '{leader}' instead: a joint that follows another is no axis of its own.",
             )
     if not chosen:
-        raise UsageError("no joint is named", where=where, next_step=f"Choose of {', '.join(known)}.")
+        raise UsageError("no joint is named", where=where, next_step=f"Choose of {', '.join(names)}.")
     return tuple(chosen)
 
 
-def _require_joints(unknown: Sequence[str], known: Sequence[str], where: str) -> None:
+def _require_joints(unknown: Sequence[str], names: Sequence[str], where: str) -> None:
     if unknown:
         raise UsageError(
             f"the model has no moving joint {', '.join(unknown)}",
             where=where,
-            next_step=f"Its moving joints are {', '.join(known)}.",
+            next_step=f"Its moving joints are {', '.join(names)}.",
         )
 
 
-def _only_arm(found: Sequence[Moving], where: str) -> tuple[str, ...]:
+def _only_arm(moving: Sequence[Moving], where: str) -> tuple[str, ...]:
     """The one chain of joints from the base to its tip, without fingers."""
-    free = _without_fingers(found)
+    free = _without_fingers(moving)
     after = {joint.name: [j for j in free if j.before == joint.name] for joint in free}
     starts = [joint for joint in free if joint.before == ""]
     limbs = [joint for joint in starts if length(joint, after) >= 2]
@@ -222,43 +224,43 @@ def _only_arm(found: Sequence[Moving], where: str) -> tuple[str, ...]:
             f"several limbs begin at the base: {described(limbs, after)}",
             where=where,
             next_step="Is the base bolted down? Then choose an arm, for example "
-            f"{option(limbs, after, found)}. Robots that walk or fly are none of this kind.",
+            f"{option(limbs, after, moving)}. Robots that walk or fly are none of this kind.",
         )
     if not limbs:
-        if len(free) == 1 and math.isfinite(free[0].upper - free[0].lower) and _carries_all(free[0], found):
+        if len(free) == 1 and math.isfinite(free[0].upper - free[0].lower) and _carries_all(free[0], moving):
             return (free[0].name,)
-        raise no_arm(found, where)
+        raise no_arm(moving, where)
     path = limbs
-    while following := _next(path, after, found, where):
+    while following := _next(path, after, moving, where):
         path.append(following)
-    return tuple(joint.name for joint in without_tip(path, found))
+    return tuple(joint.name for joint in without_tip(path, moving))
 
 
-def _carries_all(one: Moving, found: Sequence[Moving]) -> bool:
+def _carries_all(one: Moving, moving: Sequence[Moving]) -> bool:
     """Whether this joint carries all other independent joints; otherwise it is a finger."""
     carried = {one.name}
-    for joint in found:  # each after the one that carries it
+    for joint in moving:  # each after the one that carries it
         if joint.before in carried:
             carried.add(joint.name)
-    return all(joint.leader or joint.name in carried for joint in found)
+    return all(joint.leader or joint.name in carried for joint in moving)
 
 
-def _without_fingers(found: Sequence[Moving]) -> list[Moving]:
+def _without_fingers(moving: Sequence[Moving]) -> list[Moving]:
     """Independent joints without fingers and without joints that fingers carry. A single finger alone is the
     arm.
     """
     left: list[Moving] = []
     dropped: set[str] = set()
-    for joint in found:
+    for joint in moving:
         if joint.leader or joint.before in dropped or FINGER.search(joint.name):
             dropped.add(joint.name)
         else:
             left.append(joint)
-    return left or [joint for joint in found if not joint.leader]
+    return left or [joint for joint in moving if not joint.leader]
 
 
 def _next(
-    path: Sequence[Moving], after: Mapping[str, list[Moving]], found: Sequence[Moving], where: str
+    path: Sequence[Moving], after: Mapping[str, list[Moving]], moving: Sequence[Moving], where: str
 ) -> Moving | None:
     """The next joint of the arm; None at its tip, where several single joints are a hand."""
     branches = after[path[-1].name]
@@ -268,7 +270,7 @@ def _next(
     if len(long) > 1:
         hand = ends_in_hand(path, branches, after)
         choose = "Are they a hand? Then choose what carries it" if hand else "Choose one"
-        shown = option(path[:1] if hand else long, after, found)
+        shown = option(path[:1] if hand else long, after, moving)
         raise UsageError(
             f"several limbs begin after joint '{path[-1].name}': {described(long, after)}",
             where=where,
@@ -277,21 +279,21 @@ def _next(
     return long[0] if long else None
 
 
-def _held(
-    found: Sequence[Moving], chosen: Sequence[str], given: Mapping[str, float], where: str
+def _held_positions(
+    moving: Sequence[Moving], chosen: Sequence[str], positions: Mapping[str, float], where: str
 ) -> tuple[dict[str, float], list[str]]:
     """Positions of all joints that are not chosen, and the followers that are held although they should move.
 
     A joint without a given position is held at 0 if that is in its range, else at the nearest limit.
     """
-    joints = _by_name(found)
-    _require_joints([name for name in given if name not in joints], list(joints), where)
-    for name, at in given.items():
+    joints = _by_name(moving)
+    _require_joints([name for name in positions if name not in joints], list(joints), where)
+    for name, at in positions.items():
         _check_given(joints[name], at, chosen, where)
-    stand = {name: given.get(name, min(max(0.0, one.lower), one.upper)) for name, one in joints.items()}
+    stand = {name: positions.get(name, min(max(0.0, one.lower), one.upper)) for name, one in joints.items()}
     unverified = []
     for name, joint in joints.items():
-        if joint.leader in joints and name not in given:
+        if joint.leader in joints and name not in positions:
             stand[name] = joint.factor * stand[joint.leader] + joint.offset
             if joint.leader in chosen:
                 unverified.append(f"joint '{name}' follows '{joint.leader}' (<mimic>), here it stands still")

@@ -44,15 +44,15 @@ def load(
         UnsafeModelError: the compiled model differs from the file and the additions (`compiled_model_check`).
     """
     root = parsed(path)
-    given = dict(held or {})
+    positions = dict(held or {})
     if root.tag == "robot":
         from etude_arm.loading.urdf import load_urdf
 
-        loaded = load_urdf(root, path, joints, given, mesh_roots, shapes, added)
+        loaded = load_urdf(root, path, joints, positions, mesh_roots, shapes, added)
     else:
         from etude_arm.loading.mjcf import load_mjcf
 
-        loaded = load_mjcf(path, joints, given, drives, added)
+        loaded = load_mjcf(path, joints, positions, drives, added)
     loaded.model()  # compiles once, which checks the model against the description
     return loaded
 

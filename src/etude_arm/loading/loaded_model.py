@@ -107,10 +107,10 @@ class Loaded:
 
 def refused(problem: ValueError, where: str = "") -> UsageError:
     """The error for a model that MuJoCo cannot load, with MuJoCo's message."""
-    said = "; ".join(line.strip() for line in str(problem).splitlines() if line.strip())
-    of_masses = "mass" in said or "inertia" in said
+    message = "; ".join(line.strip() for line in str(problem).splitlines() if line.strip())
+    of_masses = "mass" in message or "inertia" in message
     return UsageError(
-        f"MuJoCo cannot load the model: {said}",
+        f"MuJoCo cannot load the model: {message}",
         where=where,
         next_step="Every moving link needs a mass and an inertia of its own."
         if of_masses

@@ -70,10 +70,10 @@ def folders_below(package: str, root: Path) -> list[Path]:
         return [root]
     for installed in (False, True):
         folders = _workspace(root, installed)
-        found = [one for one in folders if declared(one) == package]
-        found = found or [one for one in folders if one.name == package]
-        if found:
-            return found
+        matches = [one for one in folders if declared(one) == package]
+        matches = matches or [one for one in folders if one.name == package]
+        if matches:
+            return matches
     return []
 
 
@@ -83,16 +83,16 @@ def _workspace(root: Path, installed: bool) -> tuple[Path, ...]:
 
     Folders inside a package do not count, and a folder with several paths or in a loop of links counts once.
     """
-    seen: set[Path] = set()
-    found: list[Path] = []
+    visited: set[Path] = set()
+    folders: list[Path] = []
     left = [root]
     while left:
         folder = left.pop(0)
         real = folder.resolve()
-        if real in seen:
+        if real in visited:
             continue
-        seen.add(real)
-        found.append(folder)
+        visited.add(real)
+        folders.append(folder)
         if declared(folder) and folder != root:
             continue
         children = _children(folder)
@@ -101,7 +101,7 @@ def _workspace(root: Path, installed: bool) -> tuple[Path, ...]:
             built = one.name in (*BUILT, *INSTALLED) and (SOURCES in names or _ignored(one))
             if (installed and one.name in INSTALLED) or (not built and not _ignored(one)):
                 left.append(one)
-    return tuple(found[1:])
+    return tuple(folders[1:])
 
 
 def _ignored(folder: Path) -> bool:
@@ -160,8 +160,8 @@ class MeshPaths:
         """The file of the mesh `name`, or its converted copy; None if there is none or several are
         possible.
         """
-        found = self._named(name) or self._guess(name)
-        return None if found is None else _readable(found)
+        path = self._named(name) or self._guess(name)
+        return None if path is None else _readable(path)
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -199,12 +199,12 @@ class MeshPaths:
     @staticmethod
     def _require_one(package: str, inside: str, root: Path) -> None:
         """Raises a UsageError if several packages of one name below a root have the mesh."""
-        found = [one for one in folders_below(package, root) if (one / inside).is_file()]
-        if len(found) > 1:
+        packages = [one for one in folders_below(package, root) if (one / inside).is_file()]
+        if len(packages) > 1:
             raise UsageError(
-                f"several packages below {root} are called {package}: {', '.join(map(str, found))}",
+                f"several packages below {root} are called {package}: {', '.join(map(str, packages))}",
                 where=f"{package}/{inside}",
-                next_step=f"Name the folder that is meant: --mesh-root {shlex.quote(str(found[0]))}",
+                next_step=f"Name the folder that is meant: --mesh-root {shlex.quote(str(packages[0]))}",
             )
 
     def _guess(self, name: str) -> Path | None:
@@ -218,7 +218,7 @@ class MeshPaths:
         for starts in (self.roots, self.model.resolve().parents):
             places = [start / tail for start in starts for tail in tails if tail]
             files = {path.resolve(): path for path in places if path.is_file()}
-            free = [path for own, path in files.items() if own not in self._meant]
+            free = [path for real, path in files.items() if real not in self._named_files]
             if len(free) > 1:
                 self._several[name] = free
                 return None
@@ -229,7 +229,7 @@ class MeshPaths:
         return None
 
     @cached_property
-    def _meant(self) -> set[Path]:
+    def _named_files(self) -> set[Path]:
         """Files that a name of the model file refers to, which no guess may use."""
         return {path.resolve() for name in self.names if (path := self._named(name)) is not None}
 
@@ -246,10 +246,10 @@ def _few(names: list[str]) -> str:
 
 def _parts(name: str) -> tuple[str, str, str]:
     """Scheme, package and path of "scheme://package/path"; a path without scheme has no package."""
-    scheme, found, rest = name.partition("://")
-    if not found:
+    scheme, separator, location = name.partition("://")
+    if not separator:
         return "", "", name
-    package, _, inside = rest.lstrip("/").partition("/")
+    package, _, inside = location.lstrip("/").partition("/")
     return scheme, package, inside
 
 

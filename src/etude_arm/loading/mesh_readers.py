@@ -66,8 +66,8 @@ def _is_mesh(suffix: str, data: bytes) -> bool:
     if suffix == ".stl":
         return (len(data) == STL_HEAD and not any(data[80:84])) or data.lstrip().startswith(b"solid")
     if suffix == ".obj":
-        words = {line.split(None, 1)[0] for line in data.splitlines() if line.strip()}
-        return bool(words) and all(word in OBJ_WORDS or word.startswith(b"#") for word in words)
+        keywords = {line.split(None, 1)[0] for line in data.splitlines() if line.strip()}
+        return bool(keywords) and all(word in OBJ_WORDS or word.startswith(b"#") for word in keywords)
     return True
 
 
@@ -186,11 +186,11 @@ def fans(corners: Index, counts: Sequence[int]) -> Index:
     """(n, 3) corners of the triangles of polygons, given as a sequence of corners."""
     many = np.array(counts)
     first = np.cumsum(many) - many
-    found = [np.zeros((0, 3), dtype=np.int64)]
+    triangles = [np.zeros((0, 3), dtype=np.int64)]
     for i in range(1, int(many.max(initial=0)) - 1):
         start = first[many > i + 1]
-        found.append(corners[np.stack([start, start + i, start + i + 1], axis=1)])
-    return np.concatenate(found)
+        triangles.append(corners[np.stack([start, start + i, start + i + 1], axis=1)])
+    return np.concatenate(triangles)
 
 
 def _positions(vertices: ET.Element, named: dict[str, ET.Element]) -> Array:
@@ -253,7 +253,7 @@ def ply_triangles(data: bytes) -> Array:
     lines = [line.split() for line in head.decode("ascii", "replace").splitlines()]
     if not end or lines[:1] != [["ply"]]:
         raise ValueError("no header of a PLY file")
-    order = ORDERS[next(words[1] for words in lines if words[:1] == ["format"])]
+    order = ORDERS[next(tokens[1] for tokens in lines if tokens[:1] == ["format"])]
     body = body.partition(b"\n")[2]
     read = _Binary(body, order) if order else _Ascii(body)
     points, faces = np.empty((0, 3)), list[list[float]]()
@@ -270,15 +270,15 @@ def ply_triangles(data: bytes) -> Array:
 
 
 def _elements(lines: Sequence[Sequence[str]]) -> list[_Element]:
-    found: list[_Element] = []
-    for words in lines:
-        if words[:1] == ["element"]:
-            found.append(_Element(words[1], int(words[2])))
-        elif words[:2] == ["property", "list"]:
-            found[-1].properties.append((words[4], KINDS[words[3]], KINDS[words[2]]))
-        elif words[:1] == ["property"]:
-            found[-1].properties.append((words[2], KINDS[words[1]], ""))
-    return found
+    elements: list[_Element] = []
+    for tokens in lines:
+        if tokens[:1] == ["element"]:
+            elements.append(_Element(tokens[1], int(tokens[2])))
+        elif tokens[:2] == ["property", "list"]:
+            elements[-1].properties.append((tokens[4], KINDS[tokens[3]], KINDS[tokens[2]]))
+        elif tokens[:1] == ["property"]:
+            elements[-1].properties.append((tokens[2], KINDS[tokens[1]], ""))
+    return elements
 
 
 class _Ascii:
@@ -309,9 +309,9 @@ class _Binary:
             yield name, self._next(kind, int(self._next(length, 1)[0]) if length else 1)
 
     def _next(self, kind: str, count: int) -> list[float]:
-        found = np.frombuffer(self.body, self.order + kind, count, self.at)  # ValueError beyond the end
-        self.at += found.nbytes
-        return [float(value) for value in found]
+        numbers = np.frombuffer(self.body, self.order + kind, count, self.at)  # ValueError beyond the end
+        self.at += numbers.nbytes
+        return [float(value) for value in numbers]
 
 
 MAGIC, HEAD = b"glTF", 12
@@ -332,8 +332,8 @@ def glb_triangles(data: bytes) -> Array:
     roots = (
         scenes[content.get("scene", 0)].get("nodes", []) if scenes else range(len(content.get("nodes", [])))
     )
-    found = [part for root in roots for part in _shown(content, numbers, root, np.eye(4), 0)]
-    return np.concatenate(found) if found else np.zeros((0, 3, 3))
+    parts = [part for root in roots for part in _shown(content, numbers, root, np.eye(4), 0)]
+    return np.concatenate(parts) if parts else np.zeros((0, 3, 3))
 
 
 def _chunks(data: bytes) -> tuple[dict[str, Any], bytes]:
@@ -371,10 +371,10 @@ def _frame(node: dict[str, Any]) -> Array:
     x, y, z, w = node.get("rotation", (0.0, 0.0, 0.0, 1.0))
     u, s = np.array([x, y, z]), np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
     turn = (w * w - u @ u) * np.eye(3) + 2.0 * np.outer(u, u) + 2.0 * w * s
-    found = np.eye(4)
-    found[:3, :3] = turn * np.array(node.get("scale", (1.0, 1.0, 1.0)))
-    found[:3, 3] = node.get("translation", (0.0, 0.0, 0.0))
-    return found
+    transform = np.eye(4)
+    transform[:3, :3] = turn * np.array(node.get("scale", (1.0, 1.0, 1.0)))
+    transform[:3, 3] = node.get("translation", (0.0, 0.0, 0.0))
+    return transform
 
 
 def _corners(content: dict[str, Any], numbers: bytes, primitive: dict[str, Any]) -> Array:

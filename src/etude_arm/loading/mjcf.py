@@ -64,14 +64,14 @@ def planes_of(model: mujoco.MjModel) -> tuple[Wall, ...]:
 
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
-    found: list[Wall] = []
+    planes: list[Wall] = []
     for g in range(model.ngeom):
         if int(model.geom_type[g]) == PLANE and not model.body_weldid[model.geom_bodyid[g]]:
-            name = numbered(model.geom(g).name or "plane", [wall.name for wall in found], " ")
+            name = numbered(model.geom(g).name or "plane", [wall.name for wall in planes], " ")
             # people read them: -0.0 becomes 0.0
             at, normal = (v.round(DIGITS) + 0.0 for v in (data.geom_xpos[g], data.geom_xmat[g][2::3]))
-            found.append(Wall(name, tuple(at.tolist()), tuple(normal.tolist())))
-    return tuple(found)
+            planes.append(Wall(name, tuple(at.tolist()), tuple(normal.tolist())))
+    return tuple(planes)
 
 
 def beside(model: mujoco.MjModel, choice: Choice, shapes: Mapping[str, int]) -> dict[str, str]:
@@ -82,14 +82,14 @@ def beside(model: mujoco.MjModel, choice: Choice, shapes: Mapping[str, int]) -> 
         shapes: geoms of the model by the names that they were given, "body#k".
     """
     roots = {int(model.body_rootid[model.jnt_bodyid[model.joint(name).id]]) for name in choice.joints}
-    found: dict[str, str] = {}
+    names: dict[str, str] = {}
     for shape, g in shapes.items():
         b = int(model.geom_bodyid[g])
         if int(model.body_rootid[b]) not in roots:
-            own = model.geom(g).name or (name_of(model, b) if b else "box")
+            geom_name = model.geom(g).name or (name_of(model, b) if b else "box")
             # a name with # would be one of a link's shapes
-            found[shape] = numbered(own.replace("#", " "), found.values(), " ")
-    return found
+            names[shape] = numbered(geom_name.replace("#", " "), names.values(), " ")
+    return names
 
 
 CONNECT, WELD, JOINT, TENDON = 0, 1, 2, 3  # mjtEq
@@ -135,11 +135,11 @@ def _outside(model: mujoco.MjModel, choice: Choice, bodies: tuple[int, int]) -> 
 
 def _carriers(model: mujoco.MjModel, b: int) -> set[str]:
     """Names of the joints between the world and a body."""
-    found: set[str] = set()
+    joints: set[str] = set()
     while b:
-        found |= {model.joint(j).name for j in joints_of(model, b)}
+        joints |= {model.joint(j).name for j in joints_of(model, b)}
         b = int(model.body_parentid[b])
-    return found
+    return joints
 
 
 def _zero(model: mujoco.MjModel, joint: int) -> float:
@@ -162,8 +162,8 @@ def notes_of(model: mujoco.MjModel, choice: Choice) -> tuple[str, ...]:
             "The file switches gravity off: torques here have none. Correct its <option> unless that is so."
         )
     elif np.abs(model.opt.gravity - DOWN).max() > CLOSE:
-        vjp = ", ".join(f"{x:g}" for x in model.opt.gravity)
-        notes.append(f"Gravity in the file is ({vjp}) m/s^2, not 9.81 downwards along z: is that so?")
+        gravity = ", ".join(f"{x:g}" for x in model.opt.gravity)
+        notes.append(f"Gravity in the file is ({gravity}) m/s^2, not 9.81 downwards along z: is that so?")
     light = [name_of(model, b) for b in range(1, model.nbody) if model.body_gravcomp[b] and not off]
     moved = [name for name in light if part_of(model, choice, model.body(name).id)] if light else []
     if moved:
@@ -227,15 +227,15 @@ def _tendons(model: mujoco.MjModel, choice: Choice) -> Iterator[tuple[str, int]]
 
 
 def load_mjcf(
-    path: Path, wanted: Sequence[str] | None, given: Mapping[str, float], drives: bool, added: Additions
+    path: Path, patterns: Sequence[str] | None, positions: Mapping[str, float], drives: bool, added: Additions
 ) -> Loaded:
     """`load.load` of an MJCF."""
-    found = compiled(path)
-    model = found.model
-    choice = chosen_in(model, wanted, given, str(path))
+    compilation = compiled(path)
+    model = compilation.model
+    choice = chosen_in(model, patterns, positions, str(path))
     new = written(model, choice, drives, added)
     loose = "".join(f" although '{name}' leaves it free" for name in _floating(model))
-    lost = [f"the shape of {what}: its mesh is missing" for what in found.shapeless]
+    lost = [f"the shape of {what}: its mesh is missing" for what in compilation.shapeless]
     bodies = [body for _, body in _lying(model)]
     stays = [f"'{body}' lies free and is taken to stay where the file puts it" for body in bodies]
     base = f"the base is taken to be fixed{loose}"
@@ -249,7 +249,13 @@ def load_mjcf(
         *added.unverified(),
     )
     lying = [f"Bodies that lie free are taken to stay where the file puts them: {', '.join(bodies)}."]
-    notes = (*choice.notes, *(lying if bodies else ()), *found.notes, *notes_of(model, choice), *new.notes)
+    notes = (
+        *choice.notes,
+        *(lying if bodies else ()),
+        *compilation.notes,
+        *notes_of(model, choice),
+        *new.notes,
+    )
     room = {"planes": planes_of(model), "beside": beside(model, choice, new.shapes)}
     head = (new.xml, new.assets, choice.joints, choice.held, notes, unverified, new.excluded)
     expected = mjcf_expected(model, choice, added)
@@ -257,7 +263,7 @@ def load_mjcf(
 
 
 def chosen_in(
-    model: mujoco.MjModel, wanted: Sequence[str] | None, given: Mapping[str, float], where: str
+    model: mujoco.MjModel, patterns: Sequence[str] | None, positions: Mapping[str, float], where: str
 ) -> Choice:
     """The choice of joints in an MJCF; a floating base is fixed only if the user names joints.
 
@@ -265,7 +271,7 @@ def chosen_in(
         UsageError: as `joint_choice.choose`; a floating base, or a closed loop.
     """
     floating = _floating(model)
-    if floating and wanted is None:
+    if floating and patterns is None:
         ball = model.jnt_type[model.joint(floating[0]).id] == BALL
         what = "is a ball joint" if ball else "is free"
         raise UsageError(
@@ -275,7 +281,7 @@ def chosen_in(
             f"{'If it can be held' if ball else 'If the base stands still'}, choose the arm with --joints, "
             f"of {', '.join(joint.name for joint in moving(model)) or 'none'}{example(moving(model))}.",
         )
-    choice = choose(moving(model), wanted, given, where)
+    choice = choose(moving(model), patterns, positions, where)
     check_loops(model, choice, where)
     return choice
 
@@ -316,15 +322,15 @@ def mjcf_expected(model: mujoco.MjModel, choice: Choice, added: Additions) -> Ex
     moved, before = _moved(model, joints)
     parts = []
     for b in np.flatnonzero((np.array(moved) >= 0) & (model.body_mass > 0.0)).tolist():
-        own = base @ _matrix(data.xipos[b], data.ximat[b])
-        inertia = own[:3, :3] * model.body_inertia[b] @ own[:3, :3].T
-        parts.append((moved[b], float(model.body_mass[b]), own[:3, 3], inertia))
+        frame = base @ _matrix(data.xipos[b], data.ximat[b])
+        inertia = frame[:3, :3] * model.body_inertia[b] @ frame[:3, :3].T
+        parts.append((moved[b], float(model.body_mass[b]), frame[:3, 3], inertia))
     places = _places(model, data, base)
     taken = [name_of(model, b) for b in range(model.nbody)]
     for what, one in added.carried:
         b = taken.index(one.link) if one.link else _tip(model, joints, before)
-        own = pose[b] @ pose_matrix(one.centre, (0.0, 0.0, 0.0))
-        parts += _weighing(moved[b], one, own)
+        frame = pose[b] @ pose_matrix(one.centre, (0.0, 0.0, 0.0))
+        parts += _weighing(moved[b], one, frame)
         places[free_name(what, taken)] = carried_place(one, pose[b])
     mass, centre, inertia = gathered(parts, len(q))
     gravity = np.zeros(3) if model.opt.disableflags & NO_GRAVITY else np.array(model.opt.gravity)
@@ -347,9 +353,9 @@ def mjcf_expected(model: mujoco.MjModel, choice: Choice, added: Additions) -> Ex
 
 
 def _matrix(place: Array, turn: Array) -> Array:
-    found = np.eye(4)
-    found[:3, 3], found[:3, :3] = place, turn.reshape(3, 3)
-    return found
+    transform = np.eye(4)
+    transform[:3, 3], transform[:3, :3] = place, turn.reshape(3, 3)
+    return transform
 
 
 def _moved(model: mujoco.MjModel, joints: list[int]) -> tuple[list[int], list[int]]:
@@ -382,7 +388,7 @@ def _weighing(joint: int, one: Attached, place: Array) -> list[tuple[int, float,
 
 def _places(model: mujoco.MjModel, data: mujoco.MjData, base: Array) -> dict[str, tuple[Place, ...]]:
     """The possible shapes of all bodies; collision shapes are required."""
-    found: dict[str, tuple[Place, ...]] = {}
+    places: dict[str, tuple[Place, ...]] = {}
     for g in range(model.ngeom):
         kind = SHAPES.get(int(model.geom_type[g]))
         if kind is not None:
@@ -390,5 +396,5 @@ def _places(model: mujoco.MjModel, data: mujoco.MjData, base: Array) -> dict[str
             size = tuple(model.geom_size[g][: SIZES[kind]].tolist())
             needed = bool(model.geom_contype[g] or model.geom_conaffinity[g])
             name = name_of(model, int(model.geom_bodyid[g]))
-            found[name] = (*found.get(name, ()), Place(kind, pose[:3, 3], pose[:3, :3], size, needed))
-    return found
+            places[name] = (*places.get(name, ()), Place(kind, pose[:3, 3], pose[:3, :3], size, needed))
+    return places

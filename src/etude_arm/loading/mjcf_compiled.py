@@ -87,13 +87,13 @@ def _there(spec: Any, path: Path, name: str) -> bool:
 
 def name_joints(spec: Any) -> list[str]:
     """Gives joints without a name one after their body, the same in every run; those of hinges and slides."""
-    taken, given = {joint.name for joint in spec.joints}, []
+    taken, names = {joint.name for joint in spec.joints}, []
     for joint in spec.joints:
         if not joint.name:
             joint.name = numbered(f"{joint.parent.name or 'body'}_joint", taken)
             taken.add(joint.name)
-            given += [joint.name] if int(joint.type) in (SLIDE, HINGE) else []
-    return given
+            names += [joint.name] if int(joint.type) in (SLIDE, HINGE) else []
+    return names
 
 
 FREE, BALL, SLIDE, HINGE = range(4)  # mjtJoint
@@ -104,7 +104,7 @@ def moving(model: mujoco.MjModel) -> tuple[Moving, ...]:
     """Every hinge and slide of a model, from the base outwards; equalities of joints make followers."""
     leaders = _leaders(model)
     before: dict[int, str] = {0: ""}
-    found = []
+    joints = []
     for body in range(1, model.nbody):
         carrier = before[int(model.body_parentid[body])]
         first = int(model.body_jntadr[body])
@@ -115,24 +115,24 @@ def moving(model: mujoco.MjModel) -> tuple[Moving, ...]:
                 slides = bool(model.jnt_type[j] == SLIDE)
                 follows = leaders.get(name, ("", 1.0, 0.0))
                 endless = not slides and not model.jnt_limited[j]
-                own = Moving(name, carrier, float(lower), float(upper), slides, endless, *follows)
-                found.append(replace(own, carries=model.body(body).name))
+                joint = Moving(name, carrier, float(lower), float(upper), slides, endless, *follows)
+                joints.append(replace(joint, carries=model.body(body).name))
                 carrier = name
         before[body] = carrier
-    return tuple(found)
+    return tuple(joints)
 
 
 def _leaders(model: mujoco.MjModel) -> dict[str, tuple[str, float, float]]:
     """Follower -> leader, factor and offset, of active equalities between two joints."""
-    found = {}
+    leaders = {}
     for k in range(model.neq):
         first, second = int(model.eq_obj1id[k]), int(model.eq_obj2id[k])
         if model.eq_type[k] == JOINT_EQUALITY and second >= 0 and model.eq_active0[k]:
             offset, factor = (float(x) for x in model.eq_data[k, :2])
             zero = [float(model.qpos0[model.jnt_qposadr[j]]) for j in (first, second)]
             leader = model.joint(second).name
-            found[model.joint(first).name] = (leader, factor, offset + zero[0] - factor * zero[1])
-    return found
+            leaders[model.joint(first).name] = (leader, factor, offset + zero[0] - factor * zero[1])
+    return leaders
 
 
 SHAPES = {2: "sphere", 3: "capsule", 4: "ellipsoid", 5: "cylinder", 6: "box", 7: "mesh"}  # mjtGeom
@@ -153,13 +153,13 @@ def shapes_of_bodies(
         part = part_of(model, choice, b) if int(model.body_rootid[b]) in roots else BESIDE
         parts.setdefault(part, []).append(b)
     some = bool(model.geom_contype.any())
-    kept: dict[int, list[int]] = {}
+    chosen: dict[int, list[int]] = {}
     drawn, notes = [], []
     for part, bodies in parts.items():
         geoms = [g for b in bodies for g in geoms_of(model, b) if int(model.geom_type[g]) in SHAPES]
         solid = [g for g in geoms if model.geom_contype[g] or model.geom_conaffinity[g]]
         for g in solid if part == BESIDE and some else solid or geoms:
-            kept.setdefault(int(model.geom_bodyid[g]), []).append(g)
+            chosen.setdefault(int(model.geom_bodyid[g]), []).append(g)
         if part == BESIDE and some:
             notes += _only_drawn(model, geoms, solid)
         if part > 0 and geoms and not solid:
@@ -171,13 +171,13 @@ def shapes_of_bodies(
             notes.append(f"A plane that body '{name_of(model, part)}' carries is left out: it has no end.")
     if drawn and some:  # a file without collision geoms does not exclude collisions on purpose
         notes.append(f"What is drawn of {', '.join(drawn)} is taken as shape: nothing of it collides.")
-    return kept, tuple(notes)
+    return chosen, tuple(notes)
 
 
 def _only_drawn(model: mujoco.MjModel, geoms: Sequence[int], solid: Sequence[int]) -> list[str]:
     """A sentence on bodies beside the robot without collision geoms, such as marks and targets."""
-    own, hard = ([int(model.geom_bodyid[g]) for g in some] for some in (geoms, solid))
-    names = dict.fromkeys(name_of(model, b) for b in own if b not in hard)
+    bodies, hard = ([int(model.geom_bodyid[g]) for g in some] for some in (geoms, solid))
+    names = dict.fromkeys(name_of(model, b) for b in bodies if b not in hard)
     return [f"What is only drawn beside the robot is left out: {', '.join(names)}."] if names else []
 
 

@@ -260,7 +260,11 @@ def written(model: mujoco.MjModel, choice: Choice, drives: bool, added: Addition
     if drives:
         add_drives(model, choice.joints, root, elements)
     xml = ET.tostring(root, encoding="unicode")
-    names = {name: g for b, own in writer.names.items() for name, g in zip(own, shapes[b], strict=True)}
+    names = {
+        name: g
+        for b, geom_names in writer.names.items()
+        for name, g in zip(geom_names, shapes[b], strict=True)
+    }
     excluded = _excluded(model, writer.names)
     return Written(xml, writer.assets, notes, tuple(writer.unverified), excluded, names, carried)
 
@@ -281,11 +285,11 @@ def _carrier(model: mujoco.MjModel, choice: Choice, what: str, one: Attached) ->
 
 def _excluded(model: mujoco.MjModel, names: Mapping[int, Sequence[str]]) -> tuple[tuple[str, str], ...]:
     """Pairs of geoms whose bodies the file excludes from contact."""
-    found = []
+    pairs = []
     for signature in model.exclude_signature:
         one, other = int(signature) >> 16, int(signature) & 0xFFFF
-        found += [(a, b) for a in names.get(one, ()) for b in names.get(other, ())]
-    return tuple(found)
+        pairs += [(a, b) for a in names.get(one, ()) for b in names.get(other, ())]
+    return tuple(pairs)
 
 
 def _first(value: float | Array) -> float:

@@ -42,31 +42,31 @@ def crowds(loaded: Loaded, lower: Array, upper: Array) -> Crowds:
         data.qpos[columns] = q
         mujoco.mj_kinematics(model, data)
         hits += [mujoco.mj_geomDistance(model, data, a, b, REACH, None) < 0 for a, b in pairs]
-    found: dict[tuple[str, str], float] = {}
+    overlaps: dict[tuple[str, str], float] = {}
     for (a, b), share in zip(pairs, (hits / POSES).tolist(), strict=True):
         links = _link(model, a), _link(model, b)
         if share:
-            found[links] = max(share, found.get(links, 0.0))
-    return found
+            overlaps[links] = max(share, overlaps.get(links, 0.0))
+    return overlaps
 
 
-def links_that_overlap(found: Crowds) -> set[str]:
+def links_that_overlap(overlaps: Crowds) -> set[str]:
     """Links of pairs that overlap in more than OFTEN of the poses."""
-    return {link for pair, share in found.items() if share > OFTEN for link in pair}
+    return {link for pair, share in overlaps.items() if share > OFTEN for link in pair}
 
 
-def hemmed_in(found: Crowds, ignored: Collection[tuple[str, str]]) -> tuple[str, ...]:
+def hemmed_in(overlaps: Crowds, ignored: Collection[tuple[str, str]]) -> tuple[str, ...]:
     """A sentence on pairs that overlap in more than MOST of the poses and are still checked."""
     left = {
         pair: share
-        for pair, share in found.items()
+        for pair, share in overlaps.items()
         if share > OVERLAP_SHARE and not {pair, pair[::-1]} & set(ignored)
     }
     if not left:
         return ()
-    words = ", ".join(f"{one} and {other} in {share:.0%}" for (one, other), share in left.items())
+    text = ", ".join(f"{one} and {other} in {share:.0%}" for (one, other), share in left.items())
     return (
-        f"Shapes overlap in most poses, which leaves motions little room: {words}. If these links do not "
+        f"Shapes overlap in most poses, which leaves motions little room: {text}. If these links do not "
         "meet on the robot, their shapes are too large or out of place in the model file: correct them, or "
         "name the pair in ignore of [collision].",
     )

@@ -80,9 +80,9 @@ def _packed_urdf(
     for link in root.findall("link"):
         solid, drawn = link.findall("collision"), link.findall("visual")
         cut = link.get("name") in overlapping
-        kept = [_pack_shape(link, shape, paths, meshes, cut) for shape in solid]
+        has_hull = [_pack_shape(link, shape, paths, meshes, cut) for shape in solid]
         for picture in drawn:
-            if kept and all(kept):
+            if has_hull and all(has_hull):
                 link.remove(picture)
             else:
                 _pack_shape(link, picture, paths, meshes, False)
@@ -102,20 +102,20 @@ def _pack_shape(
     mesh = shape.find("geometry/mesh")
     if mesh is None:
         return True
-    found = paths.find(mesh.get("filename", ""))
-    if found is None:
+    mesh_file = paths.find(mesh.get("filename", ""))
+    if mesh_file is None:
         return False
     scale = scale_of(mesh, str(paths.model))
     mesh.attrib.pop("scale", None)
-    triangles = read_triangles(found) * scale
+    triangles = read_triangles(mesh_file) * scale
     if not len(triangles):  # stays empty, so that it is not reported as missing
-        name = f"{MESHES}/{len(meshes)}_{found.stem}.obj"
+        name = f"{MESHES}/{len(meshes)}_{mesh_file.stem}.obj"
         meshes[name] = EMPTY
         mesh.set("filename", name)
         return False
     names = []
     for part in slabs(triangles) if cut else [triangles.reshape(-1, 3)]:
-        names.append(f"{MESHES}/{len(meshes)}_{found.stem}.obj")
+        names.append(f"{MESHES}/{len(meshes)}_{mesh_file.stem}.obj")
         meshes[names[-1]] = obj_text(*hull(part))
     at = list(link).index(shape)
     for k, name in enumerate(names[1:], start=1):
@@ -193,9 +193,9 @@ class Slabs:
         """
         for body in [one for one in self.root.iter("body") if one.get("name") in overlapping]:
             written, name = list(_geoms(body)), body.get("name", "")
-            own = geoms_of(self.model, self.model.body(name).id)
-            if len(written) == len(own):
-                self._body(body, name, list(zip(written, own, strict=True)))
+            geoms = geoms_of(self.model, self.model.body(name).id)
+            if len(written) == len(geoms):
+                self._body(body, name, list(zip(written, geoms, strict=True)))
 
     def _body(self, body: ET.Element, name: str, geoms: list[tuple[ET.Element, int]]) -> None:
         m = self.model
@@ -269,10 +269,10 @@ def _slabs(root: ET.Element, path: Path, overlapping: Collection[str], notes: li
         return {}
     from etude_arm.loading.mjcf_compiled import compiled
 
-    found = Slabs(root, compiled(path).model, MESHES)
-    found.add(overlapping)
-    notes += [DRAWN.format(", ".join(found.drawn))] if found.drawn else []
-    return found.files
+    pieces = Slabs(root, compiled(path).model, MESHES)
+    pieces.add(overlapping)
+    notes += [DRAWN.format(", ".join(pieces.drawn))] if pieces.drawn else []
+    return pieces.files
 
 
 def _expand(element: ET.Element, folder: Path, depth: int) -> None:

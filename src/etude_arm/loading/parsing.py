@@ -57,17 +57,17 @@ def parsed(path: Path) -> ET.Element:
 def declared(text: bytes) -> bytes:
     """XML with every prefix declared: most readers of robot files, and so the files, ignore namespaces."""
     used = set(re.findall(rb"[<\s]([A-Za-z_][\w.-]*):[A-Za-z_]", text))
-    known = set(re.findall(rb"xmlns:([\w.-]+)\s*=", text)) | {b"xml", b"xmlns"}
-    more = b"".join(b' xmlns:%s="%s"' % (prefix, prefix) for prefix in sorted(used - known))
+    prefixes = set(re.findall(rb"xmlns:([\w.-]+)\s*=", text)) | {b"xml", b"xmlns"}
+    more = b"".join(b' xmlns:%s="%s"' % (prefix, prefix) for prefix in sorted(used - prefixes))
     return re.sub(rb"<(robot|mujoco)\b", lambda root: root[0] + more, text, count=1)
 
 
 def _to_be_expanded(root: ET.Element) -> bool:
     """Whether xacro would change anything. Unused definitions, which many URDFs keep, change nothing."""
-    own = [element for element in root.iter() if "xacro" in element.tag]
-    if any(not element.tag.endswith(("}property", "}arg")) for element in own):
+    elements = [element for element in root.iter() if "xacro" in element.tag]
+    if any(not element.tag.endswith(("}property", "}arg")) for element in elements):
         return True
-    others = [element for element in root.iter() if "xacro" not in element.tag] if own else []
+    others = [element for element in root.iter() if "xacro" not in element.tag] if elements else []
     texts = [text for one in others for text in (*one.attrib.values(), one.text or "", one.tail or "")]
     return any("${" in text or "$(" in text for text in texts)
 

@@ -146,12 +146,12 @@ def _of_link(
     tree: UrdfTree, link: str, kind: str, meshes: _Meshes, unverified: list[str]
 ) -> list[ET.Element]:
     """The new <collision> elements of one link, made from its <collision> or <visual> elements."""
-    found: list[ET.Element] = []
+    elements: list[ET.Element] = []
     for shape in tree.links[link].findall(kind):
-        found += _of_shape(shape, link, meshes) or _stand_in(tree, link, kind, meshes, unverified)
-    for k, element in enumerate(found):
+        elements += _of_shape(shape, link, meshes) or _stand_in(tree, link, kind, meshes, unverified)
+    for k, element in enumerate(elements):
         element.set("name", f"{link}#{k}")
-    return found
+    return elements
 
 
 SIZES = {
@@ -172,8 +172,8 @@ def check_primitive(shape: ET.Element, place: str) -> None:
             next_step=f"URDF has {', '.join(SIZES)} and mesh: correct it, or take it out.",
         )
     for key, count in SIZES[shape.tag].items():
-        found = numbers(shape.get(key), "", place)
-        if len(found) != count or not (np.all(np.isfinite(found)) and np.all(found > 0.0)):
+        sizes = numbers(shape.get(key), "", place)
+        if len(sizes) != count or not (np.all(np.isfinite(sizes)) and np.all(sizes > 0.0)):
             raise UsageError(
                 f"a {shape.tag} cannot have {key}={shape.get(key)!r}",
                 where=place,
@@ -319,15 +319,15 @@ def _text(values: Iterable[float]) -> str:
 def load_urdf(
     root: ET.Element,
     path: Path,
-    wanted: Sequence[str] | None,
-    given: Mapping[str, float],
+    patterns: Sequence[str] | None,
+    positions: Mapping[str, float],
     mesh_roots: Sequence[Path],
     with_shapes: bool,
     added: Additions,
 ) -> Loaded:
     """`load.load` of a parsed URDF."""
     tree = read_tree(root, str(path))
-    choice = chosen_of(tree, wanted, given)
+    choice = chosen_of(tree, patterns, positions)
     masses = masses_of(tree, choice.joints)
     shapes = shapes_of(tree, choice.joints, path, mesh_roots) if with_shapes else NO_SHAPES
     new = ET.Element("robot", name=root.get("name", "robot"))
@@ -359,10 +359,10 @@ def load_urdf(
     )
 
 
-def chosen_of(tree: UrdfTree, wanted: Sequence[str] | None, given: Mapping[str, float]) -> Choice:
+def chosen_of(tree: UrdfTree, patterns: Sequence[str] | None, positions: Mapping[str, float]) -> Choice:
     """The choice of joints in a URDF; a floating base is fixed only if the user names joints."""
     floating = tree.floating()
-    if floating and wanted is None:
+    if floating and patterns is None:
         raise UsageError(
             f"the base is not fixed: joint '{floating[0]}' is floating or planar",
             where=tree.where,
@@ -370,7 +370,7 @@ def chosen_of(tree: UrdfTree, wanted: Sequence[str] | None, given: Mapping[str, 
             f"choose the arm with --joints, of {', '.join(j.name for j in tree.moving()) or 'none'}"
             f"{example(tree.moving())}.",
         )
-    return choose(tree.moving(), wanted, given, tree.where)
+    return choose(tree.moving(), patterns, positions, tree.where)
 
 
 def _base(tree: UrdfTree) -> tuple[str, ...]:

@@ -38,14 +38,14 @@ class UrdfTree:
     def moving(self) -> tuple[Moving, ...]:
         """Every hinge and slide, from the base outwards."""
         before = {self.root: ""}
-        found = []
+        joints = []
         for joint in self.joints:
             name, carrier = joint.get("name", ""), before[parent(joint)]
             moves = joint.get("type") in MOVING
             before[child(joint)] = name if moves else carrier
             if moves:
-                found.append(_moving(joint, carrier, self.where))
-        return tuple(found)
+                joints.append(_moving(joint, carrier, self.where))
+        return tuple(joints)
 
     def floating(self) -> list[str]:
         """Names of joints with a floating or planar base."""
@@ -135,11 +135,13 @@ def _moving(joint: ET.Element, carrier: str, where: str) -> Moving:
     name, place = joint.get("name", ""), f"{where}, joint '{joint.get('name')}'"
     lower, upper = hard_range(joint, place)
     kind, mimic = joint.get("type"), joint.find("mimic")
-    own = Moving(name, carrier, lower, upper, kind == "prismatic", kind == "continuous", carries=child(joint))
+    moving_joint = Moving(
+        name, carrier, lower, upper, kind == "prismatic", kind == "continuous", carries=child(joint)
+    )
     if mimic is None:
-        return own
+        return moving_joint
     factor, offset = (number(mimic.get(key, start), place) for key, start in _MIMIC)
-    return replace(own, leader=mimic.get("joint", ""), factor=factor, offset=offset)
+    return replace(moving_joint, leader=mimic.get("joint", ""), factor=factor, offset=offset)
 
 
 _MIMIC = (("multiplier", "1"), ("offset", "0"))
@@ -197,17 +199,17 @@ def _check_type(joint: ET.Element, where: str) -> None:
 def _check_leaders(joints: Mapping[str, ET.Element], where: str) -> None:
     """Checks that each chain of followers (<mimic>) ends at an independent joint."""
     for name in joints:
-        seen, at = [name], name
+        chain, at = [name], name
         while (mimic := joints[at].find("mimic")) is not None:
             at = mimic.get("joint", "")
-            if at not in joints or at in seen:
+            if at not in joints or at in chain:
                 gone = f"joint '{at}', which is not there" if at not in joints else "itself"
                 raise UsageError(
                     f"joint '{name}' follows {gone} (<mimic>)",
                     where=where,
                     next_step="Correct <mimic>, or take it out if the joint moves by itself.",
                 )
-            seen.append(at)
+            chain.append(at)
 
 
 def axis_of(joint: ET.Element, place: str = "") -> Array:
@@ -239,21 +241,21 @@ def numbers(text: str | None, default: str, place: str = "") -> Array:
 
 def vector(text: str | None, default: str, place: str = "") -> Array:
     """(3,) finite numbers of an attribute such as xyz."""
-    found = numbers(text, default, place)
-    if len(found) != 3 or not np.all(np.isfinite(found)):
+    values = numbers(text, default, place)
+    if len(values) != 3 or not np.all(np.isfinite(values)):
         raise UsageError(
             f"{text!r} should be three numbers", where=place, next_step='Write them like "0 0 0.1".'
         )
-    return found
+    return values
 
 
 def scale_of(mesh: ET.Element, place: str) -> Array:
     """(3,) factors of a <mesh>, which may state one for all axes; 0 is refused."""
-    found = numbers(mesh.get("scale"), "1 1 1", place)
-    if len(found) not in (1, 3) or not (np.all(np.isfinite(found)) and found.all()):
+    factors = numbers(mesh.get("scale"), "1 1 1", place)
+    if len(factors) not in (1, 3) or not (np.all(np.isfinite(factors)) and factors.all()):
         raise UsageError(
             f"a mesh cannot be scaled by {mesh.get('scale')!r}",
             where=place,
             next_step='Write three numbers, such as "0.001 0.001 0.001" for a mesh in mm.',
         )
-    return np.broadcast_to(found, 3)
+    return np.broadcast_to(factors, 3)

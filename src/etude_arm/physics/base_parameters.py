@@ -34,13 +34,13 @@ def spread_states(spec: ArmSpec, count: int) -> tuple[Array, Array, Array]:
 
 
 def _primes(count: int) -> Array:
-    found: list[int] = []
+    primes: list[int] = []
     number = 2
-    while len(found) < count:
-        if all(number % p for p in found):
-            found.append(number)
+    while len(primes) < count:
+        if all(number % p for p in primes):
+            primes.append(number)
         number += 1
-    return np.array(found, dtype=float)
+    return np.array(primes, dtype=float)
 
 
 def parameter_scale(tree: KinematicTree) -> Array:

@@ -41,7 +41,7 @@ class MotionRegressor:
 
     def value(self, X: Array) -> Pair:
         """Rigid (n, J, P) and extra (n, J, E) at X (n, D), D >= 3 J."""
-        return self._kept("value", X)
+        return self._memoized("value", X)
 
     def slopes(self, X: Array) -> Pair:
         """Derivatives (3 J, n, J, P) and (3 J, n, J, E) in the columns of q, qd and qdd.
@@ -49,9 +49,9 @@ class MotionRegressor:
         Computed by differences of fourth order, with an error of about 1e-9. The regressor is quadratic in
         qd, linear in qdd and smooth in q, so only q and the friction terms have an error.
         """
-        return self._kept("slopes", X)
+        return self._memoized("slopes", X)
 
-    def _kept(self, name: str, X: Array) -> Pair:
+    def _memoized(self, name: str, X: Array) -> Pair:
         key = X.tobytes()
         if name not in self._last or self._last[name][0] != key:
             self._last[name] = key, self._value(X) if name == "value" else self._slopes(X)

@@ -91,13 +91,15 @@ def fitted(
             )
         columns = _columns(regressors, moving, prior, body, j)
         fits.append(_fit_output(columns, samples.command[moving, j], prior, weight, by_speed))
-    inertial, extras, deviation, rank, spreads, way = (np.array(part) for part in zip(*fits, strict=True))
-    own = RigidBodyModel(*body, inertial, extras, rank, deviation, spreads, way)
-    return own if shared is None else _with_shared(own, samples, regressors, priors, shared, ripple)
+    inertial, extras, deviation, rank, spreads, presliding = (
+        np.array(part) for part in zip(*fits, strict=True)
+    )
+    model = RigidBodyModel(*body, inertial, extras, rank, deviation, spreads, presliding)
+    return model if shared is None else _with_shared(model, samples, regressors, priors, shared, ripple)
 
 
 def _with_shared(
-    own: RigidBodyModel,
+    model: RigidBodyModel,
     samples: Samples,
     regressors: Regressors,
     priors: Sequence[IdentificationPrior],
@@ -106,47 +108,47 @@ def _with_shared(
 ) -> RigidBodyModel:
     """The model with one rigid body for all outputs except those of another scale."""
     rigid, extra, turning, wave = regressors
-    extra = extra if turning is None else own.turned(extra, turning)
+    extra = extra if turning is None else model.turned(extra, turning)
     extra = extra if wave is None else np.concatenate([extra, wave], axis=2)
-    E, outputs = own.extra.shape[1], []
+    E, outputs = model.extra.shape[1], []
     for j, prior in enumerate(priors):
         rows = samples.moving[:, j] & samples.usable[:, j]
-        deviations = _near_level(prior.extra, own.extra[j], first=0)
+        deviations = _near_level(prior.extra, model.extra[j], first=0)
         deviations[-1] = min(deviations[-1], OFFSET * prior.command)
-        size = own.deviation[j] if ripple else WAVE * prior.command
+        size = model.deviation[j] if ripple else WAVE * prior.command
         deviations = np.append(deviations, np.full(extra.shape[2] - E, size))
         left = samples.command[rows, j] - rigid[rows, j] @ prior.nominal
         columns = np.concatenate([rigid[rows, j] @ directions, extra[rows, j]], axis=1)
         clock = Clock(samples.t[rows], samples.group[rows])
-        outputs.append(OutputColumns(columns, left, deviations, own.deviation[j], clock))
+        outputs.append(OutputColumns(columns, left, deviations, model.deviation[j], clock))
     limits = np.array([prior.command for prior in priors])
-    found = shared_fit(outputs, directions.shape[1], limits)
+    fit = shared_fit(outputs, directions.shape[1], limits)
     if ripple:
-        found = _rippled(found, outputs, E, directions.shape[1], limits)
-    take = (found.noise <= OTHER_SCALE * own.deviation)[:, None]
+        fit = _rippled(fit, outputs, E, directions.shape[1], limits)
+    take = (fit.noise <= OTHER_SCALE * model.deviation)[:, None]
     return replace(
-        own,
-        inertial=np.where(take, priors[0].nominal + directions @ found.z, own.inertial),
-        extra=np.where(take, found.extra[:, :E], own.extra),
-        extra_deviation=np.where(take, found.spread[:, :E], own.extra_deviation),
-        deviation=np.where(take[:, 0], found.noise, own.deviation),
-        ripple=np.where(take, found.extra[:, E:], 0.0) if ripple else None,
+        model,
+        inertial=np.where(take, priors[0].nominal + directions @ fit.z, model.inertial),
+        extra=np.where(take, fit.extra[:, :E], model.extra),
+        extra_deviation=np.where(take, fit.spread[:, :E], model.extra_deviation),
+        deviation=np.where(take[:, 0], fit.noise, model.deviation),
+        ripple=np.where(take, fit.extra[:, E:], 0.0) if ripple else None,
     )
 
 
-def _rippled(found: SharedFit, outputs: Sequence[OutputColumns], E: int, r: int, limits: Array) -> SharedFit:
+def _rippled(fit: SharedFit, outputs: Sequence[OutputColumns], E: int, r: int, limits: Array) -> SharedFit:
     """The problem with the amplitude of each drive's ripple (the columns after the first E), found by
     expectation maximisation.
     """
     for _ in range(RIPPLE_ROUNDS):
-        squares = found.extra[:, E:] ** 2 + found.spread[:, E:] ** 2
+        squares = fit.extra[:, E:] ** 2 + fit.spread[:, E:] ** 2
         sizes = np.sqrt(squares.mean(axis=1, keepdims=True)) * np.ones_like(squares)
         outputs = [
             replace(o, deviations=np.append(o.deviations[:E], size))
             for o, size in zip(outputs, sizes, strict=True)
         ]
-        found = shared_fit(outputs, r, limits)
-    return found
+        fit = shared_fit(outputs, r, limits)
+    return fit
 
 
 LEAST_CORRELATION = 0.5  # s; smoothed commands closer than this repeat each other
@@ -308,8 +310,8 @@ def _columns(
     """
     rigid, extra, turning, _ = regressors
     drive, v0 = body.drives[j], float(body.friction_velocity[j])
-    own = rigid[rows, j]
-    parts = [own @ prior.nominal[:, None], extra[rows, j], own @ prior.directions]
+    inertial = rigid[rows, j]
+    parts = [inertial @ prior.nominal[:, None], extra[rows, j], inertial @ prior.directions]
     if turning is not None and drive.side(j):
         parts.append(turned(turning[rows, :, j], extra[rows, j, SPEED], drive, j, v0))
     return np.concatenate(parts, axis=1)
@@ -327,14 +329,14 @@ def _fit_output(
     """
     moments, last = Moments.of(columns, y, weight), 1 + len(prior.extra)
     rank = prior.directions.shape[1]
-    own = np.arange(last + rank)
-    fits = [(0.0, *_fit_turning(moments.at(own), prior))]
-    for number, way in enumerate(PRESLIDING_DISTANCES[: columns.shape[1] - last - rank]):
-        own[1 + NARROW] = last + rank + number
-        fits.append((way, *_fit_turning(moments.at(own), prior)))
-    way, fine, spread, noise = min(fits, key=lambda fit: fit[3] * (1.0 if fit[0] else by_speed))
+    indices = np.arange(last + rank)
+    fits = [(0.0, *_fit_turning(moments.at(indices), prior))]
+    for number, distance in enumerate(PRESLIDING_DISTANCES[: columns.shape[1] - last - rank]):
+        indices[1 + NARROW] = last + rank + number
+        fits.append((distance, *_fit_turning(moments.at(indices), prior)))
+    distance, fine, spread, noise = min(fits, key=lambda fit: fit[3] * (1.0 if fit[0] else by_speed))
     phi = fine[0] * prior.nominal + prior.directions @ fine[last:]
-    return phi, fine[1:last], noise, rank, spread[1:last], way
+    return phi, fine[1:last], noise, rank, spread[1:last], distance
 
 
 def _fit_turning(moments: Moments, prior: IdentificationPrior) -> tuple[Array, Array, float]:
@@ -354,9 +356,9 @@ def _near_level(deviations: Array, coarse: Array, first: int) -> Array:
     A wider term is the change of the friction level from one scale of speed to the next.
     """
     narrowest, end = first + NARROW, first + NARROW + len(FRICTION_SCALES)
-    level, found = abs(float(np.sum(coarse[narrowest:end]))), deviations.copy()
-    found[narrowest + 1 : end] = np.minimum(found[narrowest + 1 : end], LEVEL_CHANGE * level)
-    return found
+    level, narrowed = abs(float(np.sum(coarse[narrowest:end]))), deviations.copy()
+    narrowed[narrowest + 1 : end] = np.minimum(narrowed[narrowest + 1 : end], LEVEL_CHANGE * level)
+    return narrowed
 
 
 RIPPLE_ROUNDS = 8
@@ -513,19 +515,19 @@ def steady(samples: Samples, *turning: Array) -> Mask:
     moving samples if too few remain.
     """
     moving = samples.moving & samples.usable
-    found = moving.copy()
+    mask = moving.copy()
     for one in turning:
-        found &= since_reversal(samples.t, samples.group, one) > TURNED
-    return np.where(found.sum(axis=0) > ENOUGH * moving.sum(axis=0), found, moving)
+        mask &= since_reversal(samples.t, samples.group, one) > TURNED
+    return np.where(mask.sum(axis=0) > ENOUGH * moving.sum(axis=0), mask, moving)
 
 
 def since_reversal(t: Array, group: Index, speed: Array) -> Array:
     """(n, J) s to the nearest change of the sign of a joint's speed (n, J) within the same group."""
     clock = t + 10.0**6 * group  # longer than any log
-    found = np.full(speed.shape, np.inf)
+    seconds = np.full(speed.shape, np.inf)
     for j, sign in enumerate(np.sign(speed).T):
         turns = np.flatnonzero((sign[1:] != sign[:-1]) & (group[1:] == group[:-1]))
         times = np.concatenate([[-np.inf], np.sort(0.5 * (clock[turns] + clock[turns + 1])), [np.inf]])
         after = np.searchsorted(times, clock)
-        found[:, j] = np.minimum(times[after] - clock, clock - times[after - 1])
-    return found
+        seconds[:, j] = np.minimum(times[after] - clock, clock - times[after - 1])
+    return seconds

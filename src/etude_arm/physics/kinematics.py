@@ -111,23 +111,25 @@ class _Frame(NamedTuple):
 
 
 def _after_hinge(
-    frame: _Frame, axis: Array, anchor: Array, travel: Operand, rate: Operand, vjp: Operand
+    frame: _Frame, axis: Array, anchor: Array, travel: Operand, rate: Operand, joint_acceleration: Operand
 ) -> _Frame:
-    """The frame after a hinge: `axis` and `anchor` in the body's frame; travel, rate, pull (n, 1)."""
+    """The frame after a hinge: `axis` and `anchor` in the body's frame; joint values (n, 1)."""
     z, omega = frame.rotation @ axis, frame.omega
     spun = z * rate
     there = frame.moved(frame.position + frame.rotation @ anchor)
     rotation = frame.rotation @ axis_rotation(axis, travel)
-    alpha = frame.alpha + z * vjp + cross(omega, spun)
+    alpha = frame.alpha + z * joint_acceleration + cross(omega, spun)
     turned = _Frame(rotation, there.position, there.velocity, there.acceleration, omega + spun, alpha)
     return turned.moved(there.position - rotation @ anchor)
 
 
-def _after_slide(frame: _Frame, axis: Array, travel: Operand, rate: Operand, vjp: Operand) -> _Frame:
-    """The frame after a sliding joint; travel, rate, pull are (n, 1)."""
+def _after_slide(
+    frame: _Frame, axis: Array, travel: Operand, rate: Operand, joint_acceleration: Operand
+) -> _Frame:
+    """The frame after a sliding joint; joint values are (n, 1)."""
     z, omega, alpha = frame.rotation @ axis, frame.omega, frame.alpha
     slid, spun = frame.moved(frame.position + z * travel), z * rate
-    acceleration = slid.acceleration + z * vjp + 2.0 * cross(omega, spun)
+    acceleration = slid.acceleration + z * joint_acceleration + 2.0 * cross(omega, spun)
     return _Frame(frame.rotation, slid.position, slid.velocity + spun, acceleration, omega, alpha)
 
 

@@ -88,10 +88,12 @@ class RigidBodyMean:
     def pulls(self, log: Log) -> Array:
         """Commands (T, J, 3) for each m/s^2 of gravity along an axis of the world; see `abilities`."""
         q = log[(PLAN if self.desired else PATH)[0]]
-        rest = np.zeros_like(q)
+        zeros = np.zeros_like(q)
 
         def standing(gravity: Array) -> Array:
-            return replace(self.model, tree=replace(self.model.tree, gravity=gravity)).predict(q, rest, rest)
+            return replace(self.model, tree=replace(self.model.tree, gravity=gravity)).predict(
+                q, zeros, zeros
+            )
 
         none = standing(np.zeros(3))
         return np.stack([standing(axis) - none for axis in np.eye(3)], axis=2)
@@ -106,12 +108,14 @@ class RigidBodyMean:
     def arrays(self) -> dict[str, Array]:
         """Arrays from which `restore` makes the same mean, bit for bit."""
         model = self.model
-        own = {name: getattr(model, name) for name in OWN}
-        found = {f"rigid.{name}": np.asarray(values) for name, values in own.items() if values is not None}
-        found |= {f"tree.{name}": np.asarray(getattr(model.tree, name)) for name in TREE}
+        attributes = {name: getattr(model, name) for name in OWN}
+        arrays = {
+            f"rigid.{name}": np.asarray(values) for name, values in attributes.items() if values is not None
+        }
+        arrays |= {f"tree.{name}": np.asarray(getattr(model.tree, name)) for name in TREE}
         for j, drive in enumerate(model.drives):
-            found |= {f"drive{j}.{name}": np.asarray(getattr(drive, name)) for name in DRIVE}
-        return {**found, "desired": np.array(self.desired)}
+            arrays |= {f"drive{j}.{name}": np.asarray(getattr(drive, name)) for name in DRIVE}
+        return {**arrays, "desired": np.array(self.desired)}
 
     def c(self, name: str) -> Code:
         """C99 code of the mean: Newton-Euler in the drives' coordinates."""
@@ -167,21 +171,23 @@ class ArmPhysics:
             return self._mean(nominal_model(*self._body))
         if samples is None:
             raise UsageError("an identified model needs samples", next_step="Tell a log first.")
-        own = self._told(samples)
-        return own._mean(own._fitted(samples, own._regressors(samples)))
+        physics = self._with_friction_speeds(samples)
+        return physics._mean(physics._fitted(samples, physics._regressors(samples)))
 
     def without(self, samples: Samples, fold: Index) -> Mapping[int, Array]:
         """Capability `abilities.SupportsWithout`: regressors are computed once, not once for each fold."""
         if self.nominal:
             return dict.fromkeys(np.unique(fold).tolist(), self(None).predict(samples.log))
-        own = self._told(samples)
-        regressors = own._regressors(samples)
-        found = {}
+        physics = self._with_friction_speeds(samples)
+        regressors = physics._regressors(samples)
+        predictions = {}
         for number in np.unique(fold).tolist():
-            rest = fold != number
+            training = fold != number
             with contextlib.suppress(DataError):
-                found[number] = own._fitted(samples.take(rest), regressors.take(rest)).of(regressors)
-        return found
+                predictions[number] = physics._fitted(samples.take(training), regressors.take(training)).of(
+                    regressors
+                )
+        return predictions
 
     def slow(self, samples: Samples) -> Samples | None:
         """The physics with slow samples counted as moving, and a ten times steeper friction transition.
@@ -208,9 +214,9 @@ class ArmPhysics:
         tree = self.geometry.tree
         if self.nominal or self.spec.command_unit not in FORCES or tree.joint_slides.all():
             return None
-        told = self.slow(samples) or samples
-        moving = steady(told, samples.log[(PLAN if self.desired else PATH)[1]])
-        return replace(told, moving=moving), replace(self, ripple=True)
+        informative = self.slow(samples) or samples
+        moving = steady(informative, samples.log[(PLAN if self.desired else PATH)[1]])
+        return replace(informative, moving=moving), replace(self, ripple=True)
 
     def restore(self, arrays: Mapping[str, Any]) -> RigidBodyMean:
         """The mean with these `arrays`; no model file is read."""
@@ -220,8 +226,8 @@ class ArmPhysics:
             for j in range(tree.joints)
         )
         # older models have no presliding distance
-        known = {"rigid.way": np.zeros(tree.joints), "rigid.ripple": None, **arrays}
-        model = RigidBodyModel(tree, drives, **{name: known[f"rigid.{name}"] for name in OWN})
+        stored = {"rigid.way": np.zeros(tree.joints), "rigid.ripple": None, **arrays}
+        model = RigidBodyModel(tree, drives, **{name: stored[f"rigid.{name}"] for name in OWN})
         return RigidBodyMean(model, self.spec, bool(arrays["desired"]))
 
     def regressors(self) -> tuple[BaseRegressor, ...]:
@@ -234,7 +240,7 @@ class ArmPhysics:
         rigid, _ = command_regressors(*self._body, q, qd, qdd)
         return deviation_before_logs(rigid, self._shared, self.spec.command)
 
-    def _told(self, samples: Samples) -> ArmPhysics:
+    def _with_friction_speeds(self, samples: Samples) -> ArmPhysics:
         """This physics, or a copy with the friction velocities of the samples."""
         v0 = samples.log.get(FRICTION)
         if v0 is None:
@@ -261,8 +267,8 @@ class ArmPhysics:
         motion = (samples.log[name] for name in (PLAN if self.desired else PATH))
         hinges = ~self._body.tree.joint_slides[:, None]
         wave = hinges * waves(samples.log[(PLAN if self.desired else PATH)[0]])
-        found = command_regressors(*self._body, *motion)
-        return Regressors(*found, remembered_of(samples.log), wave)
+        blocks = command_regressors(*self._body, *motion)
+        return Regressors(*blocks, remembered_of(samples.log), wave)
 
     def _fitted(self, samples: Samples, regressors: Regressors) -> RigidBodyModel:
         priors, names = self._priors, self.spec.names
@@ -274,8 +280,8 @@ class ArmPhysics:
 
 def remembered_of(log: Log) -> Array | None:
     """(T, W, J) friction memory for each presliding distance, if the log carries it."""
-    found = log.get(TURNING)
-    return None if found is None else found.reshape(len(log), len(PRESLIDING_DISTANCES), -1)
+    memory = log.get(TURNING)
+    return None if memory is None else memory.reshape(len(log), len(PRESLIDING_DISTANCES), -1)
 
 
 def physics_of(
@@ -286,7 +292,7 @@ def physics_of(
         return {}
     fraction = friction_fraction or FRICTION_FRACTION
     stick_fraction = stick_fraction if friction_fraction else 0.0
-    found = {"identified": ArmPhysics(spec, fraction, desired, stick_fraction=stick_fraction)}
+    structures = {"identified": ArmPhysics(spec, fraction, desired, stick_fraction=stick_fraction)}
     if spec.command_unit in FORCES:
-        found["nominal"] = ArmPhysics(spec, fraction, desired, nominal=True)
-    return found
+        structures["nominal"] = ArmPhysics(spec, fraction, desired, nominal=True)
+    return structures

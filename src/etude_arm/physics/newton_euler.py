@@ -32,20 +32,20 @@ def nominal_commands(
 def joint_forces(tree: KinematicTree, motion: BodyMotion) -> Array:
     """(n, J) torques of hinges and forces of slides along a motion of the tree's bodies."""
     forces, moments = _wrenches(tree, motion)
-    found = np.zeros((motion.position.shape[1], tree.joints))
+    generalized = np.zeros((motion.position.shape[1], tree.joints))
     for body in range(tree.bodies - 1, 0, -1):  # parents come first
         for j in np.flatnonzero(tree.joint_body == body):
             along = motion.axis[j]
             if tree.joint_slides[j]:
-                found[:, j] = (along * forces[body]).sum(axis=1)
+                generalized[:, j] = (along * forces[body]).sum(axis=1)
                 continue
             lever = cross(motion.position[body] - motion.anchor[j], forces[body])
-            found[:, j] = (along * (moments[body] + lever)).sum(axis=1)
+            generalized[:, j] = (along * (moments[body] + lever)).sum(axis=1)
         parent = int(tree.parent[body])
         arm = motion.position[body] - motion.position[parent]
         moments[parent] += moments[body] + cross(arm, forces[body])
         forces[parent] += forces[body]
-    return found
+    return generalized
 
 
 def _wrenches(tree: KinematicTree, motion: BodyMotion) -> tuple[Array, Array]:
@@ -53,10 +53,10 @@ def _wrenches(tree: KinematicTree, motion: BodyMotion) -> tuple[Array, Array]:
     turn, omega, alpha = motion.rotation, motion.omega, motion.alpha
     mass, lever = tree.nominal[:, 0], np.einsum("bnij,bj->bni", turn, tree.nominal[:, 1:4])
     inertia = tree.nominal[:, 4:][:, _PLACES]
-    vjp = motion.acceleration - tree.gravity
+    acceleration = motion.acceleration - tree.gravity
     swing = cross(alpha, lever) + cross(omega, cross(omega, lever))
     spin = _turned(turn, inertia, alpha) + cross(omega, _turned(turn, inertia, omega))
-    return mass[:, None, None] * vjp + swing, spin + cross(lever, vjp)
+    return mass[:, None, None] * acceleration + swing, spin + cross(lever, acceleration)
 
 
 def _turned(turn: Array, inertia: Array, vector: Array) -> Array:

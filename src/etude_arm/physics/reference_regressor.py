@@ -54,11 +54,11 @@ class ReferenceRegressor:
     @staticmethod
     def of(physics: ArmPhysics) -> ReferenceRegressor:
         """The regressor of a robot. UsageError if it has no model file."""
-        own = physics.regressors()
-        rigid, extra = own[0].rigid.shape[0], len(EXTRA_TERMS)
-        most = max(r.rigid.shape[1] for r in own) + extra
-        combinations = np.zeros((len(own), rigid + extra, most))
-        for j, regressor in enumerate(own):
+        regressors = physics.regressors()
+        rigid, extra = regressors[0].rigid.shape[0], len(EXTRA_TERMS)
+        most = max(r.rigid.shape[1] for r in regressors) + extra
+        combinations = np.zeros((len(regressors), rigid + extra, most))
+        for j, regressor in enumerate(regressors):
             count = regressor.rigid.shape[1]
             combinations[j, :rigid, :count] = regressor.rigid
             combinations[j, rigid:, count : count + extra] = np.diag(regressor.extra)
@@ -87,7 +87,7 @@ class ReferenceRegressor:
                 next_step="Identify a model of this robot.",
             )
         rows = zip(self.combinations, parameters, strict=True)
-        return np.array([np.linalg.pinv(own) @ values for own, values in rows])
+        return np.array([np.linalg.pinv(combination) @ values for combination, values in rows])
 
     def at(self, q: Array, qd: Array, qd_r: Array, qdd_r: Array) -> Reference:
         """At measured q, qd and a reference's qd_r, qdd_r, (J,) each; friction is that at qd_r."""
@@ -105,10 +105,10 @@ class ReferenceRegressor:
     def _rows(self, q: Array, qd: Array, qd_r: Array, qdd_r: Array) -> Array:
         """(UNITS + J, J, P + E) regressors at the states named above."""
         dof = len(q)
-        rate, vjp = np.zeros((2, UNITS + dof, dof))
+        rate, acceleration = np.zeros((2, UNITS + dof, dof))
         rate[AT_REFERENCE], rate[AT_DIFFERENCE], rate[RUBBING] = 0.5 * (qd + qd_r), 0.5 * (qd - qd_r), qd_r
-        vjp[AT_REFERENCE], vjp[UNITS:] = qdd_r, np.eye(dof)
+        acceleration[AT_REFERENCE], acceleration[UNITS:] = qdd_r, np.eye(dof)
         tree, drives = self.physics.geometry.tree, self.physics.geometry.drives
-        motion = np.tile(q, (UNITS + dof, 1)), rate, vjp
+        motion = np.tile(q, (UNITS + dof, 1)), rate, acceleration
         rigid, extra = command_regressors(tree, drives, self.physics.friction_velocity, *motion)
         return np.concatenate([rigid, extra], axis=2)

@@ -89,8 +89,8 @@ class RigidBodyModel:
         """Command (n, dof) at q, qd, qdd (n, dof); turning: friction memory as in `Regressors`, None:
         friction by speed.
         """
-        found = command_regressors(self.tree, self.drives, self.friction_velocity, q, qd, qdd)
-        return self.of(Regressors(*found, turning, None if self.ripple is None else waves(q)))
+        blocks = command_regressors(self.tree, self.drives, self.friction_velocity, q, qd, qdd)
+        return self.of(Regressors(*blocks, turning, None if self.ripple is None else waves(q)))
 
     def of(self, regressors: Regressors) -> Array:
         """Command (n, dof) at those regressors."""
@@ -106,12 +106,12 @@ class RigidBodyModel:
         """`extra` with the friction memory in place of the steepest friction term, where friction depends on
         distance.
         """
-        found = extra.copy()
+        terms = extra.copy()
         for j in np.flatnonzero(self.way).tolist():
             number = int(np.argmin(np.abs(np.array(PRESLIDING_DISTANCES) - self.way[j])))
             speed, v0 = extra[:, j, SPEED], float(self.friction_velocity[j])
-            found[:, j, NARROW] = turned(turning[..., j], speed, self.drives[j], j, v0)[:, number]
-        return found
+            terms[:, j, NARROW] = turned(turning[..., j], speed, self.drives[j], j, v0)[:, number]
+        return terms
 
 
 def turned(turning: Array, speed: Array, drive: Drive, joint: int, v0: float) -> Array:

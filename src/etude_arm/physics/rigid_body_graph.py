@@ -45,14 +45,14 @@ def commands(model: RigidBodyModel, q: Value, qd: Value, qdd: Value, turned: Val
     terms = drive_terms(drive, model.friction_velocity)
     if turned is not None:
         terms[NARROW] = _turning(model, terms[NARROW], drive.speed, turned)
-    found: Value = (forces(model, motion) * drive.inverse(tree.joints)).sum(1) + extra[:, -1]
+    command: Value = (forces(model, motion) * drive.inverse(tree.joints)).sum(1) + extra[:, -1]
     for number, term in enumerate(terms):
-        found = found + term * extra[:, number]
+        command = command + term * extra[:, number]
     if model.ripple is not None:
         for number in range(RIPPLES):
             angle, weights = q * float(number + FIRST_WAVE), model.ripple[:, 2 * number : 2 * number + 2]
-            found = found + sine(angle) * weights[:, 0] + cosine(angle) * weights[:, 1]
-    return found
+            command = command + sine(angle) * weights[:, 0] + cosine(angle) * weights[:, 1]
+    return command
 
 
 def _turning(model: RigidBodyModel, friction: Value, speed: Value, turned: Value) -> Value:
@@ -83,8 +83,8 @@ def forces(model: RigidBodyModel, motion: BodyMotion) -> Value:
     lever: Value = cross(axes, motion.position.at(bodies, 0).widened(2) - anchors)
     along: Value = (lever * hinge + axes * (1.0 - hinge)) * on_path
     turning: Value = axes * (on_path * hinge)
-    found: Value = along @ (R @ push) + turning @ (R @ turn)
-    return found.sum(0)
+    contributions: Value = along @ (R @ push) + turning @ (R @ turn)
+    return contributions.sum(0)
 
 
 def _local(v: Value, rotation: Value) -> Value:

@@ -121,16 +121,16 @@ def drives_from_mujoco(model: Any, names: tuple[str, ...]) -> tuple[Drive, ...]:
     surfaces are not: their axes count as driven at the joint).
     """
     joints = _joint_ids(model, names)
-    found: list[Drive | None] = [None] * len(names)
+    drives: list[Drive | None] = [None] * len(names)
     for actuator in range(model.nu):
         drive = _drive(model, actuator, joints)
         if drive is None or drive.gear == 0.0:
             continue
         axis = _main_axis(model, drive, joints)
-        if axis is not None and found[axis] is None:
-            found[axis] = drive
+        if axis is not None and drives[axis] is None:
+            drives[axis] = drive
     direct = joint_drives(len(names))
-    return tuple(drive or plain for drive, plain in zip(found, direct, strict=True))
+    return tuple(drive or plain for drive, plain in zip(drives, direct, strict=True))
 
 
 def _main_axis(model: Any, drive: Drive, joints: list[int]) -> int | None:

@@ -138,10 +138,10 @@ def drive_motion(
 def _line(tree: KinematicTree, drive: Drive, motion: BodyMotion, nothing: Operand) -> tuple[Operand, ...]:
     """Moment (n, J), speed and acceleration (n, 1) of the line through the drive's sites; zeros without."""
     sites = [_site(tree, motion, int(b), p) for b, p in zip(drive.bodies, drive.points, strict=True)]
-    found = nothing, column(nothing, 0), column(nothing, 0)
+    total = nothing, column(nothing, 0), column(nothing, 0)
     for first, second in pairwise(sites):
-        found = tuple(own + more for own, more in zip(found, _segment(first, second), strict=True))
-    return found
+        total = tuple(part + more for part, more in zip(total, _segment(first, second), strict=True))
+    return total
 
 
 @dataclass(frozen=True)
@@ -197,5 +197,5 @@ def _eliminated(moment: Value, size: int) -> Value:
             factor = left[i].at([k])
             left[i], right[i] = left[i] - factor * left[k], right[i] - factor * right[k]
     inverse = joined([row.widened(1) for row in right], 1)
-    found: Value = (moment.widened(3) * inverse.widened(2)).sum(1)
-    return found
+    pseudo_inverse: Value = (moment.widened(3) * inverse.widened(2)).sum(1)
+    return pseudo_inverse

@@ -23,8 +23,8 @@ def check_tree(tree: KinematicTree, expected: Expected, where: str) -> None:
     """
     q, still = expected.q[None], np.zeros((1, len(expected.q)))
     motion = body_motion(tree, q, still, still)
-    found = list(_frames(tree, motion, expected))
-    refuse(found or list(weight_differences(joint_forces(tree, motion)[0], expected)), where)
+    differences = list(_frames(tree, motion, expected))
+    refuse(differences or list(weight_differences(joint_forces(tree, motion)[0], expected)), where)
 
 
 def _frames(tree: KinematicTree, motion: BodyMotion, expected: Expected) -> Iterator[str]:

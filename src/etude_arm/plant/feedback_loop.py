@@ -202,15 +202,15 @@ class Following(ABC):
             DataError: the log has no desired positions, or nothing at t >= 0.
         """
         moving = log.t >= 0.0
-        wanted, actual = log.get(PLAN[0]), log.get(TRUE)
-        if wanted is None or not moving.any():
+        desired, actual = log.get(PLAN[0]), log.get(TRUE)
+        if desired is None or not moving.any():
             raise DataError(
                 "the tracking error needs desired positions at t >= 0",
                 where=log.source,
                 next_step="Log q_des beside q.",
             )
         actual = log[PATH[0]] if actual is None else actual
-        error = np.abs(wanted - actual)[moving].mean(axis=0)
+        error = np.abs(desired - actual)[moving].mean(axis=0)
         turning = np.array([axis.unit == "rad" for axis in self.spec.axes])
         if turning.any() and not turning.all():
             return 100.0 * error / (self.spec.upper - self.spec.lower), (SHARE,) * len(turning)
@@ -249,13 +249,15 @@ class Following(ABC):
     ) -> Log:
         feedforward, traces = plan.feedforward.copy(), []
         running, inputs = self.begin(plan.orders[0, 0]), plan.inputs(self.substeps)
-        asked = controller if controller is not None and not plan.fixed else None
+        feedforward_controller = controller if controller is not None and not plan.fixed else None
         for k, t in enumerate(plan.t.tolist()):
             while changes and t >= changes[0][0]:
                 running.change(changes.pop(0)[1].physics)
             row = plan.row(k)
-            if asked is not None:
-                feedforward[k] = np.clip(asked.command(t, row)[0], -self.spec.command, self.spec.command)
+            if feedforward_controller is not None:
+                feedforward[k] = np.clip(
+                    feedforward_controller.command(t, row)[0], -self.spec.command, self.spec.command
+                )
             trace = running.advance(inputs.tick(k, feedforward[k]))
             traces.append(trace)
             if controller is not None:

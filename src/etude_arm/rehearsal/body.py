@@ -89,18 +89,18 @@ def tips(loaded: Loaded, joints: Sequence[str]) -> list[Array]:
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
     place, turn = np.array(data.xpos), np.array(data.xmat).reshape(-1, 3, 3)
-    found = []
+    points = []
     for name in joints:
-        own = [int(model.jnt_bodyid[model.joint(name).id])]
-        for body in range(own[0] + 1, model.nbody):
-            if int(model.body_parentid[body]) in own and not model.body_jntnum[body]:
-                own.append(body)
-        away = place[own] - place[own[0]]
-        found.append(turn[own[0]].T @ away[np.argmax(np.linalg.norm(away, axis=1))])
-    return found
+        welded = [int(model.jnt_bodyid[model.joint(name).id])]
+        for body in range(welded[0] + 1, model.nbody):
+            if int(model.body_parentid[body]) in welded and not model.body_jntnum[body]:
+                welded.append(body)
+        away = place[welded] - place[welded[0]]
+        points.append(turn[welded[0]].T @ away[np.argmax(np.linalg.norm(away, axis=1))])
+    return points
 
 
-def said_of_drives(loaded: Loaded, spec: ArmSpec) -> dict[str, Array]:
+def stated_of_drives(loaded: Loaded, spec: ArmSpec) -> dict[str, Array]:
     """Values of the file for the joints (J,): armature, damping, friction (0: not stated), effort (inf: not
     stated).
     """

@@ -93,8 +93,8 @@ def _drive(body: Any, made: Made) -> None:
         drive = _actuator(body, name, name)
         if loop.loop == "inside":
             inputs = mujoco.mjtCtrlInput
-            wanted = int(inputs.mjINPUT_POS) | int(inputs.mjINPUT_VEL) | int(inputs.mjINPUT_FF)
-            drive.set_to_pid(kp=motors.kp[j], kv=motors.kd[j], ctrlspec=wanted)
+            signals = int(inputs.mjINPUT_POS) | int(inputs.mjINPUT_VEL) | int(inputs.mjINPUT_FF)
+            drive.set_to_pid(kp=motors.kp[j], kv=motors.kd[j], ctrlspec=signals)
         else:
             drive.set_to_motor()
         drive.forcelimited, drive.forcerange = 1, [-motors.torque[j], motors.torque[j]]
@@ -132,8 +132,8 @@ class RehearsedRun:
     def __init__(self, made: Made, q: Array) -> None:
         self._made, self._model = made, made.driven
         self._data = mujoco.MjData(self._model)
-        self._own = rows(self._model, made.spec)
-        self._data.qpos[self._own] = q
+        self._dofs = rows(self._model, made.spec)
+        self._data.qpos[self._dofs] = q
         self._waiting: Array | None = None  # controls sent and not yet felt, one physics step a row
         self._before: Array | None = None
         self._rate = np.zeros(made.spec.dof)
@@ -157,8 +157,8 @@ class RehearsedRun:
     def _inside(self, inputs: LoopInputs) -> Trace:
         """Set-points to the drives, which follow them from tick to tick; one rollout."""
         ticks, dof = inputs.q_des.shape
-        wanted = _between(inputs, self._made.loop.timestep)
-        controls = self._delayed(np.concatenate(wanted, axis=1))
+        set_points = _between(inputs, self._made.loop.timestep)
+        controls = self._delayed(np.concatenate(set_points, axis=1))
         start = self._state()
         orders = np.arange(3 * dof).reshape(3, dof).T.ravel()  # MuJoCo's: joint by joint
         padded = np.zeros((len(controls), mujoco.mj_stateSize(self._model, mujoco.mjtState.mjSTATE_CTRL)))
@@ -166,8 +166,8 @@ class RehearsedRun:
         states = rollout.rollout(self._model, self._data, start[None], padded[None])[0][0]
         mujoco.mj_setState(self._model, self._data, states[-1], STATE)
         path = np.concatenate([start[None], states])
-        q = path[:, 1 + self._own]
-        qd = path[:, 1 + self._model.nq + self._own]
+        q = path[:, 1 + self._dofs]
+        qd = path[:, 1 + self._model.nq + self._dofs]
         torque = _servo(self._made.motors, controls, q, qd)
         command = torque.reshape(ticks, inputs.substeps, dof).mean(axis=1) / self._made.motors.gain
         true = q[:: inputs.substeps][:ticks]
@@ -176,14 +176,14 @@ class RehearsedRun:
     def _outside(self, inputs: LoopInputs, k: int) -> Trace:
         """One tick: encoders, feedback, a command that is held."""
         made, loop = self._made.motors, self._made.loop
-        true = self._data.qpos[self._own].copy()
+        true = self._data.qpos[self._dofs].copy()
         q = self._measured(true + inputs.noise[k])
         if self._before is not None:
             share = loop.velocity_filter
             self._rate = self._rate + share * ((q - self._before) * self._made.spec.rate - self._rate)
         self._before = q
-        vjp = made.kp * (inputs.q_des[k] - q) + made.kd * (inputs.qd_des[k] - self._rate)
-        feedback = vjp / made.gain
+        demand = made.kp * (inputs.q_des[k] - q) + made.kd * (inputs.qd_des[k] - self._rate)
+        feedback = demand / made.gain
         limit = self._made.spec.command
         command = np.clip(_whole(feedback + inputs.tau_ff[k], self._made.spec), -limit, limit)
         held = self._delayed(np.tile(command * made.gain, (inputs.substeps, 1)))
@@ -216,11 +216,11 @@ def _servo(made: Motors, controls: Array, q: Array, qd: Array) -> Array:
 
     The integrator is implicit: damping acts with the speed at a step's end, but for a torque at its limit.
     """
-    wanted, speed, ahead = np.split(controls, 3, axis=1)
-    vjp = made.kp * (wanted - q[:-1]) + ahead
-    begun = vjp + made.kd * (speed - qd[:-1])
+    position, speed, ahead = np.split(controls, 3, axis=1)
+    undamped = made.kp * (position - q[:-1]) + ahead
+    begun = undamped + made.kd * (speed - qd[:-1])
     held = np.clip(begun, -made.torque, made.torque)
-    return np.where(held == begun, vjp + made.kd * (speed - qd[1:]), held)
+    return np.where(held == begun, undamped + made.kd * (speed - qd[1:]), held)
 
 
 def _between(inputs: LoopInputs, timestep: float) -> tuple[Array, Array, Array]:

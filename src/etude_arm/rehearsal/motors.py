@@ -99,7 +99,7 @@ class Motors:
         return np.asarray(self.coulomb + (self.static - self.coulomb) * np.exp(-((qd / self.stribeck) ** 2)))
 
 
-class Given:
+class StatedValues:
     """The owner's values of the drives at the joints; defaults for the others."""
 
     def __init__(self, spec: ArmSpec) -> None:
@@ -107,30 +107,30 @@ class Given:
         self.tables = [tables.get(name, MotorTable(name=name)) for name in spec.names]
 
     def __call__(self, name: str, default: Array) -> Array:
-        said = [table.at_joint(name) for table in self.tables]
-        return np.array([d if s is None else s for s, d in zip(said, default.tolist(), strict=True)])
+        stated = [table.at_joint(name) for table in self.tables]
+        return np.array([d if s is None else s for s, d in zip(stated, default.tolist(), strict=True)])
 
     @property
     def tick(self) -> Array:
         return np.array([2.0 * math.pi / 2**table.encoder_bits / table.gear for table in self.tables])
 
 
-def torque_limit(spec: ArmSpec, said: Mapping[str, Array], gravity: Array) -> Array:
+def torque_limit(spec: ArmSpec, stated: Mapping[str, Array], gravity: Array) -> Array:
     """(J,) N m at the largest command: the owner's, the command limit itself, the file's effort, or 3 times
     the largest torque that gravity asks for."""
     if spec.command_unit in FORCES:
-        return Given(spec)("torque", spec.command)
-    known = np.where(np.isfinite(said["effort"]), said["effort"], 3.0 * np.abs(gravity).max(axis=0))
-    return Given(spec)("torque", known)
+        return StatedValues(spec)("torque", spec.command)
+    limit = np.where(np.isfinite(stated["effort"]), stated["effort"], 3.0 * np.abs(gravity).max(axis=0))
+    return StatedValues(spec)("torque", limit)
 
 
-def armature_of(spec: ArmSpec, said: Mapping[str, Array], median: Array, torque: Array) -> Array:
+def armature_of(spec: ArmSpec, stated: Mapping[str, Array], median: Array, torque: Array) -> Array:
     """(J,) kg m^2 of the rotors at the joints."""
     floor = 0.15 * median
     assumed = np.minimum(
         np.maximum(floor, torque / 500.0), np.maximum(torque / (3.0 * spec.acceleration), floor)
     )
-    return Given(spec)("armature", np.where(said["armature"] > 0.0, said["armature"], assumed))
+    return StatedValues(spec)("armature", np.where(stated["armature"] > 0.0, stated["armature"], assumed))
 
 
 POSES = 300  # over which a robot's inertia and gravity are averaged
@@ -161,16 +161,16 @@ def scales_of(model: mujoco.MjModel, spec: ArmSpec, armature: Array) -> Scales:
     """Of a model without armature, and of it with `armature` (J,) where it says so."""
     import mujoco
 
-    data, own = mujoco.MjData(model), rows(model, spec)
+    data, dofs = mujoco.MjData(model), rows(model, spec)
     poses = np.random.default_rng(SEED).uniform(spec.lower, spec.upper, (POSES, spec.dof))
     inertia, gravity, felt = np.empty((3, POSES, spec.dof))
     M = np.empty((model.nv, model.nv))
     for k, q in enumerate(poses):
-        data.qpos[own] = q
+        data.qpos[dofs] = q
         mujoco.mj_forward(model, data)
         mujoco.mj_fullM(model, data, M)
-        full = M[np.ix_(own, own)]
-        inertia[k], gravity[k] = np.diag(full), data.qfrc_bias[own] - data.qfrc_passive[own]
+        full = M[np.ix_(dofs, dofs)]
+        inertia[k], gravity[k] = np.diag(full), data.qfrc_bias[dofs] - data.qfrc_passive[dofs]
         felt[k] = 1.0 / np.diag(np.linalg.inv(full + np.diag(armature)))
     return Scales(inertia, felt.min(axis=0), gravity)
 
@@ -179,40 +179,40 @@ def effort(model: mujoco.MjModel, spec: ArmSpec, motion: tuple[Array, Array, Arr
     """(T, J) torque of bodies and rotors along q, qd, qdd (T, J each), by `mj_inverse`; no friction."""
     import mujoco
 
-    data, own = mujoco.MjData(model), rows(model, spec)
-    found = np.empty_like(motion[0])
+    data, dofs = mujoco.MjData(model), rows(model, spec)
+    torques = np.empty_like(motion[0])
     for k, (q, qd, qdd) in enumerate(zip(*motion, strict=True)):
-        data.qpos[own], data.qvel[own], data.qacc[own] = q, qd, qdd
+        data.qpos[dofs], data.qvel[dofs], data.qacc[dofs] = q, qd, qdd
         mujoco.mj_inverse(model, data)
-        found[k] = data.qfrc_inverse[own]
-    return found
+        torques[k] = data.qfrc_inverse[dofs]
+    return torques
 
 
 def motors_of(spec: ArmSpec, loop: Simulate, scales: Scales, torque: Array, armature: Array) -> Motors:
     """Every drive; `loop` is settled (`settled`)."""
-    given, size = Given(spec), spec.presliding(1.0)
-    coulomb = given("coulomb", 0.03 * torque)
-    viscous = given("viscous", 0.03 * torque / spec.velocity)
-    stiffness = given("stiffness", np.maximum(coulomb, 1e-9) / (BRISTLE * size))
+    value_of, size = StatedValues(spec), spec.presliding(1.0)
+    coulomb = value_of("coulomb", 0.03 * torque)
+    viscous = value_of("viscous", 0.03 * torque / spec.velocity)
+    stiffness = value_of("stiffness", np.maximum(coulomb, 1e-9) / (BRISTLE * size))
     least = scales.inertia.min(axis=0) + armature
     braking = np.zeros(spec.dof)
     if spec.command_unit in VOLTAGES:
-        braking = torque / given("no_load", NO_LOAD_FACTOR * spec.velocity)
+        braking = torque / value_of("no_load", NO_LOAD_FACTOR * spec.velocity)
     kp, kd = gains(spec, loop, scales, armature, coulomb, viscous + braking)
     return Motors(
         armature=armature,
         coulomb=coulomb,
-        static=np.maximum(given("static", 1.3 * coulomb), coulomb),
+        static=np.maximum(value_of("static", 1.3 * coulomb), coulomb),
         viscous=viscous,
-        stribeck=given("stribeck", STRIBECK * size),
+        stribeck=value_of("stribeck", STRIBECK * size),
         stiffness=stiffness,
-        micro_damping=given("micro_damping", 0.6 * np.sqrt(stiffness * least)),
+        micro_damping=value_of("micro_damping", 0.6 * np.sqrt(stiffness * least)),
         torque=torque,
         gain=np.ones(spec.dof) if spec.command_unit in FORCES else torque / spec.command,
         braking=braking,
         kp=kp,
         kd=kd,
-        tick=given.tick,
+        tick=value_of.tick,
     )
 
 
@@ -220,7 +220,7 @@ def gains(
     spec: ArmSpec, loop: Simulate, scales: Scales, armature: Array, coulomb: Array, drag: Array
 ) -> tuple[Array, Array]:
     """Kp and Kd (J,) of the feedback, N m/rad and N m s/rad."""
-    given, heaviest = Given(spec), scales.inertia.max(axis=0) + armature
+    value_of, heaviest = StatedValues(spec), scales.inertia.max(axis=0) + armature
     load = np.quantile(np.abs(scales.gravity), 0.95, axis=0) + coulomb + 0.5 * drag * spec.velocity
     load = load + (0.3 * armature + 0.5 * scales.median) * spec.acceleration
     kp = np.maximum(load / (WANTED * spec.presliding(1.0)), 100.0 * heaviest)
@@ -230,4 +230,4 @@ def gains(
     if loop.loop == "outside":
         kd = np.minimum(kd, 0.8 * scales.felt * rate)
         kp = np.minimum(kp, 0.2 * rate * kd)
-    return given("kp", kp), given("kd", kd)
+    return value_of("kp", kp), value_of("kd", kd)

@@ -12,7 +12,7 @@ from etude.errors import UsageError
 from etude.types import Array
 from etude_arm.plant.feedback_loop import Following
 from etude_arm.plant.trace import LoopInputs, Running, Trace
-from etude_arm.rehearsal.body import bare_body, from_file, said_of_drives
+from etude_arm.rehearsal.body import bare_body, from_file, stated_of_drives
 from etude_arm.rehearsal.drive_model import Made
 from etude_arm.rehearsal.motors import Motors, Scales, armature_of, effort, motors_of, scales_of, torque_limit
 from etude_arm.rehearsal.overlay import Simulate
@@ -118,21 +118,23 @@ def too_heavy(spec: ArmSpec, gravity: Array, torque: Array) -> None:
 
 
 def sentences(
-    spec: ArmSpec, loop: Simulate, motors: Motors, said: Mapping[str, Array], scales: Scales
+    spec: ArmSpec, loop: Simulate, motors: Motors, stated: Mapping[str, Array], scales: Scales
 ) -> tuple[str, ...]:
     """Sentences on the loop, each drive, unused values of the file, and limits that the drives cannot
     reach.
     """
-    found = [f"{_loop(spec, loop)} {DEFAULTS}"]
-    found += [_motor(spec, motors, j) for j in range(spec.dof)]
+    lines = [f"{_loop(spec, loop)} {DEFAULTS}"]
+    lines += [_motor(spec, motors, j) for j in range(spec.dof)]
     unused = [
         f"{name} (damping {d:g}, friction {f:g})"
-        for name, d, f in zip(spec.names, said["damping"].tolist(), said["friction"].tolist(), strict=True)
+        for name, d, f in zip(
+            spec.names, stated["damping"].tolist(), stated["friction"].tolist(), strict=True
+        )
         if d or f
     ]
     if unused:
-        found.append(f"The file's own damping and friction are not used: {', '.join(unused)}.")
-    return tuple(found + _hard(spec, motors, scales) + _large(spec, motors, scales))
+        lines.append(f"The file's own damping and friction are not used: {', '.join(unused)}.")
+    return tuple(lines + _torque_deficits(spec, motors, scales) + _torque_excesses(spec, motors, scales))
 
 
 def _loop(spec: ArmSpec, loop: Simulate) -> str:
@@ -155,7 +157,7 @@ def _motor(spec: ArmSpec, motors: Motors, j: int) -> str:
     )
 
 
-def _hard(spec: ArmSpec, motors: Motors, scales: Scales) -> list[str]:
+def _torque_deficits(spec: ArmSpec, motors: Motors, scales: Scales) -> list[str]:
     """Joints whose torque is insufficient for their limits of speed and acceleration."""
     # gravity at the 95 % quantile of poses: position limits seldom allow the worst ones
     needed = np.quantile(np.abs(scales.gravity), 0.95, axis=0) + motors.coulomb
@@ -170,7 +172,7 @@ def _hard(spec: ArmSpec, motors: Motors, scales: Scales) -> list[str]:
     ]
 
 
-def _large(spec: ArmSpec, motors: Motors, scales: Scales) -> list[str]:
+def _torque_excesses(spec: ArmSpec, motors: Motors, scales: Scales) -> list[str]:
     """Joints whose torque limits are far above any motion, although friction and armature depend on them."""
     # as above: the 95 % quantile of poses
     needed = np.quantile(np.abs(scales.gravity), 0.95, axis=0) + scales.median * spec.acceleration
@@ -195,18 +197,18 @@ def rehearsed(spec: ArmSpec) -> RehearsedRobot:
             cannot carry its own weight.
     """
     loop, loaded = settled(spec), from_file(spec)
-    said, body = said_of_drives(loaded, spec), bare_body(loaded, spec)
+    stated, body = stated_of_drives(loaded, spec), bare_body(loaded, spec)
     for name in spec.names:
         body.joint(name).armature = 0.0
     model = body.compile()
     light = scales_of(model, spec, np.zeros(spec.dof))
-    torque = torque_limit(spec, said, light.gravity)
+    torque = torque_limit(spec, stated, light.gravity)
     too_heavy(spec, light.gravity, torque)
-    armature = armature_of(spec, said, light.median, torque)
+    armature = armature_of(spec, stated, light.median, torque)
     scales = replace(light, felt=scales_of(model, spec, armature).felt)
     motors = motors_of(spec, loop, scales, torque, armature)
     made = Made(spec, loaded, loop, motors)
-    return RehearsedRobot(made, sentences(spec, loop, motors, said, scales))
+    return RehearsedRobot(made, sentences(spec, loop, motors, stated, scales))
 
 
 def settled(spec: ArmSpec) -> Simulate:

@@ -100,18 +100,18 @@ class SpaceLimit:
     def rows(self) -> list[tuple[str, str, float, float]]:
         """Axis, quantity, lower and upper limit, in the order of `of_motion`."""
         table, name = self.table, self.tool.name
-        found: list[tuple[str, str, float, float]] = []
+        rows: list[tuple[str, str, float, float]] = []
         if table.speed is not None:
-            found.append((name, "tool speed", -table.speed, table.speed))
+            rows.append((name, "tool speed", -table.speed, table.speed))
         if table.lower is not None and table.upper is not None:
             sides = zip(PLACES, table.lower, table.upper, strict=True)
-            found += [(f"{name} {axis}", "tool position", low, high) for axis, low, high in sides]
+            rows += [(f"{name} {axis}", "tool position", low, high) for axis, low, high in sides]
         if table.radius is not None:
-            found.append((name, "tool radius", -table.radius, table.radius))
+            rows.append((name, "tool radius", -table.radius, table.radius))
         if table.link_speed is not None:
             most = table.link_speed
-            found += [(link.name, "link speed", -most, most) for link in self.links]
-        return found
+            rows += [(link.name, "link speed", -most, most) for link in self.links]
+        return rows
 
     def cones(self, family: Family) -> Sequence[Cone]:  # noqa: ARG002
         """None."""
@@ -126,10 +126,10 @@ class SpaceLimit:
         afterwards.
         """
         count = max(2, math.ceil(piece.duration / LOOK)) + 1
-        found = self.of_motion(piece.motion(np.linspace(0.0, piece.duration, count), 2))
+        values = self.of_motion(piece.motion(np.linspace(0.0, piece.duration, count), 2))
         ends = np.array([[low, high] for _, _, low, high in self.rows])
         middle, half = ends.mean(axis=1), 0.5 * np.ptp(ends, axis=1)
-        return bool(np.all(np.abs(found - middle) <= CLOSE * half))
+        return bool(np.all(np.abs(values - middle) <= CLOSE * half))
 
     def prove(self, piece: Trajectory) -> Sequence[Proof]:
         """A row for each quantity. UsageError for curves without a bound of their acceleration."""
@@ -163,10 +163,10 @@ class SpaceLimit:
         count = max(2, math.ceil(piece.duration / step)) + 1
         t = np.linspace(0.0, piece.duration, count)
         step = float(t[1] - t[0])
-        found = self.of_motion(piece.motion(t, 2))
+        samples = self.of_motion(piece.motion(t, 2))
         out = []
         for (axis, quantity, low, high), values, bend, rough in zip(
-            rows, found.T, speeds, places, strict=True
+            rows, samples.T, speeds, places, strict=True
         ):
             slow = "speed" not in quantity
             # between samples h apart a value moves by h²/8 of its second derivative, or h/2 of its first
@@ -194,12 +194,12 @@ class SpaceLimit:
         tool, links = bent(self.tool.reach, self.tool.chain, rates), list(self.links)
         second, third = [], []
         for _, quantity, _, _ in self.rows:
-            own = tool
+            bounds = tool
             if quantity == "link speed":
                 link = links.pop(0)
-                own = bent(link.reach, link.chain, rates)
-            second.append(float(own[0]))
-            third.append(float(own[1]) if "speed" in quantity else float(own[0]))
+                bounds = bent(link.reach, link.chain, rates)
+            second.append(float(bounds[0]))
+            third.append(float(bounds[1]) if "speed" in quantity else float(bounds[0]))
         return second, third, gentle
 
 
@@ -247,28 +247,28 @@ def _links(spec: ArmSpec, geometry: Geometry, motion: BodyMotion, pose: Array) -
     data = mujoco.MjData(skeleton.model)
     data.qpos[skeleton.addresses] = pose
     mujoco.mj_kinematics(skeleton.model, data)
-    found = []
+    links = []
     for part, name in enumerate(skeleton.parts):
-        chain, own = skeleton.chain(part), [shape for shape in skeleton.shapes if shape.part == part]
-        if not chain or not own:
+        chain, shapes = skeleton.chain(part), [shape for shape in skeleton.shapes if shape.part == part]
+        if not chain or not shapes:
             continue
         body = int(geometry.tree.joint_body[chain[-1]])
         corners = []
-        for shape in own:
+        for shape in shapes:
             turn, place = data.geom_xmat[shape.geom].reshape(3, 3), data.geom_xpos[shape.geom]
             world = shape.points @ turn.T + place
             local = (world - motion.position[body, 0]) @ motion.rotation[body, 0]
             corners += [local - shape.radius, local + shape.radius]
         low, high = np.concatenate(corners).min(axis=0), np.concatenate(corners).max(axis=0)
         grid = np.stack(np.meshgrid(*zip(low, high, strict=True), indexing="ij"), axis=-1).reshape(-1, 3)
-        found.append(_points(name, body, grid, spec, geometry.tree, motion, pose))
-    if not found:
+        links.append(_points(name, body, grid, spec, geometry.tree, motion, pose))
+    if not links:
         raise UsageError(
             f"link_speed needs shapes, and robot '{spec.name}' has none",
             where="cartesian",
             next_step="Limit speed, of the tool's point, instead.",
         )
-    return tuple(found)
+    return tuple(links)
 
 
 def _points(
@@ -285,8 +285,8 @@ def _points(
 
 def _chain(tree: KinematicTree, body: int) -> list[int]:
     """The joints that move a body, the innermost first; of several on one body, in their order."""
-    found: list[int] = []
+    chain: list[int] = []
     while body > 0:
-        found = [j for j in range(tree.joints) if tree.joint_body[j] == body] + found
+        chain = [j for j in range(tree.joints) if tree.joint_body[j] == body] + chain
         body = int(tree.parent[body])
-    return found
+    return chain

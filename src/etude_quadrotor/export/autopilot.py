@@ -86,7 +86,7 @@ def chosen_rate(
     chip: Chip,
     operations: int,
     rates: tuple[int, ...],
-    asked: float | None,
+    requested: float | None,
     *,
     single: bool,
     cheaper: Sequence[str] = (),
@@ -102,14 +102,14 @@ def chosen_rate(
     """
     seconds = chip.seconds(operations, single=single)
     fitting = [rate for rate in rates if seconds * rate <= chip.share]
-    if asked is not None and asked not in rates:
+    if requested is not None and requested not in rates:
         raise UsageError(
-            f"the model is asked at {', '.join(map(str, rates))} Hz, not {asked:g}", where="--rate"
+            f"the model is asked at {', '.join(map(str, rates))} Hz, not {requested:g}", where="--rate"
         )
-    wanted = max(fitting, default=0) if asked is None else int(asked)
-    if wanted in fitting:
-        return float(wanted)
-    at = min(rates) if asked is None else asked
+    selected = max(fitting, default=0) if requested is None else int(requested)
+    if selected in fitting:
+        return float(selected)
+    at = min(rates) if requested is None else requested
     ways = [f"export --rate {max(fitting)}"] if fitting else []
     ways += [] if single else ["export --real float"]
     raise UsageError(
@@ -150,28 +150,29 @@ class Autopilot:
             UsageError: unknown options; commands that are not its motors or not parts of full scale; an input
                 that no set-point determines; a model without C code; float where its error is too large.
         """
-        asked = taken(options, FlightOptions, self.name)
-        form = CForm(asked.real == "float", fade=False, digest=asked.model_hash)
-        made, said, facts = held(model, kind, spec, form, asked.name, alone=asked.single)
+        settings = taken(options, FlightOptions, self.name)
+        form = CForm(settings.real == "float", fade=False, digest=settings.model_hash)
+        made, sentences, facts = held(model, kind, spec, form, settings.name, alone=settings.single)
         lean, drag = drag_files(made.plan.model.inputs, made.plan.name, form)
         # one call evaluates the motion and hover, and iterates the drag as often as flight.c does
         operations = 2 * made.plan.operations(form.deviations)
         operations += 0 if drag is None else self.rounds * drag.operations[0]
         less = cheaper_options(made.plan, form)
-        rate = chosen_rate(self.chip, operations, RATES, asked.rate, single=form.single, cheaper=less)
+        rate = chosen_rate(self.chip, operations, RATES, settings.rate, single=form.single, cheaper=less)
         cost = cost_in_words(self.chip, operations, rate, single=form.single)
-        words = _words(made, self.name, rate)
+        placeholders = _placeholders(made, self.name, rate)
         files = {**made.files, **lean}
         for template, place in self.sources.items():
-            files[place.replace("@NAME@", made.plan.name)] = _filled(template, words)
+            files[place.replace("@NAME@", made.plan.name)] = _filled(template, placeholders)
         order = ", ".join(
-            f"{n} is {int(m) + 1}" for n, m in zip(model.commands, words["MOTORS"].split(", "), strict=True)
+            f"{n} is {int(m) + 1}"
+            for n, m in zip(model.commands, placeholders["MOTORS"].split(", "), strict=True)
         )
         facts |= {"rate": rate, "operations_of_an_answer": operations}
-        told = [
-            sentence for sentence in said if sentence != BARE
+        notes = [
+            sentence for sentence in sentences if sentence != BARE
         ]  # not chosen by the user: the glue terminates it itself
-        return Delivered(files, (f"Motors of {self.name}: {order}.", *told, OUTSIDE, cost), facts)
+        return Delivered(files, (f"Motors of {self.name}: {order}.", *notes, OUTSIDE, cost), facts)
 
 
 SHARED = {"flight.h": "@NAME@_flight.h", "flight.c": "@NAME@_flight.c"}
@@ -179,7 +180,7 @@ PX4 = Autopilot("px4", {**SHARED, "px4.h": "@NAME@_px4.h", "px4.c": "@NAME@_px4.
 CRAZYFLIE = Autopilot("crazyflie", {**SHARED, "crazyflie.c": "controller_@NAME@.c"}, M4F, 1)
 
 
-def _words(made: Files, target: str, rate: float) -> dict[str, str]:
+def _placeholders(made: Files, target: str, rate: float) -> dict[str, str]:
     plan, single_precision = made.plan, made.form.single
     return {
         "NAME": plan.name,
@@ -217,9 +218,9 @@ def _motors(plan: Plan, target: str) -> list[int]:
             f"{target} takes parts of full scale, and commands are in {', '.join(dict.fromkeys(plan.units))}",
             next_step='Learn from set-points of the motors, with command_unit = "1"; or export --to c.',
         )
-    found = [re.search(r"(\d+)$", name) for name in plan.model.commands]
-    numbers = [int(match[1]) - 1 for match in found if match]
-    if sorted(numbers) != list(range(len(found))):
+    matches = [re.search(r"(\d+)$", name) for name in plan.model.commands]
+    numbers = [int(match[1]) - 1 for match in matches if match]
+    if sorted(numbers) != list(range(len(matches))):
         raise UsageError(
             f"which motor is which is not said by {', '.join(plan.model.commands)}",
             next_step=f"Let commands in robot.toml end in {target}'s numbers of the motors: m1, m2, m3, ...",
@@ -227,7 +228,7 @@ def _motors(plan: Plan, target: str) -> list[int]:
     return numbers
 
 
-def _filled(template: str, words: Mapping[str, str]) -> bytes:
+def _filled(template: str, placeholders: Mapping[str, str]) -> bytes:
     place = resources.files("etude_quadrotor.export").joinpath("sources", template)
     text = place.read_text(encoding="utf-8")
-    return re.sub(r"@([A-Z0-9]+)@", lambda found: words[found[1]], text).encode()
+    return re.sub(r"@([A-Z0-9]+)@", lambda match: placeholders[match[1]], text).encode()

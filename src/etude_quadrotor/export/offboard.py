@@ -64,8 +64,8 @@ class Offboard:
         orders[1:, still] = 0.0  # set-points at rest are exact
         columns, header = list(orders), list(HEADER)
         if isinstance(what, MotionWithCommands) and what.acceleration is not None:
-            told = what.acceleration(np.minimum(t, motion.duration)) @ NED.T
-            drag = np.where(((t <= motion.duration) & ~still)[:, None], told - orders[2], 0.0)
+            commanded = what.acceleration(np.minimum(t, motion.duration)) @ NED.T
+            drag = np.where(((t <= motion.duration) & ~still)[:, None], commanded - orders[2], 0.0)
             columns[2], header = orders[2] + drag, [*HEADER, *DRAG]
             columns.append(drag)
         text = io.StringIO()
@@ -106,9 +106,10 @@ class Offboard:
         after = round(AFTER_S * RATE)
         places = np.pad(points[0], ((0, after), (0, 0)), mode="edge")
         size = np.abs(np.pad(drag, ((0, after), (0, 0))))
-        sideways, up = (np.abs(_left_by_a_push(gains)) for gains in GAINS)
+        sideways, up = (np.abs(_push_response(gains)) for gains in GAINS)
         off = [
-            np.convolve(size[:, i], own)[: len(size)] / RATE for i, own in enumerate((sideways, sideways, up))
+            np.convolve(size[:, i], response)[: len(size)] / RATE
+            for i, response in enumerate((sideways, sideways, up))
         ]
         return places @ NED.T, np.abs(np.stack(off, axis=1) @ NED.T)
 
@@ -120,13 +121,14 @@ class Offboard:
         if not drag.any():
             return ()
         most = float(np.linalg.norm(drag, axis=1).max())
-        told, own = (math.degrees(_tilt(a)) for a in (points[2], points[2] - drag))
+        commanded_tilt, motion_tilt = (math.degrees(_tilt(a)) for a in (points[2], points[2] - drag))
         beside = self.strays(files)
         assert beside is not None
         east, north, up = beside[1].max(axis=0)
         return (
             "The acceleration set-points are commands, not the motion: they hold against the learned drag, "
-            f"with up to {most:.3g} m/s^2, and tilt up to {told:.3g} degrees, the motion alone {own:.3g}. "
+            f"with up to {most:.3g} m/s^2, and tilt up to {commanded_tilt:.3g} degrees, the motion alone "
+            f"{motion_tilt:.3g}. "
             "Limits are proved of the motion, that of the tilt also of what is commanded.",
             "Where the learned drag is wrong, by all of it at most, the vehicle may leave the plan by "
             f"{east:.2g} m along x, {north:.2g} along y and {up:.2g} along z, more than tracking does, under "
@@ -140,12 +142,16 @@ def _read(files: Mapping[str, bytes]) -> tuple[Array, Array, Array]:
     table = np.array([[float(cell) for cell in row] for row in rows]).astype(np.float32).astype(float)
     place = {name: i for i, name in enumerate(header)}
     points = table[:, [place[name] for name in HEADER[1:-1]]].reshape(len(table), ORDERS, 3)
-    known = [place[name] for name in DRAG if name in place]
+    drag_columns = [place[name] for name in DRAG if name in place]
     t = np.array([float(row[0]) for row in rows])
-    return t, np.moveaxis(points, 1, 0).copy(), table[:, known] if known else np.zeros((len(table), 3))
+    return (
+        t,
+        np.moveaxis(points, 1, 0).copy(),
+        table[:, drag_columns] if drag_columns else np.zeros((len(table), 3)),
+    )
 
 
-def _left_by_a_push(gains: tuple[float, float, float, float]) -> Array:
+def _push_response(gains: tuple[float, float, float, float]) -> Array:
     """(K,) m/(m/s), at `RATE`: deviation of a vehicle after a step of its velocity.
 
     The state is position, velocity, acceleration and integral; the feedback's acceleration lags by `LAG`.
@@ -162,10 +168,10 @@ def _left_by_a_push(gains: tuple[float, float, float, float]) -> Array:
         ]
     )
     step, state = expm(rates / RATE), np.array([0.0, 0.0, 1.0 / LAG, 0.0])
-    found = np.zeros(round(2.0 * AFTER_S * RATE))
-    for k in range(len(found)):
-        found[k], state = state[0], step @ state
-    return found
+    deviation = np.zeros(round(2.0 * AFTER_S * RATE))
+    for k in range(len(deviation)):
+        deviation[k], state = state[0], step @ state
+    return deviation
 
 
 def _tilt(acceleration: Array) -> float:

@@ -48,17 +48,17 @@ class UlogReader:
             UsageError: pyulog is not installed.
         """
         ulog, cut = _parsed(path, topics or _needed())
-        found: dict[str, list[Any]] = {}
+        instances: dict[str, list[Any]] = {}
         for one in ulog.data_list:
             if len(one.data.get("timestamp", ())):
-                found.setdefault(one.name, []).append(one.data)
-        missing = [topic for topic in topics if topic not in found]
+                instances.setdefault(one.name, []).append(one.data)
+        missing = [topic for topic in topics if topic not in instances]
         if missing:
             raise _unknown(path, missing[0])
-        said = (DAMAGED,) * ulog.file_corruption + (CUT,) * cut
+        notes = (DAMAGED,) * ulog.file_corruption + (CUT,) * cut
         if topics:
-            return {name: _log(found[name][0], dict(found[name][0]), path, said) for name in topics}
-        return _flight(found, ulog.initial_parameters, path, said)
+            return {name: _log(instances[name][0], dict(instances[name][0]), path, notes) for name in topics}
+        return _flight(instances, ulog.initial_parameters, path, notes)
 
     def recognises(self, path: Path, head: bytes) -> bool:  # noqa: ARG002
         """Whether the file is a ULog, by its first bytes."""
@@ -109,7 +109,7 @@ Dataset = Mapping[str, Array]
 
 
 def motors_of(
-    instances: Sequence[Dataset], topic: str, parameters: Mapping[str, Any], said: list[str]
+    instances: Sequence[Dataset], topic: str, parameters: Mapping[str, Any], notes: list[str]
 ) -> tuple[Dataset, dict[str, Array]]:
     """Set-points of the motors, parts of full scale, numbered as PX4 does, and their topic's instance.
 
@@ -123,25 +123,25 @@ def motors_of(
     data = max(instances, key=lambda one: sum(moves(one, f"{stem}[{i}]") for i in range(count or ROTORS)))
     rate = (len(data["timestamp"]) - 1) / max(1e-6 * float(np.ptp(data["timestamp"].astype(float))), 1e-6)
     if rate < SLOW:
-        said.append(
+        notes.append(
             f"Topic {topic} was recorded {rate:.3g} times a second, so little of what the motors did is in "
             "the log: set SDLOG_PROFILE on the vehicle to record it faster."
         )
     if topic == "actuator_motors":
         named = [i for i in range(count or MOST) if f"control[{i}]" in data]
-        told = [i for i in named if np.isfinite(data[f"control[{i}]"]).any()]
-        return data, _stopped({f"motor_{i + 1}": data[f"control[{i}]"] for i in told}, said)
-    told = [i for i in range(count or ROTORS) if f"output[{i}]" in data]
-    said.append(f"Outputs 1 to {len(told)} of {topic} were taken for the motors.")
-    return data, {f"motor_{i + 1}": _of_full(data[f"output[{i}]"], i, parameters, said) for i in told}
+        indices = [i for i in named if np.isfinite(data[f"control[{i}]"]).any()]
+        return data, _stopped({f"motor_{i + 1}": data[f"control[{i}]"] for i in indices}, notes)
+    indices = [i for i in range(count or ROTORS) if f"output[{i}]" in data]
+    notes.append(f"Outputs 1 to {len(indices)} of {topic} were taken for the motors.")
+    return data, {f"motor_{i + 1}": _of_full(data[f"output[{i}]"], i, parameters, notes) for i in indices}
 
 
-def _stopped(motors: dict[str, Array], said: list[str]) -> dict[str, Array]:
+def _stopped(motors: dict[str, Array], notes: list[str]) -> dict[str, Array]:
     """Set-points with 0 in place of NaN, which PX4 writes while it is disarmed."""
     off = np.all([np.isnan(values) for values in motors.values()], axis=0)
     if not np.any(off):
         return motors
-    said.append(
+    notes.append(
         f"For {100 * off.mean():.3g} % of actuator_motors the vehicle is disarmed (NaN): its motors were "
         "taken for 0."
     )
@@ -154,11 +154,11 @@ def moves(data: Dataset, name: str) -> bool:
     return bool(np.nanmax(values, initial=-np.inf) > np.nanmin(values, initial=np.inf))
 
 
-def _of_full(pulses: Array, i: int, parameters: Mapping[str, Any], said: list[str]) -> Array:
+def _of_full(pulses: Array, i: int, parameters: Mapping[str, Any], notes: list[str]) -> Array:
     """Parts of full scale from pulse widths in us, between PX4's configured minimum and maximum."""
     median = float(np.nanmedian(pulses))
     if not PULSE[0] <= median <= PULSE[1]:
-        said.append(f"Output {i + 1} is no pulse width (median {median:.4g}) and was taken as it is.")
+        notes.append(f"Output {i + 1} is no pulse width (median {median:.4g}) and was taken as it is.")
         return pulses
     ends = []
     # us, PX4's defaults
@@ -243,11 +243,11 @@ def require_flat_multirotor(
         DataError: it names the airframe and the parameter that states it; or the moments that its rotors
             lack.
     """
-    found = _other(parameters, status[0] if status else {})
-    if found is not None:
-        name, said = found
+    unsupported = _other(parameters, status[0] if status else {})
+    if unsupported is not None:
+        name, parameter = unsupported
         raise DataError(
-            f"the vehicle of this log is {name} ({said}), and only flat multirotors are supported",
+            f"the vehicle of this log is {name} ({parameter}), and only flat multirotors are supported",
             where=str(path),
             next_step="Bring a log of a vehicle with four rotors or more that all lift along its z axis; "
             "--topic NAME reads a topic as recorded.",
@@ -265,12 +265,12 @@ def _other(parameters: Mapping[str, Any], status: Mapping[str, Any]) -> tuple[st
     """The airframe and the parameter that states it; None for a flat multirotor, or if unknown."""
     if int(_first(status, "is_vtol", 0)):
         return "a VTOL aircraft", f"{STATUS}.is_vtol"
-    for said, number in (
+    for parameter, number in (
         ("MAV_TYPE", int(parameters.get("MAV_TYPE", 0))),
         (f"{STATUS}.system_type", int(_first(status, "system_type", 0))),
     ):
         if number and number not in MULTIROTORS:
-            return TYPES.get(number, "no multirotor"), f"{said} {number}"
+            return TYPES.get(number, "no multirotor"), f"{parameter} {number}"
     frame = int(parameters.get("CA_AIRFRAME", 0))
     if frame in AIRFRAMES:
         return AIRFRAMES[frame], f"CA_AIRFRAME {frame}"
@@ -325,12 +325,12 @@ def _parsed(path: Path, topics: Sequence[str]) -> tuple[Any, bool]:
             ) from None
 
 
-def _lacks(path: Path, missing: Sequence[str], found: Iterable[str] = ()) -> DataError:
+def _lacks(path: Path, missing: Sequence[str], present: Iterable[str] = ()) -> DataError:
     """The error for a log without the topics `missing`, which learning needs."""
     return DataError(
         f"the log has no topic {' or '.join(missing)}",
         where=str(path),
-        next_step=f"Of what is needed it has {', '.join(sorted(found)) or 'nothing'}. Set SDLOG_PROFILE on "
+        next_step=f"Of what is needed it has {', '.join(sorted(present)) or 'nothing'}. Set SDLOG_PROFILE on "
         "the vehicle, or name the topics in etc/logging/logger_topics.txt on its card; --topic NAME reads "
         "one as recorded.",
     )
@@ -346,16 +346,16 @@ def _unknown(path: Path, topic: str) -> DataError:
 
 
 def _flight(
-    found: Mapping[str, list[Dataset]], parameters: Mapping[str, Any], path: Path, said: tuple[str, ...]
+    instances: Mapping[str, list[Dataset]], parameters: Mapping[str, Any], path: Path, notes: tuple[str, ...]
 ) -> dict[str, Log]:
     """A log for each topic with data of the flight.
 
     Raises:
         DataError: the file has no data of the body or of the motors.
     """
-    require_flat_multirotor(parameters, found.get(STATUS, ()), path)
-    if lacking := [names for names in (GYRO, FORCE, MOTORS) if not any(name in found for name in names)]:
-        raise _lacks(path, lacking[0], found)
+    require_flat_multirotor(parameters, instances.get(STATUS, ()), path)
+    if lacking := [names for names in (GYRO, FORCE, MOTORS) if not any(name in instances for name in names)]:
+        raise _lacks(path, lacking[0], instances)
     sentences = ["Axes were turned: body x forward, y left, z up; world east, north, up."]
     if rotors := rotors_of(parameters):
         text = ", ".join(f"[{x:.4g}, {y:.4g}, {spin:g}]" for x, y, spin in rotors)
@@ -366,27 +366,29 @@ def _flight(
         sentences.append(f"THR_MDL_FAC is {curve:.3g}, for robot.toml: thrust_curve = {curve:.3g}.")
     parts: list[tuple[str, Dataset, dict[str, Array]]] = []
     for names, columns_of in SIGNALS:
-        name = next((one for one in names if one in found), None)
+        name = next((one for one in names if one in instances), None)
         if name is not None:
-            parts.append((name, found[name][0], columns_of(found[name][0])))
-    motors = next((name for name in MOTORS if name in found), None)
+            parts.append((name, instances[name][0], columns_of(instances[name][0])))
+    motors = next((name for name in MOTORS if name in instances), None)
     if motors is not None:
-        parts.append((motors, *motors_of(found[motors], motors, parameters, sentences)))
+        parts.append((motors, *motors_of(instances[motors], motors, parameters, sentences)))
     columns: dict[str, dict[str, Array]] = {}
-    for name, _, own in parts:  # one topic may hold two signals
-        columns.setdefault(name, {}).update(own)
-    data = {name: own for name, own, _ in parts}
+    for name, _, part in parts:  # one topic may hold two signals
+        columns.setdefault(name, {}).update(part)
+    data = {name: part for name, part, _ in parts}
     if BATTERY in data:
         data[BATTERY] = _held(data[BATTERY], columns[BATTERY], data.values())
-    return {name: _log(data[name], own, path, (*said, *sentences)) for name, own in columns.items() if own}
+    return {
+        name: _log(data[name], part, path, (*notes, *sentences)) for name, part in columns.items() if part
+    }
 
 
-def _log(data: Dataset, columns: Mapping[str, Array], path: Path, said: tuple[str, ...]) -> Log:
+def _log(data: Dataset, columns: Mapping[str, Array], path: Path, notes: tuple[str, ...]) -> Log:
     """Raw columns at the times of the topic, s since the vehicle started."""
     signals = {name: np.asarray(values, dtype=np.float64) for name, values in columns.items()}
     # PX4 stamps in us
     t = np.asarray(data["timestamp"], dtype=np.float64) * 1e-6
-    return replace(raw_log(signals, path.name, said), t=t)
+    return replace(raw_log(signals, path.name, notes), t=t)
 
 
 def _rates(data: Dataset) -> dict[str, Array]:
@@ -447,8 +449,10 @@ def _place(data: Dataset) -> dict[str, Array]:
 
 def _battery(data: Dataset) -> dict[str, Array]:
     """Without a power module PX4 writes 0 V and -1 A, which are not measurements."""
-    own = {"voltage_v": "battery_voltage [V]", "current_a": "battery_current [A]"}
-    return {header: data[name] for name, header in own.items() if np.any(data.get(name, np.zeros(1)) > 0.0)}
+    headers = {"voltage_v": "battery_voltage [V]", "current_a": "battery_current [A]"}
+    return {
+        header: data[name] for name, header in headers.items() if np.any(data.get(name, np.zeros(1)) > 0.0)
+    }
 
 
 def _held(data: Dataset, columns: dict[str, Array], others: Iterable[Dataset]) -> Dataset:
@@ -461,10 +465,10 @@ def _held(data: Dataset, columns: dict[str, Array], others: Iterable[Dataset]) -
 
 def _speed_controllers(data: Dataset) -> dict[str, Array]:
     """What each reports; asides of a flight."""
-    own = {"esc_rpm": "esc_rpm_{}", "esc_current": "esc_current_{} [A]"}
+    headers = {"esc_rpm": "esc_rpm_{}", "esc_current": "esc_current_{} [A]"}
     return {
         header.format(i + 1): data[f"esc[{i}].{name}"]
-        for name, header in own.items()
+        for name, header in headers.items()
         for i in range(8)
         if moves(data, f"esc[{i}].{name}")
     }

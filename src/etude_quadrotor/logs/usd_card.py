@@ -78,17 +78,19 @@ class UsdCardReader:
                 where=str(path),
                 next_step="Copy it from the card again.",
             ) from None
-        found = {event.name: event for event in events if event.rows and event.variables}
-        missing = [topic for topic in topics if topic not in found]
-        if missing or not found:
+        recorded = {event.name: event for event in events if event.rows and event.variables}
+        missing = [topic for topic in topics if topic not in recorded]
+        if missing or not recorded:
             raise DataError(
                 f"the log has no events {', '.join(missing)}" if missing else "the log holds no events",
                 where=str(path),
-                next_step=f"It has {', '.join(found) or 'none'}.",
+                next_step=f"It has {', '.join(recorded) or 'none'}.",
             )
         version = int.from_bytes(data[1:3], "little")
-        known = [n for n, event in found.items() if set(event.variables) & set(HEADERS)]
-        return {n: _log(found[n], TIMES[version][1], path, cut) for n in topics or known or found}
+        flight_kinds = [n for n, event in recorded.items() if set(event.variables) & set(HEADERS)]
+        return {
+            n: _log(recorded[n], TIMES[version][1], path, cut) for n in topics or flight_kinds or recorded
+        }
 
     def recognises(self, path: Path, head: bytes) -> bool:  # noqa: ARG002
         """Whether the file is such a log, by its first bytes: the card's files have no suffix."""
@@ -108,8 +110,8 @@ def _decoded(data: bytes) -> tuple[list[_Event], tuple[str, ...]]:
         number, event, place = _kind(data, place)
         events[number] = event
     _read(data[: len(data) - 4 if whole else len(data)], place, struct.Struct(TIMES[version][0]), events)
-    said = "The checksum does not fit: the log was cut or is damaged; what could be read was."
-    return list(events.values()), () if whole else (said,)
+    note = "The checksum does not fit: the log was cut or is damaged; what could be read was."
+    return list(events.values()), () if whole else (note,)
 
 
 def _kind(data: bytes, place: int) -> tuple[int, _Event, int]:
@@ -149,14 +151,14 @@ def _read(data: bytes, place: int, head: struct.Struct, events: Mapping[int, _Ev
         place += event.packed.size
 
 
-def _log(event: _Event, unit: float, path: Path, said: tuple[str, ...]) -> Log:
+def _log(event: _Event, unit: float, path: Path, notes: tuple[str, ...]) -> Log:
     values = np.array(event.rows, dtype=np.float64)
     columns: dict[str, Array] = {}
     for i, variable in enumerate(event.variables):
         header, factor = HEADERS.get(variable, (variable, 1.0))
         columns.setdefault(header, factor * values[:, i])
     times = np.array(event.times, dtype=np.float64) * unit
-    return replace(raw_log(columns, path.name, said), t=times)
+    return replace(raw_log(columns, path.name, notes), t=times)
 
 
 read_usd_card = UsdCardReader()

@@ -65,11 +65,11 @@ class DragModel:
 
     def arrays(self) -> Mapping[str, Array]:
         """Arrays from which `restored` makes the same model, bit for bit."""
-        found = {"linear": self.linear, "noise": self.noise}
+        arrays = {"linear": self.linear, "noise": self.noise}
         for j, posterior in enumerate(self.residual):
             if posterior is not None:
-                found |= {f"{j}.{name}": np.asarray(getattr(posterior, name)) for name in PROCESS}
-        return found
+                arrays |= {f"{j}.{name}": np.asarray(getattr(posterior, name)) for name in PROCESS}
+        return arrays
 
     @classmethod
     def restored(cls, arrays: Mapping[str, Array]) -> DragModel:
@@ -102,13 +102,15 @@ def train_drag(samples: Samples, *, process: bool = True) -> DragModel:
     model = _fitted(velocity, force, (True, True))
     errors = np.zeros((2, LATERAL))
     for number in flights:
-        own = samples.group == number
+        held_out = samples.group == number
         for k, both in enumerate(((False, False), (True, True))):
-            part = _fitted(velocity[~own], force[~own], both)
-            errors[k] += np.abs(force[own] - part.predict(velocity[own])[0]).sum(axis=0)
+            part = _fitted(velocity[~held_out], force[~held_out], both)
+            errors[k] += np.abs(force[held_out] - part.predict(velocity[held_out])[0]).sum(axis=0)
     better = errors[1] < errors[0]
-    kept = tuple(posterior if good else None for posterior, good in zip(model.residual, better, strict=True))
-    return DragModel(model.linear, (kept[0], kept[1]), np.where(better, model.noise, line.noise))
+    residual = tuple(
+        posterior if good else None for posterior, good in zip(model.residual, better, strict=True)
+    )
+    return DragModel(model.linear, (residual[0], residual[1]), np.where(better, model.noise, line.noise))
 
 
 def _inputs(samples: Samples) -> tuple[Array, Array]:
@@ -137,9 +139,9 @@ def _process(velocity: Array, left: Array) -> ExactPosterior:
     """A squared exponential in the velocity, trained on a part of the samples, evenly spread."""
     from etude.models.gp.hyperparameters import fit, initial_gp
 
-    chosen, kept = _spread(len(left), FIT_POINTS), _spread(len(left), POINTS)
+    chosen, stored = _spread(len(left), FIT_POINTS), _spread(len(left), POINTS)
     start = initial_gp(KERNEL, velocity[chosen], left[chosen], noise_floor=FLOOR * float(left.std()))
-    return fit(start, velocity[chosen], left[chosen], steps=STEPS).condition(velocity[kept], left[kept])
+    return fit(start, velocity[chosen], left[chosen], steps=STEPS).condition(velocity[stored], left[stored])
 
 
 def _spread(count: int, most: int) -> Index:

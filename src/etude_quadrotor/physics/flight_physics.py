@@ -65,5 +65,5 @@ class Identified:
         if self.vehicle is not None:
             return VehicleInverse(self.vehicle, arrays["coefficients"], arrays.get("deviation"))
         uses = tuple(name for name, used in zip(OPTIONAL, arrays["uses"], strict=True) if used)
-        own = {name: arrays[name] for name in ("centre", "spread", "weights", "offset")}
-        return LinearInverse(uses, **own)
+        parameters = {name: arrays[name] for name in ("centre", "spread", "weights", "offset")}
+        return LinearInverse(uses, **parameters)

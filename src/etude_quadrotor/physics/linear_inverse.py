@@ -54,8 +54,8 @@ class LinearInverse:
     def arrays(self) -> Mapping[str, Array]:
         """Arrays of the model; `uses` as 0 or 1 for each of `OPTIONAL`."""
         uses = np.array([float(name in self.uses) for name in OPTIONAL])
-        own = {name: getattr(self, name) for name in ("centre", "spread", "weights", "offset")}
-        return {"uses": uses, **own}
+        parameters = {name: getattr(self, name) for name in ("centre", "spread", "weights", "offset")}
+        return {"uses": uses, **parameters}
 
     def predict(self, log: Log) -> Array:
         """Commands (T, n); DataError if the log lacks a quantity that the model was identified with."""
@@ -161,20 +161,20 @@ def map_fit(
     """
     theta, normal = np.zeros(len(deviation)), np.eye(len(deviation))
     every = use is None or bool(use.all())
-    said = command if every else command[use]
-    if not said.size:
+    target = command if every else command[use]
+    if not target.size:
         raise DataError("there is no sample to identify a model from", next_step="Tell a flight first.")
     for _ in range(STEPS):
         predicted, jacobian = linearised(theta)
         if not every:
             predicted, jacobian = predicted[use], jacobian[use]
-        residual = said - predicted
+        residual = target - predicted
         if not (np.isfinite(residual).all() and np.isfinite(jacobian).all()):
             raise DataError(
                 "states or commands contain NaN or infinite values", next_step="Repair the log first."
             )
         # 1e-300: commands that are all zero have a residual of zero too
-        variance = max(float(np.mean(residual**2)), LEAST_VARIANCE * float(np.mean(said**2)), 1e-300)
+        variance = max(float(np.mean(residual**2)), LEAST_VARIANCE * float(np.mean(target**2)), 1e-300)
         J = jacobian.reshape(-1, len(theta)) * deviation  # every coefficient in units of its prior deviation
         normal = weight / variance * (J.T @ J) + np.eye(len(theta))
         slope = weight / variance * (J.T @ residual.ravel()) - theta / deviation

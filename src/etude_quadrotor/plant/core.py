@@ -310,8 +310,8 @@ def _drive(y: Array, wish: Array, ff: Array, c: Control, command: Array, volts: 
         _wish(y, command, c, wish)
     _attitude_loop(y, wish, command[2] * c.full_scale[1] if c.mode == SET_POINTS else 0.0, c, volts)
     for k in range(4):
-        wanted = volts[k] + (ff[k] if c.mode == VOLTAGES else 0.0)
-        volts[k] = min(max(wanted, 0.0), c.motor[3])
+        voltage = volts[k] + (ff[k] if c.mode == VOLTAGES else 0.0)
+        volts[k] = min(max(voltage, 0.0), c.motor[3])
         if c.mode == VOLTAGES:
             command[k] = volts[k]
 

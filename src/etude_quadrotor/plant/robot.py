@@ -98,12 +98,12 @@ def _ticks(flight: Flight, plan: FlightPlan, rate: float) -> int:
             where=flight.source,
             next_step="Give the plan that the flight was made from.",
         )
-    own = (len(plan) - 1) / float(plan.t[-1] - plan.t[0]) if len(plan) > 1 else rate
-    ticks = own / rate if np.isfinite(rate) and rate > 0.0 else 0.0
+    plan_rate = (len(plan) - 1) / float(plan.t[-1] - plan.t[0]) if len(plan) > 1 else rate
+    ticks = plan_rate / rate if np.isfinite(rate) and rate > 0.0 else 0.0
     # times of a plan are rounded: a millionth of a tick is a whole one
     if ticks < 1.0 - 1e-6 or abs(ticks - round(ticks)) > 1e-6 * ticks:
         raise UsageError(
-            f"a log at {rate:g} Hz cannot be taken from a simulation at {own:g} Hz",
+            f"a log at {rate:g} Hz cannot be taken from a simulation at {plan_rate:g} Hz",
             where="rate",
             next_step="Choose a divisor of the simulation's rate.",
         )

@@ -106,9 +106,9 @@ def true_body(p: FlightParameters) -> Body:
 def control(p: FlightParameters, rate: float, mode: int | None = None) -> Control:
     """The controller on a grid of `rate` Hz; `mode` of `core` if not the vehicle's own."""
     v, c = p.nominal, p.control
-    own = VOLTAGES if c.inputs == "voltage" else SET_POINTS
+    vehicle_mode = VOLTAGES if c.inputs == "voltage" else SET_POINTS
     return Control(
-        mode=own if mode is None else mode,
+        mode=vehicle_mode if mode is None else mode,
         hold=max(1, round(rate / c.position_rate)),
         mass=v.mass,
         inertia=np.array(v.inertia),
@@ -284,9 +284,9 @@ class SimulatedVehicle:
         return y, begin.current, begin.total
 
     def _flight(self, plan: FlightPlan, start: Start, trace: Array, why: int) -> Flight:
-        told, count = self.commands, len(trace)
+        commands, count = self.commands, len(trace)
         command = trace[:, 25:29]
-        at_limit = (command <= np.array(told.lower)) | (command >= np.array(told.upper))
+        at_limit = (command <= np.array(commands.lower)) | (command >= np.array(commands.upper))
         return Flight(
             t=plan.t[:count],
             position=trace[:, :3],
@@ -301,8 +301,8 @@ class SimulatedVehicle:
             angular_acceleration=trace[:, 32:35],
             wind=trace[:, 35:38],
             supply=trace[:, 38],
-            command_names=told.names,
-            command_unit=told.unit,
+            command_names=commands.names,
+            command_unit=commands.unit,
             saturated=np.asarray(at_limit.any(axis=1)),
             source=f"simulated {self.name}, {start} start",
             ended=None if why == core.FLOWN else self._ending(trace, why),

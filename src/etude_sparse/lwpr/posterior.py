@@ -114,8 +114,8 @@ class LWPRPosterior:
 
     def _doubt(self, local: _Local, mean: Array) -> Array:
         """Sum of w ((y - mean)² + s² (1 + w h)), the background's share included."""
-        own = (local.y - mean) ** 2 + self.residual[:, None] * (1.0 + local.w * local.h)
-        of_fields: Array = np.einsum("kt,kt->t", local.w, own)
+        squares = (local.y - mean) ** 2 + self.residual[:, None] * (1.0 + local.w * local.h)
+        of_fields: Array = np.einsum("kt,kt->t", local.w, squares)
         return of_fields + BACKGROUND * (mean**2 + self.signal_variance)
 
     def _limited(self, bound: Array) -> Array:

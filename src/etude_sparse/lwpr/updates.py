@@ -184,8 +184,8 @@ def _weight_gradient(fields: Fields, k: int, w: float, e: float, s: Array) -> fl
         used += w * s[i] * s[i] / max(fields.SS[k, i], TINY)
     free = max(1.0 - used, LEAST_FREE)
     e_cv = e / free
-    own = w * e_cv * e_cv
-    fields.E[k] = keep * fields.E[k] + own
+    weighted = w * e_cv * e_cv
+    fields.E[k] = keep * fields.E[k] + weighted
     fields.E0[k] = keep * fields.E0[k] + w * e * e
     fields.freedom[k] = keep * fields.freedom[k] + w * used
     W = fields.W[k]
@@ -194,7 +194,7 @@ def _weight_gradient(fields: Fields, k: int, w: float, e: float, s: Array) -> fl
         SS = max(fields.SS[k, i], TINY)
         slope -= 2.0 / W * (s[i] / SS * e * fields.H[k, i] + (s[i] / SS) ** 2 * fields.G[k, i])
         fields.H[k, i] = keep * fields.H[k, i] + w * e_cv * s[i] / free
-        fields.G[k, i] = keep * fields.G[k, i] + w * own * s[i] * s[i] / free
+        fields.G[k, i] = keep * fields.G[k, i] + w * weighted * s[i] * s[i] / free
     return slope
 
 

@@ -139,7 +139,7 @@ def test_points_that_are_all_taken_leave_nothing_to_hold() -> None:
 
 def test_distances_are_less_than_of_the_shapes_themselves_and_by_little() -> None:
     exact, found = both()
-    grown = np.array([shape.grown for shape in found.skeleton.shapes])
+    grown = np.array([shape.thickness for shape in found.skeleton.shapes])
     names = [shape.name for shape in found.skeleton.shapes]
     assert [name for name, more in zip(names, grown, strict=True) if more] == ["base#0", "fore#0", "hand#0"]
     poses = exact.skeleton.random_poses(np.random.default_rng(1), 400)
@@ -202,7 +202,7 @@ def test_the_certificate_names_them_and_says_by_how_much(tmp_path: Path) -> None
     limit = clearance_of(ArmSpec("round", axes, "N m", 100.0, tmp_path / "round.xml", around=around), {})
     assert isinstance(limit, Clearance)
     (said,) = (sentence for sentence in limit.not_verified if "fewer points" in sentence)
-    most = 1e3 * max(shape.grown for shape in limit.gaps.skeleton.shapes)
+    most = 1e3 * max(shape.thickness for shape in limit.gaps.skeleton.shapes)
     up_to = float(said.split(" mm")[0].split()[-1])
     assert most <= up_to < most + 0.1
     assert "of world, fore, hand, of" in said, "as MuJoCo calls the base"

@@ -32,7 +32,7 @@ def neck(folder: Path, home: tuple[float, ...] = (0.0, 0.0, 0.0)) -> Clearance:
 
 
 def kept_of(limit: Clearance) -> dict[str, float]:
-    return {" and ".join(row): float(m) for row, m in zip(limit.rows, limit.kept, strict=True)}
+    return {" and ".join(row): float(m) for row, m in zip(limit.rows, limit.row_margins, strict=True)}
 
 
 def test_neighbours_keep_what_clear_poses_leave_them_whatever_home_is(tmp_path: Path) -> None:
@@ -43,7 +43,7 @@ def test_neighbours_keep_what_clear_poses_leave_them_whatever_home_is(tmp_path: 
     pair = upright.rows.index(("hand", "upper"))
     apart = upright._by_row(upright.gaps.of_poses(poses))
     apart = apart[np.all(apart > 0.0, axis=1), pair]
-    assert np.mean(apart >= upright.kept[pair]) > 0.93
+    assert np.mean(apart >= upright.row_margins[pair]) > 0.93
     assert np.mean(apart >= upright.margin) < 0.9, "the margin alone would forbid more"
 
 
@@ -68,7 +68,7 @@ def test_a_margin_below_the_floor_of_neighbours_stays(tmp_path: Path) -> None:
     around = Surroundings(collision=Collision(margin=0.001), search=Search((0.0, 0.0, 0.0)))
     found = clearance_of(planar_spec(tmp_path, around, NECK), {})
     assert found is not None
-    assert set(found.kept.tolist()) == {0.001}
+    assert set(found.row_margins.tolist()) == {0.001}
 
 
 def test_poses_of_the_pool_are_clear_and_see_home(tmp_path: Path) -> None:
@@ -78,7 +78,7 @@ def test_poses_of_the_pool_are_clear_and_see_home(tmp_path: Path) -> None:
     assert len(found.poses) > 100
     part = np.linspace(0.0, 1.0, 41)[:, None, None]
     line = (limit.home + part * (found.poses - limit.home)).reshape(-1, 3)
-    assert np.all(limit._by_row(limit.gaps.of_poses(line)) >= limit.kept)
+    assert np.all(limit._by_row(limit.gaps.of_poses(line)) >= limit.row_margins)
     again = reachable(neck(tmp_path))
     np.testing.assert_array_equal(found.poses, again.poses)
 

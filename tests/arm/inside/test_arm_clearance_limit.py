@@ -74,7 +74,7 @@ def test_it_says_first_of_all_where_next_to_no_motion_is_left() -> None:
 def test_tracking_that_leaves_no_room_is_counted_in_part_and_only_assumed() -> None:
     near = clearance(planar(Surroundings(floor=Floor(0.25))))  # 10 mm below the upper arm
     error = np.vstack([np.full(3, 0.25), np.full((2, 3), np.nan)])  # would take more than that at home
-    tracked = replace(near, margins={"fourier": (error, 0.95)}, _proofs={}, _words={}, _shares={})
+    tracked = replace(near, margins={"fourier": (error, 0.95)}, _proofs={}, _verdicts={}, _shares={})
     still = {row.axis: row for row in tracked.prove(swing(0.0))}
     assert all(slack(row) > 0.0 for row in still.values()), "home is kept, whatever the margin"
     narrow, wide = still["upper and floor"], still["hand and upper"]
@@ -89,12 +89,12 @@ def test_tracking_that_leaves_no_room_is_counted_in_part_and_only_assumed() -> N
 def test_a_search_finds_home_however_poor_the_tracking(error: float) -> None:
     near = clearance(planar(Surroundings(floor=Floor(0.25))))
     table = np.vstack([np.full(3, error), np.full((2, 3), np.nan)])
-    assert replace(near, margins={"fourier": (table, 0.95)}, _words={}, _shares={}).keeps(swing(0.0))
+    assert replace(near, margins={"fourier": (table, 0.95)}, _verdicts={}, _shares={}).keeps(swing(0.0))
 
 
 def test_tracking_takes_its_part_and_says_so() -> None:
     error = np.vstack([np.full(3, 0.02), np.full((2, 3), np.nan)])
-    tracked = replace(LIMIT, margins={"fourier": (error, 0.95)}, _proofs={}, _words={})
+    tracked = replace(LIMIT, margins={"fourier": (error, 0.95)}, _proofs={}, _verdicts={})
     motion = swing(1.3)  # the hand comes down to about 0.5 m
     plain, kept = LIMIT.prove(motion), tracked.prove(motion)
     for one, other in zip(plain, kept, strict=True):
@@ -112,12 +112,12 @@ def test_tracking_takes_its_part_and_says_so() -> None:
     allowed = [size for size in np.arange(1.3, 1.9, 0.02) if min(map(slack, LIMIT.prove(swing(size)))) >= 0.0]
     assert min(refused) <= max(allowed), "tracking errors cost some room"
     assert min(refused) > max(allowed) - 0.06, "but not much more than themselves"
-    other_form = replace(tracked, margins={"moves": (error, 0.95)}, _proofs={}, _words={})
+    other_form = replace(tracked, margins={"moves": (error, 0.95)}, _proofs={}, _verdicts={})
     assert other_form.prove(motion) == plain
 
 
 def test_the_certificate_names_pair_and_time_and_says_what_is_left_out() -> None:
-    limit = replace(LIMIT, not_verified=("Cables.",), _proofs={}, _words={})
+    limit = replace(LIMIT, not_verified=("Cables.",), _proofs={}, _verdicts={})
     certificate = certify(swing(0.5), [limit])
     assert "Cables." in certificate.not_verified
     assert not any("Collisions" in sentence for sentence in certificate.not_verified)
@@ -139,9 +139,9 @@ def test_the_search_box_is_not_a_proof_and_motions_may_grow_beyond_it(tmp_path) 
     home, low, high = search_of(spec)
     source = Source(found, own, home, "scaled")
     drawn = source.typical(rng, 4)
-    grown = source.typical(np.random.default_rng(0), 4, grown=True)
+    expanded = source.typical(np.random.default_rng(0), 4, expanded=True)
     beyond = 0
-    for one, other in zip(drawn, grown, strict=True):
+    for one, other in zip(drawn, expanded, strict=True):
         assert certify(one.trajectory, own).ok
         assert certify(other.trajectory, own).ok
         t = np.linspace(0.0, 20.0, 2001)
@@ -162,9 +162,9 @@ def test_growing_heeds_worth(tmp_path) -> None:
     half = drawn.feasible.centre + 0.5 * (drawn.p - drawn.feasible.centre)
     home = drawn.feasible.centre
     assert np.array_equal(
-        kept.grown(drawn.family, home, half, lambda p: -float(np.abs(p - half).sum())), half
+        kept.expand(drawn.family, home, half, lambda p: -float(np.abs(p - half).sum())), half
     )
-    assert not np.array_equal(kept.grown(drawn.family, home, half), half)
+    assert not np.array_equal(kept.expand(drawn.family, home, half), half)
 
 
 def test_the_robot_file_holds_what_stands_around(tmp_path) -> None:
@@ -251,7 +251,7 @@ def test_no_penalty_pushes() -> None:
 
 def test_what_is_far_as_planned_names_no_place_and_no_part_of_an_error_is_rounded_up_to_all_of_it() -> None:
     error = np.vstack([np.full(3, 0.136), np.full((2, 3), np.nan)])
-    tracked = replace(LIMIT, margins={"fourier": (error, 0.95)}, _proofs={}, _words={}, _shares={})
+    tracked = replace(LIMIT, margins={"fourier": (error, 0.95)}, _proofs={}, _verdicts={}, _shares={})
     rows = {row.axis: row for row in certify(swing(0.0), [tracked]).rows}
     assert rows["hand and upper"].where == "upper and hand at 0 s"
     assert place_of(rows["fore and floor"]) == "planned distance 0.3 m or more"

@@ -80,7 +80,7 @@ def assert_holds(rows: list[Proof], found: Array) -> None:
         assert np.all([row.proved_lower for row in rows] <= found + 1e-12)
     else:
         assert {row.status for row in rows} == {"sampled"}
-        assert np.any(found < LIMIT.kept + 2e-3), "refused, although everything is clear"
+        assert np.any(found < LIMIT.row_margins + 2e-3), "refused, although everything is clear"
 
 
 def test_proofs_are_not_loose() -> None:

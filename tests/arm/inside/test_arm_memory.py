@@ -9,7 +9,7 @@ import pytest
 
 from etude.types import Log, Motion
 from etude_arm import ArmInputs, ArmSpec, Axis
-from etude_arm.memory import pulled, remembered
+from etude_arm.memory import memory_vjp, remembered
 from etude_arm.preprocessing import PLAY, ArmData, resolution, samples_of, standing
 from etude_arm.spec import MEMORY
 
@@ -93,7 +93,7 @@ def test_the_gradient_is_that_of_the_recursion() -> None:
     rng = np.random.default_rng(1)
     q, weight = np.cumsum(rng.normal(scale=2e-3, size=(30, 2)), axis=0), rng.normal(size=(30, 2))
     play, length = np.array([5e-4, 0.0]), np.array([0.01, 0.003])
-    found, step = pulled(q, play, length, weight), 1e-8
+    found, step = memory_vjp(q, play, length, weight), 1e-8
     for i, j in [(0, 0), (7, 0), (7, 1), (29, 1), (15, 0), (22, 1)]:
         ends = []
         for sign in (1.0, -1.0):

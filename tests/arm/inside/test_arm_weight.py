@@ -293,7 +293,7 @@ def test_friction_of_the_file_is_in_the_limit_before_the_first_log(tmp_path: Pat
         assert isinstance(limit, CommandLimit)
         speeds = np.array([[-1.0], [0.0], [1.0]])
         commands.append(limit.mean(Motion(np.zeros(3), np.stack([level, speeds, level, level])))[:, 0])
-        assert any("friction are the model file's" in line for line in limit.said)
+        assert any("friction are the model file's" in line for line in limit.gaps)
     assert commands[0][2] - commands[0][0] == pytest.approx(2.0 * 7.0)
     np.testing.assert_allclose(commands[1] - commands[0], [-5.0, 0.0, 5.0], atol=1e-9)
     np.testing.assert_allclose(commands[2], commands[0], atol=1e-12)

@@ -105,8 +105,8 @@ def test_every_link_has_its_own_place_and_those_held_too(
     wrong_file: tuple[ArmSpec, Path, Identified],
 ) -> None:
     spec, _, found = wrong_file
-    assert [name for name, _ in found.links.told_of] == ["upper", "fore", "hand", "left", "right"]
-    for name, place in found.links.told_of:
+    assert [name for name, _ in found.links.identifiable] == ["upper", "fore", "hand", "left", "right"]
+    for name, place in found.links.identifiable:
         assert is_possible(found.result.phi[place]), name
     assert found.links.tree.joints == spec.dof
 
@@ -116,8 +116,8 @@ def test_segments_left_out_are_predicted_better_than_by_the_file(
 ) -> None:
     errors = wrong_file[2].errors
     assert errors.segments == ROUNDS
-    assert np.all(errors.found < 0.015)
-    assert np.all(errors.file[:2] > 4.0 * errors.found[:2])
+    assert np.all(errors.identified < 0.015)
+    assert np.all(errors.file[:2] > 4.0 * errors.identified[:2])
 
 
 def test_the_written_file_plays_the_real_robots_forces(
@@ -125,7 +125,7 @@ def test_the_written_file_plays_the_real_robots_forces(
 ) -> None:
     spec, real, found = wrong_file
     assert spec.model_file is not None
-    bodies = {name: found.result.phi[place] for name, place in found.links.told_of}
+    bodies = {name: found.result.phi[place] for name, place in found.links.identifiable}
     files = written(spec, bodies, found.joints)
     assert list(files) == ["arm.urdf"]
     new = spec.model_file.with_name("new.urdf")
@@ -157,7 +157,7 @@ def test_an_mjcf_is_written_as_one(tmp_path: Path) -> None:
     real.write_text(MJCF.replace('mass="2"', 'mass="2.7"').replace('mass=".4"', 'mass=".9"'))
     samples = told(spec, real, np.array([0.5, 0.2]))
     found = identified(samples, spec, ArmPhysics(spec)(samples))
-    bodies = {name: found.result.phi[place] for name, place in found.links.told_of}
+    bodies = {name: found.result.phi[place] for name, place in found.links.identifiable}
     assert set(bodies) == {"one", "two", "tip"}
     files = written(spec, bodies, found.joints)
     assert list(files) == ["two.xml"]

@@ -52,7 +52,7 @@ def test_mujoco_plays_the_parameters_that_are_written(spec: ArmSpec, more: str) 
     links = links_of(spec)
     phi = links.nominal * 1.1
     terms = {name: JointTerms(0.3 + j, 0.0, 0.0) for j, name in enumerate(spec.names)}
-    model = compiled(mjcf(spec, {name: phi[place] for name, place in links.told_of}, terms))
+    model = compiled(mjcf(spec, {name: phi[place] for name, place in links.identifiable}, terms))
     states = motion(np.random.default_rng(1), 60, spec.dof)
     rigid = regressor_of_motion(links.tree, body_motion(links.tree, *states)) @ phi
     wanted = rigid + states[2] * (0.3 + np.arange(spec.dof))

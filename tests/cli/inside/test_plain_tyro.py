@@ -41,6 +41,6 @@ def test_helps_say_nothing_that_nobody_needs() -> None:
 
 
 def test_tyro_alone_says_it_in_many_places() -> None:
-    plain = noise("parse.in_words = lambda command: command")
+    plain = noise("parse.describe_fields = lambda command: command")
     print(plain)
     assert min(plain.values()) > 4, "tyro leaves it out by itself: look at the record again"

@@ -111,7 +111,7 @@ def test_each_side_is_widened_by_itself() -> None:
     roamed = source()
     p = FAMILY.parameters(np.vstack([np.zeros((1, 2)), np.full((6, 2), 0.02)]))
     stand = roamed.stand(FAMILY)
-    kept = roamed._kept(FAMILY, p)
+    kept = roamed._nonconvex(FAMILY, p)
     before = way(FAMILY.trajectory(p))
     p = kept.widened(
         roamed.ordered(FAMILY),

@@ -66,7 +66,7 @@ def test_of_an_assumed_deviation_counts_what_home_leaves_room_for() -> None:
     room, spread = 8.0 - 4.0 * math.sin(0.5), limit.beyond(0.0) * 3.001
     assert held.share is not None
     np.testing.assert_allclose(held.share, [1.0, BELIEVED_ROOM * room / spread])
-    assert "there count b " in held.said[-1]
+    assert "there count b " in held.gaps[-1]
     assert held_at(replace(vague(0.5), lasts=math.inf), home).share is None
     # at a pose that the mean alone excludes nothing is made of the deviation: that is another refusal
     assert held_at(replace(limit, upper=np.full(2, 1.0), lower=-np.full(2, 1.0)), home).share is None

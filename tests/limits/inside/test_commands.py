@@ -62,7 +62,7 @@ def test_rows_hold_what_a_hundred_times_as_many_samples_show() -> None:
 
 
 def test_a_certificate_says_that_commands_are_looked_at_and_what_is_left_open() -> None:
-    found = certify(SWING, [replace(LIMIT, said=("Friction is not in it.",))])
+    found = certify(SWING, [replace(LIMIT, gaps=("Friction is not in it.",))])
     assert COMMANDS not in found.not_verified
     assert "Friction is not in it." in found.not_verified
     assert found.ok == bool(min(map(slack, found.rows)) >= 0.0)

@@ -20,7 +20,7 @@ from etude.abilities import SupportsBlocking, SupportsBoxes, SupportsDrawing
 from etude.errors import UsageError
 from etude.limits import LipschitzLimit, made_limits, utilization
 from etude.limits.lipschitz import extremes
-from etude.plugins import _given
+from etude.plugins import _typed_names
 from etude.protocols import Limit, Trajectory
 from etude.testing import LimitSuite
 from etude.trajectories import FourierConfig, FourierFamily
@@ -102,7 +102,7 @@ def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     (tmp_path / "my_limits.py").write_text(block("python", "def plane") + WALL, encoding="utf-8")
     monkeypatch.syspath_prepend(str(tmp_path))
     monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "config"))
-    _given.difference_update({"my_limits:plane", "my_limits:wall"})
+    _typed_names.difference_update({"my_limits:plane", "my_limits:wall"})
     own = ARM.built_in()["arm4"]
     text = own.read_text().replace("arm4_linkage.xml", str(own.parent / "arm4_linkage.xml"))
     (tmp_path / "arm.toml").write_text(text + block("toml", "[[limit]]"))
@@ -292,7 +292,7 @@ def test_python_is_told_how_to_trust_a_robot_file(place) -> None:
 
 def test_a_copied_folder_is_not_trusted(place) -> None:
     cli.main(["init", "lab", "--robot", "arm.toml", "--trust"])
-    _given.clear()
+    _typed_names.clear()
     Path("lab").rename("moved")
     with pytest.raises(UsageError, match="names code that would be imported"):
         etude.open_campaign(Path("moved"))

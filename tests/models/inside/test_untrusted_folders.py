@@ -34,7 +34,7 @@ def mine(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "config"))
     (tmp_path / f"{CANARY}.py").write_text(CODE)
     monkeypatch.syspath_prepend(str(tmp_path))
-    monkeypatch.setattr(plugins, "_given", set())
+    monkeypatch.setattr(plugins, "_typed_names", set())
     yield create_campaign(tmp_path / "mine", "arm4")[0].path  # type: ignore[misc]
     sys.modules.pop(CANARY, None)
 

@@ -59,17 +59,17 @@ def bounded_motion(campaign: Campaign, motion: str | Path | Trajectory | None) -
     Raises:
         UsageError: no such file, no proposal, or a changed file.
     """
-    return _proposed(campaign) if motion is None else _given(campaign, motion)
+    return _newest_proposal(campaign) if motion is None else _named_motion(campaign, motion)
 
 
-def _given(campaign: Campaign, motion: str | Path | Trajectory) -> MotionWithLimits:
+def _named_motion(campaign: Campaign, motion: str | Path | Trajectory) -> MotionWithLimits:
     if isinstance(motion, str | Path):
         place = Path(motion)
         if not place.is_file():
             raise UsageError("there is no such motion", where=str(place), next_step="Check the path.")
         motion = _read(campaign, place)
-    kept = constraints_now(campaign, campaign.state(), LEARNED)
-    return MotionWithLimits(motion, kept.limits_as_played(campaign, motion), kept.control)
+    constraints = constraints_now(campaign, campaign.state(), LEARNED)
+    return MotionWithLimits(motion, constraints.limits_as_played(campaign, motion), constraints.control)
 
 
 def _read(campaign: Campaign, place: Path) -> Trajectory:
@@ -88,33 +88,35 @@ def _read(campaign: Campaign, place: Path) -> Trajectory:
         ) from None
 
 
-def _proposed(campaign: Campaign) -> MotionWithLimits:
+def _newest_proposal(campaign: Campaign) -> MotionWithLimits:
     """The newest proposal, with or without a log."""
-    asked = [own for _, own in sorted(campaign.state().rounds.items()) if own.asked is not None]
-    if not asked:
+    proposals = [r for _, r in sorted(campaign.state().rounds.items()) if r.asked is not None]
+    if not proposals:
         raise UsageError(
             "nothing was proposed yet", where=str(campaign.path), next_step="--set motion=trajectory.json"
         )
-    newest = asked[-1]
+    newest = proposals[-1]
     motion = stored_trajectory(campaign, newest.number)
-    kept = constraints_under(campaign, newest.number, LEARNED)
-    return MotionWithLimits(motion, kept.limits_as_played(campaign, motion, described=True), kept.control)
+    constraints = constraints_under(campaign, newest.number, LEARNED)
+    return MotionWithLimits(
+        motion, constraints.limits_as_played(campaign, motion, described=True), constraints.control
+    )
 
 
-def supplied(campaign: Campaign, needs: Sequence[str], given: Mapping[str, Any]) -> dict[str, Any]:
+def supplied(campaign: Campaign, needs: Sequence[str], options: Mapping[str, Any]) -> dict[str, Any]:
     """The options of these names: config, logs, samples, description, motion.
 
     Args:
-        given: the options that the user gave; the motion may be one of them.
+        options: the options that the user gave; the motion may be one of them.
     """
-    known: Mapping[str, Callable[[], Any]] = {
+    getters: Mapping[str, Callable[[], Any]] = {
         "config": lambda: campaign.config,
         "logs": lambda: ingested_logs(campaign),
         "samples": lambda: all_samples(campaign),
         "description": lambda: description(campaign),
-        "motion": lambda: bounded_motion(campaign, given.get("motion")),
+        "motion": lambda: bounded_motion(campaign, options.get("motion")),
     }
-    return {name: known[name]() for name in counted(needs)}
+    return {name: getters[name]() for name in counted(needs)}
 
 
 def ingested_logs(campaign: Campaign) -> list[Log]:
@@ -166,8 +168,8 @@ def export(
         delivered = target(used.model, campaign.kind, campaign.spec, options)
     folder = campaign.path / EXPORTS / to if output is None else Path(output)
     write_folder(folder, {**delivered.files, MARK: _mark(to, used.sha256, delivered)}, MARK)
-    said = (used.sentence, *delivered.said, *_recorded(campaign, to, folder, used.sha256))
-    return ModelFiles(to, folder, tuple(delivered.files), said, delivered.facts)
+    sentences = (used.sentence, *delivered.said, *_recorded(campaign, to, folder, used.sha256))
+    return ModelFiles(to, folder, tuple(delivered.files), sentences, delivered.facts)
 
 
 def _recorded(campaign: Campaign, to: str, folder: Path, digest: str) -> tuple[str, ...]:
@@ -183,14 +185,14 @@ def _recorded(campaign: Campaign, to: str, folder: Path, digest: str) -> tuple[s
 
 def _mark(to: str, digest: str, delivered: Delivered) -> bytes:
     hashes = {name: hashlib.sha256(data).hexdigest() for name, data in delivered.files.items()}
-    words = {
+    mark = {
         "etude": __version__,
         "generation": GENERATION,
         "target": to,
         "model_sha256": digest,
         "files": hashes,
     }
-    return (json.dumps(words, indent=1) + "\n").encode()
+    return (json.dumps(mark, indent=1) + "\n").encode()
 
 
 def given(**options: Any) -> dict[str, Any]:
@@ -199,15 +201,15 @@ def given(**options: Any) -> dict[str, Any]:
     Raises:
         UsageError: an entry of `more` is not key=value, or an option is given twice.
     """
-    found = {n: v for n, v in options.items() if not (v is None or v is False or v == "" or v == ())}
-    for word in found.pop("more", ()):
+    values = {n: v for n, v in options.items() if not (v is None or v is False or v == "" or v == ())}
+    for word in values.pop("more", ()):
         name, equals, value = word.partition("=")
         if not (name and equals):
             raise UsageError(f"--set takes NAME=VALUE, not {word!r}")
         name = name.replace("-", "_")
-        if name in found:
+        if name in values:
             raise UsageError(
-                f"{name} is given twice, as {found[name]!r} and as {value!r}", next_step="Give it once."
+                f"{name} is given twice, as {values[name]!r} and as {value!r}", next_step="Give it once."
             )
-        found[name] = value
-    return found
+        values[name] = value
+    return values

@@ -52,7 +52,7 @@ class WatchedLog:
     evidence: float = 0.0
     z2: float = 0.0
     command: str = ""
-    found: ChangeTest | None = None
+    test: ChangeTest | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,22 +114,22 @@ def watch(
     answers = answers_of(campaign.state(), accept, repair)
     used = deployed_model(campaign)
     say(used.sentence)
-    found = tuple(_one(campaign, used, path, degrees, answers) for path in paths)
-    changed = [one for one in found if one.verdict == "changed"]
+    results = tuple(_one(campaign, used, path, degrees, answers) for path in paths)
+    changed = [one for one in results if one.verdict == "changed"]
     if not changed:
-        return Watched(used, found, "", "cannot tell", _quiet(found))
-    kind, how = _kind(changed), drift_onset([one.found.sizes for one in found if one.found is not None])
+        return Watched(used, results, "", "cannot tell", _quiet(results))
+    kind, how = _kind(changed), drift_onset([one.test.sizes for one in results if one.test is not None])
     worst = next(one for one in changed if one.kind == kind) if kind != "unknown" else changed[0]
     cause = worst.cause if kind != "unknown" else "unknown"
     sentence = f"The robot has changed: {CAUSES[cause]}. {DRIFT_ONSETS[how]}".rstrip()
-    watched = Watched(used, found, kind, how, sentence)
+    watched = Watched(used, results, kind, how, sentence)
     return _with_proposal(campaign, watched, say) if propose else watched
 
 
 def _one(campaign: Campaign, used: DeployedModel, path: Path, degrees: bool, answers: Answers) -> WatchedLog:
     try:
-        asked = questions_of(campaign, campaign.state(), answers)
-        log = start_at_zero(read(campaign, path, degrees=degrees, asked=asked))
+        questions = questions_of(campaign, campaign.state(), answers)
+        log = start_at_zero(read(campaign, path, degrees=degrees, asked=questions))
         group = np.zeros(len(log), dtype=np.int64)
         samples = campaign.kind.samples(campaign.spec, campaign.config, [log], [group])
         return of_samples(
@@ -141,20 +141,20 @@ def _one(campaign: Campaign, used: DeployedModel, path: Path, degrees: bool, ans
         return WatchedLog(path, "refused", error.fact)
 
 
-def of_samples(path: Path, found: ChangeTest, samples: Samples) -> WatchedLog:
+def of_samples(path: Path, test: ChangeTest, samples: Samples) -> WatchedLog:
     """The result of the test of a log's samples, in words."""
-    most, z2 = float(found.evidence.max(initial=0.0)), found.z2
-    if found.alarm is None:
-        sentence = f"the robot that the model knows (squared errors {found.z2:.3g} times their variance)"
-        return WatchedLog(path, "unchanged", sentence, evidence=most, z2=z2, found=found)
-    seconds = float(samples.t[found.alarm] - samples.t[0])
-    command = "" if found.output is None else samples.log.channels["command"].parts[found.output]
+    most, z2 = float(test.evidence.max(initial=0.0)), test.z2
+    if test.alarm is None:
+        sentence = f"the robot that the model knows (squared errors {test.z2:.3g} times their variance)"
+        return WatchedLog(path, "unchanged", sentence, evidence=most, z2=z2, test=test)
+    seconds = float(samples.t[test.alarm] - samples.t[0])
+    command = "" if test.output is None else samples.log.channels["command"].parts[test.output]
     where = f", nearly all in {command}" if command else ""
-    kind = KINDS.get(found.cause, "unknown")
+    kind = KINDS.get(test.cause, "unknown")
     named = "changed, cause unknown" if kind == "unknown" else kind
     squares = f"squared errors {z2:.3g} times their variance{where}"
     sentence = f"{named}, certain after {seconds:.0f} s ({squares})"
-    return WatchedLog(path, "changed", sentence, seconds, kind, found.cause, most, z2, command, found)
+    return WatchedLog(path, "changed", sentence, seconds, kind, test.cause, most, z2, command, test)
 
 
 def _kind(changed: Sequence[WatchedLog]) -> str:
@@ -163,11 +163,11 @@ def _kind(changed: Sequence[WatchedLog]) -> str:
     return named.pop() if len(named) == 1 else "unknown"
 
 
-def _quiet(found: Sequence[WatchedLog]) -> str:
-    judged_ones = [one for one in found if one.verdict == "unchanged"]
-    if not judged_ones:
+def _quiet(logs: Sequence[WatchedLog]) -> str:
+    unchanged = [one for one in logs if one.verdict == "unchanged"]
+    if not unchanged:
         return "No log could be judged."
-    return f"Nothing speaks of another robot in {len(judged_ones)} log{'s'[: len(judged_ones) > 1]}."
+    return f"Nothing speaks of another robot in {len(unchanged)} log{'s'[: len(unchanged) > 1]}."
 
 
 def _with_proposal(campaign: Campaign, watched: Watched, say: Say) -> Watched:

@@ -52,8 +52,8 @@ def is_path_alone(campaign: Campaign, place: Path) -> bool:
         return False
     states = [c for c in campaign.channels if c.role == "state"]
     raw = mapped(read_raw(place), campaign.config.log)
-    found = read_headers([name for name in raw.values if not is_time(name)], states, str(place))
-    return not (found.named or found.numbered)
+    headers = read_headers([name for name in raw.values if not is_time(name)], states, str(place))
+    return not (headers.named or headers.numbered)
 
 
 def motion_of_table(campaign: Campaign, place: Path) -> Splined:
@@ -122,12 +122,12 @@ def _curve(t: Array, rows: Array, place: Path) -> Splined:
     for end in (0, -1):
         if speed[end] <= REST * speed.max():
             points[1:, end] = 0.0
-    found = Splined(times, points)
-    away = float(np.abs(found.motion(t, 1).orders[0] - rows).max())
+    splined = Splined(times, points)
+    away = float(np.abs(splined.motion(t, 1).orders[0] - rows).max())
     if away > MISSED * float(np.ptp(rows, axis=0).max()):
         raise UsageError(
             f"no smooth motion follows these rows: the nearest is up to {away:.3g} off",
             where=str(place),
             next_step="Remove leaps and noise from the path, or write rows at more times along its corners.",
         )
-    return found
+    return splined

@@ -77,8 +77,8 @@ def payload(
     body = weighable(campaign)
     # a load multiplies the torque of a wrist, which looks like another unit
     answers = answers_of(campaign.state(), (*accept, SCALE), repair)
-    asked = questions_of(campaign, campaign.state(), answers)
-    rows = start_at_zero(read(campaign, Path(log), degrees=degrees, asked=asked))
+    questions = questions_of(campaign, campaign.state(), answers)
+    rows = start_at_zero(read(campaign, Path(log), degrees=degrees, asked=questions))
     group = np.zeros(len(rows), dtype=np.int64)
     samples = campaign.kind.samples(campaign.spec, campaign.config, [rows], [group])
     try:
@@ -86,8 +86,8 @@ def payload(
     except KeyError as error:
         raise DataError(f"the log lacks an input of the model ({error.args[0]})", where=str(log)) from None
     better = ITS_MOTION if _weighs(campaign, rows) else MOTION.format(typed(campaign.path))
-    said = _sentences(load, better)
-    return Weighed(used, load, said, _written(campaign, used, load, better) if write else None)
+    sentences = _sentences(load, better)
+    return Weighed(used, load, sentences, _written(campaign, used, load, better) if write else None)
 
 
 def weighable(campaign: Campaign) -> SupportsVariations:
@@ -115,16 +115,16 @@ def apparent_of(campaign: Campaign, model: LearnedModel, body: SupportsVariation
     numbers = [r.number for r in campaign.state().learned if campaign.run_file(r.number).is_file()]
     if not isinstance(physics, SupportsWithout) or not numbers:
         return None
-    told = ingested_samples(campaign, numbers)
-    return apparent_loads(physics.without(told, told.group), model, told, body)
+    samples = ingested_samples(campaign, numbers)
+    return apparent_loads(physics.without(samples, samples.group), model, samples, body)
 
 
 def _weighs(campaign: Campaign, log: Log) -> bool:
     """Whether the log is of a motion that was designed to weigh, at any speed."""
     state = campaign.state()
-    for own in state.weighings:
+    for weighing in state.weighings:
         try:
-            answered_proposal(campaign, state, log, own.number)
+            answered_proposal(campaign, state, log, weighing.number)
         except EtudeError:
             continue
         return True
@@ -133,14 +133,14 @@ def _weighs(campaign: Campaign, log: Log) -> bool:
 
 def _sentences(load: Load, better: str) -> tuple[str, ...]:
     """The load, and whether it explains the log. better: a sentence on the motion that shows more."""
-    found = _load_sentences(load, better)
+    sentences = _load_sentences(load, better)
     if load.left <= MUCH_LEFT:
-        return found
+        return sentences
     other = (
         f"Errors of {load.left:.2g} times their variance are left, so that more than a load differs from the "
         "model, if the log is of this robot at all. etude watch names other causes."
     )
-    return (*found, other)
+    return (*sentences, other)
 
 
 def _load_sentences(load: Load, better: str) -> tuple[str, ...]:
@@ -151,16 +151,18 @@ def _load_sentences(load: Load, better: str) -> tuple[str, ...]:
         shows = "No load shows" if low <= 0.0 <= high else "Less than four deviations, which is no load yet"
         return (f"{shows}: {low:.2g} to {high:.2g} kg.",)
     less = " less than the model knows" if load.mass < 0.0 else ""
-    found = [f"{abs(load.mass):.3g} kg +- {NORMAL_95 * load.deviation:.2g} kg (95 %){less}."]
+    sentences = [f"{abs(load.mass):.3g} kg +- {NORMAL_95 * load.deviation:.2g} kg (95 %){less}."]
     axes = zip("xyz", load.centre.tolist(), (NORMAL_95 * load.centre_deviation).tolist(), strict=True)
-    told = [
+    coordinates = [
         f"{name} {1e3 * value:.0f} +- {1e3 * wide:.0f} mm" if wide <= TOLD else f"{name} cannot be told"
         for name, value, wide in axes
     ]
-    found.append(f"Centre of mass, in the frame of the link that the last axis moves: {', '.join(told)}.")
+    sentences.append(
+        f"Centre of mass, in the frame of the link that the last axis moves: {', '.join(coordinates)}."
+    )
     if (NORMAL_95 * load.centre_deviation > TOLD).any():
-        found.append(better)
-    return tuple(found)
+        sentences.append(better)
+    return tuple(sentences)
 
 
 def _written(campaign: Campaign, used: DeployedModel, load: Load, better: str) -> Path:

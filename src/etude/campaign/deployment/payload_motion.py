@@ -129,9 +129,9 @@ def ask_to_weigh(
         else:
             number, constraints = state.next_number, constraints_now(campaign, state, FEEDBACK)
             made = _propose(campaign, state, number, constraints, say)
-        found = presented(campaign, number, constraints, made, speed, start, formats)
+        proposal = presented(campaign, number, constraints, made, speed, start, formats)
         take_up(campaign)
-        return found
+        return proposal
 
 
 def _propose(
@@ -155,23 +155,25 @@ def _propose(
     apparent = apparent_of(campaign, used.model, body)
     aim = Weighs(used.model, body, apparent, mass, family, used.model.inputs)
     say("Designing a motion that shows the payload.")
-    found = search(aim, candidates, replace(config.design, refine=REFINED, steps=STEPS), limits)
-    motion = from_rest(campaign, found.best.trajectory, limits)
-    own = constraints.of(motion)
-    files = render(motion, kind, spec, config, limits, own.unenforced, control=own.control)
-    status = forecast(aim.of(found.best.family).covariance(found.best.p), mass)
+    design = search(aim, candidates, replace(config.design, refine=REFINED, steps=STEPS), limits)
+    motion = from_rest(campaign, design.best.trajectory, limits)
+    motion_constraints = constraints.of(motion)
+    files = render(
+        motion, kind, spec, config, limits, motion_constraints.unenforced, control=motion_constraints.control
+    )
+    status = forecast(aim.of(design.best.family).covariance(design.best.p), mass)
     asked = Asked(
         weighs=True,
         status=status,
         seed=(state.seed, number, STREAM),
         learned=len(state.trained),
         active_limits=tuple(files.certificate.active()),
-        value=found.value,
-        baseline_value=found.baseline,
-        evaluations=found.evaluations,
+        value=design.value,
+        baseline_value=design.baseline,
+        evaluations=design.evaluations,
         model_sha256=used.sha256,
     )
-    campaign.commit(own.recorded(asked), number, files.write(campaign.proposal(number)))
+    campaign.commit(motion_constraints.recorded(asked), number, files.write(campaign.proposal(number)))
     return files, status
 
 
@@ -202,8 +204,8 @@ def forecast(covariance: Array, mass: float) -> str:
     """Expected 95 % intervals for a load of `mass` kg with its centre at the link's origin."""
     wide = NORMAL_95 * np.sqrt(np.diag(covariance)) / np.array([1.0, mass, mass, mass])
     axes = [
-        f"{name} +- {1e3 * own:.0f} mm" if own <= TOLD else f"{name} cannot be told"
-        for name, own in zip("xyz", wide[1:].tolist(), strict=True)
+        f"{name} +- {1e3 * half_width:.0f} mm" if half_width <= TOLD else f"{name} cannot be told"
+        for name, half_width in zip("xyz", wide[1:].tolist(), strict=True)
     ]
     return (
         f"to weigh the payload. Forecast for {mass:.2g} kg: mass +- {wide[0]:.2g} kg, centre "

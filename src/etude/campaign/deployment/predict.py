@@ -100,29 +100,29 @@ def states_for(campaign: Campaign, model: LearnedModel, motion: Log) -> Log:
     Raises:
         DataError: neither is possible.
     """
-    wanted = dict.fromkeys(channel for channel, *_ in model.columns)
-    missing = [name for name in wanted if name not in motion]
+    channels = dict.fromkeys(channel for channel, *_ in model.columns)
+    missing = [name for name in channels if name not in motion]
     return _as_learning(campaign, motion, missing) if missing else followed(model.inputs, motion)
 
 
 def _as_learning(campaign: Campaign, motion: Log, missing: Sequence[str]) -> Log:
     """The states that the kind's recipe derives from the log, at all rows within reach of the filter."""
     data: Any = campaign.config.data
-    own = {name: value for name, value in EVERY_ROW.items() if hasattr(data, name)}
-    config = replace(campaign.config, data=replace(data, **own))
+    settings = {name: value for name, value in EVERY_ROW.items() if hasattr(data, name)}
+    config = replace(campaign.config, data=replace(data, **settings))
     if campaign.command.name not in motion:
         ramp = np.linspace(0.0, 1.0, len(motion))  # recipes need commands, but no state depends on them
         parts = len(campaign.command.parts)
         motion = motion.put(campaign.command, np.tile(ramp[:, None], (1, parts)))
     groups = [np.zeros(len(motion), dtype=np.int64)]
     samples = campaign.kind.samples(campaign.spec, config, [motion], groups)
-    said = f"{' and '.join(missing)} made of the positions by learning's own filter; its ends are cut."
-    found = _as_given(motion, samples.log, missing)
-    kept = [sentence for sentence in motion.repairs if sentence not in found.repairs]
-    return found.repaired(*kept, said[0].upper() + said[1:])
+    note = f"{' and '.join(missing)} made of the positions by learning's own filter; its ends are cut."
+    derived = _with_recorded_rates(motion, samples.log, missing)
+    repairs = [sentence for sentence in motion.repairs if sentence not in derived.repairs]
+    return derived.repaired(*repairs, note[0].upper() + note[1:])
 
 
-def _as_given(motion: Log, made: Log, missing: Sequence[str]) -> Log:
+def _with_recorded_rates(motion: Log, made: Log, missing: Sequence[str]) -> Log:
     """The derived states, with the rates of the motion where it has them."""
     rows = np.searchsorted(motion.t, made.t).clip(0, len(motion) - 1)
     if not np.array_equal(motion.t[rows], made.t):
@@ -140,10 +140,10 @@ def _planned(campaign: Campaign, place: Path) -> Trajectory:
     except UsageError as error:
         step = "Name a trajectory.json that etude ask wrote, or a table with a time and the robot's columns."
         raise UsageError(error.fact, where=str(place), next_step=step) from None
-    axes, wanted = motion.motion(np.zeros(1), 1).orders[0].shape[1], len(campaign.axes)
-    if axes != wanted:
+    axes, expected = motion.motion(np.zeros(1), 1).orders[0].shape[1], len(campaign.axes)
+    if axes != expected:
         raise DataError(
-            f"the motion has {axes} axes, and {campaign.name} has {wanted}",
+            f"the motion has {axes} axes, and {campaign.name} has {expected}",
             where=str(place),
             next_step="Name a motion of this robot, or the campaign of the robot that it is of.",
         )
@@ -169,27 +169,27 @@ def _in_units(model: LearnedModel, states: Log, campaign: Campaign, scatter: Arr
 
     scatter: (J,) or a number, deviation of single rows from the filtered commands.
     """
-    found = model.commanded(states)
+    prediction = model.commanded(states)
     aside = replace(campaign.command, name=DEVIATION, role="aside")
     beyond = Channel(OUTSIDE, campaign.command.parts, ("1",) * len(campaign.command.parts), "aside")
-    found = replace(found, channels={COMMAND: campaign.command, DEVIATION: aside, OUTSIDE: beyond})
-    found = found.put(replace(aside, name=SINGLE), np.hypot(found[DEVIATION], scatter))
-    return found.repaired(*_illegal(campaign, states), *_beyond(model, found[OUTSIDE] > 0.0))
+    prediction = replace(prediction, channels={COMMAND: campaign.command, DEVIATION: aside, OUTSIDE: beyond})
+    prediction = prediction.put(replace(aside, name=SINGLE), np.hypot(prediction[DEVIATION], scatter))
+    return prediction.repaired(*_illegal(campaign, states), *_beyond(model, prediction[OUTSIDE] > 0.0))
 
 
 def _illegal(campaign: Campaign, states: Log) -> list[str]:
     """A sentence on states beyond the robot's limits, which no motion may have."""
-    found = []
+    violations = []
     for name, (lower, upper) in campaign.kind.expected(campaign.spec).limits.items():
         channel = states.channels.get(name)
         if channel is None or channel.role == "command" or states[name].shape[1:] != lower.shape:
             continue
         low, high, edge = states[name].min(axis=0), states[name].max(axis=0), ROUNDED * (upper - lower)
-        found += [
+        violations += [
             f"{channel.parts[j]} {name} {low[j]:.3g} to {high[j]:.3g} of {lower[j]:.3g} to {upper[j]:.3g}"
             for j in np.flatnonzero((low < lower - edge) | (high > upper + edge)).tolist()
         ]
-    return [f"These states are beyond the robot's limits: {', '.join(found)}."] if found else []
+    return [f"These states are beyond the robot's limits: {', '.join(violations)}."] if violations else []
 
 
 def _beyond(model: LearnedModel, beyond: Mask) -> list[str]:
@@ -197,10 +197,12 @@ def _beyond(model: LearnedModel, beyond: Mask) -> list[str]:
     shares = 100.0 * beyond.mean(axis=0)
     if not beyond.any():
         return []
-    own = [f"{name} {share:.3g} %" for name, share in zip(model.commands, shares, strict=True) if share > 0.0]
+    texts = [
+        f"{name} {share:.3g} %" for name, share in zip(model.commands, shares, strict=True) if share > 0.0
+    ]
     return [
-        f"Outside of what was learned, of all rows: {', '.join(own)}. There the deviation is more than twice "
-        "that of training, and where nothing is known the command is physics alone, or a level without."
+        f"Outside of what was learned, of all rows: {', '.join(texts)}. There the deviation is more than "
+        "twice that of training, and where nothing is known the command is physics alone, or a level without."
     ]
 
 
@@ -211,7 +213,7 @@ def check_table(path: Path) -> None:
         raise UsageError("commands are written as .csv or .parquet", where=str(path), next_step=step)
 
 
-def write_table(path: Path, found: Log) -> None:
+def write_table(path: Path, prediction: Log) -> None:
     """Commands with deviations as CSV, every number in full, or as Parquet, by the suffix.
 
     Raises:
@@ -222,20 +224,20 @@ def write_table(path: Path, found: Log) -> None:
         import polars as pl
 
         buffer = io.BytesIO()
-        pl.DataFrame(_columns(found)).write_parquet(buffer)
+        pl.DataFrame(_columns(prediction)).write_parquet(buffer)
         write_atomic(path, buffer.getvalue())
         return
-    columns = _columns(found)
+    columns = _columns(prediction)
     rows = np.column_stack([*columns.values()]).tolist()
     lines = [header_row(columns).rstrip(), *(",".join(map(repr, row)) for row in rows)]
     write_atomic(path, ("\n".join(lines) + "\n").encode())
 
 
-def _columns(found: Log) -> dict[str, Array]:
-    columns = {"time": found.t}
-    for name in (name for name in (COMMAND, DEVIATION, SINGLE, OUTSIDE) if name in found):
-        channel: Channel = found.channels[name]
-        columns |= {f"{name}_{part}": found[name][:, j] for j, part in enumerate(channel.parts)}
+def _columns(prediction: Log) -> dict[str, Array]:
+    columns = {"time": prediction.t}
+    for name in (name for name in (COMMAND, DEVIATION, SINGLE, OUTSIDE) if name in prediction):
+        channel: Channel = prediction.channels[name]
+        columns |= {f"{name}_{part}": prediction[name][:, j] for j, part in enumerate(channel.parts)}
     if not np.isfinite(np.column_stack([*columns.values()])).all():
         raise DataError("the model's prediction is not finite", next_step="Train it again; do not run this.")
     return columns

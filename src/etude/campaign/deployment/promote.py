@@ -99,12 +99,12 @@ def promote(
                 pin(campaign, path)
             check_pinned(campaign, *state.promoted[-1])
             return Promotion(number, digest, True, repeated=True)
-        found = _judged(campaign, state, number, digest, force, say)
-        if found.promoted:
+        promotion = _compare_models(campaign, state, number, digest, force, say)
+        if promotion.promoted:
             copy, digest = pin(campaign, path)
-            fact = replace(_recorded(found, reason), sha256=digest, logs=_learned_logs(state))
+            fact = replace(_recorded(promotion, reason), sha256=digest, logs=_learned_logs(state))
             campaign.commit(fact, number, [copy])
-        return found
+        return promotion
 
 
 def rollback(campaign: Campaign, *, reason: str = "") -> tuple[int, int]:
@@ -131,14 +131,16 @@ def rollback(campaign: Campaign, *, reason: str = "") -> tuple[int, int]:
         return number, before
 
 
-def _judged(campaign: Campaign, state: State, number: int, digest: str, force: bool, say: Say) -> Promotion:
+def _compare_models(
+    campaign: Campaign, state: State, number: int, digest: str, force: bool, say: Say
+) -> Promotion:
     """The comparisons and the decision; with `force` also where comparisons are impossible."""
     try:
         left_out = read_residuals(campaign.model_folder(number) / LEFT_OUT)
-        found = [_with_physics(left_out)]
+        comparisons = [_with_physics(left_out)]
         if state.promoted:
             say("Comparing with the model in use.")
-            found.append(_with_deployed_model(campaign, state, left_out))
+            comparisons.append(_with_deployed_model(campaign, state, left_out))
     except (DataError, UsageError) as error:
         if not force:
             raise
@@ -146,10 +148,17 @@ def _judged(campaign: Campaign, state: State, number: int, digest: str, force: b
         return Promotion(number, digest, True, forced=True, refused=(why,))
     narrow, wide = coverage(left_out.error, left_out.variance)
     calibrated = state.newest is None or state.newest.calibrated
-    refused = (*_reasons(found), *_misfits(campaign.command.parts, wide, calibrated))
+    refused = (*_reasons(comparisons), *_misfits(campaign.command.parts, wide, calibrated))
     parts = jsonable(narrow), jsonable(wide)
     return Promotion(
-        number, digest, force or not refused, False, bool(refused) and force, tuple(found), *parts, refused
+        number,
+        digest,
+        force or not refused,
+        False,
+        bool(refused) and force,
+        tuple(comparisons),
+        *parts,
+        refused,
     )
 
 
@@ -175,8 +184,8 @@ def _with_deployed_model(campaign: Campaign, state: State, left_out: CrossValida
     error = _errors(before, samples, judge(samples, campaign.config.model))
     # the same samples, as a paired comparison needs
     both = np.isfinite(left_out.error) & np.isfinite(error)
-    own, other = (np.where(both, e, np.nan) for e in (left_out.error, error))
-    pair = (by_segment(e, left_out.group, fresh) for e in (own, other))
+    newest, deployed = (np.where(both, e, np.nan) for e in (left_out.error, error))
+    pair = (by_segment(e, left_out.group, fresh) for e in (newest, deployed))
     return compared(f"the model in use, of log {number}", *pair)
 
 
@@ -187,16 +196,16 @@ def _errors(model: LearnedModel, samples: Samples, command: Array) -> Array:
         raise DataError(f"the logs lack an input of the model in use ({error.args[0]})") from error
 
 
-def _fresh_logs(campaign: Campaign, state: State, logs: Sequence[int], known: set[str]) -> list[int]:
+def _fresh_logs(campaign: Campaign, state: State, logs: Sequence[int], hashes: set[str]) -> list[int]:
     """Groups of segments that contain no part of a log in the deployed model."""
     groups = groups_of(campaign, logs)
-    seen = {
+    trained_groups = {
         group
-        for number, own in groups.items()
-        for _, group in own
-        if (ingested := state.rounds[number].ingested) is not None and ingested.sha256 in known
+        for number, segments in groups.items()
+        for _, group in segments
+        if (ingested := state.rounds[number].ingested) is not None and ingested.sha256 in hashes
     }
-    return sorted({group for own in groups.values() for _, group in own} - seen)
+    return sorted({group for segments in groups.values() for _, group in segments} - trained_groups)
 
 
 def _newest_logs(state: State) -> Sequence[int]:
@@ -210,14 +219,14 @@ def _learned_logs(state: State) -> tuple[str, ...]:
     return tuple(sorted(r.ingested.sha256 for r in state.ingested if r.ingested and r.number in logs))
 
 
-def _reasons(found: Sequence[ErrorRatio]) -> list[Notice]:
+def _reasons(comparisons: Sequence[ErrorRatio]) -> list[Notice]:
     """Reasons against the model, from held-out errors.
 
     Physics is among the model's candidates, so that the model may be equal to it. But it must be better than
     the model in use.
     """
     out = []
-    for place, one in enumerate(found):
+    for place, one in enumerate(comparisons):
         fields: dict[str, Any] = {"against": one.against, "segments": one.segments}
         if one.decision == "not decided":
             out.append(Notice(Refusal.NOT_DECIDED, {**fields, "needed": LEAST_SEGMENTS}))
@@ -236,17 +245,17 @@ def _misfits(commands: Sequence[str], wide: Array, calibrated: bool) -> list[Not
     return [*out, Notice(Refusal.INTERVALS_MISS, fields)] if missed else out
 
 
-def _recorded(found: Promotion, reason: str) -> Promoted:
-    rows = [asdict(one) | {"decision": one.decision} for one in found.compared]
+def _recorded(promotion: Promotion, reason: str) -> Promoted:
+    rows = [asdict(one) | {"decision": one.decision} for one in promotion.compared]
     for row in rows:
         row |= {name: jsonable([row[name]])[0] for name in ("ratio", "lower", "upper")}
         row["by_command"] = jsonable(row["by_command"])
     return Promoted(
-        sha256=found.sha256,
-        forced=found.forced,
+        sha256=promotion.sha256,
+        forced=promotion.forced,
         compared=tuple(rows),
-        narrow=found.narrow,
-        wide=found.wide,
-        refused=found.refused,
+        narrow=promotion.narrow,
+        wide=promotion.wide,
+        refused=promotion.refused,
         reason=reason,
     )

@@ -68,10 +68,12 @@ def ask_to_confirm(
     with campaign.writing():
         require_description(campaign)
         learn_pending(campaign, say=say)
-        return _asked(campaign, new, formats, effort, say)
+        return _present_motion(campaign, new, formats, effort, say)
 
 
-def _asked(campaign: Campaign, new: bool, formats: Sequence[str], effort: bool, say: Say) -> Proposal:
+def _present_motion(
+    campaign: Campaign, new: bool, formats: Sequence[str], effort: bool, say: Say
+) -> Proposal:
     state = campaign.state()
     open_ones = [r for r in state.confirmations if len(r.runs) < 2]
     if open_ones and not new:
@@ -80,16 +82,19 @@ def _asked(campaign: Campaign, new: bool, formats: Sequence[str], effort: bool, 
     else:
         number, constraints = state.next_number, constraints_now(campaign, state, FEEDBACK, LEARNED)
         made = _propose(campaign, state, number, constraints, say)
-    found = present(campaign, number, constraints, made, FULL, lambda files: _fed(campaign, number, files))
+    proposal = present(
+        campaign, number, constraints, made, FULL, lambda files: _feedforward_file(campaign, number, files)
+    )
     motion = stored_trajectory(campaign, number)
     written = [
-        export(campaign, number, motion, found.folder, name, effort=effort, drag=effort) for name in formats
+        export(campaign, number, motion, proposal.folder, name, effort=effort, drag=effort)
+        for name in formats
     ]
     take_up(campaign)
-    return replace(found, exported=tuple(written))
+    return replace(proposal, exported=tuple(written))
 
 
-def _fed(campaign: Campaign, number: int, files: TrajectoryFiles) -> dict[Path, bytes]:
+def _feedforward_file(campaign: Campaign, number: int, files: TrajectoryFiles) -> dict[Path, bytes]:
     """trajectory.csv with the commands of the model that the motion was proposed with.
 
     Raises:
@@ -161,9 +166,15 @@ def _candidates(campaign: Campaign, rng: np.random.Generator) -> Iterator[tuple[
 def _rendered(
     campaign: Campaign, motion: Trajectory, limits: Sequence[Limit], constraints: Constraints
 ) -> TrajectoryFiles:
-    own = constraints.of(motion)
+    motion_constraints = constraints.of(motion)
     return render(
-        motion, campaign.kind, campaign.spec, campaign.config, limits, own.unenforced, control=own.control
+        motion,
+        campaign.kind,
+        campaign.spec,
+        campaign.config,
+        limits,
+        motion_constraints.unenforced,
+        control=motion_constraints.control,
     )
 
 

@@ -152,12 +152,12 @@ def _choice(state: State) -> float | None:
 
     None until a design from a model gives it.
     """
-    asked = [r.asked for _, r in sorted(state.rounds.items()) if r.asked]
-    found = [a.choice for a in asked if a.learned and a.choice is not None]
-    return found[-1] if found else None
+    proposals = [r.asked for _, r in sorted(state.rounds.items()) if r.asked]
+    choices = [a.choice for a in proposals if a.learned and a.choice is not None]
+    return choices[-1] if choices else None
 
 
 def _held_out(state: State) -> dict[str, Any] | None:
     """Block scores of the only log in the newest model; None for a model of several logs."""
-    found = state.newest.held_out if state.newest else None
-    return None if found is None else {"number": state.trained[-1].number, **plain(found)}
+    scores = state.newest.held_out if state.newest else None
+    return None if scores is None else {"number": state.trained[-1].number, **plain(scores)}

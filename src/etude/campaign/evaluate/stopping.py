@@ -115,8 +115,8 @@ class Verdict:
     def facts(self) -> dict[str, Any]:
         """JSON values for `--json`."""
         harm = None if self.harm is None else self.harm.facts()
-        own = {"stop": self.stop, "rule": self.rule, "reason": self.reason, "usable": self.usable}
-        return {**self.said.to_json(), **own, "harm": harm}
+        values = {"stop": self.stop, "rule": self.rule, "reason": self.reason, "usable": self.usable}
+        return {**self.said.to_json(), **values, "harm": harm}
 
 
 def judge(evidence: Sequence[LogOutcome], config: StopConfig) -> Verdict:
@@ -133,10 +133,10 @@ def judge(evidence: Sequence[LogOutcome], config: StopConfig) -> Verdict:
         missing = max(missing, 1)  # `promote` could not compare the model
     if missing > 0:
         return Verdict(Notice(Stop.LOGS_MISSING, {"logs": missing}), harm)
-    return Verdict(_said(recent, config), harm)
+    return Verdict(_apply_rules(recent, config), harm)
 
 
-def _said(recent: Sequence[LogOutcome], config: StopConfig) -> Notice:
+def _apply_rules(recent: Sequence[LogOutcome], config: StopConfig) -> Notice:
     """Result of the rules on the logs that must agree."""
     tolerable, doubt = all(_tolerable(e, config) for e in recent), _doubt(recent[-1])
     forecast = {"forecast": recent[-1].forecast, "goal": config.command_tolerance}
@@ -222,10 +222,10 @@ def seen_by_the_rule(campaign: Campaign, state: State, next_gain: float | None =
     gains = _gains_after(state)
     gains[len(trained)] = next_gain if next_gain is not None else gains.get(len(trained))
     minutes = (campaign.config.duration + campaign.config.stop.setup_s) / 60.0
-    found = [_evidence(campaign, trained[: i + 1], gains.get(i + 1), minutes) for i in range(len(trained))]
+    outcomes = [_evidence(campaign, trained[: i + 1], gains.get(i + 1), minutes) for i in range(len(trained))]
     alerts = campaign_alerts(state, campaign.command.parts, len(campaign.axes))
     red = tuple(notice for notice in alerts if notice.light == "red")
-    return [*found[:-1], replace(found[-1], red=red)] if found else []
+    return [*outcomes[:-1], replace(outcomes[-1], red=red)] if outcomes else []
 
 
 def calibration_factor(trained: list[Round]) -> float | None:
@@ -235,8 +235,8 @@ def calibration_factor(trained: list[Round]) -> float | None:
     """
     newest = trained[-1].trained if trained else None
     if newest is not None and newest.new_motion is not None:
-        known = [z2 for z2 in newest.new_motion.used.z2 if z2 is not None and math.isfinite(z2)]
-        return float(np.mean(known)) if known else None
+        factors = [z2 for z2 in newest.new_motion.used.z2 if z2 is not None and math.isfinite(z2)]
+        return float(np.mean(factors)) if factors else None
     values = [
         value
         for facts in (r.trained for r in trained[-POOLED:])
@@ -249,8 +249,8 @@ def calibration_factor(trained: list[Round]) -> float | None:
 
 def _gains_after(state: State) -> dict[int, float | None]:
     """Expected gain of the trajectory proposed after k learned logs, by k."""
-    asked = [r.asked for r in state.rounds.values() if r.asked]
-    return {a.learned: a.gain for a in asked if a.gain is not None}
+    facts = [r.asked for r in state.rounds.values() if r.asked]
+    return {a.learned: a.gain for a in facts if a.gain is not None}
 
 
 def _evidence(campaign: Campaign, trained: list[Round], gain: float | None, minutes: float) -> LogOutcome:

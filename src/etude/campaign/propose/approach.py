@@ -76,7 +76,7 @@ def approached(
         UnsafeTrajectoryError: no approach is proved, straight or by home; nothing is written.
     """
     try:
-        pose, found, made = prepared(campaign, motion, start, constraints)
+        pose, paths, made = prepared(campaign, motion, start, constraints)
     except UnsafeTrajectoryError as problem:
         require_pose(campaign, start, constraints, problem, f"; proposal {number} stays open")
         raise UnsafeTrajectoryError(
@@ -91,7 +91,7 @@ def approached(
     contents = {path: data for files in made.values() for path, data in files.contents(place).items()}
     renewed = settle(campaign, number, contents, Exported(start=tuple(pose.tolist())))
     named = dict(zip(campaign.axes, pose.tolist(), strict=True))
-    return Approached(named, place, tuple(contents), certificates, found.whole, renewed)
+    return Approached(named, place, tuple(contents), certificates, paths.whole, renewed)
 
 
 SLOWER = (1.0, 2.0, 4.0, 8.0)
@@ -151,8 +151,8 @@ def there_and_back(
     meet = _meet(approach[-1], led, returned[0])
     there = there if before is None else (*there, ("lead-in", before))
     again = again if after is None else (("lead-out", after), *again)
-    own = [(label, piece) for _, label, piece in motion.pieces()]
-    whole = Chain((*there, *own, *again)) if meet else None
+    pieces = [(label, piece) for _, label, piece in motion.pieces()]
+    whole = Chain((*there, *pieces, *again)) if meet else None
     return There(_joined(there), _joined(again), whole)
 
 
@@ -165,7 +165,7 @@ def _around(
     by_home: tuple[Trajectory, Trajectory], pose: Array, approaches: Approaches, clear: Array
 ) -> list[tuple[Legs, Legs]]:
     """Approaches and returns by a clear pose and home, for a pose without a straight path to home."""
-    found: list[tuple[Legs, Legs]] = []
+    routes: list[tuple[Legs, Legs]] = []
     size = np.maximum(np.ptp(clear, axis=0), np.finfo(float).tiny)
     near = np.argsort(np.linalg.norm((clear - pose) / size, axis=1), kind="stable")
     for corner in clear[near[:MOST_AROUND]]:
@@ -174,8 +174,8 @@ def _around(
         after = approaches(by_home[1], corner)
         last = None if after is None else approaches(after[1], pose)
         if inner is not None and outer is not None and after is not None and last is not None:
-            found.append(((outer[0], inner[0], by_home[0]), (by_home[1], after[1], last[1])))
-    return found
+            routes.append(((outer[0], inner[0], by_home[0]), (by_home[1], after[1], last[1])))
+    return routes
 
 
 def require_inside(
@@ -207,11 +207,11 @@ def _proved(tried: Sequence[tuple[Trajectory, ...]], limits: Sequence[Limit]) ->
 
 def _labelled(label: str, parts: tuple[Trajectory, ...]) -> tuple[Part, ...]:
     """The parts with labels: `label` for a path of one piece, the pieces' own labels otherwise."""
-    found: list[Part] = []
+    labelled: list[Part] = []
     for part in parts:
         pieces = part.pieces()
-        found += [(own if len(pieces) > 1 else label, piece) for _, own, piece in pieces]
-    return tuple(found)
+        labelled += [(piece_label if len(pieces) > 1 else label, piece) for _, piece_label, piece in pieces]
+    return tuple(labelled)
 
 
 def _joined(parts: tuple[Part, ...]) -> Trajectory:
@@ -229,8 +229,8 @@ def _rests(motion: Trajectory) -> bool:
 
 def _meet(approach: Trajectory, motion: Trajectory, back: Trajectory) -> bool:
     """Whether speed and acceleration are continuous where approach, motion and return join."""
-    own = _ends(motion)
-    jumps = _ends(approach)[1:, 1] - own[1:, 0], _ends(back)[1:, 0] - own[1:, 1]
+    ends = _ends(motion)
+    jumps = _ends(approach)[1:, 1] - ends[1:, 0], _ends(back)[1:, 0] - ends[1:, 1]
     return all(np.abs(jump).max() <= JOINED for jump in jumps)
 
 
@@ -295,24 +295,24 @@ def prepared(
     """
     kind, spec, limits = campaign.kind, campaign.spec, constraints.limits(campaign)
     pose = pose_inside(campaign, start)
-    found = there_and_back(
+    paths = there_and_back(
         motion, pose, approaches_of(campaign), limits, kind.home(spec), clear_poses(campaign)
     )
-    if found is None:
+    if paths is None:
         raise UsageError(
             f"robots of the kind '{kind.name}' have no approach to a motion's start",
             where="--from",
             next_step="Bring the robot there by its own controller.",
         )
-    parts = {"approach": found.approach, "return": found.back}
-    parts |= {} if found.whole is None else {"trajectory": found.whole}
+    parts = {"approach": paths.approach, "return": paths.back}
+    parts |= {} if paths.whole is None else {"trajectory": paths.whole}
     made = {
         stem: render(
             part, kind, spec, campaign.config, limits, constraints.unenforced, stem, constraints.control
         )
         for stem, part in parts.items()
     }
-    return pose, found, made
+    return pose, paths, made
 
 
 def poses_of(campaign: Campaign) -> dict[str, Array]:
@@ -359,17 +359,17 @@ def _last_row(path: Path, campaign: Campaign) -> Array:
         raise UsageError(
             f"there is no pose {str(path)!r}: {error.strerror}", where="--from", next_step=WRITE
         ) from None
-    wanted = column_names(campaign.channel(campaign.kind.path))
+    columns = column_names(campaign.channel(campaign.kind.path))
     header = [cell.strip() for cell in lines[0]] if lines else []
-    missing = [name for name in wanted if name not in header]
+    missing = [name for name in columns if name not in header]
     if missing or len(lines) < 2:
         raise UsageError(
             f"the table has no {'column ' + ', '.join(missing) if missing else 'row'}",
             where=str(path),
-            next_step=f"It needs the columns {', '.join(wanted)}; its last row is the pose.",
+            next_step=f"It needs the columns {', '.join(columns)}; its last row is the pose.",
         )
     try:
-        pose = np.array([float(lines[-1][header.index(name)]) for name in wanted])
+        pose = np.array([float(lines[-1][header.index(name)]) for name in columns])
     except (ValueError, IndexError):
         raise UsageError("its last row is no pose", where=str(path), next_step=WRITE) from None
     if not np.isfinite(pose).all():

@@ -130,9 +130,9 @@ def ask(
             number, constraints = state.next_number, constraints_now(campaign, state, under)
             check = _approach_check(campaign, start, speed)
             made = _propose(campaign, state, number, constraints, motions, tasks, go_on, say, check)
-        found = presented(campaign, number, constraints, made, speed, start, formats, effort=effort)
+        proposal = presented(campaign, number, constraints, made, speed, start, formats, effort=effort)
         take_up(campaign)
-        return found
+        return proposal
 
 
 def presented(
@@ -147,15 +147,15 @@ def presented(
     effort: bool = False,
 ) -> Proposal:
     """A trajectory with its files, its approach from the robot's pose, and its exports; see `present`."""
-    found = present(campaign, number, constraints, made, speed)
+    proposal = present(campaign, number, constraints, made, speed)
     motion = stored_trajectory(campaign, number, speed)
-    approach = _approach(campaign, number, motion, found, start, constraints) if start else None
+    approach = _approach(campaign, number, motion, proposal, start, constraints) if start else None
     whole = (
-        (motion, found.folder)
+        (motion, proposal.folder)
         if approach is None or approach.whole is None
         else (approach.whole, approach.folder)
     )
-    return replace(found, exported=_exported(campaign, number, whole, formats, effort), approach=approach)
+    return replace(proposal, exported=_exported(campaign, number, whole, formats, effort), approach=approach)
 
 
 # what a plain `ask` does not need is not loaded: it is the command that is run most
@@ -187,13 +187,13 @@ def _approach(
     campaign: Campaign,
     number: int,
     motion: Trajectory,
-    found: Proposal,
+    proposal: Proposal,
     start: str,
     constraints: Constraints,
 ) -> Approached:
     from etude.campaign.propose.approach import approached
 
-    return approached(campaign, number, motion, found.folder, start, constraints)
+    return approached(campaign, number, motion, proposal.folder, start, constraints)
 
 
 def _approach_check(campaign: Campaign, start: str, speed: int) -> Callable[[Trajectory, Constraints], None]:
@@ -230,11 +230,11 @@ def _exported(
 
 def _open(campaign: Campaign, state: State) -> list[Trajectory]:
     """Proposals that await their logs; one with a damaged file is left out."""
-    found = []
+    motions = []
     for waiting in state.proposals:
         with contextlib.suppress(UsageError):
-            found.append(stored_trajectory(campaign, waiting.number))
-    return found
+            motions.append(stored_trajectory(campaign, waiting.number))
+    return motions
 
 
 def _propose(
@@ -256,11 +256,11 @@ def _propose(
     constraints = constraints.using(newest_model(campaign, state)) if state.trained else constraints
     limits = constraints.limits(campaign)
     require_possible(limits)
-    trajectory, found = proposed(
+    trajectory, fact = proposed(
         campaign, constraints.model(campaign), rng, motions, _open(campaign, state), limits, say
     )
     if not go_on:
-        _check_stop(campaign, state, found.gain)
+        _check_stop(campaign, state, fact.gain)
     constraints = constraints.of(trajectory)
     files = _files(campaign, trajectory, limits, constraints)
     check(files.trajectory, constraints)
@@ -270,7 +270,7 @@ def _propose(
         write_atomic(copy, tasks.read_bytes())
         written.append(copy)
     at_limit = tuple(files.certificate.active())
-    asked = replace(found, active_limits=at_limit, seed=tuple(seed), learned=len(state.trained))
+    asked = replace(fact, active_limits=at_limit, seed=tuple(seed), learned=len(state.trained))
     campaign.commit(constraints.recorded(asked), number, written)
     return files, asked.status
 
@@ -280,7 +280,6 @@ def _files(
 ) -> TrajectoryFiles:
     kind, spec, config = campaign.kind, campaign.spec, campaign.config
     rows = swept(campaign, trajectory, limits)
-    own = as_facts(rows), teaches_little(rows)
     return render(
         trajectory,
         kind,
@@ -289,8 +288,8 @@ def _files(
         limits,
         constraints.unenforced,
         control=constraints.control,
-        swept=own[0],
-        warned=own[1],
+        swept=as_facts(rows),
+        warned=teaches_little(rows),
     )
 
 
@@ -304,10 +303,10 @@ def _again(campaign: Campaign, trajectory: Trajectory, constraints: Constraints)
 
 def _outside_now(campaign: Campaign, number: int, problem: UnsafeTrajectoryError) -> UnsafeTrajectoryError:
     """The reason why an open proposal can no longer run, and how to get another one."""
-    asked = [e for e in campaign.events() if isinstance(e.fact, Asked) and e.number == number]
-    why = " and ".join(changed_since(campaign, asked, [name for e in asked for name in e.files]))
-    known = campaign.round(number)
-    confirm = "--confirm " * known.confirms + "--payload " * known.weighs
+    events = [e for e in campaign.events() if isinstance(e.fact, Asked) and e.number == number]
+    why = " and ".join(changed_since(campaign, events, [name for e in events for name in e.files]))
+    proposal = campaign.round(number)
+    confirm = "--confirm " * proposal.confirms + "--payload " * proposal.weighs
     since = f" since {why} changed" if why else ""
     return UnsafeTrajectoryError(
         f"trajectory {number}, which is open, is not proved{since}: {problem.fact}",
@@ -366,21 +365,29 @@ def present(
         else:
             files = _files(campaign, motion, constraints.limits(campaign), constraints.of(full))
         if speed == FULL:  # what waits for its log stays what it is, to the byte
-            own = stored_bytes(campaign, folder / COEFFICIENTS, advice)
-            files = replace(files, coefficients=own)
+            stored = stored_bytes(campaign, folder / COEFFICIENTS, advice)
+            files = replace(files, coefficients=stored)
         contents = {**files.contents(folder), **(beside(files) if speed == FULL else {})}
-        asked = next(e for e in campaign.events() if isinstance(e.fact, Asked) and e.number == number)
+        event = next(e for e in campaign.events() if isinstance(e.fact, Asked) and e.number == number)
         settled = {name_of(campaign, path) for path in contents}
-        _check(campaign, [name for name in asked.files if name not in settled], advice)
+        _check(campaign, [name for name in event.files if name not in settled], advice)
         renewed = settle(campaign, number, contents, Exported(speed=speed), advice)
     status = "asked for before, still open" if made is None else made[1]
     rows = swept(campaign, files.trajectory, constraints.limits(campaign))
-    found = files.certificate, files.trajectory.duration, made is not None, status
-    return Proposal(number, folder, *found, renewed=renewed, swept=rows)
+    return Proposal(
+        number,
+        folder,
+        files.certificate,
+        files.trajectory.duration,
+        made is not None,
+        status,
+        renewed=renewed,
+        swept=rows,
+    )
 
 
 def _check(campaign: Campaign, names: Sequence[str], advice: str) -> None:
     """Raises UsageError if a proposal's file is missing or was changed."""
     last = recorded(campaign.events())
-    own = {name: last[name] for name in names if name in last}
-    require_intact(campaign.path, own, advice)
+    hashes = {name: last[name] for name in names if name in last}
+    require_intact(campaign.path, hashes, advice)

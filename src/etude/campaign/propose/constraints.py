@@ -100,17 +100,19 @@ class Constraints:
     def of(self, trajectory: Trajectory) -> Constraints:
         """The constraints with the sentences about the forms of this motion alone."""
         forms = dict.fromkeys(piece.form for _, _, piece in trajectory.pieces())
-        own = [sentence for form in forms for sentence in (self.by_form or {}).get(form, ())]
-        return replace(self, unenforced=tuple(dict.fromkeys(own)), _limits=self._limits, _models=self._models)
+        sentences = [sentence for form in forms for sentence in (self.by_form or {}).get(form, ())]
+        return replace(
+            self, unenforced=tuple(dict.fromkeys(sentences)), _limits=self._limits, _models=self._models
+        )
 
     def margins_of_chain(self, trajectory: Trajectory) -> Margins:
         """The margins with one for the whole chain, the least of its pieces: a receiver does not know the
         pieces.
         """
-        own = [self.margins[p.form] for _, _, p in trajectory.pieces() if p.form in self.margins]
-        if trajectory.form in self.margins or not own:
+        pairs = [self.margins[p.form] for _, _, p in trajectory.pieces() if p.form in self.margins]
+        if trajectory.form in self.margins or not pairs:
             return self.margins
-        table, sure = (np.min([np.asarray(pair[i]) for pair in own], axis=0) for i in range(2))
+        table, sure = (np.min([np.asarray(pair[i]) for pair in pairs], axis=0) for i in range(2))
         return {**self.margins, trajectory.form: (table, sure)}
 
     def limits_as_played(
@@ -126,12 +128,12 @@ class Constraints:
         return replace(fact, model=self.number, controls=self.controls, margins=margins, unheld=unenforced)
 
 
-def constraints_then(asked: Constrained | None) -> Constraints:
+def constraints_then(fact: Constrained | None) -> Constraints:
     """Constraints of a proposal at the time it was made; empty for proposals without margins."""
-    if asked is None:
+    if fact is None:
         return Constraints({})
-    margins = {form: (as_table(table), as_table(sure)) for form, (table, sure) in asked.margins.items()}
-    return Constraints(margins, asked.unheld, number=asked.model, controls=asked.controls)
+    margins = {form: (as_table(table), as_table(sure)) for form, (table, sure) in fact.margins.items()}
+    return Constraints(margins, fact.unheld, number=fact.model, controls=fact.controls)
 
 
 def as_rows(table: Array | float) -> Table:
@@ -162,13 +164,13 @@ def constraints_now(campaign: Campaign, state: State, *controls: str) -> Constra
         controls: controls of the run; the constraints hold for each. (): feedback alone.
     """
     controls = controls or (FEEDBACK,)
-    found = [_under(campaign, state, own) for own in controls]
-    margins = {form: _largest([own[form] for own, _ in found]) for form in found[0][0]}
-    by_form = {form: tuple(dict.fromkeys(s for _, own in found for s in own[form])) for form in margins}
+    by_control = [_under(campaign, state, control) for control in controls]
+    margins = {form: _largest([margins[form] for margins, _ in by_control]) for form in by_control[0][0]}
+    by_form = {form: tuple(dict.fromkeys(s for _, of in by_control for s in of[form])) for form in margins}
     number = state.trained[-1].number if state.trained else None
     if number is not None and (other := of_another_body(campaign, number)):
         sentence = f"Commands are those of the description alone.{other}"
-        by_form = {form: (sentence, *own) for form, own in by_form.items()}
+        by_form = {form: (sentence, *sentences) for form, sentences in by_form.items()}
         number = None
     return Constraints(margins, by_form=by_form, number=number, controls=controls)
 
@@ -181,16 +183,18 @@ def _under(
     forms = list(
         dict.fromkeys([*SINGLE, *(form for r in state.ingested if r.ingested for form in r.ingested.tracked)])
     )
-    wanted = _meeting(margins_of(campaign.config.tracking, ranges, errors, forms, _known(campaign)), errors)
-    young = {form for form, own in errors.items() if control == LEARNED and len(own) < SETTLED}
+    required_margins = _meeting(
+        margins_of(campaign.config.tracking, ranges, errors, forms, _error_bounds(campaign)), errors
+    )
+    young = {form for form, tables in errors.items() if control == LEARNED and len(tables) < SETTLED}
     margins, by_form = {}, {}
     last_start = _last_start(campaign, state, control)
-    for form, (table, confidence) in wanted.items():
+    for form, (table, confidence) in required_margins.items():
         sure = np.full_like(table, ASSUMED) if form in young else np.asarray(confidence)
-        kept = within_room(table, sure, ranges, campaign.config.tracking.most)
-        margins[form] = kept
+        reduced = within_room(table, sure, ranges, campaign.config.tracking.most)
+        margins[form] = reduced
         by_form[form] = (
-            *_short(campaign, table, kept[0]),
+            *_short(campaign, table, reduced[0]),
             *_accelerations(campaign, form, errors.get(form, ())),
             *(last_start if form in errors else ()),
         )
@@ -221,9 +225,11 @@ def constraints_under(campaign: Campaign, number: int, control: str) -> Constrai
             return constraints_then(fact)
     if seen_errors(campaign.state(), control):
         return constraints_now(campaign, campaign.state(), control)
-    kept = constraints_then(asked)
-    assumed = {form: (table, np.full_like(table, ASSUMED)) for form, (table, _) in kept.margins.items()}
-    return replace(kept, margins=assumed, controls=(control,), _limits={})
+    constraints = constraints_then(asked)
+    assumed = {
+        form: (table, np.full_like(table, ASSUMED)) for form, (table, _) in constraints.margins.items()
+    }
+    return replace(constraints, margins=assumed, controls=(control,), _limits={})
 
 
 def with_tracking_errors(
@@ -236,10 +242,10 @@ def with_tracking_errors(
     ingested = replace(ingested, control=run_under(campaign, number, control))
     if ingested.speed != FULL:
         return ingested
-    found = tracked(log, trajectory, campaign.kind.path)
-    start = None if found.start is None else (found.start.until, as_rows(found.start.errors))
+    tracking = tracked(log, trajectory, campaign.kind.path)
+    start = None if tracking.start is None else (tracking.start.until, as_rows(tracking.start.errors))
     return replace(
-        ingested, tracked={form: as_rows(table) for form, table in found.errors.items()}, start=start
+        ingested, tracked={form: as_rows(table) for form, table in tracking.errors.items()}, start=start
     )
 
 
@@ -256,22 +262,22 @@ def start_in_words(campaign: Campaign, ingested: Ingested | None) -> str:
 
 def seen_errors(state: State, control: str) -> dict[str, list[Array]]:
     """Largest errors (O, k) of each used log under that control, by form of motion, oldest first."""
-    found: dict[str, list[Array]] = {}
+    errors: dict[str, list[Array]] = {}
     for one in sorted(state.ingested, key=lambda r: r.ingested_at):
         if one.ingested is not None and speaks_of(one.ingested, control):
             for form, table in one.ingested.tracked.items():
-                found.setdefault(form, []).append(as_table(table))
-    return found
+                errors.setdefault(form, []).append(as_table(table))
+    return errors
 
 
 def _last_start(campaign: Campaign, state: State, control: str) -> tuple[str, ...]:
     """Sentences about the start transient of the newest log under that control that has one."""
-    own = [
+    rounds = [
         r
         for r in state.ingested
         if r.ingested and speaks_of(r.ingested, control) and r.ingested.start is not None
     ]
-    newest = max(own, key=lambda r: r.ingested_at, default=None)
+    newest = max(rounds, key=lambda r: r.ingested_at, default=None)
     return () if newest is None else (start_in_words(campaign, newest.ingested),)
 
 
@@ -281,7 +287,9 @@ def ranges_of(campaign: Campaign) -> Ranges:
     rate = next((c.name for c in campaign.channels if c.derivative_of == path), "")
     home = np.asarray(campaign.kind.home(campaign.spec))
     lower, upper = limits[path]
-    if out := [name for name, own in zip(campaign.axes, (home < lower) | (home > upper), strict=True) if own]:
+    if out := [
+        name for name, outside in zip(campaign.axes, (home < lower) | (home > upper), strict=True) if outside
+    ]:
         raise UsageError(
             f"the home of the kind of robot {campaign.kind.name} is outside the limits of {', '.join(out)}",
             where=campaign.spec.name,
@@ -292,35 +300,36 @@ def ranges_of(campaign: Campaign) -> Ranges:
 
 def _meeting(margins: Margins, errors: Mapping[str, Sequence[Array]]) -> Margins:
     """Margins for forms that occur in one motion: where two forms join, the margins of both apply."""
-    own = [margins[form][0][0] for form in errors if form in margins]
+    position_margins = [margins[form][0][0] for form in errors if form in margins]
     out = {}
     for form, (table, confidence) in margins.items():
-        most = np.max(own, axis=0) if form in errors else table[0]
+        most = np.max(position_margins, axis=0) if form in errors else table[0]
         out[form] = np.concatenate([most[None], table[1:]]), confidence
     return out
 
 
-def _known(campaign: Campaign) -> Array | None:
+def _error_bounds(campaign: Campaign) -> Array | None:
     """Largest position errors (k,) that the feedback gains allow; None for unknown gains."""
     kind = campaign.kind
     return np.asarray(kind.largest_error(campaign.spec)) if isinstance(kind, SupportsLargestError) else None
 
 
-def _short(campaign: Campaign, wanted: Array, kept: Array) -> list[str]:
+def _short(campaign: Campaign, needed: Array, available: Array) -> list[str]:
     """A sentence for each margin that exceeds the available range."""
     units = campaign.channel(campaign.kind.path).units
     return [
-        f"Tracking: the error in {QUANTITIES[order]} of {axis} may reach {wanted[order, j]:.3g} {units[j]}"
-        f"{'/s' * order}; the margin is only {kept[order, j]:.3g}, since more leaves too little for motion."
-        for order in range(len(wanted))
+        f"Tracking: the error in {QUANTITIES[order]} of {axis} may reach {needed[order, j]:.3g} {units[j]}"
+        f"{'/s' * order}; the margin is only {available[order, j]:.3g}, since more leaves too little for "
+        "motion."
+        for order in range(len(needed))
         for j, axis in enumerate(campaign.axes)
-        if kept[order, j] < wanted[order, j]
+        if available[order, j] < needed[order, j]
     ]
 
 
 def _accelerations(campaign: Campaign, form: str, errors: Sequence[Array]) -> list[str]:
     """A sentence for each form about the acceleration errors of the last logs, which have no margin."""
-    last = [own[ACCELERATION] for own in errors[-LOGS_CONSIDERED:] if len(own) > ACCELERATION]
+    last = [table[ACCELERATION] for table in errors[-LOGS_CONSIDERED:] if len(table) > ACCELERATION]
     if not last:
         return []
     units = campaign.channel(campaign.kind.path).units

@@ -81,8 +81,8 @@ def export(
     exporter = plugins.load(GROUP, name)
     what = _with_effort(campaign, trajectory) if effort else trajectory
     what = _accelerated(campaign, what) if drag else what
-    own = asked_under(campaign.round(number).asked)
-    constraints = constraints_under(campaign, number, LEARNED if effort else next(iter(own), FEEDBACK))
+    controls = asked_under(campaign.round(number).asked)
+    constraints = constraints_under(campaign, number, LEARNED if effort else next(iter(controls), FEEDBACK))
     limits = constraints.limits_as_played(campaign, trajectory)
     files, certificate = certified_playback(
         exporter, what, campaign.kind, campaign.spec, limits, constraints.control
@@ -90,15 +90,15 @@ def export(
     place = folder / (f"{name}_effort" if effort else name)
     contents = {**files, CERTIFICATE: _proof(certificate)}
     fact = Exported(format=name, effort=effort)
-    fact = fact if constraints.controls == own else constraints.recorded(fact)
+    fact = fact if constraints.controls == controls else constraints.recorded(fact)
     written = {place / file: data for file, data in contents.items()}
     renewed = settle(campaign, number, written, fact)
     return ExportedMotion(name, tuple(written), certificate, renewed)
 
 
 def _proof(certificate: Certificate) -> bytes:
-    words = {"generation": GENERATION, **json.loads(certificate.to_json())}
-    return (json.dumps(words, indent=1) + "\n").encode()
+    document = {"generation": GENERATION, **json.loads(certificate.to_json())}
+    return (json.dumps(document, indent=1) + "\n").encode()
 
 
 def _with_effort(campaign: Campaign, trajectory: Trajectory) -> MotionWithCommands:

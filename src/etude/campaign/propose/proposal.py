@@ -35,8 +35,8 @@ FIRST = {"scaled": "random, scaled to the limits", "uniform": "random, uniform o
 
 
 @dataclass(frozen=True, eq=False)
-class Known:
-    """Basis of a design: inputs, knowledge of the robot, and whether a model was learned."""
+class DesignBasis:
+    """Basis of a design: inputs, model or prior of the robot, and whether a model was learned."""
 
     inputs: Inputs
     model: Model | Sequence[Latent]
@@ -62,22 +62,22 @@ def proposed(
         open_ones: proposals that await their logs; their information counts as known.
         limits: less the tracking margins. say: receives one sentence per step.
     """
-    known = _known(campaign, model)
-    if known is None:
-        found, asked = _random(campaign, rng, limits)
+    basis = _design_basis(campaign, model)
+    if basis is None:
+        trajectory, asked = _random(campaign, rng, limits)
     else:
-        what = "from what was learned" if known.learned else "from the limits alone"
+        what = "from what was learned" if basis.learned else "from the limits alone"
         say(f"Designing the next trajectory {what}.")
-        found, asked = _designed(campaign, known, rng, tasks if known.learned else (), open_ones, limits)
-    return from_rest(campaign, found, limits), asked
+        trajectory, asked = _designed(campaign, basis, rng, tasks if basis.learned else (), open_ones, limits)
+    return from_rest(campaign, trajectory, limits), asked
 
 
-def _known(campaign: Campaign, model: Model | None) -> Known | None:
+def _design_basis(campaign: Campaign, model: Model | None) -> DesignBasis | None:
     """Basis of the design; None before any log, or if campaign.toml turns the design off."""
     from etude.design.latents import prior_latents
 
     if model is not None:
-        return Known(model.inputs, model, True)
+        return DesignBasis(model.inputs, model, True)
     kind, spec, config = campaign.kind, campaign.spec, campaign.config
     if config.design.first == "random":
         return None
@@ -85,7 +85,7 @@ def _known(campaign: Campaign, model: Model | None) -> Known | None:
     latents = prior_latents(
         inputs, kind.expected(spec).limits, kind.limit(spec), config.model, campaign.command.parts
     )
-    return None if latents is None else Known(inputs, latents, False)
+    return None if latents is None else DesignBasis(inputs, latents, False)
 
 
 def _random(
@@ -98,10 +98,10 @@ def _random(
     count = segments_of(campaign, family)
     motions = typical_motions(campaign, rng, count, limits, grown=True)
     home = campaign.kind.home(campaign.spec)
-    trajectory, kept = linked_chain(motions, approaches_of(campaign), limits, home)
-    several = f"{kept} segments, " if kept > 1 else ""
+    trajectory, linked = linked_chain(motions, approaches_of(campaign), limits, home)
+    several = f"{linked} segments, " if linked > 1 else ""
     status = f"{several}{FIRST[campaign.config.design.sampler]}: nothing has been learned yet"
-    return trajectory, Asked(status=status + dropped_sentence(count - kept))
+    return trajectory, Asked(status=status + dropped_sentence(count - linked))
 
 
 SMALL = 0.1
@@ -146,28 +146,30 @@ def swept(campaign: Campaign, trajectory: Trajectory, limits: Sequence[Limit]) -
     if reach is None or not pieces:
         return ()
     whole = replace(reach, poses=reach.poses[:0])
-    of_range, of_clear = (VisitedTimes.nothing(own).adding([trajectory]).share() for own in (whole, reach))
+    of_range, of_clear = (
+        VisitedTimes.nothing(region).adding([trajectory]).share() for region in (whole, reach)
+    )
     times = [piece.duration * np.linspace(0.0, 1.0, LOOKED_AT) for piece in pieces]
-    way = np.concatenate([p.motion(t, 1).orders[0] for p, t in zip(pieces, times, strict=True)])
+    positions = np.concatenate([p.motion(t, 1).orders[0] for p, t in zip(pieces, times, strict=True)])
     otherwise = _used_up(limits, pieces, campaign.axes) or NO_TIME
-    held = [_held(reach, way, j, limits, pieces[0].form) or otherwise for j in range(len(of_range))]
+    held = [_held(reach, positions, j, limits, pieces[0].form) or otherwise for j in range(len(of_range))]
     rows = zip(campaign.axes, of_range.tolist(), of_clear.tolist(), held, strict=True)
     return tuple(Swept(axis, r, c, "" if r >= WHOLE else why) for axis, r, c, why in rows)
 
 
-def _held(reach: Reachable, way: Array, j: int, limits: Sequence[Limit], form: str) -> str:
+def _held(reach: Reachable, positions: Array, j: int, limits: Sequence[Limit], form: str) -> str:
     """The obstacle for the pose farthest out on axis `j`, if this axis alone moves on; "" without one."""
-    room = way[:, j].min() - reach.lower[j], reach.upper[j] - way[:, j].max()
-    at = int(way[:, j].argmin() if room[0] > room[1] else way[:, j].argmax())
+    room = positions[:, j].min() - reach.lower[j], reach.upper[j] - positions[:, j].max()
+    at = int(positions[:, j].argmin() if room[0] > room[1] else positions[:, j].argmax())
     end = reach.lower[j] if room[0] > room[1] else reach.upper[j]
-    left = abs(end - way[at, j])
+    left = abs(end - positions[at, j])
     near = min(1.0, NEAR * float(reach.upper[j] - reach.lower[j]) / left) if left > 0.0 else 1.0
     for part in sorted((near, *AHEAD)):
-        pose = way[at].copy()
+        pose = positions[at].copy()
         pose[j] += part * (end - pose[j])
         for limit in limits:
-            if isinstance(limit, SupportsBlocking) and (found := limit.blocked(form, pose)):
-                return found
+            if isinstance(limit, SupportsBlocking) and (obstacle := limit.blocked(form, pose)):
+                return obstacle
     return ""
 
 
@@ -227,23 +229,23 @@ def visited_by(campaign: Campaign, reach: Reachable) -> VisitedTimes:
     """Poses that the motions with a log have visited, as planned; for unsolicited logs, as recorded."""
     from etude.design.candidates import VisitedTimes
 
-    found = VisitedTimes.nothing(reach)
+    visited = VisitedTimes.nothing(reach)
     for ingested in campaign.state().ingested:
         if ingested.asked is not None and not (ingested.ingested and ingested.ingested.foreign):
             with contextlib.suppress(UsageError):
-                found = found.adding([stored_trajectory(campaign, ingested.number, FULL)])
+                visited = visited.adding([stored_trajectory(campaign, ingested.number, FULL)])
             continue
         with contextlib.suppress(UsageError):
             from etude.logs.readers.log_file import read_log_file
 
             log = read_log_file(campaign.run_file(ingested.number))
-            found = found.adding_poses(log[campaign.kind.path], float(np.ptp(log.t)))
-    return found
+            visited = visited.adding_poses(log[campaign.kind.path], float(np.ptp(log.t)))
+    return visited
 
 
 def _designed(
     campaign: Campaign,
-    known: Known,
+    basis: DesignBasis,
     rng: np.random.Generator,
     tasks: Sequence[Trajectory],
     open_ones: Sequence[Trajectory],
@@ -254,13 +256,13 @@ def _designed(
 
     kind, spec, config = campaign.kind, campaign.spec, campaign.config
     family = kind.family(spec, config)
-    mixed = known.learned and config.design.reference == "mixed"
-    found = design_chain(
+    mixed = basis.learned and config.design.reference == "mixed"
+    design = design_chain(
         family,
         limits,
         kind.home(spec),
-        known.inputs,
-        known.model,
+        basis.inputs,
+        basis.model,
         config.design,
         rng,
         tasks,
@@ -272,17 +274,17 @@ def _designed(
         physics=kind.physics(spec, config),
         roam=roam_of(campaign, family, open_ones),
     )
-    first, last = found.segments[0], found.segments[-1]
+    first, last = design.segments[0], design.segments[-1]
     asked = Asked(
-        status=found.status if known.learned else f"from the limits alone: {found.status}",
-        gain=found.variance_removed if known.learned else None,
+        status=design.status if basis.learned else f"from the limits alone: {design.status}",
+        gain=design.variance_removed if basis.learned else None,
         criterion=last.criterion,
         value=last.value,
         baseline_value=last.baseline,
-        choice=max((c for own in found.segments if (c := own.choice) is not None), default=None),
+        choice=max((c for segment in design.segments if (c := segment.choice) is not None), default=None),
         deviation_before=tuple(first.deviation_before.tolist()),
         deviation_after=tuple(last.deviation_after.tolist()),
-        evaluations=sum(own.evaluations for own in found.segments),
-        seconds=sum(own.seconds for own in found.segments),
+        evaluations=sum(segment.evaluations for segment in design.segments),
+        seconds=sum(segment.seconds for segment in design.segments),
     )
-    return found.trajectory, asked
+    return design.trajectory, asked

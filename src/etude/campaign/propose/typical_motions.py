@@ -47,7 +47,7 @@ def typical_motions(
     family, home = kind.family(spec, config), kind.home(spec)
     inside = tuple(campaign.limits() if limits is None else limits)
     source = Source(family, inside, home, config.design.sampler)
-    return [drawn.trajectory for drawn in source.typical(rng, count, grown=grown)]
+    return [drawn.trajectory for drawn in source.typical(rng, count, expanded=grown)]
 
 
 def reference_motions(campaign: Campaign, rng: np.random.Generator) -> list[Trajectory]:
@@ -58,13 +58,13 @@ def reference_motions(campaign: Campaign, rng: np.random.Generator) -> list[Traj
     from etude.design.objective import MOTIONS
 
     kind, spec, config = campaign.kind, campaign.spec, campaign.config
-    found: list[Trajectory] = []
-    while len(found) < MOTIONS:
+    motions: list[Trajectory] = []
+    while len(motions) < MOTIONS:
         drawn = kind.tests(spec, config, rng).values()
         if not drawn:
             break
-        found += drawn
-    return found
+        motions += drawn
+    return motions
 
 
 def segments_of(campaign: Campaign, family: Family) -> int:
@@ -86,8 +86,8 @@ def from_rest(campaign: Campaign, motion: Trajectory, limits: Sequence[Limit]) -
     from etude.limits.lead_ins import at_rest
 
     kind = campaign.kind
-    wanted = isinstance(kind, SupportsLeadIn) and kind.from_rest(campaign.spec)
-    return at_rest(motion, limits) if wanted else motion
+    needs_leads = isinstance(kind, SupportsLeadIn) and kind.from_rest(campaign.spec)
+    return at_rest(motion, limits) if needs_leads else motion
 
 
 def approaches_of(campaign: Campaign) -> Approaches:
@@ -169,16 +169,16 @@ def _from_table(data: bytes, path: Path, channel: Channel) -> RecordedMotion:
 
     lines = [line for line in csv.reader(io.StringIO(data.decode(errors="replace"))) if any(line)]
     header = [cell.strip() for cell in lines[0]] if lines else []
-    wanted = ["time", *column_names(channel)]
-    missing = [name for name in wanted if name not in header]
+    columns = ["time", *column_names(channel)]
+    missing = [name for name in columns if name not in header]
     if missing:
         raise UsageError(
             f"the task table has no column {', '.join(missing)}",
             where=str(path),
-            next_step=f"It needs the columns {', '.join(wanted)}.",
+            next_step=f"It needs the columns {', '.join(columns)}.",
         )
     try:
-        rows = np.array([[float(line[header.index(name)]) for name in wanted] for line in lines[1:]])
+        rows = np.array([[float(line[header.index(name)]) for name in columns] for line in lines[1:]])
     except (ValueError, IndexError):
         raise UsageError("a cell of the task table is not a number", where=str(path)) from None
     if len(rows) <= SMOOTH or not np.isfinite(rows).all() or not np.all(np.diff(rows[:, 0]) > 0):

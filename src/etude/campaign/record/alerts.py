@@ -33,8 +33,8 @@ def campaign_alerts(state: State, outputs: Sequence[str], axes: int) -> tuple[No
         outputs: names of the commands.
         axes: number of coordinates of the path.
     """
-    found = [*_of_logs(state), *_of_training(state), *_of_scores(state, outputs), *_of_tests(state, axes)]
-    return tuple(sorted(found, key=lambda notice: notice.light != "red"))
+    notices = [*_of_logs(state), *_of_training(state), *_of_scores(state, outputs), *_of_tests(state, axes)]
+    return tuple(sorted(notices, key=lambda notice: notice.light != "red"))
 
 
 def motion_open(state: State, folder: str | Path) -> tuple[Notice, ...]:
@@ -52,15 +52,15 @@ def motion_open(state: State, folder: str | Path) -> tuple[Notice, ...]:
 
 def _of_logs(state: State) -> list[Notice]:
     """Findings about logs that are used or await an answer; a changed robot only until the answer."""
-    found = []
+    notices = []
     for r in state.ingested:
         for finding in r.ingested.findings if r.ingested else ():
             if finding.light not in ("red", "yellow") or (finding.check == CHANGED and not r.awaits_answer):
                 continue
             fields = {"log": r.number, "check": finding.check, "found": finding.sentence.rstrip(".")}
             fields |= {"step": finding.step, "flag": finding.flag}
-            found.append(Notice(Alert.LOG_FINDING, fields, NextStep.OF_CHECK, finding.light))
-    return found
+            notices.append(Notice(Alert.LOG_FINDING, fields, NextStep.OF_CHECK, finding.light))
+    return notices
 
 
 def _of_training(state: State) -> list[Notice]:
@@ -77,11 +77,11 @@ def _of_scores(state: State, outputs: Sequence[str]) -> list[Notice]:
 
     Trainings of earlier versions have the score on the newest log before it was learned.
     """
-    found = state.newest.new_motion if state.newest else None
-    if found is not None:
-        where = Notice(Phrase.LEFT_OUT, {"logs": found.logs})
+    scores = state.newest.new_motion if state.newest else None
+    if scores is not None:
+        where = Notice(Phrase.LEFT_OUT, {"logs": scores.logs})
         chosen = Notice(Phrase.STRUCTURE, {"structure": state.newest.chosen if state.newest else ""})
-        return _of_figures(state, outputs, found.used, found.linear, where, chosen)
+        return _of_figures(state, outputs, scores.used, scores.linear, where, chosen)
     scored = next((r for r in reversed(state.trained) if _in_use(r).nmse), None)
     if scored is None:
         return _never_moved(_unmoved(state))
@@ -149,8 +149,8 @@ def _of_errors(
             ),
         ),
     )
-    told = [replace(one, fields={"outputs": tuple(names), **one.fields}) for names, one in alerts if names]
-    return [*_never_moved(still), *told]
+    notices = [replace(one, fields={"outputs": tuple(names), **one.fields}) for names, one in alerts if names]
+    return [*_never_moved(still), *notices]
 
 
 def _instead(used: Sequence[Any], linear: Sequence[Any]) -> NextStep:
@@ -165,8 +165,8 @@ def coverages(scored: Round) -> Sequence[float | None]:
 
     Without such logs, on the log before it was learned; None if unknown.
     """
-    found = scored.trained.new_motion if scored.trained else None
-    return (_in_use(scored) if found is None else found.used).coverage
+    scores = scored.trained.new_motion if scored.trained else None
+    return (_in_use(scored) if scores is None else scores.used).coverage
 
 
 def _in_use(r: Round) -> PrequentialScore:
@@ -195,22 +195,22 @@ def _named(outputs: Sequence[str], values: Sequence[Any], notable: Any, others: 
 
 def _of_tests(state: State, axes: int) -> list[Notice]:
     """Alerts about simulated tests with a larger error than under the previous model, or without a model."""
-    found = []
+    notices = []
     for name in dict.fromkeys(e.test for _, e in state.evaluated):
-        own = [e for _, e in state.evaluated if e.test == name]
-        rounds = [e for e in own if not e.baseline]
+        evaluations = [e for _, e in state.evaluated if e.test == name]
+        rounds = [e for e in evaluations if not e.baseline]
         if not rounds:
             continue
         now, unit = _error(rounds[-1], axes)
         fields = {"test": name, "error": now, "unit": unit}
-        alone = [_error(e, axes)[0] for e in own if e.baseline in FEEDBACK]
+        alone = [_error(e, axes)[0] for e in evaluations if e.baseline in FEEDBACK]
         if alone and now > alone[-1]:
             fields |= {"alone": alone[-1]}
-            found.append(Notice(Alert.WORSE_THAN_FEEDBACK, fields, NextStep.ASK_LIKE_IT, "red"))
+            notices.append(Notice(Alert.WORSE_THAN_FEEDBACK, fields, NextStep.ASK_LIKE_IT, "red"))
         elif any(_error(after, axes)[0] > WORSE * _error(before, axes)[0] for before, after in _last(rounds)):
             fields |= {"before": _error(rounds[-2], axes)[0]}
-            found.append(Notice(Alert.TEST_WORSE, fields, NextStep.SEE_REPAIRS, "yellow"))
-    return found
+            notices.append(Notice(Alert.TEST_WORSE, fields, NextStep.SEE_REPAIRS, "yellow"))
+    return notices
 
 
 def _last(rounds: Sequence[Evaluated]) -> list[tuple[Evaluated, Evaluated]]:

@@ -40,10 +40,12 @@ class StopConfig:
     consecutive: int = 2
 
     def __post_init__(self) -> None:
-        for own in fields(self):
-            value = getattr(self, own.name)
+        for setting in fields(self):
+            value = getattr(self, setting.name)
             if not math.isfinite(value) or value < 0:
-                raise UsageError(f"{own.name} = {value} must be 0 or a positive number", where=own.name)
+                raise UsageError(
+                    f"{setting.name} = {value} must be 0 or a positive number", where=setting.name
+                )
         if self.consecutive < 1:
             raise UsageError("consecutive must be 1 or more", where="consecutive")
 
@@ -103,10 +105,10 @@ def preset_config(kind: Kind, name: str, where: str = "") -> CampaignConfig:
         raise UsageError(
             f"unknown preset {name!r}", where=where, next_step=f"Use one of: {', '.join(kind.presets)}."
         )
-    given = kind.presets[name]
+    preset = kind.presets[name]
     classes = tables_of(kind)
     tables = {
-        section: read_table(classes[section], given.get(section, {}), classes[section](), f"preset {name}")
+        section: read_table(classes[section], preset.get(section, {}), classes[section](), f"preset {name}")
         for section in SECTIONS
     }
     return CampaignConfig(kind.name, name, 0, **tables)

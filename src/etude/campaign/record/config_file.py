@@ -194,10 +194,10 @@ def _kind(table: Mapping[str, Any], where: str) -> Kind:
     if not isinstance(name, str):
         raise UsageError(f"kind = {name!r} must be the name of a kind of robot", where=f"{where} kind")
     try:
-        found: Kind = plugins.load("etude.robots", name)
+        kind: Kind = plugins.load("etude.robots", name)
     except UsageError as error:
         raise UsageError(error.fact, where=f"{where} kind", next_step=error.next_step) from None
-    return found
+    return kind
 
 
 def _config(kind: Kind, table: Mapping[str, Any], where: str) -> CampaignConfig:

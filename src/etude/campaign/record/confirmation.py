@@ -86,13 +86,13 @@ def moving(trajectory: Trajectory, t: Array, trained: Array) -> Mask:
 
 def trained_speeds(model: LearnedModel, rates: Channel) -> Array:
     """Top speed (k,) of each axis in training, from the channel of rates; 0 if the model does not use it."""
-    known: Mapping[tuple[str, str], float] = {
+    speeds: Mapping[tuple[str, str], float] = {
         (channel, part): float(np.abs(model.ranges[:, i]).max())
         for i, (channel, part, _, op) in enumerate(model.inputs.columns)
         if not op
     }
     names = (rates.name, f"{rates.name}_des")
-    return np.array([max(known.get((name, part), 0.0) for name in names) for part in rates.parts])
+    return np.array([max(speeds.get((name, part), 0.0) for name in names) for part in rates.parts])
 
 
 def left_over(model: LearnedModel, trajectory: Trajectory, trained: Array) -> list[float | None]:
@@ -110,8 +110,8 @@ def left_over(model: LearnedModel, trajectory: Trajectory, trained: Array) -> li
     needed = np.hypot(mean, left)
     return [
         # 1e-300: a joint that needs no command has none left
-        float(left[own, j].sum() / max(needed[own, j].sum(), 1e-300)) if own.sum() >= LEAST else None
-        for j, own in enumerate(use.T)
+        float(left[mask, j].sum() / max(needed[mask, j].sum(), 1e-300)) if mask.sum() >= LEAST else None
+        for j, mask in enumerate(use.T)
     ]
 
 
@@ -139,10 +139,12 @@ def shared_lag(error: Array, rate: Array, command: Array, use: Mask) -> float:
     Least squares give it for each axis where it moves. Friction that makes command and rate similar biases
     these values. So the least one counts, and none if two have opposite signs.
     """
-    pairs = [(np.column_stack([rate[own, j], command[own, j]]), error[own, j]) for j, own in enumerate(use.T)]
-    found = [float(np.linalg.lstsq(A, e, rcond=None)[0][0]) for A, e in pairs if len(e)]
-    alike = bool(found) and (min(found) > 0.0 or max(found) < 0.0)
-    return min(found, key=abs) if alike else 0.0
+    pairs = [
+        (np.column_stack([rate[mask, j], command[mask, j]]), error[mask, j]) for j, mask in enumerate(use.T)
+    ]
+    lags = [float(np.linalg.lstsq(A, e, rcond=None)[0][0]) for A, e in pairs if len(e)]
+    alike = bool(lags) and (min(lags) > 0.0 or max(lags) < 0.0)
+    return min(lags, key=abs) if alike else 0.0
 
 
 def _mean(values: Array, use: Mask) -> Array:
@@ -177,7 +179,7 @@ def confirmed(campaign: Campaign, one: Round) -> dict[str, Any]:
 def _forecast(asked: Asked | None, without: Confirmed | None) -> list[tuple[float, float] | None]:
     if asked is None or asked.left_over is None or without is None or without.late is None:
         return []
-    parts = (np.array(own, dtype=float) for own in (without.moving, without.late, without.noise))
+    parts = (np.array(values, dtype=float) for values in (without.moving, without.late, without.noise))
     return Without(*parts).expected(asked.left_over)
 
 

@@ -28,7 +28,7 @@ def required(control: str, effort: bool = False) -> str:
         UsageError: the control is unknown, or the learned command is sent with another control.
     """
     if control and control not in IN_WORDS:
-        raise UsageError(f"there is no control {control!r}", where="--control", next_step=_known())
+        raise UsageError(f"there is no control {control!r}", where="--control", next_step=_list_controls())
     if effort and control not in ("", LEARNED):
         raise UsageError(
             f"a motion that is sent with the learned command is not run under {IN_WORDS[control]}",
@@ -38,17 +38,17 @@ def required(control: str, effort: bool = False) -> str:
     return LEARNED if effort else control or FEEDBACK
 
 
-def asked_under(asked: Constrained | None) -> tuple[str, ...]:
+def asked_under(fact: Constrained | None) -> tuple[str, ...]:
     """Controls that a proposal was made for; () for proposals without this field."""
-    return () if asked is None else asked.controls
+    return () if fact is None else fact.controls
 
 
-def require_same(control: str, asked: Constrained | None, number: int) -> None:
+def require_same(control: str, fact: Constrained | None, number: int) -> None:
     """Raises UsageError if `control` is named and the open proposal `number` is for another one."""
-    own = asked_under(asked)
-    if control and own and control not in own:
+    controls = asked_under(fact)
+    if control and controls and control not in controls:
         raise UsageError(
-            f"trajectory {number} is open, and its margins are those of {in_words(own)}",
+            f"trajectory {number} is open, and its margins are those of {in_words(controls)}",
             where="--control",
             next_step="Tell its log first, or ask for another one with --new.",
         )
@@ -64,20 +64,20 @@ def require_learned(control: str, state: State) -> None:
         )
 
 
-def run_under(campaign: Campaign, number: int, given: str) -> str:
+def run_under(campaign: Campaign, number: int, control: str) -> str:
     """The control of a proposal's run.
 
     The user's word comes first. Otherwise it is learned feedforward if the proposal was written with the
     learned command, else the control of the proposal. "" for proposals without this field: such a log counts
     for every control.
     """
-    if given:
-        return required(given)
+    if control:
+        return required(control)
     written = (e.fact for e in campaign.events() if e.number == number)
     if any(fact.effort for fact in written if isinstance(fact, Exported)):
         return LEARNED
-    own = asked_under(campaign.round(number).asked)
-    return own[0] if len(own) == 1 else ""
+    controls = asked_under(campaign.round(number).asked)
+    return controls[0] if len(controls) == 1 else ""
 
 
 def speaks_of(ingested: Ingested, control: str) -> bool:
@@ -89,8 +89,8 @@ def speaks_of(ingested: Ingested, control: str) -> bool:
 
 def in_words(controls: Sequence[str]) -> str:
     """The controls as certificates name them: "feedback alone or learned feedforward"; "" if unknown."""
-    return " or ".join(IN_WORDS[own] for own in controls)
+    return " or ".join(IN_WORDS[control] for control in controls)
 
 
-def _known() -> str:
+def _list_controls() -> str:
     return f"Known: {', '.join(IN_WORDS)}."

@@ -54,13 +54,13 @@ def deployed_model(campaign: Campaign, state: State | None = None) -> DeployedMo
         model, number = newest_model(campaign, state), state.trained[-1].number
         path = campaign.model_folder(number) / MODEL
         digest = sha256_of(path)
-        said = f"Nothing was promoted yet: the newest model is used, of log {number} ({digest[:12]})."
-        return DeployedModel(model, number, path, digest, False, said + of_another_body(campaign, number))
+        sentence = f"Nothing was promoted yet: the newest model is used, of log {number} ({digest[:12]})."
+        return DeployedModel(model, number, path, digest, False, sentence + of_another_body(campaign, number))
     number, promoted = state.promoted[-1]
-    said = f"The promoted model is used, of log {number} ({promoted.sha256[:12]})."
+    sentence = f"The promoted model is used, of log {number} ({promoted.sha256[:12]})."
     model, path = promoted_model(campaign, number, promoted), pinned(campaign, promoted.sha256)
-    said += of_another_body(campaign, number)
-    return DeployedModel(model, number, path, promoted.sha256, True, said)
+    sentence += of_another_body(campaign, number)
+    return DeployedModel(model, number, path, promoted.sha256, True, sentence)
 
 
 def model_to_command(campaign: Campaign, state: State | None = None) -> DeployedModel:

@@ -513,10 +513,10 @@ class NewerFormatError(ValueError):
 
 def event_to_json(event: Event) -> str:
     """The JSON object of an event. ValueError: a number in it is not finite."""
-    own = {"event": event.fact.EVENT, "version": FORMAT, "time": event.time, "number": event.number}
-    own |= {"config_sha256": event.config_sha256, "files": dict(event.files), **_facts(event.fact)}
-    own |= {"robot_sha256": event.robot_sha256} if event.robot_sha256 else {}
-    return json.dumps({**own, "generation": event.generation}, allow_nan=False)
+    values = {"event": event.fact.EVENT, "version": FORMAT, "time": event.time, "number": event.number}
+    values |= {"config_sha256": event.config_sha256, "files": dict(event.files), **_facts(event.fact)}
+    values |= {"robot_sha256": event.robot_sha256} if event.robot_sha256 else {}
+    return json.dumps({**values, "generation": event.generation}, allow_nan=False)
 
 
 def event_from_json(text: str) -> Event:
@@ -526,27 +526,27 @@ def event_from_json(text: str) -> Event:
         NewerFormatError: its version is newer, or the version is known and the event is not.
         ValueError: it is no event, or its time is none.
     """
-    words = json.loads(text)
-    if not isinstance(words, dict):
+    values = json.loads(text)
+    if not isinstance(values, dict):
         raise ValueError("no object")
-    if _decoded(int, words.get("version", 1)) > FORMAT:
-        raise NewerFormatError(f"format {words['version']}")
-    if _decoded(int, words.get("generation", 1)) > GENERATION:
-        raise NewerFormatError(f"generation {words['generation']}")
-    kind = FACTS.get(_decoded(str, words.get("event")))
+    if _decoded(int, values.get("version", 1)) > FORMAT:
+        raise NewerFormatError(f"format {values['version']}")
+    if _decoded(int, values.get("generation", 1)) > GENERATION:
+        raise NewerFormatError(f"generation {values['generation']}")
+    kind = FACTS.get(_decoded(str, values.get("event")))
     if kind is None:
-        raise NewerFormatError(f"event {words['event']!r}")
+        raise NewerFormatError(f"event {values['event']!r}")
     if kind is Evaluated:
-        words = _with_errors(words)
-    rest: dict[str, Any] = {
-        name: _decoded(hint, words[name]) for name, hint in _hints(Event).items() if name in words
+        values = _with_errors(values)
+    arguments: dict[str, Any] = {
+        name: _decoded(hint, values[name]) for name, hint in _hints(Event).items() if name in values
     }
-    missing = {"time", "number", "config_sha256", "files"} - rest.keys()
+    missing = {"time", "number", "config_sha256", "files"} - arguments.keys()
     if missing:
         raise ValueError(f"without {missing}")
-    if rest["time"]:
-        datetime.fromisoformat(rest["time"])
-    return Event(_decoded(kind, words), **rest)
+    if arguments["time"]:
+        datetime.fromisoformat(arguments["time"])
+    return Event(_decoded(kind, values), **arguments)
 
 
 def plain(value: Any) -> Any:
@@ -554,36 +554,40 @@ def plain(value: Any) -> Any:
     if isinstance(value, Notice):
         return value.to_json()
     if is_dataclass(value) and not isinstance(value, type):
-        own = {f.name: getattr(value, f.name) for f in fields(value)}
-        return {f.name: plain(own[f.name]) for f in fields(value) if own[f.name] != _default(f)}
+        values = {f.name: getattr(value, f.name) for f in fields(value)}
+        return {f.name: plain(values[f.name]) for f in fields(value) if values[f.name] != _default(f)}
     if isinstance(value, Mapping):
-        return {str(key): plain(own) for key, own in value.items()}
-    return [plain(own) for own in value] if isinstance(value, list | tuple) else value
+        return {str(key): plain(item) for key, item in value.items()}
+    return [plain(item) for item in value] if isinstance(value, list | tuple) else value
 
 
 def _facts(fact: Fact) -> dict[str, Any]:
-    found: dict[str, Any] = plain(fact)
+    values: dict[str, Any] = plain(fact)
     if isinstance(fact, Evaluated):
-        found.pop("unit", None)
-        found[ERROR + fact.unit] = found.pop("errors", [])
-    return found
+        values.pop("unit", None)
+        values[ERROR + fact.unit] = values.pop("errors", [])
+    return values
 
 
-def _with_errors(words: dict[str, Any]) -> dict[str, Any]:
+def _with_errors(values: dict[str, Any]) -> dict[str, Any]:
     """The same with the tracking errors and their unit apart."""
-    key = next((key for key in words if key.startswith(ERROR)), ERROR)
-    return {**words, "errors": words.get(key, []), "unit": key.removeprefix(ERROR)}
+    key = next((key for key in values if key.startswith(ERROR)), ERROR)
+    return {**values, "errors": values.get(key, []), "unit": key.removeprefix(ERROR)}
 
 
-def _default(own: Field[Any]) -> Any:
-    return own.default if own.default_factory is MISSING else own.default_factory()
+def _default(attribute: Field[Any]) -> Any:
+    return attribute.default if attribute.default_factory is MISSING else attribute.default_factory()
 
 
 @lru_cache
 def _hints(kind: type) -> dict[str, Any]:
     """Types of a dataclass's fields, by name."""
-    found = get_type_hints(kind)
-    return {own.name: found[own.name] for own in fields(kind) if found[own.name] is not Fact}
+    hints = get_type_hints(kind)
+    return {
+        attribute.name: hints[attribute.name]
+        for attribute in fields(kind)
+        if hints[attribute.name] is not Fact
+    }
 
 
 def _decoded(hint: Any, value: Any) -> Any:
@@ -597,12 +601,12 @@ def _decoded(hint: Any, value: Any) -> Any:
         return value
     if origin is tuple and isinstance(value, list):
         kinds = [of[0]] * len(value) if of[-1] is Ellipsis else of
-        return tuple(_decoded(kind, own) for kind, own in zip(kinds, value, strict=True))
+        return tuple(_decoded(kind, item) for kind, item in zip(kinds, value, strict=True))
     if isinstance(value, dict):
         if isinstance(hint, type) and is_dataclass(hint):
-            known = {n: _decoded(kind, value[n]) for n, kind in _hints(hint).items() if n in value}
-            return hint(**known)
-        return {key: _decoded(of[1], own) for key, own in value.items()}
+            arguments = {n: _decoded(kind, value[n]) for n, kind in _hints(hint).items() if n in value}
+            return hint(**arguments)
+        return {key: _decoded(of[1], item) for key, item in value.items()}
     if hint is float and type(value) in (int, float):
         return float(value)
     if hint in (int, str, bool) and type(value) is hint:

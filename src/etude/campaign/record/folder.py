@@ -82,7 +82,7 @@ class Campaign:
         return str(self.spec.name)
 
     @cached_property
-    def _known(self) -> _Replayed:
+    def _replayed(self) -> _Replayed:
         return _Replayed()
 
     @cached_property
@@ -142,23 +142,23 @@ class Campaign:
 
     def state(self) -> State:
         """The state after all committed events; a repeated call replays new events alone."""
-        events, known = self.events(), self._known
-        count = known.state.events
+        events, replayed = self.events(), self._replayed
+        count = replayed.state.events
         if not (
-            0 < count <= len(events) and events[count - 1] is known.last
+            0 < count <= len(events) and events[count - 1] is replayed.last
         ):  # the same line, so the same chain
-            count, known.state = 0, State()
-        known.state = replay(events[count:], known.state)
-        known.last = events[-1] if events else None
-        return known.state
+            count, replayed.state = 0, State()
+        replayed.state = replay(events[count:], replayed.state)
+        replayed.last = events[-1] if events else None
+        return replayed.state
 
     def commit(self, fact: Fact, number: int | None = None, files: Sequence[Path] = ()) -> None:
         """Appends a fact to the journal, with the hashes of robot.toml and campaign.toml.
 
         The files are already on the disk. The caller holds the lock.
         """
-        own, robot = self.config_sha256, self.robot_sha256
-        commit(self.path, fact, number, files, config_sha256=own, robot_sha256=robot)
+        config, robot = self.config_sha256, self.robot_sha256
+        commit(self.path, fact, number, files, config_sha256=config, robot_sha256=robot)
 
     @contextlib.contextmanager
     def writing(self, wait_s: float | None = None) -> Iterator[None]:
@@ -174,9 +174,9 @@ class Campaign:
         """
         rounds = self.state().rounds
         if number not in rounds:
-            known = ", ".join(map(str, sorted(rounds))) or "none yet"
+            numbers = ", ".join(map(str, sorted(rounds))) or "none yet"
             raise UsageError(
-                f"there is no trajectory {number}", where=str(self.path), next_step=f"Known: {known}."
+                f"there is no trajectory {number}", where=str(self.path), next_step=f"Known: {numbers}."
             )
         return rounds[number]
 
@@ -211,8 +211,8 @@ def require_plain(names: Iterable[str], where: str) -> None:
 def names_of(table: Any) -> list[str]:
     """Every `name` in the tables of a robot.toml."""
     if isinstance(table, Mapping):
-        own = [value for key, value in table.items() if key == "name" and isinstance(value, str)]
-        return [*own, *(name for value in table.values() for name in names_of(value))]
+        names = [value for key, value in table.items() if key == "name" and isinstance(value, str)]
+        return [*names, *(name for value in table.values() for name in names_of(value))]
     if isinstance(table, Sequence) and not isinstance(table, str | bytes):
         return [name for value in table for name in names_of(value)]
     return []
@@ -226,7 +226,7 @@ def open_campaign(path: Path) -> Campaign:
             is invalid, or robot.toml has its axes in another order than the logs.
     """
     path = Path(path)
-    found, facts = load_config(path), [event.fact for event in read_events(path)]
+    loaded, facts = load_config(path), [event.fact for event in read_events(path)]
     created = next((fact for fact in facts if isinstance(fact, Created)), None)
     if created is None:
         require_no_remains(path)
@@ -235,27 +235,27 @@ def open_campaign(path: Path) -> Campaign:
             where=str(path / CONFIG),
             next_step="Run etude init again.",
         )
-    if created.kind not in ("", found.kind.name):
+    if created.kind not in ("", loaded.kind.name):
         raise UsageError(
-            f"this campaign is of the kind {created.kind!r}, and campaign.toml says {found.kind.name!r}",
+            f"this campaign is of the kind {created.kind!r}, and campaign.toml says {loaded.kind.name!r}",
             where=f"{path / CONFIG} kind",
             next_step=f'Write kind = "{created.kind}" again; another kind needs a folder of its own.',
         )
-    spec = _spec(path, found.kind)
-    parts = [part for channel in found.kind.channels(spec) for part in channel.parts]
+    spec = _spec(path, loaded.kind)
+    parts = [part for channel in loaded.kind.channels(spec) for part in channel.parts]
     require_plain((part for part in parts if part), str(path / ROBOT))
-    campaign = Campaign(path, found.config, found.sha256, found.kind, spec, sha256_of(path / ROBOT))
+    campaign = Campaign(path, loaded.config, loaded.sha256, loaded.kind, spec, sha256_of(path / ROBOT))
     if created.axes and any(isinstance(fact, Ingested) for fact in facts):
         require_same_names(created.axes, campaign.axes, path)
     return campaign
 
 
-def require_same_names(told: Sequence[str], now: Sequence[str], folder: Path) -> None:
+def require_same_names(log_names: Sequence[str], now: Sequence[str], folder: Path) -> None:
     """UsageError: robot.toml has other names than the logs, or another order, which logs and models keep."""
-    if tuple(told) != tuple(now):
+    if tuple(log_names) != tuple(now):
         raise UsageError(
             f"robot.toml has {', '.join(now)}, in this order, and the logs of this campaign are of "
-            f"{', '.join(told)}",
+            f"{', '.join(log_names)}",
             where=str(folder / ROBOT),
             next_step="Put them back in that order. Another robot needs a campaign of its own.",
         )
@@ -267,10 +267,10 @@ REMAINS = ("runs", "models", "proposals", "promoted", "simulated")
 
 def require_no_remains(path: Path) -> None:
     """Raises UsageError if the folder holds logs or models of a campaign and its journal is empty."""
-    found = [name for name in REMAINS if any((path / name).glob("*"))]
-    if found:
+    remains = [name for name in REMAINS if any((path / name).glob("*"))]
+    if remains:
         raise UsageError(
-            f"the journal of this campaign is lost: it holds no event, and there is {' and '.join(found)}",
+            f"the journal of this campaign is lost: it holds no event, and there is {' and '.join(remains)}",
             where=str(path / JOURNAL),
             next_step="Restore journal.jsonl from a copy or your backup. Without one make a new campaign in "
             "another folder, and tell it the logs in runs.",

@@ -84,9 +84,9 @@ def check_chain(lines: Sequence[str], path: object) -> None:
 @lru_cache(maxsize=REMEMBERED)
 def _hashes(line: str) -> tuple[str, str]:
     """The hash of the previous line and of this line, as a line states them; "" for an edited line."""
-    found = _END.fullmatch(line)
-    whole = found is not None and found["seal"] == _sha256(found["text"])
-    return (found["previous"], _sha256(line)) if found is not None and whole else ("", "")
+    match = _END.fullmatch(line)
+    whole = match is not None and match["seal"] == _sha256(match["text"])
+    return (match["previous"], _sha256(line)) if match is not None and whole else ("", "")
 
 
 def _link(before: Sequence[str]) -> str:

@@ -167,8 +167,8 @@ def _held(campaign: Campaign, numbers: Sequence[int]) -> bool:
 
 def _exports(campaign: Campaign, of_robot: Sequence[str]) -> Iterator[Affected]:
     """Exported models: those in exports/ by their mark, others by the journal."""
-    for place, words in _exported(campaign):
-        generation, target = int(words.get("generation", 1)), str(words.get("target", ""))
+    for place, mark in _exported(campaign):
+        generation, target = int(mark.get("generation", 1)), str(mark.get("target", ""))
         where = place.relative_to(campaign.path) if place.is_relative_to(campaign.path) else place
         output = "" if place == campaign.path / EXPORTS / target else f" --output {typed(place)}"
         again = f"etude export {typed(campaign.path)} --to {target}{output}"
@@ -187,11 +187,11 @@ def _exported(campaign: Campaign) -> Iterator[tuple[Path, dict[str, Any]]]:
     inside = [mark.parent for mark in sorted(campaign.path.glob(f"{EXPORTS}/*/{MARK}"))]
     for place in dict.fromkeys([*inside, *sorted(elsewhere)]):
         try:
-            words = json.loads((place / MARK).read_bytes())
+            contents = json.loads((place / MARK).read_bytes())
         except (OSError, ValueError):
             continue  # it went to the robot, or was deleted
-        if isinstance(words, dict):
-            yield place, words
+        if isinstance(contents, dict):
+            yield place, contents
 
 
 def _is_before(event: Event, code: str) -> bool:

@@ -34,8 +34,8 @@ class SimulatedRound:
 
 def known_evaluation(campaign: Campaign, test: str, number: int, baseline: str) -> Evaluated | None:
     """An earlier evaluation of this test after this round; None if there is none."""
-    wanted = test, number, baseline
-    return next((e for n, e in campaign.state().evaluated if (e.test, n, e.baseline) == wanted), None)
+    key = test, number, baseline
+    return next((e for n, e in campaign.state().evaluated if (e.test, n, e.baseline) == key), None)
 
 
 def robot_seconds(campaign: Campaign) -> float:

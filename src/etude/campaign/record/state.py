@@ -133,11 +133,11 @@ class State:
     @property
     def learned(self) -> list[Round]:
         """Rounds whose log is in the model, in the order of learning; those learned together, by number."""
-        found = []
+        rounds = []
         for last in self.trained:
             others = [r for r in self.rounds.values() if r.learned_with == last.number]
-            found += sorted([*others, last], key=lambda r: r.number)
-        return found
+            rounds += sorted([*others, last], key=lambda r: r.number)
+        return rounds
 
     @property
     def awaiting_answer(self) -> list[Round]:
@@ -170,8 +170,8 @@ class State:
 
     def round_of_log(self, sha256: str) -> Round | None:
         """The round of a log, by the hash of the original file; None for a new log."""
-        known = (r for _, r in sorted(self.rounds.items()) if r.ingested and not r.abandoned)
-        return next((r for r in known if r.ingested and r.ingested.sha256 == sha256), None)
+        rounds = (r for _, r in sorted(self.rounds.items()) if r.ingested and not r.abandoned)
+        return next((r for r in rounds if r.ingested and r.ingested.sha256 == sha256), None)
 
 
 def replay(events: Iterable[Event], state: State | None = None) -> State:
@@ -209,7 +209,7 @@ def _in_round(state: State, event: Event, number: int) -> State:
         case Changed() as fact:
             state = _answered(state, fact.aside)
         case Trained() as fact:
-            state = _taken_in(state, number, fact.together)
+            state = _with_training(state, number, fact.together)
     old = state.rounds.get(number, Round(number))
     order = 1 + len(state.trained) if isinstance(event.fact, Trained) else 0
     return replace(state, rounds={**state.rounds, number: _next(old, event, order)})
@@ -239,7 +239,7 @@ def _awaits_answer(ingested: Ingested) -> bool:
     return any(f.check == CHANGED and f.light == "red" for f in ingested.findings)
 
 
-def _taken_in(state: State, number: int, together: Iterable[int]) -> State:
+def _with_training(state: State, number: int, together: Iterable[int]) -> State:
     """The state after a training, with the logs that were learned together."""
     rounds = dict(state.rounds)
     for other in set(together) - {number}:
@@ -260,12 +260,12 @@ def _answered(state: State, excluded: Sequence[int]) -> State:
 def _without(state: State, numbers: Sequence[int]) -> State:
     """The state without the trainings that used the logs of `numbers`; other logs must be learned again."""
     orders = {r.number: r.order for r in state.trained}
-    own = [state.rounds[n] for n in numbers if n in state.rounds]
-    gone = [orders[last] for r in own if (last := r.learned_with or r.number) in orders]
+    dropped = [state.rounds[n] for n in numbers if n in state.rounds]
+    gone = [orders[last] for r in dropped if (last := r.learned_with or r.number) in orders]
     if not gone:
         return state
     lost = {n for n, order in orders.items() if order >= min(gone)}
-    kept = {
+    rounds = {
         n: replace(
             r,
             trained=None if n in lost else r.trained,
@@ -274,7 +274,7 @@ def _without(state: State, numbers: Sequence[int]) -> State:
         )
         for n, r in state.rounds.items()
     }
-    return replace(state, rounds=kept)
+    return replace(state, rounds=rounds)
 
 
 def _unless(number: int | None, lost: Container[int]) -> int | None:

@@ -85,12 +85,12 @@ def require_description(campaign: Campaign) -> None:
         UsageError: a file is missing or was changed.
     """
     created = next(e for e in campaign.events() if isinstance(e.fact, Created))
-    own = {name: digest for name, digest in created.files.items() if name != ROBOT}
+    hashes = {name: digest for name, digest in created.files.items() if name != ROBOT}
     advice = (
         f"{RESTORE} If the robot is another one by now, start a campaign of its own: "
         "etude init FOLDER --robot FILE."
     )
-    require_intact(campaign.path, own, advice)
+    require_intact(campaign.path, hashes, advice)
 
 
 def require_runs(campaign: Campaign, numbers: Sequence[int]) -> None:
@@ -98,8 +98,8 @@ def require_runs(campaign: Campaign, numbers: Sequence[int]) -> None:
     for number in numbers:
         name = name_of(campaign, campaign.run_file(number))
         digest = recorded(campaign.events()).get(name)
-        own = {} if digest is None else {name: digest}
-        require_intact(campaign.path, own, run_advice(campaign, number))
+        hashes = {} if digest is None else {name: digest}
+        require_intact(campaign.path, hashes, run_advice(campaign, number))
 
 
 def run_advice(campaign: Campaign, number: int) -> str:
@@ -131,14 +131,17 @@ def settle(
         UsageError: a file is missing or was changed; nothing is written.
     """
     events = campaign.events()
-    known, there = recorded(events), [path for path in contents if path.exists()]
+    hashes, existing = recorded(events), [path for path in contents if path.exists()]
     names = {path: name_of(campaign, path) for path in contents}
-    committed = [path for path in contents if names[path] in known] if there else []
+    committed = [path for path in contents if names[path] in hashes] if existing else []
     wrong = [path for path, data in contents.items() if not _holds(path, data)]
     # one that holds what is to be written needs no other witness: a writer may have been killed on its way
-    held = {names[path]: known[names[path]] for path in committed if path in wrong}
-    require_intact(campaign.path, held, next_step or _anew(there))
-    if not wrong and {names[path]: _digest(data) for path, data in contents.items()}.items() <= known.items():
+    held = {names[path]: hashes[names[path]] for path in committed if path in wrong}
+    require_intact(campaign.path, held, next_step or _anew(existing))
+    if (
+        not wrong
+        and {names[path]: _digest(data) for path, data in contents.items()}.items() <= hashes.items()
+    ):
         if _is_older(events, names):  # proved again, by this generation
             campaign.commit(fact, number, list(contents))
         return ()
@@ -171,9 +174,9 @@ def changed_since(campaign: Campaign, events: Sequence[Event], names: Sequence[s
     Early events have no hash of robot.toml.
     """
     last = [next((e for e in reversed(events) if name in e.files), None) for name in names]
-    found = [e for e in last if e is not None]
-    robot = any(e.robot_sha256 not in ("", campaign.robot_sha256) for e in found)
-    config = any(e.config_sha256 != campaign.config_sha256 for e in found)
+    commits = [e for e in last if e is not None]
+    robot = any(e.robot_sha256 not in ("", campaign.robot_sha256) for e in commits)
+    config = any(e.config_sha256 != campaign.config_sha256 for e in commits)
     return tuple(name for name, changed in ((ROBOT, robot), (CONFIG, config)) if changed)
 
 
@@ -181,7 +184,7 @@ def proved_otherwise(campaign: Campaign, numbers: Sequence[int]) -> list[Notice]
     """A notice for each folder of these proposals whose certificate is for another robot.toml or
     campaign.toml.
     """
-    events, found = campaign.events(), []
+    events, notices = campaign.events(), []
     names = {
         name
         for e in events
@@ -195,13 +198,13 @@ def proved_otherwise(campaign: Campaign, numbers: Sequence[int]) -> list[Notice]
     for folder, files in folders.items():
         changed = changed_since(campaign, events, files)
         if changed:
-            own = re.match(r"proposals/0*(\d+)", folder)
-            number = int(own[1]) if own else 0
+            match = re.match(r"proposals/0*(\d+)", folder)
+            number = int(match[1]) if match else 0
             again = number == max(numbers, default=0)  # the newest is what ask proves again
             fields = {"file": folder, "changed": changed, "folder": str(campaign.path), "number": number}
             step = NextStep.ASK_AGAIN if again else NextStep.GIVE_UP
-            found.append(Notice(OfFile.PROVED_BEFORE, fields, step))
-    return found
+            notices.append(Notice(OfFile.PROVED_BEFORE, fields, step))
+    return notices
 
 
 def _holds(path: Path, data: bytes) -> bool:
@@ -227,18 +230,18 @@ TAKE_UP = (Created, Edited, Asked, Ingested, Trained, Changed, Confirmed)
 
 def edited(campaign: Campaign, events: Sequence[Event]) -> list[Notice]:
     """A notice for robot.toml and campaign.toml each, if it was edited since the last event about it."""
-    found = []
-    for name, (then, when) in _taken_up(events).items():
+    notices = []
+    for name, (then, when) in _last_hashes(events).items():
         if then not in ("", _now(campaign)[name]):
-            fields = {"file": name, "when": _in_words(when), "folder": str(campaign.path)}
-            found.append(Notice(OfFile.EDITED, fields, NextStep.TAKE_UP))
-    return found
+            fields = {"file": name, "when": _format_time(when), "folder": str(campaign.path)}
+            notices.append(Notice(OfFile.EDITED, fields, NextStep.TAKE_UP))
+    return notices
 
 
 def take_up(campaign: Campaign) -> None:
     """Commits that both files are in use, unless the journal says so. The caller holds the lock."""
     now = _now(campaign)
-    if any(then != now[name] for name, (then, _) in _taken_up(campaign.events()).items()):
+    if any(then != now[name] for name, (then, _) in _last_hashes(campaign.events()).items()):
         campaign.commit(Edited())
 
 
@@ -246,19 +249,19 @@ def _now(campaign: Campaign) -> Mapping[str, str]:
     return {ROBOT: campaign.robot_sha256, CONFIG: campaign.config_sha256}
 
 
-def _taken_up(events: Sequence[Event]) -> Mapping[str, tuple[str, str]]:
+def _last_hashes(events: Sequence[Event]) -> Mapping[str, tuple[str, str]]:
     """Hash and time of both files at their last event; the hash is "" where no event has it."""
     robot = config = ("", "")
     for event in events:
         of_proposal = isinstance(event.fact, Exported) and event.number is not None
         if isinstance(event.fact, TAKE_UP) or of_proposal:
-            own = event.robot_sha256 or event.files.get(ROBOT)
-            robot = robot if own is None else (own, event.time)
+            digest = event.robot_sha256 or event.files.get(ROBOT)
+            robot = robot if digest is None else (digest, event.time)
             config = event.config_sha256, event.time
     return {ROBOT: robot, CONFIG: config}
 
 
-def _in_words(time: str) -> str:
+def _format_time(time: str) -> str:
     """2026-11-26 00:51 UTC."""
     return f"{datetime.fromisoformat(time):%Y-%m-%d %H:%M} UTC"
 

@@ -109,13 +109,13 @@ def stored_log(campaign: Campaign, number: int) -> Log:
     from etude.logs.readers.log_file import read_log_file
 
     require_runs(campaign, [number])
-    path, kept = campaign.run_file(number), campaign.logs
+    path, cache = campaign.run_file(number), campaign.logs
     digest = recorded(campaign.events()).get(name_of(campaign, path), "")
-    if digest in kept:
-        return kept[digest]
+    if digest in cache:
+        return cache[digest]
     log = read_log_file(path)
-    if digest and sum(_bytes(one) for one in (*kept.values(), log)) <= KEPT_LOGS:
-        kept[digest] = log
+    if digest and sum(_bytes(one) for one in (*cache.values(), log)) <= KEPT_LOGS:
+        cache[digest] = log
     return log
 
 
@@ -222,9 +222,9 @@ def ingested_samples(campaign: Campaign, numbers: Sequence[int]) -> Samples:
     """
     logs = [stored_log(campaign, number) for number in numbers]
     groups = []
-    for log, own in zip(logs, groups_of(campaign, numbers).values(), strict=True):
-        place = np.searchsorted([start for start, _ in own], log.t, side="right") - 1
-        groups.append(np.array([group for _, group in own], dtype=np.int64)[np.maximum(place, 0)])
+    for log, segments in zip(logs, groups_of(campaign, numbers).values(), strict=True):
+        place = np.searchsorted([start for start, _ in segments], log.t, side="right") - 1
+        groups.append(np.array([group for _, group in segments], dtype=np.int64)[np.maximum(place, 0)])
     return campaign.kind.samples(campaign.spec, campaign.config, logs, groups)
 
 
@@ -233,23 +233,23 @@ def groups_of(campaign: Campaign, numbers: Sequence[int]) -> dict[int, list[tupl
     groups.
     """
     rounds, count = campaign.state().rounds, 0
-    found: dict[int, list[tuple[float, int]]] = {}
+    groups: dict[int, list[tuple[float, int]]] = {}
     for number in numbers:
         ingested = rounds[number].ingested
         starts = ingested.segments if ingested else (0.0,)
-        repeats = found.get(ingested.repeats) if ingested and ingested.repeats is not None else None
+        repeats = groups.get(ingested.repeats) if ingested and ingested.repeats is not None else None
         last = 0 if repeats is None else len(repeats) - 1
-        found[number] = [
+        groups[number] = [
             (start, count + i if repeats is None else repeats[min(i, last)][1])
             for i, start in enumerate(starts)
         ]
         count += len(starts) if repeats is None else 0
-    return found
+    return groups
 
 
 def known_groups(campaign: Campaign, numbers: Sequence[int]) -> int:
     """Number of groups in those logs."""
-    return len({group for own in groups_of(campaign, numbers).values() for _, group in own})
+    return len({group for segments in groups_of(campaign, numbers).values() for _, group in segments})
 
 
 SIMULATED = "simulated"

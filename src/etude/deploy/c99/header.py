@@ -38,40 +38,40 @@ class CForm:
 
 def header(plan: Plan, form: CForm) -> str:
     """NAME.h"""
-    parts = (_use(plan, form), _tables_told(plan, form), _opening(plan, form), _names(plan), _state(plan))
+    parts = (_use(plan, form), _describe_tables(plan, form), _opening(plan, form), _names(plan), _state(plan))
     return "".join([*parts, _functions(plan, form), _CLOSING])
 
 
 def _use(plan: Plan, form: CForm) -> str:
     """What it is and how to call it: the first part of the comment."""
-    own, upper = plan.name, plan.name.upper()
+    name, upper = plan.name, plan.name.upper()
     states, commands = parts_in_c(plan)
     return f"""\
-/* {own}: commands of the robot {_plain(plan.name)} from its states, as learned by Etude {__version__}.
+/* {name}: commands of the robot {_plain(plan.name)} from its states, as learned by Etude {__version__}.
    Model (SHA-256 of its file): {form.digest or "none"}
 
    How to call it, in a loop:
 
-       {own}_state state;
-       {own}_real input[{upper}_INPUTS], command[{upper}_COMMANDS];
+       {name}_state state;
+       {name}_real input[{upper}_INPUTS], command[{upper}_COMMANDS];
        unsigned flags;
-       {own}_init(&state);
+       {name}_init(&state);
        for (;;) {{
            input[{upper}_{states[0].upper()}] = ...;   all of the table below, each in its unit
-           flags = {own}_mean(&state, input, command);
+           flags = {name}_mean(&state, input, command);
            ... add command[{upper}_COMMAND_{commands[0].upper()}] ... to what your feedback commands
        }}
 
    The states are those of the motion that is asked for, its set-points: nothing measures accelerations well.
-{_words(plan)}   Call it once for each sample, in the order of time{_remembers(plan)}.
-   Compile {own}.c as C99 and link the mathematical library (-lm); nothing else is needed. There is no
+{_state_notes(plan)}   Call it once for each sample, in the order of time{_remembers(plan)}.
+   Compile {name}.c as C99 and link the mathematical library (-lm); nothing else is needed. There is no
    allocation, no global variable that changes, no input or output. One state may not be used by two threads
    at once; several states may.
 
 """
 
 
-def _tables_told(plan: Plan, form: CForm) -> str:
+def _describe_tables(plan: Plan, form: CForm) -> str:
     """Inputs, commands and flags: the rest of the comment."""
     upper = plan.name.upper()
     states, commands = parts_in_c(plan)
@@ -94,7 +94,7 @@ def _tables_told(plan: Plan, form: CForm) -> str:
 
 def _opening(plan: Plan, form: CForm) -> str:
     """The guard, sizes and the type of numbers."""
-    own, upper = plan.name, plan.name.upper()
+    name, upper = plan.name, plan.name.upper()
     states, commands = parts_in_c(plan)
     return f"""\
 #ifndef {upper}_H
@@ -108,7 +108,7 @@ extern "C" {{
 #define {upper}_INPUTS {len(states)}
 #define {upper}_COMMANDS {len(commands)}
 
-typedef {form.real} {own}_real;
+typedef {form.real} {name}_real;
 
 """
 
@@ -139,36 +139,36 @@ enum {{
 
 def _state(plan: Plan) -> str:
     """What is remembered, and the tables that a caller may look at."""
-    own, upper = plan.name, plan.name.upper()
-    memory = f"    {own}_real memory[{plan.memory}];\n" if plan.memory else ""
+    name, upper = plan.name, plan.name.upper()
+    memory = f"    {name}_real memory[{plan.memory}];\n" if plan.memory else ""
     return f"""\
 /* What is remembered from one call to the next. */
 typedef struct {{
-    {own}_real last[{upper}_INPUTS];
-{memory}}} {own}_state;
+    {name}_real last[{upper}_INPUTS];
+{memory}}} {name}_state;
 
 /* Ranges of the inputs that the model was trained on, and limits of the commands. */
-extern const {own}_real {own}_low[{upper}_INPUTS], {own}_high[{upper}_INPUTS];
-extern const {own}_real {own}_least[{upper}_COMMANDS], {own}_most[{upper}_COMMANDS];
+extern const {name}_real {name}_low[{upper}_INPUTS], {name}_high[{upper}_INPUTS];
+extern const {name}_real {name}_least[{upper}_COMMANDS], {name}_most[{upper}_COMMANDS];
 
 /* Begins anew: nothing is remembered. */
-void {own}_init({own}_state *state);
+void {name}_init({name}_state *state);
 
 """
 
 
 def _functions(plan: Plan, form: CForm) -> str:
-    own = plan.name
+    name = plan.name
     return f"""\
 /* Commands from the states{_faded(form)}. Returns flags. */
-unsigned {own}_mean({own}_state *state, const {own}_real *input, {own}_real *command);
+unsigned {name}_mean({name}_state *state, const {name}_real *input, {name}_real *command);
 
 /* The same of an instant by itself: what friction remembers of the way is left out, and no state is needed.
-*/ unsigned {own}_instant(const {own}_real *input, {own}_real *command);
+*/ unsigned {name}_instant(const {name}_real *input, {name}_real *command);
 
 /* The part of the commands that holds the robot still in that position (gravity): rates count as 0. */
-unsigned {own}_gravity(const {own}_real *input, {own}_real *command);
-{_more(own, form)}"""
+unsigned {name}_gravity(const {name}_real *input, {name}_real *command);
+{_more(name, form)}"""
 
 
 _CLOSING = """
@@ -184,8 +184,8 @@ def _plain(text: str) -> str:
     return text.replace("*/", "* /")
 
 
-def _words(plan: Plan) -> str:
-    lines = wrap(_plain(plan.words), 100)
+def _state_notes(plan: Plan) -> str:
+    lines = wrap(_plain(plan.state_text), 100)
     return "".join(f"   {line}\n" for line in lines)
 
 
@@ -196,16 +196,16 @@ def _remembers(plan: Plan) -> str:
     return f": what friction\n   remembers of the way is kept in the state. At least {rate:g} times a second"
 
 
-def _more(own: str, form: CForm) -> str:
+def _more(name: str, form: CForm) -> str:
     if not form.deviations:
         return ""
-    rest = f"{own}_state *state, const {own}_real *input, {own}_real *command, {own}_real *variance"
+    arguments = f"{name}_state *state, const {name}_real *input, {name}_real *command, {name}_real *variance"
     text = f"""
-/* As {own}_mean, with the variance of each command given the data (its unit squared), noise included. */
-unsigned {own}_predict({rest});
+/* As {name}_mean, with the variance of each command given the data (its unit squared), noise included. */
+unsigned {name}_predict({arguments});
 """
     # the name of it while fading was an option
-    return text + (f"#define {own}_faded {own}_predict\n" if form.fade else "")
+    return text + (f"#define {name}_faded {name}_predict\n" if form.fade else "")
 
 
 def _far(plan: Plan, form: CForm) -> str:
@@ -221,7 +221,7 @@ def _faded(form: CForm) -> str:
 
 def _flags(upper: str, form: CForm) -> str:
     if form.fade:
-        said = (
+        meanings = (
             ("FAR", "a command is physics alone, or a level: nothing was learned of it there"),
             (
                 "UNTRAINED",
@@ -229,13 +229,13 @@ def _flags(upper: str, form: CForm) -> str:
             ),
         )
     else:
-        said = (
+        meanings = (
             ("FAR", "an input is beyond its range by more than half of its width"),
             ("UNTRAINED", "an input is outside the range that the model was trained on: it extrapolates"),
         )
     return "\n".join(
-        f"     {bit} {f'{upper}_{name}':<{len(upper) + 14}} {words}"
-        for bit, (name, words) in zip((2, 4), said, strict=True)
+        f"     {bit} {f'{upper}_{name}':<{len(upper) + 14}} {meaning}"
+        for bit, (name, meaning) in zip((2, 4), meanings, strict=True)
     )
 
 
@@ -244,8 +244,8 @@ def _inputs(plan: Plan, states: list[str]) -> str:
     for i, ((channel, part), label, name) in enumerate(zip(plan.parts, plan.labels, states, strict=True)):
         unit = channel.units[part] or "1"
         note = "" if label == name else f"  ({_plain(label)})"
-        known = abs(plan.low[i]) < UNBOUNDED
-        ranges = f"{plan.low[i]:.6g} .. {plan.high[i]:.6g}" if known else "(not known)"
+        bounded = abs(plan.low[i]) < UNBOUNDED
+        ranges = f"{plan.low[i]:.6g} .. {plan.high[i]:.6g}" if bounded else "(not known)"
         lines.append(f"    {i:3} {name:<28} {unit:<8} {ranges}{note}")
     return "\n".join(lines)
 

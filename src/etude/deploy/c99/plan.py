@@ -37,7 +37,7 @@ class Plan:
         low, high: (N,) of the states, that the model was trained on. limit: (J,) how far commands reach.
         least, most: (J,) of commands.
         still: (N,) whether a state is the rate of another. units: (J,) of commands.
-        words: the kind's own on its states: axes, signs.
+        state_text: the kind's own on its states: axes, signs.
     """
 
     name: str
@@ -57,7 +57,7 @@ class Plan:
     most: Array
     still: tuple[bool, ...]
     units: tuple[str, ...]
-    words: str = ""
+    state_text: str = ""
 
     @property
     def parts(self) -> list[tuple[Channel, int]]:
@@ -93,8 +93,8 @@ class Plan:
         """Of real numbers in one call at worst; where commands fade it may ask twice, exactly the second
         time.
         """
-        once = [sum(own) if variance else own[0] for own in (code.operations for code in self.codes)]
-        return sum(once) * (2 if fade else 1)
+        counts = [sum(pair) if variance else pair[0] for pair in (code.operations for code in self.codes)]
+        return sum(counts) * (2 if fade else 1)
 
 
 C = """auto break case char const continue default do double else enum extern float for goto if
@@ -108,27 +108,27 @@ KEYWORDS = frozenset([*C.split(), *CPP.split()])
 
 def identifier(name: str) -> str:
     """A name that C and C++ take: other characters than letters, digits and _ become _."""
-    found = re.sub(r"[^A-Za-z0-9_]", "_", name)
-    if not re.match(r"[A-Za-z]", found):
-        found = f"n{found}" if found.startswith("_") else f"n_{found}"
-    return f"{found}_" if found.lower() in KEYWORDS else found
+    cleaned = re.sub(r"[^A-Za-z0-9_]", "_", name)
+    if not re.match(r"[A-Za-z]", cleaned):
+        cleaned = f"n{cleaned}" if cleaned.startswith("_") else f"n_{cleaned}"
+    return f"{cleaned}_" if cleaned.lower() in KEYWORDS else cleaned
 
 
 def identifiers(names: Sequence[str]) -> list[str]:
     """The same of several, no two alike: a number is added where they would be."""
-    found: list[str] = []
+    unique: list[str] = []
     for name in names:
-        own, number = identifier(name), 2
-        base = own
-        while own.lower() in (known.lower() for known in found):
-            own, number = f"{base}_{number}", number + 1
-        found.append(own)
-    return found
+        candidate, number = identifier(name), 2
+        base = candidate
+        while candidate.lower() in (earlier.lower() for earlier in unique):
+            candidate, number = f"{base}_{number}", number + 1
+        unique.append(candidate)
+    return unique
 
 
-def renamed(names: Sequence[str], given: Sequence[str]) -> list[str]:
+def renamed(names: Sequence[str], c_names: Sequence[str]) -> list[str]:
     """A line for each name that had to change."""
-    return [f"{old!r} is {new} in C" for old, new in zip(names, given, strict=True) if old != new]
+    return [f"{old!r} is {new} in C" for old, new in zip(names, c_names, strict=True) if old != new]
 
 
 def planned(model: LearnedModel, kind: Kind, spec: Any, name: str) -> Plan:
@@ -155,8 +155,12 @@ def planned(model: LearnedModel, kind: Kind, spec: Any, name: str) -> Plan:
     low, high = training_ranges(model, channels, UNBOUNDED)
     command = next(c for c in available.values() if c.role == "command")
     limit = np.asarray(kind.limit(spec), dtype=float)
-    known = kind.expected(spec).limits.get(command.name)
-    least, most = (-limit, limit) if known is None else (np.asarray(side, dtype=float) for side in known)
+    command_range = kind.expected(spec).limits.get(command.name)
+    least, most = (
+        (-limit, limit)
+        if command_range is None
+        else (np.asarray(side, dtype=float) for side in command_range)
+    )
     still = tuple(bool(c.derivative_of) and c.role in ("state", "plan") for c in channels for _ in c.parts)
     return Plan(
         prefix,
@@ -186,21 +190,21 @@ def _written(code: Code | None, what: str, next_step: str) -> Code:
     return code
 
 
-def _mean(mean: Mean, prefix: str, means: dict[str, Code], known: dict[int, str]) -> str:
-    if id(mean) not in known:
+def _mean(mean: Mean, prefix: str, means: dict[str, Code], names: dict[int, str]) -> str:
+    if id(mean) not in names:
         name = f"{prefix}_mean{len(means)}"
         means[name] = _written(mean.c(name), f"the physics {type(mean).__name__}", WITHOUT_PHYSICS)
-        known[id(mean)] = name
-    return known[id(mean)]
+        names[id(mean)] = name
+    return names[id(mean)]
 
 
-def _process(candidate: Candidate, prefix: str, processes: dict[str, Code], known: dict[int, str]) -> str:
+def _process(candidate: Candidate, prefix: str, processes: dict[str, Code], names: dict[int, str]) -> str:
     process = candidate.process
-    if id(process) not in known:
+    if id(process) not in names:
         name = f"{prefix}_process{len(processes)}"
         processes[name] = process_code(candidate, name)
-        known[id(process)] = name
-    return known[id(process)]
+        names[id(process)] = name
+    return names[id(process)]
 
 
 def process_code(candidate: Candidate, name: str) -> Code:

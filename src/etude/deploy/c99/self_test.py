@@ -25,8 +25,8 @@ def float_tolerance(plan: Plan) -> float:
     for candidate in plan.candidates:
         if candidate.process is None:
             continue
-        own = candidate.units[1] ** 2 * candidate.calibration * candidate.process.noise_variance
-        np.add.at(noise, list(candidate.commands), candidate.weights * own)
+        variance = candidate.units[1] ** 2 * candidate.calibration * candidate.process.noise_variance
+        np.add.at(noise, list(candidate.commands), candidate.weights * variance)
     return max(SINGLE, OF_NOISE * float(np.min(np.sqrt(noise) / plan.limit)))
 
 
@@ -86,13 +86,15 @@ def golden_vectors(
 def expected_outputs(plan: Plan, states: Array, *, fade: bool = True) -> Golden:
     """What the model says of states (T, N) in that order."""
     model, log = plan.model, log_of(plan.channels, states, SOURCE)
-    found = model.predict(log, fade=fade)
+    prediction = model.predict(log, fade=fade)
     instant = model.predict(dict(log.values), fade=fade).mean
     gravity = model.static(log_of(plan.channels, np.where(plan.still, 0.0, states), SOURCE), fade=fade)
-    flags = _flags(plan, states, found.unknown, fade)
-    flags |= LIMITED * np.any((found.mean > plan.most) | (found.mean < plan.least), axis=1).astype(int)
-    mean, alone, held = (np.clip(v, plan.least, plan.most) for v in (found.mean, instant, gravity))
-    return Golden(states, mean, found.variance, alone, held, flags)
+    flags = _flags(plan, states, prediction.unknown, fade)
+    flags |= LIMITED * np.any((prediction.mean > plan.most) | (prediction.mean < plan.least), axis=1).astype(
+        int
+    )
+    mean, alone, held = (np.clip(v, plan.least, plan.most) for v in (prediction.mean, instant, gravity))
+    return Golden(states, mean, prediction.variance, alone, held, flags)
 
 
 def _flags(plan: Plan, states: Array, unknown: Array, fade: bool) -> Index:
@@ -122,14 +124,14 @@ def self_test(plan: Plan, form: CForm, vectors: Golden, exact: float) -> str:
     Args:
         exact: what counts as small without -ffast-math.
     """
-    own, upper = plan.name, plan.name.upper()
+    prefix, upper = plan.name, plan.name.upper()
     count = len(vectors.inputs)
     flags = ", ".join(str(int(flag)) for flag in vectors.flags)
     checked = CALLS if form.deviations else {name: CALLS[name] for name in CALLS if name != "predict"}
-    parts = "\n".join(_part(own, upper, name, call, count) for name, call in checked.items())
+    parts = "\n".join(_part(prefix, upper, name, call, count) for name, call in checked.items())
     deviation = f", variance[{upper}_COMMANDS]" if form.deviations else ""
-    return f"""/* {own}_test.c: {count} states and what the model said of them where it was learned. */
-#include "{own}.h"
+    return f"""/* {prefix}_test.c: {count} states and what the model said of them where it was learned. */
+#include "{prefix}.h"
 
 #include <math.h>
 #include <stdio.h>
@@ -140,7 +142,7 @@ def self_test(plan: Plan, form: CForm, vectors: Golden, exact: float) -> str:
 #define SMALL {exact if not form.single else float_tolerance(plan)!r}
 #endif
 
-{_tables(own, form, vectors)}
+{_tables(prefix, form, vectors)}
 static const unsigned flags[{count}] = {{
     {flags}}};
 
@@ -158,8 +160,8 @@ static void compare(double found, double wanted, double limit)
 
 int main(void)
 {{
-    {own}_state state;
-    {own}_real command[{upper}_COMMANDS]{deviation};
+    {prefix}_state state;
+    {prefix}_real command[{upper}_COMMANDS]{deviation};
     int i, j, wrong = 0;
 {parts}
     printf("largest deviation: %.3e of a command's limit; %d wrong flags\\n", worst, wrong);
@@ -168,31 +170,31 @@ int main(void)
 """
 
 
-def _tables(own: str, form: CForm, vectors: Golden) -> str:
+def _tables(prefix: str, form: CForm, vectors: Golden) -> str:
     """States, and what the model says of them."""
-    wanted = {"mean": vectors.mean, "instant": vectors.instant, "gravity": vectors.gravity}
-    wanted |= {"variance": vectors.variance} if form.deviations else {}
-    tables = [_table("inputs", f"static const {own}_real", vectors.inputs, form.single)]
-    tables += [_table(f"want_{name}", "static const double", wanted[name], False) for name in wanted]
+    outputs = {"mean": vectors.mean, "instant": vectors.instant, "gravity": vectors.gravity}
+    outputs |= {"variance": vectors.variance} if form.deviations else {}
+    tables = [_table("inputs", f"static const {prefix}_real", vectors.inputs, form.single)]
+    tables += [_table(f"want_{name}", "static const double", outputs[name], False) for name in outputs]
     return "".join(tables)
 
 
 def _table(name: str, kind: str, values: Array, single: bool) -> str:
-    own = numbers(values, single)
-    rows = ",\n    ".join(", ".join(own[i : i + PER_LINE]) for i in range(0, len(own), PER_LINE))
-    return f"{kind} {name}[{len(own)}] = {{\n    {rows}}};\n"
+    texts = numbers(values, single)
+    rows = ",\n    ".join(", ".join(texts[i : i + PER_LINE]) for i in range(0, len(texts), PER_LINE))
+    return f"{kind} {name}[{len(texts)}] = {{\n    {rows}}};\n"
 
 
-def _part(own: str, upper: str, name: str, call: str, count: int) -> str:
+def _part(prefix: str, upper: str, name: str, call: str, count: int) -> str:
     call = call.replace("inputs[i]", f"inputs + i * {upper}_INPUTS")
-    wanted = f"want_{'mean' if name == 'predict' else name}"
-    lines = [f"    {own}_init(&state);", f"    for (i = 0; i < {count}; ++i) {{"]
+    expected = f"want_{'mean' if name == 'predict' else name}"
+    lines = [f"    {prefix}_init(&state);", f"    for (i = 0; i < {count}; ++i) {{"]
     if name in ("mean", "predict"):
-        lines.append(f"        wrong += {own}_{call} != flags[i];")
+        lines.append(f"        wrong += {prefix}_{call} != flags[i];")
     else:
-        lines.append(f"        (void){own}_{call};")
+        lines.append(f"        (void){prefix}_{call};")
     lines.append(f"        for (j = 0; j < {upper}_COMMANDS; ++j) {{")
-    lines.append(f"            compare(command[j], {wanted}[i * {upper}_COMMANDS + j], limits[j]);")
+    lines.append(f"            compare(command[j], {expected}[i * {upper}_COMMANDS + j], limits[j]);")
     if name == "predict":
         lines.append(
             f"            compare(variance[j], want_variance[i * {upper}_COMMANDS + j],"

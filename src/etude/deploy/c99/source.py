@@ -36,26 +36,26 @@ def _pointed(text: str) -> str:
 
 def table(name: str, values: Any, single: bool, kind: str = "static const") -> str:
     """Its definition."""
-    own = numbers(values, single)
+    texts = numbers(values, single)
     word = "int" if np.asarray(values).dtype.kind in "iub" else "real"
-    rows = [", ".join(own[i : i + PER_LINE]) for i in range(0, len(own), PER_LINE)]
+    rows = [", ".join(texts[i : i + PER_LINE]) for i in range(0, len(texts), PER_LINE)]
     lines = ",\n    ".join(rows)
-    return f"{kind} {word} {name}[{len(own)}] = {{\n    {lines}}};\n"
+    return f"{kind} {word} {name}[{len(texts)}] = {{\n    {lines}}};\n"
 
 
 def tables(data: Mapping[str, Any], single: bool) -> tuple[str, int]:
     """Definitions of all of them, equal ones as another name of the first; and their bytes."""
-    known: dict[tuple[str, bytes], str] = {}
+    names: dict[tuple[str, bytes], str] = {}
     text, size = [], 0
     for name, values in data.items():
         array = np.asarray(values)
         whole = array.dtype.kind in "iub"
         plain = array.astype(np.int64 if whole else np.float64).ravel()
         key = ("int" if whole else "real", plain.tobytes())
-        if key in known:
-            text.append(f"#define {name} {known[key]}\n")
+        if key in names:
+            text.append(f"#define {name} {names[key]}\n")
             continue
-        known[key] = name
+        names[key] = name
         text.append(table(name, plain, single))
         # bytes of int or float, else of double
         size += plain.size * (4 if whole or single else 8)
@@ -78,10 +78,10 @@ def source(plan: Plan, form: CForm) -> tuple[str, int]:
             "the model holds numbers that are not finite", next_step="Train it again; do not run it."
         )
     text, size = tables(data, form.single)
-    words = {"VARIANCE": form.deviations, "SINGLE": form.single}
-    bodies = preprocessed("\n".join(code.body for code in plan.codes), words)
+    conditions = {"VARIANCE": form.deviations, "SINGLE": form.single}
+    bodies = preprocessed("\n".join(code.body for code in plan.codes), conditions)
     answer = _answer(plan, form)
-    rest = f"{bodies}\n{answer}\n{_functions(plan, form)}"
+    remainder = f"{bodies}\n{answer}\n{_functions(plan, form)}"
     head = f"""/* {plan.name}.c: written by a program; {plan.name}.h says how to call it. */
 #include "{plan.name}.h"
 
@@ -97,7 +97,7 @@ typedef {plan.name}_real real;
 enum {{RUN, INSTANT, STILL}};
 
 """
-    own = [
+    ranges = [
         table(f"{plan.name}_{name}", values, form.single, kind)
         for name, values, kind in (
             ("low", plan.low, "const"),
@@ -108,38 +108,38 @@ enum {{RUN, INSTANT, STILL}};
     ]
     # bytes of float or double
     size += (2 * len(plan.low) + 2 * len(plan.limit)) * (4 if form.single else 8)
-    return "\n".join([head + preprocessed(prelude(rest), words), *own, text, rest]), size
+    return "\n".join([head + preprocessed(prelude(remainder), conditions), *ranges, text, remainder]), size
 
 
-def preprocessed(text: str, words: Mapping[str, bool]) -> str:
+def preprocessed(text: str, conditions: Mapping[str, bool]) -> str:
     """The text without the parts that `#if WORD`, `#else` and `#endif` leave out: compilers warn of those."""
-    kept: list[str] = []
+    active: list[str] = []
     open_parts: list[bool] = []
     for line in text.splitlines():
         first, _, word = line.partition(" ")
-        if first == "#if" and word in words:
-            open_parts.append(words[word])
+        if first == "#if" and word in conditions:
+            open_parts.append(conditions[word])
         elif line == "#else":
             open_parts[-1] = not open_parts[-1]
         elif line == "#endif":
             open_parts.pop()
         elif all(open_parts):
-            kept.append(line)
-    return "\n".join(kept) + "\n"
+            active.append(line)
+    return "\n".join(active) + "\n"
 
 
-def prelude(rest: str) -> str:
+def prelude(code: str) -> str:
     """What prelude.c has of use to that code: a compiler warns of a function that nobody calls."""
     text = resources.files("etude.deploy.c99").joinpath("prelude.c").read_text(encoding="utf-8")
     first, *functions = re.split(r"\n(?=/\* (?!What))", text)
-    kept = [f for f in functions if re.search(rf"\b{_name_of(f)}\(", rest)]
-    return "\n".join([first, *kept])
+    used = [f for f in functions if re.search(rf"\b{_name_of(f)}\(", code)]
+    return "\n".join([first, *used])
 
 
 def _name_of(function: str) -> str:
-    found = re.search(r"^static (?:inline )?\w+ (\w+)\(", function, re.MULTILINE)
-    assert found is not None
-    return found[1]
+    match = re.search(r"^static (?:inline )?\w+ (\w+)\(", function, re.MULTILINE)
+    assert match is not None
+    return match[1]
 
 
 def _answer(plan: Plan, form: CForm) -> str:
@@ -171,14 +171,14 @@ def _answer(plan: Plan, form: CForm) -> str:
         lines += ["    if (kind == STILL) {", *(f"        x[{i}] = R(0.0);" for i in held), "    }"]
     begin = plan.inputs.memory
     for m, (function, code) in enumerate(plan.means.items()):
-        own = [f"memory + {begin}"] if code.memory else []
+        memory_argument = [f"memory + {begin}"] if code.memory else []
         begin += code.memory
         lines += [
             # an instant by itself is at rest to what remembers, with the rates that it has
             "    if (kind != RUN)" if code.memory else "    if (kind == STILL)",
             f"        {_call(f'{function}_static', code.reads, places, f'from{m}')};",
             "    else",
-            f"        {_call(function, code.reads, places, *own, f'from{m}')};",
+            f"        {_call(function, code.reads, places, *memory_argument, f'from{m}')};",
         ]
     if not held and not plan.means:
         lines.append("    (void)kind;")
@@ -186,8 +186,8 @@ def _answer(plan: Plan, form: CForm) -> str:
     return "\n".join([*lines, "}", ""])
 
 
-def _call(function: str, reads: tuple[str, ...], places: dict[str, int], *rest: str) -> str:
-    return f"{function}({', '.join([*(f'in + {places[read]}' for read in reads), *rest])})"
+def _call(function: str, reads: tuple[str, ...], places: dict[str, int], *arguments: str) -> str:
+    return f"{function}({', '.join([*(f'in + {places[read]}' for read in reads), *arguments])})"
 
 
 def _sums(plan: Plan, form: CForm, means: list[str]) -> list[str]:
@@ -226,15 +226,15 @@ def limits(plan: Plan) -> Any:
 
 def _enough(plan: Plan, k: int) -> list[str]:
     """C that asks candidate k's process for no more than its share of that, noise at rest beside it."""
-    candidate, most, found = plan.candidates[k], limits(plan), []
+    candidate, most, lines = plan.candidates[k], limits(plan), []
     for i, (j, pairs) in enumerate(zip(candidate.commands, rests_of(candidate), strict=True)):
         factor = float(candidate.calibration[i] * candidate.units[1, i] ** 2)
         share = SHARE * float(most[j]) / factor if candidate.weights[i] and factor else NEVER
         terms = [real(min(share, NEVER)), *(f"{real(s)} * x[{c}] * x[{c}]" for c, s in pairs)]
-        found.append(f"        spread{k}[{i}] = enough{k}[{i}] = {' + '.join(terms)};")
+        lines.append(f"        spread{k}[{i}] = enough{k}[{i}] = {' + '.join(terms)};")
     unused = [i for i, weight in enumerate(candidate.weights) if not weight]
     never = [f"    spread{k}[{i}] = {real(NEVER)};" for i in unused]  # nobody asks for these
-    return [*never, "    if (!exact) {", *found, "    }"]
+    return [*never, "    if (!exact) {", *lines, "    }"]
 
 
 def _exactly(plan: Plan) -> list[str]:
@@ -248,15 +248,17 @@ def _exactly(plan: Plan) -> list[str]:
     lines += ["        if (!again)", "            return;", "    }"]
     for k, candidate in enumerate(plan.candidates):
         m, used = len(candidate.commands), [i for i, weight in enumerate(candidate.weights) if weight]
-        asked = {i: f"loose[{candidate.commands[i]}] && spread{k}[{i}] <= enough{k}[{i}]" for i in used}
-        lines += [f"    if ({' || '.join(f'({own})' for own in asked.values())}) {{"]
+        checks = {i: f"loose[{candidate.commands[i]}] && spread{k}[{i}] <= enough{k}[{i}]" for i in used}
+        lines += [f"    if ({' || '.join(f'({check})' for check in checks.values())}) {{"]
         lines += [f"        real scratch[{m}], whole[{m}];"]
         for i in range(m):
             lines.append(
-                f"        whole[{i}] = {asked[i] + ' ? R(0.0) : ' if i in asked else ''}{real(NEVER)};"
+                f"        whole[{i}] = {checks[i] + ' ? R(0.0) : ' if i in checks else ''}{real(NEVER)};"
             )
         lines.append(f"        {plan.process_of[k]}(x, scratch, whole);")
-        lines += [f"        if ({own})\n            spread{k}[{i}] = whole[{i}];" for i, own in asked.items()]
+        lines += [
+            f"        if ({check})\n            spread{k}[{i}] = whole[{i}];" for i, check in checks.items()
+        ]
         lines.append("    }")
     return [*lines, *_spreads(plan)]
 
@@ -264,23 +266,23 @@ def _exactly(plan: Plan) -> list[str]:
 def _loose(plan: Plan, k: int) -> list[str]:
     """C that notes which commands have a variance that may be an upper bound: no more than what is enough."""
     commands = plan.candidates[k].commands
-    found = [f"        loose[{j}] |= spread{k}[{i}] <= enough{k}[{i}];" for i, j in enumerate(commands)]
-    return ["    if (!exact) {", *found, "    }"]
+    lines = [f"        loose[{j}] |= spread{k}[{i}] <= enough{k}[{i}];" for i, j in enumerate(commands)]
+    return ["    if (!exact) {", *lines, "    }"]
 
 
 def _noise(plan: Plan) -> list[str]:
     """The part of the variance that is noise, at rest too; none where a command is not believed."""
-    found, least = [], plan.model.least
+    lines, least = [], plan.model.least
     for candidate in plan.candidates:
         assert candidate.process is not None
         rests = rests_of(candidate)
         for i, j in enumerate(candidate.commands):
             factor = float(candidate.weights[i] * candidate.calibration[i] * candidate.units[1, i] ** 2)
             if factor and not (least is not None and least[j] > 0.0):
-                known = real(factor * float(candidate.process.noise_variance[i]))
-                terms = [known, *(f"{real(factor * s)} * x[{c}] * x[{c}]" for c, s in rests[i])]
-                found.append(f"    noise[{j}] += {' + '.join(terms)};")
-    return found
+                noise = real(factor * float(candidate.process.noise_variance[i]))
+                terms = [noise, *(f"{real(factor * s)} * x[{c}] * x[{c}]" for c, s in rests[i])]
+                lines.append(f"    noise[{j}] += {' + '.join(terms)};")
+    return lines
 
 
 def _spreads(plan: Plan) -> list[str]:
@@ -312,16 +314,16 @@ def _functions(plan: Plan, form: CForm) -> str:
     named = dict(zip(parts[1::2], parts[2::2], strict=True))
     J, fade = len(plan.limit), form.fade
     full, none = thresholds(plan.model.signal_deviation, plan.model.known)
-    own = f"    real variance[{J}], safe[{J}], noise[{J}];\n"
-    words = {
+    declarations = f"    real variance[{J}], safe[{J}], noise[{J}];\n"
+    replacements = {
         "RANGED": "" if fade else _RANGED,
         "BLENDED": named["blended"] + "\n" if fade else "",
         "NAME": plan.name,
         "UPPER": plan.name.upper(),
         "MEMORY": "state->memory" if plan.memory else "0",
         "FORGET": "    memset(state->memory, 0, sizeof state->memory);\n" if plan.memory else "",
-        "OWN": own if fade else "",
-        "KEPT": own.replace(f"variance[{J}], ", "") if fade else "",
+        "OWN": declarations if fade else "",
+        "KEPT": declarations.replace(f"variance[{J}], ", "") if fade else "",
         "SPARE": ", variance, safe, noise, 0" if fade else ", 0" * form.deviations,
         "BESIDE": ", safe, noise, 1" * fade,
         "BLEND": "    flags |= @NAME_blended(command, variance, safe, noise);\n" if fade else "",
@@ -333,12 +335,12 @@ def _functions(plan: Plan, form: CForm) -> str:
         "KNOWN": ", ".join(real(min(v * (1.0 + ROUNDING), NEVER)) for v in plan.model.known),
         "WIDENED": real(WIDENED),
     }
-    found = "\n".join(named[part] for part in ("always", *(["variance"] if form.deviations else [])))
+    functions = "\n".join(named[part] for part in ("always", *(["variance"] if form.deviations else [])))
     holding = ["RANGED", "BLENDED", "BLEND"]  # words themselves
-    order = [*holding, *sorted(words, key=len, reverse=True)]
+    order = [*holding, *sorted(replacements, key=len, reverse=True)]
     for word in dict.fromkeys(order):
-        found = found.replace(f"@{word}", words[word])
-    return found
+        functions = functions.replace(f"@{word}", replacements[word])
+    return functions
 
 
 def _widths(width: Array | None) -> str:
@@ -373,9 +375,9 @@ def drag_files(inputs: Any, name: str, form: CForm) -> tuple[dict[str, bytes], C
         dx, dy = inputs.drag[:2]
     body = _STILL.replace("@NAME@", name) if code is None else code.body
     text, _ = tables(code.data if code is not None else {}, form.single)
-    words = {"VARIANCE": False, "SINGLE": form.single}
-    own = _template("lean.c", {"NAME": name, "UPPER": name.upper(), "DX": real(dx), "DY": real(dy)})
-    rest = f"{preprocessed(body, words)}\n{own}"
+    conditions = {"VARIANCE": False, "SINGLE": form.single}
+    lean = _template("lean.c", {"NAME": name, "UPPER": name.upper(), "DX": real(dx), "DY": real(dy)})
+    remainder = f"{preprocessed(body, conditions)}\n{lean}"
     head = f"""/* {name}_lean.c: written by a program; {name}_lean.h says how to call it. */
 #include "{name}_lean.h"
 
@@ -388,14 +390,14 @@ def drag_files(inputs: Any, name: str, form: CForm) -> tuple[dict[str, bytes], C
 typedef {name}_real real;
 
 """
-    source = "\n".join([head + preprocessed(prelude(rest), words), text, rest])
+    source = "\n".join([head + preprocessed(prelude(remainder), conditions), text, remainder])
     header = _template("lean.h", {"NAME": name, "UPPER": name.upper()})
     return {f"{name}_lean.h": header.encode(), f"{name}_lean.c": source.encode()}, code
 
 
-def _template(name: str, words: dict[str, str]) -> str:
+def _template(name: str, values: dict[str, str]) -> str:
     text = resources.files("etude.deploy.c99").joinpath(name).read_text(encoding="utf-8")
-    return re.sub(r"@([A-Z0-9]+)@", lambda found: words[found[1]], text)
+    return re.sub(r"@([A-Z0-9]+)@", lambda match: values[match[1]], text)
 
 
 _STILL = """\

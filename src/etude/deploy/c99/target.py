@@ -47,26 +47,27 @@ def single_member(model: LearnedModel) -> LearnedModel:
     for k, candidate in enumerate(model.candidates):
         weights[k, list(candidate.commands)] = candidate.weights
     best = weights.argmax(axis=0)
-    own = [
+    selected = [
         np.array([float(best[j] == k) for j in candidate.commands])
         for k, candidate in enumerate(model.candidates)
     ]
     return replace(
-        model, candidates=tuple(replace(c, weights=w) for c, w in zip(model.candidates, own, strict=True))
+        model,
+        candidates=tuple(replace(c, weights=w) for c, w in zip(model.candidates, selected, strict=True)),
     )
 
 
 def errors(model: LearnedModel) -> str:
     """Held-out errors of the candidates in use, in words."""
-    found: dict[str, Array] = {}
+    by_command: dict[str, Array] = {}
     for candidate in model.candidates:
         own_errors = candidate.error if isinstance(candidate, EnsembleMember) else None
         for i, j in enumerate(candidate.commands):
             if candidate.weights[i] and own_errors is not None:
-                found[model.commands[j]] = own_errors[i]
-    if not found:
+                by_command[model.commands[j]] = own_errors[i]
+    if not by_command:
         return "its held-out error was not stored with this model; learn a log again"
-    each = ", ".join(f"{name} {float(value):.3g}" for name, value in found.items())
+    each = ", ".join(f"{name} {float(value):.3g}" for name, value in by_command.items())
     return f"mean absolute error on motion held out: {each}"
 
 
@@ -123,7 +124,7 @@ def c_files(
         f"{plan.name}_test.c": self_test(plan, form, vectors, small),
         "CMakeLists.txt": _CMAKE.replace("@NAME", plan.name),
     }
-    return Files(plan, form, {file: own.encode() for file, own in files.items()}, tables)
+    return Files(plan, form, {file: content.encode() for file, content in files.items()}, tables)
 
 
 FEWER_POINTS = (
@@ -134,9 +135,9 @@ FEWER_POINTS = (
 
 def cheaper_options(plan: Plan, form: CForm) -> tuple[str, ...]:
     """What takes less than this export, of what was not asked for yet."""
-    found = ["export --no-fade"] if form.fade and not form.variance else []
-    found += ["export --single"] if plan.averages else []
-    return (*found, f"learn with fewer points ({FEWER_POINTS})")
+    options = ["export --no-fade"] if form.fade and not form.variance else []
+    options += ["export --single"] if plan.averages else []
+    return (*options, f"learn with fewer points ({FEWER_POINTS})")
 
 
 def options_sentence(ways: Sequence[str]) -> str:
@@ -151,23 +152,30 @@ def C99(model: Any, kind: Kind, spec: Any, options: Mapping[str, Any]) -> Delive
     Raises:
         UsageError: unknown options, what cannot be exported, or float where it would be wrong.
     """
-    asked = taken(options, COptions, "c")
-    if asked.real not in REALS:
-        raise UsageError(f"numbers are {' or '.join(REALS)}, not {asked.real!r}")
-    if asked.rate is not None and not float(asked.rate) > 0.0:
-        raise UsageError(f"a rate is above 0 Hz, not {asked.rate}", where="--rate")
-    form = CForm(asked.real == "float", asked.variance, asked.fade, asked.model_hash)
-    rate = float(asked.rate or USUAL)
-    made, said, facts = held(
-        model, kind, spec, form, asked.name, rate=rate, alone=asked.single, fit=asked.rate is not None
+    settings = taken(options, COptions, "c")
+    if settings.real not in REALS:
+        raise UsageError(f"numbers are {' or '.join(REALS)}, not {settings.real!r}")
+    if settings.rate is not None and not float(settings.rate) > 0.0:
+        raise UsageError(f"a rate is above 0 Hz, not {settings.rate}", where="--rate")
+    form = CForm(settings.real == "float", settings.variance, settings.fade, settings.model_hash)
+    rate = float(settings.rate or USUAL)
+    made, sentences, facts = held(
+        model,
+        kind,
+        spec,
+        form,
+        settings.name,
+        rate=rate,
+        alone=settings.single,
+        fit=settings.rate is not None,
     )
     lean, drag = drag_files(model.inputs, made.plan.name, form)
     if drag is None:
-        return Delivered(made.files, said, facts)
-    own = made.plan.name
-    cmake = made.files["CMakeLists.txt"].replace(f" {own}.c)".encode(), f" {own}.c {own}_lean.c)".encode())
-    sentence = f"{own}_lean.h: what to add to accelerations, so that they hold against the learned drag."
-    return Delivered({**made.files, **lean, "CMakeLists.txt": cmake}, (*said, sentence), facts)
+        return Delivered(made.files, sentences, facts)
+    name = made.plan.name
+    cmake = made.files["CMakeLists.txt"].replace(f" {name}.c)".encode(), f" {name}.c {name}_lean.c)".encode())
+    sentence = f"{name}_lean.h: what to add to accelerations, so that they hold against the learned drag."
+    return Delivered({**made.files, **lean, "CMakeLists.txt": cmake}, (*sentences, sentence), facts)
 
 
 COMPILERS = ("cc", "gcc", "clang")
@@ -211,10 +219,10 @@ def built(name: str, files: Mapping[str, bytes], tables: int) -> Built | None:
             (folder / file).write_bytes(data)
         _run([cc, *FLAGS, "-c", f"{name}.c", "-o", f"{name}.o"], folder)
         _run([cc, *FLAGS, f"{name}_test.c", f"{name}.o", "-lm", "-o", "self_test"], folder)
-        found = DEVIATION.search(_run(["./self_test"], folder, good=(0, 1)))
-        if found is None:
+        match = DEVIATION.search(_run(["./self_test"], folder, good=(0, 1)))
+        if match is None:
             raise EtudeError("the exported model's own test says nothing", next_step="Please report it.")
-        return Built(cc, float(found[1]), int(found[2]), max(_text(folder / f"{name}.o") - tables, 0))
+        return Built(cc, float(match[1]), int(match[2]), max(_text(folder / f"{name}.o") - tables, 0))
 
 
 def _run(command: list[str], folder: Path, good: tuple[int, ...] = (0,)) -> str:
@@ -268,44 +276,46 @@ def held(
     fitted = fit and not alone and least <= 1.0 / rate < whole
     chosen = best if alone or fitted else model
     made = c_files(chosen, kind, spec, form, name)
-    found = built(made.plan.name, made.files, made.tables)
+    build = built(made.plan.name, made.files, made.tables)
     if form.single:
-        _require_right(found, made.plan)
-    elif found is not None and found.deviation > EXACT:
-        made = c_files(chosen, kind, spec, form, name, _rounding(found))
-    said = [*_names(made.plan), _outside(made), *_sizes(made, found), *_times(made, model, rate)]
+        _require_right(build, made.plan)
+    elif build is not None and build.deviation > EXACT:
+        made = c_files(chosen, kind, spec, form, name, _rounding(build))
+    sentences = [*_names(made.plan), _outside(made), *_sizes(made, build), *_times(made, model, rate)]
     if fitted:
-        said.append(f"All candidates take {1e6 * whole:.0f} us: the best of each command is written alone.")
-    return made, (*said, _checked(found)), _facts(made, found)
+        sentences.append(
+            f"All candidates take {1e6 * whole:.0f} us: the best of each command is written alone."
+        )
+    return made, (*sentences, _checked(build)), _facts(made, build)
 
 
-def _require_right(found: Built | None, plan: Plan) -> None:
-    if found is None:
+def _require_right(build: Built | None, plan: Plan) -> None:
+    if build is None:
         raise UsageError(
             "whether float is right for this model is found with a C compiler, and there is none",
             next_step="apt-get install -y gcc, or export double.",
         )
     most = float_tolerance(plan)
-    if found.deviation > most or found.wrong:
+    if build.deviation > most or build.wrong:
         raise UsageError(
-            f"float is wrong for this model: commands differ from Python's by up to {found.deviation:.1e} of "
+            f"float is wrong for this model: commands differ from Python's by up to {build.deviation:.1e} of "
             f"their limit on the golden vectors, more than {most:.2g}, a tenth of their noise or 1e-4",
             next_step="Export double; or learn with more noise (model.noise_floor) or fewer points.",
         )
 
 
-def _rounding(found: Built) -> float:
+def _rounding(build: Built) -> float:
     """What the test of such a model allows: Python's sums of squares round more where lengths are tiny.
 
     Raises:
         EtudeError: it differs by more than rounding may.
     """
-    if found.deviation > ROUNDED or found.wrong:
+    if build.deviation > ROUNDED or build.wrong:
         raise EtudeError(
-            f"the exported C differs from Python by {found.deviation:.1e} of a command's limit",
+            f"the exported C differs from Python by {build.deviation:.1e} of a command's limit",
             next_step="Do not use it; please report it with the model.",
         )
-    return 10.0 * found.deviation
+    return 10.0 * build.deviation
 
 
 def _names(plan: Plan) -> list[str]:
@@ -321,8 +331,8 @@ def _outside(made: Files) -> str:
     return f"Outside: {outside_training_sentence(made.plan.model)}"
 
 
-def _sizes(made: Files, found: Built | None) -> list[str]:
-    facts = _facts(made, found)
+def _sizes(made: Files, build: Built | None) -> list[str]:
+    facts = _facts(made, build)
     code = f" and {facts['code_bytes'] / 1024:.1f} KB of code" if facts["code_bytes"] else ""
     stack = f"about {facts['stack_bytes'] / 1024:.1f} KB of stack"
     return [
@@ -364,13 +374,13 @@ def _seconds(model: LearnedModel, form: CForm, fade: bool) -> float:
     return operations * (1 + fade) / CLOCK  # as `Plan.operations`: in doubt it asks twice
 
 
-def _checked(found: Built | None) -> str:
-    if found is None:
+def _checked(build: Built | None) -> str:
+    if build is None:
         return "Not compiled here: there is no C compiler. Build and run its test where there is one."
-    return f"Built with {found.compiler}; its test differs from Python by {found.deviation:.1e} of a limit."
+    return f"Built with {build.compiler}; its test differs from Python by {build.deviation:.1e} of a limit."
 
 
-def _facts(made: Files, found: Built | None) -> dict[str, Any]:
+def _facts(made: Files, build: Built | None) -> dict[str, Any]:
     plan, size = made.plan, 4 if made.form.single else 8
     work = (
         max((code.work for code in plan.codes), default=0)
@@ -381,11 +391,11 @@ def _facts(made: Files, found: Built | None) -> dict[str, Any]:
         "name": plan.name,
         "real": made.form.real,
         "tables_bytes": made.tables,
-        "code_bytes": 0 if found is None else found.code,
+        "code_bytes": 0 if build is None else build.code,
         "state_bytes": size * (len(plan.low) + plan.memory),
         "stack_bytes": size * work,
         "operations": plan.operations(made.form.deviations, made.form.fade),
-        "deviation": None if found is None else found.deviation,
+        "deviation": None if build is None else build.deviation,
     }
 
 

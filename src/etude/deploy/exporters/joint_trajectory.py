@@ -91,10 +91,10 @@ class JointTrajectoryBag:
 def played(points: Sequence[Any]) -> Splined:
     """The curve through a message's points, of the degree that its fields allow."""
     names = ["positions", "velocities", "accelerations"]
-    given = [name for name in names if all(len(getattr(point, name)) for point in points)]
-    given = [name for i, name in enumerate(names) if names[: i + 1] == given[: i + 1]]
+    present = [name for name in names if all(len(getattr(point, name)) for point in points)]
+    present = [name for i, name in enumerate(names) if names[: i + 1] == present[: i + 1]]
     times = [(p.time_from_start.sec * NANO + p.time_from_start.nanosec) / NANO for p in points]
-    table = [[getattr(point, name) for point in points] for name in given]
+    table = [[getattr(point, name) for point in points] for name in present]
     return Splined(np.array(times), np.array(table, dtype=float))
 
 

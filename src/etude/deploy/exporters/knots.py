@@ -72,11 +72,11 @@ def knots_of(what: Trajectory | MotionWithCommands, kind: Kind, spec: Any, order
     path = motion.motion(fine, 1).orders[0]
     size = max(float(np.ptp(path, axis=0).max()), float(np.finfo(float).tiny))
     while rate <= FASTEST:
-        found = _at_rate(motion, names_of(kind, spec), rate, orders)
-        error = np.abs(found.played().motion(fine, 1).orders[0] - path).max()
+        knots = _at_rate(motion, names_of(kind, spec), rate, orders)
+        error = np.abs(knots.played().motion(fine, 1).orders[0] - path).max()
         if error <= CLOSE * size:
-            values = command(found.times) if command else None
-            return Knots(found.names, found.nanoseconds, found.points, values, found.form)
+            values = command(knots.times) if command else None
+            return Knots(knots.names, knots.nanoseconds, knots.points, values, knots.form)
         rate *= 2.0
     raise UsageError(
         f"the motion is too quick for {FASTEST:g} points per second",

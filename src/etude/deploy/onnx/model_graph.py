@@ -53,9 +53,9 @@ class Graph:
         """The name of what an operator makes of these: names of values, or arrays, which become constants."""
         from onnx import helper
 
-        own = [value if isinstance(value, str) else self.constant(value) for value in inputs]
+        names = [value if isinstance(value, str) else self.constant(value) for value in inputs]
         out = f"v{len(self.nodes)}"
-        self.nodes.append(helper.make_node(name, own, [out], name=f"n{len(self.nodes)}", **attributes))
+        self.nodes.append(helper.make_node(name, names, [out], name=f"n{len(self.nodes)}", **attributes))
         return out
 
     def constant(self, value: Any) -> str:
@@ -83,13 +83,13 @@ class Graph:
         self,
         inputs: Mapping[str, int],
         outputs: Mapping[str, tuple[str, int]],
-        words: Mapping[str, str],
+        properties: Mapping[str, str],
         text: str,
     ) -> bytes:
         """The file: inputs (n, width) by name; outputs by name, (n, columns) of a value.
 
         Args:
-            words: kept in the file beside the graph. text: what people read of it.
+            properties: kept in the file beside the graph. text: what people read of it.
         """
         import onnx
         from onnx import TensorProto, helper
@@ -108,7 +108,7 @@ class Graph:
         made = helper.make_model(
             graph, opset_imports=[helper.make_opsetid("", OPSET)], ir_version=FORMAT, producer_name="etude"
         )
-        helper.set_model_props(made, dict(words))
+        helper.set_model_props(made, dict(properties))
         onnx.checker.check_model(made, full_check=True)
         return bytes(made.SerializeToString())
 
@@ -169,7 +169,7 @@ def no_operators_error(what: str, next_step: str = LEARN_OTHERWISE) -> UsageErro
 def parts(kernel: Kernel, theta: Array) -> list[tuple[Kernel, Array]]:
     """The summands or factors with rows (m, P) of their hyperparameters."""
     assert isinstance(kernel, Sum | Product)
-    return [(part, theta[:, own]) for part, own in zip(kernel.parts, kernel.places, strict=True)]
+    return [(part, theta[:, columns]) for part, columns in zip(kernel.parts, kernel.places, strict=True)]
 
 
 def reads(kernel: Kernel) -> set[int]:
@@ -189,9 +189,9 @@ def covariance(graph: Graph, x: str, kernel: Kernel, theta: Array, Z: Array) -> 
     if isinstance(kernel, Sum | Product):
         sign = "Add" if isinstance(kernel, Sum) else "Mul"
         # what is zero between different points is left out of sums
-        own = [(k, t) for k, t in parts(kernel, theta) if not (sign == "Add" and isinstance(k, RestNoise))]
-        found = [covariance(graph, x, k, t, Z) for k, t in own]
-        return _folded(graph, sign, found)
+        terms = [(k, t) for k, t in parts(kernel, theta) if not (sign == "Add" and isinstance(k, RestNoise))]
+        values = [covariance(graph, x, k, t, Z) for k, t in terms]
+        return _folded(graph, sign, values)
     if isinstance(kernel, SquaredExponential):
         scale, lengths = _split(kernel, theta)
         inverse = np.sqrt(0.5) / lengths[:, None, None, :]
@@ -216,8 +216,8 @@ def prior(graph: Graph, x: str, kernel: Kernel, theta: Array) -> str:
     if isinstance(kernel, SquaredExponential):
         return graph.constant(_split(kernel, theta)[0][None, :])
     dims = kernel.dims if isinstance(kernel, Linear) else (kernel.column,)  # type: ignore[attr-defined]
-    own = graph.columns(x, dims)
-    return graph.op("MatMul", graph.op("Mul", own, own), np.exp(2.0 * theta).T)
+    columns = graph.columns(x, dims)
+    return graph.op("MatMul", graph.op("Mul", columns, columns), np.exp(2.0 * theta).T)
 
 
 def _split(kernel: SquaredExponential, theta: Array) -> tuple[Array, Array]:
@@ -229,14 +229,14 @@ def _split(kernel: SquaredExponential, theta: Array) -> tuple[Array, Array]:
 
 def _rows(graph: Graph, x: str, dims: Sequence[int], width: int) -> str:
     """(n, 1, d) columns of x (n, D), to be held against points."""
-    own = x if list(dims) == list(range(width)) else graph.columns(x, dims)
-    return graph.op("Unsqueeze", own, np.array([1]))
+    columns = x if list(dims) == list(range(width)) else graph.columns(x, dims)
+    return graph.op("Unsqueeze", columns, np.array([1]))
 
 
-def _folded(graph: Graph, sign: str, found: Sequence[str]) -> str:
-    out = found[0]
-    for own in found[1:]:
-        out = graph.op(sign, out, own)
+def _folded(graph: Graph, sign: str, values: Sequence[str]) -> str:
+    out = values[0]
+    for value in values[1:]:
+        out = graph.op(sign, out, value)
     return out
 
 
@@ -246,7 +246,7 @@ def used_columns(process: Process) -> set[int]:
         return used_columns(process.own) if process.grows and process.own is not None else set()
     if not isinstance(process, Posteriors):
         raise no_operators_error(f"the process {type(process).__name__}")
-    return {column for own in process.own for column in _columns(own)}
+    return {column for posterior in process.own for column in _columns(posterior)}
 
 
 def _columns(posterior: Any) -> set[int]:
@@ -263,11 +263,11 @@ def moments(graph: Graph, x: str, process: Process, variance: bool) -> Moments:
         return _silent(graph, x, process, variance)
     assert isinstance(process, Posteriors)
     groups: dict[Any, list[int]] = {}
-    for place, own in enumerate(process.own):
-        groups.setdefault(_like(own), []).append(place)
-    found = [_together(graph, x, [process.own[p] for p in places], variance) for places in groups.values()]
+    for place, posterior in enumerate(process.own):
+        groups.setdefault(_like(posterior), []).append(place)
+    results = [_together(graph, x, [process.own[p] for p in places], variance) for places in groups.values()]
     order = np.argsort([place for places in groups.values() for place in places])
-    means, variances = [m for m, _ in found], [v for _, v in found]
+    means, variances = [m for m, _ in results], [v for _, v in results]
     return reordered_columns(graph, means, order), reordered_columns(graph, variances, order)
 
 
@@ -290,18 +290,18 @@ def reordered_columns(graph: Graph, values: Sequence[str], order: Any) -> str:
     return whole if (order == np.arange(len(order))).all() else graph.columns(whole, order.tolist())
 
 
-def _together(graph: Graph, x: str, own: Sequence[Any], variance: bool) -> Moments:
-    if isinstance(own[0], SupportsOnnxMoments):
-        return own[0].onnx_moments(graph, x, own, variance)
-    theta, Z = np.stack([p.theta for p in own]), np.stack([_points(p) for p in own])
-    k = covariance(graph, x, in_parts(own[0].kernel), theta, Z)
-    weights = np.stack([p.alpha if isinstance(p, ExactPosterior) else p.weights for p in own])
+def _together(graph: Graph, x: str, posteriors: Sequence[Any], variance: bool) -> Moments:
+    if isinstance(posteriors[0], SupportsOnnxMoments):
+        return posteriors[0].onnx_moments(graph, x, posteriors, variance)
+    theta, Z = np.stack([p.theta for p in posteriors]), np.stack([_points(p) for p in posteriors])
+    k = covariance(graph, x, in_parts(posteriors[0].kernel), theta, Z)
+    weights = np.stack([p.alpha if isinstance(p, ExactPosterior) else p.weights for p in posteriors])
     mean = _mean(graph, k, weights)
     if not variance:
         return mean, ""
-    factors = np.stack([p.L_inverse if isinstance(p, ExactPosterior) else p.half for p in own])
-    explained = _told(graph, k, np.swapaxes(factors, 1, 2))
-    left = graph.op("Sub", prior(graph, x, in_parts(own[0].kernel), theta), explained)
+    factors = np.stack([p.L_inverse if isinstance(p, ExactPosterior) else p.half for p in posteriors])
+    explained = _explained_variance(graph, k, np.swapaxes(factors, 1, 2))
+    left = graph.op("Sub", prior(graph, x, in_parts(posteriors[0].kernel), theta), explained)
     return mean, graph.op("Max", left, np.array(0.0))
 
 
@@ -311,7 +311,7 @@ def _mean(graph: Graph, k: str, weights: Any) -> str:
     return graph.op("Transpose", columns, perm=[1, 0])
 
 
-def _told(graph: Graph, k: str, factors: Any) -> str:
+def _explained_variance(graph: Graph, k: str, factors: Any) -> str:
     """(n, m) squares |k A|² from (m, n, N) and A (m, N, N)."""
     half = graph.op("MatMul", k, factors)
     return graph.op("Transpose", graph.total(graph.op("Mul", half, half), -1), perm=[1, 0])
@@ -325,8 +325,8 @@ def _silent(graph: Graph, x: str, process: Silent, variance: bool) -> Moments:
         return zero, graph.op("Add", zero, process.least[None, :])
     _, latent = moments(graph, x, process.own, True)
     noisy = graph.op("Add", latent, process.own.noise_variance[None, :])
-    grown = graph.op("Mul", noisy, process.calibration[None, :])
-    return zero, graph.op("Max", grown, process.least[None, :])
+    scaled = graph.op("Mul", noisy, process.calibration[None, :])
+    return zero, graph.op("Max", scaled, process.least[None, :])
 
 
 def parts_of(model: LearnedModel) -> Parts:
@@ -364,12 +364,12 @@ def written(
     widths: Mapping[str, int],
     dtype: Any,
     variance: bool,
-    words: Mapping[str, str] | None = None,
+    properties: Mapping[str, str] | None = None,
     *,
     fade: bool = True,
     beyond: bool = False,
 ) -> bytes:
-    """The file of a model; words are kept in it.
+    """The file of a model; `properties` are kept in it.
 
     Args:
         widths: parts of each channel that it reads. variance: with an output of them. fade: commands are
@@ -386,7 +386,7 @@ def written(
     x, physics, after = _drawn(graph, parts, states)
     second_moments = variance or fade or beyond
     terms = [_term(graph, x, candidate, physics, second_moments) for candidate in parts.used]
-    command = _sum(graph, [_placed(graph, own, c, J) for c, own, _ in terms])
+    command = _sum(graph, [_placed(graph, mean, c, J) for c, mean, _ in terms])
     spread = _variance(graph, parts.model, terms, command) if second_moments else ""
     unknown = _unknown(graph, parts.model, x, terms, spread) if fade or beyond else None
     if fade and unknown is not None:
@@ -402,15 +402,15 @@ def written(
         inputs[REMEMBERED] = parts.memory
         outputs[AFTER] = (joined(after).name, parts.memory)
     text = "States, in the order of `states`, to commands, in the order of `commands`; see the properties."
-    return graph.model(inputs, outputs, words or {}, text)
+    return graph.model(inputs, outputs, properties or {}, text)
 
 
 def _channels(graph: Graph, parts: Parts, widths: Mapping[str, int]) -> dict[str, Value]:
-    whole, at, found = Value(graph, "states"), 0, {}
+    whole, at, channels = Value(graph, "states"), 0, {}
     for name in parts.reads:
-        found[name] = whole.at(range(at, at + widths[name]))
+        channels[name] = whole.at(range(at, at + widths[name]))
         at += widths[name]
-    return found
+    return channels
 
 
 def _drawn(
@@ -420,9 +420,9 @@ def _drawn(
     memory, at, left = Value(graph, REMEMBERED), 0, []
     values = []
     for piece in parts.pieces:
-        own = memory.at(range(at, at + piece.memory)) if piece.memory else None
+        piece_memory = memory.at(range(at, at + piece.memory)) if piece.memory else None
         at += piece.memory
-        value, after = piece.draw(states, own)
+        value, after = piece.draw(states, piece_memory)
         values.append(value)
         left += [] if after is None else [after]
     return values[0].name, dict(zip(parts.means, values[1:], strict=True)), left
@@ -432,12 +432,12 @@ def _term(graph: Graph, x: str, candidate: Candidate, physics: Mapping[int, Valu
     assert candidate.process is not None
     mean, latent = moments(graph, x, candidate.process, variance)
     offset, factor = candidate.units
-    own = graph.op("Mul", mean, factor[None, :])
-    own = graph.op("Add", own, offset[None, :]) if offset.any() else own
+    command = graph.op("Mul", mean, factor[None, :])
+    command = graph.op("Add", command, offset[None, :]) if offset.any() else command
     if candidate.mean is not None:
         line = physics[id(candidate.mean)].at(candidate.commands).name
-        own = graph.op("Add", own, line)
-    return candidate, own, latent
+        command = graph.op("Add", command, line)
+    return candidate, command, latent
 
 
 def _unknown(graph: Graph, model: LearnedModel, x: str, terms: Sequence[Term], variance: str) -> Value:
@@ -464,8 +464,10 @@ def _trusted(command: Value, unknown: Value, parts: Parts, physics: Mapping[int,
     for candidate in parts.used:
         behind = parts.model.behind(candidate)
         if behind is not None:
-            own = physics[id(behind)].at(candidate.commands)
-            safe = safe + Value(own.graph, _placed(cast("Graph", own.graph), own.name, candidate, J))
+            physical = physics[id(behind)].at(candidate.commands)
+            safe = safe + Value(
+                physical.graph, _placed(cast("Graph", physical.graph), physical.name, candidate, J)
+            )
         else:
             level = np.zeros(J)
             level[list(candidate.commands)] = candidate.weights * level_of(candidate)
@@ -497,25 +499,25 @@ def _placed(graph: Graph, value: str, candidate: Candidate, J: int) -> str:
 
 def _sum(graph: Graph, values: Sequence[str]) -> str:
     out = values[0]
-    for own in values[1:]:
-        out = graph.op("Add", out, own)
+    for value in values[1:]:
+        out = graph.op("Add", out, value)
     return out
 
 
 def _variance(graph: Graph, model: LearnedModel, terms: Sequence[Term], command: str) -> str:
     """(n, J) of the average: sum w (v + (m - average)²)."""
     parts = []
-    for candidate, own, latent in terms:
+    for candidate, mean, latent in terms:
         assert candidate.process is not None
         factor = candidate.calibration * candidate.units[1] ** 2
         noisy = graph.op("Add", latent, candidate.process.noise_variance[None, :])
         spread = graph.op("Mul", noisy, factor[None, :])
-        apart = graph.op("Sub", own, graph.columns(command, candidate.commands))
+        apart = graph.op("Sub", mean, graph.columns(command, candidate.commands))
         whole = graph.op("Add", spread, graph.op("Mul", apart, apart))
         parts.append(_placed(graph, whole, candidate, len(model.commands)))
-    found = _sum(graph, parts)
+    variance = _sum(graph, parts)
     if model.least is None:
-        return found
+        return variance
     doubted = model.least > 0.0
     squares = graph.op("Mul", graph.op("Mul", command, command), doubted.astype(float)[None, :])
-    return graph.op("Max", found, graph.op("Add", squares, np.where(doubted, model.least, 0.0)[None, :]))
+    return graph.op("Max", variance, graph.op("Add", squares, np.where(doubted, model.least, 0.0)[None, :]))

@@ -68,53 +68,59 @@ def ONNX(model: Any, kind: Kind, spec: Any, options: Mapping[str, Any]) -> Deliv
         UsageError: unknown options, ONNX is not installed, a part of the model has no operators, or float
             would be wrong. EtudeError: the graph is wrong.
     """
-    asked = taken(options, OnnxOptions, "onnx")
-    if asked.real not in REALS:
-        raise UsageError(f"numbers are {' or '.join(REALS)}, not {asked.real!r}")
+    settings = taken(options, OnnxOptions, "onnx")
+    if settings.real not in REALS:
+        raise UsageError(f"numbers are {' or '.join(REALS)}, not {settings.real!r}")
     parts = parts_of(model)
     takes = graph_inputs(parts, kind.channels(spec))
-    words = _words(parts, takes, kind, spec, asked)
+    properties = _properties(parts, takes, kind, spec, settings)
     limit = np.asarray(kind.limit(spec), dtype=float)
 
     def graph(dtype: Any) -> tuple[bytes, float]:
         data = written(
-            parts, takes.widths, dtype, asked.variance, words, fade=asked.fade, beyond=asked.outside
+            parts,
+            takes.widths,
+            dtype,
+            settings.variance,
+            properties,
+            fade=settings.fade,
+            beyond=settings.outside,
         )
-        return data, deviation(parts, takes, data, limit, dtype, fade=asked.fade)
+        return data, deviation(parts, takes, data, limit, dtype, fade=settings.fade)
 
-    data, found = graph(REALS[asked.real])
-    if not found <= SMALL[asked.real]:
-        raise _wrong(asked.real, found, graph(np.float64)[1])
-    said = _said(parts, takes, asked, len(data), found)
-    name = f"{identifier(asked.name or spec.name)}.onnx"
-    return Delivered({name: data}, said, {"opset": OPSET, "deviation": found, "bytes": len(data)})
+    data, error = graph(REALS[settings.real])
+    if not error <= SMALL[settings.real]:
+        raise _wrong(settings.real, error, graph(np.float64)[1])
+    sentences = _describe_graph(parts, takes, settings, len(data), error)
+    name = f"{identifier(settings.name or spec.name)}.onnx"
+    return Delivered({name: data}, sentences, {"opset": OPSET, "deviation": error, "bytes": len(data)})
 
 
-def _wrong(real: str, found: float, in_double: float) -> EtudeError:
+def _wrong(real: str, error: float, in_double: float) -> EtudeError:
     """Why an export is refused: single precision where double is right, else the graph itself."""
     if real == "float" and in_double <= SMALL["double"]:
         return UsageError(
-            f"float is wrong for this model: its graph differs from Python by up to {found:.1e} of a "
+            f"float is wrong for this model: its graph differs from Python by up to {error:.1e} of a "
             f"command's limit, more than {SMALL['float']:g}; in double by {in_double:.1e}",
             next_step="Export double: --real double.",
         )
     return EtudeError(
-        f"the exported graph differs from Python by {max(found, in_double):.1e} of a command's limit",
+        f"the exported graph differs from Python by {max(error, in_double):.1e} of a command's limit",
         next_step="Nothing was written. Please report it with the model; --to c gives the same commands.",
     )
 
 
 def graph_inputs(parts: Parts, channels: Sequence[Channel]) -> GraphInputs:
     """What the graph takes, of all channels of a robot."""
-    known = {channel.name: channel for channel in channels}
-    own = tuple(known[name] for name in parts.reads)
-    return GraphInputs(own, training_ranges(parts.model, own, UNKNOWN))
+    by_name = {channel.name: channel for channel in channels}
+    used = tuple(by_name[name] for name in parts.reads)
+    return GraphInputs(used, training_ranges(parts.model, used, UNKNOWN))
 
 
 def session(data: bytes) -> Any:
     """onnxruntime on one thread: states (n, N), memory (n, M) -> outputs. UsageError: it is not installed."""
-    found = _started(data)
-    return lambda states, memory=None: found.run(
+    runner = _started(data)
+    return lambda states, memory=None: runner.run(
         None, {"states": states} | ({} if memory is None else {REMEMBERED: memory})
     )
 
@@ -130,13 +136,15 @@ def run_rows(data: bytes, parts: Parts, states: Array) -> dict[str, Array]:
     """Outputs by name at states (T, N): at once, or row by row where the graph remembers, from a memory of
     zeros.
     """
-    found = _started(data)
-    names = [output.name for output in found.get_outputs()]
+    runner = _started(data)
+    names = [output.name for output in runner.get_outputs()]
     if not parts.memory:
-        return dict(zip(names, found.run(None, {"states": states}), strict=True))
+        return dict(zip(names, runner.run(None, {"states": states}), strict=True))
     memory, rows = np.zeros((1, parts.memory), states.dtype), []
     for row in states:
-        rows.append(dict(zip(names, found.run(None, {"states": row[None], REMEMBERED: memory}), strict=True)))
+        rows.append(
+            dict(zip(names, runner.run(None, {"states": row[None], REMEMBERED: memory}), strict=True))
+        )
         memory = rows[-1].pop(AFTER)
     return {name: np.concatenate([row[name] for row in rows]) for name in rows[0]}
 
@@ -151,15 +159,15 @@ def deviation(
     states = _swinging(takes).astype(dtype)
     log = log_of(takes.channels, states.astype(float), "states")
     expected = parts.model.predict(log, fade=fade)
-    own = run_rows(data, parts, states)
-    found = [float(np.abs((own["command"] - expected.mean) / limit).max())]
-    if "variance" in own:
-        found.append(float(np.abs((own["variance"] - expected.variance) / limit**2).max()))
-    if "outside" in own:
-        other = own["outside"].astype(np.bool_) != outside(expected.unknown, parts.model.known)
+    outputs = run_rows(data, parts, states)
+    errors = [float(np.abs((outputs["command"] - expected.mean) / limit).max())]
+    if "variance" in outputs:
+        errors.append(float(np.abs((outputs["variance"] - expected.variance) / limit**2).max()))
+    if "outside" in outputs:
+        other = outputs["outside"].astype(np.bool_) != outside(expected.unknown, parts.model.known)
         beside = np.abs(expected.unknown - np.minimum(parts.model.known, np.finfo(dtype).max)) / limit**2
-        found.append(float(beside[other].max(initial=0.0)))
-    return max(found)
+        errors.append(float(beside[other].max(initial=0.0)))
+    return max(errors)
 
 
 def _swinging(takes: GraphInputs) -> Array:
@@ -172,36 +180,40 @@ def _swinging(takes: GraphInputs) -> Array:
     return np.asarray(0.5 * (low + high) + 0.5 * (high - low) * growing * swing)
 
 
-def _said(parts: Parts, takes: GraphInputs, asked: OnnxOptions, size: int, found: float) -> tuple[str, ...]:
+def _describe_graph(
+    parts: Parts, takes: GraphInputs, settings: OnnxOptions, size: int, error: float
+) -> tuple[str, ...]:
     J, labels = len(parts.model.commands), takes.labels
-    outputs = ["command", *["variance"] * asked.variance, *["outside"] * asked.outside]
-    said = [
+    outputs = ["command", *["variance"] * settings.variance, *["outside"] * settings.outside]
+    sentences = [
         f"Input states (n, {len(labels)}): {', '.join(labels)}.",
         f"Output {' and '.join(outputs)} (n, {J}): {', '.join(parts.model.commands)}.",
     ]
     if parts.memory:
-        said.append(
+        sentences.append(
             f"Input memory (n, {parts.memory}), zeros at the start of a run, then memory_after of the call "
             f"before: friction remembers the way. Call it at least {parts.rate:g} times a second."
         )
     return (
-        *said,
-        *([f"Outside: {outside_training_sentence(parts.model)}"] if asked.fade else []),
-        f"Opset {OPSET}, {asked.real}, {size / 1024:.0f} KB. Nothing is clamped: NaN in, NaN out.",
-        f"onnxruntime differs from Python by {found:.1e} of a limit.",
+        *sentences,
+        *([f"Outside: {outside_training_sentence(parts.model)}"] if settings.fade else []),
+        f"Opset {OPSET}, {settings.real}, {size / 1024:.0f} KB. Nothing is clamped: NaN in, NaN out.",
+        f"onnxruntime differs from Python by {error:.1e} of a limit.",
     )
 
 
-def _words(parts: Parts, takes: GraphInputs, kind: Kind, spec: Any, asked: OnnxOptions) -> dict[str, str]:
+def _properties(
+    parts: Parts, takes: GraphInputs, kind: Kind, spec: Any, settings: OnnxOptions
+) -> dict[str, str]:
     """Kept in the file: what it takes and gives, and whose it is."""
     model: LearnedModel = parts.model
     units = next(c.units for c in kind.channels(spec) if c.role == "command")
-    found = {
+    properties = {
         "robot": str(spec.name),
-        "model_sha256": asked.model_hash,
+        "model_sha256": settings.model_hash,
         "states": ", ".join(takes.labels),
         "trained": ", ".join(f"{a:.6g}..{b:.6g}" for a, b in takes.ranges.T),
         "commands": ", ".join(f"{n} [{u or '1'}]" for n, u in zip(model.commands, units, strict=True)),
         "limits": ", ".join(f"{v:.6g}" for v in kind.limit(spec)),
     }
-    return found | ({"least_rate_hz": f"{parts.rate:g}"} if parts.memory else {})
+    return properties | ({"least_rate_hz": f"{parts.rate:g}"} if parts.memory else {})

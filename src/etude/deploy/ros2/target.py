@@ -53,22 +53,31 @@ def ROS2(model: Any, kind: Kind, spec: Any, options: Mapping[str, Any]) -> Deliv
         UsageError: unknown options, a robot that is not one of joints, commands that are no efforts, or what
             has no C.
     """
-    asked = taken(options, Ros2Options, "ros2")
-    form = CForm(False, fade=asked.fade, digest=asked.model_hash)
-    rate = float(asked.rate or spec.rate)
-    made, said, facts = held(
-        model, kind, spec, form, asked.name, rate=rate, alone=asked.single, fit=asked.rate is not None
+    settings = taken(options, Ros2Options, "ros2")
+    form = CForm(False, fade=settings.fade, digest=settings.model_hash)
+    rate = float(settings.rate or spec.rate)
+    made, sentences, facts = held(
+        model,
+        kind,
+        spec,
+        form,
+        settings.name,
+        rate=rate,
+        alone=settings.single,
+        fit=settings.rate is not None,
     )
     sources = _sources(made.plan, kind, spec)
-    if asked.interface == EFFORT:
+    if settings.interface == EFFORT:
         for unit in made.plan.units:
             require_forces(unit, spec.name, OTHER)
-    words = _words(made, spec, sources, asked)
-    package = words["PACKAGE"]
-    files = {place.replace("@PACKAGE@", package): _filled(name, words) for name, place in PLACES.items()}
+    substitutions = _substitutions(made, spec, sources, settings)
+    package = substitutions["PACKAGE"]
+    files = {
+        place.replace("@PACKAGE@", package): _filled(name, substitutions) for name, place in PLACES.items()
+    }
     files |= {_place(name, package): data for name, data in made.files.items() if name != "CMakeLists.txt"}
     named = f"Package {package}, for ROS 2 Jazzy and later; not for Humble. Its README.md says how to use it."
-    return Delivered(files, (named, *said), {**facts, "package": package})
+    return Delivered(files, (named, *sentences), {**facts, "package": package})
 
 
 def _place(name: str, package: str) -> str:
@@ -103,25 +112,27 @@ def _order(channel: Channel, channels: Mapping[str, Channel], path: str) -> int:
     return order
 
 
-def _filled(template: str, words: Mapping[str, str]) -> bytes:
+def _filled(template: str, substitutions: Mapping[str, str]) -> bytes:
     place = resources.files("etude.deploy.ros2").joinpath("package", template)
-    return re.sub(r"@(\w+)@", lambda found: words[found[1]], place.read_text(encoding="utf-8")).encode()
+    return re.sub(
+        r"@(\w+)@", lambda match: substitutions[match[1]], place.read_text(encoding="utf-8")
+    ).encode()
 
 
-def _words(made: Files, spec: Any, sources: list[int], asked: Ros2Options) -> dict[str, str]:
+def _substitutions(made: Files, spec: Any, sources: list[int], settings: Ros2Options) -> dict[str, str]:
     plan, joints = made.plan, list(made.plan.model.commands)
     package = f"{plan.name.lower()}_feedforward"
     unit = " or ".join(dict.fromkeys(unit or "1" for unit in plan.units))
     operations = plan.operations(made.form.deviations, made.form.fade)
-    rate, remembered = float(asked.rate or spec.rate), plan.rate
+    rate, remembered = float(settings.rate or spec.rate), plan.rate
     return {
         "PACKAGE": package,
         "GUARD": f"{package.upper()}__FEEDFORWARD_HPP_",
         "NAME": plan.name,
         "UPPER": plan.name.upper(),
         "ROBOT": re.sub(r"[<>&]", " ", spec.name),
-        "HASH": asked.model_hash[:12] or "without a file",
-        "INTERFACE": asked.interface,
+        "HASH": settings.model_hash[:12] or "without a file",
+        "INTERFACE": settings.interface,
         "UNIT": unit,
         "JOINTS": ", ".join(_quoted(name) for name in joints),
         "YAML_JOINTS": ", ".join(_quoted(name) for name in joints),

@@ -53,11 +53,11 @@ def headline(record: Record) -> Html:
 
 def _alerts(record: Record) -> list[Html]:
     """One paragraph for each alert, red ones first."""
-    found = campaign_alerts(record.state, record.outputs, len(record.names))
-    return [_told(notice) for notice in (*motion_open(record.state, record.folder), *found)]
+    alerts = campaign_alerts(record.state, record.outputs, len(record.names))
+    return [_alert_paragraph(notice) for notice in (*motion_open(record.state, record.folder), *alerts)]
 
 
-def _told(notice: Notice) -> Html:
+def _alert_paragraph(notice: Notice) -> Html:
     sentence = notice.sentence
     line = f"{sentence[:1].upper()}{sentence[1:]}. {notice.step}".strip()
     return paragraph(line, class_=f"news {notice.light}")
@@ -80,21 +80,22 @@ def _count(count: int) -> str:
 
 def _other_test(test: Test) -> Html:
     """One short sentence on a further test motion."""
-    parts = [f"{shown.name} {found.text}" for shown, found in _baselines(test)]
+    parts = [f"{shown.name} {evaluation.text}" for shown, evaluation in _baselines(test)]
     beside = f"; {', '.join(parts)}" if parts else ""
     return paragraph(f"On {test_name(test.name)}: {test.learned[-1].text}{beside}.")
 
 
 def _comparisons(test: Test, now: Evaluation) -> list[str]:
     return [
-        shown.sentence.format(error=found.text, relation=_relation(found, now)) + _beaten(shown, found, now)
-        for shown, found in _baselines(test)
+        shown.sentence.format(error=evaluation.text, relation=_relation(evaluation, now))
+        + _beaten(shown, evaluation, now)
+        for shown, evaluation in _baselines(test)
     ]
 
 
-def _beaten(shown: Baseline, found: Evaluation, now: Evaluation) -> str:
+def _beaten(shown: Baseline, evaluation: Evaluation, now: Evaluation) -> str:
     """Why what was learned may be better than a perfect model."""
-    if shown is not baseline("perfect") or now.mean >= (1.0 - SAME) * found.mean:
+    if shown is not baseline("perfect") or now.mean >= (1.0 - SAME) * evaluation.mean:
         return ""
     return (
         " What was learned is better than that: an exact inverse answers the planned motion alone, and the "
@@ -105,7 +106,7 @@ def _beaten(shown: Baseline, found: Evaluation, now: Evaluation) -> str:
 def _baselines(test: Test) -> list[tuple[Baseline, Evaluation]]:
     """What is known of each baseline, and its newest evaluation, in the order of telling."""
     names = ordered_baselines(list(test.baselines))
-    return [(baseline(name), found) for name in names if (found := test.baseline(name))]
+    return [(baseline(name), evaluation) for name in names if (evaluation := test.baseline(name))]
 
 
 def _relation(other: Evaluation, now: Evaluation) -> str:
@@ -122,7 +123,7 @@ def _cards(record: Record, test: Test) -> Html:
         _card("", duration(robot_seconds(record)), "of robot time in all"),
         _card("c1", now.text, "mean tracking error now"),
     ]
-    cards += [_card(shown.style, found.text, shown.card) for shown, found in _baselines(test)]
+    cards += [_card(shown.style, evaluation.text, shown.card) for shown, evaluation in _baselines(test)]
     return element("div", *cards, class_="cards")
 
 
@@ -131,13 +132,13 @@ def _card(style: str, value: str, label: str) -> Html:
 
 
 def _untrained(record: Record) -> Html:
-    asked = [r for r in record.state.rounds.values() if r.asked]
-    have = "has" if len(asked) == 1 else "have"
+    proposals = [r for r in record.state.rounds.values() if r.asked]
+    have = "has" if len(proposals) == 1 else "have"
     if record.state.ingested:
         return missing_data("Logs have been told, and no model has been trained from them yet.")
-    if asked:
+    if proposals:
         return missing_data(
-            f"{_count(len(asked))} {have} been proposed, and no log has "
+            f"{_count(len(proposals))} {have} been proposed, and no log has "
             "come back yet. Run the trajectory on the robot, then `etude tell` with its log."
         )
     return missing_data("Nothing has been asked yet. `etude ask` writes the first trajectory.")

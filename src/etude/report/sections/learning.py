@@ -52,9 +52,9 @@ def joint_style(index: int) -> str:
 def learning(record: Record) -> Html:
     """Tracking error when the robot is simulated; held-out nMSE per joint when it is real."""
     title = "Learning curve"
-    found = [test for test in tests(record) if test.learned or test.baselines]
-    if found:
-        return section("learning", title, *_simulated(found, record.names))
+    evaluated = [test for test in tests(record) if test.learned or test.baselines]
+    if evaluated:
+        return section("learning", title, *_simulated(evaluated, record.names))
     structures = scored_structures(record)
     parts = _blocks(record)
     if any(
@@ -67,9 +67,9 @@ def learning(record: Record) -> Html:
     return section("learning", title, *(parts or [nothing]))
 
 
-def _simulated(found: list[Test], names: tuple[str, ...]) -> list[Html]:
-    learned = [test for test in found if test.learned]
-    panels = [*map(learning_panel, found), *(_joints_of(test, names) for test in learned)]
+def _simulated(evaluated: list[Test], names: tuple[str, ...]) -> list[Html]:
+    learned = [test for test in evaluated if test.learned]
+    panels = [*map(learning_panel, evaluated), *(_joints_of(test, names) for test in learned)]
     text = paragraph(TEXT)
     return [text, grid(panels), *(_table_of(test, names) for test in learned)]
 

@@ -123,7 +123,7 @@ def score_in_use(trained: Trained | None, quantity: Quantity) -> Array | None:
     """The score of the model in use when the log came, or of the nearest structure that has one."""
     structures = [*trained.models, trained.chosen, trained.predicted_by] if trained else []
     scores = (score(trained, structure, quantity) for structure in reversed(structures) if structure)
-    return next((found for found in scores if found is not None), None)
+    return next((value for value in scores if value is not None), None)
 
 
 def _lines(record: Record, quantity: Quantity) -> list[Line]:
@@ -172,20 +172,20 @@ def _by_round(record: Record) -> list[Html]:
         "logs on the least chooses the one in use, in the ring; before, physics alone compete."
     )
     rounds, unit = record.state.trained, record.unit or "1"
-    seen = {
+    predicted = {
         structure: {r.number: score(r.trained, structure, "nmse") for r in rounds}
         for structure in scored_structures(record)
     }
     used = {r.number: score_in_use(r.trained, "nmse") for r in rounds}
     left = {
         structure: {r.number: cross_validation_errors(r.trained).get(structure) for r in rounds}
-        for structure in seen
+        for structure in predicted
     }
     chosen = {
         r.number: cross_validation_errors(r.trained).get(chosen_structure(r.trained) or "") for r in rounds
     }
     panels = [
-        _structures(record, "On each new log", "nMSE, mean over commands (1)", seen, used),
+        _structures(record, "On each new log", "nMSE, mean over commands (1)", predicted, used),
         _structures(record, "On told logs left out", f"mean error ({unit})", left, chosen),
     ]
     return [text, grid(panels)]
@@ -214,8 +214,8 @@ def _structures(
 
 def _means(scores: dict[int, Array | None]) -> tuple[Array, Array]:
     """Numbers of the logs with a score, and its mean over the outputs."""
-    found = {number: float(np.nanmean(values)) for number, values in scores.items() if values is not None}
-    return np.array(list(found), dtype=float), np.array(list(found.values()))
+    means = {number: float(np.nanmean(values)) for number, values in scores.items() if values is not None}
+    return np.array(list(means), dtype=float), np.array(list(means.values()))
 
 
 def _structure(trained: Trained | None, structure: str) -> list[object]:
@@ -243,8 +243,8 @@ def uncertainty(record: Record) -> Html:
     if through_space(record) and len(record.names) == 3:
         return join([])
     trained = [r.number for r in record.state.trained]
-    found = [model for n in trained[-1:] if (model := record.model(n)) is not None]
-    if not found:
+    models = [model for n in trained[-1:] if (model := record.model(n)) is not None]
+    if not models:
         return section(
             "uncertainty", TITLE, missing_data("There is no trained model that can be loaded yet.")
         )
@@ -254,7 +254,7 @@ def uncertainty(record: Record) -> Html:
         return section("uncertainty", TITLE, nothing)
     try:
         ranges = _ranges(record, data)
-        maps = deviation_maps(found[0], data, ranges)
+        maps = deviation_maps(models[0], data, ranges)
     except EtudeError as error:
         return section("uncertainty", TITLE, missing_data(f"The model could not be evaluated: {error}"))
     count = min(len(maps), len(record.outputs))
@@ -295,14 +295,14 @@ def _centres(ends: Array) -> Array:
 
 def _ranges(record: Record, data: tuple[Array, Array]) -> tuple[Array, Array]:
     """(2, k) ends of positions and of velocities: of the limits, or of the data where there are none."""
-    found = [np.stack([part.min(axis=0), part.max(axis=0)]) for part in data]
+    ranges = [np.stack([part.min(axis=0), part.max(axis=0)]) for part in data]
     for limit in record.limits:
         if not isinstance(limit, AxisLimit) or limit.order > 1:
             continue
         low, high = np.asarray(limit.lower), np.asarray(limit.upper)
         if low.shape == high.shape == (len(record.names),):
-            found[limit.order] = np.stack([low, high]).astype(float)
-    return found[0], found[1]
+            ranges[limit.order] = np.stack([low, high]).astype(float)
+    return ranges[0], ranges[1]
 
 
 def _learned_motion(record: Record) -> tuple[Array, Array] | None:

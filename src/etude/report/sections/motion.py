@@ -18,7 +18,7 @@ from etude.report.scene import (
     fixed_objects,
     room_around,
 )
-from etude.report.space import figure_in_space, words
+from etude.report.space import describe_motion, figure_in_space
 from etude.report.svg import CHARACTER, polyline
 from etude.types import Array, Figure, Thing
 
@@ -50,19 +50,19 @@ def motion(record: Record) -> Html:
     if path.shape[1] != len(record.names):
         return Html("")
     try:
-        found, space = figure_along(record, path), in_space(record, numbers[-1])
+        figure, space = figure_along(record, path), in_space(record, numbers[-1])
     except EtudeError as error:
         return section("motion", TITLE, missing_data(f"The robot cannot be drawn: {error}"))
-    parts = [words(space), figure_in_space(space, record)] if space is not None else []
-    parts += [sticks_alone(f"Trajectory {numbers[-1]}", found)] if found is not None else []
+    parts = [describe_motion(space), figure_in_space(space, record)] if space is not None else []
+    parts += [sticks_alone(f"Trajectory {numbers[-1]}", figure)] if figure is not None else []
     return section("motion", TITLE, *parts) if parts else Html("")
 
 
 def sticks_alone(title: str, figure: Figure) -> Html:
-    """The drawing with its words, which a page shows where it shows nothing in space."""
+    """The drawing with its captions, for pages that show nothing in space."""
     tips = "its tip" if len(figure.tips) == 1 else "its tips"
-    said = paragraph(TEXT.format(tips=tips)), paragraph(_of_things(figure))
-    return element("div", *said, stage(title, figure), class_="sticks")
+    captions = paragraph(TEXT.format(tips=tips)), paragraph(_of_things(figure))
+    return element("div", *captions, stage(title, figure), class_="sticks")
 
 
 CARRIED = {"tool": "c3", "payload": "c4"}
@@ -95,10 +95,10 @@ def _of_things(figure: Figure) -> str:
     around = [thing.name for thing in figure.things if thing.kind in ("solid", "plane", "inside")]
     carried = [f"the {thing.name} that it carries" for thing in figure.things if thing.kind == "carried"]
     far = beyond(figure)
-    seen = [name for name in around if name not in far] + carried
-    said = [AROUND.format(names=", ".join(seen))] if seen else []
-    said += [NOTHING] if not around else []
-    return " ".join([*said, *([TOO_FAR.format(names=", ".join(far))] if far else [])])
+    visible = [name for name in around if name not in far] + carried
+    sentences = [AROUND.format(names=", ".join(visible))] if visible else []
+    sentences += [NOTHING] if not around else []
+    return " ".join([*sentences, *([TOO_FAR.format(names=", ".join(far))] if far else [])])
 
 
 def stage(title: str, figure: Figure) -> Html:
@@ -109,7 +109,7 @@ def stage(title: str, figure: Figure) -> Html:
     ghosts = np.linspace(0, len(figure.points) - 1, GHOSTS + 2).round().astype(int)[1:-1]
     parts = [drawn_room(camera, room), things]
     parts += [_pose(camera, figure, k, "ghost") for k in ghosts.tolist()]
-    parts += [_way(camera, figure.points[:, tip], room.lower[2]) for tip in figure.tips]
+    parts += [_tip_path(camera, figure.points[:, tip], room.lower[2]) for tip in figure.tips]
     x, y = camera(figure.points[0, :1])[0]
     parts.append(f'<circle class="start" cx="{x:.1f}" cy="{y:.1f}" r="5"><title>base</title></circle>')
     carried = [thing for thing in figure.things if thing.kind == "carried"]
@@ -120,11 +120,11 @@ def stage(title: str, figure: Figure) -> Html:
     return element("figure", Html(f'<svg class="scene" {box}>{name}{"".join(parts)}</svg>'), class_="stage")
 
 
-def _way(camera: Camera, way: Array, floor: float) -> str:
+def _tip_path(camera: Camera, points: Array, floor: float) -> str:
     """The path (T, 3) of a tip, and its shadow."""
-    ground = np.column_stack([way[:, :2], np.full(len(way), floor)])
+    ground = np.column_stack([points[:, :2], np.full(len(points), floor)])
     shadow = f'<path class="shadow" d="{polyline(*camera(ground).T)}"/>'
-    return f'{shadow}<path class="trail c2" d="{polyline(*camera(way).T)}"/>'
+    return f'{shadow}<path class="trail c2" d="{polyline(*camera(points).T)}"/>'
 
 
 def _pose(camera: Camera, figure: Figure, k: int, style: str) -> str:

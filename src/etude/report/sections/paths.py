@@ -38,7 +38,7 @@ class DrawnMotion:
 
     title: str
     path: Path
-    said: ExpectedError | None
+    errors: ExpectedError | None
 
 
 SIZE = (400, 320)  # px
@@ -59,8 +59,8 @@ def views(record: Record, log: Log, alone: Log | None) -> list[Html]:
     runs = [(log, "with feedforward" if alone else "measured", "c1 thick")]
     if alone is not None:
         runs.insert(0, (alone, "feedback alone", "c2"))
-    known = [view for view in VIEWS if view[1] in record.names]
-    drawn = [_view(record.path.name, runs, view, equal=view[1] == "y") for view in known]
+    planes = [view for view in VIEWS if view[1] in record.names]
+    drawn = [_view(record.path.name, runs, view, equal=view[1] == "y") for view in planes]
     return [grid(drawn, 2)]
 
 
@@ -121,7 +121,7 @@ def _text(record: Record) -> str:
 def _trained(record: Record) -> list[DrawnMotion]:
     """Training motions; each in the colours of the model learned before it."""
     assert record.path is not None
-    found = []
+    motions = []
     for before, now in list(pairwise([None, *record.state.trained]))[-NEWEST:]:
         assert now is not None  # only the first `before` is
         log = record.log(now.number)
@@ -129,9 +129,9 @@ def _trained(record: Record) -> list[DrawnMotion]:
         if log is None or places is None:
             continue
         model = record.model(before.number) if before else None
-        said = expected_error(record, model, log) if model else None
-        found.append(DrawnMotion(f"Motion {now.number}", Path(log.t, places), said))
-    return found
+        errors = expected_error(record, model, log) if model else None
+        motions.append(DrawnMotion(f"Motion {now.number}", Path(log.t, places), errors))
+    return motions
 
 
 def _tested(record: Record) -> list[DrawnMotion]:
@@ -144,27 +144,27 @@ def _tested(record: Record) -> list[DrawnMotion]:
             continue
         event, log = run
         model = record.model(event.number or 0)
-        said = expected_error(record, model, log) if model else None
+        errors = expected_error(record, model, log) if model else None
         title = f"{test_title(test.name).capitalize()}, after round {event.number}"
-        return [DrawnMotion(title, Path(log.t, places), said)]
+        return [DrawnMotion(title, Path(log.t, places), errors)]
     return []
 
 
 def _scenes(record: Record, motions: list[DrawnMotion], room: SceneBox) -> list[Html]:
-    spreads = [gone.said.spread for gone in motions if gone.said is not None]
+    spreads = [gone.errors.spread for gone in motions if gone.errors is not None]
     values = np.concatenate(spreads) if spreads else np.ones(1)
     ends = float(values.min()), float(values.max())
     return [_scene(gone, room, ends, record.unit or "1") for gone in motions]
 
 
 def _scene(gone: DrawnMotion, room: SceneBox, ends: tuple[float, float], unit: str) -> Html:
-    said = gone.said
-    if said is None or said.path is None:
+    errors = gone.errors
+    if errors is None or errors.path is None:
         return scene(gone.title, room, [gone.path], note="no model yet when it was run")
-    drawing = scene(gone.title, room, [Path(said.t, said.path, shades(said.spread, ends))])
-    mean = f"mean {with_unit(float(said.spread.mean()), unit, 2)}"
-    words = f'<text class="tick" x="388" y="36" text-anchor="end">{text(mean)}</text>'
-    return Html(drawing.replace("</svg>", words + colour_bar(*ends, unit, VIRIDIS) + "</svg>"))
+    drawing = scene(gone.title, room, [Path(errors.t, errors.path, shades(errors.spread, ends))])
+    mean = f"mean {with_unit(float(errors.spread.mean()), unit, 2)}"
+    caption = f'<text class="tick" x="388" y="36" text-anchor="end">{text(mean)}</text>'
+    return Html(drawing.replace("</svg>", caption + colour_bar(*ends, unit, VIRIDIS) + "</svg>"))
 
 
 def shades(spread: Array, ends: tuple[float, float]) -> Array:

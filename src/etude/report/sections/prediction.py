@@ -75,10 +75,10 @@ def newest_expected_error(record: Record) -> tuple[str, ExpectedError] | None:
     Raises:
         EtudeError: as `expected_error`.
     """
-    return _tested(record) or _told(record)
+    return _newest_test_run(record) or _newest_predicted_log(record)
 
 
-def _tested(record: Record) -> tuple[str, ExpectedError] | None:
+def _newest_test_run(record: Record) -> tuple[str, ExpectedError] | None:
     for test in tests(record)[:1]:
         run = record.test_run("", test.name)
         model = record.model(run[0].number or 0) if run else None
@@ -91,7 +91,7 @@ def _tested(record: Record) -> tuple[str, ExpectedError] | None:
     return None
 
 
-def _told(record: Record) -> tuple[str, ExpectedError] | None:
+def _newest_predicted_log(record: Record) -> tuple[str, ExpectedError] | None:
     trained = record.state.trained
     if len(trained) < 2:
         return None
@@ -105,15 +105,15 @@ def _told(record: Record) -> tuple[str, ExpectedError] | None:
 def prediction(record: Record) -> Html:
     """Two panels per command: measured and predicted with the 95 % band, and their difference in it."""
     try:
-        found = newest_expected_error(record)
+        newest = newest_expected_error(record)
     except EtudeError as error:
         return section("prediction", TITLE, missing_data(f"The prediction could not be made: {error}"))
-    if found is None:
+    if newest is None:
         nothing = missing_data("This needs two logs: one to learn, one to predict.")
         return section("prediction", TITLE, nothing)
-    which, said = found
-    moving = said.samples.moving
-    inside = (np.abs(said.command - said.mean) <= Z95 * said.deviation)[moving]
+    which, predicted = newest
+    moving = predicted.samples.moving
+    inside = (np.abs(predicted.command - predicted.mean) <= Z95 * predicted.deviation)[moving]
     share = 100.0 * float(inside.mean()) if len(inside) else float("nan")
     text = paragraph(
         f"{which} The band should hold 95 % of the measured commands; here it holds "
@@ -123,23 +123,23 @@ def prediction(record: Record) -> Html:
     panels = [
         drawn
         for j, (name, unit) in enumerate(zip(record.outputs, record.units, strict=True))
-        for drawn in command_panels(said, j, name.replace("_", " "), unit)
+        for drawn in command_panels(predicted, j, name.replace("_", " "), unit)
     ]
     return section("prediction", TITLE, text, grid(panels))
 
 
-def command_panels(said: ExpectedError, j: int, name: str, unit: str) -> tuple[Html, Html]:
+def command_panels(predicted: ExpectedError, j: int, name: str, unit: str) -> tuple[Html, Html]:
     """One command over time: measured, predicted and the band; and the error of the prediction."""
-    stretches = _moving(said.samples.moving[:, j])
-    measured, expected, half = said.command[:, j], said.mean[:, j], Z95 * said.deviation[:, j]
-    label = "predicted" if said.samples.moving[:, j].all() else "predicted while moving"
-    left = _bands(said.t, expected, half, stretches, label)
-    lines = [Line(*thinned(said.t, measured, 600), "measured", "c8"), *left[1]]
-    time = Axis("time (s)", limits=(float(said.t[0]), float(said.t[-1])))
-    right = _bands(said.t, np.zeros_like(half), half, stretches, "")
+    stretches = _moving(predicted.samples.moving[:, j])
+    measured, expected, half = predicted.command[:, j], predicted.mean[:, j], Z95 * predicted.deviation[:, j]
+    label = "predicted" if predicted.samples.moving[:, j].all() else "predicted while moving"
+    left = _bands(predicted.t, expected, half, stretches, label)
+    lines = [Line(*thinned(predicted.t, measured, 600), "measured", "c8"), *left[1]]
+    time = Axis("time (s)", limits=(float(predicted.t[0]), float(predicted.t[-1])))
+    right = _bands(predicted.t, np.zeros_like(half), half, stretches, "")
     errors: list[Mark] = [*right[0], Level(0.0, style="axis-line")]
     for place, piece in enumerate(stretches):
-        line = thinned(said.t[piece], (measured - expected)[piece], 400)
+        line = thinned(predicted.t[piece], (measured - expected)[piece], 400)
         errors.append(Line(*line, "" if place else "measured − predicted", "c8"))
     return (
         panel(name, time, Axis(f"command ({unit})"), [*left[0], *lines], size=SIZE),

@@ -63,8 +63,8 @@ def _rows(record: Record, test: Test | None) -> list[list[str]]:
 
 def _feedback(test: Test | None) -> Evaluation | None:
     """What the robot's own feedback does alone."""
-    found = (test.baseline(name) for name in FEEDBACK) if test else iter(())
-    return next((evaluation for evaluation in found if evaluation), None)
+    evaluations = (test.baseline(name) for name in FEEDBACK) if test else iter(())
+    return next((evaluation for evaluation in evaluations if evaluation), None)
 
 
 def _in_order(record: Record) -> list[Round]:
@@ -118,8 +118,8 @@ def confirmation(record: Record) -> Html:
 
     if record.campaign is None:
         return Html("")
-    found = [confirmed(record.campaign, one) for one in record.state.confirmations]
-    complete = [one for one in found if one["units"] is not None]
+    confirmations = [confirmed(record.campaign, one) for one in record.state.confirmations]
+    complete = [one for one in confirmations if one["units"] is not None]
     if not complete:
         return Html("")
     text = paragraph(

@@ -23,18 +23,20 @@ def tracking(record: Record) -> Html:
     """Panels per coordinate and command: of the last test run of what was learned, else of the newest log."""
     tested = record.test_run("")
     if tested is not None:
-        words, log = TESTED.format(number=tested[0].number), tested[1]
+        heading, log = TESTED.format(number=tested[0].number), tested[1]
         runs = (record.test_run(name) for name in FEEDBACK)
         alone = next((run[1] for run in runs if run is not None), None)
     else:
-        told = [n for n, r in sorted(record.state.rounds.items()) if r.ingested is not None]
-        readable = ((n, found) for n in reversed(told) if (found := record.log(n)) is not None)
+        numbers = [n for n, r in sorted(record.state.rounds.items()) if r.ingested is not None]
+        readable = (
+            (n, readable_log) for n in reversed(numbers) if (readable_log := record.log(n)) is not None
+        )
         newest, ingested_log = next(readable, (0, None))
         if ingested_log is None:
             return section("tracking", TITLE, missing_data("No log that can be read has come back yet."))
-        words, log, alone = f"The newest log, number {newest}.", ingested_log, None
+        heading, log, alone = f"The newest log, number {newest}.", ingested_log, None
     run = TrackedRun(record, log, alone)
-    text = paragraph(f"{words} {run.reading()}")
+    text = paragraph(f"{heading} {run.reading()}")
     return section("tracking", TITLE, text, *run.absent(), *run.grids(), *views(record, log, alone))
 
 

@@ -103,22 +103,22 @@ CLEARANCE = "clearance"
 """The quantity of the rows that are distances, in m."""
 
 
-def use_of_distance(kept: float, proved: float) -> float:
-    """The part of a distance that is to be kept anyway; 1 where it is touched."""
-    return kept / proved if proved > 0.0 else math.inf
+def use_of_distance(margin: float, proved: float) -> float:
+    """Fraction of a proved distance that its margin takes; 1 where the distance equals the margin."""
+    return margin / proved if proved > 0.0 else math.inf
 
 
 def distances(rows: Sequence[Facts]) -> list[Html]:
     """What has no upper end, as distances have none, from a certificate's rows, each quantity by itself."""
-    own = [row for row in rows if row["upper"] == math.inf]
-    names = dict.fromkeys(row["quantity"] for row in own)
-    return [part for name in names for part in _least([row for row in own if row["quantity"] == name])]
+    unbounded = [row for row in rows if row["upper"] == math.inf]
+    names = dict.fromkeys(row["quantity"] for row in unbounded)
+    return [part for name in names for part in _least([row for row in unbounded if row["quantity"] == name])]
 
 
-def _least(own: list[Facts]) -> list[Html]:
+def _least(rows: list[Facts]) -> list[Html]:
     """Those of one quantity, the nearest with where and when; an owner's quantity has no known unit."""
-    own.sort(key=lambda row: use_of_distance(row["lower"], row["proved_lower"]), reverse=True)
-    quantity = own[0]["quantity"]
+    rows.sort(key=lambda row: use_of_distance(row["lower"], row["proved_lower"]), reverse=True)
+    quantity = rows[0]["quantity"]
     name, unit = ("distance", "m") if quantity == CLEARANCE else (quantity, "1")
     in_unit = "" if unit == "1" else f" ({unit})"
     header = ["", f"proved {name}{in_unit}", f"to keep{in_unit}", "nearest"]
@@ -129,12 +129,12 @@ def _least(own: list[Facts]) -> list[Html]:
             number(row["lower"], 3),
             "; ".join(filter(None, (row["where"], row.get("note", "")))) or "far",
         ]
-        for row in own[:NEAREST]
+        for row in rows[:NEAREST]
     ]
-    rest = own[NEAREST:]
-    least = min((row["proved_lower"] for row in rest), default=0.0)
-    more = f"{len(rest)} more, all at least {with_unit(least, unit)}."
-    return [table(header, body), *([paragraph(more, class_="soft")] if rest else [])]
+    others = rows[NEAREST:]
+    least = min((row["proved_lower"] for row in others), default=0.0)
+    more = f"{len(others)} more, all at least {with_unit(least, unit)}."
+    return [table(header, body), *([paragraph(more, class_="soft")] if others else [])]
 
 
 def distance_panel(rows: Sequence[Proof], measured: Array, t: Array) -> Html:
@@ -183,9 +183,9 @@ def _verdict(certificate: Facts | None) -> str:
     uses = [_use(row) for row in certificate["rows"] if row["status"] != "not verified"]
     if not certificate.get("ok"):
         return " · NOT proved inside its limits"
-    rest = "; starts and ends at rest" if certificate.get("at_rest") else ""
+    at_rest = "; starts and ends at rest" if certificate.get("at_rest") else ""
     most = f"{100.0 * max(uses, default=0.0):.0f}"
-    return f" · proved inside all limits, uses up to {most} % of one{rest}"
+    return f" · proved inside all limits, uses up to {most} % of one{at_rest}"
 
 
 def _use(row: Facts) -> float:
@@ -205,19 +205,19 @@ def _proofs(record: Record, certificate: Facts) -> Html:
     body = [[axis, *(proofs.get((axis, quantity), "–") for quantity in quantities)] for axis in axes]
     methods = "; ".join(dict.fromkeys(str(row["method"]) for row in every))
     header = ["", *(f"asked {quantity} ({_unit(record, quantity)})" for quantity in quantities)]
-    said = stated(certificate.get("warnings", ()))
-    warnings = [paragraph(str(notice), class_="alert") for notice in said]
-    found = *distances(every), *_swept(certificate)
-    proved = table(header, body), *found, paragraph(f"Method: {methods}.", class_="soft")
+    notices = stated(certificate.get("warnings", ()))
+    warnings = [paragraph(str(notice), class_="alert") for notice in notices]
+    details = *distances(every), *_swept(certificate)
+    proved = table(header, body), *details, paragraph(f"Method: {methods}.", class_="soft")
     parts = [*warnings, *proved]
     unverified = [str(sentence) for sentence in certificate.get("not_verified", ())]
-    unverified += [_unseen(row) for row in certificate["rows"] if row["status"] == "not verified"]
+    unverified += [_unverified_row(row) for row in certificate["rows"] if row["status"] == "not verified"]
     if unverified:
         parts.append(missing_data(f"Not verified by anyone: {' '.join(unverified)}"))
     return join(parts)
 
 
-def _unseen(row: Facts) -> str:
+def _unverified_row(row: Facts) -> str:
     return f"{row['quantity']} of {row['axis']}: {row['method']}."
 
 
@@ -245,11 +245,13 @@ def _unit(record: Record, quantity: str) -> str:
 
 def _proof(row: Facts) -> Html:
     """What is asked, what tracking may add, and the limit of both."""
-    kept, sure = row["tracking_margin"], row["confidence"]
+    margin, sure = row["tracking_margin"], row["confidence"]
     how = "assumed" if sure == 0.0 else f"{100.0 * sure:.0f} % confidence"
     under = f" under {row['control']}" if row.get("control") else ""
-    tracked = "" if kept == 0.0 else f"tracking margin{under} {kept:.3g}{f' ({how})' if sure < 1.0 else ''}, "
-    limit = f"{tracked}limit {interval(row['lower'] - kept, row['upper'] + kept)}, left "
+    tracked = (
+        "" if margin == 0.0 else f"tracking margin{under} {margin:.3g}{f' ({how})' if sure < 1.0 else ''}, "
+    )
+    limit = f"{tracked}limit {interval(row['lower'] - margin, row['upper'] + margin)}, left "
     detail = element("small", limit, slack(row), class_="soft")
     return join([element("b", interval(row["proved_lower"], row["proved_upper"])), meter(row), detail], "")
 

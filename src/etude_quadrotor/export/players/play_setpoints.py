@@ -45,20 +45,20 @@ def read(path):
     return [[float(cell) for cell in row] for row in rows]
 
 
-def kept(path):
-    """Low and high end of the room and margin for tracking, m, by axis, as the certificate says them."""
+def tracking_room(path):
+    """Low and high end of the room and margin for tracking, m, by axis, from the certificate."""
     try:
         rows = json.loads(path.read_text())["rows"]
     except (OSError, ValueError, KeyError):
         rows = []
-    found = {}
+    ends_by_axis = {}
     for row in rows:
         margin = row["tracking_margin"]
         if row["quantity"] in ("position", "radius") and margin > 0.0:
-            low, high, most = found.get(row["axis"], (math.inf, -math.inf, 0.0))
+            low, high, most = ends_by_axis.get(row["axis"], (math.inf, -math.inf, 0.0))
             ends = min(low, row["lower"] - margin), max(high, row["upper"] + margin)
-            found[row["axis"]] = (*ends, max(most, margin))
-    return found
+            ends_by_axis[row["axis"]] = (*ends, max(most, margin))
+    return ends_by_axis
 
 
 def along(place):
@@ -71,22 +71,22 @@ def names(base, kind):
     """Topics of a message. Since 1.16 PX4 adds its version, but for version 0; px4_msgs then says its own,
     and another one would be read wrongly. Older ones do not say it, and have no version in their names.
     """
-    own = getattr(kind, "MESSAGE_VERSION", None)
-    if own is None:
+    version = getattr(kind, "MESSAGE_VERSION", None)
+    if version is None:
         return [base, *(f"{base}_v{number}" for number in range(1, VERSIONS + 1))]
-    return [f"{base}_v{own}" if own else base]
+    return [f"{base}_v{version}" if version else base]
 
 
 class Player(Node):
     """Holds the first set-point until offboard mode is on, then plays, then holds the last."""
 
-    def __init__(self, rows, given, room):
+    def __init__(self, rows, options, room):
         super().__init__("etude_player")
-        self.rows, self.given, self.room = rows, given, room
+        self.rows, self.options, self.room = rows, options, room
         self.place, self.velocity, self.heading, self.good = None, None, None, True
         self.offboard, self.armed, self.free = False, False, False
         self.heard = {"position": None, "status": None}
-        self.begun, self.said, self.problem = None, None, ""
+        self.begun, self.printed, self.problem = None, None, ""
         self.started = self.now()
         self.mode = self.create_publisher(OffboardControlMode, "/fmu/in/offboard_control_mode", QOS)
         self.setpoint = self.create_publisher(TrajectorySetpoint, "/fmu/in/trajectory_setpoint", QOS)
@@ -122,11 +122,11 @@ class Player(Node):
         if self.place is None:
             return "the vehicle does not know its position"
         away = math.dist(self.place, self.rows[0][1:4])
-        if not away <= self.given.tolerance:
+        if not away <= self.options.tolerance:
             start = ", ".join(f"{value:.2f}" for value in self.rows[0][1:4])
             return f"the vehicle is {away:.2f} m off: the motion begins at ({start})"
         speed = math.hypot(*self.velocity)
-        if not speed <= self.given.speed:
+        if not speed <= self.options.speed:
             return f"the vehicle moves at {speed:.2f} m/s, and the motion begins at rest"
         return self.turned()
 
@@ -136,14 +136,14 @@ class Player(Node):
             return "the vehicle does not know its heading (heading_good_for_control is false)"
         if self.heading is None:
             return ""
-        asked = self.rows[0][10]
-        turn = asked - self.heading
+        target = self.rows[0][10]
+        turn = target - self.heading
         off = math.degrees(math.remainder(turn, math.tau)) if math.isfinite(turn) else math.nan
-        if abs(off) <= self.given.heading:
+        if abs(off) <= self.options.heading:
             return ""
         return (
             f"the nose points to {math.degrees(self.heading) % 360.0:.0f} deg, and the motion begins at "
-            f"{math.degrees(asked) % 360.0:.0f} deg (0 north, 90 east): turn it {abs(off):.0f} deg "
+            f"{math.degrees(target) % 360.0:.0f} deg (0 north, 90 east): turn it {abs(off):.0f} deg "
             f"{'clockwise' if off > 0.0 else 'anticlockwise'} seen from above, by hand or with the yaw stick"
         )
 
@@ -163,14 +163,14 @@ class Player(Node):
 
     def far(self, row):
         """How far the vehicle is from its set-point, in words, or nothing if it may be."""
-        if self.given.away is not None or not self.room:
-            most = AWAY if self.given.away is None else self.given.away
+        if self.options.away is not None or not self.room:
+            most = AWAY if self.options.away is None else self.options.away
             away = math.dist(self.place, row[1:4])
             return "" if away <= most else f"{away:.2f} m from its set-point, more than --away {most:g}"
-        at, asked = along(self.place), along(row[1:4])
+        at, target = along(self.place), along(row[1:4])
         for axis, (low, high, margin) in self.room.items():
-            off = at[axis] - asked[axis]
-            reach = high - asked[axis] if off > 0.0 else asked[axis] - low
+            off = at[axis] - target[axis]
+            reach = high - target[axis] if off > 0.0 else target[axis] - low
             most = max(margin, min(TWICE * margin, reach))
             if not abs(off) <= most:
                 where = "from the axis" if axis == "vehicle" else f"along {axis}"
@@ -184,9 +184,9 @@ class Player(Node):
         """A sentence if PX4 does not answer, or does not any more."""
         waited = now - self.started
         for what, topics in zip(self.heard, self.topics):
-            if self.heard[what] is None and waited > self.given.wait:
+            if self.heard[what] is None and waited > self.options.wait:
                 return (
-                    f"nothing answers on {' or '.join(topics[:2])} after {self.given.wait:g} s: is the "
+                    f"nothing answers on {' or '.join(topics[:2])} after {self.options.wait:g} s: is the "
                     "uXRCE-DDS agent running, and px4_msgs of the firmware's version? "
                     "ros2 topic list shows the names"
                 )
@@ -237,8 +237,8 @@ class Player(Node):
 
     def say(self, now, text):
         """One line a second."""
-        if self.said is None or now - self.said >= 1.0:
-            self.said = now
+        if self.printed is None or now - self.printed >= 1.0:
+            self.printed = now
             print(f"{now - self.started:6.0f} s  {text}", flush=True)
 
     def send(self, row, microseconds):
@@ -262,11 +262,11 @@ def main(arguments=None):
         "--away", type=float, help="m from the set-point, at which the motion ends; else by certificate.json"
     )
     parser.add_argument("--wait", type=float, default=5.0, help="s for PX4's first answer")
-    given = parser.parse_args(arguments)
+    options = parser.parse_args(arguments)
     rclpy.init()
     beside = pathlib.Path(__file__)
-    room = kept(beside.with_name("certificate.json"))
-    node = Player(read(beside.with_name("setpoints.csv")), given, room)
+    room = tracking_room(beside.with_name("certificate.json"))
+    node = Player(read(beside.with_name("setpoints.csv")), options, room)
     try:
         while rclpy.ok() and not node.problem:
             rclpy.spin_once(node, timeout_sec=0.1)
