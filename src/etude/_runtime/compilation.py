@@ -20,4 +20,5 @@ def compiled_part(function: Any, **options: Any) -> Any:
 
     What Python would call it by, and a copy of it on disk, are a quarter of a compilation.
     """
-    return njit(no_cpython_wrapper=True, no_cfunc_wrapper=True, **options)(function)
+    options |= {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+    return njit(**options)(function)
