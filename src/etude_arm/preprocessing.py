@@ -127,8 +127,8 @@ def _without_return(log: Log, group: Index) -> Index:
     moving = np.flatnonzero(np.any(log[PLAN[1]] != 0.0, axis=1))
     last = int(moving[-1]) if len(moving) else len(log) - 1
     off = np.abs(log[PATH[0]] - log[PLAN[0]])
-    gone = np.flatnonzero(np.any(off[last + 1 :] > LEFT * off[: last + 1].max(axis=0), axis=1))
-    return group if not len(gone) else np.where(np.arange(len(log)) <= last + gone[0], group, -1)
+    departures = np.flatnonzero(np.any(off[last + 1 :] > LEFT * off[: last + 1].max(axis=0), axis=1))
+    return group if not len(departures) else np.where(np.arange(len(log)) <= last + departures[0], group, -1)
 
 
 PLAY = 4.0
@@ -324,5 +324,5 @@ def _motion(log: Log, grid: Array, cutoff: float, config: ArmData) -> tuple[Arra
         q, qd, qdd = (resample(log.t, log[name], grid) for name in PLAN)
         return q, qd, qdd
     position = log[PLAN[0] if config.desired else PATH[0]]
-    made = smooth(grid, resample(log.t, position, grid), cutoff)
-    return made.value, made.first, made.second
+    smoothed = smooth(grid, resample(log.t, position, grid), cutoff)
+    return smoothed.value, smoothed.first, smoothed.second

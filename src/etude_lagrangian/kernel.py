@@ -18,7 +18,7 @@ from typing import ClassVar
 import numpy as np
 
 from etude.errors import UsageError
-from etude.models.forms import Form, Lookup, Words
+from etude.models.forms import Form, Lookup, Metadata
 from etude.models.gp.kernel_algebra import VJP, Kernel, Role
 from etude.models.gp.kernels import own_friction
 from etude.types import Array, Code, Column
@@ -185,7 +185,7 @@ class CommandPrior:
 gip_lin = CommandPrior()
 
 
-def _restored(metadata: Words, _: Lookup) -> Lagrangian:
+def _restored(metadata: Metadata, _: Lookup) -> Lagrangian:
     joints = {name: tuple(values) for name, values in metadata["joints"].items()}
     return Lagrangian(Joints(**joints), int(metadata["own"]))
 

@@ -34,8 +34,8 @@ class Export(Common):
     single: bool = False
     """In C: the best candidate of each command alone where several are averaged."""
     rate: float | None = None
-    """In C: Hz of the calls; --single is taken where only that is fast enough, else a warning names what is.
-    trajectory: of its table."""
+    """In C: Hz of the calls; --single is taken where only that is fast enough, and what nothing keeps is
+    refused. trajectory: of its table."""
     name: str = ""
     """Prefix of files and functions; the robot's name by default."""
     more: Annotated[tuple[str, ...], tyro.conf.arg(name="set", metavar="NAME=VALUE")] = ()

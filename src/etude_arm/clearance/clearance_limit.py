@@ -320,10 +320,12 @@ class Clearance:
         """Warning that hardly any motion is possible, if shapes close to each other at home are the cause."""
         at_home = self.gaps.of_poses(self.home[None])[0]
         nearest = int(at_home.argmin())
-        ways = [path_of(piece) for _, _, piece in trajectory.pieces() if isinstance(piece, FourierTrajectory)]
-        if at_home[nearest] >= 2.0 * self.margin or not ways:
+        paths = [
+            path_of(piece) for _, _, piece in trajectory.pieces() if isinstance(piece, FourierTrajectory)
+        ]
+        if at_home[nearest] >= 2.0 * self.margin or not paths:
             return ()
-        poses = np.concatenate([path.at(path.knots)[0] for path in ways])
+        poses = np.concatenate([path.at(path.knots)[0] for path in paths])
         part = np.ptp(poses, axis=0) / (self.gaps.skeleton.upper - self.gaps.skeleton.lower)
         if part.max() >= SMALL:
             return ()

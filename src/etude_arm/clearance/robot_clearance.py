@@ -111,8 +111,8 @@ def reachable(clearance: Clearance) -> Reachable:
     """Reachable poses of an arm with shapes, within `clearance`."""
     skeleton, home = clearance.gaps.skeleton, clearance.home
     lower, upper = one_turn(skeleton.lower, skeleton.upper, home, skeleton.slides)
-    tried = np.random.default_rng(SEED).uniform(lower, upper, (POSES, len(home)))
-    poses = tried[_clear(clearance, tried)]
+    candidates = np.random.default_rng(SEED).uniform(lower, upper, (POSES, len(home)))
+    poses = candidates[_clear(clearance, candidates)]
     visible = poses[_visible_from_home(clearance, home, poses)]
     return Reachable(lower, upper, np.concatenate([home[None], visible]))
 
@@ -145,8 +145,8 @@ def reachable_of(spec: ArmSpec) -> Reachable:
     if clearance is not None:
         return of_file(_reachable, spec, lambda: reachable(clearance))
     ranges = ranges_of(spec)
-    made = made_limits(spec.limits, spec, None, {}, spec.names)
-    user_limits = [one for one in made if isinstance(one, SupportsBoxes)]
+    limits = made_limits(spec.limits, spec, None, {}, spec.names)
+    user_limits = [one for one in limits if isinstance(one, SupportsBoxes)]
     return Reachable(
         *ranges,
         _allowed(user_limits, *ranges, search_of(spec)[0]) if user_limits else np.zeros((0, spec.dof)),

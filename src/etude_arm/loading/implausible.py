@@ -45,7 +45,7 @@ def _parts(loaded: Loaded) -> tuple[mujoco.MjModel, list[int]]:
     return model, [b for b in range(1, model.nbody) if model.body_weldid[b] and model.body_mass[b] > NO_MASS]
 
 
-def made_up(loaded: Loaded) -> tuple[str, ...]:
+def placeholder_sentences(loaded: Loaded) -> tuple[str, ...]:
     """A sentence on placeholder inertias of the moving parts; () if there are none."""
     model, parts = _parts(loaded)
     same, large = _alike(model, parts), _large(model, parts)

@@ -163,7 +163,7 @@ def scales_of(model: mujoco.MjModel, spec: ArmSpec, armature: Array) -> Scales:
 
     data, dofs = mujoco.MjData(model), rows(model, spec)
     poses = np.random.default_rng(SEED).uniform(spec.lower, spec.upper, (POSES, spec.dof))
-    inertia, gravity, felt = np.empty((3, POSES, spec.dof))
+    inertia, gravity, apparent = np.empty((3, POSES, spec.dof))
     M = np.empty((model.nv, model.nv))
     for k, q in enumerate(poses):
         data.qpos[dofs] = q
@@ -171,8 +171,8 @@ def scales_of(model: mujoco.MjModel, spec: ArmSpec, armature: Array) -> Scales:
         mujoco.mj_fullM(model, data, M)
         full = M[np.ix_(dofs, dofs)]
         inertia[k], gravity[k] = np.diag(full), data.qfrc_bias[dofs] - data.qfrc_passive[dofs]
-        felt[k] = 1.0 / np.diag(np.linalg.inv(full + np.diag(armature)))
-    return Scales(inertia, felt.min(axis=0), gravity)
+        apparent[k] = 1.0 / np.diag(np.linalg.inv(full + np.diag(armature)))
+    return Scales(inertia, apparent.min(axis=0), gravity)
 
 
 def effort(model: mujoco.MjModel, spec: ArmSpec, motion: tuple[Array, Array, Array]) -> Array:

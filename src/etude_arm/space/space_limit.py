@@ -221,10 +221,10 @@ def space_of(spec: ArmSpec) -> SpaceLimit | None:
             f"robot '{spec.name}' has no model_file, and [cartesian] needs to know where its links are",
             next_step="Add a URDF or MJCF to the robot file, or take [cartesian] out.",
         )
-    return of_file(_known, spec, lambda: _made(spec, table))
+    return of_file(_known, spec, lambda: _space_limit(spec, table))
 
 
-def _made(spec: ArmSpec, table: Cartesian) -> SpaceLimit:
+def _space_limit(spec: ArmSpec, table: Cartesian) -> SpaceLimit:
     geometry = read_geometry(spec)
     assert geometry is not None
     last = geometry.tree.joint_body[spec.dof - 1]

@@ -246,19 +246,21 @@ def test_options_that_a_target_does_not_know_are_refused(model: LearnedModel) ->
         C99(model, ARM, arm_spec(), {"real": "half"})
 
 
-def test_too_slow_for_the_rate_offers_the_best_candidate_alone(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("etude.deploy.c99.target.built", lambda *_: None)
+def test_a_rate_that_nothing_keeps_is_refused_before_it_is_compiled(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("etude.deploy.c99.target.built", lambda *_: pytest.fail("compiled"))
     both = averaged(arm_model("exact", "ard_se", points=24), arm_model("exact", "structured", points=24))
-    said = C99(both, ARM, arm_spec(), {"rate": 100000.0}).said
-    (warning,) = (s for s in said if s.startswith("WARNING"))
-    assert "more than the 10 us at 100000 Hz" in warning
-    assert any(s.startswith("--single takes the best candidate alone") for s in said)
-    (offer,) = (s for s in said if s.startswith("--single"))
-    (took,) = (s for s in C99(both, ARM, arm_spec(), {"rate": 100000.0, "single": True}).said if "About" in s)
-    assert float(offer.split("about ")[1].split()[0]) == pytest.approx(_us(took), rel=0.2)
-    (bare,) = (s for s in said if s.startswith("--no-fade takes about"))
-    least = float(bare.split()[3])
-    assert least < float(warning.split()[2])
+    with pytest.raises(UsageError, match="more than the 10 us at 100000 Hz") as error:
+        C99(both, ARM, arm_spec(), {"rate": 100000.0})
+    ways = error.value.next_step
+    assert "--single takes the best candidate alone" in ways
+    assert "without --rate it is written" in ways
+    with pytest.raises(UsageError, match="more than the 10 us") as alone:
+        C99(both, ARM, arm_spec(), {"rate": 100000.0, "single": True})
+    whole, single = (_us(one.value.fact) for one in (error, alone))
+    assert float(ways.split("candidate alone: about ")[1].split()[0]) == pytest.approx(single, rel=0.2)
+    assert single < whole
+    assert float(ways.split("--no-fade takes about ")[1].split()[0]) < whole
+    monkeypatch.setattr("etude.deploy.c99.target.built", lambda *_: None)
     assert not any(s.startswith("WARNING") for s in C99(both, ARM, arm_spec(), {"rate": 10.0}).said)
 
 
@@ -266,7 +268,7 @@ def test_a_rate_that_only_the_best_candidates_keep_gets_them_alone(monkeypatch: 
     monkeypatch.setattr("etude.deploy.c99.target.built", lambda *_: None)
     both = averaged(arm_model("exact", "ard_se", points=24), arm_model("exact", "structured", points=24))
     said = {one: C99(both, ARM, arm_spec(), {"single": one}).said for one in (True, False)}
-    alone, whole = (next(_us(s) for s in said[one] if "About" in s) for one in (True, False))
+    alone, whole = (next(_us(s) for s in said[one] if "call takes" in s) for one in (True, False))
     assert alone < 0.7 * whole
     between = 1e6 / (0.5 * (alone + whole))
     found = C99(both, ARM, arm_spec(), {"rate": between})
@@ -276,12 +278,13 @@ def test_a_rate_that_only_the_best_candidates_keep_gets_them_alone(monkeypatch: 
     assert found.files == C99(both, ARM, arm_spec(), {"rate": between, "single": True}).files
     # where no rate is named all of them are written, and where none keeps it the points that would are said
     assert found.files != C99(both, ARM, arm_spec(), {}).files
-    (fewer,) = (s for s in C99(both, ARM, arm_spec(), {"rate": 4.0 * 1e6 / alone}).said if "1/" in s)
-    assert int(fewer.split("1/")[1].split()[0]) >= 2
+    with pytest.raises(UsageError) as error:
+        C99(both, ARM, arm_spec(), {"rate": 4.0 * 1e6 / alone})
+    assert int(error.value.next_step.split("1/")[1].split()[0]) >= 2
 
 
 def _us(said: str) -> float:
-    return float(said.split("About ")[1].split()[0])
+    return float(said.split("call takes about ")[1].split()[0])
 
 
 def test_the_time_of_a_call_is_told_where_no_rate_is(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -266,16 +266,23 @@ def held(
 
     Args:
         rate: Hz of calls, or 0. alone: the best candidate of each command alone.
-        fit: take it alone too where only that is done within a period of the rate.
+        fit: take it alone too where only that is done within a period of the rate, which is refused else.
 
     Raises:
-        UsageError: what cannot be exported, or float where it would be wrong. EtudeError: the C is wrong.
+        UsageError: what cannot be exported, a rate that nothing keeps, or float where it would be wrong.
+        EtudeError: the C is wrong.
     """
     best = single_member(model)
     whole, least = (_seconds(one, form, form.fade) for one in (model, best))
     fitted = fit and not alone and least <= 1.0 / rate < whole
     chosen = best if alone or fitted else model
     made = c_files(chosen, kind, spec, form, name)
+    if fit and _call(made) > 1.0 / rate:
+        raise UsageError(
+            f"one call takes {_time_in_words(made)}, more than the {1e6 / rate:.0f} us at {rate:g} Hz",
+            where="--rate",
+            next_step=" ".join([*_what_takes_less(made, model, rate), UNTIMED]),
+        )
     build = built(made.plan.name, made.files, made.tables)
     if form.single:
         _require_right(build, made.plan)
@@ -342,16 +349,34 @@ def _sizes(made: Files, build: Built | None) -> list[str]:
     ]
 
 
+UNTIMED = "Your core may be faster: without --rate it is written, to be timed there."
+
+
+def _call(made: Files) -> float:
+    """s of one call at worst, on a core as `CLOCK`."""
+    return made.plan.operations(made.form.deviations, made.form.fade) / CLOCK
+
+
+def _time_in_words(made: Files) -> str:
+    return f"about {1e6 * _call(made):.0f} us on a core of 1 GHz that does one operation in a cycle"
+
+
 def _times(made: Files, model: LearnedModel, rate: float) -> list[str]:
     """The worst case against the rate, and what would take less."""
     if not rate:
         return []
-    seconds = made.plan.operations(made.form.deviations, made.form.fade) / CLOCK
-    line = f"About {1e6 * seconds:.0f} us on a core of 1 GHz that does one operation in a cycle"
-    if seconds <= 1.0 / rate:
-        return [f"{line}: {100 * seconds * rate:.0f} % of the time at {rate:g} Hz."]
-    lines = [f"WARNING: {line}, more than the {1e6 / rate:.0f} us at {rate:g} Hz."]
-    best, form = single_member(model), made.form
+    line, part = f"One call takes {_time_in_words(made)}", _call(made) * rate
+    if part <= 1.0:
+        return [f"{line}: {100 * part:.0f} % of the time at {rate:g} Hz."]
+    return [
+        f"WARNING: {line}, more than the {1e6 / rate:.0f} us at {rate:g} Hz.",
+        *_what_takes_less(made, model, rate),
+    ]
+
+
+def _what_takes_less(made: Files, model: LearnedModel, rate: float) -> list[str]:
+    """A sentence for each option that is left."""
+    lines, best, form = [], single_member(model), made.form
     if made.plan.averages:
         alone = 1e6 * _seconds(best, form, form.fade)
         lines.append(f"--single takes the best candidate alone: about {alone:.0f} us; {errors(best)}.")
@@ -360,7 +385,7 @@ def _times(made: Files, model: LearnedModel, rate: float) -> list[str]:
         also = f", with --single about {both:.0f} us" if made.plan.averages else ""
         lines.append(f"--no-fade takes about {least:.0f} us{also}; commands outside are then guesses.")
     if form.deviations:
-        part = math.ceil(math.sqrt(seconds * rate))
+        part = math.ceil(math.sqrt(_call(made) * rate))
         lines.append(f"Time falls with the square of the points: learn with 1/{part} ({FEWER_POINTS}).")
     return lines
 

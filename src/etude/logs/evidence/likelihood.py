@@ -402,29 +402,41 @@ def _summed(fits: list[tuple[_Fit, tuple[int, ...]]], grid: tuple[Point, ...]) -
     plain = np.array([DROP not in indices for _, indices in fits])
     top = np.max([fit.evidence.max(axis=0) for (fit, _), one in zip(fits, plain, strict=True) if one], axis=0)
     classes = [np.flatnonzero([(point.length, point.speeds) == one for point in grid]) for one in CLASSES]
-    values, inside = [], []
+    values, cases = [], []
     for fit, indices in fits:
         h = np.stack([own[np.argsort(-fit.evidence[own], axis=0)[:BEST]] for own in classes], axis=1)
         value = np.take_along_axis(fit.evidence[:, None], h, axis=0)
         values.append(np.where(value > top - FAR, value, -np.inf))
-        inside.append(values[-1] + _orthants(fit, indices, h, np.isfinite(values[-1])))
+        cases.append(_turned(fit, indices, h, np.isfinite(values[-1])))
+    inside = [np.broadcast_to(value, (4, *value.shape)).copy() for value in values]
+    for value, (mean, _), log_inside in zip(inside, cases, log_orthants(cases), strict=True):
+        value[:, np.isfinite(value[0])] += mean.shape[1] * np.log(2.0) + log_inside.reshape(4, -1)
     free = log_sum(np.concatenate(np.array(values)[plain]), axis=0)
     right, inverted, back, opposed = np.asarray(log_sum(np.concatenate(inside, axis=1), axis=1))
     return ColumnEvidence(right.T, inverted.T, back.T, opposed.T, free.T)
 
 
-def _orthants(fit: _Fit, indices: tuple[int, ...], h: Index, told: Mask) -> Array:
-    """(4, b, c, p) of right, inverted, reversed and opposed coefficients: log of the odds that they are so,
-    over those before, at points h (b, c, p); 0 where nothing is told.
+def _turned(fit: _Fit, indices: tuple[int, ...], h: Index, told: Mask) -> tuple[Array, Array]:
+    """Mean (N, m) and covariance (N, m, m) of coefficients that are positive if they are right, inverted,
+    reversed or opposed, one quarter after the other; each of the points h (b, c, p) where `told`.
     """
     pairs, m = np.broadcast_to(np.arange(h.shape[-1]), h.shape)[told], len(indices)
     mean, covariance = fit.mean[h[told], pairs], fit.covariance[h[told], pairs]
     friction, others = np.array([(1.0, -1.0, -1.0, 1.0), (1.0, -1.0, 1.0, -1.0)])
     signs = np.where(np.isin(indices, FRICTION), friction[:, None], others[:, None])[:, None]
     turned = signs[..., None] * signs[:, :, None] * covariance
-    found = np.zeros((4, *h.shape))
-    log_inside = log_orthant((signs * mean).reshape(-1, m), turned.reshape(-1, m, m))
-    found[:, told] = m * np.log(2.0) + log_inside.reshape(4, -1)
+    return (signs * mean).reshape(-1, m), turned.reshape(-1, m, m)
+
+
+def log_orthants(cases: Sequence[tuple[Array, Array]]) -> list[Array]:
+    """`log_orthant` of each mean and covariance; those of one size at once, as many are short."""
+    sizes, found = [mean.shape[1] for mean, _ in cases], [np.zeros(0) for _ in cases]
+    for size in set(sizes):
+        own = [i for i, one in enumerate(sizes) if one == size]
+        values = log_orthant(*(np.concatenate(parts) for parts in zip(*(cases[i] for i in own), strict=True)))
+        ends = np.cumsum([len(cases[i][0]) for i in own])[:-1]
+        for i, part in zip(own, np.split(values, ends), strict=True):
+            found[i] = part
     return found
 
 
