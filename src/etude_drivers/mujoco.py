@@ -55,7 +55,7 @@ class MujocoRobot:
 
     def __init__(self, joints: Sequence[str], settings: MachineSettings) -> None:
         self.joints, self.settings = tuple(joints), settings
-        self._machine = Machine(joints, settings)  # a wrong model is told here, before anything starts
+        self._machine = Machine(joints, settings)  # a wrong model raises here, before anything starts
         self._link: _Link | None = None
         self._stopped = False
 
@@ -87,7 +87,9 @@ class MujocoRobot:
         )
 
     def __enter__(self) -> Self:
-        if not self.settings.virtual:
+        if self.settings.virtual:
+            self._machine.settle()
+        else:
             self._link = _Link(self.joints, self.settings)
         return self
 
@@ -179,7 +181,7 @@ class _Link:
             return None
 
     def send(self, data: bytes) -> None:
-        """Where nobody listens any more it is lost: `newest` tells."""
+        """Without a receiver it is lost; `newest` reports that."""
         with contextlib.suppress(OSError):
             self.socket.send(data, socket.MSG_DONTWAIT)
 
@@ -205,11 +207,12 @@ def _sample(row: Array, joints: int) -> Sample:
 def serve(joints: Sequence[str], settings: MachineSettings, link: socket.socket) -> None:
     """The robot's own process: a cycle in each period, until nobody is on the other end and it rests."""
     machine = Machine(joints, settings)
+    machine.settle()
     link.setblocking(False)
     show, shown = _viewer(machine) if settings.view else None, 0.0
     due, listens = time.monotonic(), True
     while listens or np.abs(machine.qd).max() > 1e-2:
-        listens = listens and _obey(machine, link)
+        listens = listens and _process_commands(machine, link)
         machine.cycle()
         try:
             link.send(_state(machine).tobytes())
@@ -224,7 +227,7 @@ def serve(joints: Sequence[str], settings: MachineSettings, link: socket.socket)
         time.sleep(max(due - time.monotonic(), 0.0))
 
 
-def _obey(machine: Machine, link: socket.socket) -> bool:
+def _process_commands(machine: Machine, link: socket.socket) -> bool:
     """What has come in since the last cycle. False: the other end is gone, and the robot comes to rest."""
     while True:
         try:
